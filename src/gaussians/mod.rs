@@ -1,0 +1,45 @@
+//! The model: Gaussians as stored, on the host.
+
+/// Highest spherical-harmonics degree that the engine knows.
+pub const MAX_SH_DEGREE: usize = 3;
+
+/// A 3DGS model as stored: one array per attribute, all of the same length `n`.
+///
+/// Stored values are what the optimiser sees: scales are logarithms, opacities are logits, quaternions are (w, x, y, z)
+/// and need no unit length. This is the layout of the standard 3DGS PLY, less its interleaving.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gaussians {
+    /// Centres in world units, n.
+    pub means: Vec<[f32; 3]>,
+    /// Natural logarithms of the axes' standard deviations, n.
+    pub log_scales: Vec<[f32; 3]>,
+    /// Quaternions (w, x, y, z), not necessarily of unit length, n.
+    pub rotations: Vec<[f32; 4]>,
+    /// Opacity before the sigmoid, n.
+    pub opacity_logits: Vec<f32>,
+    /// Spherical harmonics, one array per degree l = 0..=L; band l holds n x (2l + 1) x 3 floats: per Gaussian its
+    /// 2l + 1 coefficients in the order m = -l..=l, each red, green, blue.
+    pub sh: Vec<Vec<f32>>,
+}
+
+impl Gaussians {
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// Whether the model holds no Gaussian.
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// The SH degree: the number of bands less one.
+    pub fn degree(&self) -> usize {
+        self.sh.len().saturating_sub(1)
+    }
+
+    /// Floats per Gaussian in band `l`: (2l + 1) coefficients of three colours.
+    pub const fn band_width(l: usize) -> usize {
+        (2 * l + 1) * 3
+    }
+}

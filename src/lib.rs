@@ -1,0 +1,8 @@
+//! Train, compress and measure 3D Gaussian Splatting scenes on any Vulkan device.
+//!
+//! Modules are floors: imports only go down the list. A stage has one name everywhere: shader (`glsl/`), host room,
+//! float64 twin (`reference/`), debug label, profiler scope and benchmark.
+
+pub mod gaussians;
+pub mod reference;
+pub mod scene;

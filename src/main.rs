@@ -1,0 +1,3 @@
+//! The `qirf-vk` program.
+
+fn main() {}

@@ -1,0 +1,55 @@
+//! Ideal pinhole cameras in the engine's convention: COLMAP's. The camera looks along +z, x right, y down; the centre
+//! of pixel (i, j) lies at (i + 0.5, j + 0.5).
+
+use glam::{DMat3, DVec2, DVec3};
+
+/// A pinhole camera: where it stands and how it projects.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// Rotation from world to camera coordinates.
+    pub rotation: DMat3,
+    /// Translation from world to camera coordinates: `x_camera = rotation * x_world + translation`.
+    pub translation: DVec3,
+    /// Focal lengths in pixels.
+    pub focal: DVec2,
+    /// Principal point in pixels, measured from the image's upper left corner.
+    pub principal: DVec2,
+    /// Image width in pixels.
+    pub width: u32,
+    /// Image height in pixels.
+    pub height: u32,
+}
+
+impl Camera {
+    /// The camera's centre in world coordinates.
+    pub fn centre(&self) -> DVec3 {
+        -(self.rotation.transpose() * self.translation)
+    }
+
+    /// The same view at another image size; focal lengths and principal point scale per axis.
+    #[must_use]
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        let ratio = DVec2::new(f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height));
+        Self { focal: self.focal * ratio, principal: self.principal * ratio, width, height, ..self.clone() }
+    }
+
+    /// A camera at `eye` looking at `target`, principal point centred, with the given vertical field of view (radians).
+    ///
+    /// `up` is the world direction that points up in the picture; where it is parallel to the view, another is taken.
+    #[must_use]
+    pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov_y: f64, width: u32, height: u32) -> Self {
+        let forward = (target - eye).try_normalize().unwrap_or(DVec3::Z);
+        let right = forward.cross(up).try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
+        let down = forward.cross(right);
+        let rotation = DMat3::from_cols(right, down, forward).transpose();
+        let focal = 0.5 * f64::from(height) / (0.5 * fov_y).tan();
+        Self {
+            rotation,
+            translation: -(rotation * eye),
+            focal: DVec2::splat(focal),
+            principal: DVec2::new(f64::from(width), f64::from(height)) * 0.5,
+            width,
+            height,
+        }
+    }
+}
