@@ -3,6 +3,12 @@
 //! Modules are floors: imports only go down the list. A stage has one name everywhere: shader (`glsl/`), host room,
 //! float64 twin (`reference/`), debug label, profiler scope and benchmark.
 
+pub mod gpu;
+#[doc(hidden)]
+pub mod kernels;
+
+pub mod primitives;
+
 pub mod gaussians;
 pub mod reference;
 pub mod scene;

@@ -1,0 +1,17 @@
+// Workgroup sizes and positions; every kernel includes this first.
+#extension GL_KHR_shader_subgroup_basic : require
+#extension GL_KHR_shader_subgroup_arithmetic : require
+#extension GL_KHR_shader_subgroup_ballot : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_KHR_shader_subgroup_shuffle_relative : require
+#extension GL_KHR_shader_subgroup_vote : require
+
+layout(constant_id = 0) const uint WORKGROUP = 256;
+layout(constant_id = 1) const uint SUBGROUP = 32; // filled in by the device
+layout(local_size_x_id = 0) in;
+
+// Index of this workgroup: long dispatches are laid out in two dimensions.
+uint group_index() { return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x; }
+
+// Index of this invocation in the dispatch.
+uint global_index() { return group_index() * WORKGROUP + gl_LocalInvocationID.x; }

@@ -1,0 +1,27 @@
+// Turns a count that lives on the device into dispatch sizes: one triple for each of four group sizes.
+// A count beyond its limit becomes 0, so that everything that depends on it does nothing; what was needed is kept.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "lib/dispatch.glsl"
+
+layout(binding = 0, std430) readonly buffer Source { uint source[]; };
+layout(binding = 1, std430) buffer Value { uint value[]; }; // count, largest count ever asked for
+layout(binding = 2, std430) writeonly buffer Arguments { uint arguments[]; };
+// count = ceil(source / per) x times
+layout(push_constant) uniform Push { uint per; uint times; uint limit; uint sizes[4]; };
+
+const uint MAX_GROUPS = 65535;
+
+void main() {
+    if (global_index() != 0) return;
+    uint count = (source[0] / per + (source[0] % per != 0 ? 1 : 0)) * times;
+    value[1] = max(value[1], count);
+    if (count > limit) count = 0;
+    value[0] = count;
+    for (uint i = 0; i < 4; i++) {
+        uint groups = count / sizes[i] + (count % sizes[i] != 0 ? 1 : 0);
+        arguments[3 * i] = min(groups, MAX_GROUPS);
+        arguments[3 * i + 1] = (groups + MAX_GROUPS - 1) / MAX_GROUPS;
+        arguments[3 * i + 2] = 1;
+    }
+}

@@ -1,0 +1,255 @@
+//! Typed device buffers, and the staging that moves them to and from the host.
+
+use super::device::{Context, Device};
+use super::error::{During, Error};
+use super::recording::Recording;
+use ash::vk;
+use bytemuck::Pod;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
+use std::marker::PhantomData;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes that one staging transfer moves: larger arrays go in turns, so that staging memory stays small.
+const STAGING_BYTES: u64 = 64 << 20;
+
+static NEXT: AtomicU64 = AtomicU64::new(1);
+
+/// A buffer without its element type; freed when the last holder, recordings included, lets go.
+pub struct RawBuffer(pub(super) Arc<Storage>);
+
+pub(super) struct Storage {
+    pub raw: vk::Buffer,
+    pub number: u64,
+    pub bytes: u64,
+    allocation: Option<Allocation>,
+    context: Arc<Context>,
+}
+
+impl RawBuffer {
+    pub(super) fn new(
+        context: &Arc<Context>,
+        name: &str,
+        bytes: u64,
+        usage: vk::BufferUsageFlags,
+        location: MemoryLocation,
+    ) -> Result<Self, Error> {
+        // Vulkan knows no empty buffers, and a fill needs a multiple of four.
+        let size = bytes.max(4).next_multiple_of(4);
+        if usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && size > context.info.max_buffer_bytes {
+            return Err(Error::TooLarge {
+                name: name.to_owned(),
+                needed: size,
+                limit: context.info.max_buffer_bytes,
+                device: context.info.name.clone(),
+            });
+        }
+        context.reserve(name, size)?;
+        let made = Self::allocate(context, name, size, usage, location);
+        if made.is_err() {
+            context.release(size);
+        }
+        made
+    }
+
+    fn allocate(
+        context: &Arc<Context>,
+        name: &str,
+        size: u64,
+        usage: vk::BufferUsageFlags,
+        location: MemoryLocation,
+    ) -> Result<Self, Error> {
+        let info = vk::BufferCreateInfo::default().size(size).usage(usage);
+        // SAFETY: the device is alive and `info` is complete.
+        let raw = unsafe { context.raw.create_buffer(&info, None) }.during("create buffer")?;
+        // SAFETY: `raw` was just made by this device.
+        let requirements = unsafe { context.raw.get_buffer_memory_requirements(raw) };
+        let allocated = context.allocator().allocate(&AllocationCreateDesc {
+            name,
+            requirements,
+            location,
+            linear: true,
+            allocation_scheme: AllocationScheme::GpuAllocatorManaged,
+        });
+        let bound = allocated.map_err(|e| context.allocation_error(name, size, &e)).and_then(|a| {
+            // SAFETY: the memory was allocated for this buffer's requirements and is bound once.
+            match unsafe { context.raw.bind_buffer_memory(raw, a.memory(), a.offset()) }.during("bind memory") {
+                Ok(()) => Ok(a),
+                Err(e) => {
+                    let _ = context.allocator().free(a);
+                    Err(e)
+                }
+            }
+        });
+        match bound {
+            Ok(allocation) => {
+                context.name_object(raw, name);
+                let number = NEXT.fetch_add(1, Ordering::Relaxed);
+                let allocation = Some(allocation);
+                Ok(Self(Arc::new(Storage { raw, number, bytes: size, allocation, context: Arc::clone(context) })))
+            }
+            Err(e) => {
+                // SAFETY: no work was ever submitted that uses the buffer.
+                unsafe { context.raw.destroy_buffer(raw, None) };
+                Err(e)
+            }
+        }
+    }
+
+    /// Size in bytes, a multiple of four.
+    pub fn bytes(&self) -> u64 {
+        self.0.bytes
+    }
+
+    pub(super) fn number(&self) -> u64 {
+        self.0.number
+    }
+
+    fn share(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+
+    fn mapped(&self) -> &[u8] {
+        self.0.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or_default()
+    }
+
+    fn mapped_mut(&mut self) -> &mut [u8] {
+        let storage = Arc::get_mut(&mut self.0);
+        storage.and_then(|s| s.allocation.as_mut()).and_then(Allocation::mapped_slice_mut).unwrap_or_default()
+    }
+}
+
+impl Clone for RawBuffer {
+    fn clone(&self) -> Self {
+        self.share()
+    }
+}
+
+impl Drop for Storage {
+    fn drop(&mut self) {
+        self.context.forget(self.number);
+        // SAFETY: submitted work holds its own reference until its fence was waited for, so none uses the buffer now.
+        unsafe { self.context.raw.destroy_buffer(self.raw, None) };
+        if let Some(allocation) = self.allocation.take() {
+            let _ = self.context.allocator().free(allocation);
+        }
+        self.context.release(self.bytes);
+    }
+}
+
+/// `len` elements of `T` in device memory.
+pub struct Buffer<T> {
+    raw: RawBuffer,
+    len: usize,
+    element: PhantomData<T>,
+}
+
+impl<T> Clone for Buffer<T> {
+    fn clone(&self) -> Self {
+        Self { raw: self.raw.share(), len: self.len, element: PhantomData }
+    }
+}
+
+impl<T: Pod> Buffer<T> {
+    /// Number of elements.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether it holds no element.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// The buffer without its type.
+    pub fn raw(&self) -> &RawBuffer {
+        &self.raw
+    }
+
+    /// Copies the first `count` elements to the host; waits for the device.
+    ///
+    /// # Errors
+    /// Device errors; memory for staging.
+    pub fn read_first(&self, device: &Device, count: usize) -> Result<Vec<T>, Error> {
+        let size = size_of::<T>();
+        let count = count.min(self.len);
+        let mut out = Vec::with_capacity(count);
+        let step = (STAGING_BYTES as usize / size).max(1);
+        for start in (0..count).step_by(step) {
+            let n = step.min(count - start);
+            let staging = RawBuffer::new(
+                device.context(),
+                "read-back",
+                (n * size) as u64,
+                vk::BufferUsageFlags::TRANSFER_DST,
+                MemoryLocation::GpuToCpu,
+            )?;
+            let mut recording = Recording::new();
+            recording.copy_raw(&self.raw, (start * size) as u64, &staging, 0, (n * size) as u64);
+            device.run(recording)?;
+            out.extend(staging.mapped()[..n * size].chunks_exact(size).map(bytemuck::pod_read_unaligned::<T>));
+        }
+        Ok(out)
+    }
+
+    /// Copies everything to the host; waits for the device.
+    ///
+    /// # Errors
+    /// Device errors; memory for staging.
+    pub fn read(&self, device: &Device) -> Result<Vec<T>, Error> {
+        self.read_first(device, self.len)
+    }
+
+    /// Copies `data` into the buffer from its start; waits for the device.
+    ///
+    /// # Errors
+    /// Device errors; memory for staging.
+    ///
+    /// # Panics
+    /// When `data` is longer than the buffer.
+    pub fn write(&self, device: &Device, data: &[T]) -> Result<(), Error> {
+        assert!(data.len() <= self.len, "{} elements do not fit a buffer of {}", data.len(), self.len);
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        for (i, chunk) in bytes.chunks(STAGING_BYTES as usize).enumerate() {
+            let mut staging = RawBuffer::new(
+                device.context(),
+                "upload",
+                chunk.len() as u64,
+                vk::BufferUsageFlags::TRANSFER_SRC,
+                MemoryLocation::CpuToGpu,
+            )?;
+            staging.mapped_mut()[..chunk.len()].copy_from_slice(chunk);
+            let mut recording = Recording::new();
+            recording.copy_raw(&staging, 0, &self.raw, i as u64 * STAGING_BYTES, chunk.len() as u64);
+            device.run(recording)?;
+        }
+        Ok(())
+    }
+}
+
+impl Device {
+    /// A buffer of `len` elements, contents undefined.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] beyond what a kernel can bind, [`Error::OutOfMemory`].
+    pub fn buffer<T: Pod>(&self, name: &str, len: usize) -> Result<Buffer<T>, Error> {
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::INDIRECT_BUFFER
+            | vk::BufferUsageFlags::TRANSFER_SRC
+            | vk::BufferUsageFlags::TRANSFER_DST;
+        let bytes = len as u64 * size_of::<T>() as u64;
+        let raw = RawBuffer::new(self.context(), name, bytes, usage, MemoryLocation::GpuOnly)?;
+        Ok(Buffer { raw, len, element: PhantomData })
+    }
+
+    /// A buffer that holds `data`.
+    ///
+    /// # Errors
+    /// As [`Device::buffer`]; device errors of the copy.
+    pub fn upload<T: Pod>(&self, name: &str, data: &[T]) -> Result<Buffer<T>, Error> {
+        let buffer = self.buffer(name, data.len())?;
+        buffer.write(self, data)?;
+        Ok(buffer)
+    }
+}

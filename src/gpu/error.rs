@@ -1,0 +1,102 @@
+//! What can go wrong between the program and a Vulkan device.
+
+use ash::vk;
+
+/// An error of the device floor; each message says what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// No Vulkan loader on this machine.
+    #[error("no Vulkan loader was found ({0}); install it (Debian and Ubuntu: libvulkan1, or run tools/setup)")]
+    NoLoader(String),
+    /// A loader, but no device behind it.
+    #[error("Vulkan reports no device; install your GPU's driver, or mesa-vulkan-drivers for a software device")]
+    NoDevice,
+    /// `--device` or `QIRF_DEVICE` names none that is here.
+    #[error("no device matches '{wanted}'; there are: {there}")]
+    UnknownDevice {
+        /// What was asked for.
+        wanted: String,
+        /// The names of the devices present.
+        there: String,
+    },
+    /// The device lacks something that the engine needs.
+    #[error("{device} lacks {feature}, which qirf-vk needs; choose another with --device, or update its driver")]
+    MissingFeature {
+        /// Name of the device.
+        device: String,
+        /// The feature, extension or version.
+        feature: String,
+    },
+    /// The driver computes wrong results.
+    #[error("the driver of {device} ({driver}) is not to be trusted: {what}")]
+    Driver {
+        /// Name of the device.
+        device: String,
+        /// Driver name and version.
+        driver: String,
+        /// What it does wrong, and the fix.
+        what: String,
+    },
+    /// One buffer is larger than the device can bind.
+    #[error(
+        "buffer '{name}' needs {needed} bytes, but {device} binds at most {limit}; use fewer Gaussians or a smaller image"
+    )]
+    TooLarge {
+        /// Name of the buffer.
+        name: String,
+        /// Bytes asked for.
+        needed: u64,
+        /// The device's limit in bytes.
+        limit: u64,
+        /// Name of the device.
+        device: String,
+    },
+    /// Memory ran out.
+    #[error(
+        "out of memory on {device}: '{name}' needs {needed} bytes, {used} are in use and {limit} may be; use fewer Gaussians, a smaller image, or another device"
+    )]
+    OutOfMemory {
+        /// Name of the buffer.
+        name: String,
+        /// Bytes asked for.
+        needed: u64,
+        /// Bytes in use by this program.
+        used: u64,
+        /// Bytes that the device (or the limit that was set) allows.
+        limit: u64,
+        /// Name of the device.
+        device: String,
+    },
+    /// The device stopped answering.
+    #[error("the device was lost during {0}: the driver reset it (a hang, a crash, or it was taken away)")]
+    Lost(&'static str),
+    /// Any other Vulkan error.
+    #[error("Vulkan failed in {call}: {result}")]
+    Vulkan {
+        /// The call.
+        call: &'static str,
+        /// Vulkan's code.
+        result: vk::Result,
+    },
+}
+
+impl Error {
+    /// Whether the cause is a lack of resources (exit code 5) and not the device itself (exit code 4).
+    pub fn is_resources(&self) -> bool {
+        matches!(self, Self::TooLarge { .. } | Self::OutOfMemory { .. })
+    }
+}
+
+/// Names the call that a Vulkan result came from.
+pub(super) trait During<T> {
+    fn during(self, call: &'static str) -> Result<T, Error>;
+}
+
+impl<T> During<T> for Result<T, vk::Result> {
+    fn during(self, call: &'static str) -> Result<T, Error> {
+        self.map_err(|result| match result {
+            vk::Result::ERROR_DEVICE_LOST => Error::Lost(call),
+            result => Error::Vulkan { call, result },
+        })
+    }
+}

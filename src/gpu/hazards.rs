@@ -1,0 +1,166 @@
+//! Barriers derived from declared accesses.
+//!
+//! Each buffer remembers the uses that later commands have not been ordered after. A command that conflicts with one
+//! (either writes) gets a global memory barrier from those uses to everything; one barrier clears the same uses of every
+//! other buffer too, so independent dispatches between two barriers stay unordered.
+
+use ash::vk;
+use std::collections::HashMap;
+
+/// How a command uses a buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Use {
+    /// A kernel reads it.
+    KernelRead,
+    /// A kernel writes it.
+    KernelWrite,
+    /// A dispatch takes its size from it.
+    IndirectRead,
+    /// A copy reads it.
+    TransferRead,
+    /// A copy, fill or update writes it.
+    TransferWrite,
+}
+
+impl Use {
+    const ALL: [Self; 5] =
+        [Self::KernelRead, Self::KernelWrite, Self::IndirectRead, Self::TransferRead, Self::TransferWrite];
+
+    const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+
+    const fn writes(self) -> bool {
+        matches!(self, Self::KernelWrite | Self::TransferWrite)
+    }
+
+    const fn stage(self) -> vk::PipelineStageFlags {
+        match self {
+            Self::KernelRead | Self::KernelWrite => vk::PipelineStageFlags::COMPUTE_SHADER,
+            Self::IndirectRead => vk::PipelineStageFlags::DRAW_INDIRECT,
+            Self::TransferRead | Self::TransferWrite => vk::PipelineStageFlags::TRANSFER,
+        }
+    }
+
+    const fn write_access(self) -> vk::AccessFlags {
+        match self {
+            Self::KernelWrite => vk::AccessFlags::SHADER_WRITE,
+            Self::TransferWrite => vk::AccessFlags::TRANSFER_WRITE,
+            _ => vk::AccessFlags::empty(),
+        }
+    }
+}
+
+const WRITES: u8 = Use::KernelWrite.bit() | Use::TransferWrite.bit();
+
+/// A global memory barrier before a command: the uses that must be over, as Vulkan's flags.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Barrier {
+    uses: u8,
+}
+
+impl Barrier {
+    /// Whether this barrier waits for `earlier`.
+    pub const fn waits_for(self, earlier: Use) -> bool {
+        self.uses & earlier.bit() != 0
+    }
+
+    pub(super) fn source(self) -> (vk::PipelineStageFlags, vk::AccessFlags) {
+        let mut stages = vk::PipelineStageFlags::empty();
+        let mut access = vk::AccessFlags::empty();
+        for u in Use::ALL {
+            if self.waits_for(u) {
+                stages |= u.stage();
+                access |= u.write_access();
+            }
+        }
+        (stages, access)
+    }
+
+    /// Everything that any later command can do.
+    pub(super) fn destination() -> (vk::PipelineStageFlags, vk::AccessFlags) {
+        (
+            vk::PipelineStageFlags::COMPUTE_SHADER
+                | vk::PipelineStageFlags::TRANSFER
+                | vk::PipelineStageFlags::DRAW_INDIRECT,
+            vk::AccessFlags::SHADER_READ
+                | vk::AccessFlags::SHADER_WRITE
+                | vk::AccessFlags::TRANSFER_READ
+                | vk::AccessFlags::TRANSFER_WRITE
+                | vk::AccessFlags::INDIRECT_COMMAND_READ,
+        )
+    }
+}
+
+/// Uses of each buffer (by its number) that nothing later has been ordered after yet.
+#[derive(Clone, Debug, Default)]
+pub struct Hazards {
+    pending: HashMap<u64, u8>,
+}
+
+impl Hazards {
+    /// Takes the next command's uses and gives the barrier that must come before it, if any.
+    pub fn next(&mut self, uses: &[(u64, Use)]) -> Option<Barrier> {
+        let mut wait = 0;
+        for (buffer, u) in uses {
+            let pending = self.pending.get(buffer).copied().unwrap_or(0);
+            wait |= if u.writes() { pending } else { pending & WRITES };
+        }
+        if wait != 0 {
+            self.pending.retain(|_, p| {
+                *p &= !wait;
+                *p != 0
+            });
+        }
+        for (buffer, u) in uses {
+            *self.pending.entry(*buffer).or_default() |= u.bit();
+        }
+        (wait != 0).then_some(Barrier { uses: wait })
+    }
+
+    /// Forgets a buffer that is no more.
+    pub fn forget(&mut self, buffer: u64) {
+        self.pending.remove(&buffer);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Use::{IndirectRead, KernelRead, KernelWrite, TransferWrite};
+
+    #[test]
+    fn reads_need_no_barrier_between_them() {
+        let mut h = Hazards::default();
+        assert_eq!(h.next(&[(1, KernelRead)]), None);
+        assert_eq!(h.next(&[(1, KernelRead), (2, KernelWrite)]), None);
+    }
+
+    #[test]
+    fn each_kind_of_hazard_gets_a_barrier() {
+        let mut h = Hazards::default();
+        assert_eq!(h.next(&[(1, KernelWrite)]), None);
+        assert!(h.next(&[(1, KernelRead)]).expect("read after write").waits_for(KernelWrite));
+        assert!(h.next(&[(1, KernelWrite)]).expect("write after read").waits_for(KernelRead));
+        assert!(h.next(&[(1, KernelWrite)]).expect("write after write").waits_for(KernelWrite));
+        assert!(h.next(&[(1, IndirectRead)]).expect("indirect after write").waits_for(KernelWrite));
+    }
+
+    #[test]
+    fn one_barrier_serves_all_buffers() {
+        let mut h = Hazards::default();
+        h.next(&[(1, KernelWrite)]);
+        h.next(&[(2, KernelWrite)]);
+        assert!(h.next(&[(1, KernelRead)]).is_some());
+        assert_eq!(h.next(&[(2, KernelRead)]), None);
+        h.next(&[(3, TransferWrite)]);
+        assert!(h.next(&[(3, KernelRead)]).expect("after a copy").waits_for(TransferWrite));
+    }
+
+    #[test]
+    fn a_kernel_that_reads_and_writes_one_buffer_does_not_wait_for_itself() {
+        let mut h = Hazards::default();
+        assert_eq!(h.next(&[(1, KernelRead), (1, KernelWrite)]), None);
+        assert!(h.next(&[(1, KernelRead), (1, KernelWrite)]).is_some());
+    }
+}

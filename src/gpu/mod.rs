@@ -1,0 +1,27 @@
+//! Floor 1: Vulkan, and nothing of splats. Devices, memory, kernels, recordings with derived barriers, timestamps.
+#![allow(unsafe_code)] // Vulkan is called from this floor alone; each block states its invariant.
+
+mod buffer;
+mod device;
+mod error;
+mod hazards;
+mod instance;
+mod kernel;
+mod probe;
+mod profiler;
+mod recording;
+mod select;
+mod submit;
+
+pub use buffer::{Buffer, RawBuffer};
+pub use device::{Device, DeviceOptions};
+pub use error::Error;
+pub use hazards::{Barrier, Hazards, Use};
+pub use kernel::{Access, BindingInfo, Kernel, Shader};
+pub use profiler::Timings;
+pub use recording::{Groups, Recording};
+pub use select::{DeviceInfo, list};
+pub use submit::Ticket;
+
+/// Results of this floor.
+pub type Result<T> = std::result::Result<T, Error>;

@@ -1,0 +1,149 @@
+//! A recording: commands as data. Their buffers' uses are declared by what they are; barriers follow from them.
+
+use super::buffer::{Buffer, RawBuffer};
+use super::hazards::{Barrier, Hazards, Use};
+use super::kernel::{Access, Kernel, Shader};
+use bytemuck::Pod;
+
+/// Vulkan guarantees this many workgroups per dimension.
+const MAX_GROUPS: u32 = 65_535;
+
+/// How many workgroups a dispatch starts.
+#[derive(Clone, Copy)]
+pub enum Groups<'a> {
+    /// This many, laid out in two dimensions where one does not hold them; kernels ask `group_index()`.
+    Count(u32),
+    /// As many as three words of a buffer say, from this word on; see `primitives::arguments`.
+    Indirect(&'a Buffer<u32>, u32),
+}
+
+pub(super) enum Size {
+    Direct([u32; 3]),
+    Indirect(RawBuffer, u64),
+}
+
+pub(super) enum Command {
+    Dispatch { shader: &'static Shader, constants: Vec<u32>, push: Vec<u8>, buffers: Vec<RawBuffer>, size: Size },
+    Fill { buffer: RawBuffer, bytes: u64, value: u32 },
+    Update { buffer: RawBuffer, data: Vec<u8> },
+    Copy { from: RawBuffer, from_offset: u64, to: RawBuffer, to_offset: u64, bytes: u64 },
+    Begin(&'static str),
+    End,
+}
+
+impl Command {
+    pub(super) fn uses(&self) -> Vec<(u64, Use)> {
+        match self {
+            Self::Dispatch { shader, buffers, size, .. } => {
+                let mut uses = Vec::with_capacity(buffers.len() + 1);
+                for (buffer, binding) in buffers.iter().zip(shader.bindings) {
+                    if binding.access != Access::Write {
+                        uses.push((buffer.number(), Use::KernelRead));
+                    }
+                    if binding.access != Access::Read {
+                        uses.push((buffer.number(), Use::KernelWrite));
+                    }
+                }
+                if let Size::Indirect(buffer, _) = size {
+                    uses.push((buffer.number(), Use::IndirectRead));
+                }
+                uses
+            }
+            Self::Fill { buffer, .. } | Self::Update { buffer, .. } => vec![(buffer.number(), Use::TransferWrite)],
+            Self::Copy { from, to, .. } => {
+                vec![(from.number(), Use::TransferRead), (to.number(), Use::TransferWrite)]
+            }
+            Self::Begin(_) | Self::End => Vec::new(),
+        }
+    }
+}
+
+/// Commands to run in order, as if each waited for those before that it depends on.
+#[derive(Default)]
+pub struct Recording {
+    pub(super) commands: Vec<Command>,
+}
+
+impl Recording {
+    /// An empty recording.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Runs a kernel. A dispatch of no groups is left out.
+    pub fn dispatch(&mut self, kernel: &dyn Kernel, groups: Groups<'_>) {
+        let size = match groups {
+            Groups::Count(0) => return,
+            Groups::Count(n) if n <= MAX_GROUPS => Size::Direct([n, 1, 1]),
+            Groups::Count(n) => Size::Direct([MAX_GROUPS, n.div_ceil(MAX_GROUPS), 1]),
+            Groups::Indirect(buffer, word) => Size::Indirect(buffer.raw().clone(), u64::from(word) * 4),
+        };
+        self.commands.push(Command::Dispatch {
+            shader: kernel.shader(),
+            constants: kernel.constants(),
+            push: kernel.push_bytes().to_vec(),
+            buffers: kernel.buffers().into_iter().cloned().collect(),
+            size,
+        });
+    }
+
+    /// Sets every word of a buffer.
+    pub fn fill<T: Pod>(&mut self, buffer: &Buffer<T>, value: u32) {
+        let bytes = buffer.raw().bytes();
+        self.commands.push(Command::Fill { buffer: buffer.raw().clone(), bytes, value });
+    }
+
+    /// Writes a few values (at most 64 KiB) at the buffer's start; they travel inside the recording.
+    ///
+    /// # Panics
+    /// When `data` is larger than that, or than the buffer.
+    pub fn update<T: Pod>(&mut self, buffer: &Buffer<T>, data: &[T]) {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        assert!(bytes.len() <= 65_536 && data.len() <= buffer.len() && bytes.len().is_multiple_of(4));
+        if !bytes.is_empty() {
+            self.commands.push(Command::Update { buffer: buffer.raw().clone(), data: bytes.to_vec() });
+        }
+    }
+
+    /// Copies `count` elements.
+    ///
+    /// # Panics
+    /// When either buffer is too short.
+    pub fn copy<T: Pod>(&mut self, from: &Buffer<T>, to: &Buffer<T>, count: usize) {
+        assert!(count <= from.len() && count <= to.len());
+        self.copy_raw(from.raw(), 0, to.raw(), 0, (count * size_of::<T>()) as u64);
+    }
+
+    pub(super) fn copy_raw(&mut self, from: &RawBuffer, from_offset: u64, to: &RawBuffer, to_offset: u64, bytes: u64) {
+        if bytes > 0 {
+            let (from, to) = (from.clone(), to.clone());
+            self.commands.push(Command::Copy { from, from_offset, to, to_offset, bytes });
+        }
+    }
+
+    /// Times and labels what `body` records.
+    pub fn scope<R>(&mut self, name: &'static str, body: impl FnOnce(&mut Self) -> R) -> R {
+        self.commands.push(Command::Begin(name));
+        let result = body(self);
+        self.commands.push(Command::End);
+        result
+    }
+
+    /// Names of the kernels dispatched, in order: what tests of "off is free" look at.
+    pub fn kernels(&self) -> Vec<&'static str> {
+        let name = |c: &Command| match c {
+            Command::Dispatch { shader, .. } => Some(shader.name),
+            _ => None,
+        };
+        self.commands.iter().filter_map(name).collect()
+    }
+
+    /// The barrier before each command, given what earlier recordings left pending.
+    pub fn barriers(&self, hazards: &mut Hazards) -> Vec<Option<Barrier>> {
+        self.commands.iter().map(|c| hazards.next(&c.uses())).collect()
+    }
+
+    pub(super) fn scopes(&self) -> usize {
+        self.commands.iter().filter(|c| matches!(c, Command::Begin(_))).count()
+    }
+}

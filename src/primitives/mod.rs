@@ -1,0 +1,19 @@
+//! Floor 2: parallel building blocks that know nothing of splats: counts on the device, prefix sum, stable radix sort,
+//! compaction, gather, segmented sum. All run at subgroup sizes of 4 to 128.
+
+mod compact;
+mod count;
+mod gather;
+mod scan;
+mod segmented_sum;
+mod sort;
+
+pub use compact::compact;
+pub use count::Count;
+pub use gather::gather;
+pub use scan::Scan;
+pub use segmented_sum::segmented_sum;
+pub use sort::{Pairs, Sort};
+
+/// Invocations of a workgroup where nothing asks for another number.
+pub const WORKGROUP: u32 = 256;

@@ -1,0 +1,57 @@
+//! Exclusive prefix sum of 32-bit words.
+
+use super::count::Count;
+use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::primitives::{Scan as Kernel, ScanSpec};
+
+/// Scratch and shape of a prefix sum over at most a given number of words.
+pub struct Scan {
+    sums: Buffer<u32>,
+    unasked: Buffer<u32>,
+    workgroup: u32,
+    rows: u32,
+}
+
+impl Scan {
+    /// Words that one workgroup scans on this device.
+    pub fn block(device: &Device) -> u32 {
+        let (workgroup, rows) = shape(device);
+        workgroup * rows
+    }
+
+    /// Scratch for scans of up to `capacity` words.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, capacity: u32) -> Result<Self> {
+        let (workgroup, rows) = shape(device);
+        let sums = device.buffer("scan sums", capacity.div_ceil(workgroup * rows) as usize)?;
+        Ok(Self { sums, unasked: device.buffer("scan total", 1)?, workgroup, rows })
+    }
+
+    /// Records `target[i] = sum of source[..i]` for i < count, and the sum of all into `total[0]` where asked for.
+    ///
+    /// `source` and `target` may be the same buffer. `count` must have been made with [`Scan::block`] among its sizes.
+    pub fn record(
+        &self,
+        recording: &mut Recording,
+        count: &Count,
+        source: &Buffer<u32>,
+        target: &Buffer<u32>,
+        total: Option<&Buffer<u32>>,
+    ) {
+        let total = total.unwrap_or(&self.unasked);
+        let blocks = count.groups(self.workgroup * self.rows);
+        for (phase, groups) in [(0, blocks), (1, Groups::Count(1)), (2, blocks)] {
+            let spec = ScanSpec { workgroup: self.workgroup, phase, rows: self.rows };
+            let kernel = Kernel { count: &count.value, source, sums: &self.sums, target, total, spec };
+            recording.dispatch(&kernel, groups);
+        }
+    }
+}
+
+/// (workgroup, rows): on a CPU device one subgroup a workgroup, since barriers cost more than lanes there.
+fn shape(device: &Device) -> (u32, u32) {
+    let info = device.info();
+    if info.kind == "cpu" { (info.subgroup_size, 2048 / info.subgroup_size) } else { (256.max(info.subgroup_size), 16) }
+}

@@ -1,0 +1,128 @@
+//! Stable radix sort of 32-bit keys with 32-bit values, over only the bits asked for.
+
+use super::count::Count;
+use super::scan::Scan;
+use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::kernels::primitives::{Sort as Kernel, SortPush, SortSpec};
+
+/// Digits are at most this wide.
+const DIGIT_BITS: u32 = 8;
+
+/// Keys with their values.
+#[derive(Clone)]
+pub struct Pairs {
+    /// What is sorted by.
+    pub keys: Buffer<u32>,
+    /// What travels along.
+    pub values: Buffer<u32>,
+}
+
+impl Pairs {
+    /// Room for `capacity` pairs.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, name: &str, capacity: u32) -> Result<Self> {
+        let room = || device.buffer(name, capacity as usize);
+        Ok(Self { keys: room()?, values: room()? })
+    }
+}
+
+/// Scratch and shape of a sort of at most a given number of pairs.
+pub struct Sort {
+    other: Pairs,
+    digits: Buffer<u32>,
+    digit_count: Count,
+    scan: Scan,
+    shape: Shape,
+}
+
+#[derive(Clone, Copy)]
+struct Shape {
+    workgroup: u32,
+    rows: u32,
+    serial: bool,
+}
+
+impl Shape {
+    fn of(device: &Device, capacity: u32) -> Self {
+        let info = device.info();
+        if info.kind == "cpu" {
+            // A few long runs: the counters of a block are cleared and scanned once, whatever its length.
+            let rows = (capacity / (info.subgroup_size * 16)).clamp(32, 512).next_power_of_two();
+            Self { workgroup: info.subgroup_size, rows, serial: true }
+        } else {
+            // Eight rank units a workgroup hold their counters in 8 KiB of shared memory.
+            let workgroup = (8 * info.subgroup_size).min(info.max_workgroup);
+            Self { workgroup, rows: 16, serial: false }
+        }
+    }
+
+    fn block(self) -> u32 {
+        self.workgroup * self.rows
+    }
+}
+
+impl Sort {
+    /// Pairs that one workgroup takes, for sorts of this capacity on this device.
+    pub fn block(device: &Device, capacity: u32) -> u32 {
+        Shape::of(device, capacity).block()
+    }
+
+    /// Scratch for sorts of up to `capacity` pairs.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, capacity: u32) -> Result<Self> {
+        let shape = Shape::of(device, capacity);
+        let digits = capacity.div_ceil(shape.block()).max(1) << DIGIT_BITS;
+        Ok(Self {
+            other: Pairs::new(device, "sort scratch", capacity)?,
+            digits: device.buffer("sort digits", digits as usize)?,
+            digit_count: Count::new(device, "sort digit count", digits, &[Scan::block(device)])?,
+            scan: Scan::new(device, digits)?,
+            shape,
+        })
+    }
+
+    /// Records a stable sort by the lowest `bits` bits of the keys; the result may lie in scratch, and is returned.
+    ///
+    /// `count` must have been made with [`Sort::block`] among its sizes. Without bits nothing is recorded.
+    pub fn record<'a>(&'a self, recording: &mut Recording, count: &Count, pairs: &'a Pairs, bits: u32) -> &'a Pairs {
+        let passes = bits.div_ceil(DIGIT_BITS);
+        let (mut from, mut to) = (pairs, &self.other);
+        let mut shift = 0;
+        for pass in 0..passes {
+            // Passes of even width: 11 bits are 6 and 5, not 8 and 3.
+            let width = (bits - shift).div_ceil(passes - pass);
+            self.pass(recording, count, from, to, shift, width);
+            shift += width;
+            std::mem::swap(&mut from, &mut to);
+        }
+        from
+    }
+
+    fn pass(&self, recording: &mut Recording, count: &Count, from: &Pairs, to: &Pairs, shift: u32, width: u32) {
+        let kernel = |phase| Kernel {
+            count: &count.value,
+            keys_in: &from.keys,
+            values_in: &from.values,
+            digits: &self.digits,
+            keys_out: &to.keys,
+            values_out: &to.values,
+            push: SortPush { shift },
+            spec: SortSpec {
+                workgroup: self.shape.workgroup,
+                phase,
+                rows: self.shape.rows,
+                digit_bits: width,
+                serial: self.shape.serial,
+            },
+        };
+        let groups = count.groups(self.shape.block());
+        recording.dispatch(&kernel(0), groups);
+        self.digit_count.derive(recording, count, self.shape.block(), 1 << width);
+        self.scan.record(recording, &self.digit_count, &self.digits, &self.digits, None);
+        recording.dispatch(&kernel(1), groups);
+    }
+}
