@@ -11,4 +11,5 @@ pub mod primitives;
 
 pub mod gaussians;
 pub mod reference;
+pub mod render;
 pub mod scene;

@@ -131,10 +131,13 @@ fn compaction_gather_and_segmented_sum() {
 
     // Segments of 0, 1, 2, ... rows; three floats a row.
     let lengths: Vec<u32> = (0..200).collect();
-    let starts: Vec<u32> = lengths.iter().scan(0, |s, l| {
+    let starts: Vec<u32> = lengths
+        .iter()
+        .scan(0, |s, l| {
             *s += l;
             Some(*s - l)
-        }).collect();
+        })
+        .collect();
     let rows: Vec<f32> = (0..lengths.iter().sum::<u32>() * 3).map(|i| noise(5, u64::from(i)) as f32 * 1e-9).collect();
     let count = Count::known(&device, "segments", 200, &[]).unwrap();
     let sums = device.buffer::<f32>("sums", 600).unwrap();

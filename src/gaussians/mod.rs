@@ -1,5 +1,7 @@
 //! The model: Gaussians as stored, on the host.
 
+pub mod resident;
+
 /// Highest spherical-harmonics degree that the engine knows.
 pub const MAX_SH_DEGREE: usize = 3;
 

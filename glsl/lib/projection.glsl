@@ -1,0 +1,66 @@
+// Perspective projection of one Gaussian to the image plane (EWA splatting), shared by forward and backward.
+
+struct Projection {
+    bool there;      // in front of the near plane, with a rotation and a finite covariance
+    vec3 direction;  // unit vector from the camera to the mean, world axes
+    vec2 mean;       // pixels
+    float depth;
+    vec3 covariance; // a, b, c with the dilation, square pixels
+    float det0;      // determinant without the dilation
+    float det;       // with it
+};
+
+// Rotation matrix of a quaternion (w, x, y, z) of any length: divided by its largest component first, since the squares
+// of extreme ones leave float32. False when it is no rotation.
+bool rotation_of(vec4 q, out mat3 r) {
+    float largest = max(max(abs(q.x), abs(q.y)), max(abs(q.z), abs(q.w)));
+    if (!(largest >= MIN_QUATERNION) || isinf(largest)) return false;
+    q = q / largest;
+    q = q / sqrt(dot(q, q));
+    float w = q.x, x = q.y, y = q.z, z = q.w;
+    r = transpose(mat3(
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)));
+    return true;
+}
+
+mat3 world_to_camera(View v) { return transpose(mat3(v.rotation[0].xyz, v.rotation[1].xyz, v.rotation[2].xyz)); }
+
+Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
+    Projection p;
+    p.there = false;
+    mat3 camera = world_to_camera(v);
+    // The difference to the centre first: exact where it matters, however far the scene lies from the origin.
+    vec3 offset = mean - v.centre.xyz;
+    vec3 t = camera * offset;
+    mat3 rotation;
+    if (!(t.z > v.centre.w) || isinf(t.z) || !rotation_of(quaternion, rotation)) return p;
+
+    vec2 clamped = clamp(t.xy / t.z, -v.tangent_limit, v.tangent_limit);
+    // Rows of the Jacobian times the rotated axes: the covariance is then made of dot products, and its determinant of a
+    // cross product, which cannot go negative.
+    mat3 axes = camera * rotation;
+    vec3 scale = exp(log_scale);
+    vec2 f = v.focal / t.z;
+    vec3 row_x = f.x * (vec3(axes[0].x, axes[1].x, axes[2].x) - clamped.x * vec3(axes[0].z, axes[1].z, axes[2].z)) * scale;
+    vec3 row_y = f.y * (vec3(axes[0].y, axes[1].y, axes[2].y) - clamped.y * vec3(axes[0].z, axes[1].z, axes[2].z)) * scale;
+    vec3 normal = cross(row_x, row_y);
+    float a0 = dot(row_x, row_x), c0 = dot(row_y, row_y);
+    p.covariance = vec3(a0 + DILATION, dot(row_x, row_y), c0 + DILATION);
+    p.det0 = dot(normal, normal);
+    p.det = p.det0 + DILATION * (a0 + c0) + DILATION * DILATION;
+    p.mean = v.focal * (t.xy / t.z) + v.principal;
+    p.depth = t.z;
+    p.direction = normalize(offset);
+    p.there = p.det > 0 && !isinf(p.det) && !isinf(a0) && !isinf(c0);
+    return p;
+}
+
+// The factor k of lib/splat.glsl.
+vec3 splat_factor(Projection p) {
+    float root = sqrt(0.5 * LOG2_E);
+    float c = p.covariance.z;
+    float along = root * sqrt(c / p.det);
+    return vec3(along, -(p.covariance.y / c) * along, root / sqrt(c));
+}

@@ -1,0 +1,25 @@
+// A projected Gaussian. With the 2D covariance (a b; b c) and d = pixel - mean, half the Mahalanobis distance in powers
+// of two is u u + v v, u = k.x d.x + k.y d.y, v = k.z d.y: a sum of squares, so never negative, and without the
+// cancellation that the conic's three products have for needles.
+struct Splat {
+    vec2 mean;      // pixels
+    vec3 k;         // sqrt(log2(e) / 2) times (sqrt(c / det), -(b / c) sqrt(c / det), 1 / sqrt(c))
+    float log2_opacity;
+    float cut;      // u u + v v at which alpha is 1/255: log2(255 opacity)
+    vec3 colour;
+};
+
+vec4 pack_geometry(Splat s) { return vec4(s.mean, s.k.xy); }
+vec4 pack_shape(Splat s) { return vec4(s.k.z, s.log2_opacity, s.cut, s.colour.r); }
+vec2 pack_colour(Splat s) { return s.colour.gb; }
+
+Splat unpack_splat(vec4 geometry, vec4 shape, vec2 colour) {
+    return Splat(geometry.xy, vec3(geometry.zw, shape.x), shape.y, shape.z, vec3(shape.w, colour));
+}
+
+// u u + v v at a pixel centre.
+float splat_distance(vec2 d, vec3 k) {
+    float u = k.x * d.x + k.y * d.y;
+    float v = k.z * d.y;
+    return u * u + v * v;
+}

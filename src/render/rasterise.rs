@@ -1,0 +1,26 @@
+//! Rasterisation: blending each tile's Gaussians into its pixels.
+
+use super::renderer::{Frame, Shape};
+use crate::gpu::{Groups, Recording};
+use crate::kernels::render::{Rasterise, RasteriseSpec};
+use crate::primitives::Pairs;
+
+pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, sorted: &Pairs, tiles: u32) {
+    let kernel = Rasterise {
+        view: &frame.view,
+        starts: &frame.starts,
+        slots: &sorted.values,
+        owners: &frame.pairs.owners,
+        geometry: &frame.geometry,
+        shape: &frame.shape,
+        colour: &frame.colour,
+        image: &frame.image,
+        spec: RasteriseSpec {
+            workgroup: shape.tile * shape.tile,
+            tile: shape.tile,
+            batch: shape.batch,
+            stop: shape.settings.stop,
+        },
+    };
+    recording.dispatch(&kernel, Groups::Count(tiles));
+}

@@ -1,0 +1,68 @@
+//! What a picture depends on besides model and camera.
+
+use crate::gpu::DeviceInfo;
+use crate::kernels::View;
+use crate::scene::camera::Camera;
+
+/// How tiles that a Gaussian cannot touch are left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Culling {
+    /// The ellipse where alpha falls to 1/255, against each tile: nothing drawn is lost, nothing else is listed.
+    #[default]
+    Exact,
+    /// That ellipse's box.
+    Box,
+    /// The box of three standard deviations, as the reference does it; it cuts faint tails.
+    ThreeSigma,
+    /// Every tile.
+    Off,
+}
+
+/// Settings of image formation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Colour behind the Gaussians.
+    pub background: [f32; 3],
+    /// Keep each Gaussian's energy when it is smaller than a pixel (Mip-Splatting's 2D filter).
+    pub antialias: bool,
+    /// Which tiles are listed.
+    pub culling: Culling,
+    /// Blending ends before transmittance would fall below this.
+    pub stop: f32,
+    /// Gaussians nearer than this, in world units, are left out.
+    pub near: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        // 1.00001e-4, not 1e-4: two saturated layers leave 1e-4 less rounding, and the margin settles the tie.
+        Self { background: [0.0; 3], antialias: false, culling: Culling::Exact, stop: 1.00001e-4, near: 0.2 }
+    }
+}
+
+/// Tile side in pixels for a device: small where every lane's work is paid for by a core, the usual 16 on GPUs.
+pub(super) fn tile_size(info: &DeviceInfo) -> u32 {
+    if info.kind == "cpu" { 8 } else { 16 }
+}
+
+/// A camera as kernels see it.
+pub fn view(camera: &Camera, settings: &Settings, degree: usize, tile: u32) -> View {
+    let rotation = camera.rotation.transpose().to_cols_array_2d();
+    let row = |r: usize| [rotation[r][0] as f32, rotation[r][1] as f32, rotation[r][2] as f32, 0.0];
+    let centre = camera.centre().as_vec3();
+    let [r, g, b] = settings.background;
+    // Outside 1.3 times the field of view the projection's linearisation is held constant.
+    let limit = |size: u32, focal: f64| (1.3 * 0.5 * f64::from(size) / focal) as f32;
+    View {
+        rotation: [row(0), row(1), row(2)],
+        centre: [centre.x, centre.y, centre.z, settings.near],
+        background: [r, g, b, 0.0],
+        focal: camera.focal.as_vec2().to_array(),
+        principal: camera.principal.as_vec2().to_array(),
+        tangent_limit: [limit(camera.width, camera.focal.x), limit(camera.height, camera.focal.y)],
+        size: [camera.width, camera.height],
+        tiles: [camera.width.div_ceil(tile), camera.height.div_ceil(tile)],
+        degree: degree as u32,
+        padding: 0,
+    }
+}
