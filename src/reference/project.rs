@@ -218,7 +218,7 @@ fn radiance(params: &Params, i: usize, direction: DVec3, sh_degree: usize) -> DV
     let basis = sh::basis(direction);
     let mut sum = DVec3::ZERO;
     for l in 0..bands(params, sh_degree) {
-        for m in 0..2 * l + 1 {
+        for m in 0..=2 * l {
             let at = (i * (2 * l + 1) + m) * 3;
             sum += basis[l * l + m] * DVec3::from_slice(&params.sh[l][at..at + 3]);
         }

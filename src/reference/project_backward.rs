@@ -132,7 +132,7 @@ fn colour_backward(
     let by_direction = sh::basis_gradient(geometry.direction);
     let mut dl_ddirection = DVec3::ZERO;
     for l in 0..project::bands(params, settings.sh_degree) {
-        for m in 0..2 * l + 1 {
+        for m in 0..=2 * l {
             let at = (i * (2 * l + 1) + m) * 3;
             let k = l * l + m;
             dl_ddirection += by_direction[k] * dl_draw.dot(DVec3::from_slice(&params.sh[l][at..at + 3]));

@@ -12,7 +12,8 @@ use qirf_vk::{gaussians::Gaussians, reference::Settings, scene::camera::Camera};
 
 /// The shared data, where they are.
 pub fn shared() -> Option<PathBuf> {
-    let named = std::env::var("QIRF_SHARED").unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../shared").into());
+    let named =
+        std::env::var("QIRF_SHARED").unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../shared").into());
     let found = PathBuf::from(named);
     if found.is_dir() {
         return Some(found);
