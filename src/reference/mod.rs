@@ -1,1 +1,17 @@
 //! Float64 twins of the kernels: slow, obvious, the oracle of tests and of the accuracy axis.
+//!
+//! One file a stage, named as the stage is on the device; [`render`] and [`gradients`] string the stages together.
+
+pub mod adam;
+pub mod bin;
+pub mod frame;
+pub mod loss;
+pub mod params;
+pub mod project;
+pub mod project_backward;
+pub mod rasterise;
+pub mod rasterise_backward;
+pub mod sh;
+
+pub use frame::{Gradients, Rendered, Settings, gradients, render};
+pub use params::Params;

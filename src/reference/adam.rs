@@ -1,0 +1,77 @@
+//! Adam, one row (one Gaussian's part of one parameter group) at a time.
+
+/// First moment's decay.
+pub const BETA1: f64 = 0.9;
+/// Second moment's decay.
+pub const BETA2: f64 = 0.999;
+/// Keeps the quotient finite; 3DGS's value, so small that gradients of 1e-12 still move their parameters.
+pub const EPSILON: f64 = 1e-15;
+/// Gradients beyond this count as non-finite: on the device the second moment holds their squares in float32.
+pub const GREATEST_GRADIENT: f64 = 1e18;
+
+/// Updates `row` in place by step `step` (1 at the first) with learning rate `rate`; false where the row was skipped.
+///
+/// A row with any gradient that is not finite, or beyond [`GREATEST_GRADIENT`], keeps its values and both moments; the
+/// caller counts it. All four slices have the row's length.
+pub fn adam(row: &mut [f64], gradient: &[f64], first: &mut [f64], second: &mut [f64], step: u32, rate: f64) -> bool {
+    // Not `any(|g| g.abs() > ...)`: every comparison with a NaN is false.
+    if !gradient.iter().all(|g| g.abs() <= GREATEST_GRADIENT) {
+        return false;
+    }
+    let correction1 = 1.0 - BETA1.powf(f64::from(step));
+    let correction2 = 1.0 - BETA2.powf(f64::from(step));
+    for k in 0..row.len() {
+        first[k] = BETA1 * first[k] + (1.0 - BETA1) * gradient[k];
+        second[k] = BETA2 * second[k] + (1.0 - BETA2) * gradient[k] * gradient[k];
+        row[k] -= rate * (first[k] / correction1) / ((second[k] / correction2).sqrt() + EPSILON);
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_step_is_the_rate_against_the_sign() {
+        let (mut row, mut m, mut v) = ([1.0, 2.0, 3.0], [0.0; 3], [0.0; 3]);
+        assert!(adam(&mut row, &[4.0, -1e-3, 0.0], &mut m, &mut v, 1, 0.1));
+        assert!((row[0] - 0.9).abs() < 1e-12 && (row[1] - 2.1).abs() < 1e-10);
+        assert_eq!(row[2], 3.0);
+        assert!((m[0] - 0.4).abs() < 1e-15 && (v[0] - 0.016).abs() < 1e-15);
+    }
+
+    #[test]
+    fn extremes_move_nothing_and_spread_nothing() {
+        for (gradient, updated) in [
+            ([0.0, 0.0], true),
+            ([1e-38, -1e-38], true),
+            ([1e38, 0.0], false),
+            ([f64::NAN, 1.0], false),
+            ([1.0, f64::NEG_INFINITY], false),
+        ] {
+            let (mut row, mut m, mut v) = ([1.0, -1.0], [0.5, 0.25], [0.125, 0.5]);
+            assert_eq!(adam(&mut row, &gradient, &mut m, &mut v, 10, 0.0), updated, "{gradient:?}");
+            if !updated {
+                assert_eq!((row, m, v), ([1.0, -1.0], [0.5, 0.25], [0.125, 0.5]));
+            }
+            let (mut row, mut m, mut v) = ([1.0, -1.0], [0.0; 2], [0.0; 2]);
+            for step in 1..=1000 {
+                adam(&mut row, &gradient, &mut m, &mut v, step, 0.1);
+            }
+            assert!((row[0] - 1.0).abs() < 1e-9 && (row[1] + 1.0).abs() < 1e-9, "{gradient:?}: {row:?}");
+        }
+    }
+
+    /// A constant gradient moves a parameter by the rate each step, whatever its size: bias correction works.
+    #[test]
+    fn constant_gradient_moves_at_the_rate() {
+        for size in [1e-6, 1.0, 1e15] {
+            let (mut row, mut m, mut v) = ([0.0], [0.0], [0.0]);
+            for step in 1..=500 {
+                adam(&mut row, &[size], &mut m, &mut v, step, 0.01);
+            }
+            assert!((row[0] + 5.0).abs() < 1e-6, "{size}: {}", row[0]);
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! One view from parameters to pixels and back: the stages strung together.
+
+use super::{
+    Params,
+    bin::{Tiles, bin},
+    project::{Culled, Projected, project},
+    project_backward::project_backward,
+    rasterise::{Composite, rasterise},
+    rasterise_backward::{Moments, rasterise_backward},
+};
+use crate::{gaussians::MAX_SH_DEGREE, scene::camera::Camera};
+
+/// How a view is formed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Colour behind everything.
+    pub background: [f64; 3],
+    /// Whether opacity carries the factor sqrt(max(det0/det, 2.5e-5)) that undoes the blur's added area.
+    pub antialias: bool,
+    /// Gaussians whose camera-space z is not greater are culled.
+    pub near: f64,
+    /// Tests only: neither the 1/255 skip nor the transmittance stop, so that finite differences hold.
+    pub smooth_cutoff: bool,
+    /// Whether the view direction's gradient reaches the mean.
+    pub direction_gradient: bool,
+    /// A pixel stops before the contribution that would bring its transmittance below this.
+    pub transmittance_stop: f64,
+    /// SH bands above this degree are ignored.
+    pub sh_degree: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            background: [0.0; 3],
+            antialias: false,
+            near: 0.2,
+            smooth_cutoff: false,
+            direction_gradient: true,
+            // Two saturated layers give 9.99998e-5 in float32 and 1e-4 + 2e-20 in float64: the margin settles the tie.
+            transmittance_stop: 1.00001e-4,
+            sh_degree: MAX_SH_DEGREE,
+        }
+    }
+}
+
+/// A rendered view and the stages' results on the way to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rendered {
+    /// Pixels, opacities and contributions.
+    pub composite: Composite,
+    /// Per Gaussian its projection, or why it was culled.
+    pub projected: Vec<Result<Projected, Culled>>,
+    /// Per tile its Gaussians, front to back.
+    pub tiles: Tiles,
+}
+
+/// Gradients of a loss on one view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gradients {
+    /// By the stored parameters.
+    pub params: Params,
+    /// Per Gaussian by its image mean in NDC units (x 0.5 width, x 0.5 height): density control takes its norm.
+    pub mean2d_ndc: Vec<[f64; 2]>,
+    /// Per Gaussian the rasteriser's sums.
+    pub moments: Vec<Moments>,
+}
+
+/// Renders one view.
+pub fn render(params: &Params, camera: &Camera, settings: &Settings) -> Rendered {
+    let projected = project(params, camera, settings);
+    let tiles = bin(&projected, camera, settings);
+    let composite = rasterise(&projected, &tiles, camera, settings);
+    Rendered { composite, projected, tiles }
+}
+
+/// Gradients of a loss whose derivatives by the image's pixels and, where given, opacities are `dl_dimage`, `dl_dalpha`.
+pub fn gradients(
+    params: &Params,
+    camera: &Camera,
+    settings: &Settings,
+    dl_dimage: &[[f64; 3]],
+    dl_dalpha: Option<&[f64]>,
+) -> Gradients {
+    let Rendered { composite, projected, tiles } = render(params, camera, settings);
+    let moments = rasterise_backward(&projected, &tiles, camera, settings, &composite, dl_dimage, dl_dalpha);
+    let mut by_params = params.zeros_like();
+    let half = [0.5 * f64::from(camera.width), 0.5 * f64::from(camera.height)];
+    let mean2d_ndc = moments
+        .iter()
+        .enumerate()
+        .map(|(i, m)| {
+            let by_mean = project_backward(params, i, camera, settings, m, &mut by_params);
+            [by_mean.x * half[0], by_mean.y * half[1]]
+        })
+        .collect();
+    Gradients { params: by_params, mean2d_ndc, moments }
+}

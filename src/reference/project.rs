@@ -1,0 +1,227 @@
+//! Projection of Gaussians to the image: view transform, EWA covariance, conic, opacity, colour, extent.
+//!
+//! With W the view rotation, M = R(q) diag(s), V = W M and ux, uy the clamped x/z, y/z, the rows of T = J V are
+//!   t0 = fx/z (V_0 - ux V_2),   t1 = fy/z (V_1 - uy V_2),
+//! and covariance2d = T T^T + 0.3 I. Its determinant needs no difference of large numbers (Cauchy-Binet):
+//!   det0 = |t0 x t1|^2,   det = det0 + 0.3 (|t0|^2 + |t1|^2) + 0.09.
+
+use glam::{DMat3, DVec2, DVec3};
+
+use super::{Params, Settings, sh};
+use crate::{gaussians::MAX_SH_DEGREE, scene::camera::Camera};
+
+/// Variance in square pixels that every projected Gaussian gets (3DGS's low-pass filter).
+pub const BLUR: f64 = 0.3;
+/// x/z and y/z are clamped to this multiple of the half field of view's tangent, inside the Jacobian only.
+pub const FIELD_MARGIN: f64 = 1.3;
+/// Least det0/det of the anti-aliasing factor.
+pub const LEAST_AREA_RATIO: f64 = 2.5e-5;
+/// A quaternion whose largest component is below this has no direction worth the name.
+pub const LEAST_QUATERNION: f64 = 1e-6;
+/// Contributions below this opacity are skipped.
+pub const LEAST_ALPHA: f64 = 1.0 / 255.0;
+
+/// Why a Gaussian takes no part in a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Culled {
+    /// Not beyond the near plane.
+    Near,
+    /// The quaternion's largest component is below [`LEAST_QUATERNION`].
+    Quaternion,
+    /// The determinant of the image covariance is not positive.
+    Determinant,
+    /// A parameter, or something computed from it, is infinite or not a number.
+    NonFinite,
+    /// Its opacity never reaches [`LEAST_ALPHA`].
+    Faint,
+}
+
+/// A Gaussian as the rasteriser sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projected {
+    /// Centre in pixels.
+    pub mean: DVec2,
+    /// Camera-space z.
+    pub depth: f64,
+    /// Image covariance, blur included, in square pixels: xx, xy, yy.
+    pub covariance: [f64; 3],
+    /// Inverse of `covariance`: xx, xy, yy.
+    pub conic: [f64; 3],
+    /// Opacity at the centre, anti-aliasing factor included.
+    pub opacity: f64,
+    /// Colour, not negative.
+    pub colour: DVec3,
+    /// ln(255 opacity): the power at which alpha falls to 1/255.
+    pub extent: f64,
+}
+
+/// All that the projection of one Gaussian computes on its way; the backward pass starts from it.
+#[derive(Clone, Debug)]
+pub struct Geometry {
+    /// Centre in camera coordinates.
+    pub position: DVec3,
+    /// x/z and y/z, clamped for the Jacobian.
+    pub slope: DVec2,
+    /// Whether x/z, y/z were inside the clamp's bounds.
+    pub free: [bool; 2],
+    /// Unit quaternion w, x, y, z.
+    pub quaternion: [f64; 4],
+    /// Length of the stored quaternion.
+    pub quaternion_length: f64,
+    /// Standard deviations of the axes.
+    pub scale: DVec3,
+    /// M = R(q) diag(s): columns are the axes.
+    pub axes: DMat3,
+    /// Row 2 of V = W M.
+    pub depth_row: DVec3,
+    /// t0 and t1, the rows of J V.
+    pub rows: [DVec3; 2],
+    /// det0 = |t0 x t1|^2.
+    pub det0: f64,
+    /// Whether det0/det is above its floor, so that the anti-aliasing factor has a derivative.
+    pub factor_free: bool,
+    /// Sigmoid of the logit, without the anti-aliasing factor.
+    pub sigmoid: f64,
+    /// Unit vector from the camera to the centre, world coordinates.
+    pub direction: DVec3,
+    /// Distance from the camera to the centre.
+    pub distance: f64,
+    /// SH + 0.5 before the clamp at zero.
+    pub raw_colour: DVec3,
+    /// The result.
+    pub projected: Projected,
+}
+
+/// Projects every Gaussian of `params`; the result has one entry per Gaussian.
+pub fn project(params: &Params, camera: &Camera, settings: &Settings) -> Vec<Result<Projected, Culled>> {
+    (0..params.len()).map(|i| geometry(params, i, camera, settings).map(|g| g.projected)).collect()
+}
+
+/// Projects Gaussian `i`, keeping what its derivative needs.
+///
+/// # Errors
+/// The reason where the Gaussian is culled.
+pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings) -> Result<Geometry, Culled> {
+    let mean = DVec3::from(params.means[i]);
+    let position = camera.rotation * mean + camera.translation;
+    let log_scale = DVec3::from(params.log_scales[i]);
+    let stored = params.rotations[i];
+    let finite = position.is_finite() && log_scale.is_finite() && stored.iter().all(|v| v.is_finite());
+    if !finite || params.opacity_logits[i].is_nan() {
+        return Err(Culled::NonFinite);
+    }
+    let z = position.z;
+    if z <= settings.near {
+        return Err(Culled::Near);
+    }
+
+    let (quaternion, quaternion_length) = unit_quaternion(stored).ok_or(Culled::Quaternion)?;
+    let scale = DVec3::from(log_scale.to_array().map(f64::exp));
+    let axes = rotation(quaternion) * DMat3::from_diagonal(scale);
+    let v = camera.rotation * axes;
+
+    let limit = FIELD_MARGIN * 0.5 * DVec2::new(f64::from(camera.width), f64::from(camera.height)) / camera.focal;
+    let unclamped = position.truncate() / z;
+    let slope = unclamped.clamp(-limit, limit);
+    let free = [unclamped.x.abs() <= limit.x, unclamped.y.abs() <= limit.y];
+    let t0 = camera.focal.x / z * (v.row(0) - slope.x * v.row(2));
+    let t1 = camera.focal.y / z * (v.row(1) - slope.y * v.row(2));
+
+    let (xx, xy, yy) = (t0.length_squared(), t0.dot(t1), t1.length_squared());
+    let det0 = t0.cross(t1).length_squared();
+    let det = det0 + BLUR * (xx + yy) + BLUR * BLUR;
+    if !det.is_finite() {
+        return Err(Culled::NonFinite);
+    }
+    if det <= 0.0 {
+        return Err(Culled::Determinant);
+    }
+    let covariance = [xx + BLUR, xy, yy + BLUR];
+    let conic = [covariance[2] / det, -xy / det, covariance[0] / det];
+
+    let sigmoid = sigmoid(params.opacity_logits[i]);
+    let ratio = det0 / det;
+    let factor = if settings.antialias { ratio.max(LEAST_AREA_RATIO).sqrt() } else { 1.0 };
+    let opacity = sigmoid * factor;
+    let extent = (255.0 * opacity).ln();
+    if !settings.smooth_cutoff && opacity < LEAST_ALPHA {
+        return Err(Culled::Faint);
+    }
+
+    let offset = mean - camera.centre();
+    let distance = offset.length();
+    let direction = offset / distance;
+    let raw_colour = DVec3::splat(0.5) + radiance(params, i, direction, settings.sh_degree);
+    if !raw_colour.is_finite() {
+        return Err(Culled::NonFinite);
+    }
+
+    let mean = camera.focal * unclamped + camera.principal;
+    if !mean.is_finite() {
+        return Err(Culled::NonFinite);
+    }
+    let colour = raw_colour.max(DVec3::ZERO);
+    Ok(Geometry {
+        position,
+        slope,
+        free,
+        quaternion,
+        quaternion_length,
+        scale,
+        axes,
+        depth_row: v.row(2),
+        rows: [t0, t1],
+        det0,
+        factor_free: ratio > LEAST_AREA_RATIO,
+        sigmoid,
+        direction,
+        distance,
+        raw_colour,
+        projected: Projected { mean, depth: z, covariance, conic, opacity, colour, extent },
+    })
+}
+
+/// 1 / (1 + exp(-x)) without overflow at either end.
+pub fn sigmoid(x: f64) -> f64 {
+    let e = (-x.abs()).exp();
+    if x >= 0.0 { 1.0 / (1.0 + e) } else { e / (1.0 + e) }
+}
+
+/// The unit quaternion and the stored length; none where the largest component is below [`LEAST_QUATERNION`].
+///
+/// Dividing by the largest component first keeps |q|^2 in range (1e20 squared overflows float32).
+pub fn unit_quaternion(q: [f64; 4]) -> Option<([f64; 4], f64)> {
+    let largest = q.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+    if largest < LEAST_QUATERNION {
+        return None;
+    }
+    let q = q.map(|v| v / largest);
+    let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+    Some((q.map(|v| v / length), length * largest))
+}
+
+/// Rotation matrix of a unit quaternion w, x, y, z.
+pub fn rotation([w, x, y, z]: [f64; 4]) -> DMat3 {
+    DMat3::from_cols(
+        DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+        DVec3::new(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+        DVec3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+}
+
+/// Bands in use: those stored, no more than asked for.
+pub fn bands(params: &Params, sh_degree: usize) -> usize {
+    params.sh.len().min(sh_degree.min(MAX_SH_DEGREE) + 1)
+}
+
+fn radiance(params: &Params, i: usize, direction: DVec3, sh_degree: usize) -> DVec3 {
+    let basis = sh::basis(direction);
+    let mut sum = DVec3::ZERO;
+    for l in 0..bands(params, sh_degree) {
+        for m in 0..=2 * l {
+            let at = (i * (2 * l + 1) + m) * 3;
+            sum += basis[l * l + m] * DVec3::from_slice(&params.sh[l][at..at + 3]);
+        }
+    }
+    sum
+}

@@ -1,0 +1,120 @@
+//! Compositing front to back, pixel by pixel.
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::{
+    Settings,
+    bin::Tiles,
+    project::{Culled, LEAST_ALPHA, Projected},
+};
+use crate::scene::camera::Camera;
+
+/// Greatest opacity of one contribution.
+pub const GREATEST_ALPHA: f64 = 0.99;
+
+/// What compositing gives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Composite {
+    /// Pixels row by row: red, green, blue, background included.
+    pub image: Vec<[f64; 3]>,
+    /// Accumulated opacity per pixel, 1 - T.
+    pub alpha: Vec<f64>,
+    /// Per Gaussian of the model: sum over pixels of T alpha.
+    pub contribution: Vec<f64>,
+}
+
+/// One Gaussian's part in one pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// From the Gaussian's centre to the pixel's centre, pixels.
+    pub offset: DVec2,
+    /// Opacity, clamped.
+    pub alpha: f64,
+    /// Whether the clamp held it, so that no gradient passes.
+    pub clamped: bool,
+}
+
+/// The Gaussian's opacity at pixel (x, y); none where the pixel skips it.
+///
+/// power = 1/2 d^T conic d. In float32 prefer its completed square, which cannot turn negative:
+/// 1/2 [(dx - (xy/yy) dy)^2 yy/det + dy^2/yy] with the covariance's entries.
+pub fn sample(p: &Projected, x: u32, y: u32, settings: &Settings) -> Option<Sample> {
+    let offset = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - p.mean;
+    let [a, b, c] = p.conic;
+    let power = 0.5 * (a * offset.x * offset.x + c * offset.y * offset.y) + b * offset.x * offset.y;
+    let free = p.opacity * (-power).exp();
+    let alpha = free.min(GREATEST_ALPHA);
+    let skipped = !settings.smooth_cutoff && (alpha < LEAST_ALPHA || power < 0.0);
+    (!skipped).then_some(Sample { offset, alpha, clamped: free > GREATEST_ALPHA })
+}
+
+/// Walks a pixel's contributions front to back: `each(place in list, Gaussian, sample, T before it)`; returns T behind all.
+pub fn walk<'a>(
+    list: &[u32],
+    projected: &'a [Result<Projected, Culled>],
+    (x, y): (u32, u32),
+    settings: &Settings,
+    mut each: impl FnMut(usize, &'a Projected, Sample, f64),
+) -> f64 {
+    let mut transmittance = 1.0;
+    for (k, &i) in list.iter().enumerate() {
+        let Ok(p) = &projected[i as usize] else { continue };
+        let Some(s) = sample(p, x, y, settings) else { continue };
+        let behind = transmittance * (1.0 - s.alpha);
+        if !settings.smooth_cutoff && behind < settings.transmittance_stop {
+            break;
+        }
+        each(k, p, s, transmittance);
+        transmittance = behind;
+    }
+    transmittance
+}
+
+/// Composites every tile of `tiles` over the background.
+///
+/// Sums run in a fixed order, pixels within a tile and then tile by tile: two runs are bit-identical.
+pub fn rasterise(
+    projected: &[Result<Projected, Culled>],
+    tiles: &Tiles,
+    camera: &Camera,
+    settings: &Settings,
+) -> Composite {
+    let background = DVec3::from(settings.background);
+    let drawn: Vec<_> = (0..tiles.offsets.len() - 1)
+        .into_par_iter()
+        .map(|t| {
+            let list = tiles.list(t);
+            let (columns, rows) = tiles.pixels(t, camera.width, camera.height);
+            let mut weights = vec![0.0; list.len()];
+            let mut pixels = Vec::with_capacity(columns.len() * rows.len());
+            for y in rows {
+                for x in columns.clone() {
+                    let (mut colour, mut alpha) = (DVec3::ZERO, 0.0);
+                    let rest = walk(list, projected, (x, y), settings, |k, p, s, transmittance| {
+                        let weight = transmittance * s.alpha;
+                        colour += weight * p.colour;
+                        alpha += weight;
+                        weights[k] += weight;
+                    });
+                    pixels.push((y * camera.width + x, colour + rest * background, alpha));
+                }
+            }
+            (pixels, weights)
+        })
+        .collect();
+
+    let count = camera.width as usize * camera.height as usize;
+    let mut out =
+        Composite { image: vec![[0.0; 3]; count], alpha: vec![0.0; count], contribution: vec![0.0; projected.len()] };
+    for (t, (pixels, weights)) in drawn.into_iter().enumerate() {
+        for (at, colour, alpha) in pixels {
+            out.image[at as usize] = colour.to_array();
+            out.alpha[at as usize] = alpha;
+        }
+        for (&i, weight) in tiles.list(t).iter().zip(weights) {
+            out.contribution[i as usize] += weight;
+        }
+    }
+    out
+}

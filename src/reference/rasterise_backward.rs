@@ -1,0 +1,117 @@
+//! Backward of compositing: per Gaussian the sums over pixels from which all its gradients follow.
+//!
+//! Let g be dL/dC of a pixel, gA its dL/dA, bg the background. C = sum w_k c_k + (1 - A) bg with A = sum w_k and
+//! w_k = T_k alpha_k, so a contribution's worth is q_k = g . (c_k - bg) + gA and the background needs no term of its own.
+//! With R_0 = sum w_k q_k = g . (C - bg) + gA A, known from the forward pass, front to back
+//!   R_k = R_{k-1} - w_k q_k   (what lies behind k),
+//!   dL/dalpha_k = T_k q_k - R_k / (1 - alpha_k),   dL/dc_k = w_k g.
+//! alpha = opacity exp(-power) makes every other gradient a moment of h = alpha dL/dalpha over offsets d (pixel less mean):
+//!   dL/d ln opacity = sum h,   dL/dmean2D = conic sum h d,   dL/dcovariance2D = 1/2 conic (sum h d d^T) conic.
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use super::{
+    Settings,
+    bin::Tiles,
+    project::{Culled, Projected},
+    rasterise::{Composite, walk},
+};
+use crate::scene::camera::Camera;
+
+/// 1 - alpha is not taken below this as a divisor.
+pub const LEAST_REST: f64 = 1e-6;
+
+/// Sums over one Gaussian's pixels, with h = alpha dL/dalpha (zero where alpha is clamped) and d the offset in pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moments {
+    /// Sum of h: the gradient by ln opacity.
+    pub zeroth: f64,
+    /// Sum of h d.
+    pub first: DVec2,
+    /// Sum of h d d^T: xx, xy, yy.
+    pub second: [f64; 3],
+    /// Gradient by the colour, after its clamp.
+    pub colour: DVec3,
+    /// Sum of T alpha.
+    pub contribution: f64,
+}
+
+impl Moments {
+    /// Gradient by the mean in pixels: conic times the first moment.
+    pub fn mean(&self, [a, b, c]: [f64; 3]) -> DVec2 {
+        DVec2::new(a * self.first.x + b * self.first.y, b * self.first.x + c * self.first.y)
+    }
+
+    /// Gradient by the conic's xx, xy, yy, where power = 1/2 (xx dx^2 + yy dy^2) + xy dx dy.
+    pub fn conic(&self) -> [f64; 3] {
+        let [xx, xy, yy] = self.second;
+        [-0.5 * xx, -xy, -0.5 * yy]
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.zeroth += other.zeroth;
+        self.first += other.first;
+        self.second.iter_mut().zip(other.second).for_each(|(a, b)| *a += b);
+        self.colour += other.colour;
+        self.contribution += other.contribution;
+    }
+}
+
+/// The moments of every Gaussian of the model, zero where it touches no pixel.
+///
+/// `dl_dimage` and `dl_dalpha` hold one entry per pixel, row by row. The sums' order is fixed, as in the forward pass.
+pub fn rasterise_backward(
+    projected: &[Result<Projected, Culled>],
+    tiles: &Tiles,
+    camera: &Camera,
+    settings: &Settings,
+    forward: &Composite,
+    dl_dimage: &[[f64; 3]],
+    dl_dalpha: Option<&[f64]>,
+) -> Vec<Moments> {
+    let background = DVec3::from(settings.background);
+    let slots: Vec<Vec<Moments>> = (0..tiles.offsets.len() - 1)
+        .into_par_iter()
+        .map(|t| {
+            let list = tiles.list(t);
+            let mut slots = vec![Moments::default(); list.len()];
+            let (columns, rows) = tiles.pixels(t, camera.width, camera.height);
+            for y in rows {
+                for x in columns.clone() {
+                    let at = (y * camera.width + x) as usize;
+                    let g = DVec3::from(dl_dimage[at]);
+                    let ga = dl_dalpha.map_or(0.0, |v| v[at]);
+                    let mut behind = g.dot(DVec3::from(forward.image[at]) - background) + ga * forward.alpha[at];
+                    walk(list, projected, (x, y), settings, |k, p, s, transmittance| {
+                        let weight = transmittance * s.alpha;
+                        let worth = g.dot(p.colour - background) + ga;
+                        behind -= weight * worth;
+                        let slot = &mut slots[k];
+                        slot.colour += weight * g;
+                        slot.contribution += weight;
+                        if s.clamped {
+                            return;
+                        }
+                        let h = s.alpha * (transmittance * worth - behind / (1.0 - s.alpha).max(LEAST_REST));
+                        let d = s.offset;
+                        slot.zeroth += h;
+                        slot.first += h * d;
+                        slot.second[0] += h * d.x * d.x;
+                        slot.second[1] += h * d.x * d.y;
+                        slot.second[2] += h * d.y * d.y;
+                    });
+                }
+            }
+            slots
+        })
+        .collect();
+
+    let mut sums = vec![Moments::default(); projected.len()];
+    for (t, slots) in slots.iter().enumerate() {
+        for (&i, slot) in tiles.list(t).iter().zip(slots) {
+            sums[i as usize].add(slot);
+        }
+    }
+    sums
+}

@@ -1,0 +1,114 @@
+//! Real spherical harmonics to degree 3 (3DGS's signs) and their derivatives by the direction.
+//!
+//! The polynomials hold on the unit sphere only; off it they are one extension of many, so a derivative means something
+//! only after its radial part is taken out (see [`through_normalisation`]).
+
+use glam::DVec3;
+
+/// Coefficients per colour channel at degree 3.
+pub const COEFFICIENTS: usize = 16;
+
+/// Y_0, also the factor between a DC coefficient and a colour.
+pub const SH0: f64 = 0.28209479177387814;
+const SH1: f64 = 0.4886025119029199;
+const SH2: [f64; 3] = [1.0925484305920792, 0.31539156525252005, 0.5462742152960396];
+const SH3: [f64; 5] =
+    [0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.3731763325901154, 1.445305721320277];
+
+/// The basis at unit direction `d`, bands 0..=3 one after the other, each in the order m = -l..=l.
+pub fn basis(d: DVec3) -> [f64; COEFFICIENTS] {
+    let DVec3 { x, y, z } = d;
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    [
+        SH0,
+        -SH1 * y,
+        SH1 * z,
+        -SH1 * x,
+        SH2[0] * x * y,
+        -SH2[0] * y * z,
+        SH2[1] * (2.0 * zz - xx - yy),
+        -SH2[0] * x * z,
+        SH2[2] * (xx - yy),
+        -SH3[0] * y * (3.0 * xx - yy),
+        SH3[1] * x * y * z,
+        -SH3[2] * y * (4.0 * zz - xx - yy),
+        SH3[3] * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+        -SH3[2] * x * (4.0 * zz - xx - yy),
+        SH3[4] * z * (xx - yy),
+        -SH3[0] * x * (xx - 3.0 * yy),
+    ]
+}
+
+/// The derivatives of [`basis`]'s polynomials by x, y, z, each taken as free.
+pub fn basis_gradient(d: DVec3) -> [DVec3; COEFFICIENTS] {
+    let DVec3 { x, y, z } = d;
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let v = DVec3::new;
+    [
+        DVec3::ZERO,
+        v(0.0, -SH1, 0.0),
+        v(0.0, 0.0, SH1),
+        v(-SH1, 0.0, 0.0),
+        SH2[0] * v(y, x, 0.0),
+        -SH2[0] * v(0.0, z, y),
+        SH2[1] * v(-2.0 * x, -2.0 * y, 4.0 * z),
+        -SH2[0] * v(z, 0.0, x),
+        SH2[2] * v(2.0 * x, -2.0 * y, 0.0),
+        -SH3[0] * v(6.0 * x * y, 3.0 * (xx - yy), 0.0),
+        SH3[1] * v(y * z, x * z, x * y),
+        -SH3[2] * v(-2.0 * x * y, 4.0 * zz - xx - 3.0 * yy, 8.0 * y * z),
+        SH3[3] * v(-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * xx - 3.0 * yy),
+        -SH3[2] * v(4.0 * zz - 3.0 * xx - yy, -2.0 * x * y, 8.0 * x * z),
+        SH3[4] * v(2.0 * x * z, -2.0 * y * z, xx - yy),
+        -SH3[0] * v(3.0 * (xx - yy), -6.0 * x * y, 0.0),
+    ]
+}
+
+/// Gradient by an offset `r d` given the gradient `dl_dd` by its unit direction `d`: (I - d d^T) dl_dd / r.
+pub fn through_normalisation(d: DVec3, r: f64, dl_dd: DVec3) -> DVec3 {
+    (dl_dd - d * d.dot(dl_dd)) / r
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gradient_is_the_difference_quotient() {
+        let d = DVec3::new(0.3, -0.7, 0.55);
+        let gradient = basis_gradient(d);
+        let h = 1e-6;
+        for axis in DVec3::AXES {
+            let (up, down) = (basis(d + axis * h), basis(d - axis * h));
+            for k in 0..COEFFICIENTS {
+                let quotient = (up[k] - down[k]) / (2.0 * h);
+                assert!((quotient - gradient[k].dot(axis)).abs() < 1e-9, "coefficient {k} by {axis}");
+            }
+        }
+    }
+
+    /// The integral of Y_i Y_j over the sphere is delta_ij (midpoint rule in z, hence the tolerance).
+    #[test]
+    fn basis_is_orthonormal() {
+        let (steps, mut gram) = (64, [[0.0; COEFFICIENTS]; COEFFICIENTS]);
+        for i in 0..steps {
+            let z = -1.0 + (i as f64 + 0.5) * 2.0 / steps as f64;
+            for j in 0..steps {
+                let (s, c) = (std::f64::consts::TAU * j as f64 / steps as f64).sin_cos();
+                let r = (1.0 - z * z).sqrt();
+                let y = basis(DVec3::new(r * c, r * s, z));
+                for a in 0..COEFFICIENTS {
+                    for b in 0..COEFFICIENTS {
+                        gram[a][b] += y[a] * y[b] * 4.0 * std::f64::consts::PI / f64::from(steps * steps);
+                    }
+                }
+            }
+        }
+        for a in 0..COEFFICIENTS {
+            for b in 0..COEFFICIENTS {
+                let expected = f64::from(u8::from(a == b));
+                assert!((gram[a][b] - expected).abs() < 5e-3, "<{a}, {b}> = {}", gram[a][b]);
+            }
+        }
+    }
+}
