@@ -1,0 +1,260 @@
+//! The forward pass on the device, against golden pictures, another engine and the float64 twin.
+
+mod common;
+mod golden;
+mod synthetic;
+
+use common::{device, finish};
+use glam::{DMat3, DVec2, DVec3};
+use golden::{Case, floats, shared};
+use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gpu::Device;
+use qirf_vk::reference;
+use qirf_vk::render::{Culling, Image, Renderer, Settings};
+use qirf_vk::scene::camera::Camera;
+use safetensors::SafeTensors;
+use synthetic::Random;
+
+/// Renders one picture with a renderer of its own.
+fn render(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Image {
+    let resident = Resident::upload(device, model).unwrap();
+    let mut renderer = Renderer::new(device, settings, model.len(), camera.width, camera.height).unwrap();
+    renderer.render(&resident, camera).unwrap()
+}
+
+/// Mean error, share beyond 1e-4, largest error.
+fn errors(got: impl Iterator<Item = f32>, expected: &[f64]) -> (f64, f64, f64) {
+    let (mut sum, mut beyond, mut largest, mut n) = (0.0, 0, 0_f64, 0);
+    for (g, e) in got.zip(expected) {
+        let error = (f64::from(g) - e).abs();
+        sum += error;
+        beyond += usize::from(error > 1e-4);
+        largest = largest.max(error);
+        n += 1;
+    }
+    assert_eq!(n, expected.len());
+    (sum / n as f64, beyond as f64 / n as f64, largest)
+}
+
+#[test]
+fn golden_pictures() {
+    let Some(shared) = shared() else { return };
+    let device = device();
+    for case in Case::all(&shared) {
+        let settings = Settings {
+            background: case.settings.background.map(|v| v as f32),
+            antialias: case.settings.antialias,
+            ..Settings::default()
+        };
+        for (v, camera) in case.views.iter().enumerate() {
+            let image = render(&device, &case.model, camera, settings);
+            let rgb = image.pixels.iter().flat_map(|p| p[..3].to_vec());
+            let alpha = image.pixels.iter().map(|p| p[3]);
+            for (what, (mean, share, largest)) in [
+                ("image", errors(rgb, &case.expected_view("images", v))),
+                ("alpha", errors(alpha, &case.expected_view("alphas", v))),
+            ] {
+                println!(
+                    "{} view {v} {what}: mean {mean:.2e}, beyond 1e-4 {share:.1e}, largest {largest:.1e}",
+                    case.name
+                );
+                // A contribution that float32 puts on the other side of 1/255 moves a pixel by up to 4e-3; nothing else may.
+                assert!(mean < 5e-6 && share <= 2e-4 && largest < 8e-3, "{} view {v} {what}", case.name);
+            }
+        }
+    }
+    finish(&device);
+}
+
+#[test]
+fn another_engines_picture() {
+    let Some(shared) = shared() else { return };
+    let device = device();
+    for name in ["tiny", "basic"] {
+        let path = shared.join(format!("fixtures/gsplat-cuda-gradients/{name}_case.safetensors"));
+        let bytes = std::fs::read(path).expect("fixture");
+        let file = SafeTensors::deserialize(&bytes).expect("safetensors");
+        let get = |key: &str| floats(file.tensor(key).expect(key).data());
+        let narrow = |v: &[f64]| v.iter().map(|x| *x as f32).collect::<Vec<_>>();
+        let rows3 = |key: &str| narrow(&get(key)).chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect::<Vec<_>>();
+        let coefficients = narrow(&get("coeffs"));
+        let band = |l: usize| {
+            coefficients.chunks_exact(48).flat_map(|c| c[l * l * 3..(l + 1) * (l + 1) * 3].to_vec()).collect()
+        };
+        let model = Gaussians {
+            means: rows3("means"),
+            log_scales: rows3("scales"),
+            rotations: narrow(&get("quats")).chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]).collect(),
+            opacity_logits: narrow(&get("opacities")),
+            sh: (0..4).map(band).collect(),
+        };
+        let shape = file.tensor("out_img").expect("out_img").shape().to_vec();
+        let (height, width) = (shape[0] as u32, shape[1] as u32);
+        let camera = Camera {
+            rotation: DMat3::IDENTITY,
+            translation: -DVec3::new(0.123, 0.456, -8.0),
+            focal: DVec2::splat(f64::from(width) / 2.0),
+            principal: DVec2::new(f64::from(width), f64::from(height)) / 2.0,
+            width,
+            height,
+        };
+        let image = render(&device, &model, &camera, Settings { near: 0.01, ..Settings::default() });
+        let expected = get("out_img");
+        let channels = shape[2];
+        let got = image.pixels.iter().flat_map(|p| p[..channels].to_vec());
+        let (mean, _, largest) = errors(got, &expected);
+        println!("{name}: mean {mean:.1e}, largest {largest:.1e}");
+        assert!(largest < 1e-4, "{name}");
+    }
+    finish(&device);
+}
+
+/// Gaussians of many shapes before a camera: needles, discs, dust, some behind it, some covering the picture.
+fn crowd(n: usize, seed: u64) -> Gaussians {
+    let mut r = Random(seed);
+    let mut model = Gaussians { sh: vec![Vec::new(), Vec::new()], ..Gaussians::default() };
+    for i in 0..n {
+        let size = if i % 97 == 0 { 1.0 } else { -2.5 };
+        model.means.push([0, 1, 2].map(|_| r.within(-2.0, 2.0) as f32));
+        model.log_scales.push([0, 1, 2].map(|_| (r.within(-4.0, 1.0) + size) as f32));
+        model.rotations.push([0, 1, 2, 3].map(|_| r.within(-1.0, 1.0) as f32));
+        model.opacity_logits.push(r.within(-6.0, 6.0) as f32);
+        model.sh[0].extend([0, 1, 2].map(|_| r.within(-1.0, 2.0) as f32));
+        model.sh[1].extend([0; 9].map(|_| r.within(-0.3, 0.3) as f32));
+    }
+    model
+}
+
+fn camera(width: u32, height: u32) -> Camera {
+    Camera::look_at(DVec3::new(0.5, -0.7, -3.0), DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
+}
+
+#[test]
+fn culling_loses_nothing_and_pictures_repeat_to_the_bit() {
+    let device = device();
+    let model = crowd(3000, 11);
+    for (width, height) in [(173, 99), (64, 64), (17, 3), (1, 1)] {
+        let camera = camera(width, height);
+        let with = |culling| render(&device, &model, &camera, Settings { culling, ..Settings::default() });
+        let all = with(Culling::Off);
+        assert!(width < 60 || all.pixels.iter().any(|p| p[3] > 0.5));
+        assert_eq!(with(Culling::Exact), all, "{width}x{height}");
+        assert_eq!(with(Culling::Box), all, "{width}x{height}");
+        assert_eq!(with(Culling::Off), all, "{width}x{height}");
+    }
+    finish(&device);
+}
+
+#[test]
+fn the_twin_agrees_at_any_size() {
+    let device = device();
+    let model = crowd(400, 5);
+    let params = reference::Params::from(&model);
+    for (width, height) in [(1, 1), (17, 3), (90, 61), (4096, 16), (65_537 * 8, 1)] {
+        let camera = camera(width, height);
+        // The widest has more tiles than a dispatch has groups in one dimension; only its ends are compared.
+        let image = render(&device, &model, &camera, Settings::default());
+        let expected = reference::render(&params, &camera, &reference::Settings::default()).composite;
+        let got = image.pixels.iter().flat_map(|p| p[..3].to_vec());
+        let (mean, share, largest) = errors(got, expected.image.as_flattened());
+        println!("{width}x{height}: mean {mean:.1e}, beyond 1e-4 {share:.1e}, largest {largest:.1e}");
+        assert!(mean < 5e-6 && largest < 8e-3, "{width}x{height}");
+    }
+    finish(&device);
+}
+
+#[test]
+fn hard_gaussians_stay_finite() {
+    let device = device();
+    let mut model = Gaussians { sh: vec![Vec::new()], ..Gaussians::default() };
+    let mut add = |mean: [f32; 3], log_scale: [f32; 3], rotation: [f32; 4], logit: f32| {
+        model.means.push(mean);
+        model.log_scales.push(log_scale);
+        model.rotations.push(rotation);
+        model.opacity_logits.push(logit);
+        model.sh[0].extend([1.0, 0.5, 0.0]);
+    };
+    let upright = [1.0, 0.0, 0.0, 0.0];
+    for z in [-5.0, 0.0, 0.199, 0.2, 0.2000001, 0.21, 1e6] {
+        add([0.0, 0.0, z], [-3.0; 3], upright, 1.0);
+    }
+    for s in [-30.0, -13.8, 0.0, 10.0, 20.0, 60.0] {
+        add([0.1, 0.1, 3.0], [s; 3], upright, -2.0);
+        add([0.1, 0.1, 3.0], [s, -13.8, -2.0], [0.3, 0.5, -0.2, 0.1], -2.0);
+    }
+    for q in [[0.0; 4], [1e-20; 4], [1e20; 4], [-1.0, 0.0, 0.0, 0.0], [1e-7, 0.0, 0.0, 0.0], [f32::MAX, 0.0, 0.0, 1.0]]
+    {
+        add([0.0, 0.0, 2.0], [-2.0; 3], q, 0.0);
+    }
+    for logit in [f32::NEG_INFINITY, f32::INFINITY, 40.0, -40.0, f32::NAN] {
+        add([0.0, 0.1, 2.0], [-2.0; 3], upright, logit);
+    }
+    for mean in [[f32::NAN, 0.0, 2.0], [f32::INFINITY, 0.0, 2.0], [0.0, 0.0, f32::INFINITY], [1e30, 0.0, 2.0]] {
+        add(mean, [-2.0; 3], upright, 1.0);
+    }
+    let camera = Camera {
+        rotation: DMat3::IDENTITY,
+        translation: DVec3::ZERO,
+        focal: DVec2::splat(40.0),
+        principal: DVec2::splat(16.0),
+        width: 32,
+        height: 32,
+    };
+    let image = render(&device, &model, &camera, Settings::default());
+    assert!(image.pixels.as_flattened().iter().all(|v| v.is_finite()));
+    assert!(image.pixels.iter().all(|p| (0.0..=1.0).contains(&p[3])));
+    finish(&device);
+}
+
+#[test]
+fn deep_stacks_are_not_cut() {
+    let device = device();
+    // 100,000 faint layers in one tile: each passes the 1/255 test, and blending must walk far into them.
+    let n = 100_000;
+    let model = Gaussians {
+        means: (0..n).map(|i| [0.0, 0.0, 2.0 + i as f32 * 1e-5]).collect(),
+        log_scales: vec![[-1.0; 3]; n],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
+        opacity_logits: vec![-5.5; n],
+        sh: vec![(0..n).flat_map(|i| [i as f32 / n as f32, 0.2, 0.0]).collect()],
+    };
+    let camera = Camera {
+        rotation: DMat3::IDENTITY,
+        translation: DVec3::ZERO,
+        focal: DVec2::splat(8.0),
+        principal: DVec2::splat(2.0),
+        width: 4,
+        height: 4,
+    };
+    let image = render(&device, &model, &camera, Settings { stop: 0.0, ..Settings::default() });
+    let settings = reference::Settings { transmittance_stop: 0.0, ..reference::Settings::default() };
+    let expected = reference::render(&reference::Params::from(&model), &camera, &settings).composite;
+    let (mean, _, largest) = errors(image.pixels.iter().flat_map(|p| p[..3].to_vec()), expected.image.as_flattened());
+    println!("deep: mean {mean:.1e}, largest {largest:.1e}");
+    assert!(largest < 1e-4);
+
+    // 10,000 coincident Gaussians at one depth: ties keep the order of the model.
+    let tie = Gaussians {
+        means: vec![[0.0, 0.0, 2.0]; 10_000],
+        log_scales: vec![[-1.0; 3]; 10_000],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; 10_000],
+        opacity_logits: vec![0.0; 10_000],
+        sh: vec![(0..10_000).flat_map(|i| [if i == 0 { 1.0 } else { -1.0 }, 0.0, 0.0]).collect()],
+    };
+    let image = render(&device, &tie, &camera, Settings::default());
+    let expected =
+        reference::render(&reference::Params::from(&tie), &camera, &reference::Settings::default()).composite;
+    let (_, _, largest) = errors(image.pixels.iter().flat_map(|p| p[..3].to_vec()), expected.image.as_flattened());
+    assert!(largest < 1e-5);
+    finish(&device);
+}
+
+#[test]
+fn an_empty_model_shows_the_background() {
+    let device = device();
+    let empty = Gaussians { sh: vec![Vec::new()], ..Gaussians::default() };
+    let settings = Settings { background: [0.25, 0.5, 0.75], ..Settings::default() };
+    let image = render(&device, &empty, &camera(20, 10), settings);
+    assert!(image.pixels.iter().all(|p| *p == [0.25, 0.5, 0.75, 0.0]));
+    finish(&device);
+}
