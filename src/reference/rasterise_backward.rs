@@ -24,7 +24,7 @@ pub const LEAST_REST: f64 = 1e-6;
 
 /// Sums over one Gaussian's pixels, with h = alpha dL/dalpha (zero where alpha is clamped) and d the offset in pixels.
 ///
-/// In float32 rather sum moments of (t, dy) = L d, L = [1, -xy/yy; 0, 1]: conic = L^T D L with D = diag(yy/det, 1/yy), so
+/// In float32 rather sum moments of (t, dy) = L d, L having rows (1, -xy/yy), (0, 1): conic = L^T D L with D = diag(yy/det, 1/yy), so
 /// dL/dmean2D = L^T D (sum h L d) and dL/dcovariance2D = 1/2 L^T D (sum h L d d^T L^T) D L lose less to cancellation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
