@@ -26,7 +26,23 @@ pub struct Image {
 pub(super) struct Shape {
     pub settings: Settings,
     pub tile: u32,
+    /// Invocations that walk one tile.
+    pub workgroup: u32,
+    /// Splats staged in shared memory at a time; 0 for none.
     pub batch: u32,
+}
+
+impl Shape {
+    fn new(device: &Device, settings: Settings) -> Self {
+        let info = device.info();
+        let tile = tile_size(info);
+        if info.kind == "cpu" {
+            // One subgroup walks a tile, its pixels in registers: no barriers, and a splat is read once.
+            Self { settings, tile, workgroup: info.subgroup_size, batch: 0 }
+        } else {
+            Self { settings, tile, workgroup: tile * tile, batch: tile * tile }
+        }
+    }
 }
 
 /// Intermediate arrays of one frame.
@@ -106,9 +122,8 @@ impl Renderer {
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device, settings: Settings, gaussians: usize, width: u32, height: u32) -> Result<Self> {
-        let tile = tile_size(device.info());
-        let batch = if device.info().kind == "cpu" { 0 } else { tile * tile };
-        let shape = Shape { settings, tile, batch };
+        let shape = Shape::new(device, settings);
+        let tile = shape.tile;
         let pairs = (gaussians as u32).saturating_mul(4).max(1 << 14);
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs)?;
