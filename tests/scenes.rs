@@ -124,6 +124,29 @@ fn nerfstudio_splits_intrinsics_and_points() {
 }
 
 #[test]
+fn transforms_find_other_photo_folders_and_masks() {
+    let scene = tempfile::tempdir().unwrap();
+    let top = r#""fl_x": 50, "w": 64, "h": 48"#;
+    let frames = transforms(top, &["images/a.png", ".\\\\images\\\\b.png"]);
+    let frames = String::from_utf8(frames).unwrap().replacen("\"file", "\"mask_path\": \"own.png\", \"file", 1);
+    write(scene.path(), [("transforms.json", frames.into_bytes())]);
+    picture(&scene.path().join("own.png"), 64, 48);
+    picture(&scene.path().join("masks/b.png"), 64, 48);
+    picture(&scene.path().join("images_2/a.png"), 32, 24);
+    picture(&scene.path().join("images_2/b.png"), 32, 24);
+    let mut opened = open_images(scene.path(), "images_2").unwrap();
+    opened.require_photos().unwrap();
+    let names: Vec<_> = opened.views.iter().map(|v| v.name.as_str()).collect();
+    assert_eq!(names, ["images/a.png", "images/b.png"]);
+    assert!(opened.views.iter().all(|v| v.camera.width == 32 && v.camera.focal.x == 25.0));
+    let masks: Vec<_> = opened.views.iter().map(|v| v.mask.clone().unwrap()).collect();
+    assert_eq!(masks, [scene.path().join("own.png"), scene.path().join("masks/b.png")]);
+    assert_eq!(opened.views[0].load_photo(Resize::Full).unwrap().mask.unwrap().len(), 32 * 24);
+    // A file within the folder that is no part of the scene is not the scene.
+    says(&message(open(&scene.path().join("own.png"))), &["holds no scene"]);
+}
+
+#[test]
 fn every_eighth_view_is_test() {
     let names: Vec<String> = (0..17).map(|i| format!("v{i:02}.png")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();

@@ -260,6 +260,16 @@ impl Lens {
         Ok(self)
     }
 
+    /// All numbers of the lens, as bits: equal lenses have equal keys.
+    pub(crate) fn key(&self) -> Vec<u64> {
+        let d = &self.distortion;
+        let flags =
+            [f64::from(self.width), f64::from(self.height), self.model as i32 as f64, f64::from(u8::from(d.fisheye))];
+        let lengths = self.focal.to_array().into_iter().chain(self.principal.to_array());
+        let bends = d.radial.into_iter().chain(d.denominator).chain(d.tangential).chain(d.prism);
+        flags.into_iter().chain(lengths).chain(bends).map(f64::to_bits).collect()
+    }
+
     /// The same lens on an image of another size; distortion does not depend on the size.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {

@@ -6,7 +6,11 @@ use glam::{DMat3, DVec3};
 
 use super::Error;
 use super::camera::Camera;
-use super::lens::{Lens, VISIBLE_DISPLACEMENT};
+use super::lens::{Lens, Pinhole};
+
+/// Said of a lens without an ideal pinhole.
+pub(crate) const FOLDED: &str =
+    "the lens's distortion folds the image: no part of it can be undistorted; check the calibration";
 
 /// What the data set says a view is for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -72,16 +76,8 @@ pub struct View {
 }
 
 impl View {
-    /// A view at a pose (world to camera); `undistort` none decides by whether the distortion is visible.
-    ///
-    /// # Errors
-    /// Text that says why, where the distortion leaves no rectangle of the photo whole.
-    pub(crate) fn new(
-        name: String,
-        lens: Lens,
-        pose: (DMat3, DVec3),
-        undistort: Option<bool>,
-    ) -> Result<Self, &'static str> {
+    /// A view at a pose (world to camera), undistorted to `ideal` where that is given.
+    pub(crate) fn new(name: String, lens: Lens, pose: (DMat3, DVec3), ideal: Option<Pinhole>) -> Self {
         let camera = Camera {
             rotation: pose.0,
             translation: pose.1,
@@ -101,8 +97,8 @@ impl View {
             photo_size: None,
             undistorts: false,
         };
-        view.undistort(undistort.unwrap_or_else(|| lens.max_displacement() > VISIBLE_DISPLACEMENT))?;
-        Ok(view)
+        view.put(ideal);
+        view
     }
 
     /// Whether the photo is resampled to an ideal pinhole; if not, it is used as it is.
@@ -115,28 +111,16 @@ impl View {
     /// # Errors
     /// [`Error::Photo`] where the distortion leaves no rectangle of the photo whole.
     pub fn set_undistort(&mut self, on: bool) -> Result<(), Error> {
-        self.undistort(on).map_err(|what| Error::photo(&self.image, what))
+        let ideal = if on { Some(self.lens.ideal().ok_or_else(|| Error::photo(&self.image, FOLDED))?) } else { None };
+        self.put(ideal);
+        Ok(())
     }
 
-    fn undistort(&mut self, on: bool) -> Result<(), &'static str> {
-        let (focal, principal) = if on {
-            let ideal = self.lens.ideal().ok_or(
-                "the lens's distortion folds the image: no part of it can be undistorted; check the calibration",
-            )?;
-            (ideal.focal, ideal.principal)
-        } else {
-            (self.lens.focal, self.lens.principal)
-        };
-        self.camera = Camera {
-            focal,
-            principal,
-            width: self.lens.width,
-            height: self.lens.height,
-            rotation: self.camera.rotation,
-            translation: self.camera.translation,
-        };
-        self.undistorts = on;
-        Ok(())
+    fn put(&mut self, ideal: Option<Pinhole>) {
+        self.undistorts = ideal.is_some();
+        let Pinhole { focal, principal } =
+            ideal.unwrap_or(Pinhole { focal: self.lens.focal, principal: self.lens.principal });
+        (self.camera.focal, self.camera.principal) = (focal, principal);
     }
 
     /// Whether the photo found has the size of the view's lens: where it was found to be of another shape, it has not.

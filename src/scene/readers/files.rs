@@ -82,7 +82,8 @@ pub(super) fn photo_size(path: &Path) -> Option<(u32, u32)> {
     if !path.is_file() {
         return None;
     }
-    image_size(path).ok().filter(|(width, height)| *width > 0 && *height > 0)
+    let possible = |&(width, height): &(u32, u32)| (1..=1 << 30).contains(&(u64::from(width) * u64::from(height)));
+    image_size(path).ok().filter(possible)
 }
 
 /// Reads a whole regular file.

@@ -11,13 +11,14 @@ mod pose;
 mod transforms;
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::lens::Lens;
-use super::view::{Role, View};
+use super::lens::{Lens, Pinhole, VISIBLE_DISPLACEMENT};
+use super::view::{FOLDED, Role, View};
 use super::{Error, OpenOptions, Point, Scene, SceneKind, Skipped};
 
 /// What a scene's own files say.
@@ -58,8 +59,14 @@ const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, 
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
     std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
     let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
         return assemble(transforms::read(folder, path, options)?, options);
+    }
+    let part_of_model =
+        ["cameras", "images", "points3D"].iter().any(|part| path.file_stem().is_some_and(|s| s == *part));
+    if path.is_file() && !part_of_model {
+        return Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR });
     }
     for model in ["", "sparse/0", "sparse"].map(|sub| folder.join(sub)) {
         if colmap::is_model(&model) {
@@ -99,7 +106,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
         return Err(Error::NoViews { path: source, what });
     }
     let numbers: HashMap<u32, u32> = listed.iter().enumerate().map(|(i, v)| (v.id, i as u32)).collect();
-    let views = listed.into_par_iter().map(|v| finish(v, &source, options)).collect::<Result<Vec<_>, _>>()?;
+    let views = finish(listed, &source, options)?;
     let points = listing
         .points
         .into_iter()
@@ -136,20 +143,34 @@ fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -
     Ok(kept)
 }
 
-/// A view at its photo's real size, where a photo is there and has the camera's shape.
-fn finish(listed: ListedView, source: &Path, options: &OpenOptions) -> Result<View, Error> {
-    let photo_size = files::photo_size(&listed.image);
-    let lens = match photo_size {
-        Some((width, height)) if listed.lens.fits(width, height) => listed.lens.resized(width, height),
-        _ => listed.lens,
-    };
-    let record = format!("camera of image {:?}", listed.name);
-    let mut view = View::new(listed.name, lens, listed.pose, options.undistort)
-        .map_err(|what| Error::malformed(source, record, what))?;
-    view.image = listed.image;
-    view.mask = listed.mask;
-    view.camera_id = listed.camera_id;
-    view.role = listed.role;
-    view.photo_size = photo_size;
-    Ok(view)
+/// Views at their photos' real sizes, where a photo is there and has the camera's shape, with their ideal cameras.
+fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Result<Vec<View>, Error> {
+    let sizes: Vec<_> = listed.par_iter().map(|view| files::photo_size(&view.image)).collect();
+    let mut ideals: HashMap<Vec<u64>, Option<Pinhole>> = HashMap::new(); // most scenes have few lenses, and many views
+    let mut views = Vec::with_capacity(listed.len());
+    for (view, photo_size) in listed.into_iter().zip(sizes) {
+        let lens = match photo_size {
+            Some((width, height)) if view.lens.fits(width, height) => view.lens.resized(width, height),
+            _ => view.lens,
+        };
+        let ideal = match ideals.entry(lens.key()) {
+            Entry::Occupied(known) => *known.get(),
+            Entry::Vacant(new) => {
+                let on = options.undistort.unwrap_or_else(|| lens.max_displacement() > VISIBLE_DISPLACEMENT);
+                let ideal = if on { lens.ideal() } else { None };
+                if on && ideal.is_none() {
+                    return Err(Error::malformed(source, format!("camera of image {:?}", view.name), FOLDED));
+                }
+                *new.insert(ideal)
+            }
+        };
+        let mut finished = View::new(view.name, lens, view.pose, ideal);
+        finished.image = view.image;
+        finished.mask = view.mask;
+        finished.camera_id = view.camera_id;
+        finished.role = view.role;
+        finished.photo_size = photo_size;
+        views.push(finished);
+    }
+    Ok(views)
 }

@@ -210,16 +210,8 @@ impl Reader<'_> {
 
     /// Equal lenses share a number.
     fn camera_id(&mut self, lens: &Lens) -> u32 {
-        let d = &lens.distortion;
-        let all = [lens.width as f64, lens.height as f64, f64::from(u8::from(d.fisheye))]
-            .into_iter()
-            .chain(lens.focal.to_array())
-            .chain(lens.principal.to_array())
-            .chain(d.radial)
-            .chain(d.denominator)
-            .chain(d.tangential);
         let next = self.camera_ids.len() as u32;
-        *self.camera_ids.entry(all.map(f64::to_bits).collect()).or_insert(next)
+        *self.camera_ids.entry(lens.key()).or_insert(next)
     }
 }
 
