@@ -72,7 +72,7 @@ void main() {
 
     if (BATCH == 0) {
         for (uint n = start; n < end && !done(); n++) {
-            uint i = subgroupBroadcastFirst(owners[slots[subgroupBroadcastFirst(n)]]);
+            uint i = owners[slots[n]];
             blend(geometry[i], shape[i], colour[i]);
         }
     } else {
