@@ -6,3 +6,4 @@
 pub mod gaussians;
 pub mod reference;
 pub mod scene;
+pub mod synth;
