@@ -1,14 +1,15 @@
 //! A bounding-volume hierarchy over the solids: few hundred solids, tens of millions of rays.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 use super::geometry::{Ray, Solid};
 
 const LEAF: usize = 2;
 
 struct Node {
-    low: Vec3,
-    high: Vec3,
+    /// Corners, in the form that SIMD takes.
+    low: Vec3A,
+    high: Vec3A,
     /// First solid of a leaf; index of the right child of an inner node (the left child comes next).
     first: u32,
     /// Solids in a leaf; 0 marks an inner node.
@@ -43,10 +44,15 @@ impl Bvh {
         }
         let here = self.nodes.len();
         if end - begin <= LEAF {
-            self.nodes.push(Node { low, high, first: begin as u32, count: (end - begin) as u32 });
+            self.nodes.push(Node {
+                low: low.into(),
+                high: high.into(),
+                first: begin as u32,
+                count: (end - begin) as u32,
+            });
             return;
         }
-        self.nodes.push(Node { low, high, first: 0, count: 0 });
+        self.nodes.push(Node { low: low.into(), high: high.into(), first: 0, count: 0 });
         let axis = (last - first).max_position();
         let half = (end - begin) / 2;
         self.order[begin..end].sort_unstable_by(|a, b| middle(a)[axis].total_cmp(&middle(b)[axis]).then(a.cmp(b)));
@@ -85,10 +91,10 @@ impl Bvh {
         if self.nodes.is_empty() {
             return;
         }
-        let inverse = ray.direction.recip();
+        let (origin, inverse) = (Vec3A::from(ray.origin), Vec3A::from(ray.direction.recip()));
         let enter = |n: u32, limit: f32| {
             let node = &self.nodes[n as usize];
-            let (a, b) = ((node.low - ray.origin) * inverse, (node.high - ray.origin) * inverse);
+            let (a, b) = ((node.low - origin) * inverse, (node.high - origin) * inverse);
             let (near, far) = (a.min(b).max_element().max(0.0), a.max(b).min_element());
             (near <= far && near < limit).then_some(near)
         };
