@@ -21,7 +21,7 @@ const DISTANCE: f64 = 9.2;
 /// Field of view of the shorter side in degrees.
 const FIELD: f64 = 26.0;
 /// Distances of the near, middle and far cameras of [`Effect::Scales`].
-const SCALES: [f64; 3] = [0.5, 1.0, 2.0];
+const SCALES: [f64; 3] = [0.45, 1.0, 2.2];
 
 /// Moves the corners of a picture inwards by about 7 pixels of 240.
 pub(super) const OPENCV: Lens = Lens::OpenCv { k1: -0.2, k2: 0.05, p1: 0.005, p2: -0.004 };
