@@ -15,3 +15,4 @@ pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod train;
+pub mod synth;

@@ -14,11 +14,11 @@ layout(constant_id = 2) const uint PHASE = 0;
 // What a photo's fourth byte means: 0 nothing, 1 opacity, the photo lying over the background.
 layout(constant_id = 3) const uint ALPHA = 0;
 
-layout(binding = 0, std430) readonly buffer Image { vec4 image[]; };
+layout(binding = 0, std430) readonly buffer Image { float image[]; }; // RGBA
 layout(binding = 1, std430) readonly buffer Photo { uint photo[]; }; // RGBA, 8 bits each
 layout(binding = 2, std430) buffer Means { float means[]; };       // 5 planes of 3 channels
 layout(binding = 3, std430) buffer Partials { float partials[]; }; // 6 planes of 3 channels: partials, then their columns
-layout(binding = 4, std430) buffer Gradient { vec4 gradient[]; };
+layout(binding = 4, std430) writeonly buffer Gradient { float gradient[]; }; // by RGBA
 layout(binding = 5, std430) buffer Terms { vec4 terms[]; };        // by run: sums of |x - y|, s, (x - y)^2, 0
 layout(push_constant) uniform Push {
     vec4 background;
@@ -37,7 +37,7 @@ const float C2 = 9e-4;
 const float WINDOW[11] = float[](0.0010283801, 0.0075987581, 0.0360007721, 0.1093606895, 0.2130055377, 0.2660117249,
                                  0.2130055377, 0.1093606895, 0.0360007721, 0.0075987581, 0.0010283801);
 
-float rendered(uint pixel, uint channel) { return image[pixel][channel]; }
+float rendered(uint pixel, uint channel) { return image[4 * pixel + channel]; }
 
 float truth(uint pixel, uint channel) {
     uint word = photo[pixel];
@@ -166,8 +166,8 @@ void rows_and_gradient(Run r) {
             uint pixel = r.line * width + r.start + o;
             float x = rendered(pixel, r.channel), y = truth(pixel, r.channel);
             float by_ssim = sums[0][o] + 2 * x * sums[1][o] + y * sums[2][o];
-            gradient[pixel][r.channel] = l1 * sign(x - y) - ssim * by_ssim + 2 * l2 * (x - y);
-            if (r.channel == 0) gradient[pixel].w = 0;
+            gradient[4 * pixel + r.channel] = l1 * sign(x - y) - ssim * by_ssim + 2 * l2 * (x - y);
+            if (r.channel == 0) gradient[4 * pixel + 3] = 0;
         }
     }
 }

@@ -69,11 +69,11 @@ impl Loss {
         for phase in 0..4 {
             let (lines, length) = if phase % 2 == 0 { (width, height) } else { (height, width) };
             let kernel = Kernel {
-                image,
+                image: &image.cast(),
                 photo,
                 means: &self.means,
                 partials: &self.partials,
-                gradient: &self.gradient,
+                gradient: &self.gradient.cast(),
                 terms: &self.terms,
                 push: LossPush {
                     background: [r, g, b, 0.0],
