@@ -10,6 +10,7 @@ pub mod kernels;
 pub mod primitives;
 
 pub mod gaussians;
+pub mod metrics;
 pub mod reference;
 pub mod render;
 pub mod scene;
