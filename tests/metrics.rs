@@ -109,7 +109,8 @@ fn hard_images() {
         let count = width * height * 3;
         let pictures = [vec![0.0; count], vec![1.0; count], vec![f32::NAN; count], picture(width, height, 3)];
         for (i, a) in pictures.iter().enumerate() {
-            for (j, b) in pictures.iter().enumerate() {
+            // Against itself and against the picture that is not flat.
+            for (j, b) in pictures.iter().enumerate().filter(|&(j, _)| j == i || j == 3) {
                 let (a, b) = (Image::new(width, height, a).unwrap(), Image::new(width, height, b).unwrap());
                 let scores = metrics::evaluate(&a, &b, &networks).unwrap();
                 let lpips = [scores.lpips_vgg, scores.lpips_vgg_normalized, scores.lpips_alex];
