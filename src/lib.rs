@@ -10,10 +10,10 @@ pub mod kernels;
 pub mod primitives;
 
 pub mod gaussians;
-pub mod random;
 pub mod metrics;
+pub mod random;
 pub mod reference;
 pub mod render;
 pub mod scene;
-pub mod train;
 pub mod synth;
+pub mod train;
