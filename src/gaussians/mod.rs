@@ -1,6 +1,11 @@
 //! The model: Gaussians as stored, on the host.
 
+mod edit;
+mod error;
+pub mod formats;
 pub mod resident;
+
+pub use error::Error;
 
 /// Highest spherical-harmonics degree that the engine knows.
 pub const MAX_SH_DEGREE: usize = 3;

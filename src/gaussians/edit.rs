@@ -1,0 +1,134 @@
+//! Whole-model helpers: allocation, selection, bounds, consistency.
+
+use super::{Error, Gaussians, MAX_SH_DEGREE};
+
+impl Gaussians {
+    /// A model of `n` Gaussians of SH degree `degree`, every stored value zero.
+    pub fn zeroed(n: usize, degree: usize) -> Self {
+        Self {
+            means: vec![[0.0; 3]; n],
+            log_scales: vec![[0.0; 3]; n],
+            rotations: vec![[0.0; 4]; n],
+            opacity_logits: vec![0.0; n],
+            sh: (0..=degree).map(|l| vec![0.0; n * Self::band_width(l)]).collect(),
+        }
+    }
+
+    /// The Gaussians at `indices`, in that order; an index may occur more than once.
+    ///
+    /// # Panics
+    /// If an index is not below [`Gaussians::len`], as slice indexing does.
+    #[must_use]
+    pub fn select(&self, indices: &[usize]) -> Self {
+        let band = |l: usize, values: &[f32]| {
+            let width = Self::band_width(l);
+            indices.iter().flat_map(|&i| &values[i * width..(i + 1) * width]).copied().collect()
+        };
+        Self {
+            means: indices.iter().map(|&i| self.means[i]).collect(),
+            log_scales: indices.iter().map(|&i| self.log_scales[i]).collect(),
+            rotations: indices.iter().map(|&i| self.rotations[i]).collect(),
+            opacity_logits: indices.iter().map(|&i| self.opacity_logits[i]).collect(),
+            sh: self.sh.iter().enumerate().map(|(l, values)| band(l, values)).collect(),
+        }
+    }
+
+    /// Keeps the Gaussians whose index `keep` approves, in their order.
+    pub fn retain(&mut self, keep: impl FnMut(&usize) -> bool) {
+        let kept: Vec<usize> = (0..self.len()).filter(keep).collect();
+        if kept.len() < self.len() {
+            *self = self.select(&kept);
+        }
+    }
+
+    /// Least and greatest coordinates of the finite centres in world units; `None` if there are none.
+    pub fn bounds(&self) -> Option<([f32; 3], [f32; 3])> {
+        let mut finite = self.means.iter().filter(|mean| mean.iter().all(|x| x.is_finite()));
+        let first = *finite.next()?;
+        Some(finite.fold((first, first), |(mut low, mut high), mean| {
+            for axis in 0..3 {
+                low[axis] = low[axis].min(mean[axis]);
+                high[axis] = high[axis].max(mean[axis]);
+            }
+            (low, high)
+        }))
+    }
+
+    /// Checks that all arrays have one length and that the SH degree is at most [`MAX_SH_DEGREE`].
+    ///
+    /// # Errors
+    /// [`Error::Inconsistent`] names the array that differs. A default (empty) model without any band passes.
+    pub fn validate(&self) -> Result<(), Error> {
+        let n = self.len();
+        let differs = |name: String, length: usize, expected: usize| {
+            Err(Error::Inconsistent {
+                what: format!("{name} has {length} entries, {expected} expected for {n} Gaussians"),
+            })
+        };
+        if self.log_scales.len() != n {
+            return differs("log_scales".into(), self.log_scales.len(), n);
+        }
+        if self.rotations.len() != n {
+            return differs("rotations".into(), self.rotations.len(), n);
+        }
+        if self.opacity_logits.len() != n {
+            return differs("opacity_logits".into(), self.opacity_logits.len(), n);
+        }
+        if self.sh.len() > MAX_SH_DEGREE + 1 || (self.sh.is_empty() && n > 0) {
+            return Err(Error::Inconsistent {
+                what: format!("{} SH bands, 1 to {} expected", self.sh.len(), MAX_SH_DEGREE + 1),
+            });
+        }
+        for (l, band) in self.sh.iter().enumerate() {
+            if band.len() != n * Self::band_width(l) {
+                return differs(format!("SH band {l}"), band.len(), n * Self::band_width(l));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn three() -> Gaussians {
+        let mut model = Gaussians::zeroed(3, 1);
+        for i in 0..3 {
+            model.means[i] = [i as f32, -(i as f32), 0.0];
+            model.opacity_logits[i] = i as f32;
+        }
+        for (i, value) in model.sh[1].iter_mut().enumerate() {
+            *value = i as f32;
+        }
+        model
+    }
+
+    #[test]
+    fn selection_carries_every_array() {
+        let picked = three().select(&[2, 0]);
+        assert_eq!(picked.means, [[2.0, -2.0, 0.0], [0.0, 0.0, 0.0]]);
+        assert_eq!(picked.opacity_logits, [2.0, 0.0]);
+        assert_eq!(picked.sh[1][..9], three().sh[1][18..27]);
+        assert!(picked.validate().is_ok());
+        let mut rest = three();
+        rest.retain(|&i| i != 1);
+        assert_eq!(rest, three().select(&[0, 2]));
+    }
+
+    #[test]
+    fn bounds_ignore_what_is_not_finite() {
+        let mut model = three();
+        model.means[1][0] = f32::NAN;
+        assert_eq!(model.bounds(), Some(([0.0, -2.0, 0.0], [2.0, 0.0, 0.0])));
+        assert_eq!(Gaussians::default().bounds(), None);
+    }
+
+    #[test]
+    fn validation_names_the_array() {
+        let mut model = three();
+        model.sh[1].pop();
+        assert!(model.validate().unwrap_err().to_string().contains("SH band 1 has 26 entries"));
+        assert!(Gaussians::default().validate().is_ok());
+    }
+}

@@ -1,0 +1,47 @@
+//! The floor's one error type.
+
+use std::io;
+use std::path::PathBuf;
+
+/// What can go wrong with a model or its file.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The operating system refused to read or write.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The file's content contradicts its format.
+    #[error("{}: {record}: {what}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// The element, row, stream or field, with its byte offset where there is one.
+        record: String,
+        /// What was wrong, then what to do.
+        what: String,
+    },
+    /// The file or the request is legal, but this program does not handle it.
+    #[error("{}: {what}", path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// What is not handled, then what to do.
+        what: String,
+    },
+    /// Writing would replace the file that the model was read from.
+    #[error("{}: this is the input file itself; give the output another name", path.display())]
+    SameFile {
+        /// The output path.
+        path: PathBuf,
+    },
+    /// The arrays of a model disagree in length.
+    #[error("inconsistent model: {what}")]
+    Inconsistent {
+        /// Which array, its length, the length expected.
+        what: String,
+    },
+}

@@ -1,0 +1,96 @@
+//! Little-endian fields and the quantities that several formats store alike.
+
+/// The zeroth real spherical harmonic, 1 / (2 sqrt(pi)).
+pub(super) const SH_C0: f32 = 0.282_094_79;
+
+/// The `N` bytes at `offset`, or `None` past the end.
+pub(super) fn field<const N: usize>(bytes: &[u8], offset: usize) -> Option<[u8; N]> {
+    bytes.get(offset..offset.checked_add(N)?)?.try_into().ok()
+}
+
+/// The little-endian u16 at `offset`.
+pub(super) fn u16_at(bytes: &[u8], offset: usize) -> Option<u16> {
+    field(bytes, offset).map(u16::from_le_bytes)
+}
+
+/// The little-endian u32 at `offset`.
+pub(super) fn u32_at(bytes: &[u8], offset: usize) -> Option<u32> {
+    field(bytes, offset).map(u32::from_le_bytes)
+}
+
+/// The little-endian u64 at `offset`.
+pub(super) fn u64_at(bytes: &[u8], offset: usize) -> Option<u64> {
+    field(bytes, offset).map(u64::from_le_bytes)
+}
+
+/// The little-endian f32 at `offset`.
+pub(super) fn f32_at(bytes: &[u8], offset: usize) -> Option<f32> {
+    field(bytes, offset).map(f32::from_le_bytes)
+}
+
+/// An IEEE 754 half as f32, exactly.
+pub(super) fn half(bits: u16) -> f32 {
+    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
+    let exponent = i32::from(bits >> 10 & 31);
+    let fraction = f32::from(bits & 0x3ff);
+    sign * match exponent {
+        0 => fraction * 2f32.powi(-24),
+        31 if fraction == 0.0 => f32::INFINITY,
+        31 => f32::NAN,
+        _ => (1.0 + fraction / 1024.0) * 2f32.powi(exponent - 15),
+    }
+}
+
+/// The logit of an 8-bit opacity; 0 and 255 give infinities, which the common repairs clamp and count.
+pub(super) fn logit_of_byte(alpha: u8) -> f32 {
+    (f32::from(alpha) / f32::from(255 - alpha)).ln()
+}
+
+/// The zeroth SH coefficient of a colour in [0, 1].
+pub(super) fn sh0_of_colour(colour: f32) -> f32 {
+    (colour - 0.5) / SH_C0
+}
+
+/// A quaternion from its three smaller components in order and the index of the greatest, which is taken positive.
+pub(super) fn from_smallest_three(smaller: [f32; 3], greatest: usize) -> [f32; 4] {
+    let mut q = [0.0; 4];
+    let mut rest = smaller.into_iter();
+    for (i, component) in q.iter_mut().enumerate() {
+        if i != greatest {
+            *component = rest.next().unwrap_or(0.0);
+        }
+    }
+    // Quantised components of a damaged file may exceed unit length.
+    q[greatest & 3] = (1.0 - smaller.iter().map(|x| x * x).sum::<f32>()).max(0.0).sqrt();
+    q
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves() {
+        let cases =
+            [(0x3c00, 1.0), (0xc000, -2.0), (0x0001, 5.960_464_5e-8), (0x7bff, 65504.0), (0x3555, 0.333_251_95)];
+        for (bits, value) in cases {
+            assert_eq!(half(bits), value);
+        }
+        assert_eq!(half(0xfc00), f32::NEG_INFINITY);
+        assert!(half(0x7e00).is_nan());
+    }
+
+    #[test]
+    fn smallest_three_is_unit_and_in_order() {
+        assert_eq!(from_smallest_three([0.0, 0.6, 0.0], 0), [0.8, 0.0, 0.6, 0.0]);
+        assert_eq!(from_smallest_three([0.1, 0.2, 0.3], 3)[..3], [0.1, 0.2, 0.3]);
+        assert!(from_smallest_three([0.7, 0.7, 0.7], 1)[1] == 0.0);
+    }
+
+    #[test]
+    fn opacity_bytes() {
+        assert_eq!(logit_of_byte(0), f32::NEG_INFINITY);
+        assert_eq!(logit_of_byte(255), f32::INFINITY);
+        assert!((logit_of_byte(204) - 4f32.ln()).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,148 @@
+//! Readers and writers of model files.
+//!
+//! Read: standard 3DGS PLY, PlayCanvas compressed PLY, SPZ 1 to 4, antimatter15 `.splat`, mkkellogg `.ksplat`, SOG 1
+//! and 2 (folder or bundle). Written: PLY and SPZ. Every reader sees one slice of bytes, checks counts against its
+//! length before it allocates, and never panics.
+
+mod bytes;
+mod fault;
+mod ksplat;
+mod output;
+mod ply;
+mod repairs;
+mod sog;
+mod splat;
+mod spz;
+
+use std::fmt;
+use std::fs;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::{Error, Gaussians};
+use fault::Fault;
+pub use output::{refuse_overwrite, write_atomically};
+pub use repairs::{LOG_SCALE_FLOOR, OPACITY_LOGIT_LIMIT, Repairs};
+
+/// The kinds of model file that can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Format {
+    /// Standard 3DGS PLY: binary of either byte order, or text.
+    Ply,
+    /// PlayCanvas compressed PLY: chunks of 256 Gaussians.
+    CompressedPly,
+    /// Niantic SPZ, versions 1 to 4.
+    Spz,
+    /// antimatter15 `.splat`: 32 bytes a Gaussian.
+    Splat,
+    /// mkkellogg `.ksplat`.
+    Ksplat,
+    /// PlayCanvas SOG, versions 1 and 2: `meta.json` with WebP textures, in a folder or zipped.
+    Sog,
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ply => "PLY",
+            Self::CompressedPly => "compressed PLY",
+            Self::Spz => "SPZ",
+            Self::Splat => "splat",
+            Self::Ksplat => "ksplat",
+            Self::Sog => "SOG",
+        })
+    }
+}
+
+/// A model as read, with its origin's format and what had to be repaired.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loaded {
+    /// The model: every stored value finite, no zero quaternion.
+    pub gaussians: Gaussians,
+    /// The format found, by content first and by the name's extension second.
+    pub format: Format,
+    /// What was salvaged.
+    pub repairs: Repairs,
+}
+
+/// What one reader hands to the common repairs.
+struct Parsed {
+    gaussians: Gaussians,
+    format: Format,
+    /// Bytes after the last record that no record claims.
+    trailing_bytes: u64,
+}
+
+/// Reads the model at `path`: a file of any [`Format`], a `meta.json`, or a folder that holds one.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Malformed`] or [`Error::Unsupported`], naming file, record and remedy.
+pub fn read(path: &Path) -> Result<Loaded, Error> {
+    let io = |source| Error::Io { path: path.to_owned(), source };
+    let is_folder = fs::metadata(path).map_err(io)?.is_dir();
+    if is_folder || path.file_name().is_some_and(|name| name == "meta.json") {
+        let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
+        return sog::read_folder(folder).map(finish).map_err(|fault| fault.at(path));
+    }
+    let bytes = fs::read(path).map_err(io)?;
+    read_bytes(&bytes, path)
+}
+
+/// Reads a model from a whole file's bytes; `name` serves messages and, where the content does not tell, the format.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
+    let extension = name.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let parsed = match bytes {
+        [b'p', b'l', b'y', b'\r' | b'\n', ..] => ply::read(bytes),
+        [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => spz::read(bytes),
+        [b'P', b'K', 3 | 5, 4 | 6, ..] => sog::read_bundle(bytes),
+        [] => Err(fault::malformed("byte 0", "the file is empty; fetch or export it again")),
+        _ => match extension.as_str() {
+            "ply" => Err(fault::malformed("header", "a PLY file begins with a line `ply`, this one does not; check the file")),
+            "spz" => Err(fault::malformed("header", "neither gzip nor NGSP at byte 0 as SPZ needs; check the file")),
+            "sog" => Err(fault::malformed("header", "a bundled SOG is a zip archive, this is not; check the file")),
+            "splat" => splat::read(bytes),
+            "ksplat" => ksplat::read(bytes),
+            _ => Err(Fault::Unsupported(
+                "not a model file that this program knows; give a .ply, .spz, .splat, .ksplat or .sog file, or a folder \
+                 with a SOG meta.json"
+                    .into(),
+            )),
+        },
+    };
+    parsed.map(finish).map_err(|fault| fault.at(name))
+}
+
+/// Applies the repairs that all formats share.
+fn finish(parsed: Parsed) -> Loaded {
+    let Parsed { mut gaussians, format, trailing_bytes } = parsed;
+    let mut repairs = repairs::repair(&mut gaussians);
+    repairs.trailing_bytes = trailing_bytes;
+    Loaded { gaussians, format, repairs }
+}
+
+/// Writes `gaussians` to `path` as its extension says: `.ply` (bit-exact) or `.spz` (quantised), whole or not at all.
+///
+/// Call [`refuse_overwrite`] first where the model came from a file.
+///
+/// # Errors
+/// [`Error::Unsupported`] for another extension or for what SPZ cannot hold, [`Error::Inconsistent`], [`Error::Io`].
+pub fn write(path: &Path, gaussians: &Gaussians) -> Result<(), Error> {
+    gaussians.validate()?;
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    match extension.as_str() {
+        "ply" => write_atomically(path, |out| ply::write(out, gaussians)),
+        "spz" => {
+            let packed = spz::pack(gaussians).map_err(|fault| fault.at(path))?;
+            write_atomically(path, |out| out.write_all(&packed))
+        }
+        _ => Err(Error::Unsupported {
+            path: path.to_owned(),
+            what: "models are written as .ply or .spz; give the output one of these extensions".into(),
+        }),
+    }
+}

@@ -1,0 +1,123 @@
+//! Files written whole or not at all, and never over their own input.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::Error;
+
+/// Refuses an `output` that is the same file as `input`, whatever links lead to it.
+///
+/// # Errors
+/// [`Error::SameFile`]; [`Error::Io`] if a path that exists cannot be looked at.
+pub fn refuse_overwrite(input: &Path, output: &Path) -> Result<(), Error> {
+    let canonical = |path: &Path| match fs::canonicalize(path) {
+        Ok(real) => Ok(Some(real)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(source) => Err(Error::Io { path: path.to_owned(), source }),
+    };
+    let (Some(from), Some(to)) = (canonical(input)?, canonical(output)?) else { return Ok(()) };
+    if from == to || same_inode(&from, &to) {
+        return Err(Error::SameFile { path: output.to_owned() });
+    }
+    Ok(())
+}
+
+/// Whether two existing paths are hard links to one file.
+#[cfg(unix)]
+fn same_inode(a: &Path, b: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    match (fs::metadata(a), fs::metadata(b)) {
+        (Ok(a), Ok(b)) => (a.dev(), a.ino()) == (b.dev(), b.ino()),
+        _ => false,
+    }
+}
+
+#[cfg(not(unix))]
+fn same_inode(_: &Path, _: &Path) -> bool {
+    false
+}
+
+/// Writes `path` by way of a temporary file beside it: written, flushed to the disk, then renamed over `path`.
+///
+/// A crash or a full disk at any moment leaves the old file, or none, but never half of the new one.
+///
+/// # Errors
+/// [`Error::Io`]; the temporary file is removed.
+pub fn write_atomically(path: &Path, body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), Error> {
+    let attempt = || -> io::Result<()> {
+        let (temporary, file) = create_beside(path)?;
+        let written = fill(file, body).and_then(|()| fs::rename(&temporary, path));
+        if written.is_err() {
+            // The write's own error is the one to report; a leftover is harmless.
+            let _ = fs::remove_file(&temporary);
+        }
+        written?;
+        sync_folder(path);
+        Ok(())
+    };
+    attempt().map_err(|source| Error::Io { path: path.to_owned(), source })
+}
+
+/// A new file in the folder of `path` that no other writer holds.
+fn create_beside(path: &Path) -> io::Result<(PathBuf, File)> {
+    let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
+    let mut attempt = 0u32;
+    loop {
+        let mut hidden = std::ffi::OsString::from(".");
+        hidden.push(name);
+        hidden.push(format!(".{}-{attempt}.tmp", std::process::id()));
+        let temporary = path.with_file_name(hidden);
+        match OpenOptions::new().write(true).create_new(true).open(&temporary) {
+            Ok(file) => return Ok((temporary, file)),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists && attempt < 1000 => attempt += 1,
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+fn fill(file: File, body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    let mut out = BufWriter::with_capacity(1 << 20, file);
+    body(&mut out)?;
+    out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
+}
+
+/// Makes the rename itself durable where folders can be synced; where they cannot, nothing is lost but that.
+fn sync_folder(path: &Path) {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if let Ok(folder) = File::open(folder) {
+        let _ = folder.sync_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        write_atomically(&path, |out| out.write_all(b"old")).unwrap();
+        let failed = write_atomically(&path, |out| {
+            out.write_all(b"half")?;
+            Err(io::Error::new(io::ErrorKind::StorageFull, "disk full"))
+        });
+        assert!(failed.unwrap_err().to_string().contains("disk full"));
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn the_input_is_recognised_through_links() {
+        let folder = tempfile::tempdir().unwrap();
+        let input = folder.path().join("in.ply");
+        fs::write(&input, b"x").unwrap();
+        assert!(matches!(refuse_overwrite(&input, &folder.path().join("./in.ply")), Err(Error::SameFile { .. })));
+        assert!(refuse_overwrite(&input, &folder.path().join("out.ply")).is_ok());
+        let link = folder.path().join("hard.ply");
+        fs::hard_link(&input, &link).unwrap();
+        #[cfg(unix)]
+        assert!(matches!(refuse_overwrite(&input, &link), Err(Error::SameFile { .. })));
+    }
+}

@@ -1,0 +1,117 @@
+//! PlayCanvas compressed PLY: chunks of 256 Gaussians with ranges, four packed words a Gaussian.
+//!
+//! Position and scale: 11, 10, 11 bits between the chunk's limits, first coordinate in the high bits. Rotation: 2 bits
+//! for the greatest of (w, x, y, z), then the others in 10 bits each over +-sqrt(1/2). Colour: 8 bits each of red,
+//! green, blue (between the chunk's limits where it has them) and opacity. SH: 8 bits over +-4, f_rest order
+//! (github.com/playcanvas/splat-transform).
+
+use rayon::prelude::*;
+
+use super::super::Gaussians;
+use super::super::bytes::{from_smallest_three, logit_of_byte, sh0_of_colour};
+use super::super::fault::{Fault, malformed};
+use super::standard::{gather, rest_bands, rest_slots};
+use super::table::{Slot, Table};
+
+const CHUNK: usize = 256;
+
+/// Limits of a chunk: least and greatest of position, log-scale and colour.
+struct Limits {
+    position: [[f32; 3]; 2],
+    scale: [[f32; 3]; 2],
+    colour: [[f32; 3]; 2],
+}
+
+/// Unpacks the vertex table by the chunk table; `sh` holds bands 1 and up.
+pub(super) fn gaussians(chunk: &Table, vertex: &Table, sh: Option<&Table>) -> Result<Gaussians, Fault> {
+    let position = vertex.packed("packed_position")?;
+    let rotation = vertex.packed("packed_rotation")?;
+    let scale = vertex.packed("packed_scale")?;
+    let colour = vertex.packed("packed_color")?;
+    let n = vertex.len();
+    let limits = limits(chunk)?;
+    if limits.len() < n.div_ceil(CHUNK) {
+        return Err(malformed(
+            "element chunk",
+            format!("{} chunks of {CHUNK} for {n} Gaussians; the counts disagree, export the file again", limits.len()),
+        ));
+    }
+
+    let rows = || vertex.rows().par_chunks_exact(vertex.stride).enumerate();
+    let mut model = Gaussians {
+        means: rows()
+            .map(|(i, row)| between(&limits[i / CHUNK].position, unpack_11_10_11(position.bits(row))))
+            .collect(),
+        log_scales: rows()
+            .map(|(i, row)| between(&limits[i / CHUNK].scale, unpack_11_10_11(scale.bits(row))))
+            .collect(),
+        rotations: rows().map(|(_, row)| unpack_rotation(rotation.bits(row))).collect(),
+        opacity_logits: rows().map(|(_, row)| logit_of_byte(colour.bits(row) as u8)).collect(),
+        sh: vec![vec![0.0; n * 3]],
+    };
+    model.sh[0].par_chunks_exact_mut(3).zip(rows()).for_each(|(out, (i, row))| {
+        let [red, green, blue, _] = colour.bits(row).to_be_bytes().map(|byte| f32::from(byte) / 255.0);
+        out.copy_from_slice(&between(&limits[i / CHUNK].colour, [red, green, blue]).map(sh0_of_colour));
+    });
+    if let Some(sh) = sh {
+        if sh.len() != n {
+            return Err(malformed(
+                "element sh",
+                format!("{} rows for {n} Gaussians; the counts disagree, export the file again", sh.len()),
+            ));
+        }
+        for band in rest_bands(&rest_slots(sh)?) {
+            model.sh.push(gather(sh, &band, |slot, row| unpack_sh(slot.float(row))));
+        }
+    }
+    Ok(model)
+}
+
+fn limits(chunk: &Table) -> Result<Vec<Limits>, Fault> {
+    let triple = |prefix: &str, axes: [&str; 3]| -> Result<Vec<Slot>, Fault> {
+        axes.iter().map(|axis| chunk.slot(&format!("{prefix}_{axis}"))).collect()
+    };
+    let (xyz, rgb) = (["x", "y", "z"], ["r", "g", "b"]);
+    let position = [triple("min", xyz)?, triple("max", xyz)?];
+    let scale = [triple("min_scale", xyz)?, triple("max_scale", xyz)?];
+    // Early writers had no colour limits: colours span [0, 1] there.
+    let colour = match chunk.find("min_r") {
+        Some(_) => Some([triple("min", rgb)?, triple("max", rgb)?]),
+        None => None,
+    };
+    let get =
+        |row: &[u8], slots: &[Vec<Slot>; 2]| [0, 1].map(|end| [0, 1, 2].map(|axis: usize| slots[end][axis].float(row)));
+    Ok(chunk
+        .rows()
+        .chunks_exact(chunk.stride)
+        .map(|row| Limits {
+            position: get(row, &position),
+            scale: get(row, &scale),
+            colour: colour.as_ref().map_or([[0.0; 3], [1.0; 3]], |colour| get(row, colour)),
+        })
+        .collect())
+}
+
+/// Linear interpolation; exact at both ends.
+fn between(limits: &[[f32; 3]; 2], t: [f32; 3]) -> [f32; 3] {
+    [0, 1, 2].map(|axis: usize| limits[0][axis] * (1.0 - t[axis]) + limits[1][axis] * t[axis])
+}
+
+fn unpack_11_10_11(word: u32) -> [f32; 3] {
+    [(word >> 21) as f32 / 2047.0, (word >> 11 & 1023) as f32 / 1023.0, (word & 2047) as f32 / 2047.0]
+}
+
+fn unpack_rotation(word: u32) -> [f32; 4] {
+    let smaller = [20, 10, 0].map(|shift| ((word >> shift & 1023) as f32 / 1023.0 - 0.5) * std::f32::consts::SQRT_2);
+    from_smallest_three(smaller, (word >> 30) as usize)
+}
+
+/// Bucket centres, but the outermost bytes stand for the ends themselves.
+fn unpack_sh(byte: f32) -> f32 {
+    let t = match byte {
+        0.0 => 0.0,
+        255.0 => 1.0,
+        _ => (byte + 0.5) / 256.0,
+    };
+    (t - 0.5) * 8.0
+}

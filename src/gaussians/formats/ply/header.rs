@@ -1,0 +1,153 @@
+//! The header of a PLY file: encoding, elements, properties.
+
+use super::super::fault::{Fault, malformed};
+
+/// How the body is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    Little,
+    Big,
+}
+
+/// A scalar type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Kind {
+    fn parse(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    /// Bytes of one value.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// Whether values have no fraction.
+    pub(super) fn is_integer(self) -> bool {
+        !matches!(self, Self::F32 | Self::F64)
+    }
+}
+
+/// One property of an element; `list` is the type of a list's count.
+#[derive(Clone, Debug)]
+pub(super) struct Property {
+    pub(super) name: String,
+    pub(super) kind: Kind,
+    pub(super) list: Option<Kind>,
+}
+
+/// One element: `count` rows of `properties`.
+#[derive(Clone, Debug)]
+pub(super) struct Element {
+    pub(super) name: String,
+    pub(super) count: u64,
+    pub(super) properties: Vec<Property>,
+}
+
+impl Element {
+    /// Whether every row has the same number of values.
+    pub(super) fn is_fixed(&self) -> bool {
+        self.properties.iter().all(|property| property.list.is_none())
+    }
+
+    /// Bytes of a binary row, lists left out.
+    pub(super) fn stride(&self) -> usize {
+        self.properties.iter().filter(|p| p.list.is_none()).map(|p| p.kind.size()).sum()
+    }
+}
+
+/// A parsed header.
+#[derive(Clone, Debug)]
+pub(super) struct Header {
+    pub(super) encoding: Encoding,
+    pub(super) elements: Vec<Element>,
+    /// Byte offset of the body.
+    pub(super) body: usize,
+}
+
+impl Header {
+    /// Parses the lines up to and with `end_header`; line ends may be LF or CR LF.
+    pub(super) fn parse(bytes: &[u8]) -> Result<Self, Fault> {
+        let mut encoding = None;
+        let mut elements: Vec<Element> = Vec::new();
+        let mut at = 0;
+        let mut number = 0;
+        loop {
+            let rest = &bytes[at..];
+            let Some(end) = rest.iter().position(|&b| b == b'\n') else {
+                return Err(malformed(
+                    format!("header, byte {at}"),
+                    "the file ends before `end_header`; fetch or export it again",
+                ));
+            };
+            number += 1;
+            let record = || format!("header line {number}, byte {at}");
+            let Ok(line) = std::str::from_utf8(&rest[..end]) else {
+                return Err(malformed(record(), "not text; the header is damaged, fetch or export the file again"));
+            };
+            let words: Vec<&str> = line.split_ascii_whitespace().collect();
+            let bad = |what: &str| Err(malformed(record(), format!("{what} in `{}`; repair the header", line.trim())));
+            match words.as_slice() {
+                ["ply"] if number == 1 => {}
+                [] | ["comment" | "obj_info", ..] => {}
+                ["format", name, ..] => {
+                    encoding = Some(match *name {
+                        "ascii" => Encoding::Ascii,
+                        "binary_little_endian" => Encoding::Little,
+                        "binary_big_endian" => Encoding::Big,
+                        _ => return bad("unknown encoding"),
+                    });
+                }
+                ["element", name, count] => match count.parse() {
+                    Ok(count) => elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() }),
+                    Err(_) => return bad("no valid count"),
+                },
+                ["property", rest @ ..] => {
+                    let property = match *rest {
+                        ["list", count, kind, name] => {
+                            let count = Kind::parse(count).filter(|kind| kind.is_integer());
+                            Kind::parse(kind).zip(count).map(|(kind, count)| (name, kind, Some(count)))
+                        }
+                        [kind, name] => Kind::parse(kind).map(|kind| (name, kind, None)),
+                        _ => None,
+                    };
+                    let Some((name, kind, list)) = property else { return bad("unknown type or form of property") };
+                    let Some(element) = elements.last_mut() else { return bad("no element before the property") };
+                    element.properties.push(Property { name: name.to_owned(), kind, list });
+                }
+                ["end_header"] => {
+                    let Some(encoding) = encoding else { return bad("no `format` line before the end") };
+                    return Ok(Self { encoding, elements, body: at + end + 1 });
+                }
+                _ => return bad("unknown keyword"),
+            }
+            at += end + 1;
+        }
+    }
+}

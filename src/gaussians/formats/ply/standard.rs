@@ -1,0 +1,77 @@
+//! The standard 3DGS layout: one vertex row a Gaussian, stored values as the optimiser sees them.
+//!
+//! Of graphdeco's trainer: x y z, (nx ny nz), f_dc_0..2, f_rest_0..(3K - 1) channel-major (all red, then green, then
+//! blue; K coefficients of bands 1..=L each), opacity (logit), scale_0..2 (logarithms), rot_0..3 (w, x, y, z).
+
+use rayon::prelude::*;
+
+use super::super::Gaussians;
+use super::super::fault::{Fault, malformed};
+use super::table::{Slot, Table};
+use crate::gaussians::MAX_SH_DEGREE;
+
+/// Gathers the vertex table's columns; their order and any further ones do not matter.
+pub(super) fn gaussians(vertex: &Table) -> Result<Gaussians, Fault> {
+    let means = slots(vertex, ["x", "y", "z"])?;
+    let scales = slots(vertex, ["scale_0", "scale_1", "scale_2"])?;
+    let rotations = slots(vertex, ["rot_0", "rot_1", "rot_2", "rot_3"])?;
+    let opacity = vertex.slot("opacity")?;
+    let base = slots(vertex, ["f_dc_0", "f_dc_1", "f_dc_2"])?;
+    let rest = rest_slots(vertex)?;
+
+    let rows = || vertex.rows().par_chunks_exact(vertex.stride);
+    Ok(Gaussians {
+        means: rows().map(|row| means.map(|slot| slot.float(row))).collect(),
+        log_scales: rows().map(|row| scales.map(|slot| slot.float(row))).collect(),
+        rotations: rows().map(|row| rotations.map(|slot| slot.float(row))).collect(),
+        opacity_logits: rows().map(|row| opacity.float(row)).collect(),
+        sh: bands(base, &rest).iter().map(|slots| gather(vertex, slots, Slot::float)).collect(),
+    })
+}
+
+/// The slots of each SH band in the model's order, coefficient by coefficient, each red, green, blue.
+fn bands(base: [Slot; 3], rest: &[Slot]) -> Vec<Vec<Slot>> {
+    std::iter::once(base.to_vec()).chain(rest_bands(rest)).collect()
+}
+
+/// Bands 1..=L of `rest`, which is channel-major.
+pub(super) fn rest_bands(rest: &[Slot]) -> Vec<Vec<Slot>> {
+    let per_channel = rest.len() / 3;
+    (1..=MAX_SH_DEGREE)
+        .take_while(|l| (l + 1) * (l + 1) - 1 <= per_channel)
+        .map(|l| {
+            let coefficients = l * l - 1..(l + 1) * (l + 1) - 1;
+            coefficients.flat_map(|k| [0, 1, 2].map(|channel| rest[channel * per_channel + k])).collect()
+        })
+        .collect()
+}
+
+/// One value per row and slot, row-major.
+pub(super) fn gather(table: &Table, slots: &[Slot], value: impl Fn(Slot, &[u8]) -> f32 + Sync) -> Vec<f32> {
+    let mut out = vec![0.0; table.len() * slots.len()];
+    let rows = table.rows().par_chunks_exact(table.stride);
+    out.par_chunks_exact_mut(slots.len()).zip(rows).for_each(|(out, row)| {
+        for (out, &slot) in out.iter_mut().zip(slots) {
+            *out = value(slot, row);
+        }
+    });
+    out
+}
+
+/// The places of f_rest_0.., as many as degree 0, 1, 2 or 3 has.
+pub(super) fn rest_slots(table: &Table) -> Result<Vec<Slot>, Fault> {
+    let count = table.names().filter(|name| name.starts_with("f_rest_")).count();
+    match count {
+        0 | 9 | 24 | 45 => (0..count).map(|i| table.slot(&format!("f_rest_{i}"))).collect(),
+        72 => Err(Fault::Unsupported("SH degree 4 (72 f_rest); export it with degree 3 or less".into())),
+        _ => Err(malformed(
+            format!("element {}", table.name()),
+            format!("{count} f_rest properties; SH of degree 0 to 3 has 0, 9, 24 or 45, export the file again"),
+        )),
+    }
+}
+
+fn slots<const N: usize>(table: &Table, names: [&str; N]) -> Result<[Slot; N], Fault> {
+    let found: Vec<Slot> = names.iter().map(|name| table.slot(name)).collect::<Result<_, _>>()?;
+    found.try_into().map_err(|_| malformed("header", "properties missing; export the file again"))
+}

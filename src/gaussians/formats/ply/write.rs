@@ -1,0 +1,50 @@
+//! Writes the standard layout, binary little-endian, as graphdeco's trainer does.
+
+use std::io::{self, Write};
+
+use super::super::Gaussians;
+
+/// Rows are assembled in blocks of this many, so that memory stays small beside the model.
+const BLOCK: usize = 4096;
+
+/// Writes a whole file; every float keeps its bits, normals are zero as in the reference.
+pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians) -> io::Result<()> {
+    let rest: usize = (1..=model.degree()).map(Gaussians::band_width).sum();
+    write_header(out, model.len(), rest)?;
+    let stride = 4 * (17 + rest);
+    let mut block = Vec::with_capacity(stride * BLOCK.min(model.len()));
+    for i in 0..model.len() {
+        let mut push = |value: f32| block.extend_from_slice(&value.to_le_bytes());
+        model.means[i].into_iter().for_each(&mut push);
+        [0.0; 3].into_iter().for_each(&mut push);
+        model.sh[0][3 * i..3 * i + 3].iter().copied().for_each(&mut push);
+        for channel in 0..3 {
+            for (l, band) in model.sh.iter().enumerate().skip(1) {
+                let width = Gaussians::band_width(l);
+                band[i * width..(i + 1) * width].iter().skip(channel).step_by(3).copied().for_each(&mut push);
+            }
+        }
+        push(model.opacity_logits[i]);
+        model.log_scales[i].into_iter().for_each(&mut push);
+        model.rotations[i].into_iter().for_each(&mut push);
+        if block.len() >= stride * BLOCK {
+            out.write_all(&block)?;
+            block.clear();
+        }
+    }
+    out.write_all(&block)
+}
+
+fn write_header(out: &mut dyn Write, n: usize, rest: usize) -> io::Result<()> {
+    write!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {n}\n")?;
+    for name in ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"] {
+        writeln!(out, "property float {name}")?;
+    }
+    for i in 0..rest {
+        writeln!(out, "property float f_rest_{i}")?;
+    }
+    for name in ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"] {
+        writeln!(out, "property float {name}")?;
+    }
+    writeln!(out, "end_header")
+}

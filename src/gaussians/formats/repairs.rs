@@ -1,0 +1,146 @@
+//! What every reader salvages alike, and the count of it.
+
+use std::fmt;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::Gaussians;
+
+/// Infinite opacity logits become this value with their sign.
+///
+/// sigmoid(20) is 1 in float32 and sigmoid(-20) = 2e-9 lies far below the 1/255 that is ever drawn, so no picture
+/// changes, while the logit and its gradient stay finite.
+pub const OPACITY_LOGIT_LIMIT: f32 = 20.0;
+
+/// A log-scale of minus infinity, the logarithm of a stored zero, becomes this value.
+///
+/// e^-20 = 2e-9 world units is flatter than any pixel sees, and its square (4e-18) is still a normal float32.
+pub const LOG_SCALE_FLOOR: f32 = -20.0;
+
+/// Counts of what a reader changed or left out; all zero for a clean file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Repairs {
+    /// Gaussians removed because of a NaN or an infinity in mean, scale, rotation or SH, or of a NaN opacity.
+    pub non_finite_rows: usize,
+    /// Gaussians removed because their quaternion was zero.
+    pub zero_quaternions: usize,
+    /// Infinite opacity logits clamped to plus or minus [`OPACITY_LOGIT_LIMIT`]; 8-bit opacities of 0 and 255 are such.
+    pub clamped_opacities: usize,
+    /// Gaussians with a scale of zero, raised to e^[`LOG_SCALE_FLOOR`].
+    pub floored_scales: usize,
+    /// Bytes ignored after the last record.
+    pub trailing_bytes: u64,
+}
+
+impl Repairs {
+    /// Whether anything was repaired.
+    pub fn any(&self) -> bool {
+        *self != Self::default()
+    }
+}
+
+impl fmt::Display for Repairs {
+    /// One sentence; nothing at all if nothing was repaired.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let limit = OPACITY_LOGIT_LIMIT;
+        let parts: Vec<String> = [
+            (self.non_finite_rows as u64, "Gaussians removed for NaN or infinite values".to_owned()),
+            (self.zero_quaternions as u64, "Gaussians removed for a zero quaternion".to_owned()),
+            (self.clamped_opacities as u64, format!("infinite opacity logits clamped to +-{limit}")),
+            (self.floored_scales as u64, format!("Gaussians' zero scales raised to e^{LOG_SCALE_FLOOR}")),
+            (self.trailing_bytes, "bytes after the last record ignored".to_owned()),
+        ]
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+        if parts.is_empty() { Ok(()) } else { write!(f, "Repaired on reading: {}.", parts.join(", ")) }
+    }
+}
+
+/// Clamps what can be clamped, removes the other rows that are not finite, and counts both.
+pub(super) fn repair(model: &mut Gaussians) -> Repairs {
+    let mut repairs = Repairs::default();
+    for scales in &mut model.log_scales {
+        if scales.contains(&f32::NEG_INFINITY) {
+            repairs.floored_scales += 1;
+            for scale in scales.iter_mut().filter(|scale| **scale == f32::NEG_INFINITY) {
+                *scale = LOG_SCALE_FLOOR;
+            }
+        }
+    }
+    let mut bad = vec![false; model.len()];
+    let finite = |values: &[f32]| values.iter().all(|x| x.is_finite());
+    bad.par_iter_mut().enumerate().for_each(|(i, bad)| {
+        *bad = !finite(&model.means[i])
+            || !finite(&model.log_scales[i])
+            || !finite(&model.rotations[i])
+            || model.opacity_logits[i].is_nan();
+    });
+    for (l, band) in model.sh.iter().enumerate() {
+        let rows = band.par_chunks_exact(Gaussians::band_width(l));
+        bad.par_iter_mut().zip(rows).for_each(|(bad, row)| *bad |= !finite(row));
+    }
+    for (i, bad) in bad.iter_mut().enumerate() {
+        if *bad {
+            repairs.non_finite_rows += 1;
+        } else if model.rotations[i] == [0.0; 4] {
+            repairs.zero_quaternions += 1;
+            *bad = true;
+        }
+    }
+    model.retain(|&i| !bad[i]);
+    for logit in model.opacity_logits.iter_mut().filter(|logit| logit.is_infinite()) {
+        repairs.clamped_opacities += 1;
+        *logit = OPACITY_LOGIT_LIMIT.copysign(*logit);
+    }
+    repairs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model(n: usize) -> Gaussians {
+        let mut model = Gaussians::zeroed(n, 2);
+        model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+        model
+    }
+
+    #[test]
+    fn counts_each_kind_once() {
+        let mut m = model(8);
+        m.means[0][1] = f32::NAN;
+        m.log_scales[1][2] = f32::INFINITY;
+        m.sh[2][2 * 15 + 7] = f32::NEG_INFINITY;
+        m.opacity_logits[3] = f32::NAN;
+        m.rotations[4] = [0.0, -0.0, 0.0, 0.0];
+        m.opacity_logits[5] = f32::INFINITY;
+        m.opacity_logits[6] = f32::NEG_INFINITY;
+        m.log_scales[7] = [f32::NEG_INFINITY, 1.0, f32::NEG_INFINITY];
+        let repairs = repair(&mut m);
+        let expected = Repairs {
+            non_finite_rows: 4,
+            zero_quaternions: 1,
+            clamped_opacities: 2,
+            floored_scales: 1,
+            trailing_bytes: 0,
+        };
+        assert_eq!(repairs, expected);
+        assert_eq!(m.len(), 3);
+        assert_eq!(m.opacity_logits, [20.0, -20.0, 0.0]);
+        assert_eq!(m.log_scales[2], [LOG_SCALE_FLOOR, 1.0, LOG_SCALE_FLOOR]);
+        let sentence = repairs.to_string();
+        assert!(sentence.contains("4 Gaussians removed for NaN") && sentence.ends_with('.'), "{sentence}");
+    }
+
+    #[test]
+    fn a_clean_model_is_left_alone_and_says_nothing() {
+        let mut m = model(3);
+        let before = m.clone();
+        let repairs = repair(&mut m);
+        assert!(!repairs.any() && repairs.to_string().is_empty());
+        assert_eq!(m, before);
+    }
+}

@@ -1,0 +1,257 @@
+//! PlayCanvas SOG, versions 1 and 2: `meta.json` and lossless WebP textures, one texel a Gaussian, row by row.
+//!
+//! Means: low and high bytes of 16 bits between limits, of sign(x) ln(|x| + 1). Quaternions: three smaller components
+//! over +-sqrt(1/2), alpha 252 + index of the greatest of (w, x, y, z). Scales, colours and SH: bytes into codebooks
+//! (version 2) or between limits (version 1). SH: labels into a palette of 64 entries a row
+//! (developer.playcanvas.com, github.com/playcanvas/splat-transform).
+
+use std::borrow::Cow;
+use std::io::{Cursor, Read};
+use std::path::{Component, Path};
+
+use image::codecs::webp::WebPDecoder;
+use image::{DynamicImage, ImageDecoder, RgbaImage};
+use rayon::prelude::*;
+use serde::Deserialize;
+
+use super::bytes::{from_smallest_three, logit_of_byte};
+use super::fault::{Fault, malformed};
+use super::{Format, Gaussians, Parsed};
+
+const AGAIN: &str = "fetch or export the model again";
+
+#[derive(Deserialize)]
+struct Meta {
+    version: Option<u32>,
+    count: Option<u64>,
+    means: Means,
+    scales: Values,
+    quats: Quats,
+    sh0: Values,
+    #[serde(rename = "shN")]
+    sh_rest: Option<Rest>,
+}
+
+#[derive(Deserialize)]
+struct Means {
+    shape: Option<Vec<u64>>,
+    mins: [f64; 3],
+    maxs: [f64; 3],
+    files: [String; 2],
+}
+
+#[derive(Deserialize)]
+struct Quats {
+    files: [String; 1],
+}
+
+#[derive(Deserialize)]
+struct Values {
+    codebook: Option<Vec<Option<f32>>>,
+    mins: Option<Vec<f32>>,
+    maxs: Option<Vec<f32>>,
+    files: [String; 1],
+}
+
+#[derive(Deserialize)]
+struct Rest {
+    codebook: Option<Vec<Option<f32>>>,
+    mins: Option<f32>,
+    maxs: Option<f32>,
+    files: [String; 2],
+}
+
+/// What each byte of a channel stands for.
+type Lookup = [f32; 256];
+
+/// Reads `meta.json` and the textures beside it.
+pub(super) fn read_folder(folder: &Path) -> Result<Parsed, Fault> {
+    read(|name| {
+        let path = folder.join(name);
+        std::fs::read(&path).map_err(|source| Fault::Io { path, source })
+    })
+}
+
+/// Reads a `.sog` bundle: the same files in a zip archive.
+pub(super) fn read_bundle(bytes: &[u8]) -> Result<Parsed, Fault> {
+    let damaged = |what: String| malformed("zip archive", format!("{what}; {AGAIN}"));
+    let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).map_err(|error| damaged(error.to_string()))?;
+    let names = archive.file_names().filter_map(Result::ok);
+    let metas = names.filter(|name| name == "meta.json" || name.ends_with("/meta.json"));
+    let Some(meta) = metas.min_by_key(|name| name.len()).map(Cow::into_owned) else {
+        return Err(damaged("holds no meta.json".into()));
+    };
+    let prefix = meta.trim_end_matches("meta.json").to_owned();
+    read(|name| {
+        let entry = archive.by_name(&format!("{prefix}{name}"));
+        let entry = entry.map_err(|error| damaged(format!("{name}: {error}")))?;
+        // WebP hardly shrinks in a zip and JSON not by more: what grows beyond is no model.
+        let most = entry.compressed_size().min(bytes.len() as u64) * 16 + 4096;
+        let mut content = Vec::new();
+        let read = entry.take(most + 1).read_to_end(&mut content);
+        read.map_err(|error| damaged(format!("{name}: {error}")))?;
+        if content.len() as u64 > most {
+            return Err(damaged(format!("{name} grows beyond {most} bytes")));
+        }
+        Ok(content)
+    })
+}
+
+/// Reads a model whose files `load` gives by name.
+fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, Fault> {
+    let meta: Meta = serde_json::from_slice(&load("meta.json")?)
+        .map_err(|error| malformed("meta.json", format!("{error}; {AGAIN}")))?;
+    if !matches!(meta.version, None | Some(1 | 2)) {
+        let version = meta.version.unwrap_or(0);
+        return Err(Fault::Unsupported(format!("SOG version {version}; versions 1 and 2 are read, export it as one")));
+    }
+    let claimed = meta.count.or_else(|| meta.means.shape.as_ref()?.first().copied());
+    let claimed = claimed.ok_or_else(|| malformed("meta.json", format!("neither count nor means.shape; {AGAIN}")))?;
+
+    let rest_files = meta.sh_rest.as_ref().map_or(&[][..], |rest| &rest.files);
+    let files: Vec<&String> =
+        meta.means.files.iter().chain(&meta.quats.files).chain(&meta.scales.files).chain(&meta.sh0.files).collect();
+    let mut webps = Vec::new();
+    for &name in files.iter().chain(&rest_files.iter().collect::<Vec<_>>()) {
+        if !Path::new(name).components().all(|part| matches!(part, Component::Normal(_))) {
+            return Err(malformed("meta.json", format!("file name `{name}` leaves the folder; {AGAIN}")));
+        }
+        webps.push((name, load(name)?));
+    }
+    // The low bytes of means are noise, 3 bytes a Gaussian in practice: far less cannot hold so many.
+    let most = webps[0].1.len() as u64 * 64 + 4096;
+    let n = usize::try_from(claimed).ok().filter(|_| claimed <= most).ok_or_else(|| {
+        malformed("meta.json", format!("{claimed} Gaussians claimed, more than {} can hold; {AGAIN}", webps[0].0))
+    })?;
+    let textures: Vec<RgbaImage> = webps
+        .par_iter()
+        .enumerate()
+        .map(|(i, (name, bytes))| {
+            let is_palette = i == 5;
+            decode(bytes, if is_palette { None } else { Some(n) })
+                .map_err(|what| malformed(name.as_str(), format!("{what}; {AGAIN}")))
+        })
+        .collect::<Result<_, _>>()?;
+    let texels = |i: usize| textures[i].par_chunks_exact(4).take(n);
+
+    let scales = lookups(&meta.scales, "scales")?;
+    let colours = lookups(&meta.sh0, "sh0")?;
+    let opacity = if meta.sh0.codebook.is_some() { bytes_to(logit_of_byte) } else { colours[3] };
+    let axis = |low: &[u8], high: &[u8], axis: usize| {
+        let t = f64::from(u16::from_le_bytes([low[axis], high[axis]])) / 65535.0;
+        let log = meta.means.mins[axis] + (meta.means.maxs[axis] - meta.means.mins[axis]) * t;
+        log.abs().exp_m1().copysign(log) as f32
+    };
+    let mut model = Gaussians {
+        means: texels(0).zip(texels(1)).map(|(low, high)| [0, 1, 2].map(|i| axis(low, high, i))).collect(),
+        rotations: texels(2).map(|texel| rotation([texel[0], texel[1], texel[2], texel[3]])).collect(),
+        log_scales: texels(3).map(|texel| [0, 1, 2].map(|i: usize| scales[i][usize::from(texel[i])])).collect(),
+        opacity_logits: texels(4).map(|texel| opacity[usize::from(texel[3])]).collect(),
+        sh: vec![vec![0.0; 3 * n]],
+    };
+    model.sh[0].par_chunks_exact_mut(3).zip(texels(4)).for_each(|(out, texel)| {
+        for channel in 0..3 {
+            out[channel] = colours[channel][usize::from(texel[channel])];
+        }
+    });
+    if let Some(rest) = &meta.sh_rest {
+        rest_bands(&mut model, rest, &textures[5], &textures[6])?;
+    }
+    Ok(Parsed { gaussians: model, format: Format::Sog, trailing_bytes: 0 })
+}
+
+/// Adds bands 1 and up: each Gaussian's label names a palette entry of K texels, K = 3, 8 or 15.
+fn rest_bands(model: &mut Gaussians, rest: &Rest, palette: &RgbaImage, labels: &RgbaImage) -> Result<(), Fault> {
+    let lookup = match (&rest.codebook, rest.mins, rest.maxs) {
+        (Some(codebook), ..) => of_codebook(codebook),
+        (None, Some(low), Some(high)) => bytes_to(|byte| low + (high - low) * (f32::from(byte) / 255.0)),
+        _ => return Err(malformed("meta.json", format!("shN has neither codebook nor limits; {AGAIN}"))),
+    };
+    let degree = match palette.width() {
+        192 => 1,
+        512 => 2,
+        960 => 3,
+        width => {
+            let what = format!("{width} texels wide; 64 entries of SH degree 1 to 3 are 192, 512 or 960, {AGAIN}");
+            return Err(malformed(rest.files[0].as_str(), what));
+        }
+    };
+    let n = model.len();
+    let per_entry = (degree + 1) * (degree + 1) - 1;
+    let entries: Vec<&[u8]> = palette.chunks_exact(4 * per_entry).collect();
+    for l in 1..=degree {
+        let width = Gaussians::band_width(l);
+        let mut band = vec![0.0; n * width];
+        let rows = band.par_chunks_exact_mut(width).zip(labels.par_chunks_exact(4));
+        rows.enumerate().try_for_each(|(i, (out, label))| {
+            let label = u16::from_le_bytes([label[0], label[1]]);
+            let entry = entries.get(usize::from(label)).ok_or_else(|| {
+                let what = format!("label {label} beyond the palette's {} entries; {AGAIN}", entries.len());
+                malformed(format!("{}, texel {i}", rest.files[1]), what)
+            })?;
+            let texels = entry.chunks_exact(4).skip(l * l - 1);
+            for (out, texel) in out.chunks_exact_mut(3).zip(texels) {
+                for channel in 0..3 {
+                    out[channel] = lookup[usize::from(texel[channel])];
+                }
+            }
+            Ok(())
+        })?;
+        model.sh.push(band);
+    }
+    Ok(())
+}
+
+/// The quaternion of a texel; zero, which the common repairs remove, where the tag is none.
+fn rotation([a, b, c, tag]: [u8; 4]) -> [f32; 4] {
+    let component = |byte: u8| (f32::from(byte) / 255.0 * 2.0 - 1.0) * std::f32::consts::FRAC_1_SQRT_2;
+    match tag {
+        252.. => from_smallest_three([a, b, c].map(component), usize::from(tag - 252)),
+        _ => [0.0; 4],
+    }
+}
+
+/// The meaning of the bytes of four channels: one codebook for all (version 2) or limits of each (version 1).
+fn lookups(values: &Values, name: &str) -> Result<[Lookup; 4], Fault> {
+    match (&values.codebook, &values.mins, &values.maxs) {
+        (Some(codebook), ..) => Ok([of_codebook(codebook); 4]),
+        (None, Some(mins), Some(maxs)) if mins.len() >= 3 && mins.len() == maxs.len() => Ok([0, 1, 2, 3].map(|i| {
+            let (low, high) = (mins.get(i).copied().unwrap_or(0.0), maxs.get(i).copied().unwrap_or(0.0));
+            bytes_to(|byte| low + (high - low) * (f32::from(byte) / 255.0))
+        })),
+        _ => Err(malformed("meta.json", format!("{name} has neither codebook nor limits of each channel; {AGAIN}"))),
+    }
+}
+
+fn bytes_to(value: impl Fn(u8) -> f32) -> Lookup {
+    std::array::from_fn(|byte| value(byte as u8))
+}
+
+/// A codebook; bytes beyond its end mean NaN, so that the common repairs remove and count who uses them.
+fn of_codebook(codebook: &[Option<f32>]) -> Lookup {
+    let get = |i: usize| codebook.get(i).copied().flatten().unwrap_or(f32::NAN);
+    let mut lookup: Lookup = std::array::from_fn(get);
+    // Early exporters wrote null for the first entry; PlayCanvas' engine extends the range by one mean step.
+    if codebook.first() == Some(&None) {
+        lookup[0] = lookup[1] + (lookup[1] - lookup[255]) / 255.0;
+    }
+    lookup
+}
+
+/// Decodes a texture of `n` texels, or a palette, if its size is believable.
+fn decode(bytes: &[u8], n: Option<usize>) -> Result<RgbaImage, String> {
+    let decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(|error| error.to_string())?;
+    let (width, height) = decoder.dimensions();
+    let texels = u64::from(width) * u64::from(height);
+    match n {
+        Some(n) if texels < n as u64 => return Err(format!("{width} x {height} texels for {n} Gaussians")),
+        // Writers pad the last rows only; a palette has at most 65,536 entries of 15.
+        Some(n) if texels > 4 * n as u64 + 65536 => {
+            return Err(format!("{width} x {height} texels for only {n} Gaussians"));
+        }
+        None if width > 960 || height > 1024 => return Err(format!("a palette of {width} x {height} texels")),
+        _ => {}
+    }
+    let image = DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())?;
+    Ok(image.into_rgba8())
+}

@@ -1,0 +1,112 @@
+//! Writing SPZ version 3.
+//!
+//! Version 3, not 4: every reader of SPZ today takes it, while version 4 (zstd) is only in the newest, and the values
+//! stored are the same. SH bits are the official defaults, 5 for band 1 and 4 for the others. Unlike the official
+//! writer, which always takes 12 fractional bits and lets greater coordinates wrap, ours fit the model.
+
+use std::io::Write;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+
+use super::super::Gaussians;
+use super::super::fault::Fault;
+use super::{COLOUR_SCALE, MAGIC, RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
+
+/// Greatest magnitude of a 24-bit coordinate.
+const FIXED_MAX: f32 = 8_388_607.0;
+const DEFAULT_FRACTIONAL_BITS: i32 = 12;
+/// The reference reader shifts a 32-bit one by the number of bits.
+const MAX_FRACTIONAL_BITS: i32 = 30;
+
+/// Packs a consistent model; fails where its means do not fit 24 bits finely enough.
+pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
+    let n =
+        u32::try_from(model.len()).map_err(|_| Fault::Unsupported("more than 2^32 Gaussians; write .ply".into()))?;
+    let mut model = model.clone();
+    convert(&mut model, RIGHT_DOWN_FRONT, RIGHT_UP_BACK);
+    let bits = fractional_bits(&model)?;
+
+    let mut plain = Vec::with_capacity(16 + model.len() * (20 + 45));
+    plain.extend(MAGIC.to_le_bytes());
+    plain.extend(3u32.to_le_bytes());
+    plain.extend(n.to_le_bytes());
+    plain.extend([model.degree() as u8, bits as u8, 0, 0]);
+    let unit = 2f32.powi(bits);
+    for coordinate in model.means.as_flattened() {
+        let fixed = (coordinate * unit).round().clamp(-FIXED_MAX, FIXED_MAX) as i32;
+        plain.extend_from_slice(&fixed.to_le_bytes()[..3]);
+    }
+    plain.extend(model.opacity_logits.iter().map(|logit| byte(255.0 / (1.0 + (-logit).exp()))));
+    let colours = model.sh.first().map_or(&[][..], Vec::as_slice);
+    plain.extend(colours.iter().map(|c| byte(c * (COLOUR_SCALE * 255.0) + 127.5)));
+    plain.extend(model.log_scales.as_flattened().iter().map(|scale| byte((scale + 10.0) * 16.0)));
+    for q in &model.rotations {
+        plain.extend(smallest_three(*q));
+    }
+    for i in 0..model.len() {
+        for (l, band) in model.sh.iter().enumerate().skip(1) {
+            let width = Gaussians::band_width(l);
+            let bucket = if l == 1 { 8 } else { 16 };
+            plain.extend(band[i * width..(i + 1) * width].iter().map(|&value| quantise_sh(value, bucket)));
+        }
+    }
+
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    let packed = encoder.write_all(&plain).and_then(|()| encoder.finish());
+    packed.map_err(|error| Fault::Unsupported(format!("compression failed ({error}); write .ply")))
+}
+
+/// Fractional bits of the means: the official 12, or more where the Gaussians are small, as far as 24 bits reach.
+///
+/// A step of 1/16 of the median Gaussian's size moves nothing visibly; a step beyond that size ruins the picture.
+fn fractional_bits(model: &Gaussians) -> Result<i32, Fault> {
+    let reach = model.means.as_flattened().iter().fold(0f32, |reach, x| reach.max(x.abs()));
+    if !reach.is_finite() || reach > FIXED_MAX {
+        return Err(Fault::Unsupported(format!(
+            "a mean at {reach} is beyond the {FIXED_MAX} that SPZ can store; remove far Gaussians or write .ply"
+        )));
+    }
+    let mut sizes: Vec<f32> = model.log_scales.iter().map(|s| s.iter().fold(f32::MIN, |a, &b| a.max(b))).collect();
+    if sizes.is_empty() {
+        return Ok(DEFAULT_FRACTIONAL_BITS);
+    }
+    let middle = sizes.len() / 2;
+    let median = *sizes.select_nth_unstable_by(middle, f32::total_cmp).1 / std::f32::consts::LN_2;
+    let fit = if reach > 0.0 { (FIXED_MAX / reach).log2().floor() as i32 } else { MAX_FRACTIONAL_BITS };
+    let bits = ((4.0 - median).ceil() as i32).clamp(DEFAULT_FRACTIONAL_BITS, MAX_FRACTIONAL_BITS).min(fit);
+    if (bits as f32) < -median {
+        return Err(Fault::Unsupported(format!(
+            "means reach {reach}, so SPZ's 24 bits would move them by more than the median Gaussian's size (2^{median:.1}); \
+             remove far Gaussians or write .ply"
+        )));
+    }
+    Ok(bits)
+}
+
+fn byte(value: f32) -> u8 {
+    value.round().clamp(0.0, 255.0) as u8
+}
+
+/// 8 bits over [-1, 1), rounded to the centre of a bucket so that 0 stays 0.
+fn quantise_sh(value: f32, bucket: i32) -> u8 {
+    let fine = (value * 128.0).round().clamp(-1024.0, 1024.0) as i32 + 128;
+    ((fine + bucket / 2).div_euclid(bucket) * bucket).clamp(0, 255) as u8
+}
+
+/// The greatest of (x, y, z, w) in 2 bits, then sign and 9 bits each of the others; zero becomes the identity.
+fn smallest_three([w, x, y, z]: [f32; 4]) -> [u8; 4] {
+    let q = [x, y, z, w].map(f64::from);
+    let greatest = (0..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });
+    let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
+    if length == 0.0 || !length.is_finite() {
+        return smallest_three([1.0, 0.0, 0.0, 0.0]);
+    }
+    let mut word = greatest as u32;
+    for (_, component) in q.iter().enumerate().filter(|(i, _)| *i != greatest) {
+        let value = component / length * q[greatest].signum();
+        let magnitude = (value.abs() * std::f64::consts::SQRT_2 * 511.0).round().min(511.0) as u32;
+        word = word << 10 | u32::from(value < 0.0) << 9 | magnitude;
+    }
+    word.to_le_bytes()
+}
