@@ -13,3 +13,4 @@ pub mod gaussians;
 pub mod reference;
 pub mod render;
 pub mod scene;
+pub mod synth;

@@ -1,0 +1,161 @@
+//! A bounding-volume hierarchy over the solids: few hundred solids, tens of millions of rays.
+
+use glam::Vec3;
+
+use super::geometry::{Ray, Solid};
+
+const LEAF: usize = 2;
+
+struct Node {
+    low: Vec3,
+    high: Vec3,
+    /// First solid of a leaf; index of the right child of an inner node (the left child comes next).
+    first: u32,
+    /// Solids in a leaf; 0 marks an inner node.
+    count: u32,
+}
+
+/// The hierarchy; solids are named by their index in the list that it was built from.
+pub(super) struct Bvh {
+    nodes: Vec<Node>,
+    order: Vec<u32>,
+}
+
+impl Bvh {
+    pub fn new(solids: &[Solid]) -> Self {
+        let bounds: Vec<_> = solids.iter().map(Solid::bounds).collect();
+        let mut bvh = Self { nodes: Vec::new(), order: (0..solids.len() as u32).collect() };
+        if !solids.is_empty() {
+            bvh.split(&bounds, 0, solids.len());
+        }
+        bvh
+    }
+
+    /// Median split along the axis on which the centres spread most.
+    fn split(&mut self, bounds: &[(Vec3, Vec3)], begin: usize, end: usize) {
+        let box_of = |i: &u32| bounds[*i as usize];
+        let middle = |i: &u32| box_of(i).0 + box_of(i).1;
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let (mut first, mut last) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for i in &self.order[begin..end] {
+            (low, high) = (low.min(box_of(i).0), high.max(box_of(i).1));
+            (first, last) = (first.min(middle(i)), last.max(middle(i)));
+        }
+        let here = self.nodes.len();
+        if end - begin <= LEAF {
+            self.nodes.push(Node { low, high, first: begin as u32, count: (end - begin) as u32 });
+            return;
+        }
+        self.nodes.push(Node { low, high, first: 0, count: 0 });
+        let axis = (last - first).max_position();
+        let half = (end - begin) / 2;
+        self.order[begin..end].sort_unstable_by(|a, b| middle(a)[axis].total_cmp(&middle(b)[axis]).then(a.cmp(b)));
+        self.split(bounds, begin, begin + half);
+        self.nodes[here].first = self.nodes.len() as u32;
+        self.split(bounds, begin + half, end);
+    }
+
+    /// Distance to the first solid before `limit`, and its index.
+    pub fn first(&self, solids: &[Solid], ray: &Ray, mut limit: f32) -> Option<(f32, u32)> {
+        let mut found = None;
+        self.walk(ray, limit, |i| {
+            if let Some(t) = solids[i as usize].meet(ray)
+                && t < limit
+            {
+                limit = t;
+                found = Some((t, i));
+            }
+            Some(limit)
+        });
+        found
+    }
+
+    /// Whether any solid lies before `limit`.
+    pub fn any(&self, solids: &[Solid], ray: &Ray, limit: f32) -> bool {
+        let mut met = false;
+        self.walk(ray, limit, |i| {
+            met = solids[i as usize].meet(ray).is_some_and(|t| t < limit);
+            (!met).then_some(limit)
+        });
+        met
+    }
+
+    /// Shows `visit` the solids whose boxes the ray meets before the limit; it returns the new limit, or `None` to stop.
+    fn walk(&self, ray: &Ray, mut limit: f32, mut visit: impl FnMut(u32) -> Option<f32>) {
+        if self.nodes.is_empty() {
+            return;
+        }
+        let inverse = ray.direction.recip();
+        let enter = |n: u32, limit: f32| {
+            let node = &self.nodes[n as usize];
+            let (a, b) = ((node.low - ray.origin) * inverse, (node.high - ray.origin) * inverse);
+            let (near, far) = (a.min(b).max_element().max(0.0), a.max(b).min_element());
+            (near <= far && near < limit).then_some(near)
+        };
+        // Depth is log2 of the solids' number: 32 holds 2^31 of them.
+        let mut stack = [(0u32, 0f32); 33];
+        let Some(near) = enter(0, limit) else { return };
+        stack[0] = (0, near);
+        let mut top = 1;
+        while top > 0 {
+            top -= 1;
+            let (n, near) = stack[top];
+            if near >= limit {
+                continue;
+            }
+            let node = &self.nodes[n as usize];
+            if node.count > 0 {
+                for &i in &self.order[node.first as usize..(node.first + node.count) as usize] {
+                    match visit(i) {
+                        Some(new) => limit = new,
+                        None => return,
+                    }
+                }
+                continue;
+            }
+            let mut children = [(n + 1, enter(n + 1, limit)), (node.first, enter(node.first, limit))];
+            // The nearer child is taken from the stack first.
+            if children[0].1 < children[1].1 {
+                children.swap(0, 1);
+            }
+            for (child, near) in children {
+                if let Some(near) = near {
+                    stack[top] = (child, near);
+                    top += 1;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hierarchy_finds_what_a_plain_search_finds() {
+        let solids: Vec<_> = (0..150)
+            .map(|i| {
+                let a = i as f32;
+                let centre = Vec3::new((a * 1.7).sin() * 2.0, (a * 2.3).cos() * 2.0, (a * 0.9).sin() + 1.0);
+                Solid::Sphere { centre, radius: 0.05 + 0.01 * (i % 9) as f32 }
+            })
+            .collect();
+        let bvh = Bvh::new(&solids);
+        let mut met = 0;
+        for i in 0..3000 {
+            let a = i as f32 * 0.13;
+            let origin = Vec3::new(7.0 * a.cos(), 7.0 * a.sin(), (i % 10) as f32 * 0.4);
+            let target = Vec3::new((a * 3.1).sin() * 2.0, (a * 1.9).cos() * 2.0, 1.0 + (a * 0.7).sin());
+            let ray = Ray { origin, direction: (target - origin).normalize() };
+            let plain = (0..solids.len())
+                .filter_map(|s| solids[s].meet(&ray).map(|t| (t, s as u32)))
+                .min_by(|x, y| x.0.total_cmp(&y.0));
+            assert_eq!(bvh.first(&solids, &ray, f32::INFINITY), plain);
+            assert_eq!(bvh.any(&solids, &ray, f32::INFINITY), plain.is_some());
+            met += usize::from(plain.is_some());
+        }
+        assert!(met > 500, "only {met} rays met anything");
+        assert!(Bvh::new(&[]).first(&[], &Ray { origin: Vec3::ZERO, direction: Vec3::X }, 1.0).is_none());
+    }
+}

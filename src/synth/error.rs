@@ -1,0 +1,61 @@
+//! What can go wrong while a synthetic scene is made.
+
+use std::path::{Path, PathBuf};
+
+use super::Effect;
+
+/// Why no synthetic scene was written.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The effect is not in the list of [`Effect::ALL`].
+    #[error("unknown effect \"{name}\": choose from {known}", known = Effect::names())]
+    UnknownEffect {
+        /// The name as it was given.
+        name: String,
+    },
+    /// Two effects that exclude each other were asked for.
+    #[error("effects \"{0}\" and \"{1}\" exclude each other: leave one out")]
+    Conflict(Effect, Effect),
+    /// A number in the options lies outside its range.
+    #[error("{what} is {value}: it must lie in {low}..={high}")]
+    Range {
+        /// The option, in words.
+        what: &'static str,
+        /// The value that was given.
+        value: u64,
+        /// The smallest value allowed.
+        low: u64,
+        /// The largest value allowed.
+        high: u64,
+    },
+    /// The folder holds files that no earlier run wrote.
+    #[error("{} is not empty and not a synth scene (it has no synth.json by qirf-vk): nothing was written; name an empty or new folder", .0.display())]
+    Foreign(PathBuf),
+    /// The path exists and is no folder.
+    #[error("{} is a file: name an empty or new folder", .0.display())]
+    NotFolder(PathBuf),
+    /// A file or folder could not be read, written or removed.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A picture could not be encoded or written.
+    #[error("{}: the picture could not be written: {source}", path.display())]
+    Picture {
+        /// The picture's file.
+        path: PathBuf,
+        /// What the encoder said.
+        source: image::ImageError,
+    },
+}
+
+impl Error {
+    /// Names the file or folder in an error of the system.
+    pub(super) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_path_buf();
+        move |source| Self::Io { path, source }
+    }
+}

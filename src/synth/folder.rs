@@ -1,0 +1,87 @@
+//! The folder that a scene goes into: never another's data.
+
+use std::{fs, io, path::Path};
+
+use serde_json::{Value, json};
+
+use super::{Error, SynthOptions, path::View};
+
+/// Name of the file that marks a synth scene and tells how to make it again.
+pub(super) const MARK: &str = "synth.json";
+const MADE_BY: &str = "qirf-vk synth";
+/// A mark of 9,999 photos has 2 MB: what is larger than this is no mark.
+const MARK_LIMIT: u64 = 16 << 20;
+
+/// Makes the folder, or empties an earlier synth scene of its photos and masks; other files in it are left alone.
+pub(super) fn prepare(dir: &Path) -> Result<(), Error> {
+    match fs::metadata(dir) {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+        Err(e) => return Err(Error::io(dir)(e)),
+        Ok(data) if !data.is_dir() => return Err(Error::NotFolder(dir.to_path_buf())),
+        Ok(_) => {
+            if fs::read_dir(dir).map_err(Error::io(dir))?.next().is_some() {
+                let views = earlier_views(dir).ok_or_else(|| Error::Foreign(dir.to_path_buf()))?;
+                clear(&dir.join("images"), views)?;
+                clear(&dir.join("masks"), views)?;
+                // Gone only if nothing of the user's is in it.
+                let _ = fs::remove_dir(dir.join("masks"));
+            }
+        }
+    }
+    for sub in ["images", "sparse/0"] {
+        let path = dir.join(sub);
+        fs::create_dir_all(&path).map_err(Error::io(&path))?;
+    }
+    Ok(())
+}
+
+/// Number of photos of the synth scene in the folder, or `None` where it is none.
+fn earlier_views(dir: &Path) -> Option<u64> {
+    let path = dir.join(MARK);
+    if fs::metadata(&path).ok()?.len() > MARK_LIMIT {
+        return None;
+    }
+    let mark: Value = serde_json::from_slice(&fs::read(&path).ok()?).ok()?;
+    (mark["made_by"] == MADE_BY).then(|| mark["options"]["views"].as_u64())?
+}
+
+/// Removes the pictures that an earlier run with so many views has written.
+fn clear(folder: &Path, views: u64) -> Result<(), Error> {
+    let entries = match fs::read_dir(folder) {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
+        other => other.map_err(Error::io(folder))?,
+    };
+    for entry in entries {
+        let entry = entry.map_err(Error::io(folder))?;
+        let name = entry.file_name();
+        let index = name.to_str().and_then(|n| n.strip_prefix("view_")?.strip_suffix(".png")?.parse::<u64>().ok());
+        if index.is_some_and(|i| i < views && super::path::file_name(i as usize).as_str() == name) {
+            fs::remove_file(entry.path()).map_err(Error::io(&entry.path()))?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes the mark: before the photos, so that a broken run can be repeated, and after them.
+pub(super) fn mark(dir: &Path, options: &SynthOptions, views: &[View], complete: bool) -> Result<(), Error> {
+    let effects: Vec<_> = options.sorted_effects().iter().map(|e| e.name()).collect();
+    let photos: Vec<_> = views
+        .iter()
+        .enumerate()
+        .map(|(i, v)| json!({"name": v.name, "test": View::is_test(i), "camera": v.device + 1, "gain": v.gain}))
+        .collect();
+    let text = json!({
+        "made_by": MADE_BY,
+        "version": 1,
+        "complete": complete,
+        "options": {
+            "views": options.views, "width": options.width, "height": options.height,
+            "seed": options.seed, "points": options.points, "effects": effects,
+        },
+        "gain": "factors on the finished red, green and blue (after the tone curve), clipped at white",
+        "masks": "black (0) = ignore",
+        "photos": photos,
+    });
+    let path = dir.join(MARK);
+    fs::write(&path, format!("{text:#}\n")).map_err(Error::io(&path))
+}

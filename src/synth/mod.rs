@@ -1,0 +1,144 @@
+//! The embedded scene, ray-traced on the CPU into a capture: photos, cameras and points, nothing to download.
+//!
+//! The folder looks like a COLMAP project: `images/*.png`, `sparse/0/{cameras,images,points3D}.txt`, `masks/*.png` where
+//! something moves, and `synth.json`, which tells how to make it again. Equal options give equal bytes on any number of
+//! threads.
+
+mod bvh;
+mod colmap;
+mod error;
+mod folder;
+mod geometry;
+mod lens;
+mod materials;
+mod noise;
+mod options;
+mod path;
+mod points;
+mod random;
+mod render;
+mod shade;
+mod sky;
+mod stage;
+
+use std::{
+    fs,
+    path::Path,
+    sync::atomic::{AtomicU64, Ordering},
+};
+
+use glam::DVec2;
+use rayon::prelude::*;
+
+pub use self::{
+    error::Error,
+    options::{Effect, SynthOptions},
+};
+use self::{path::View, render::Photo, stage::Stage};
+
+/// What was written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SynthReport {
+    /// Photos in all.
+    pub photos: usize,
+    /// Photos that the evaluation protocol (every 8th name) holds back.
+    pub test_photos: usize,
+    /// Points in `points3D.txt`.
+    pub points: usize,
+    /// Observations of points in `images.txt`.
+    pub observations: usize,
+    /// Share of the photos' pixels that the masks hide, 0..=1.
+    pub masked: f64,
+    /// The effects that the scene was made to call for, besides view-dependent colour.
+    pub effects: Vec<Effect>,
+}
+
+/// Writes the synthetic scene into `dir`, which must be new, empty or an earlier synth scene.
+///
+/// `progress` is called after each photo with the number of photos finished so far.
+///
+/// # Errors
+/// Options out of range, a folder that holds anything else (nothing is written then), or a file that cannot be written.
+pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)) -> Result<SynthReport, Error> {
+    options.check()?;
+    let devices = path::devices(options);
+    let views = path::views(options, &devices);
+    folder::prepare(dir)?;
+    folder::mark(dir, options, &views, false)?;
+    let masks = dir.join("masks");
+    if options.has(Effect::Masks) {
+        fs::create_dir_all(&masks).map_err(Error::io(&masks))?;
+    }
+
+    let stage = Stage::new(options);
+    let mut candidates = points::candidates(&stage, &views, options);
+    let mut wanted: Vec<Vec<DVec2>> = vec![Vec::new(); views.len()];
+    for candidate in &candidates {
+        for &(view, pixel) in &candidate.seen {
+            wanted[view].push(pixel);
+        }
+    }
+
+    let done = AtomicU64::new(0);
+    let colours = (0..views.len())
+        .into_par_iter()
+        .map(|i| {
+            let photo = render::photo(&stage, &views[i], options, i);
+            save(dir, &views[i], &photo, options)?;
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1);
+            let hidden = photo.mask.iter().filter(|free| !**free).count() as f64 / photo.pixels.len() as f64;
+            Ok((wanted[i].iter().map(|&pixel| photo.colour_at(pixel)).collect::<Vec<_>>(), hidden))
+        })
+        .collect::<Result<Vec<_>, Error>>()?;
+    let masked = colours.iter().map(|(_, hidden)| hidden).sum::<f64>() / views.len() as f64;
+
+    // Candidates list their views in the order in which each view listed its pixels.
+    let mut next = vec![0usize; views.len()];
+    let needed = 2.min(views.len());
+    let points: Vec<_> = candidates
+        .drain(..)
+        .filter_map(|candidate| {
+            let (mut sum, mut seen) = ([0.0; 3], Vec::with_capacity(candidate.seen.len()));
+            for (view, pixel) in candidate.seen {
+                let colour = colours[view].0[next[view]];
+                next[view] += 1;
+                if let Some(colour) = colour {
+                    sum = std::array::from_fn(|c| sum[c] + colour[c]);
+                    seen.push((view, pixel));
+                }
+            }
+            let colour = sum.map(|s: f32| (s / seen.len().max(1) as f32 + 0.5) as u8);
+            (seen.len() >= needed).then_some(colmap::Point { position: candidate.position, colour, seen })
+        })
+        .collect();
+    colmap::write(&dir.join("sparse/0"), &devices, &views, &points)?;
+    folder::mark(dir, options, &views, true)?;
+    Ok(SynthReport {
+        photos: views.len(),
+        test_photos: (0..views.len()).filter(|&i| View::is_test(i)).count(),
+        points: points.len(),
+        observations: points.iter().map(|p| p.seen.len()).sum(),
+        masked,
+        effects: options.sorted_effects(),
+    })
+}
+
+/// Writes a photo, and its mask where it has one, under the same name.
+fn save(dir: &Path, view: &View, photo: &Photo, options: &SynthOptions) -> Result<(), Error> {
+    let picture = |path: &Path, bytes: &[u8], kind| {
+        image::save_buffer_with_format(path, bytes, photo.width, photo.height, kind, image::ImageFormat::Png)
+            .map_err(|source| Error::Picture { path: path.to_path_buf(), source })
+    };
+    let path = dir.join("images").join(&view.name);
+    if options.has(Effect::Alpha) {
+        picture(&path, photo.pixels.as_flattened(), image::ExtendedColorType::Rgba8)?;
+    } else {
+        let rgb: Vec<u8> = photo.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+        picture(&path, &rgb, image::ExtendedColorType::Rgb8)?;
+    }
+    if !photo.mask.is_empty() {
+        let grey: Vec<u8> = photo.mask.iter().map(|&free| if free { 255 } else { 0 }).collect();
+        picture(&dir.join("masks").join(&view.name), &grey, image::ExtendedColorType::L8)?;
+    }
+    Ok(())
+}

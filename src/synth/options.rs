@@ -1,0 +1,146 @@
+//! What a user may choose of the synthetic scene.
+
+use std::{fmt, str::FromStr};
+
+use super::Error;
+
+/// A part of image formation that the scene is made to call for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Effect {
+    /// Every photo has its own gain and white balance.
+    Exposure,
+    /// The lens has radial and tangential distortion (COLMAP's `OPENCV`).
+    Distortion,
+    /// The lens is a fisheye (COLMAP's `OPENCV_FISHEYE`).
+    Fisheye,
+    /// Photos carry alpha: sky and floor are transparent.
+    Alpha,
+    /// An object moves between photos and masks hide it.
+    Masks,
+    /// Cameras stand near and far.
+    Scales,
+    /// Every surface reflects.
+    Glossy,
+    /// No surface reflects.
+    Matte,
+    /// Several cameras with their own focal length and size took the photos.
+    Cameras,
+}
+
+impl Effect {
+    /// All effects, in the order of the help.
+    pub const ALL: [Self; 9] = [
+        Self::Exposure,
+        Self::Distortion,
+        Self::Fisheye,
+        Self::Alpha,
+        Self::Masks,
+        Self::Scales,
+        Self::Glossy,
+        Self::Matte,
+        Self::Cameras,
+    ];
+
+    /// The name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Exposure => "exposure",
+            Self::Distortion => "distortion",
+            Self::Fisheye => "fisheye",
+            Self::Alpha => "alpha",
+            Self::Masks => "masks",
+            Self::Scales => "scales",
+            Self::Glossy => "glossy",
+            Self::Matte => "matte",
+            Self::Cameras => "cameras",
+        }
+    }
+
+    /// One line for the help.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::Exposure => "every photo has its own gain (+-15 %) and white balance",
+            Self::Distortion => "the lens bends the picture by several pixels (OPENCV: k1, k2, p1, p2)",
+            Self::Fisheye => "a fisheye lens (OPENCV_FISHEYE: k1..k4)",
+            Self::Alpha => "photos carry alpha: sky and floor are transparent",
+            Self::Masks => "something moves between photos; masks/ hides it and its shadow (black = ignore)",
+            Self::Scales => "near and far cameras: pixel footprints differ by a factor of 4",
+            Self::Glossy => "every surface reflects: colours depend on the view everywhere",
+            Self::Matte => "no surface reflects: colours depend on the view nowhere",
+            Self::Cameras => "three cameras with their own focal lengths and picture sizes",
+        }
+    }
+
+    /// All names, separated by commas.
+    pub fn names() -> String {
+        Self::ALL.map(Self::name).join(", ")
+    }
+}
+
+impl fmt::Display for Effect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl FromStr for Effect {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self, Error> {
+        let name = text.trim();
+        let found = Self::ALL.into_iter().find(|e| e.name().eq_ignore_ascii_case(name));
+        found.ok_or_else(|| Error::UnknownEffect { name: name.to_owned() })
+    }
+}
+
+/// What to make: equal options give equal bytes, on any number of threads.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SynthOptions {
+    /// Number of photos, 1..=9999.
+    pub views: usize,
+    /// Width of a photo in pixels, 16..=8192.
+    pub width: u32,
+    /// Height of a photo in pixels, 16..=8192.
+    pub height: u32,
+    /// Seed of all that is random: camera jitter, sampling, scattered objects.
+    pub seed: u64,
+    /// Most points in `points3D.txt`, 0..=1,000,000; there are fewer where cameras see too little.
+    pub points: usize,
+    /// What the scene shall call for; the order is of no account, and neither are repetitions.
+    pub effects: Vec<Effect>,
+}
+
+impl Default for SynthOptions {
+    fn default() -> Self {
+        Self { views: 48, width: 240, height: 180, seed: 1, points: 6000, effects: Vec::new() }
+    }
+}
+
+impl SynthOptions {
+    /// Whether the scene shall call for `effect`.
+    pub fn has(&self, effect: Effect) -> bool {
+        self.effects.contains(&effect)
+    }
+
+    /// The effects asked for, each once, in the order of [`Effect::ALL`].
+    pub(super) fn sorted_effects(&self) -> Vec<Effect> {
+        Effect::ALL.into_iter().filter(|&e| self.has(e)).collect()
+    }
+
+    /// Refuses numbers out of range and effects that exclude each other.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let range = |what, value: u64, low, high| {
+            if (low..=high).contains(&value) { Ok(()) } else { Err(Error::Range { what, value, low, high }) }
+        };
+        range("the number of views", self.views as u64, 1, 9999)?;
+        range("the photos' width", self.width.into(), 16, 8192)?;
+        range("the photos' height", self.height.into(), 16, 8192)?;
+        range("the number of points", self.points as u64, 0, 1_000_000)?;
+        for (a, b) in [(Effect::Glossy, Effect::Matte), (Effect::Distortion, Effect::Fisheye)] {
+            if self.has(a) && self.has(b) {
+                return Err(Error::Conflict(a, b));
+            }
+        }
+        Ok(())
+    }
+}

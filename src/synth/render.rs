@@ -1,0 +1,111 @@
+//! Photos: sixteen stratified samples a pixel, a tone curve, eight bits.
+
+use glam::{DVec2, Vec3};
+
+use super::{
+    Effect, SynthOptions,
+    path::View,
+    random::{Random, Stream},
+    shade::{Thing, World},
+    stage::Stage,
+};
+
+/// Samples along either side of a pixel.
+const GRID: usize = 4;
+const SAMPLES: usize = GRID * GRID;
+
+/// A finished photo.
+pub(super) struct Photo {
+    pub width: u32,
+    pub height: u32,
+    /// Red, green, blue, alpha; rows from the top; alpha is straight, not premultiplied.
+    pub pixels: Vec<[u8; 4]>,
+    /// Whether the pixel is free of the moving object; empty where nothing moves.
+    pub mask: Vec<bool>,
+}
+
+/// Takes the photo with index `index`.
+pub(super) fn photo(stage: &Stage, view: &View, options: &SynthOptions, index: usize) -> Photo {
+    let (width, height) = (view.camera.width, view.camera.height);
+    let world = World { stage, mover: &view.mover };
+    let cut_out = options.has(Effect::Alpha);
+    let number = width as usize * height as usize;
+    let (mut pixels, mut touched) = (Vec::with_capacity(number), Vec::with_capacity(number));
+    let origin = view.camera.centre().as_vec3();
+    let turn = view.camera.rotation.transpose();
+    for y in 0..height {
+        for x in 0..width {
+            let key = (index as u64) << 32 | u64::from(y) << 16 | u64::from(x);
+            let mut random = Random::new(options.seed, Stream::Pixel, key);
+            // Each sample has its own cell of the pixel and its own cell of the sun; the pairing differs by pixel.
+            let shift = random.bits() as usize % SAMPLES;
+            let (mut sum, mut opaque, mut moved) = (Vec3::ZERO, 0, false);
+            for s in 0..SAMPLES {
+                let bits = random.bits();
+                let jitter = |k: u32| (bits >> (16 * k) & 0xffff) as f64 / 65536.0;
+                let within = |cell: usize, k: u32| (cell as f64 + jitter(k)) / GRID as f64;
+                let place = DVec2::new(x as f64 + within(s % GRID, 0), y as f64 + within(s / GRID, 1));
+                let local = view.lens.direction((place - view.camera.principal) / view.camera.focal);
+                let direction = (turn * local).normalize().as_vec3();
+                let cell = (s * 7 + shift) % SAMPLES;
+                let ray = super::geometry::Ray { origin, direction };
+                let sample = world.trace(&ray, within(cell % GRID, 2) as f32, within(cell / GRID, 3) as f32);
+                moved |= sample.moved;
+                if !(cut_out && matches!(sample.thing, Thing::Floor | Thing::Sky)) {
+                    sum += sample.colour;
+                    opaque += 1;
+                }
+            }
+            let mean = sum / (opaque.max(1) as f32);
+            let toned = [mean.x, mean.y, mean.z].map(tone);
+            let channel = |c: usize| (toned[c] * view.gain[c]).clamp(0.0, 1.0) * 255.0 + 0.5;
+            let alpha = opaque as f32 / SAMPLES as f32 * 255.0 + 0.5;
+            pixels.push([channel(0) as u8, channel(1) as u8, channel(2) as u8, alpha as u8]);
+            touched.push(moved);
+        }
+    }
+    let mask = if view.mover.is_empty() { Vec::new() } else { grown(&touched, width as usize) };
+    Photo { width, height, pixels, mask }
+}
+
+/// From linear radiance to display values: an exponential shoulder (film's), then sRGB's curve (IEC 61966-2-1).
+fn tone(radiance: f32) -> f32 {
+    let light = 1.0 - (-0.95 * radiance.max(0.0)).exp();
+    if light <= 0.0031308 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// True where no pixel of the 3 x 3 neighbourhood is touched.
+fn grown(touched: &[bool], width: usize) -> Vec<bool> {
+    let height = touched.len() / width;
+    let free = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        let mut rows = y.saturating_sub(1)..(y + 2).min(height);
+        rows.all(|row| columns.clone().all(|column| !touched[row * width + column]))
+    };
+    (0..touched.len()).map(free).collect()
+}
+
+impl Photo {
+    /// Colour (0..=255) between the four pixels round a place, or `None` where they are masked or mostly transparent.
+    pub fn colour_at(&self, place: DVec2) -> Option<[f32; 3]> {
+        let at = (place - 0.5).max(DVec2::ZERO);
+        let (x, y) = (at.x as usize, at.y as usize);
+        let (fx, fy) = ((at.x - x as f64) as f32, (at.y - y as f64) as f32);
+        let mut sum = [0.0; 3];
+        for (dx, dy, weight) in
+            [(0, 0, (1.0 - fx) * (1.0 - fy)), (1, 0, fx * (1.0 - fy)), (0, 1, (1.0 - fx) * fy), (1, 1, fx * fy)]
+        {
+            let (x, y) = ((x + dx).min(self.width as usize - 1), (y + dy).min(self.height as usize - 1));
+            let i = y * self.width as usize + x;
+            let pixel = self.pixels[i];
+            if pixel[3] < 128 || self.mask.get(i) == Some(&false) {
+                return None;
+            }
+            for c in 0..3 {
+                sum[c] += weight * f32::from(pixel[c]);
+            }
+        }
+        Some(sum)
+    }
+}

@@ -1,0 +1,186 @@
+//! Light: what a ray sees.
+
+use glam::Vec3;
+
+use super::{
+    geometry::{Ray, Solid},
+    materials::{self, Gloss, Paint},
+    sky,
+    stage::Stage,
+};
+
+/// Sunlight on a surface that faces it.
+const SUN: Vec3 = Vec3::new(2.1, 1.9, 1.55);
+/// Radius of the sun's disc as seen from the ground, in radians: larger than the real one, for soft shadows.
+const SUN_RADIUS: f32 = 0.03;
+/// How far off a surface secondary rays start, in metres.
+const LIFT: f32 = 1e-3;
+
+/// What a ray met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Thing {
+    /// Index in the stage.
+    Solid(u32),
+    /// Index in the moving object.
+    Mover(u32),
+    Floor,
+    Sky,
+}
+
+/// The stage with the moving object of one photo.
+pub(super) struct World<'a> {
+    pub stage: &'a Stage,
+    pub mover: &'a [(Solid, Paint)],
+}
+
+/// What one sample saw.
+pub(super) struct Sample {
+    /// Linear radiance.
+    pub colour: Vec3,
+    pub thing: Thing,
+    /// Whether the moving object had a part in the colour, by itself, its shadow or its reflection.
+    pub moved: bool,
+}
+
+impl World<'_> {
+    /// The first thing along a ray and its distance.
+    pub fn meet(&self, ray: &Ray) -> (f32, Thing) {
+        let (mut limit, mut thing) = (sky::meet_dome(ray), Thing::Sky);
+        if ray.direction.z < 0.0 {
+            let t = -ray.origin.z / ray.direction.z;
+            if t > 0.0 && t < limit {
+                (limit, thing) = (t, Thing::Floor);
+            }
+        }
+        if let Some((t, i)) = self.stage.bvh.first(&self.stage.solids, ray, limit) {
+            (limit, thing) = (t, Thing::Solid(i));
+        }
+        for (i, (solid, _)) in self.mover.iter().enumerate() {
+            if let Some(t) = solid.meet(ray)
+                && t < limit
+            {
+                (limit, thing) = (t, Thing::Mover(i as u32));
+            }
+        }
+        (limit, thing)
+    }
+
+    /// Outward unit normal of a thing at a point; the sky has none and gives zero.
+    pub fn normal(&self, thing: Thing, p: Vec3) -> Vec3 {
+        match thing {
+            Thing::Solid(i) => self.stage.solids[i as usize].normal(p),
+            Thing::Mover(i) => self.mover[i as usize].0.normal(p),
+            Thing::Floor => Vec3::Z,
+            Thing::Sky => Vec3::ZERO,
+        }
+    }
+
+    /// The colour along a ray. `u`, `v` in [0, 1) choose the place on the sun's disc.
+    pub fn trace(&self, ray: &Ray, u: f32, v: f32) -> Sample {
+        let (t, thing) = self.meet(ray);
+        let p = ray.at(t);
+        if thing == Thing::Sky {
+            return Sample { colour: sky::radiance(p / sky::DOME), thing, moved: false };
+        }
+        let normal = self.normal(thing, p);
+        let (sun, blocked_by_mover) = self.sunlight(p, normal, u, v);
+        let mut moved = blocked_by_mover || matches!(thing, Thing::Mover(_));
+        let mut colour = self.matte(thing, p, normal, sun);
+        if let Some(gloss) = self.gloss(thing) {
+            let facing = -ray.direction.dot(normal);
+            let fresnel = gloss.f0 + (1.0 - gloss.f0) * (1.0 - facing).clamp(0.0, 1.0).powi(5);
+            let mirrored = Ray { origin: p + normal * LIFT, direction: ray.direction + normal * (2.0 * facing) };
+            let (reflection, seen) = self.reflection(&mirrored, u, v);
+            moved |= seen;
+            let half = (sky::sun() - ray.direction).normalize_or(normal);
+            let lobe = (gloss.shininess + 8.0) / 25.0 * normal.dot(half).max(0.0).powf(gloss.shininess);
+            colour = colour * (1.0 - fresnel) + reflection * fresnel + SUN * (sun * lobe * fresnel);
+        }
+        Sample { colour, thing, moved }
+    }
+
+    /// What a mirror shows; mirrors in mirrors are matte.
+    fn reflection(&self, ray: &Ray, u: f32, v: f32) -> (Vec3, bool) {
+        let (t, thing) = self.meet(ray);
+        let p = ray.at(t);
+        if thing == Thing::Sky {
+            // The sun's own disc is the highlight's business.
+            return (sky::radiance(p / sky::DOME).min(Vec3::splat(1.6)), false);
+        }
+        let normal = self.normal(thing, p);
+        let (sun, blocked_by_mover) = self.sunlight(p, normal, u, v);
+        (self.matte(thing, p, normal, sun), blocked_by_mover || matches!(thing, Thing::Mover(_)))
+    }
+
+    /// Light that a surface scatters evenly; `sun` is the sunlight that falls on it.
+    fn matte(&self, thing: Thing, p: Vec3, normal: Vec3, sun: f32) -> Vec3 {
+        let painted = |solid: &Solid, paint: Paint| {
+            let local_normal = match solid {
+                Solid::Block { axes, .. } => axes.transpose() * normal,
+                _ => normal,
+            };
+            paint.albedo(solid.local(p), local_normal)
+        };
+        let albedo = match thing {
+            Thing::Solid(i) => painted(&self.stage.solids[i as usize], self.stage.looks[i as usize].paint),
+            Thing::Mover(i) => painted(&self.mover[i as usize].0, self.mover[i as usize].1),
+            Thing::Floor => materials::floor(p),
+            Thing::Sky => return Vec3::ZERO,
+        };
+        albedo * (SUN * sun + sky::ambient(normal) * self.openness(p, normal))
+    }
+
+    fn gloss(&self, thing: Thing) -> Option<Gloss> {
+        match thing {
+            Thing::Solid(i) => self.stage.looks[i as usize].gloss,
+            Thing::Floor => self.stage.floor_gloss,
+            Thing::Mover(_) | Thing::Sky => None,
+        }
+    }
+
+    /// Cosine of the sun's height over the surface, 0 in shadow; and whether the moving object casts the shadow.
+    fn sunlight(&self, p: Vec3, normal: Vec3, u: f32, v: f32) -> (f32, bool) {
+        let sun = sky::sun();
+        let height = normal.dot(sun);
+        if height <= 0.0 {
+            return (0.0, false);
+        }
+        let (across, along) = sun.any_orthonormal_pair();
+        let (radius, turn) = (SUN_RADIUS * u.sqrt(), v * std::f32::consts::TAU);
+        let towards = (sun + across * (radius * turn.cos()) + along * (radius * turn.sin())).normalize();
+        let ray = Ray { origin: p + normal * LIFT, direction: towards };
+        // Nothing stands outside of the fence, and no shadow reaches further than this.
+        if p.length_squared() > 49.0 {
+            return (height, false);
+        }
+        if self.stage.bvh.any(&self.stage.solids, &ray, f32::INFINITY) {
+            return (0.0, false);
+        }
+        let blocked = self.mover.iter().any(|(solid, _)| solid.meet(&ray).is_some());
+        (if blocked { 0.0 } else { height }, blocked)
+    }
+
+    /// Share of the sky that neighbours leave open, about 0.3..=1: by how much less room there is along the normal
+    /// than on a plain (Evans 2006, "Fast approximations for global illumination on dynamic scenes").
+    fn openness(&self, p: Vec3, normal: Vec3) -> f32 {
+        const STEPS: [(f32, f32); 3] = [(0.06, 1.0), (0.2, 0.8), (0.5, 0.6)];
+        if p.truncate().length_squared() > 12.0 {
+            return 1.0;
+        }
+        let mut room = STEPS.map(|(h, _)| (p.z + normal.z * h).min(h));
+        for &i in &self.stage.shading {
+            let solid = &self.stage.solids[i as usize];
+            let here = solid.distance(p);
+            if here > 1.0 {
+                continue;
+            }
+            for (room, (h, _)) in room.iter_mut().zip(STEPS) {
+                if here < 2.0 * h {
+                    *room = room.min(solid.distance(p + normal * h));
+                }
+            }
+        }
+        let lost: f32 = room.iter().zip(STEPS).map(|(room, (h, weight))| weight * (1.0 - room.max(0.0) / h)).sum();
+        (1.0 - 0.36 * lost).clamp(0.25, 1.0)
+    }
+}
