@@ -1,3 +1,224 @@
 //! Cameras, photos, points and the train/test split of a capture.
+//!
+//! [`Scene::open`] reads COLMAP (binary and text), Blender, instant-ngp and nerfstudio data sets. Cameras come out in one
+//! convention ([`camera`]), distorted lenses with the ideal pinhole that replaces them ([`lens`]); photos are touched
+//! only for the size in their header until [`View::load_photo`].
 
 pub mod camera;
+mod error;
+mod image_size;
+pub mod lens;
+pub mod photo;
+mod readers;
+mod resample;
+mod skipped;
+mod view;
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use serde::Serialize;
+
+pub use error::Error;
+pub use photo::{Photo, load_photos};
+pub use skipped::{Names, Skipped};
+pub use view::{Resize, Role, View};
+
+/// Every how many views, by sorted name, one is held out: the protocol of the 3DGS papers.
+pub const EVAL_EVERY: usize = 8;
+
+/// The format that a scene came in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SceneKind {
+    /// COLMAP's cameras.bin, images.bin, points3D.bin.
+    ColmapBinary,
+    /// COLMAP's cameras.txt, images.txt, points3D.txt.
+    ColmapText,
+    /// transforms_train.json and its sisters, as the NeRF synthetic scenes have.
+    Blender,
+    /// One transforms.json, as instant-ngp and nerfstudio have.
+    Transforms,
+}
+
+/// A point of the reconstruction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// Place in world coordinates.
+    pub position: DVec3,
+    /// Red, green, blue.
+    pub colour: [u8; 3],
+    /// Mean reprojection error in pixels; 0 where the format has none.
+    pub error: f32,
+    /// Indices of the views that saw it, ascending; empty where the format has no tracks.
+    pub track: Vec<u32>,
+}
+
+/// Choices at opening.
+#[derive(Clone, Debug, Default)]
+pub struct OpenOptions {
+    /// Photo folder: a name within the scene (`images_4`) or a path; none takes the data set's own.
+    pub images: Option<PathBuf>,
+    /// Whether photos are undistorted; none does so where the lens moves some pixel by more than
+    /// [`lens::VISIBLE_DISPLACEMENT`].
+    pub undistort: Option<bool>,
+}
+
+/// A capture: views sorted by name, and the points that were reconstructed with them.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The format read.
+    pub kind: SceneKind,
+    /// The scene's folder.
+    pub root: PathBuf,
+    /// The file that lists the views.
+    pub source: PathBuf,
+    /// Views in ascending order of their names (by bytes).
+    pub views: Vec<View>,
+    /// Points of the reconstruction; empty where the format has none.
+    pub points: Vec<Point>,
+    /// What was left out, and why.
+    pub skipped: Skipped,
+}
+
+/// Which views train and which are held out, as indices into [`Scene::views`], ascending.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Split {
+    /// Views trained on.
+    pub train: Vec<usize>,
+    /// Views held out.
+    pub test: Vec<usize>,
+}
+
+impl Scene {
+    /// Opens the scene at `path`: its folder, a COLMAP model folder, or a transforms file. No photo need be there.
+    ///
+    /// # Errors
+    /// [`Error`], with the file and record at fault and what to do. Views without a usable pose and points without a
+    /// usable place are left out and counted in [`Scene::skipped`].
+    pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, Error> {
+        readers::open(path, options)
+    }
+
+    /// Drops the views whose photo is absent or of another shape than its camera, and counts them.
+    ///
+    /// # Errors
+    /// [`Error::NoPhotos`] where no view is left.
+    pub fn require_photos(&mut self) -> Result<(), Error> {
+        let listed = self.views.len();
+        let mut first = None;
+        let mut keep = Vec::with_capacity(listed);
+        for view in &self.views {
+            let reason = if !view.image.is_file() {
+                self.skipped.missing_images.add(&view.name);
+                Some(format!("{} does not exist", view.image.display()))
+            } else if let Some((width, height)) = view.mismatched() {
+                self.skipped.mismatched_images.add(&view.name);
+                Some(format!("{} is {width} x {height}, not its camera's shape", view.image.display()))
+            } else {
+                None
+            };
+            keep.push(reason.is_none());
+            first = first.or(reason);
+        }
+        self.retain_views(&keep);
+        if self.views.is_empty() {
+            return Err(Error::NoPhotos {
+                root: self.root.clone(),
+                listed,
+                what: first.unwrap_or_else(|| "no view is listed".to_owned()),
+            });
+        }
+        Ok(())
+    }
+
+    /// Loads all views' photos in parallel; views whose photo is damaged are dropped and counted.
+    ///
+    /// # Errors
+    /// [`Error::NoPhotos`] where no view is left.
+    pub fn load_photos(&mut self, resize: Resize, progress: &(dyn Fn(usize) + Sync)) -> Result<Vec<Photo>, Error> {
+        let views: Vec<&View> = self.views.iter().collect();
+        self.keep_loaded(load_photos(&views, resize, progress))
+    }
+
+    /// Drops the views whose entry in `photos` (one per view) is an error, counts them, and hands back the photos of
+    /// the others.
+    ///
+    /// # Errors
+    /// [`Error::NoPhotos`] where no view is left.
+    pub fn keep_loaded(&mut self, photos: Vec<Result<Photo, Error>>) -> Result<Vec<Photo>, Error> {
+        let listed = self.views.len();
+        let mut loaded = Vec::with_capacity(photos.len());
+        let mut keep = Vec::with_capacity(photos.len());
+        let mut first = None;
+        for (photo, view) in photos.into_iter().zip(&self.views) {
+            keep.push(photo.is_ok());
+            match photo {
+                Ok(photo) => loaded.push(photo),
+                Err(error) => {
+                    self.skipped.damaged_images.add(&view.name);
+                    first.get_or_insert(error.to_string());
+                }
+            }
+        }
+        self.retain_views(&keep);
+        if loaded.is_empty() {
+            let what = first.unwrap_or_else(|| "no view is listed".to_owned());
+            return Err(Error::NoPhotos { root: self.root.clone(), listed, what });
+        }
+        Ok(loaded)
+    }
+
+    /// Keeps the views whose flag is set (views beyond the flags are dropped); the points' tracks follow.
+    pub fn retain_views(&mut self, keep: &[bool]) {
+        let mut next = 0;
+        let renumbered: Vec<Option<u32>> = (0..self.views.len())
+            .map(|i| {
+                let number = keep.get(i).copied().unwrap_or(false).then_some(next);
+                next += u32::from(number.is_some());
+                number
+            })
+            .collect();
+        let mut flags = renumbered.iter().map(Option::is_some);
+        self.views.retain(|_| flags.next().unwrap_or(false));
+        for point in &mut self.points {
+            point.track = point.track.iter().filter_map(|&v| renumbered.get(v as usize).copied().flatten()).collect();
+        }
+    }
+
+    /// The train/test split of the views there are now: the data set's own where it marks views, else every
+    /// `eval_every`-th view, from the first, is test; 0 holds none out.
+    ///
+    /// Take it after [`Scene::require_photos`] and [`Scene::load_photos`], which renumber views.
+    pub fn split(&self, eval_every: usize) -> Split {
+        let of = |wanted: &[Role]| -> Vec<usize> {
+            (0..self.views.len()).filter(|&i| wanted.contains(&self.views[i].role)).collect()
+        };
+        if self.views.iter().any(|v| v.role != Role::Unsaid) {
+            let test = of(&[Role::Test]);
+            return Split {
+                train: of(&[Role::Train, Role::Unsaid]),
+                test: if test.is_empty() { of(&[Role::Validation]) } else { test },
+            };
+        }
+        let (test, train) = (0..self.views.len()).partition(|i| eval_every > 0 && i % eval_every == 0);
+        Split { train, test }
+    }
+
+    /// Mean of the camera centres of `views` (usually the split's training views), in world units; the origin for none.
+    pub fn centre(&self, views: &[usize]) -> DVec3 {
+        let sum: DVec3 = self.chosen(views).map(|v| v.camera.centre()).sum();
+        sum / self.chosen(views).count().max(1) as f64
+    }
+
+    /// Scene extent of 3DGS: 1.1 times the largest distance of a camera of `views` (usually the split's training views)
+    /// to their mean, in world units.
+    pub fn extent(&self, views: &[usize]) -> f64 {
+        let centre = self.centre(views);
+        1.1 * self.chosen(views).map(|v| v.camera.centre().distance(centre)).fold(0.0, f64::max)
+    }
+
+    fn chosen<'a>(&'a self, views: &'a [usize]) -> impl Iterator<Item = &'a View> {
+        views.iter().filter_map(|&i| self.views.get(i))
+    }
+}

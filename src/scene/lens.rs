@@ -1,0 +1,392 @@
+//! Lenses: real cameras with their distortion, and the ideal pinhole that replaces each.
+//!
+//! A ray (x, y, 1) in camera coordinates meets the image plane at the normalised point (x, y). The lens bends it:
+//! fisheye models first replace the radius r = tan(theta) by theta, then all models apply
+//! `w (1 + k1 r2 + k2 r4 + k3 r6 + k4 r8) / (1 + d1 r2 + d2 r4 + d3 r6)` plus tangential (p1, p2) and thin-prism
+//! (s1, s2) terms, all of the point w itself; focal lengths and principal point then give pixels. These are COLMAP's
+//! camera models, which are OpenCV's with the pixel centre at + 0.5.
+//!
+//! # Undistortion protocol
+//! The ideal pinhole has the photo's size in pixels. The photo's border (its outermost pixel centres) is undistorted,
+//! which bounds a rectangle that the photo covers whole; it is cut to twice the field that the lens's focal lengths
+//! would see undistorted, as a rectilinear image of a fisheye's rim would be mostly blur. One zoom factor for both axes
+//! (pixels keep their shape) makes the image fit into that rectangle, centred: every output pixel has a source.
+//! Sampling is bilinear, in the stored 8-bit values, averaged over as many samples per pixel as the reduction asks for.
+
+use glam::{DMat2, DVec2};
+
+/// Displacement in pixels from which a lens counts as distorting: below it, photos are used as they are.
+pub const VISIBLE_DISPLACEMENT: f64 = 0.5;
+
+/// Samples along one image edge when a lens is examined.
+const EDGE_SAMPLES: u32 = 128;
+
+/// Largest half-width of the ideal image, in units of the half-width seen by an undistorted lens of the same focal length.
+const WIDEST: f64 = 2.0;
+
+/// COLMAP's camera models, by COLMAP's names.
+#[allow(missing_docs)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LensModel {
+    SimplePinhole,
+    Pinhole,
+    SimpleRadial,
+    Radial,
+    OpenCv,
+    OpenCvFisheye,
+    FullOpenCv,
+    SimpleRadialFisheye,
+    RadialFisheye,
+    ThinPrismFisheye,
+}
+
+/// Model, COLMAP's number, COLMAP's name, number of parameters.
+const MODELS: [(LensModel, i32, &str, usize); 10] = [
+    (LensModel::SimplePinhole, 0, "SIMPLE_PINHOLE", 3),
+    (LensModel::Pinhole, 1, "PINHOLE", 4),
+    (LensModel::SimpleRadial, 2, "SIMPLE_RADIAL", 4),
+    (LensModel::Radial, 3, "RADIAL", 5),
+    (LensModel::OpenCv, 4, "OPENCV", 8),
+    (LensModel::OpenCvFisheye, 5, "OPENCV_FISHEYE", 8),
+    (LensModel::FullOpenCv, 6, "FULL_OPENCV", 12),
+    (LensModel::SimpleRadialFisheye, 8, "SIMPLE_RADIAL_FISHEYE", 4),
+    (LensModel::RadialFisheye, 9, "RADIAL_FISHEYE", 5),
+    (LensModel::ThinPrismFisheye, 10, "THIN_PRISM_FISHEYE", 12),
+];
+
+impl LensModel {
+    /// All models, in COLMAP's order.
+    pub fn all() -> impl Iterator<Item = Self> {
+        MODELS.iter().map(|m| m.0)
+    }
+
+    /// The model with COLMAP's number `id`.
+    pub fn from_id(id: i32) -> Option<Self> {
+        MODELS.iter().find(|m| m.1 == id).map(|m| m.0)
+    }
+
+    /// The model with COLMAP's name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        MODELS.iter().find(|m| m.2 == name).map(|m| m.0)
+    }
+
+    /// COLMAP's number.
+    pub fn id(self) -> i32 {
+        MODELS[self as usize].1
+    }
+
+    /// COLMAP's name.
+    pub fn name(self) -> &'static str {
+        MODELS[self as usize].2
+    }
+
+    /// How many parameters COLMAP stores.
+    pub fn parameters(self) -> usize {
+        MODELS[self as usize].3
+    }
+
+    /// All names, for messages.
+    pub(crate) fn names() -> String {
+        MODELS.map(|m| m.2).join(", ")
+    }
+}
+
+/// The coefficients that bend rays; zero where a model lacks them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Distortion {
+    /// Whether the radius is the ray's angle (equidistant projection) rather than its tangent.
+    pub fisheye: bool,
+    /// Radial k1..k4, of r^2, r^4, r^6, r^8.
+    pub radial: [f64; 4],
+    /// Coefficients of the rational model's denominator, of r^2, r^4, r^6.
+    pub denominator: [f64; 3],
+    /// Tangential p1, p2.
+    pub tangential: [f64; 2],
+    /// Thin prism s1 (on x), s2 (on y).
+    pub prism: [f64; 2],
+}
+
+impl Distortion {
+    /// The polynomial part, in the plane where the lens bends rays.
+    fn bend(&self, w: DVec2) -> DVec2 {
+        let r2 = w.length_squared();
+        let [k1, k2, k3, k4] = self.radial;
+        let [d1, d2, d3] = self.denominator;
+        let [p1, p2] = self.tangential;
+        let [s1, s2] = self.prism;
+        let numerator = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)));
+        let denominator = 1.0 + r2 * (d1 + r2 * (d2 + r2 * d3));
+        let xy = 2.0 * w.x * w.y;
+        w * (numerator / denominator)
+            + DVec2::new(
+                p1 * xy + p2 * (r2 + 2.0 * w.x * w.x) + s1 * r2,
+                p2 * xy + p1 * (r2 + 2.0 * w.y * w.y) + s2 * r2,
+            )
+    }
+
+    /// Derivative of [`Self::bend`], by central differences: exact enough to steer Newton steps and to see folds.
+    fn jacobian(&self, w: DVec2) -> DMat2 {
+        let h = 1e-6 * (1.0 + w.length());
+        let column = |d: DVec2| (self.bend(w + d) - self.bend(w - d)) / (2.0 * h);
+        DMat2::from_cols(column(DVec2::new(h, 0.0)), column(DVec2::new(0.0, h)))
+    }
+
+    /// Inverse of [`Self::bend`] on the branch that holds the axis, by damped Newton steps from the bent point.
+    fn unbend(&self, bent: DVec2) -> Option<DVec2> {
+        let mut w = bent;
+        let mut error = self.bend(w) - bent;
+        for _ in 0..60 {
+            if error.length() <= 1e-15 * (1.0 + bent.length()) {
+                break;
+            }
+            let step = self.jacobian(w).inverse() * error;
+            let mut share = 1.0;
+            let next = loop {
+                let next = w - step * share;
+                let next_error = self.bend(next) - bent;
+                if next_error.length() < error.length() {
+                    break Some((next, next_error));
+                }
+                share *= 0.5;
+                if share < 1e-4 {
+                    break None; // stuck: at rounding level, or in a fold
+                }
+            };
+            match next {
+                Some((next, next_error)) => (w, error) = (next, next_error),
+                None => break,
+            }
+        }
+        (error.length() <= 1e-11 * (1.0 + bent.length()) && self.jacobian(w).determinant() > 0.0).then_some(w)
+    }
+}
+
+/// A real camera's inside: image size, focal lengths, principal point and distortion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// The model that it was calibrated with.
+    pub model: LensModel,
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Focal lengths in pixels.
+    pub focal: DVec2,
+    /// Principal point in pixels from the upper left corner.
+    pub principal: DVec2,
+    /// How rays bend.
+    pub distortion: Distortion,
+}
+
+/// The pinhole that replaces a lens: focal lengths and principal point in pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pinhole {
+    /// Focal lengths in pixels.
+    pub focal: DVec2,
+    /// Principal point in pixels from the upper left corner.
+    pub principal: DVec2,
+}
+
+impl Lens {
+    /// A lens of COLMAP's `model` from its parameters in COLMAP's order.
+    ///
+    /// # Errors
+    /// Text that says what is wrong: a wrong number of parameters, values that are not finite, a size or focal length
+    /// that no camera has.
+    pub fn from_colmap(model: LensModel, width: u64, height: u64, p: &[f64]) -> Result<Self, String> {
+        if p.len() != model.parameters() {
+            return Err(format!("{} takes {} parameters, found {}", model.name(), model.parameters(), p.len()));
+        }
+        let mut distortion = Distortion::default();
+        let (single, rest) = match model {
+            LensModel::SimplePinhole
+            | LensModel::SimpleRadial
+            | LensModel::Radial
+            | LensModel::SimpleRadialFisheye
+            | LensModel::RadialFisheye => (true, &p[3..]),
+            _ => (false, &p[4..]),
+        };
+        match (model, rest) {
+            (LensModel::OpenCv, &[k1, k2, p1, p2]) => {
+                distortion.radial = [k1, k2, 0.0, 0.0];
+                distortion.tangential = [p1, p2];
+            }
+            (LensModel::FullOpenCv, &[k1, k2, p1, p2, k3, k4, k5, k6]) => {
+                distortion.radial = [k1, k2, k3, 0.0];
+                distortion.denominator = [k4, k5, k6];
+                distortion.tangential = [p1, p2];
+            }
+            (LensModel::ThinPrismFisheye, &[k1, k2, p1, p2, k3, k4, s1, s2]) => {
+                distortion.radial = [k1, k2, k3, k4];
+                distortion.tangential = [p1, p2];
+                distortion.prism = [s1, s2];
+            }
+            (_, radial) => distortion.radial[..radial.len()].copy_from_slice(radial),
+        }
+        distortion.fisheye = matches!(
+            model,
+            LensModel::OpenCvFisheye
+                | LensModel::SimpleRadialFisheye
+                | LensModel::RadialFisheye
+                | LensModel::ThinPrismFisheye
+        );
+        let (focal, principal) = if single {
+            (DVec2::splat(p[0]), DVec2::new(p[1], p[2]))
+        } else {
+            (DVec2::new(p[0], p[1]), DVec2::new(p[2], p[3]))
+        };
+        let size = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
+        Self { model, width: size(width), height: size(height), focal, principal, distortion }.checked()
+    }
+
+    /// The lens itself if a camera could have it.
+    pub(crate) fn checked(self) -> Result<Self, String> {
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        if pixels == 0 || pixels > 1 << 30 {
+            return Err(format!("image size {} x {} is not one that a photo has", self.width, self.height));
+        }
+        let largest = 1e6 * f64::from(self.width.max(self.height));
+        if !self.focal.is_finite() || self.focal.min_element() <= 1e-3 || self.focal.max_element() >= largest {
+            return Err(format!("focal lengths {}, {} px are not ones that a lens has", self.focal.x, self.focal.y));
+        }
+        if !self.principal.is_finite() || self.principal.abs().max_element() >= largest {
+            return Err(format!("principal point {}, {} px lies out of reach", self.principal.x, self.principal.y));
+        }
+        let d = &self.distortion;
+        let mut all = d.radial.iter().chain(&d.denominator).chain(&d.tangential).chain(&d.prism);
+        if let Some(bad) = all.find(|c| c.is_nan() || c.abs() >= 1e6) {
+            return Err(format!("distortion coefficient {bad} is out of range"));
+        }
+        Ok(self)
+    }
+
+    /// All numbers of the lens, as bits: equal lenses have equal keys.
+    pub(crate) fn key(&self) -> Vec<u64> {
+        let d = &self.distortion;
+        let flags =
+            [f64::from(self.width), f64::from(self.height), self.model as i32 as f64, f64::from(u8::from(d.fisheye))];
+        let lengths = self.focal.to_array().into_iter().chain(self.principal.to_array());
+        let bends = d.radial.into_iter().chain(d.denominator).chain(d.tangential).chain(d.prism);
+        flags.into_iter().chain(lengths).chain(bends).map(f64::to_bits).collect()
+    }
+
+    /// The same lens on an image of another size; distortion does not depend on the size.
+    #[must_use]
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        let ratio = DVec2::new(f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height));
+        Self { width, height, focal: self.focal * ratio, principal: self.principal * ratio, ..*self }
+    }
+
+    /// Whether a photo of this size can be this lens's, enlarged or reduced: sides in proportion, within rounding and 1 %.
+    pub fn fits(&self, width: u32, height: u32) -> bool {
+        let ratio = f64::from(width) / f64::from(self.width);
+        (f64::from(height) - f64::from(self.height) * ratio).abs() <= 1.0 + ratio.max(1.0) + 0.01 * f64::from(height)
+    }
+
+    /// Where the lens puts the normalised point (x / z, y / z), normalised.
+    pub fn distort(&self, point: DVec2) -> DVec2 {
+        let d = &self.distortion;
+        if !d.fisheye {
+            return d.bend(point);
+        }
+        let r = point.length();
+        d.bend(if r > 1e-12 { point * (r.atan() / r) } else { point })
+    }
+
+    /// The normalised point (x / z, y / z) that the lens puts at `distorted`, or none where no ray before the camera
+    /// arrives there on the branch that holds the optical axis.
+    pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
+        let w = self.distortion.unbend(distorted)?;
+        if !self.distortion.fisheye {
+            return Some(w);
+        }
+        let theta = w.length();
+        if theta < 1e-12 {
+            return Some(w);
+        }
+        (theta < std::f64::consts::FRAC_PI_2 - 1e-6).then(|| w * (theta.tan() / theta))
+    }
+
+    /// Pixel at which the normalised point (x / z, y / z) appears.
+    pub fn project(&self, point: DVec2) -> DVec2 {
+        self.distort(point) * self.focal + self.principal
+    }
+
+    /// The farthest, in pixels, that the lens moves a pixel of a pinhole image of the same intrinsics (129 x 129 grid
+    /// over the image, edges included); infinite where the distortion has a pole.
+    pub fn max_displacement(&self) -> f64 {
+        if self.distortion == Distortion::default() {
+            return 0.0;
+        }
+        let size = DVec2::new(f64::from(self.width), f64::from(self.height));
+        let mut farthest = 0.0_f64;
+        for j in 0..=EDGE_SAMPLES {
+            for i in 0..=EDGE_SAMPLES {
+                let pixel = size * DVec2::new(f64::from(i), f64::from(j)) / f64::from(EDGE_SAMPLES);
+                let moved = (self.project((pixel - self.principal) / self.focal) - pixel).length();
+                farthest = farthest.max(if moved.is_nan() { f64::INFINITY } else { moved });
+            }
+        }
+        farthest
+    }
+
+    /// The ideal pinhole for an image of the same size (see the module's protocol), or none where the distortion folds
+    /// the image so that no rectangle is whole.
+    pub fn ideal(&self) -> Option<Pinhole> {
+        let size = DVec2::new(f64::from(self.width), f64::from(self.height));
+        let reach = WIDEST * 0.5 * size / self.focal;
+        let (mut low, mut high) = (-reach, reach);
+        let last = size - 0.5;
+        let steps = |n: u32| (0..=n.min(EDGE_SAMPLES)).map(move |i| f64::from(i) / f64::from(n.min(EDGE_SAMPLES)));
+        let ray = |x: f64, y: f64| self.undistort((DVec2::new(x, y) - self.principal) / self.focal);
+        for t in steps(self.height) {
+            let y = 0.5 + t * (last.y - 0.5);
+            low.x = ray(0.5, y).map_or(low.x, |p| low.x.max(p.x));
+            high.x = ray(last.x, y).map_or(high.x, |p| high.x.min(p.x));
+        }
+        for t in steps(self.width) {
+            let x = 0.5 + t * (last.x - 0.5);
+            low.y = ray(x, 0.5).map_or(low.y, |p| low.y.max(p.y));
+            high.y = ray(x, last.y).map_or(high.y, |p| high.y.min(p.y));
+        }
+        // A single pixel has no extent between centres: its width on the plane is one pixel's.
+        let span = (high - low) + DVec2::select(size.cmple(DVec2::ONE), 1.0 / self.focal, DVec2::ZERO);
+        if !span.is_finite() || span.min_element() <= 0.0 {
+            return None;
+        }
+        let fitting = (size - 1.0).max(DVec2::ONE) / span;
+        let centre = 0.5 * (low + high);
+        let mut zoom = (fitting / self.focal).max_element();
+        for _ in 0..100 {
+            let focal = self.focal * zoom;
+            let pinhole = Pinhole { focal, principal: 0.5 * size - centre * focal };
+            if self.covers(&pinhole) {
+                return Some(pinhole);
+            }
+            zoom *= 1.02;
+        }
+        None
+    }
+
+    /// Whether every pixel centre of `pinhole`'s image (a grid of them, border included) has its source in the photo, on
+    /// the unfolded branch.
+    fn covers(&self, pinhole: &Pinhole) -> bool {
+        let size = DVec2::new(f64::from(self.width), f64::from(self.height));
+        let slack = 1e-6 * size.max_element();
+        (0..=EDGE_SAMPLES).all(|j| {
+            (0..=EDGE_SAMPLES).all(|i| {
+                let share = DVec2::new(f64::from(i), f64::from(j)) / f64::from(EDGE_SAMPLES);
+                let pixel = 0.5 + share * (size - 1.0);
+                let point = (pixel - pinhole.principal) / pinhole.focal;
+                let source = self.project(point);
+                let inside = source.cmpge(DVec2::splat(0.5 - slack)).all() && source.cmple(size - 0.5 + slack).all();
+                let bent = if self.distortion.fisheye {
+                    point * (point.length().atan() / point.length().max(1e-12))
+                } else {
+                    point
+                };
+                inside && self.distortion.jacobian(bent).determinant() > 0.0
+            })
+        })
+    }
+}

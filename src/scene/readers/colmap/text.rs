@@ -1,0 +1,131 @@
+//! COLMAP's text files: one record a line (images: two), fields split by spaces, `#` starts a comment line.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::str::FromStr;
+
+use super::super::files;
+use super::{CameraFault, Cameras, ImageRow, PointRow, add_camera};
+use crate::scene::Error;
+use crate::scene::lens::{Lens, LensModel};
+
+/// The fields of one line.
+struct Fields<'a> {
+    rest: &'a str,
+    taken: usize,
+}
+
+impl<'a> Fields<'a> {
+    fn new(line: &'a str) -> Self {
+        Self { rest: line.trim(), taken: 0 }
+    }
+
+    fn word(&mut self, what: &str) -> Result<&'a str, String> {
+        let (word, rest) = self.rest.split_once(char::is_whitespace).unwrap_or((self.rest, ""));
+        self.rest = rest.trim_start();
+        self.taken += 1;
+        if word.is_empty() { Err(format!("ends before its {what} (field {})", self.taken)) } else { Ok(word) }
+    }
+
+    fn value<T: FromStr>(&mut self, what: &str) -> Result<T, String> {
+        let word = self.word(what)?;
+        word.parse().map_err(|_| format!("its {what} (field {}) is not a number of its kind: {word:?}", self.taken))
+    }
+
+    fn values<const N: usize>(&mut self, what: &str) -> Result<[f64; N], String> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = self.value(what)?;
+        }
+        Ok(values)
+    }
+}
+
+/// Lines that hold something, with their numbers from 1.
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, line)| is_record(line))
+}
+
+fn is_record(line: &str) -> bool {
+    !line.trim().is_empty() && !line.trim_start().starts_with('#')
+}
+
+/// cameras.txt.
+pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
+    let text = files::read_text(path)?;
+    let mut cameras = HashMap::new();
+    for (number, line) in lines(&text) {
+        camera(line, &mut cameras).map_err(|fault| fault.at(path, format!("line {number}")))?;
+    }
+    Ok(cameras)
+}
+
+fn camera(line: &str, cameras: &mut Cameras) -> Result<(), CameraFault> {
+    let mut fields = Fields::new(line);
+    let id = fields.value("camera id")?;
+    let name = fields.word("model")?;
+    let model = LensModel::from_name(name).ok_or_else(|| CameraFault::Model(name.to_owned()))?;
+    let (width, height) = (fields.value("width")?, fields.value("height")?);
+    let mut parameters = Vec::with_capacity(model.parameters());
+    while !fields.rest.is_empty() {
+        parameters.push(fields.value("parameter")?);
+    }
+    Ok(add_camera(cameras, id, Lens::from_colmap(model, width, height, &parameters)?)?)
+}
+
+/// images.txt: each image takes a line of its own and one, perhaps empty, of 2D points, which is passed over.
+pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
+    let text = files::read_text(path)?;
+    let mut rows = Vec::new();
+    let mut all = text.lines().enumerate();
+    while let Some((i, line)) = all.next() {
+        if !is_record(line) {
+            continue;
+        }
+        let fault = |what: String| Error::malformed(path, format!("line {}", i + 1), what);
+        rows.push(image(line).map_err(fault)?);
+        let points = all.next().map_or("", |(_, line)| line);
+        // A file whose writer forgot these lines would lose every other image without a word.
+        if points.split_whitespace().count() % 3 != 0 {
+            let what = "is not a list of 2D points (triples X Y POINT3D_ID): each image takes two lines, the second may \
+                        be empty";
+            return Err(Error::malformed(path, format!("line {}", i + 2), what));
+        }
+    }
+    Ok(rows)
+}
+
+fn image(line: &str) -> Result<ImageRow, String> {
+    let mut fields = Fields::new(line);
+    let id = fields.value("image id")?;
+    let quaternion = fields.values("quaternion")?;
+    let translation = fields.values("translation")?;
+    let camera_id = fields.value("camera id")?;
+    let name = fields.rest.to_owned(); // to the line's end: names may hold spaces
+    if name.is_empty() {
+        return Err("ends before its name (field 10)".to_owned());
+    }
+    Ok(ImageRow { id, quaternion, translation, camera_id, name })
+}
+
+/// points3D.txt.
+pub(super) fn points(path: &Path) -> Result<Vec<PointRow>, Error> {
+    let text = files::read_text(path)?;
+    lines(&text)
+        .map(|(number, line)| point(line).map_err(|what| Error::malformed(path, format!("line {number}"), what)))
+        .collect()
+}
+
+fn point(line: &str) -> Result<PointRow, String> {
+    let mut fields = Fields::new(line);
+    fields.value::<u64>("point id")?;
+    let position = fields.values("position")?;
+    let colour = [fields.value("red")?, fields.value("green")?, fields.value("blue")?];
+    let error = fields.value("error")?;
+    let mut track = Vec::new();
+    while !fields.rest.is_empty() {
+        track.push(fields.value("track's image id")?);
+        fields.value::<i64>("track's 2D point index")?;
+    }
+    Ok(PointRow { position, colour, error, track })
+}

@@ -1,0 +1,108 @@
+//! Where photos and masks lie: folders, extensions, real sizes.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::scene::Error;
+use crate::scene::image_size::image_size;
+
+/// Extensions of photos, in the order in which they are tried for names without one.
+const EXTENSIONS: [&str; 8] = ["png", "jpg", "jpeg", "JPG", "PNG", "JPEG", "webp", "WEBP"];
+
+/// Whether the path ends like a photo.
+pub(super) fn is_photo_name(path: &Path) -> bool {
+    path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
+}
+
+/// Number of photos directly in a folder; 0 where there is none.
+pub(super) fn count_photos(folder: &Path) -> usize {
+    let Ok(entries) = fs::read_dir(folder) else { return 0 };
+    entries.flatten().filter(|e| is_photo_name(&e.path()) && e.path().is_file()).count()
+}
+
+/// The photo folder that the user names: within the scene, or else a path of its own.
+pub(super) fn image_folder(root: &Path, asked: &Path) -> Result<PathBuf, Error> {
+    [root.join(asked), asked.to_owned()].into_iter().find(|p| p.is_dir()).ok_or_else(|| {
+        let mut known: Vec<String> = fs::read_dir(root)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter(|e| count_photos(&e.path()) > 0)
+            .map(|e| e.file_name().to_string_lossy().into_owned())
+            .collect();
+        known.sort();
+        Error::NoImageFolder { root: root.to_owned(), asked: asked.to_owned(), known }
+    })
+}
+
+/// The first candidate that exists, as named, with another photo extension, or with one appended; else the first as
+/// named.
+pub(super) fn find_photo(candidates: &[PathBuf]) -> PathBuf {
+    for candidate in candidates {
+        if is_photo_name(candidate) {
+            if candidate.is_file() {
+                return candidate.clone();
+            }
+            if let Some(found) = EXTENSIONS.iter().map(|e| candidate.with_extension(e)).find(|p| p.is_file()) {
+                return found;
+            }
+        } else if let Some(found) = EXTENSIONS.iter().map(|e| appended(candidate, e)).find(|p| p.is_file()) {
+            return found;
+        }
+    }
+    candidates.first().cloned().unwrap_or_default()
+}
+
+/// `path.extension`, whatever dots the path holds already.
+fn appended(path: &Path, extension: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".");
+    name.push(extension);
+    PathBuf::from(name)
+}
+
+/// The mask folder that goes with a photo folder: `images_4` has `masks_4`, else `masks`, beside it.
+pub(super) fn mask_folder(root: &Path, images: &Path) -> Option<PathBuf> {
+    let beside = images.parent().filter(|_| images.starts_with(root) && images != root).unwrap_or(root);
+    let name = images.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    let scaled = name.strip_prefix("images").map(|suffix| format!("masks{suffix}"));
+    scaled.into_iter().chain(["masks".to_owned()]).map(|m| beside.join(m)).find(|p| p.is_dir())
+}
+
+/// The mask of a photo named `name`: name.png (extension replaced), name.jpg.png (appended), or the name itself.
+pub(super) fn find_mask(folder: &Path, name: &str) -> Option<PathBuf> {
+    let plain = folder.join(name);
+    [appended(&plain, "png"), plain.with_extension("png"), plain].into_iter().find(|p| p.is_file())
+}
+
+/// Width and height of the photo at `path` where there is one with a legible header.
+///
+/// Only regular files are opened: a name may lead anywhere.
+pub(super) fn photo_size(path: &Path) -> Option<(u32, u32)> {
+    if !path.is_file() {
+        return None;
+    }
+    let possible = |&(width, height): &(u32, u32)| (1..=1 << 30).contains(&(u64::from(width) * u64::from(height)));
+    image_size(path).ok().filter(possible)
+}
+
+/// Reads a whole regular file.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>, Error> {
+    let metadata = fs::metadata(path).map_err(|e| Error::io(path, e))?;
+    if !metadata.is_file() {
+        return Err(Error::io(path, std::io::Error::other("it is not a regular file")));
+    }
+    fs::read(path).map_err(|e| Error::io(path, e))
+}
+
+/// Reads a whole text file.
+pub(super) fn read_text(path: &Path) -> Result<String, Error> {
+    String::from_utf8(read(path)?).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        Error::malformed(
+            path,
+            format!("byte {at}"),
+            "is not UTF-8 text; is this another format under a text file's name?",
+        )
+    })
+}

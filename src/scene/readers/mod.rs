@@ -1,0 +1,176 @@
+//! Readers of the field's scene formats, and the way from what they found to a [`Scene`].
+//!
+//! Readers only see what the files say (`Listing`); photo folders, real photo sizes, undistortion and the views' order
+//! are settled here, alike for all formats. Bad input is refused by file and record, or skipped and counted; counts that
+//! a file claims are checked against its size before anything is allocated for them.
+
+mod colmap;
+mod files;
+mod point_ply;
+mod pose;
+mod transforms;
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::lens::{Lens, Pinhole, VISIBLE_DISPLACEMENT};
+use super::view::{FOLDED, Role, View};
+use super::{Error, OpenOptions, Point, Scene, SceneKind, Skipped};
+
+/// What a scene's own files say.
+struct Listing {
+    kind: SceneKind,
+    root: PathBuf,
+    source: PathBuf,
+    views: Vec<ListedView>,
+    points: Vec<ListedPoint>,
+    skipped: Skipped,
+}
+
+/// A view as listed; `id` is what tracks call it.
+struct ListedView {
+    id: u32,
+    name: String,
+    image: PathBuf,
+    mask: Option<PathBuf>,
+    lens: Lens,
+    camera_id: u32,
+    pose: (DMat3, DVec3),
+    role: Role,
+}
+
+/// A point whose track still names views by their ids.
+struct ListedPoint {
+    position: DVec3,
+    colour: [u8; 3],
+    error: f32,
+    track: Vec<u32>,
+}
+
+/// The places that [`find`] tries, in this order.
+const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, in sparse/0, sparse and colmap/sparse/0, \
+                          transforms.json, transforms_train.json";
+
+/// Finds out what lies at `path` and reads it.
+pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
+    std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
+    let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+        return assemble(transforms::read(folder, path, options)?, options);
+    }
+    let part_of_model =
+        ["cameras", "images", "points3D"].iter().any(|part| path.file_stem().is_some_and(|s| s == *part));
+    if path.is_file() && !part_of_model {
+        return Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR });
+    }
+    for model in ["", "sparse/0", "sparse"].map(|sub| folder.join(sub)) {
+        if colmap::is_model(&model) {
+            return assemble(colmap::read(folder, &model, options)?, options);
+        }
+    }
+    for name in ["transforms.json", "transforms_train.json"] {
+        let file = folder.join(name);
+        if file.is_file() {
+            return assemble(transforms::read(folder, &file, options)?, options);
+        }
+    }
+    let model = folder.join("colmap/sparse/0");
+    if colmap::is_model(&model) {
+        return assemble(colmap::read(folder, &model, options)?, options);
+    }
+    let asked = options.images.iter().filter_map(|asked| files::image_folder(folder, asked).ok());
+    let usual = ["images", "input", ""].map(|sub| if sub.is_empty() { folder.to_owned() } else { folder.join(sub) });
+    for images in asked.chain(usual) {
+        let photos = files::count_photos(&images);
+        if photos > 0 {
+            return Err(Error::NoPoses { root: folder.to_owned(), images, photos });
+        }
+    }
+    Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR })
+}
+
+/// Sorts views, looks at their photos' headers, chooses ideal cameras and renumbers tracks.
+fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error> {
+    let source = listing.source.clone();
+    listing.views.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut skipped = listing.skipped;
+    let listed = drop_repeated(listing.views, &source, &mut skipped)?;
+    if listed.is_empty() {
+        let what = skipped.summary().join("; ");
+        let what = if what.is_empty() { "it lists none".to_owned() } else { what };
+        return Err(Error::NoViews { path: source, what });
+    }
+    let numbers: HashMap<u32, u32> = listed.iter().enumerate().map(|(i, v)| (v.id, i as u32)).collect();
+    let views = finish(listed, &source, options)?;
+    let points = listing
+        .points
+        .into_iter()
+        .map(|point| {
+            let seen = point.track.len();
+            let mut track: Vec<u32> = point.track.iter().filter_map(|id| numbers.get(id).copied()).collect();
+            skipped.track_entries += seen - track.len();
+            track.sort_unstable();
+            track.dedup();
+            Point { position: point.position, colour: point.colour, error: point.error, track }
+        })
+        .collect();
+    Ok(Scene { kind: listing.kind, root: listing.root, source, views, points, skipped })
+}
+
+/// Of views listed twice alike one stays; one name with two poses or cameras is refused, as either may be wrong.
+fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -> Result<Vec<ListedView>, Error> {
+    let mut kept: Vec<ListedView> = Vec::with_capacity(views.len());
+    for view in views {
+        match kept.last() {
+            Some(last) if last.name == view.name => {
+                if last.pose != view.pose || last.lens != view.lens || last.role != view.role {
+                    return Err(Error::malformed(
+                        source,
+                        format!("image {:?}", view.name),
+                        "is listed twice, with different poses, cameras or splits; remove the wrong entry",
+                    ));
+                }
+                skipped.repeated_views.add(&view.name);
+            }
+            _ => kept.push(view),
+        }
+    }
+    Ok(kept)
+}
+
+/// Views at their photos' real sizes, where a photo is there and has the camera's shape, with their ideal cameras.
+fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Result<Vec<View>, Error> {
+    let sizes: Vec<_> = listed.par_iter().map(|view| files::photo_size(&view.image)).collect();
+    let mut ideals: HashMap<Vec<u64>, Option<Pinhole>> = HashMap::new(); // most scenes have few lenses, and many views
+    let mut views = Vec::with_capacity(listed.len());
+    for (view, photo_size) in listed.into_iter().zip(sizes) {
+        let lens = match photo_size {
+            Some((width, height)) if view.lens.fits(width, height) => view.lens.resized(width, height),
+            _ => view.lens,
+        };
+        let ideal = match ideals.entry(lens.key()) {
+            Entry::Occupied(known) => *known.get(),
+            Entry::Vacant(new) => {
+                let on = options.undistort.unwrap_or_else(|| lens.max_displacement() > VISIBLE_DISPLACEMENT);
+                let ideal = if on { lens.ideal() } else { None };
+                if on && ideal.is_none() {
+                    return Err(Error::malformed(source, format!("camera of image {:?}", view.name), FOLDED));
+                }
+                *new.insert(ideal)
+            }
+        };
+        let mut finished = View::new(view.name, lens, view.pose, ideal);
+        finished.image = view.image;
+        finished.mask = view.mask;
+        finished.camera_id = view.camera_id;
+        finished.role = view.role;
+        finished.photo_size = photo_size;
+        views.push(finished);
+    }
+    Ok(views)
+}

@@ -1,0 +1,169 @@
+//! Point clouds in PLY files, as nerfstudio puts beside its transforms.json: places and colours, nothing else.
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::{ListedPoint, files};
+use crate::scene::Error;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Encoding {
+    Ascii,
+    Little,
+    Big,
+}
+
+/// A property's type: bytes, whether floating, whether signed.
+#[derive(Clone, Copy)]
+struct Kind {
+    size: usize,
+    float: bool,
+    signed: bool,
+}
+
+impl Kind {
+    fn named(name: &str) -> Option<Self> {
+        let (size, float, signed) = match name {
+            "char" | "int8" => (1, false, true),
+            "uchar" | "uint8" => (1, false, false),
+            "short" | "int16" => (2, false, true),
+            "ushort" | "uint16" => (2, false, false),
+            "int" | "int32" => (4, false, true),
+            "uint" | "uint32" => (4, false, false),
+            "float" | "float32" => (4, true, true),
+            "double" | "float64" => (8, true, true),
+            _ => return None,
+        };
+        Some(Self { size, float, signed })
+    }
+
+    /// The value of exactly `size` bytes.
+    fn decode(self, bytes: &[u8], big: bool) -> f64 {
+        let mut all = [0; 8]; // little endian, zero above
+        for (i, byte) in all[..self.size].iter_mut().enumerate() {
+            *byte = bytes[if big { self.size - 1 - i } else { i }];
+        }
+        let bits = u64::from_le_bytes(all);
+        match (self.float, self.size) {
+            (true, 4) => f64::from(f32::from_bits(bits as u32)),
+            (true, _) => f64::from_bits(bits),
+            (false, size) if self.signed => {
+                let unused = 64 - 8 * size as u32;
+                ((bits << unused) as i64 >> unused) as f64
+            }
+            (false, _) => bits as f64,
+        }
+    }
+}
+
+struct Header {
+    encoding: Encoding,
+    vertices: u64,
+    properties: Vec<(String, Kind)>,
+    /// Where the body starts.
+    body: usize,
+}
+
+/// Reads the vertices of a PLY file.
+pub(super) fn read(path: &Path) -> Result<Vec<ListedPoint>, Error> {
+    let bytes = files::read(path)?;
+    let header = header(&bytes).map_err(|what| Error::malformed(path, "the header", what))?;
+    let body = &bytes[header.body..];
+    let fault = |row: usize, what: &str| Error::malformed(path, format!("vertex {row} of {}", header.vertices), what);
+    let column = |names: &[&str]| header.properties.iter().position(|(name, _)| names.contains(&name.as_str()));
+    let (Some(x), Some(y), Some(z)) = (column(&["x"]), column(&["y"]), column(&["z"])) else {
+        return Err(Error::malformed(path, "the header", "its vertices have no x, y and z"));
+    };
+    let colours = [["red", "r"], ["green", "g"], ["blue", "b"]].map(|names| column(&names));
+    let point = |row: &[f64]| ListedPoint {
+        position: DVec3::new(row[x], row[y], row[z]),
+        colour: colours.map(|c| {
+            c.map_or(128, |c| {
+                let scale = if header.properties[c].1.float { 255.0 } else { 1.0 };
+                (row[c] * scale).round() as u8 // saturates; NaN gives 0
+            })
+        }),
+        error: 0.0,
+        track: Vec::new(),
+    };
+
+    let mut points = Vec::new();
+    let mut row = vec![0.0; header.properties.len()];
+    if header.encoding == Encoding::Ascii {
+        let text = std::str::from_utf8(body).map_err(|_| Error::malformed(path, "the body", "is not text"))?;
+        let mut lines = text.lines().filter(|l| !l.trim().is_empty());
+        for i in 1..=header.vertices as usize {
+            let mut words = lines.next().ok_or_else(|| fault(i, "the file is cut short before it"))?.split_whitespace();
+            for value in &mut row {
+                let word = words.next().ok_or_else(|| fault(i, "has too few values"))?;
+                *value = word.parse().map_err(|_| fault(i, "has a value that is no number"))?;
+            }
+            points.push(point(&row));
+        }
+        return Ok(points);
+    }
+    let stride: usize = header.properties.iter().map(|(_, kind)| kind.size).sum();
+    let there = body.len() / stride;
+    if header.vertices > there as u64 {
+        return Err(fault(there + 1, "the file is cut short before its end"));
+    }
+    for record in body.chunks_exact(stride).take(header.vertices as usize) {
+        let mut rest = record;
+        for (value, (_, kind)) in row.iter_mut().zip(&header.properties) {
+            let (bytes, after) = rest.split_at(kind.size);
+            *value = kind.decode(bytes, header.encoding == Encoding::Big);
+            rest = after;
+        }
+        points.push(point(&row));
+    }
+    Ok(points)
+}
+
+fn header(bytes: &[u8]) -> Result<Header, String> {
+    let mut at = 0;
+    let mut encoding = None;
+    let mut vertices = None;
+    let mut properties = Vec::new();
+    let mut in_vertices = false;
+    loop {
+        let length = bytes[at..].iter().position(|&b| b == b'\n').ok_or("has no end_header: is this a PLY file?")?;
+        let line = std::str::from_utf8(&bytes[at..at + length]).map_err(|_| "is not text: is this a PLY file?")?;
+        let words: Vec<&str> = line.split_whitespace().collect();
+        if at == 0 && words != ["ply"] {
+            return Err("does not begin with ply: is this a PLY file?".to_owned());
+        }
+        at += length + 1;
+        match words.as_slice() {
+            ["format", name, ..] => {
+                encoding = Some(match *name {
+                    "ascii" => Encoding::Ascii,
+                    "binary_little_endian" => Encoding::Little,
+                    "binary_big_endian" => Encoding::Big,
+                    other => return Err(format!("names the format {other}, which is unknown")),
+                });
+            }
+            ["element", "vertex", count] => {
+                vertices = Some(count.parse::<u64>().map_err(|_| format!("counts {count} vertices"))?);
+                in_vertices = true;
+            }
+            ["element", name, ..] if vertices.is_none() => {
+                return Err(format!("puts element {name} before vertex; write the vertices first"));
+            }
+            ["element", ..] => in_vertices = false,
+            ["property", "list", ..] if in_vertices => return Err("gives vertices a list property".to_owned()),
+            ["property", kind, name] if in_vertices => {
+                let kind = Kind::named(kind).ok_or_else(|| format!("gives {name} the unknown type {kind}"))?;
+                properties.push(((*name).to_owned(), kind));
+            }
+            ["end_header"] => break,
+            _ => {}
+        }
+    }
+    let encoding = encoding.ok_or("names no format")?;
+    let vertices = vertices.ok_or("has no element vertex")?;
+    if properties.is_empty() {
+        return Err("gives its vertices no property".to_owned());
+    }
+    Ok(Header { encoding, vertices, properties, body: at })
+}

@@ -1,0 +1,38 @@
+//! Poses from quaternions and matrices, or none where they are no rigid motion.
+
+use glam::{DMat3, DQuat, DVec3};
+
+/// Largest coordinate that a pose or point may have; beyond it float32 has nothing left for detail.
+const FARTHEST: f64 = 1e15;
+
+/// Whether a place can be used.
+pub(super) fn is_place(p: DVec3) -> bool {
+    p.is_finite() && p.abs().max_element() < FARTHEST
+}
+
+/// World-to-camera pose from a quaternion (w, x, y, z) of any length and a translation.
+pub(super) fn from_quaternion([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Option<(DMat3, DVec3)> {
+    let largest = [w, x, y, z].into_iter().map(f64::abs).fold(0.0, f64::max);
+    let translation = DVec3::from_array(translation);
+    let q = DQuat::from_xyzw(x, y, z, w);
+    let usable = q.is_finite() && (1e-12..1e12).contains(&largest) && is_place(translation);
+    usable.then(|| (DMat3::from_quat(q.normalize()), translation))
+}
+
+/// World-to-camera pose from a camera-to-world matrix with OpenGL's camera axes (x right, y up, z backwards).
+///
+/// Axes scaled alike are normalised; a mirrored, sheared (cosine over 1e-3) or singular matrix is no pose.
+pub(super) fn from_opengl(rows: &[Vec<f64>]) -> Option<(DMat3, DVec3)> {
+    let column = |c: usize| Some(DVec3::new(*rows.first()?.get(c)?, *rows.get(1)?.get(c)?, *rows.get(2)?.get(c)?));
+    let centre = column(3)?;
+    let (right, up, back) = (column(0)?.try_normalize()?, column(1)?.try_normalize()?, column(2)?.try_normalize()?);
+    let skew = right.dot(up).abs().max(up.dot(back).abs()).max(back.dot(right).abs());
+    if skew > 1e-3 || right.cross(up).dot(back) <= 0.0 || !is_place(centre) {
+        return None;
+    }
+    // The nearest rotation to within rounding: the viewing axis stays, the others are squared to it.
+    let right = (right - back * back.dot(right)).try_normalize()?;
+    let up = back.cross(right);
+    let rotation = DMat3::from_cols(right, -up, -back).transpose();
+    Some((rotation, -(rotation * centre)))
+}

@@ -1,0 +1,296 @@
+//! Blender's transforms_{train,val,test}.json; instant-ngp's and nerfstudio's transforms.json.
+//!
+//! Poses are camera-to-world with OpenGL's camera axes. The world stays as the file has it: nerfstudio's
+//! `applied_transform` (how it differs from COLMAP's) is not undone, and its point cloud lies in the same world. instant-ngp's
+//! `scale`, `offset` and `aabb_scale` concern its own volume only and are passed over.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use glam::DVec2;
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::{ListedPoint, ListedView, Listing, files, point_ply, pose};
+use crate::scene::lens::{Distortion, Lens, LensModel};
+use crate::scene::view::Role;
+use crate::scene::{Error, OpenOptions, SceneKind, Skipped};
+
+/// Intrinsics as either the file or one of its frames gives them.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+struct Intrinsics {
+    camera_angle_x: Option<f64>,
+    camera_angle_y: Option<f64>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    w: Option<f64>,
+    h: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    k5: Option<f64>,
+    k6: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+    camera_model: Option<String>,
+    is_fisheye: Option<bool>,
+}
+
+#[derive(Deserialize)]
+struct Frame {
+    file_path: String,
+    transform_matrix: Vec<Vec<f64>>,
+    mask_path: Option<String>,
+}
+
+/// What nerfstudio's file says about all of its frames.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Whole {
+    train_filenames: Vec<String>,
+    val_filenames: Vec<String>,
+    test_filenames: Vec<String>,
+    ply_file_path: Option<String>,
+}
+
+/// Gathers frames of one or three files.
+struct Reader<'a> {
+    root: &'a Path,
+    images: Option<PathBuf>,
+    views: Vec<ListedView>,
+    skipped: Skipped,
+    /// The first size found, for views that nothing else gives one.
+    usual_size: Option<(u32, u32)>,
+    camera_ids: HashMap<Vec<u64>, u32>,
+}
+
+/// Reads the transforms file `path` of the scene at `root`; a file of Blender's brings its sisters along.
+pub(super) fn read(root: &Path, path: &Path, options: &OpenOptions) -> Result<Listing, Error> {
+    let images = options.images.as_ref().map(|asked| files::image_folder(root, asked)).transpose()?;
+    let mut reader = Reader {
+        root,
+        images,
+        views: Vec::new(),
+        skipped: Skipped::default(),
+        usual_size: None,
+        camera_ids: HashMap::new(),
+    };
+    let mut points = Vec::new();
+    let sisters = [
+        ("transforms_train.json", Role::Train),
+        ("transforms_val.json", Role::Validation),
+        ("transforms_test.json", Role::Test),
+    ];
+    let kind = if sisters.iter().any(|(name, _)| path.file_name().is_some_and(|n| n == *name)) {
+        for (name, role) in sisters {
+            let sister = root.join(name);
+            if sister.is_file() {
+                reader.file(&sister, role)?;
+            }
+        }
+        SceneKind::Blender
+    } else {
+        let whole = reader.file(path, Role::Unsaid)?;
+        if let Some(ply) = whole.ply_file_path.map(|p| root.join(tidy(&p))).filter(|p| p.is_file()) {
+            points = point_ply::read(&ply)?;
+        }
+        SceneKind::Transforms
+    };
+    points.retain(|p: &ListedPoint| {
+        let usable = pose::is_place(p.position);
+        reader.skipped.bad_points += usize::from(!usable);
+        usable
+    });
+    let Reader { views, skipped, .. } = reader;
+    Ok(Listing { kind, root: root.to_owned(), source: path.to_owned(), views, points, skipped })
+}
+
+impl Reader<'_> {
+    fn file(&mut self, path: &Path, role: Role) -> Result<Whole, Error> {
+        let text = files::read_text(path)?;
+        let json: Value = serde_json::from_str(&text).map_err(|e| {
+            Error::malformed(path, format!("line {}", e.line()), format!("is not JSON: {e} (JSON knows no NaN)"))
+        })?;
+        let top = |e: serde_json::Error| Error::malformed(path, "the top level", e.to_string());
+        let common = Intrinsics::deserialize(&json).map_err(top)?;
+        let whole = Whole::deserialize(&json).map_err(top)?;
+        let Some(frames) = json.get("frames").and_then(Value::as_array) else {
+            return Err(Error::malformed(path, "the top level", "has no list \"frames\"; is this a transforms file?"));
+        };
+        let mut roles = HashMap::new();
+        for (names, role) in [
+            (&whole.val_filenames, Role::Validation),
+            (&whole.test_filenames, Role::Test),
+            (&whole.train_filenames, Role::Train),
+        ] {
+            roles.extend(names.iter().map(|name| (tidy(name), role)));
+        }
+        for (i, json) in frames.iter().enumerate() {
+            let mut record = format!("frame {}", i + 1);
+            let wrong = |record: &str, what: String| Error::malformed(path, record, what);
+            let frame = Frame::deserialize(json).map_err(|e| wrong(&record, e.to_string()))?;
+            let own = Intrinsics::deserialize(json).map_err(|e| wrong(&record, e.to_string()))?;
+            let name = tidy(&frame.file_path);
+            record = format!("{record} ({name:?})");
+            if name.is_empty()
+                || frame.transform_matrix.len() < 3
+                || frame.transform_matrix.iter().any(|r| r.len() != 4)
+            {
+                return Err(wrong(&record, "needs a file_path and a transform_matrix of 4 x 4 numbers".to_owned()));
+            }
+            let usual = files::find_photo(&[self.root.join(&name)]);
+            let intrinsics = own.over(&common);
+            let size = match intrinsics.size() {
+                Some(size) => Some(size),
+                None => files::photo_size(&usual),
+            };
+            // Blender's files give no size; where this frame's photo is absent, it has the size of the others.
+            self.usual_size = self.usual_size.or(size).or_else(|| self.first_size(frames));
+            let Some((width, height)) = size.or(self.usual_size) else {
+                let what = format!("gives no w and h, and {} is not there to tell; add them", usual.display());
+                return Err(wrong(&record, what));
+            };
+            let lens = match intrinsics.lens(width, height) {
+                Ok(lens) => lens,
+                Err(LensFault::Model(model)) => {
+                    return Err(Error::UnknownModel { path: path.to_owned(), record, model });
+                }
+                Err(LensFault::Other(what)) => return Err(wrong(&record, what)),
+            };
+            let Some(pose) = pose::from_opengl(&frame.transform_matrix) else {
+                self.skipped.bad_poses.add(&name);
+                continue;
+            };
+            let camera_id = self.camera_id(&lens);
+            self.views.push(ListedView {
+                id: self.views.len() as u32,
+                mask: self.mask(&name, frame.mask_path.as_deref()),
+                image: self.photo(&name, usual),
+                lens,
+                camera_id,
+                pose,
+                role: roles.get(&name).copied().unwrap_or(role),
+                name,
+            });
+        }
+        Ok(whole)
+    }
+
+    /// The size of the first photo that is there.
+    fn first_size(&self, frames: &[Value]) -> Option<(u32, u32)> {
+        frames.iter().find_map(|frame| {
+            let name = tidy(frame.get("file_path")?.as_str()?);
+            files::photo_size(&files::find_photo(&[self.root.join(name)]))
+        })
+    }
+
+    /// The photo of a frame: as listed, or in the folder asked for, under its name less the first folder, its whole name
+    /// or its last part.
+    fn photo(&self, name: &str, usual: PathBuf) -> PathBuf {
+        let Some(folder) = &self.images else { return usual };
+        let inner = name.split_once('/').map_or(name, |(_, rest)| rest);
+        let last = name.rsplit('/').next().unwrap_or(name);
+        files::find_photo(&[inner, name, last].map(|n| folder.join(n)))
+    }
+
+    /// The mask of a frame: as listed, or from a masks folder beside the photos' or in the scene.
+    fn mask(&self, name: &str, listed: Option<&str>) -> Option<PathBuf> {
+        if let Some(mask) = listed.map(|m| self.root.join(tidy(m))).filter(|m| m.is_file()) {
+            return Some(mask);
+        }
+        let (first, inner) = name.split_once('/').unwrap_or(("", name));
+        let images = self.images.clone().unwrap_or_else(|| self.root.join(first));
+        let folder = files::mask_folder(self.root, &images)?;
+        files::find_mask(&folder, inner).or_else(|| files::find_mask(&folder, name))
+    }
+
+    /// Equal lenses share a number.
+    fn camera_id(&mut self, lens: &Lens) -> u32 {
+        let next = self.camera_ids.len() as u32;
+        *self.camera_ids.entry(lens.key()).or_insert(next)
+    }
+}
+
+/// A path as other systems or careless writers put it.
+fn tidy(path: &str) -> String {
+    let path = path.replace('\\', "/");
+    path.strip_prefix("./").unwrap_or(&path).to_owned()
+}
+
+enum LensFault {
+    Model(String),
+    Other(String),
+}
+
+impl Intrinsics {
+    /// These where given, else the file's; a frame's own field of view replaces the file's focal length.
+    fn over(&self, common: &Self) -> Self {
+        let angles = self.camera_angle_x.is_some() && self.fl_x.is_none();
+        let focal = |own: Option<f64>, file: Option<f64>| if angles { own } else { own.or(file) };
+        Self {
+            fl_x: focal(self.fl_x, common.fl_x),
+            fl_y: focal(self.fl_y, common.fl_y),
+            camera_angle_x: self.camera_angle_x.or(common.camera_angle_x),
+            camera_angle_y: focal(self.camera_angle_y, common.camera_angle_y),
+            cx: self.cx.or(common.cx),
+            cy: self.cy.or(common.cy),
+            w: self.w.or(common.w),
+            h: self.h.or(common.h),
+            k1: self.k1.or(common.k1),
+            k2: self.k2.or(common.k2),
+            k3: self.k3.or(common.k3),
+            k4: self.k4.or(common.k4),
+            k5: self.k5.or(common.k5),
+            k6: self.k6.or(common.k6),
+            p1: self.p1.or(common.p1),
+            p2: self.p2.or(common.p2),
+            camera_model: self.camera_model.clone().or_else(|| common.camera_model.clone()),
+            is_fisheye: self.is_fisheye.or(common.is_fisheye),
+        }
+    }
+
+    /// Width and height where given; absurd ones become 0, which no lens passes.
+    fn size(&self) -> Option<(u32, u32)> {
+        let whole = |x: f64| x.round() as u32; // saturates; NaN gives 0
+        Some((whole(self.w?), whole(self.h?)))
+    }
+
+    fn lens(&self, width: u32, height: u32) -> Result<Lens, LensFault> {
+        let model = match self.camera_model.as_deref() {
+            None if self.is_fisheye == Some(true) => LensModel::OpenCvFisheye,
+            None => LensModel::OpenCv,
+            Some(name) => match LensModel::from_name(name) {
+                Some(model) if model != LensModel::ThinPrismFisheye => model,
+                _ => return Err(LensFault::Model(name.to_owned())),
+            },
+        };
+        let fisheye =
+            matches!(model, LensModel::OpenCvFisheye | LensModel::SimpleRadialFisheye | LensModel::RadialFisheye);
+        let k = [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6].map(|k| k.unwrap_or(0.0));
+        let (radial, denominator) = if model == LensModel::FullOpenCv {
+            ([k[0], k[1], k[2], 0.0], [k[3], k[4], k[5]])
+        } else {
+            ([k[0], k[1], k[2], k[3]], [0.0; 3])
+        };
+        let tangential = if fisheye { [0.0; 2] } else { [self.p1, self.p2].map(|p| p.unwrap_or(0.0)) };
+        let distortion = Distortion { fisheye, radial, denominator, tangential, prism: [0.0; 2] };
+        let size = DVec2::new(f64::from(width), f64::from(height));
+        let from_angle = |extent: f64, angle: f64| 0.5 * extent / (0.5 * angle).tan();
+        let fx = self.fl_x.or_else(|| self.camera_angle_x.map(|a| from_angle(size.x, a)));
+        let fy = self.fl_y.or_else(|| match (self.fl_x, self.camera_angle_y) {
+            (None, Some(angle)) => Some(from_angle(size.y, angle)),
+            _ => fx,
+        });
+        let (Some(fx), Some(fy)) = (fx.or(fy), fy) else {
+            return Err(LensFault::Other("gives neither fl_x nor camera_angle_x; add one".to_owned()));
+        };
+        let principal = DVec2::new(self.cx.unwrap_or(0.5 * size.x), self.cy.unwrap_or(0.5 * size.y));
+        let model = if distortion == Distortion::default() { LensModel::Pinhole } else { model };
+        let lens = Lens { model, width, height, focal: DVec2::new(fx, fy), principal, distortion };
+        lens.checked().map_err(LensFault::Other)
+    }
+}

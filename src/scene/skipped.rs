@@ -1,0 +1,68 @@
+//! What a scene lists but cannot be used, counted with a few names.
+
+use serde::Serialize;
+
+/// How many names are kept as examples.
+const EXAMPLES: usize = 5;
+
+/// A count with its first few names.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Names {
+    /// How many.
+    pub count: usize,
+    /// The first five.
+    pub examples: Vec<String>,
+}
+
+impl Names {
+    /// Counts one more.
+    pub(crate) fn add(&mut self, name: &str) {
+        self.count += 1;
+        if self.examples.len() < EXAMPLES {
+            self.examples.push(name.to_owned());
+        }
+    }
+}
+
+/// Everything left out of a scene since it was opened.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Skipped {
+    /// Views whose photo does not exist.
+    pub missing_images: Names,
+    /// Views whose photo has another shape than their camera.
+    pub mismatched_images: Names,
+    /// Views whose photo cannot be decoded.
+    pub damaged_images: Names,
+    /// Views whose pose is not finite or not a rotation.
+    pub bad_poses: Names,
+    /// Views listed twice over, alike in all.
+    pub repeated_views: Names,
+    /// Points whose place is not finite.
+    pub bad_points: usize,
+    /// Entries of points' tracks that name no view of the scene.
+    pub track_entries: usize,
+}
+
+impl Skipped {
+    /// One sentence for each kind of thing left out; none where all was used.
+    pub fn summary(&self) -> Vec<String> {
+        let named = [
+            (&self.missing_images, "photos listed but absent"),
+            (&self.mismatched_images, "photos of another shape than their camera"),
+            (&self.damaged_images, "photos damaged"),
+            (&self.bad_poses, "views without a usable pose"),
+            (&self.repeated_views, "views listed twice"),
+        ];
+        let mut lines: Vec<String> = named
+            .iter()
+            .filter(|(names, _)| names.count > 0)
+            .map(|(names, what)| {
+                let more = if names.count > names.examples.len() { ", ..." } else { "" };
+                format!("{} {what} ({}{more})", names.count, names.examples.join(", "))
+            })
+            .collect();
+        let counted = [(self.bad_points, "points not finite"), (self.track_entries, "track entries without a view")];
+        lines.extend(counted.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")));
+        lines
+    }
+}

@@ -1,0 +1,137 @@
+//! One view of a capture: where the photo lies, the lens that took it, and the ideal camera that the engine renders.
+
+use std::path::PathBuf;
+
+use glam::{DMat3, DVec3};
+
+use super::Error;
+use super::camera::Camera;
+use super::lens::{Lens, Pinhole};
+
+/// Said of a lens without an ideal pinhole.
+pub(crate) const FOLDED: &str =
+    "the lens's distortion folds the image: no part of it can be undistorted; check the calibration";
+
+/// What the data set says a view is for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// The data set does not say.
+    #[default]
+    Unsaid,
+    /// For training.
+    Train,
+    /// For validation while methods are tuned; stands in for test where no view is marked so, else unused.
+    Validation,
+    /// Held out.
+    Test,
+}
+
+/// The image size to work at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Resize {
+    /// The photo's own size.
+    #[default]
+    Full,
+    /// At most so many pixels wide, the height in proportion; photos are never enlarged.
+    Width(u32),
+    /// Width and height divided by this, rounded to nearest, at least one pixel.
+    Divide(u32),
+}
+
+impl Resize {
+    /// The size that an image of `width` x `height` pixels gets; zero means [`Resize::Full`].
+    pub fn apply(self, width: u32, height: u32) -> (u32, u32) {
+        let part = |n: u32, over: u32, of: u32| {
+            let (n, over, of) = (u64::from(n), u64::from(over), u64::from(of));
+            ((2 * n * over + of) / (2 * of)).max(1) as u32
+        };
+        match self {
+            Self::Width(w) if w > 0 && w < width => (w, part(height, w, width)),
+            Self::Divide(k) if k > 1 => (part(width, 1, k), part(height, 1, k)),
+            _ => (width, height),
+        }
+    }
+}
+
+/// One view: a camera with its photo, which may be absent.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// The photo's name as the data set writes it, with extension if any, `/` between folders.
+    pub name: String,
+    /// Where the photo lies or would lie.
+    pub image: PathBuf,
+    /// The mask, where one exists: black pixels are not trained on.
+    pub mask: Option<PathBuf>,
+    /// The lens at the photo's size.
+    pub lens: Lens,
+    /// The ideal pinhole at the photo's size, which the engine renders: undistorted if [`View::undistorts`].
+    pub camera: Camera,
+    /// Views with equal numbers were taken by one physical camera (COLMAP's camera id, or counted from 0).
+    pub camera_id: u32,
+    /// What the data set says the view is for.
+    pub role: Role,
+    /// The photo's real size, where a photo with a legible header was found.
+    pub photo_size: Option<(u32, u32)>,
+    undistorts: bool,
+}
+
+impl View {
+    /// A view at a pose (world to camera), undistorted to `ideal` where that is given.
+    pub(crate) fn new(name: String, lens: Lens, pose: (DMat3, DVec3), ideal: Option<Pinhole>) -> Self {
+        let camera = Camera {
+            rotation: pose.0,
+            translation: pose.1,
+            focal: lens.focal,
+            principal: lens.principal,
+            width: lens.width,
+            height: lens.height,
+        };
+        let mut view = Self {
+            name,
+            image: PathBuf::new(),
+            mask: None,
+            lens,
+            camera,
+            camera_id: 0,
+            role: Role::Unsaid,
+            photo_size: None,
+            undistorts: false,
+        };
+        view.put(ideal);
+        view
+    }
+
+    /// Whether the photo is resampled to an ideal pinhole; if not, it is used as it is.
+    pub fn undistorts(&self) -> bool {
+        self.undistorts
+    }
+
+    /// Switches undistortion on or off, which changes [`View::camera`].
+    ///
+    /// # Errors
+    /// [`Error::Photo`] where the distortion leaves no rectangle of the photo whole.
+    pub fn set_undistort(&mut self, on: bool) -> Result<(), Error> {
+        let ideal = if on { Some(self.lens.ideal().ok_or_else(|| Error::photo(&self.image, FOLDED))?) } else { None };
+        self.put(ideal);
+        Ok(())
+    }
+
+    fn put(&mut self, ideal: Option<Pinhole>) {
+        self.undistorts = ideal.is_some();
+        let Pinhole { focal, principal } =
+            ideal.unwrap_or(Pinhole { focal: self.lens.focal, principal: self.lens.principal });
+        (self.camera.focal, self.camera.principal) = (focal, principal);
+    }
+
+    /// Whether the photo found has the size of the view's lens: where it was found to be of another shape, it has not.
+    pub(crate) fn mismatched(&self) -> Option<(u32, u32)> {
+        self.photo_size.filter(|&size| size != (self.lens.width, self.lens.height))
+    }
+
+    /// The camera that the engine renders at a working size; needs no photo.
+    #[must_use]
+    pub fn camera_at(&self, resize: Resize) -> Camera {
+        let (width, height) = resize.apply(self.camera.width, self.camera.height);
+        self.camera.resized(width, height)
+    }
+}

@@ -1,0 +1,124 @@
+//! The shared scenes, where they are there.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use qirf_vk::scene::{OpenOptions, Resize, Scene};
+
+fn shared(part: &str) -> Option<PathBuf> {
+    let root = std::env::var("QIRF_SHARED")
+        .map_or_else(|_| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared")), PathBuf::from);
+    let path = root.join(part);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("skipped: no shared data");
+    None
+}
+
+fn open(part: &str) -> Option<Scene> {
+    Some(Scene::open(&shared(part)?, &OpenOptions::default()).unwrap())
+}
+
+#[test]
+fn snowmiku() {
+    let Some(mut scene) = open("scenes/snowmiku") else { return };
+    scene.require_photos().unwrap();
+    assert_eq!((scene.views.len(), scene.points.len()), (97, 25_784));
+    assert!(scene.views.iter().all(|v| !v.undistorts() && (v.camera.width, v.camera.height) == (989, 742)));
+    let split = scene.split(8);
+    assert_eq!((split.train.len(), split.test.len()), (84, 13));
+    // Points lie before the cameras and within their pictures, most of them.
+    let camera = &scene.views[40].camera;
+    let seen = scene.points.iter().filter(|p| {
+        let x = camera.rotation * p.position + camera.translation;
+        let pixel = glam::DVec2::new(x.x / x.z, x.y / x.z) * camera.focal + camera.principal;
+        x.z > 0.0 && (0.0..989.0).contains(&pixel.x) && (0.0..742.0).contains(&pixel.y)
+    });
+    let seen = seen.count();
+    println!("snowmiku: {seen} of 25784 points in view 40, extent {:.3}", scene.extent(&split.train));
+    assert!(seen > 5_000);
+}
+
+#[test]
+fn king() {
+    let Some(mut scene) = open("scenes/king") else { return };
+    scene.require_photos().unwrap();
+    assert_eq!((scene.views.len(), scene.points.len()), (23, 1_443));
+    let mut cameras: Vec<u32> = scene.views.iter().map(|v| v.camera_id).collect();
+    cameras.sort_unstable();
+    cameras.dedup();
+    assert_eq!(cameras.len(), 23);
+    assert!(scene.points.iter().all(|p| p.track.len() >= 2), "every point has its track");
+    // Each point's reprojection into the views of its track lies within the picture: axes and order are right.
+    let mut inside = (0, 0);
+    for point in &scene.points {
+        for &v in &point.track {
+            let camera = &scene.views[v as usize].camera;
+            let x = camera.rotation * point.position + camera.translation;
+            let pixel = glam::DVec2::new(x.x / x.z, x.y / x.z) * camera.focal + camera.principal;
+            let size = glam::DVec2::new(f64::from(camera.width), f64::from(camera.height));
+            inside.0 += usize::from(x.z > 0.0 && pixel.cmpge(glam::DVec2::ZERO).all() && pixel.cmplt(size).all());
+            inside.1 += 1;
+        }
+    }
+    println!("king: {} of {} observations inside their picture", inside.0, inside.1);
+    assert_eq!(inside.0, inside.1);
+}
+
+#[test]
+fn fox() {
+    let Some(mut scene) = open("scenes/fox") else { return };
+    assert_eq!(scene.views.len(), 67);
+    scene.require_photos().unwrap();
+    assert_eq!((scene.views.len(), scene.skipped.missing_images.count), (50, 17));
+    let view = &scene.views[0];
+    println!(
+        "fox: distortion moves pixels by up to {:.2} px; ideal focal {:.1} for {:.1}, principal {:.1} for {:.1}",
+        view.lens.max_displacement(),
+        view.camera.focal,
+        view.lens.focal,
+        view.camera.principal,
+        view.lens.principal
+    );
+    println!("{}", scene.skipped.summary().join("\n"));
+    assert!(view.undistorts());
+    let start = Instant::now();
+    let photos = scene.load_photos(Resize::Width(144), &|_| {}).unwrap();
+    println!("fox: 50 photos at 144 x 256 in {:.2} s", start.elapsed().as_secs_f64());
+    assert!(photos.iter().all(|p| (p.width, p.height, p.has_alpha) == (144, 256, false)));
+    if let Ok(folder) = std::env::var("QIRF_TEST_OUT") {
+        let full = scene.views[0].load_photo(Resize::Full).unwrap();
+        for (name, photo) in [("fox-144.png", &photos[0]), ("fox-full.png", &full)] {
+            let path = PathBuf::from(&folder).join(name);
+            let (width, height) = (photo.width, photo.height);
+            image::save_buffer(path, &photo.pixels, width, height, image::ColorType::Rgba8).unwrap();
+        }
+    }
+}
+
+#[test]
+fn chair() {
+    let Some(mut scene) = open("scenes/chair") else { return };
+    scene.require_photos().unwrap();
+    let split = scene.split(8);
+    assert_eq!((split.train.len(), split.test.len()), (100, 25));
+    println!("chair: extent {:.4}", scene.extent(&split.train));
+    let photo = scene.views[3].load_photo(Resize::Width(200)).unwrap();
+    assert!(photo.has_alpha && (photo.width, photo.height) == (200, 200));
+    assert!((scene.views[0].camera.focal.x - 1111.111).abs() < 1e-2);
+}
+
+#[test]
+fn golden_scenes_open_without_photos() {
+    let Some(folder) = shared("golden") else { return };
+    let cases = std::fs::read_dir(folder).unwrap().flatten().filter(|e| e.path().is_dir());
+    let mut opened = 0;
+    for case in cases {
+        let scene = Scene::open(&case.path(), &OpenOptions::default()).unwrap();
+        assert!(!scene.views.is_empty() && !scene.points.is_empty());
+        assert_eq!(scene.views[0].name, "view0.png");
+        opened += 1;
+    }
+    assert!(opened >= 5);
+}
