@@ -14,3 +14,7 @@ pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod synth;
+
+pub mod cli;
+pub mod error;
+pub mod selftest;
