@@ -82,6 +82,12 @@ struct Parsed {
 pub fn read(path: &Path) -> Result<Loaded, Error> {
     let io = |source| Error::Io { path: path.to_owned(), source };
     let is_folder = fs::metadata(path).map_err(io)?.is_dir();
+    if is_folder && !path.join("meta.json").is_file() {
+        return Err(Error::Unsupported {
+            path: path.to_owned(),
+            what: "a folder without the meta.json of a SOG model; give a model file or such a folder".into(),
+        });
+    }
     if is_folder || path.file_name().is_some_and(|name| name == "meta.json") {
         let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
         return sog::read_folder(folder).map(finish).map_err(|fault| fault.at(path));

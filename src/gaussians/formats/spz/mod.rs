@@ -51,21 +51,57 @@ fn convert(model: &mut Gaussians, from: u32, to: u32) {
 mod tests {
     use super::*;
 
+    /// The basis of each coefficient less its constant, as polynomials of a direction.
+    fn basis(l: usize, [x, y, z]: [f32; 3]) -> Vec<f32> {
+        let (xx, yy, zz) = (x * x, y * y, z * z);
+        match l {
+            0 => vec![1.0],
+            1 => vec![y, z, x],
+            2 => vec![x * y, y * z, 2.0 * zz - xx - yy, x * z, xx - yy],
+            _ => vec![
+                y * (3.0 * xx - yy),
+                x * y * z,
+                y * (4.0 * zz - xx - yy),
+                z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+                x * (4.0 * zz - xx - yy),
+                z * (xx - yy),
+                x * (xx - 3.0 * yy),
+            ],
+        }
+    }
+
     #[test]
-    fn turning_about_x_flips_the_odd_components_and_back() {
+    fn a_mirrored_model_looks_the_same_from_the_mirrored_side() {
         let mut model = Gaussians::zeroed(2, 3);
-        model.means[1] = [1.0, 2.0, 3.0];
-        model.rotations[1] = [0.5, 0.1, 0.2, 0.3];
-        model.sh.iter_mut().for_each(|band| band.fill(1.0));
-        let before = model.clone();
+        for (i, value) in model.sh.iter_mut().flatten().enumerate() {
+            *value = (i as f32 * 0.7).sin();
+        }
+        for to in 1..=8u32 {
+            let differ = (RIGHT_UP_BACK - 1) ^ (to - 1);
+            let turn = |v: [f32; 3]| [0, 1, 2].map(|a: usize| if differ >> a & 1 == 1 { -v[a] } else { v[a] });
+            let mut turned = model.clone();
+            turned.means[1] = [1.0, 2.0, 3.0];
+            convert(&mut turned, RIGHT_UP_BACK, to);
+            assert_eq!(turned.means[1], turn([1.0, 2.0, 3.0]));
+            let colour = |m: &Gaussians, l: usize, direction| -> f32 {
+                let red = m.sh[l].iter().skip(Gaussians::band_width(l)).step_by(3);
+                red.zip(basis(l, direction)).map(|(c, b)| c * b).sum()
+            };
+            for l in 0..=3 {
+                for direction in [[0.36, 0.48, 0.8f32], [-0.6, 0.64, 0.48]] {
+                    assert_eq!(colour(&model, l, direction), colour(&turned, l, turn(direction)), "band {l} to {to}");
+                }
+            }
+            convert(&mut turned, to, RIGHT_UP_BACK);
+            assert_eq!(turned.sh, model.sh);
+        }
+    }
+
+    #[test]
+    fn a_turn_about_x_turns_the_quaternion_with_it() {
+        let mut model = Gaussians::zeroed(1, 0);
+        model.rotations[0] = [0.5, 0.1, 0.2, 0.3];
         convert(&mut model, RIGHT_UP_BACK, RIGHT_DOWN_FRONT);
-        assert_eq!(model.means[1], [1.0, -2.0, -3.0]);
-        assert_eq!(model.rotations[1], [0.5, 0.1, -0.2, -0.3]);
-        let red = |l: usize| model.sh[l].iter().step_by(3).skip(2 * l + 1).copied().collect::<Vec<_>>();
-        assert_eq!(red(1), [-1.0, -1.0, 1.0]);
-        assert_eq!(red(2), [-1.0, 1.0, 1.0, -1.0, 1.0]);
-        assert_eq!(red(3), [-1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0]);
-        convert(&mut model, RIGHT_DOWN_FRONT, RIGHT_UP_BACK);
-        assert_eq!(model, before);
+        assert_eq!(model.rotations[0], [0.5, 0.1, -0.2, -0.3]);
     }
 }

@@ -1,7 +1,6 @@
 //! Writing SPZ version 3.
 //!
-//! Version 3, not 4: every reader of SPZ today takes it, while version 4 (zstd) is only in the newest, and the values
-//! stored are the same. SH bits are the official defaults, 5 for band 1 and 4 for the others. Unlike the official
+//! Version 3 (gzip), not 4 (zstd): readers older than version 4 take it too, and the values stored are the same. SH bits are the official defaults, 5 for band 1 and 4 for the others. Unlike the official
 //! writer, which always takes 12 fractional bits and lets greater coordinates wrap, ours fit the model.
 
 use std::io::Write;

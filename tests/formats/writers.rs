@@ -1,0 +1,143 @@
+//! Writers: what comes back from their files.
+
+use std::fs;
+
+use qirf_vk::gaussians::formats;
+use qirf_vk::gaussians::{Error, Gaussians};
+
+use crate::make;
+
+/// Asserts that `b`, read back from SPZ, is `a` within SPZ's steps.
+pub fn assert_within_spz(a: &Gaussians, b: &Gaussians, mean_step: f32) {
+    assert_eq!((a.len(), a.degree()), (b.len(), b.degree()));
+    let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
+    for i in 0..a.len() {
+        for axis in 0..3 {
+            assert!((a.means[i][axis] - b.means[i][axis]).abs() <= mean_step * 0.51, "mean {i}");
+            let scale = a.log_scales[i][axis].clamp(-10.0, 255.0 / 16.0 - 10.0);
+            assert!((scale - b.log_scales[i][axis]).abs() <= 0.5 / 16.0 + 1e-5, "scale {i}");
+            let (c, d) = (a.sh[0][3 * i + axis], b.sh[0][3 * i + axis]);
+            let c = c.clamp(-0.5 / 0.15, 0.5 / 0.15);
+            assert!((c - d).abs() <= 0.5 / 255.0 / 0.15 + 1e-5, "colour {i}");
+        }
+        let (p, q) = (sigmoid(a.opacity_logits[i]), sigmoid(b.opacity_logits[i]));
+        assert!((p - q).abs() <= 0.5 / 255.0 + 1e-5, "opacity {i}: {p} {q}");
+        // Half a step of sqrt(1/2)/511 in three components is 1.2e-3; the fourth, at least 1/2, adds up to 2.1e-3 across
+        // it: a chord of 2.4e-3, and a rotation turns by twice that.
+        assert!(angle(a.rotations[i], b.rotations[i]) < 4.8e-3, "rotation {i}");
+    }
+    for l in 1..=a.degree() {
+        // Half a bucket of 8 (band 1) or 16 of 256 steps over [-1, 1); the last bucket's centre, 256, is cut to 255.
+        let tolerance = if l == 1 { 4.5 / 128.0 } else { 8.5 / 128.0 };
+        for (x, y) in a.sh[l].iter().zip(&b.sh[l]) {
+            assert!((x.clamp(-1.0, 1.0) - y).abs() <= tolerance, "band {l}: {x} {y}");
+        }
+    }
+}
+
+/// Angle in radians between two rotations.
+pub fn angle(a: [f32; 4], b: [f32; 4]) -> f64 {
+    let unit = |q: [f32; 4]| {
+        let length = q.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>().sqrt();
+        q.map(|c| f64::from(c) / length)
+    };
+    let (a, b) = (unit(a), unit(b));
+    let dot: f64 = a.iter().zip(b).map(|(x, y)| x * y).sum();
+    // |a - +-b| = 2 sin(angle / 4), which keeps its digits near zero.
+    let sign = if dot < 0.0 { -1.0 } else { 1.0 };
+    let chord: f64 = a.iter().zip(b).map(|(x, y)| (x - sign * y).powi(2)).sum::<f64>().sqrt();
+    4.0 * (chord / 2.0).min(1.0).asin()
+}
+
+#[test]
+fn ply_round_trip_keeps_every_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    for degree in 0..=3 {
+        let mut model = make::model(5000, degree);
+        model.means[1] = [-0.0, f32::MIN_POSITIVE / 4.0, f32::MAX];
+        let (a, b) = (folder.path().join("a.ply"), folder.path().join("b.PLY"));
+        formats::write(&a, &model).unwrap();
+        let loaded = formats::read(&a).unwrap();
+        assert!(!loaded.repairs.any());
+        assert_eq!(loaded.gaussians.means[1][0].to_bits(), (-0.0f32).to_bits());
+        formats::write(&b, &loaded.gaussians).unwrap();
+        assert!(fs::read(&a).unwrap() == fs::read(&b).unwrap());
+        assert_eq!(loaded.gaussians, model);
+    }
+}
+
+#[test]
+fn spz_round_trip_stays_within_its_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.spz");
+    for degree in 0..=3 {
+        let model = make::model(2000, degree);
+        formats::write(&path, &model).unwrap();
+        let back = formats::read(&path).unwrap().gaussians;
+        assert_within_spz(&model, &back, 2f32.powi(-12));
+        // A second passage changes nothing but rounding's dust: no drift.
+        formats::write(&path, &back).unwrap();
+        let again = formats::read(&path).unwrap().gaussians;
+        assert_eq!((&again.means, &again.log_scales, &again.sh), (&back.means, &back.log_scales, &back.sh));
+    }
+}
+
+#[test]
+fn spz_fits_tiny_and_wide_models_and_refuses_what_it_would_ruin() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.spz");
+    let scaled = |factor: f32| {
+        let mut model = make::model(500, 0);
+        model.means.iter_mut().flatten().for_each(|x| *x *= factor);
+        model.log_scales.iter_mut().flatten().for_each(|x| *x += factor.ln());
+        model
+    };
+    formats::write(&path, &scaled(2f32.powi(-8))).unwrap();
+    assert_within_spz(&scaled(2f32.powi(-8)), &formats::read(&path).unwrap().gaussians, 2f32.powi(-14));
+    // 3 x 2^10 units need a fractional bit less than the official 12; it must not wrap.
+    formats::write(&path, &scaled(1024.0)).unwrap();
+    assert_within_spz(&scaled(1024.0), &formats::read(&path).unwrap().gaussians, 2f32.powi(-11));
+    let before = fs::read(&path).unwrap();
+    let mut flyaway = make::model(500, 0);
+    flyaway.means[3][1] = 4e6;
+    assert!(matches!(formats::write(&path, &flyaway), Err(Error::Unsupported { .. })));
+    flyaway.means[3][1] = 1e9;
+    let text = formats::write(&path, &flyaway).unwrap_err().to_string();
+    assert!(text.contains("beyond") && text.contains("write .ply"), "{text}");
+    assert!(fs::read(&path).unwrap() == before, "a refused write leaves the old file");
+}
+
+#[test]
+fn odd_values_are_written_without_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut model = make::model(8, 3);
+    model.rotations[0] = [0.0; 4];
+    model.rotations[1] = [1e20, -1e20, 1e-20, 0.0];
+    model.rotations[2] = [f32::NAN; 4];
+    model.opacity_logits[3] = f32::INFINITY;
+    model.log_scales[4] = [f32::NEG_INFINITY, f32::INFINITY, f32::NAN];
+    model.sh[2][7] = f32::NAN;
+    model.sh[1][3] = 1e30;
+    formats::write(&folder.path().join("a.spz"), &model).unwrap();
+    formats::write(&folder.path().join("a.ply"), &model).unwrap();
+    for empty in [Gaussians::default(), Gaussians::zeroed(0, 3)] {
+        for name in ["e.ply", "e.spz"] {
+            formats::write(&folder.path().join(name), &empty).unwrap();
+            assert!(formats::read(&folder.path().join(name)).unwrap().gaussians.is_empty());
+        }
+    }
+}
+
+#[test]
+fn bad_requests_are_refused_and_write_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = make::model(3, 1);
+    let path = folder.path().join("a.obj");
+    assert!(matches!(formats::write(&path, &model), Err(Error::Unsupported { .. })));
+    let mut torn = model.clone();
+    torn.sh[1].pop();
+    assert!(matches!(formats::write(&folder.path().join("a.ply"), &torn), Err(Error::Inconsistent { .. })));
+    let nowhere = folder.path().join("absent").join("a.ply");
+    assert!(matches!(formats::write(&nowhere, &model), Err(Error::Io { .. })));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
