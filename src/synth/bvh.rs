@@ -1,14 +1,17 @@
 //! A bounding-volume hierarchy over the solids: few hundred solids, tens of millions of rays.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 use super::geometry::{Ray, Solid};
 
 const LEAF: usize = 2;
+/// Nodes that may wait at once: one a level, and the heuristic's trees of a few hundred solids have some 20 levels.
+const STACK: usize = 64;
 
 struct Node {
-    low: Vec3,
-    high: Vec3,
+    /// Corners, in the form that SIMD takes.
+    low: Vec3A,
+    high: Vec3A,
     /// First solid of a leaf; index of the right child of an inner node (the left child comes next).
     first: u32,
     /// Solids in a leaf; 0 marks an inner node.
@@ -31,28 +34,41 @@ impl Bvh {
         bvh
     }
 
-    /// Median split along the axis on which the centres spread most.
+    /// Splits where the surface area heuristic finds the fewest boxes and solids to test (Goldsmith, Salmon 1987).
     fn split(&mut self, bounds: &[(Vec3, Vec3)], begin: usize, end: usize) {
-        let box_of = |i: &u32| bounds[*i as usize];
-        let middle = |i: &u32| box_of(i).0 + box_of(i).1;
-        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        let (mut first, mut last) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for i in &self.order[begin..end] {
-            (low, high) = (low.min(box_of(i).0), high.max(box_of(i).1));
-            (first, last) = (first.min(middle(i)), last.max(middle(i)));
-        }
+        let (low, high) = around(bounds, &self.order[begin..end]);
         let here = self.nodes.len();
+        let mut node = Node { low: low.into(), high: high.into(), first: begin as u32, count: (end - begin) as u32 };
         if end - begin <= LEAF {
-            self.nodes.push(Node { low, high, first: begin as u32, count: (end - begin) as u32 });
+            self.nodes.push(node);
             return;
         }
-        self.nodes.push(Node { low, high, first: 0, count: 0 });
-        let axis = (last - first).max_position();
-        let half = (end - begin) / 2;
-        self.order[begin..end].sort_unstable_by(|a, b| middle(a)[axis].total_cmp(&middle(b)[axis]).then(a.cmp(b)));
-        self.split(bounds, begin, begin + half);
+        let mut best = (f32::INFINITY, Vec::new(), 1);
+        for axis in 0..3 {
+            let mut order = self.order[begin..end].to_vec();
+            let middle = |i: &u32| bounds[*i as usize].0[axis] + bounds[*i as usize].1[axis];
+            order.sort_unstable_by(|a, b| middle(a).total_cmp(&middle(b)).then(a.cmp(b)));
+            // Quadratic in the number of solids, of which there are a few hundred.
+            for left in 1..order.len() {
+                let cost = |part: &[u32]| area(around(bounds, part)) * part.len() as f32;
+                let cost = cost(&order[..left]) + cost(&order[left..]);
+                if cost < best.0 {
+                    best = (cost, order.clone(), left);
+                }
+            }
+        }
+        let (_, order, left) = best;
+        // No cost is finite where a box is not: such solids stay together in one leaf.
+        if order.is_empty() {
+            self.nodes.push(node);
+            return;
+        }
+        self.order[begin..end].copy_from_slice(&order);
+        node.count = 0;
+        self.nodes.push(node);
+        self.split(bounds, begin, begin + left);
         self.nodes[here].first = self.nodes.len() as u32;
-        self.split(bounds, begin + half, end);
+        self.split(bounds, begin + left, end);
     }
 
     /// Distance to the first solid before `limit`, and its index.
@@ -85,15 +101,14 @@ impl Bvh {
         if self.nodes.is_empty() {
             return;
         }
-        let inverse = ray.direction.recip();
+        let (origin, inverse) = (Vec3A::from(ray.origin), Vec3A::from(ray.direction.recip()));
         let enter = |n: u32, limit: f32| {
             let node = &self.nodes[n as usize];
-            let (a, b) = ((node.low - ray.origin) * inverse, (node.high - ray.origin) * inverse);
+            let (a, b) = ((node.low - origin) * inverse, (node.high - origin) * inverse);
             let (near, far) = (a.min(b).max_element().max(0.0), a.max(b).min_element());
             (near <= far && near < limit).then_some(near)
         };
-        // Depth is log2 of the solids' number: 32 holds 2^31 of them.
-        let mut stack = [(0u32, 0f32); 33];
+        let mut stack = [(0u32, 0f32); STACK];
         let Some(near) = enter(0, limit) else { return };
         stack[0] = (0, near);
         let mut top = 1;
@@ -126,6 +141,18 @@ impl Bvh {
             }
         }
     }
+}
+
+/// The box round the boxes of some solids.
+fn around(bounds: &[(Vec3, Vec3)], solids: &[u32]) -> (Vec3, Vec3) {
+    let boxes = solids.iter().map(|&i| bounds[i as usize]);
+    boxes.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
+/// Half the surface area of a box.
+fn area((low, high): (Vec3, Vec3)) -> f32 {
+    let d = high - low;
+    d.x * d.y + d.y * d.z + d.z * d.x
 }
 
 #[cfg(test)]

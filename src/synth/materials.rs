@@ -159,15 +159,16 @@ fn sign(p: Vec3, normal: Vec3, half: Vec3) -> Vec3 {
 
 /// Albedo of the floor: a mosaic, rings of stones round it, grass and flowers beyond, haze far away.
 pub(super) fn floor(p: Vec3) -> Vec3 {
-    let (r, turn) = (p.truncate().length(), p.y.atan2(p.x));
-    let grain = fbm(Vec3::new(p.x * 9.0, p.y * 9.0, 0.3), 3);
+    let r = p.truncate().length();
+    let turn = if r < PLAZA { p.y.atan2(p.x) } else { 0.0 };
+    let grain = if r < PLAZA { fbm(Vec3::new(p.x * 9.0, p.y * 9.0, 0.3), 3) } else { 0.5 };
     if r < 1.3 {
         return medallion(r, turn) * (0.8 + 0.4 * grain);
     }
     if r < PLAZA {
         return stones(r, turn) * (0.65 + 0.7 * grain);
     }
-    let edge = step(PLAZA, PLAZA + 0.05, r + 0.12 * (noise(p * 7.0) - 0.5) * step(PLAZA, PLAZA + 0.1, r));
+    let edge = step(PLAZA, PLAZA + 0.07, r);
     rgb(0x6a6258).lerp(meadow(p, r), edge)
 }
 
@@ -219,7 +220,7 @@ fn meadow(p: Vec3, r: f32) -> Vec3 {
     let blades = if near > 0.0 { near * (fbm(Vec3::new(p.x * 5.0, p.y * 5.0, 8.0), 3) - 0.5) } else { 0.0 };
     let grass = rgb(0x5d8a3a).lerp(rgb(0x9aa84e), step(0.3, 0.7, broad)) * (1.0 + 1.1 * blades);
     let haze = grass.lerp(rgb(0x9db08a), 0.75 * step(8.0, 44.0, r));
-    haze.lerp(flower(p), near * bloom(p))
+    if near > 0.0 { haze.lerp(flower(p), near * bloom(p)) } else { haze }
 }
 
 /// Where a flower covers the grass: one in some of the cells of a grid, away from the cell's border.

@@ -1,6 +1,6 @@
 //! Value noise and the small helpers that procedural textures are made of.
 
-use glam::{IVec3, Vec3};
+use glam::Vec3;
 
 /// A number in [0, 1) for a cell of the integer lattice.
 pub(super) fn cell(x: i32, y: i32, z: i32) -> f32 {
@@ -11,12 +11,17 @@ pub(super) fn cell(x: i32, y: i32, z: i32) -> f32 {
     ((h ^ (h >> 15)) >> 8) as f32 * (-24f32).exp2()
 }
 
+/// The cell that holds `x`; `f32::floor` is a call into the C library where the CPU's baseline has no such instruction.
+pub(super) fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole.wrapping_sub(i32::from(whole as f32 > x))
+}
+
 /// Smooth value noise in [0, 1), one cell a unit.
 pub(super) fn noise(p: Vec3) -> f32 {
-    let floor = p.floor();
-    let f = p - floor;
+    let (x, y, z) = (floor(p.x), floor(p.y), floor(p.z));
+    let f = p - Vec3::new(x as f32, y as f32, z as f32);
     let u = f * f * (3.0 - 2.0 * f);
-    let IVec3 { x, y, z } = floor.as_ivec3();
     let edge = |dy: i32, dz: i32| {
         let a = cell(x, y.wrapping_add(dy), z.wrapping_add(dz));
         a + (cell(x.wrapping_add(1), y.wrapping_add(dy), z.wrapping_add(dz)) - a) * u.x

@@ -19,9 +19,9 @@ const RINGS: [f64; 3] = [6.0, 18.0, 34.0];
 /// Distance from the target in metres. Far, with a long lens: the footprints of a point then differ little.
 const DISTANCE: f64 = 9.2;
 /// Field of view of the shorter side in degrees.
-const FIELD: f64 = 31.0;
+const FIELD: f64 = 26.0;
 /// Distances of the near, middle and far cameras of [`Effect::Scales`].
-const SCALES: [f64; 3] = [0.5, 1.0, 2.0];
+const SCALES: [f64; 3] = [0.45, 1.0, 2.2];
 
 /// Moves the corners of a picture inwards by about 7 pixels of 240.
 pub(super) const OPENCV: Lens = Lens::OpenCv { k1: -0.2, k2: 0.05, p1: 0.005, p2: -0.004 };
@@ -128,7 +128,7 @@ fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
     if options.has(Effect::Fisheye) {
         distance *= 0.8;
     }
-    let target = DVec3::new(jitter(0.06), jitter(0.06), 0.72 + jitter(0.05));
+    let target = DVec3::new(jitter(0.06), jitter(0.06), 0.8 + jitter(0.05));
     let eye = target + DVec3::new(rise.cos() * turn.cos(), rise.cos() * turn.sin(), rise.sin()) * distance;
     let device_index = if devices.len() > 1 { third } else { 0 };
     let device = &devices[device_index];

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::{
-    Effect, SynthOptions,
+    Effect, SynthOptions, materials,
     path::View,
     random::{Random, Stream},
     shade::{Thing, World},
@@ -12,7 +12,8 @@ use super::{
 };
 
 /// Share of the candidates that are kept on floor and sky: the objects are what a photographer came for.
-const KEEP_FLOOR: f64 = 0.55;
+const KEEP_PLAZA: f64 = 0.55;
+const KEEP_MEADOW: f64 = 0.25;
 const KEEP_SKY: f64 = 0.3;
 /// Distance in pixels at which a seen point's surroundings must show the same thing.
 const CLEARANCE: f64 = 0.75;
@@ -52,7 +53,8 @@ fn candidate(stage: &Stage, views: &[View], options: &SynthOptions, i: u64) -> O
     let share = match thing {
         Thing::Mover(_) => 0.0,
         Thing::Floor | Thing::Sky if options.has(Effect::Alpha) => 0.0,
-        Thing::Floor => KEEP_FLOOR,
+        Thing::Floor if ray.at(t).truncate().length() < materials::PLAZA => KEEP_PLAZA,
+        Thing::Floor => KEEP_MEADOW,
         Thing::Sky => KEEP_SKY,
         Thing::Solid(_) => 1.0,
     };

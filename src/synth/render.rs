@@ -6,7 +6,7 @@ use super::{
     Effect, SynthOptions,
     path::View,
     random::{Random, Stream},
-    shade::{Thing, World},
+    shade::{Openness, Sun, Thing, World},
     stage::Stage,
 };
 
@@ -28,6 +28,7 @@ pub(super) struct Photo {
 pub(super) fn photo(stage: &Stage, view: &View, options: &SynthOptions, index: usize) -> Photo {
     let (width, height) = (view.camera.width, view.camera.height);
     let world = World { stage, mover: &view.mover };
+    let sun = Sun::new();
     let cut_out = options.has(Effect::Alpha);
     let number = width as usize * height as usize;
     let (mut pixels, mut touched) = (Vec::with_capacity(number), Vec::with_capacity(number));
@@ -39,7 +40,7 @@ pub(super) fn photo(stage: &Stage, view: &View, options: &SynthOptions, index: u
             let mut random = Random::new(options.seed, Stream::Pixel, key);
             // Each sample has its own cell of the pixel and its own cell of the sun; the pairing differs by pixel.
             let shift = random.bits() as usize % SAMPLES;
-            let (mut sum, mut opaque, mut moved) = (Vec3::ZERO, 0, false);
+            let (mut sum, mut opaque, mut moved, mut open) = (Vec3::ZERO, 0, false, Openness::default());
             for s in 0..SAMPLES {
                 let bits = random.bits();
                 let jitter = |k: u32| (bits >> (16 * k) & 0xffff) as f64 / 65536.0;
@@ -49,7 +50,7 @@ pub(super) fn photo(stage: &Stage, view: &View, options: &SynthOptions, index: u
                 let direction = (turn * local).normalize().as_vec3();
                 let cell = (s * 7 + shift) % SAMPLES;
                 let ray = super::geometry::Ray { origin, direction };
-                let sample = world.trace(&ray, within(cell % GRID, 2) as f32, within(cell / GRID, 3) as f32);
+                let sample = world.trace(&ray, sun.towards(cell, bits >> 32), &mut open);
                 moved |= sample.moved;
                 if !(cut_out && matches!(sample.thing, Thing::Floor | Thing::Sky)) {
                     sum += sample.colour;

@@ -13,6 +13,9 @@ use super::{
 const SUN: Vec3 = Vec3::new(2.1, 1.9, 1.55);
 /// Radius of the sun's disc as seen from the ground, in radians: larger than the real one, for soft shadows.
 const SUN_RADIUS: f32 = 0.03;
+/// Places on the sun's disc: cells of a square grid, and places within a cell.
+const SUN_CELLS: usize = 4;
+const SUN_PLACES: usize = 4;
 /// How far off a surface secondary rays start, in metres.
 const LIFT: f32 = 1e-3;
 
@@ -31,6 +34,39 @@ pub(super) enum Thing {
 pub(super) struct World<'a> {
     pub stage: &'a Stage,
     pub mover: &'a [(Solid, Paint)],
+}
+
+/// Unit vectors to places spread evenly over the sun's disc.
+pub(super) struct Sun {
+    towards: Vec<Vec3>,
+}
+
+impl Sun {
+    pub fn new() -> Self {
+        let (across, along) = sky::sun().any_orthonormal_pair();
+        let side = SUN_CELLS * SUN_PLACES;
+        let place = |i: usize| {
+            let (cell, within) = (i / (SUN_PLACES * SUN_PLACES), i % (SUN_PLACES * SUN_PLACES));
+            let x = cell % SUN_CELLS * SUN_PLACES + within % SUN_PLACES;
+            let y = cell / SUN_CELLS * SUN_PLACES + within / SUN_PLACES;
+            let radius = SUN_RADIUS * ((x as f32 + 0.5) / side as f32).sqrt();
+            let (sin, cos) = ((y as f32 + 0.5) / side as f32 * std::f32::consts::TAU).sin_cos();
+            (sky::sun() + across * (radius * cos) + along * (radius * sin)).normalize()
+        };
+        Self { towards: (0..side * side).map(place).collect() }
+    }
+
+    /// The vector for one of the 16 cells; random `bits` choose the place within it.
+    pub fn towards(&self, cell: usize, bits: u64) -> Vec3 {
+        let places = SUN_PLACES * SUN_PLACES;
+        self.towards[(cell * places + bits as usize % places) % self.towards.len()]
+    }
+}
+
+/// How open the last surface was: neighbouring samples share it, as it varies slowly.
+#[derive(Default)]
+pub(super) struct Openness {
+    last: Option<(Thing, Vec3, f32)>,
 }
 
 /// What one sample saw.
@@ -75,22 +111,30 @@ impl World<'_> {
         }
     }
 
-    /// The colour along a ray. `u`, `v` in [0, 1) choose the place on the sun's disc.
-    pub fn trace(&self, ray: &Ray, u: f32, v: f32) -> Sample {
+    /// The colour along a ray, for one place on the sun's disc; `open` is kept between the samples of a pixel.
+    pub fn trace(&self, ray: &Ray, towards: Vec3, open: &mut Openness) -> Sample {
         let (t, thing) = self.meet(ray);
         let p = ray.at(t);
         if thing == Thing::Sky {
             return Sample { colour: sky::radiance(p / sky::DOME), thing, moved: false };
         }
         let normal = self.normal(thing, p);
-        let (sun, blocked_by_mover) = self.sunlight(p, normal, u, v);
+        let (sun, blocked_by_mover) = self.sunlight(p, normal, towards);
         let mut moved = blocked_by_mover || matches!(thing, Thing::Mover(_));
-        let mut colour = self.matte(thing, p, normal, sun);
+        let open = match open.last {
+            Some((last, n, value)) if last == thing && n.dot(normal) > 0.95 => value,
+            _ => {
+                let value = self.openness(p, normal);
+                open.last = Some((thing, normal, value));
+                value
+            }
+        };
+        let mut colour = self.matte(thing, p, normal, sun, open);
         if let Some(gloss) = self.gloss(thing) {
             let facing = -ray.direction.dot(normal);
             let fresnel = gloss.f0 + (1.0 - gloss.f0) * (1.0 - facing).clamp(0.0, 1.0).powi(5);
             let mirrored = Ray { origin: p + normal * LIFT, direction: ray.direction + normal * (2.0 * facing) };
-            let (reflection, seen) = self.reflection(&mirrored, u, v);
+            let (reflection, seen) = self.reflection(&mirrored, towards);
             moved |= seen;
             let half = (sky::sun() - ray.direction).normalize_or(normal);
             let lobe = (gloss.shininess + 8.0) / 25.0 * normal.dot(half).max(0.0).powf(gloss.shininess);
@@ -100,7 +144,7 @@ impl World<'_> {
     }
 
     /// What a mirror shows; mirrors in mirrors are matte.
-    fn reflection(&self, ray: &Ray, u: f32, v: f32) -> (Vec3, bool) {
+    fn reflection(&self, ray: &Ray, towards: Vec3) -> (Vec3, bool) {
         let (t, thing) = self.meet(ray);
         let p = ray.at(t);
         if thing == Thing::Sky {
@@ -108,12 +152,15 @@ impl World<'_> {
             return (sky::radiance(p / sky::DOME).min(Vec3::splat(1.6)), false);
         }
         let normal = self.normal(thing, p);
-        let (sun, blocked_by_mover) = self.sunlight(p, normal, u, v);
-        (self.matte(thing, p, normal, sun), blocked_by_mover || matches!(thing, Thing::Mover(_)))
+        let (sun, blocked_by_mover) = self.sunlight(p, normal, towards);
+        (
+            self.matte(thing, p, normal, sun, self.openness(p, normal)),
+            blocked_by_mover || matches!(thing, Thing::Mover(_)),
+        )
     }
 
-    /// Light that a surface scatters evenly; `sun` is the sunlight that falls on it.
-    fn matte(&self, thing: Thing, p: Vec3, normal: Vec3, sun: f32) -> Vec3 {
+    /// Light that a surface scatters evenly; `sun` is the sunlight that falls on it, `open` its share of the sky.
+    fn matte(&self, thing: Thing, p: Vec3, normal: Vec3, sun: f32, open: f32) -> Vec3 {
         let painted = |solid: &Solid, paint: Paint| {
             let local_normal = match solid {
                 Solid::Block { axes, .. } => axes.transpose() * normal,
@@ -127,7 +174,7 @@ impl World<'_> {
             Thing::Floor => materials::floor(p),
             Thing::Sky => return Vec3::ZERO,
         };
-        albedo * (SUN * sun + sky::ambient(normal) * self.openness(p, normal))
+        albedo * (SUN * sun + sky::ambient(normal) * open)
     }
 
     fn gloss(&self, thing: Thing) -> Option<Gloss> {
@@ -139,15 +186,11 @@ impl World<'_> {
     }
 
     /// Cosine of the sun's height over the surface, 0 in shadow; and whether the moving object casts the shadow.
-    fn sunlight(&self, p: Vec3, normal: Vec3, u: f32, v: f32) -> (f32, bool) {
-        let sun = sky::sun();
-        let height = normal.dot(sun);
+    fn sunlight(&self, p: Vec3, normal: Vec3, towards: Vec3) -> (f32, bool) {
+        let height = normal.dot(sky::sun());
         if height <= 0.0 {
             return (0.0, false);
         }
-        let (across, along) = sun.any_orthonormal_pair();
-        let (radius, turn) = (SUN_RADIUS * u.sqrt(), v * std::f32::consts::TAU);
-        let towards = (sun + across * (radius * turn.cos()) + along * (radius * turn.sin())).normalize();
         let ray = Ray { origin: p + normal * LIFT, direction: towards };
         // Nothing stands outside of the fence, and no shadow reaches further than this.
         if p.length_squared() > 49.0 {

@@ -10,9 +10,9 @@ use super::{
 /// Radius of the dome about the origin: twelve times the scene's own four metres.
 pub(super) const DOME: f32 = 48.0;
 
-/// Unit vector towards the sun.
-pub(super) fn sun() -> Vec3 {
-    Vec3::new(0.52, -0.56, 0.645).normalize()
+/// Unit vector towards the sun's middle.
+pub(super) const fn sun() -> Vec3 {
+    Vec3::new(0.52, -0.56, 0.644981)
 }
 
 /// Distance to the dome from a point within it.

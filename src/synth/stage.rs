@@ -74,7 +74,7 @@ impl Stage {
         }
         let large = |i: &u32| {
             let (low, high) = b.solids[*i as usize].bounds();
-            (high - low).min_element() > 0.15
+            (high - low).min_element() > 0.23
         };
         let shading = (0..b.solids.len() as u32).filter(large).collect();
         Self { bvh: Bvh::new(&b.solids), solids: b.solids, looks: b.looks, shading, floor_gloss }
@@ -109,8 +109,9 @@ fn buildings(b: &mut Builder) {
     b.solids.push(Solid::Block { centre, half, axes });
     b.looks.push(Look { paint: Paint::Sign(half), gloss: None, thin: false });
     for side in [-0.4, 0.4] {
-        let foot = (centre + axes * Vec3::new(side, 0.03, 0.0)).with_z(0.0);
-        b.put(Solid::rod(foot, centre + axes * Vec3::new(side, 0.045, 0.1), 0.026), Paint::Plain(rgb(0x5a4026)));
+        // Within the board where they carry it, so that they hide no letter.
+        let head = centre + axes * Vec3::new(side, 0.0, 0.0);
+        b.put(Solid::rod(head.with_z(0.0), head, 0.026), Paint::Plain(rgb(0x5a4026)));
     }
 }
 
