@@ -49,10 +49,10 @@ pub(super) struct Arguments {
     /// Vertical field of view of an orbit, in degrees [default: 40]
     #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::degrees, requires = "orbit")]
     fov: Option<f64>,
-    /// Height of an orbit above the horizon, in degrees [default: 12]
+    /// Height of an orbit above the horizon, in degrees [default: 15]
     #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, requires = "orbit", allow_negative_numbers = true)]
     elevation: Option<f64>,
-    /// World axis that is up in an orbit: x, y, z, -x, -y, -z, or auto by the file's format [default: auto]
+    /// World axis that is up in an orbit: x, y, z, -x, -y, -z, or auto: -y, as captures have it [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, requires = "orbit", allow_hyphen_values = true)]
     up: Option<Up>,
     /// Folder for the pictures; made where it is absent
@@ -124,14 +124,15 @@ impl Arguments {
     fn orbit_shots(&self, loaded: &Loaded, settings: &mut Settings) -> Vec<Shot> {
         let look = Look {
             fov: self.fov.unwrap_or(40.0).to_radians(),
-            elevation: self.elevation.unwrap_or(12.0).to_radians(),
+            elevation: self.elevation.unwrap_or(15.0).to_radians(),
             size: self.size.unwrap_or((1280, 720)),
         };
-        let up = orbit::up(self.up.unwrap_or(Up::Auto), loaded.format);
+        let up = orbit::up(self.up.unwrap_or(Up::Auto));
         let subject = Subject::of(&loaded.gaussians, up);
-        tracing::info!("orbit: {subject:?}, distance {:.3}", subject.distance(&look));
+        let (height, distance) = subject.framing(&look);
+        tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", subject.centre);
         // A model in small units must not fall before the near plane.
-        settings.near = settings.near.min((0.02 * subject.distance(&look)) as f32);
+        settings.near = settings.near.min((0.02 * distance) as f32);
         let count = self.orbit.unwrap_or(1);
         let digits = count.to_string().len().max(3);
         let path = |i| self.output.join(format!("orbit_{i:0digits$}.{}", self.format.extension()));

@@ -32,7 +32,7 @@ impl Arguments {
         let begun = Instant::now();
         if !self.json {
             console.print(format_args!("{} ({})", info.name, info.driver))?;
-            console.print(format_args!("{:<11} {:<34} {:>9} {:>9}", "room", "check", "seen", "allowed"))?;
+            console.print(format_args!("{:<11} {:<44} {:>9} {:>9}", "room", "check", "seen", "allowed"))?;
         }
         let bar = console.bar(selftest::cases(self.quick).count() as u64, "checking");
         let mut checks: Vec<Check> = Vec::new();
@@ -68,5 +68,5 @@ fn row(console: &Console, check: &Check) -> String {
     let (code, word) = if check.passed() { ("32", "pass") } else { ("1;31", "FAIL") };
     let verdict = console.paint(code, word, Console::stdout_is_terminal());
     let problem = check.problem.as_ref().map(|p| format!("  {p}")).unwrap_or_default();
-    format!("{:<11} {:<34} {seen:>9} {:>9}  {verdict}{problem}", check.room, check.name, number(check.allowed))
+    format!("{:<11} {:<44} {seen:>9} {:>9}  {verdict}{problem}", check.room, check.name, number(check.allowed))
 }

@@ -39,7 +39,7 @@ pub(super) fn colour(text: &str) -> Result<[f32; 3], String> {
 /// Which world direction is up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Up {
-    /// As the model's file format has it.
+    /// As captures have it.
     Auto,
     /// This one.
     Axis(DVec3),
