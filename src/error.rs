@@ -92,17 +92,16 @@ impl Error {
     }
 
     /// The exit code: 2 usage, 3 bad input, 4 device, 5 resources, 130 interrupted.
+    #[allow(clippy::match_same_arms)] // one line a kind of cause
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Usage(_) => 2,
-            Self::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => 5,
-            Self::Read { .. } | Self::Gaussians(_) | Self::Scene(_) => 3,
             Self::Device(e) if e.is_resources() => 5,
-            Self::Device(gpu::Error::UnknownDevice { .. }) => 2,
-            Self::Device(_) | Self::SelfTest { .. } => 4,
-            Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
-            Self::Synth(_) => 2,
+            Self::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => 5,
             Self::Write { .. } | Self::Print(_) => 5,
+            Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
+            Self::Usage(_) | Self::Synth(_) => 2,
+            Self::Read { .. } | Self::Gaussians(_) | Self::Scene(_) => 3,
+            Self::Device(_) | Self::SelfTest { .. } => 4,
             Self::Interrupted => 130,
         }
     }

@@ -38,6 +38,7 @@ pub struct Console {
     pub colour: Colour,
 }
 
+#[allow(clippy::unused_self)] // that all output goes by way of a console is the point
 impl Console {
     /// Writes a line to standard output.
     ///

@@ -23,7 +23,7 @@ use tracing_subscriber::filter::LevelFilter;
 
 /// Train, compress and measure 3D Gaussian Splatting scenes on any Vulkan device.
 #[derive(Debug, Parser)]
-#[command(name = "qirf-vk", version, propagate_version = true, max_term_width = 110, arg_required_else_help = true)]
+#[command(name = "qirf-vk", version, max_term_width = 110, arg_required_else_help = true)]
 #[command(disable_help_subcommand = true)]
 struct Cli {
     #[command(subcommand)]
@@ -87,17 +87,18 @@ Exit codes: 0 done, 2 usage, 3 bad input, 4 device, 5 no memory or disk, 130 int
 /// The command line as clap knows it, commands in groups.
 fn command() -> clap::Command {
     let command = Cli::command();
-    let mut list = String::new();
-    for (heading, names) in GROUPS {
-        list.push_str(&format!("{heading}:\n"));
-        for name in names {
-            let about = command.find_subcommand(name).and_then(clap::Command::get_about);
-            list.push_str(&format!("  {name:<12} {}\n", about.map(ToString::to_string).unwrap_or_default()));
-        }
-        list.push('\n');
-    }
+    let line = |name: &&str| {
+        let about = command.find_subcommand(name).and_then(clap::Command::get_about);
+        format!("  {name:<12} {}\n", about.map(ToString::to_string).unwrap_or_default())
+    };
+    let group = |(heading, names): &(&str, &[&str])| {
+        format!("{heading}:\n{}\n", names.iter().map(line).collect::<Vec<_>>().concat())
+    };
+    let list = GROUPS.iter().map(group).collect::<Vec<_>>().concat();
     command
-        .help_template(format!("{{about}}\n\n{{usage-heading}} {{usage}}\n\n{list}{{options}}\n\n{{after-help}}"))
+        .help_template(format!(
+            "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{list}Global options:\n{{options}}{{after-help}}"
+        ))
         .after_help(EXAMPLES)
 }
 

@@ -6,6 +6,7 @@ mod scene;
 use super::console::Console;
 use crate::error::Error;
 use crate::gaussians::formats::{self, Loaded};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -33,7 +34,7 @@ impl Arguments {
         } else {
             model::describe(&self.path, &read(&self.path)?)?
         };
-        if self.json { console.json(&value) } else { print(console, &value, "") }
+        if self.json { console.json(&value) } else { print(console, &value) }
     }
 }
 
@@ -67,45 +68,43 @@ pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error
     Ok(loaded)
 }
 
-/// Prints a JSON document for people: a line a value, objects indented.
-fn print(console: &Console, value: &serde_json::Value, indent: &str) -> Result<(), Error> {
-    let Some(fields) = value.as_object() else { return console.print(value) };
-    for (name, field) in fields {
+/// Lines of a list that a person is shown.
+const LIST_LINES: usize = 6;
+
+/// Prints a JSON document for people: a line a field, lists of objects below one another.
+fn print(console: &Console, document: &Value) -> Result<(), Error> {
+    for (name, field) in document.as_object().into_iter().flatten() {
         let label = name.replace('_', " ");
-        match field {
-            serde_json::Value::Object(inner) if !inner.is_empty() => {
-                console.print(format_args!("{indent}{label}"))?;
-                print(console, field, &format!("{indent}  "))?;
-            }
-            serde_json::Value::Array(items) if items.iter().any(serde_json::Value::is_object) => {
-                console.print(format_args!("{indent}{label}"))?;
-                for item in items {
-                    console.print(format_args!("{indent}  {}", line(item)))?;
-                }
-            }
-            other => {
-                console.print(format_args!("{indent}{label:<width$} {}", line(other), width = 20 - indent.len()))?
-            }
+        let lines: Vec<String> = match field {
+            Value::Array(items) if items.iter().any(|i| !i.is_number()) => items.iter().map(line).collect(),
+            other => vec![line(other)],
+        };
+        for (i, line) in lines.iter().take(LIST_LINES).enumerate() {
+            console.print(format_args!("{:<26} {line}", if i == 0 { label.as_str() } else { "" }))?;
+        }
+        if lines.len() > LIST_LINES {
+            console.print(format_args!("{:<26} and {} more (--json tells all)", "", lines.len() - LIST_LINES))?;
         }
     }
     Ok(())
 }
 
 /// A value on one line.
-fn line(value: &serde_json::Value) -> String {
+fn line(value: &Value) -> String {
     match value {
-        serde_json::Value::Null => "none".into(),
-        serde_json::Value::String(s) => s.clone(),
-        serde_json::Value::Number(n) => n.as_f64().filter(|_| n.is_f64()).map_or_else(
+        Value::Null => "none".into(),
+        Value::String(s) => s.clone(),
+        Value::Number(n) => n.as_f64().filter(|_| n.is_f64()).map_or_else(
             || n.to_string(),
             |v| {
                 if v != 0.0 && !(1e-3..1e6).contains(&v.abs()) { format!("{v:.3e}") } else { format!("{v:.4}") }
             },
         ),
-        serde_json::Value::Array(items) => items.iter().map(line).collect::<Vec<_>>().join("  "),
-        serde_json::Value::Object(fields) => {
+        Value::Array(items) if items.is_empty() => "none".into(),
+        Value::Array(items) => items.iter().map(line).collect::<Vec<_>>().join("  "),
+        Value::Object(fields) => {
             fields.iter().map(|(k, v)| format!("{} {}", k.replace('_', " "), line(v))).collect::<Vec<_>>().join(", ")
         }
-        serde_json::Value::Bool(b) => b.to_string(),
+        Value::Bool(b) => b.to_string(),
     }
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// Shares at which quantiles are told.
 const SHARES: [(f64, &str); 7] =
-    [(0.0, "least"), (0.01, "1%"), (0.1, "10%"), (0.5, "half"), (0.9, "90%"), (0.99, "99%"), (1.0, "most")];
+    [(0.0, "min"), (0.01, "p01"), (0.1, "p10"), (0.5, "p50"), (0.9, "p90"), (0.99, "p99"), (1.0, "max")];
 
 /// The model as one document.
 pub(super) fn describe(path: &Path, loaded: &Loaded) -> Result<Value, Error> {
