@@ -6,13 +6,12 @@ mod synthetic;
 
 use common::{device, finish};
 use glam::{DMat3, DVec2, DVec3};
-use golden::{Case, floats, shared};
+use golden::{Case, Fixture, shared};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::Device;
 use qirf_vk::reference;
 use qirf_vk::render::{Culling, Image, Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
-use safetensors::SafeTensors;
 use synthetic::Random;
 
 /// Renders one picture with a renderer of its own.
@@ -71,38 +70,9 @@ fn another_engines_picture() {
     let Some(shared) = shared() else { return };
     let device = device();
     for name in ["tiny", "basic"] {
-        let path = shared.join(format!("fixtures/gsplat-cuda-gradients/{name}_case.safetensors"));
-        let bytes = std::fs::read(path).expect("fixture");
-        let file = SafeTensors::deserialize(&bytes).expect("safetensors");
-        let get = |key: &str| floats(file.tensor(key).expect(key).data());
-        let narrow = |v: &[f64]| v.iter().map(|x| *x as f32).collect::<Vec<_>>();
-        let rows3 = |key: &str| narrow(&get(key)).chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect::<Vec<_>>();
-        let coefficients = narrow(&get("coeffs"));
-        let band = |l: usize| {
-            coefficients.chunks_exact(48).flat_map(|c| c[l * l * 3..(l + 1) * (l + 1) * 3].to_vec()).collect()
-        };
-        let model = Gaussians {
-            means: rows3("means"),
-            log_scales: rows3("scales"),
-            rotations: narrow(&get("quats")).chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]).collect(),
-            opacity_logits: narrow(&get("opacities")),
-            sh: (0..4).map(band).collect(),
-        };
-        let shape = file.tensor("out_img").expect("out_img").shape().to_vec();
-        let (height, width) = (shape[0] as u32, shape[1] as u32);
-        let camera = Camera {
-            rotation: DMat3::IDENTITY,
-            translation: -DVec3::new(0.123, 0.456, -8.0),
-            focal: DVec2::splat(f64::from(width) / 2.0),
-            principal: DVec2::new(f64::from(width), f64::from(height)) / 2.0,
-            width,
-            height,
-        };
-        let image = render(&device, &model, &camera, Settings { near: 0.01, ..Settings::default() });
-        let expected = get("out_img");
-        let channels = shape[2];
-        let got = image.pixels.iter().flat_map(|p| p[..channels].to_vec());
-        let (mean, _, largest) = errors(got, &expected);
+        let fixture = Fixture::read(&shared, name);
+        let image = render(&device, &fixture.model, &fixture.camera, Settings { near: 0.01, ..Settings::default() });
+        let (mean, _, largest) = errors(image.pixels.as_flattened().iter().copied(), fixture.get("out_img"));
         println!("{name}: mean {mean:.1e}, largest {largest:.1e}");
         assert!(largest < 1e-4, "{name}");
     }

@@ -8,15 +8,26 @@ struct Projection {
     vec3 covariance; // a, b, c with the dilation, square pixels
     float det0;      // determinant without the dilation
     float det;       // with it
+    // What the backward pass goes through again.
+    vec3 position;   // camera axes
+    vec2 slope;      // x/z and y/z, clamped
+    mat3 rotation;
+    vec3 scale;
+    vec3 row_x;      // Jacobian times scaled axes
+    vec3 row_y;
+    vec4 unit;       // quaternion, normalised
+    float norm;      // of the stored one
 };
 
 // Rotation matrix of a quaternion (w, x, y, z) of any length: divided by its largest component first, since the squares
 // of extreme ones leave float32. False when it is no rotation.
-bool rotation_of(vec4 q, out mat3 r) {
-    float largest = max(max(abs(q.x), abs(q.y)), max(abs(q.z), abs(q.w)));
+bool rotation_of(vec4 stored, out mat3 r, out vec4 q, out float norm) {
+    float largest = max(max(abs(stored.x), abs(stored.y)), max(abs(stored.z), abs(stored.w)));
     if (!(largest >= MIN_QUATERNION) || isinf(largest)) return false;
-    q = q / largest;
-    q = q / sqrt(dot(q, q));
+    q = stored / largest;
+    float root = sqrt(dot(q, q));
+    norm = largest * root;
+    q = q / root;
     float w = q.x, x = q.y, y = q.z, z = q.w;
     r = transpose(mat3(
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
@@ -34,17 +45,16 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
     // The difference to the centre first: exact where it matters, however far the scene lies from the origin.
     vec3 offset = mean - v.centre.xyz;
     vec3 t = camera * offset;
-    mat3 rotation;
-    if (!(t.z > v.centre.w) || isinf(t.z) || !rotation_of(quaternion, rotation)) return p;
+    if (!(t.z > v.centre.w) || isinf(t.z) || !rotation_of(quaternion, p.rotation, p.unit, p.norm)) return p;
 
     vec2 clamped = clamp(t.xy / t.z, -v.tangent_limit, v.tangent_limit);
     // Rows of the Jacobian times the rotated axes: the covariance is then made of dot products, and its determinant of a
     // cross product, which cannot go negative.
-    mat3 axes = camera * rotation;
-    vec3 scale = exp(log_scale);
+    mat3 axes = camera * p.rotation;
+    p.scale = exp(log_scale);
     vec2 f = v.focal / t.z;
-    vec3 row_x = f.x * (vec3(axes[0].x, axes[1].x, axes[2].x) - clamped.x * vec3(axes[0].z, axes[1].z, axes[2].z)) * scale;
-    vec3 row_y = f.y * (vec3(axes[0].y, axes[1].y, axes[2].y) - clamped.y * vec3(axes[0].z, axes[1].z, axes[2].z)) * scale;
+    vec3 row_x = f.x * (vec3(axes[0].x, axes[1].x, axes[2].x) - clamped.x * vec3(axes[0].z, axes[1].z, axes[2].z)) * p.scale;
+    vec3 row_y = f.y * (vec3(axes[0].y, axes[1].y, axes[2].y) - clamped.y * vec3(axes[0].z, axes[1].z, axes[2].z)) * p.scale;
     vec3 normal = cross(row_x, row_y);
     float a0 = dot(row_x, row_x), c0 = dot(row_y, row_y);
     p.covariance = vec3(a0 + DILATION, dot(row_x, row_y), c0 + DILATION);
@@ -52,6 +62,10 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
     p.det = p.det0 + DILATION * (a0 + c0) + DILATION * DILATION;
     p.mean = v.focal * (t.xy / t.z) + v.principal;
     p.depth = t.z;
+    p.position = t;
+    p.slope = clamped;
+    p.row_x = row_x;
+    p.row_y = row_y;
     p.direction = normalize(offset);
     p.there = p.det > 0 && !isinf(p.det) && !isinf(a0) && !isinf(c0);
     return p;

@@ -29,3 +29,23 @@ void sh_basis_3(vec3 d, out float b[7]) {
     b[5] = SH_C3[5] * d.z * (xx - yy);
     b[6] = SH_C3[6] * d.x * (xx - 3 * yy);
 }
+
+// Adds d/d(direction) of sum_m basis_m g_m, g being dL/dcolour . coefficient, band by band.
+vec3 sh_gradient_1(float g[3]) { return SH_C1 * vec3(-g[2], -g[0], g[1]); }
+
+vec3 sh_gradient_2(vec3 d, float g[5]) {
+    float x = d.x, y = d.y, z = d.z;
+    return SH_C2[0] * g[0] * vec3(y, x, 0) + SH_C2[1] * g[1] * vec3(0, z, y) + SH_C2[2] * g[2] * vec3(-2 * x, -2 * y, 4 * z)
+         + SH_C2[3] * g[3] * vec3(z, 0, x) + SH_C2[4] * g[4] * vec3(2 * x, -2 * y, 0);
+}
+
+vec3 sh_gradient_3(vec3 d, float g[7]) {
+    float x = d.x, y = d.y, z = d.z, xx = x * x, yy = y * y, zz = z * z;
+    return SH_C3[0] * g[0] * vec3(6 * x * y, 3 * (xx - yy), 0)
+         + SH_C3[1] * g[1] * vec3(y * z, x * z, x * y)
+         + SH_C3[2] * g[2] * vec3(-2 * x * y, 4 * zz - xx - 3 * yy, 8 * y * z)
+         + SH_C3[3] * g[3] * vec3(-6 * x * z, -6 * y * z, 6 * zz - 3 * (xx + yy))
+         + SH_C3[4] * g[4] * vec3(4 * zz - 3 * xx - yy, -2 * x * y, 8 * x * z)
+         + SH_C3[5] * g[5] * vec3(2 * x * z, -2 * y * z, xx - yy)
+         + SH_C3[6] * g[6] * vec3(3 * (xx - yy), -6 * x * y, 0);
+}

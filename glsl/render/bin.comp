@@ -16,12 +16,14 @@ layout(binding = 7, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 8, std430) writeonly buffer Keys { uint keys[]; };
 layout(binding = 9, std430) writeonly buffer Slots { uint slots[]; };
 layout(binding = 10, std430) writeonly buffer Owners { uint owners[]; }; // Gaussian of each slot
+layout(binding = 11, std430) writeonly buffer FirstSlots { uint first_slots[]; }; // by Gaussian
 
 void main() {
     uint j = global_index();
     if (j >= count[0] || pairs[0] == 0) return;
     uint i = order[j];
     uint slot = offsets[j];
+    first_slots[i] = slot;
     uint end = slot + tile_counts[i];
     uvec2 tiles = view[0].tiles;
     vec4 g = geometry[i], s = shape[i];

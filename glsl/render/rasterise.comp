@@ -1,6 +1,8 @@
-// Blends each tile's Gaussians front to back, one pixel an invocation.
+// Blends each tile's Gaussians front to back. An invocation holds PIXELS pixels of the tile in registers, so that a splat is
+// read once for all of them: one where the workgroup is as large as the tile, eight or more where a subgroup walks it alone.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/constants.glsl"
 #include "lib/view.glsl"
@@ -10,6 +12,7 @@ layout(constant_id = 2) const uint TILE = 16;
 // Splats staged in shared memory at a time; 0 reads them in place, which is quicker where a barrier costs more than a load.
 layout(constant_id = 3) const uint BATCH = 256;
 layout(constant_id = 4) const float STOP = TRANSMITTANCE_STOP;
+layout(constant_id = 5) const uint PIXELS = 1; // TILE x TILE / WORKGROUP
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Starts { uint starts[]; };
@@ -25,24 +28,30 @@ shared vec4 batch_geometry[SHARED];
 shared vec4 batch_shape[SHARED];
 shared vec2 batch_colour[SHARED];
 
-struct Pixel {
-    vec2 centre;
-    vec3 colour;
-    float transmittance;
-    bool done;
-};
+vec2 centre[PIXELS];
+vec3 blended[PIXELS];
+float transmittance[PIXELS]; // negative once the pixel is done
 
-void blend(inout Pixel p, vec4 g, vec4 s, vec2 c) {
-    float power = splat_distance(p.centre - g.xy, vec3(g.zw, s.x));
-    if (power > s.z) return;
-    float alpha = min(ALPHA_MAX, exp2(s.y - power));
-    float next = p.transmittance * (1 - alpha);
-    if (next < STOP) {
-        p.done = true;
-        return;
+void blend(vec4 g, vec4 s, vec2 c) {
+    vec3 k = vec3(g.zw, s.x);
+    vec3 rgb = vec3(s.w, c);
+    [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+        float power = splat_distance(centre[p] - g.xy, k);
+        float t = transmittance[p];
+        float alpha = power <= s.z ? min(ALPHA_MAX, exp2(s.y - power)) : 0;
+        float next = t * (1 - alpha);
+        bool live = t > 0;
+        bool stop = next < STOP;
+        float w = live && !stop ? t * alpha : 0;
+        blended[p] += w * rgb;
+        transmittance[p] = live ? (stop ? -t : next) : t;
     }
-    p.colour += p.transmittance * alpha * vec3(s.w, c);
-    p.transmittance = next;
+}
+
+bool done() {
+    bool all = true;
+    [[unroll]] for (uint p = 0; p < PIXELS; p++) all = all && transmittance[p] <= 0;
+    return all;
 }
 
 void main() {
@@ -50,15 +59,21 @@ void main() {
     uvec2 tiles = view[0].tiles;
     if (tile >= tiles.x * tiles.y) return;
     uint lane = gl_LocalInvocationID.x;
-    uvec2 at = uvec2(tile % tiles.x, tile / tiles.x) * TILE + uvec2(lane % TILE, lane / TILE);
-    bool inside = all(lessThan(at, view[0].size));
-    Pixel p = Pixel(vec2(at) + 0.5, vec3(0), 1, !inside);
+    uvec2 corner = uvec2(tile % tiles.x, tile / tiles.x) * TILE;
+    uvec2 size = view[0].size;
+    [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+        uint n = p * WORKGROUP + lane;
+        uvec2 at = corner + uvec2(n % TILE, n / TILE);
+        centre[p] = vec2(at) + 0.5;
+        blended[p] = vec3(0);
+        transmittance[p] = all(lessThan(at, size)) ? 1 : -1;
+    }
     uint start = starts[tile], end = starts[tile + 1];
 
     if (BATCH == 0) {
-        for (uint n = start; n < end && !p.done; n++) {
+        for (uint n = start; n < end && !done(); n++) {
             uint i = owners[slots[n]];
-            blend(p, geometry[i], shape[i], colour[i]);
+            blend(geometry[i], shape[i], colour[i]);
         }
     } else {
         for (uint first = start; first < end; first += BATCH) {
@@ -71,8 +86,13 @@ void main() {
                 batch_colour[n] = colour[i];
             }
             barrier();
-            for (uint n = 0; n < length && !p.done; n++) blend(p, batch_geometry[n], batch_shape[n], batch_colour[n]);
+            for (uint n = 0; n < length && !done(); n++) blend(batch_geometry[n], batch_shape[n], batch_colour[n]);
         }
     }
-    if (inside) image[at.y * view[0].size.x + at.x] = vec4(p.colour + p.transmittance * view[0].background.rgb, 1 - p.transmittance);
+    [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+        uint n = p * WORKGROUP + lane;
+        uvec2 at = corner + uvec2(n % TILE, n / TILE);
+        float t = abs(transmittance[p]);
+        if (all(lessThan(at, size))) image[at.y * size.x + at.x] = vec4(blended[p] + t * view[0].background.rgb, 1 - t);
+    }
 }

@@ -102,6 +102,11 @@ impl Sort {
         from
     }
 
+    /// Where [`Sort::record`] leaves the result of sorting by `bits` bits.
+    pub fn sorted<'a>(&'a self, pairs: &'a Pairs, bits: u32) -> &'a Pairs {
+        if bits.div_ceil(DIGIT_BITS).is_multiple_of(2) { pairs } else { &self.other }
+    }
+
     fn pass(&self, recording: &mut Recording, count: &Count, from: &Pairs, to: &Pairs, shift: u32, width: u32) {
         let kernel = |phase| Kernel {
             count: &count.value,

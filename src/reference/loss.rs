@@ -1,12 +1,12 @@
 //! The training loss 0.8 L1 + 0.2 (1 - SSIM) and its gradient by the rendered image.
 //!
-//! SSIM per pixel and channel from window means (E, zero outside the image): with ux = E[x], uy = E[y],
-//! vx = E[xx] - ux^2, vy = E[yy] - uy^2, vxy = E[xy] - ux uy and
+//! SSIM per pixel and channel from window means (E, zero outside the image): with ux = E(x), uy = E(y),
+//! vx = E(xx) - ux^2, vy = E(yy) - uy^2, vxy = E(xy) - ux uy and
 //!   a1 = 2 ux uy + C1,  a2 = 2 vxy + C2,  b1 = ux^2 + uy^2 + C1,  b2 = vx + vy + C2:  s = a1 a2 / (b1 b2).
 //! s depends on x through three window means only:
-//!   ds/dE[xx] = -s / b2,   ds/dE[xy] = 2 a1 / (b1 b2),
-//!   ds/dE[x]  = 2 uy (a2 - a1) / (b1 b2) - 2 ux s (1/b1 - 1/b2),
-//! and the window is symmetric, so E is its own transpose: dS/dx = E[ds/dE[x]] + 2 x E[ds/dE[xx]] + y E[ds/dE[xy]].
+//!   ds/dE(xx) = -s / b2,   ds/dE(xy) = 2 a1 / (b1 b2),
+//!   ds/dE(x)  = 2 uy (a2 - a1) / (b1 b2) - 2 ux s (1/b1 - 1/b2),
+//! and the window is symmetric, so E is its own transpose: dS/dx = E(ds/dE(x)) + 2 x E(ds/dE(xx)) + y E(ds/dE(xy)).
 
 /// Weight of 1 - SSIM; L1 has the rest.
 pub const SSIM_WEIGHT: f64 = 0.2;

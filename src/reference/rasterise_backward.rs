@@ -23,6 +23,9 @@ use crate::scene::camera::Camera;
 pub const LEAST_REST: f64 = 1e-6;
 
 /// Sums over one Gaussian's pixels, with h = alpha dL/dalpha (zero where alpha is clamped) and d the offset in pixels.
+///
+/// In float32 rather sum moments of (t, dy) = L d, L having rows (1, -xy/yy), (0, 1). conic = L^T D L, D = diag(yy/det, 1/yy),
+/// so dL/dmean2D = L^T D (sum h L d), dL/dcovariance2D = 1/2 L^T D (sum h L d d^T L^T) D L; L d is small.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
     /// Sum of h: the gradient by ln opacity.
@@ -114,4 +117,30 @@ pub fn rasterise_backward(
         }
     }
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat2;
+
+    use super::*;
+
+    /// The moments of (t, dy) that the device sums give the same gradients as those of d.
+    #[test]
+    fn completed_square_gives_the_same_gradients() {
+        let (xx, xy, yy) = (7.0, -2.5, 1.4);
+        let det = xx * yy - xy * xy;
+        let conic = DMat2::from_cols(DVec2::new(yy, -xy), DVec2::new(-xy, xx)) * (1.0 / det);
+        let l = DMat2::from_cols(DVec2::new(1.0, 0.0), DVec2::new(-xy / yy, 1.0));
+        let d = DMat2::from_diagonal(DVec2::new(yy / det, 1.0 / yy));
+        let (mut first, mut second) = ([DVec2::ZERO; 2], [DMat2::ZERO; 2]);
+        for (h, offset) in [(0.3, DVec2::new(1.5, -0.5)), (-0.7, DVec2::new(-2.0, 0.75)), (0.1, DVec2::new(0.2, 3.0))] {
+            for (k, v) in [offset, l * offset].into_iter().enumerate() {
+                first[k] += h * v;
+                second[k] += DMat2::from_cols(v * v.x, v * v.y) * h;
+            }
+        }
+        assert!((conic * first[0]).abs_diff_eq(l.transpose() * d * first[1], 1e-12));
+        assert!((conic * second[0] * conic).abs_diff_eq(l.transpose() * d * second[1] * d * l, 1e-12));
+    }
 }

@@ -36,17 +36,26 @@ pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, or
         keys: &pairs.by_tile.keys,
         slots: &pairs.by_tile.values,
         owners: &pairs.owners,
+        first_slots: &frame.first_slots,
         spec: BinSpec { workgroup: WORKGROUP, tile: shape.tile, culling: shape.settings.culling as u32 },
     };
     recording.dispatch(&kernel, frame.visible_count.groups(WORKGROUP));
 }
 
-/// Records the stable sort by tile, and the tiles' ranges. Returns the sorted pairs.
-pub(super) fn tile_sort<'a>(recording: &mut Recording, frame: &'a Frame, tiles: u32) -> &'a Pairs {
+/// Bits of a tile key: keys run to `tiles` itself, the key of pairs of no tile.
+fn key_bits(tiles: u32) -> u32 {
+    32 - tiles.leading_zeros()
+}
+
+/// The pairs by tile, once sorted.
+pub(super) fn sorted(frame: &Frame, tiles: u32) -> &Pairs {
+    frame.pairs.sort.sorted(&frame.pairs.by_tile, key_bits(tiles))
+}
+
+/// Records the stable sort by tile, and the tiles' ranges.
+pub(super) fn tile_sort(recording: &mut Recording, frame: &Frame, tiles: u32) {
     let pairs = &frame.pairs;
-    // Keys run to `tiles` itself: pairs of no tile.
-    let bits = 32 - tiles.leading_zeros();
-    let sorted = pairs.sort.record(recording, &pairs.count, &pairs.by_tile, bits);
+    let sorted = pairs.sort.record(recording, &pairs.count, &pairs.by_tile, key_bits(tiles));
     let kernel = Ranges {
         pairs: &pairs.count.value,
         keys: &sorted.keys,
@@ -55,5 +64,4 @@ pub(super) fn tile_sort<'a>(recording: &mut Recording, frame: &'a Frame, tiles: 
         spec: RangesSpec { workgroup: WORKGROUP },
     };
     recording.dispatch(&kernel, Groups::Count((tiles + 1).div_ceil(WORKGROUP)));
-    sorted
 }

@@ -2,9 +2,12 @@
 
 mod bin;
 mod project;
+mod project_backward;
 mod rasterise;
+mod rasterise_backward;
 mod renderer;
 mod settings;
 
-pub use renderer::{Image, Renderer, STAGES};
+pub use project_backward::{AdamState, Form, Rates, Update};
+pub use renderer::{BACKWARD_STAGES, Image, Renderer, STAGES};
 pub use settings::{Culling, Settings, view};

@@ -16,10 +16,11 @@ pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, so
         colour: &frame.colour,
         image: &frame.image,
         spec: RasteriseSpec {
-            workgroup: shape.tile * shape.tile,
+            workgroup: shape.workgroup,
             tile: shape.tile,
             batch: shape.batch,
             stop: shape.settings.stop,
+            pixels: shape.tile * shape.tile / shape.workgroup,
         },
     };
     recording.dispatch(&kernel, Groups::Count(tiles));

@@ -1,7 +1,8 @@
 //! The forward pass: buffers of one frame, and the list of its stages.
 
+use super::project_backward::{self, Update};
 use super::settings::{Settings, tile_size, view};
-use super::{bin, project, rasterise};
+use super::{bin, project, rasterise, rasterise_backward};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result, Timings};
 use crate::kernels::View;
@@ -10,6 +11,9 @@ use crate::scene::camera::Camera;
 
 /// The stages of a frame, in order: scope names of its timings.
 pub const STAGES: [&str; 5] = ["project", "depth sort", "bin", "tile sort", "rasterise"];
+
+/// The stages of the backward pass, in order.
+pub const BACKWARD_STAGES: [&str; 2] = ["rasterise backward", "project backward"];
 
 /// A rendered picture on the host.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,7 +30,24 @@ pub struct Image {
 pub(super) struct Shape {
     pub settings: Settings,
     pub tile: u32,
+    pub subgroup: u32,
+    /// Invocations that walk one tile.
+    pub workgroup: u32,
+    /// Splats staged in shared memory at a time; 0 for none.
     pub batch: u32,
+}
+
+impl Shape {
+    fn new(device: &Device, settings: Settings) -> Self {
+        let info = device.info();
+        let tile = tile_size(info);
+        if info.kind == "cpu" {
+            // One subgroup walks a tile, its pixels in registers: no barriers, and a splat is read once.
+            Self { settings, tile, subgroup: info.subgroup_size, workgroup: info.subgroup_size, batch: 0 }
+        } else {
+            Self { settings, tile, subgroup: info.subgroup_size, workgroup: tile * tile, batch: tile * tile }
+        }
+    }
 }
 
 /// Intermediate arrays of one frame.
@@ -39,6 +60,7 @@ pub(super) struct Frame {
     pub tile_counts: Buffer<u32>,
     pub visible: Buffer<u32>,
     pub offsets: Buffer<u32>,
+    pub first_slots: Buffer<u32>,
     pub visible_count: Count,
     pub by_depth: Pairs,
     pub scan: Scan,
@@ -54,22 +76,36 @@ pub(super) struct PairBuffers {
     pub by_tile: Pairs,
     pub owners: Buffer<u32>,
     pub sort: Sort,
+    pub moments: Option<Moments>,
+}
+
+/// What the rasteriser's backward pass leaves in each slot: see `rasterise_backward.comp`.
+pub(super) struct Moments {
+    pub a: Buffer<[f32; 4]>,
+    pub b: Buffer<[f32; 4]>,
+    pub c: Buffer<[f32; 4]>,
 }
 
 impl PairBuffers {
-    fn new(device: &Device, capacity: u32) -> Result<Self> {
+    fn new(device: &Device, capacity: u32, training: bool) -> Result<Self> {
+        let n = capacity as usize;
+        let moments = || -> Result<Moments> {
+            let [a, b, c] = ["moments a", "moments b", "moments c"].map(|name| device.buffer(name, n));
+            Ok(Moments { a: a?, b: b?, c: c? })
+        };
         let sizes = [Sort::block(device, capacity)];
         Ok(Self {
             count: Count::new(device, "pairs", capacity, &sizes)?,
             by_tile: Pairs::new(device, "pairs by tile", capacity)?,
-            owners: device.buffer("pair owners", capacity as usize)?,
+            owners: device.buffer("pair owners", n)?,
             sort: Sort::new(device, capacity)?,
+            moments: training.then(moments).transpose()?,
         })
     }
 }
 
 impl Frame {
-    fn new(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32) -> Result<Self> {
+    fn new(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32, training: bool) -> Result<Self> {
         let n = gaussians.max(1);
         let sizes = [Scan::block(device), Sort::block(device, n as u32)];
         Ok(Self {
@@ -81,11 +117,12 @@ impl Frame {
             tile_counts: device.buffer("tile counts", n)?,
             visible: device.buffer("visible flags", n)?,
             offsets: device.buffer("offsets", n)?,
+            first_slots: device.buffer("first slots", n)?,
             visible_count: Count::new(device, "visible", n as u32, &sizes)?,
             by_depth: Pairs::new(device, "by depth", n as u32)?,
             scan: Scan::new(device, n as u32)?,
             depth_sort: Sort::new(device, n as u32)?,
-            pairs: PairBuffers::new(device, pairs)?,
+            pairs: PairBuffers::new(device, pairs, training)?,
             starts: device.buffer("tile starts", tiles + 1)?,
             image: device.buffer("image", pixels)?,
         })
@@ -98,6 +135,7 @@ pub struct Renderer {
     shape: Shape,
     frame: Frame,
     gaussians: usize,
+    training: bool,
 }
 
 impl Renderer {
@@ -106,13 +144,37 @@ impl Renderer {
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device, settings: Settings, gaussians: usize, width: u32, height: u32) -> Result<Self> {
-        let tile = tile_size(device.info());
-        let batch = if device.info().kind == "cpu" { 0 } else { tile * tile };
-        let shape = Shape { settings, tile, batch };
         let pairs = (gaussians as u32).saturating_mul(4).max(1 << 14);
+        Self::with(device, settings, gaussians, [width, height], pairs, false)
+    }
+
+    /// A renderer that also goes backward, with room for `pairs` (tile, Gaussian) pairs to begin with.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn for_training(
+        device: &Device,
+        settings: Settings,
+        gaussians: usize,
+        size: [u32; 2],
+        pairs: u32,
+    ) -> Result<Self> {
+        Self::with(device, settings, gaussians, size, pairs, true)
+    }
+
+    fn with(
+        device: &Device,
+        settings: Settings,
+        gaussians: usize,
+        [width, height]: [u32; 2],
+        pairs: u32,
+        training: bool,
+    ) -> Result<Self> {
+        let shape = Shape::new(device, settings);
+        let tile = shape.tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
-        let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs)?;
-        Ok(Self { device: device.clone(), shape, frame, gaussians })
+        let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, training)?;
+        Ok(Self { device: device.clone(), shape, frame, gaussians, training })
     }
 
     /// The settings.
@@ -143,11 +205,10 @@ impl Renderer {
         loop {
             let timings = self.draw(model, camera)?;
             let pairs = self.pairs()?;
-            if pairs <= self.frame.pairs.count.limit() {
+            if !self.make_room_for_pairs(pairs)? {
                 let pixels = self.frame.image.read_first(&self.device, (camera.width * camera.height) as usize)?;
                 return Ok((Image { width: camera.width, height: camera.height, pixels }, timings, pairs));
             }
-            self.frame.pairs = PairBuffers::new(&self.device, pairs.saturating_add(pairs / 4))?;
         }
     }
 
@@ -157,6 +218,7 @@ impl Renderer {
     /// Device errors.
     pub fn draw(&self, model: &Resident, camera: &Camera) -> Result<Timings> {
         let mut recording = Recording::new();
+        recording.update(&self.frame.pairs.count.value, &[0, 0]);
         self.record(&mut recording, model, camera);
         self.device.run(recording)
     }
@@ -169,7 +231,11 @@ impl Renderer {
         Ok(self.frame.pairs.count.value.read(&self.device)?[1])
     }
 
-    fn make_room(&mut self, model: &Resident, camera: &Camera) -> Result<()> {
+    /// Makes room for a model and a picture.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn make_room(&mut self, model: &Resident, camera: &Camera) -> Result<()> {
         let pixels = camera.width as usize * camera.height as usize;
         if model.len > self.gaussians
             || pixels > self.frame.image.len()
@@ -178,7 +244,8 @@ impl Renderer {
             let gaussians = model.len.max(self.gaussians);
             let pixels = pixels.max(self.frame.image.len());
             let tiles = self.tiles(camera).max(self.frame.starts.len());
-            self.frame = Frame::new(&self.device, gaussians, pixels, tiles, self.frame.pairs.count.limit())?;
+            let pairs = self.frame.pairs.count.limit();
+            self.frame = Frame::new(&self.device, gaussians, pixels, tiles, pairs, self.training)?;
             self.gaussians = gaussians;
         }
         Ok(())
@@ -188,15 +255,55 @@ impl Renderer {
         camera.width.div_ceil(self.shape.tile) as usize * camera.height.div_ceil(self.shape.tile) as usize
     }
 
-    fn record(&self, recording: &mut Recording, model: &Resident, camera: &Camera) {
+    /// Records the forward pass of one picture.
+    pub fn record(&self, recording: &mut Recording, model: &Resident, camera: &Camera) {
         let (shape, frame) = (&self.shape, &self.frame);
         let tiles = self.tiles(camera) as u32;
         recording.update(&frame.view, &[view(camera, &shape.settings, model.degree, shape.tile)]);
-        recording.update(&frame.pairs.count.value, &[0, 0]);
         recording.scope(STAGES[0], |r| project::record(r, shape, frame, model));
         let order = recording.scope(STAGES[1], |r| bin::depth_sort(r, frame, model));
         recording.scope(STAGES[2], |r| bin::record(r, shape, frame, order));
-        let sorted = recording.scope(STAGES[3], |r| bin::tile_sort(r, frame, tiles));
-        recording.scope(STAGES[4], |r| rasterise::record(r, shape, frame, sorted, tiles));
+        recording.scope(STAGES[3], |r| bin::tile_sort(r, frame, tiles));
+        recording.scope(STAGES[4], |r| rasterise::record(r, shape, frame, bin::sorted(frame, tiles), tiles));
+    }
+
+    /// Records the backward pass of the picture recorded before it: from the gradients by its pixels to those by the
+    /// stored parameters, and what `update` does with them.
+    ///
+    /// # Panics
+    /// When the renderer was not made [`Renderer::for_training`].
+    pub fn record_backward(
+        &self,
+        recording: &mut Recording,
+        model: &Resident,
+        camera: &Camera,
+        image_gradient: &Buffer<[f32; 4]>,
+        update: &Update<'_>,
+    ) {
+        let (shape, frame) = (&self.shape, &self.frame);
+        let tiles = self.tiles(camera) as u32;
+        let moments = frame.pairs.moments.as_ref().expect("a renderer for training");
+        let sorted = bin::sorted(frame, tiles);
+        recording.scope(BACKWARD_STAGES[0], |r| {
+            rasterise_backward::record(r, shape, frame, sorted, moments, image_gradient, tiles);
+        });
+        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, moments, model, update));
+    }
+
+    /// The picture drawn last, in device memory: row by row, red, green, blue, alpha.
+    pub fn image(&self) -> &Buffer<[f32; 4]> {
+        &self.frame.image
+    }
+
+    /// Makes room for at least this many pairs; true when the buffers are new, and earlier recordings void.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn make_room_for_pairs(&mut self, pairs: u32) -> Result<bool> {
+        let grow = pairs > self.frame.pairs.count.limit();
+        if grow {
+            self.frame.pairs = PairBuffers::new(&self.device, pairs.saturating_add(pairs / 4), self.training)?;
+        }
+        Ok(grow)
     }
 }

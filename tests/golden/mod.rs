@@ -130,3 +130,55 @@ fn read_cameras(folder: &Path) -> Vec<Camera> {
         })
         .collect()
 }
+
+/// Another engine's forward and gradients (`shared/fixtures/gsplat-cuda-gradients`).
+pub struct Fixture {
+    pub model: Gaussians,
+    pub camera: Camera,
+    arrays: Vec<(String, Vec<f64>)>,
+}
+
+impl Fixture {
+    /// `name` is `tiny` or `basic`.
+    pub fn read(shared: &Path, name: &str) -> Self {
+        let path = shared.join(format!("fixtures/gsplat-cuda-gradients/{name}_case.safetensors"));
+        let bytes = fs::read(path).expect("fixture");
+        let file = safetensors::SafeTensors::deserialize(&bytes).expect("safetensors");
+        let shape = file.tensor("out_img").expect("out_img").shape().to_vec();
+        let arrays: Vec<(String, Vec<f64>)> =
+            file.iter().map(|(key, tensor)| (key.to_owned(), floats(tensor.data()))).collect();
+        let mut fixture =
+            Self { model: Gaussians::default(), camera: Self::camera(shape[1] as u32, shape[0] as u32), arrays };
+        let narrow = |key: &str| fixture.get(key).iter().map(|x| *x as f32).collect::<Vec<_>>();
+        let rows3 = |key: &str| narrow(key).chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect::<Vec<_>>();
+        let coefficients = narrow("coeffs");
+        let band = |l: usize| {
+            coefficients.chunks_exact(48).flat_map(|c| c[l * l * 3..(l + 1) * (l + 1) * 3].to_vec()).collect()
+        };
+        fixture.model = Gaussians {
+            means: rows3("means"),
+            log_scales: rows3("scales"),
+            rotations: narrow("quats").chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]).collect(),
+            opacity_logits: narrow("opacities"),
+            sh: (0..4).map(band).collect(),
+        };
+        fixture
+    }
+
+    fn camera(width: u32, height: u32) -> Camera {
+        let size = DVec2::new(f64::from(width), f64::from(height));
+        Camera {
+            rotation: DMat3::IDENTITY,
+            translation: -DVec3::new(0.123, 0.456, -8.0),
+            focal: DVec2::splat(0.5 * size.x),
+            principal: 0.5 * size,
+            width,
+            height,
+        }
+    }
+
+    /// The array `key`, flat.
+    pub fn get(&self, key: &str) -> &[f64] {
+        &self.arrays.iter().find(|(name, _)| name == key).expect(key).1
+    }
+}

@@ -1,0 +1,287 @@
+// Backward of the projection, fused with Adam: sums a Gaussian's slots in their order, goes back through covariance, mean
+// and colour to the stored parameters, and updates them at once, so that no gradient array exists. Every row is updated,
+// seen or not, as the reference does.
+//
+// Notation and derivation: reference/project_backward.rs.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "lib/dispatch.glsl"
+#include "lib/constants.glsl"
+#include "lib/view.glsl"
+#include "lib/sh.glsl"
+#include "lib/splat.glsl"
+#include "lib/projection.glsl"
+
+layout(constant_id = 2) const bool ANTIALIAS = false;
+layout(constant_id = 3) const uint DEGREE = 3; // bands that have arrays
+// 0 updates by Adam; 1 writes gradients into the first moments instead (tests)
+layout(constant_id = 4) const uint FORM = 0;
+layout(constant_id = 5) const bool DIRECTION_GRADIENT = true;
+// Accumulates what density control decides by.
+layout(constant_id = 6) const bool STATISTICS = false;
+
+layout(binding = 0, std430) readonly buffer Views { View view[]; };
+layout(binding = 1, std430) readonly buffer Count { uint count[]; };
+layout(binding = 2, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the most ever needed
+layout(binding = 3, std430) readonly buffer TileCounts { uint tile_counts[]; };
+layout(binding = 4, std430) readonly buffer FirstSlots { uint first_slots[]; };
+layout(binding = 5, std430) readonly buffer MomentsA { vec4 moments_a[]; };
+layout(binding = 6, std430) readonly buffer MomentsB { vec4 moments_b[]; };
+layout(binding = 7, std430) readonly buffer MomentsC { vec4 moments_c[]; };
+layout(binding = 8, std430) buffer Means { float means[]; };
+layout(binding = 9, std430) buffer LogScales { float log_scales[]; };
+layout(binding = 10, std430) buffer Rotations { vec4 rotations[]; };
+layout(binding = 11, std430) buffer Logits { float logits[]; };
+layout(binding = 12, std430) buffer Sh0 { float sh0[]; };
+layout(binding = 13, std430) buffer Sh1 { float sh1[]; };
+layout(binding = 14, std430) buffer Sh2 { float sh2[]; };
+layout(binding = 15, std430) buffer Sh3 { float sh3[]; };
+// First and second moment of each parameter.
+layout(binding = 16, std430) buffer MeansAdam { vec2 means_adam[]; };
+layout(binding = 17, std430) buffer LogScalesAdam { vec2 log_scales_adam[]; };
+layout(binding = 18, std430) buffer RotationsAdam { vec2 rotations_adam[]; };
+layout(binding = 19, std430) buffer LogitsAdam { vec2 logits_adam[]; };
+layout(binding = 20, std430) buffer Sh0Adam { vec2 sh0_adam[]; };
+layout(binding = 21, std430) buffer Sh1Adam { vec2 sh1_adam[]; };
+layout(binding = 22, std430) buffer Sh2Adam { vec2 sh2_adam[]; };
+layout(binding = 23, std430) buffer Sh3Adam { vec2 sh3_adam[]; };
+layout(binding = 24, std430) buffer Growth { vec2 growth[]; }; // sum of dL/dmean2D in NDC, views that saw it
+layout(binding = 25, std430) buffer Guards { uint guards[]; }; // 0: rows skipped, 1: iterations done
+layout(push_constant) uniform Push {
+    float rate_mean;
+    float rate_scale;
+    float rate_rotation;
+    float rate_opacity;
+    float rate_dc;
+    float rate_rest;
+    float correction1; // 1 / (1 - beta1^step)
+    float correction2; // 1 / sqrt(1 - beta2^step)
+    uint pair_limit;
+};
+
+const float BETA1 = 0.9;
+const float BETA2 = 0.999;
+const float EPSILON = 1e-15;
+const float GREATEST_GRADIENT = 1e18; // its square still fits the second moment
+const float LN_2 = 0.6931471805599453;
+
+// The new value of a parameter; its moments are updated in place.
+float adam(float value, inout vec2 moment, float gradient, float rate) {
+    if (FORM == 1) {
+        moment = vec2(gradient, 0);
+        return value;
+    }
+    moment.x = BETA1 * moment.x + (1 - BETA1) * gradient;
+    moment.y = BETA2 * moment.y + (1 - BETA2) * gradient * gradient;
+    return value - rate * (moment.x * correction1) / (sqrt(moment.y) * correction2 + EPSILON);
+}
+
+bool sane(vec3 g) { return all(lessThanEqual(abs(g), vec3(GREATEST_GRADIENT))); }
+
+struct Gradient {
+    vec3 mean;
+    vec3 log_scale;
+    vec4 rotation;
+    float logit;
+    vec3 colour;    // by the radiance before its clamp
+    vec3 direction; // unit vector of the view
+    vec2 mean2d;    // pixels
+};
+
+// d(symmetric matrix): xx, xy, yy.
+vec3 covariance_gradient(Projection p, vec3 k, float zeroth, vec3 second) {
+    vec3 g = 0.5 * vec3(k.x * k.x * second.x, k.x * (k.y * second.x + k.z * second.y),
+                        k.y * k.y * second.x + 2 * k.y * k.z * second.y + k.z * k.z * second.z);
+    if (ANTIALIAS && p.det0 > MIN_ANTIALIAS * p.det) {
+        vec3 q = vec3(k.x * k.x, k.x * k.y, k.y * k.y + k.z * k.z);
+        vec3 q0 = vec3(dot(p.row_y, p.row_y), -dot(p.row_x, p.row_y), dot(p.row_x, p.row_x)) / p.det0;
+        g += 0.5 * zeroth * (q0 - q);
+    }
+    return g;
+}
+
+vec4 quaternion_gradient(mat3 d, vec4 unit, float norm) {
+    float w = unit.x, x = unit.y, y = unit.z, z = unit.w;
+    vec4 by_unit = vec4(
+        2 * (x * (d[1].z - d[2].y) + y * (d[2].x - d[0].z) + z * (d[0].y - d[1].x)),
+        2 * (w * (d[1].z - d[2].y) + y * (d[1].x + d[0].y) + z * (d[2].x + d[0].z)) - 4 * x * (d[1].y + d[2].z),
+        2 * (w * (d[2].x - d[0].z) + x * (d[1].x + d[0].y) + z * (d[2].y + d[1].z)) - 4 * y * (d[0].x + d[2].z),
+        2 * (w * (d[0].y - d[1].x) + x * (d[2].x + d[0].z) + y * (d[2].y + d[1].z)) - 4 * z * (d[0].x + d[1].y));
+    return (by_unit - unit * dot(unit, by_unit)) / norm;
+}
+
+vec3 sh_at(uint band, uint at) {
+    return band == 0 ? vec3(sh0[at], sh0[at + 1], sh0[at + 2]) : band == 1 ? vec3(sh1[at], sh1[at + 1], sh1[at + 2])
+         : band == 2 ? vec3(sh2[at], sh2[at + 1], sh2[at + 2]) : vec3(sh3[at], sh3[at + 1], sh3[at + 2]);
+}
+
+vec3 direction_gradient(uint i, vec3 d, vec3 by_colour) {
+    vec3 sum = vec3(0);
+    if (DEGREE > 0 && view[0].degree > 0) {
+        float g[3];
+        for (uint m = 0; m < 3; m++) g[m] = dot(by_colour, sh_at(1, 9 * i + 3 * m));
+        sum += sh_gradient_1(g);
+    }
+    if (DEGREE > 1 && view[0].degree > 1) {
+        float g[5];
+        for (uint m = 0; m < 5; m++) g[m] = dot(by_colour, sh_at(2, 15 * i + 3 * m));
+        sum += sh_gradient_2(d, g);
+    }
+    if (DEGREE > 2 && view[0].degree > 2) {
+        float g[7];
+        for (uint m = 0; m < 7; m++) g[m] = dot(by_colour, sh_at(3, 21 * i + 3 * m));
+        sum += sh_gradient_3(d, g);
+    }
+    return sum;
+}
+
+vec3 radiance_before_clamp(uint i, vec3 d) {
+    vec3 sum = SH_C0 * sh_at(0, 3 * i);
+    if (DEGREE > 0 && view[0].degree > 0) {
+        float b[3];
+        sh_basis_1(d, b);
+        for (uint m = 0; m < 3; m++) sum += b[m] * sh_at(1, 9 * i + 3 * m);
+    }
+    if (DEGREE > 1 && view[0].degree > 1) {
+        float b[5];
+        sh_basis_2(d, b);
+        for (uint m = 0; m < 5; m++) sum += b[m] * sh_at(2, 15 * i + 3 * m);
+    }
+    if (DEGREE > 2 && view[0].degree > 2) {
+        float b[7];
+        sh_basis_3(d, b);
+        for (uint m = 0; m < 7; m++) sum += b[m] * sh_at(3, 21 * i + 3 * m);
+    }
+    return sum + 0.5;
+}
+
+Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots) {
+    Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0));
+    vec4 a = vec4(0), b = vec4(0), c = vec4(0);
+    uint first = first_slots[i];
+    for (uint slot = first; slot < first + slots; slot++) {
+        a += moments_a[slot];
+        b += moments_b[slot];
+        c += moments_c[slot];
+    }
+    View v = view[0];
+    Projection p = project(v, mean, log_scale, quaternion);
+    // The moments are of u and v in powers of two; k and they together in natural units.
+    float unit = sqrt(2 * LN_2);
+    vec3 k = splat_factor(p) * unit;
+    vec2 m1 = a.yz * unit;
+    vec3 m2 = b.xyz * (2 * LN_2);
+    g.mean2d = vec2(k.x * m1.x, k.y * m1.x + k.z * m1.y);
+    vec3 by_covariance = covariance_gradient(p, k, a.x, m2);
+
+    // Through the Jacobian and the axes.
+    vec3 e_x = 2 * (by_covariance.x * p.row_x + by_covariance.y * p.row_y);
+    vec3 e_y = 2 * (by_covariance.y * p.row_x + by_covariance.z * p.row_y);
+    float z = p.position.z;
+    vec2 zoom = v.focal / z;
+    vec3 f_x = zoom.x * e_x, f_y = zoom.y * e_y;
+    mat3 camera = world_to_camera(v);
+    vec3 depth_row = vec3(dot(v.rotation[2].xyz, p.rotation[0]), dot(v.rotation[2].xyz, p.rotation[1]),
+                          dot(v.rotation[2].xyz, p.rotation[2])) * p.scale;
+    vec2 slope = p.position.xy / z;
+    vec2 free = vec2(lessThanEqual(abs(slope), v.tangent_limit));
+    vec2 by_slope = v.focal * g.mean2d - free * vec2(dot(f_x, depth_row), dot(f_y, depth_row));
+    float by_z = -(dot(slope, by_slope) + dot(e_x, p.row_x) + dot(e_y, p.row_y)) / z;
+    g.mean = vec3(by_slope / z, by_z) * camera;
+    // dL/dM = camera^T dL/dV, whose rows are f_x, f_y and the depth row's; column k belongs to axis k.
+    vec3 f_z = -(p.slope.x * f_x + p.slope.y * f_y);
+    mat3 by_axes = transpose(camera) * transpose(mat3(f_x, f_y, f_z));
+    mat3 scaled = mat3(p.rotation[0] * p.scale.x, p.rotation[1] * p.scale.y, p.rotation[2] * p.scale.z);
+    g.log_scale = vec3(dot(scaled[0], by_axes[0]), dot(scaled[1], by_axes[1]), dot(scaled[2], by_axes[2]));
+    by_axes = mat3(by_axes[0] * p.scale.x, by_axes[1] * p.scale.y, by_axes[2] * p.scale.z);
+    g.rotation = quaternion_gradient(by_axes, p.unit, p.norm);
+    g.logit = a.x / (1 + exp(logits[i]));
+
+    g.direction = p.direction;
+    g.colour = mix(vec3(0), c.rgb, greaterThan(radiance_before_clamp(i, p.direction), vec3(0)));
+    if (DIRECTION_GRADIENT) {
+        vec3 by_direction = direction_gradient(i, p.direction, g.colour);
+        // Through the normalisation: what lies along the direction has no effect.
+        float distance = length(mean - v.centre.xyz);
+        g.mean += (by_direction - p.direction * dot(p.direction, by_direction)) / distance;
+    }
+    return g;
+}
+
+void update_sh(uint i, Gradient g) {
+    for (uint c = 0; c < 3; c++) {
+        uint at = 3 * i + c;
+        vec2 moment = sh0_adam[at];
+        sh0[at] = adam(sh0[at], moment, SH_C0 * g.colour[c], rate_dc);
+        sh0_adam[at] = moment;
+    }
+    if (DEGREE > 0 && view[0].degree > 0) {
+        float b[3];
+        sh_basis_1(g.direction, b);
+        for (uint m = 0; m < 3; m++) for (uint c = 0; c < 3; c++) {
+            uint at = 9 * i + 3 * m + c;
+            vec2 moment = sh1_adam[at];
+            sh1[at] = adam(sh1[at], moment, b[m] * g.colour[c], rate_rest);
+            sh1_adam[at] = moment;
+        }
+    }
+    if (DEGREE > 1 && view[0].degree > 1) {
+        float b[5];
+        sh_basis_2(g.direction, b);
+        for (uint m = 0; m < 5; m++) for (uint c = 0; c < 3; c++) {
+            uint at = 15 * i + 3 * m + c;
+            vec2 moment = sh2_adam[at];
+            sh2[at] = adam(sh2[at], moment, b[m] * g.colour[c], rate_rest);
+            sh2_adam[at] = moment;
+        }
+    }
+    if (DEGREE > 2 && view[0].degree > 2) {
+        float b[7];
+        sh_basis_3(g.direction, b);
+        for (uint m = 0; m < 7; m++) for (uint c = 0; c < 3; c++) {
+            uint at = 21 * i + 3 * m + c;
+            vec2 moment = sh3_adam[at];
+            sh3[at] = adam(sh3[at], moment, b[m] * g.colour[c], rate_rest);
+            sh3_adam[at] = moment;
+        }
+    }
+}
+
+void main() {
+    uint i = global_index();
+    // Pairs that did not fit: this iteration does not count, nor does any after it until the host has made room.
+    if (pairs[1] > pair_limit) return;
+    if (i == 0) guards[1] += 1;
+    if (i >= count[0]) return;
+    vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
+    vec3 log_scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
+    vec4 quaternion = rotations[i];
+    uint slots = tile_counts[i];
+    Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0));
+    if (slots > 0) g = backward(i, mean, log_scale, quaternion, slots);
+
+    bool good = sane(g.mean) && sane(g.log_scale) && sane(g.rotation.xyz) && sane(vec3(g.rotation.w, g.logit, 0)) && sane(g.colour);
+    if (!good) {
+        atomicAdd(guards[0], 1);
+        return;
+    }
+    if (STATISTICS && slots > 0) growth[i] += vec2(length(g.mean2d * 0.5 * vec2(view[0].size)), 1);
+    for (uint c = 0; c < 3; c++) {
+        vec2 moment = means_adam[3 * i + c];
+        means[3 * i + c] = adam(mean[c], moment, g.mean[c], rate_mean);
+        means_adam[3 * i + c] = moment;
+        moment = log_scales_adam[3 * i + c];
+        log_scales[3 * i + c] = adam(log_scale[c], moment, g.log_scale[c], rate_scale);
+        log_scales_adam[3 * i + c] = moment;
+    }
+    for (uint c = 0; c < 4; c++) {
+        vec2 moment = rotations_adam[4 * i + c];
+        quaternion[c] = adam(quaternion[c], moment, g.rotation[c], rate_rotation);
+        rotations_adam[4 * i + c] = moment;
+    }
+    rotations[i] = quaternion;
+    vec2 moment = logits_adam[i];
+    logits[i] = adam(logits[i], moment, g.logit, rate_opacity);
+    logits_adam[i] = moment;
+    update_sh(i, g);
+}
