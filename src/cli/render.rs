@@ -38,22 +38,22 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", help_heading = "Cameras", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     orbit: Option<u32>,
     /// Picture size as width, or as a divisor of the photos' size
-    #[arg(long, value_name = "W|/K", help_heading = "Cameras", value_parser = values::resolution, requires = "scene")]
+    #[arg(long, value_name = "W|/K", help_heading = "Cameras", value_parser = values::resolution, conflicts_with = "orbit")]
     resolution: Option<Resize>,
     /// Photo folder, whose pictures give the size (such as images_4)
-    #[arg(long, value_name = "DIR", help_heading = "Cameras", requires = "scene")]
+    #[arg(long, value_name = "DIR", help_heading = "Cameras", conflicts_with = "orbit")]
     images: Option<PathBuf>,
     /// Picture size of an orbit [default: 1280x720]
-    #[arg(long, value_name = "WxH", help_heading = "Cameras", value_parser = values::size, requires = "orbit")]
+    #[arg(long, value_name = "WxH", help_heading = "Cameras", value_parser = values::size, conflicts_with = "scene")]
     size: Option<(u32, u32)>,
     /// Vertical field of view of an orbit, in degrees [default: 40]
-    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::degrees, requires = "orbit")]
+    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::degrees, conflicts_with = "scene")]
     fov: Option<f64>,
     /// Height of an orbit above the horizon, in degrees [default: 15]
-    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, requires = "orbit", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, conflicts_with = "scene", allow_negative_numbers = true)]
     elevation: Option<f64>,
     /// World axis that is up in an orbit: x, y, z, -x, -y, -z, or auto: -y, as captures have it [default: auto]
-    #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, requires = "orbit", allow_hyphen_values = true)]
+    #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, conflicts_with = "scene", allow_hyphen_values = true)]
     up: Option<Up>,
     /// Folder for the pictures; made where it is absent
     #[arg(short, long, value_name = "DIR", help_heading = "Pictures")]
