@@ -10,10 +10,12 @@ pub mod kernels;
 pub mod primitives;
 
 pub mod gaussians;
+pub mod random;
 pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod synth;
+pub mod train;
 
 pub mod cli;
 pub mod error;

@@ -1,6 +1,7 @@
 // Projects each Gaussian (EWA), evaluates its colour, and counts the tiles it touches.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/constants.glsl"
 #include "lib/view.glsl"
@@ -37,17 +38,17 @@ vec3 radiance(uint i, vec3 direction) {
     if (DEGREE > 0 && view[0].degree > 0) {
         float b[3];
         sh_basis_1(direction, b);
-        for (uint m = 0; m < 3; m++) for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh1[9 * i + 3 * m + c];
+        [[unroll]] for (uint m = 0; m < 3; m++) [[unroll]] for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh1[9 * i + 3 * m + c];
     }
     if (DEGREE > 1 && view[0].degree > 1) {
         float b[5];
         sh_basis_2(direction, b);
-        for (uint m = 0; m < 5; m++) for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh2[15 * i + 3 * m + c];
+        [[unroll]] for (uint m = 0; m < 5; m++) [[unroll]] for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh2[15 * i + 3 * m + c];
     }
     if (DEGREE > 2 && view[0].degree > 2) {
         float b[7];
         sh_basis_3(direction, b);
-        for (uint m = 0; m < 7; m++) for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh3[21 * i + 3 * m + c];
+        [[unroll]] for (uint m = 0; m < 7; m++) [[unroll]] for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh3[21 * i + 3 * m + c];
     }
     return sum;
 }

@@ -5,6 +5,7 @@
 // Notation and derivation: reference/project_backward.rs.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/constants.glsl"
 #include "lib/view.glsl"
@@ -119,17 +120,17 @@ vec3 direction_gradient(uint i, vec3 d, vec3 by_colour) {
     vec3 sum = vec3(0);
     if (DEGREE > 0 && view[0].degree > 0) {
         float g[3];
-        for (uint m = 0; m < 3; m++) g[m] = dot(by_colour, sh_at(1, 9 * i + 3 * m));
+        [[unroll]] for (uint m = 0; m < 3; m++) g[m] = dot(by_colour, sh_at(1, 9 * i + 3 * m));
         sum += sh_gradient_1(g);
     }
     if (DEGREE > 1 && view[0].degree > 1) {
         float g[5];
-        for (uint m = 0; m < 5; m++) g[m] = dot(by_colour, sh_at(2, 15 * i + 3 * m));
+        [[unroll]] for (uint m = 0; m < 5; m++) g[m] = dot(by_colour, sh_at(2, 15 * i + 3 * m));
         sum += sh_gradient_2(d, g);
     }
     if (DEGREE > 2 && view[0].degree > 2) {
         float g[7];
-        for (uint m = 0; m < 7; m++) g[m] = dot(by_colour, sh_at(3, 21 * i + 3 * m));
+        [[unroll]] for (uint m = 0; m < 7; m++) g[m] = dot(by_colour, sh_at(3, 21 * i + 3 * m));
         sum += sh_gradient_3(d, g);
     }
     return sum;
@@ -140,17 +141,17 @@ vec3 radiance_before_clamp(uint i, vec3 d) {
     if (DEGREE > 0 && view[0].degree > 0) {
         float b[3];
         sh_basis_1(d, b);
-        for (uint m = 0; m < 3; m++) sum += b[m] * sh_at(1, 9 * i + 3 * m);
+        [[unroll]] for (uint m = 0; m < 3; m++) sum += b[m] * sh_at(1, 9 * i + 3 * m);
     }
     if (DEGREE > 1 && view[0].degree > 1) {
         float b[5];
         sh_basis_2(d, b);
-        for (uint m = 0; m < 5; m++) sum += b[m] * sh_at(2, 15 * i + 3 * m);
+        [[unroll]] for (uint m = 0; m < 5; m++) sum += b[m] * sh_at(2, 15 * i + 3 * m);
     }
     if (DEGREE > 2 && view[0].degree > 2) {
         float b[7];
         sh_basis_3(d, b);
-        for (uint m = 0; m < 7; m++) sum += b[m] * sh_at(3, 21 * i + 3 * m);
+        [[unroll]] for (uint m = 0; m < 7; m++) sum += b[m] * sh_at(3, 21 * i + 3 * m);
     }
     return sum + 0.5;
 }
@@ -209,7 +210,7 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
 }
 
 void update_sh(uint i, Gradient g) {
-    for (uint c = 0; c < 3; c++) {
+    [[unroll]] for (uint c = 0; c < 3; c++) {
         uint at = 3 * i + c;
         vec2 moment = sh0_adam[at];
         sh0[at] = adam(sh0[at], moment, SH_C0 * g.colour[c], rate_dc);
@@ -218,7 +219,7 @@ void update_sh(uint i, Gradient g) {
     if (DEGREE > 0 && view[0].degree > 0) {
         float b[3];
         sh_basis_1(g.direction, b);
-        for (uint m = 0; m < 3; m++) for (uint c = 0; c < 3; c++) {
+        [[unroll]] for (uint m = 0; m < 3; m++) [[unroll]] for (uint c = 0; c < 3; c++) {
             uint at = 9 * i + 3 * m + c;
             vec2 moment = sh1_adam[at];
             sh1[at] = adam(sh1[at], moment, b[m] * g.colour[c], rate_rest);
@@ -228,7 +229,7 @@ void update_sh(uint i, Gradient g) {
     if (DEGREE > 1 && view[0].degree > 1) {
         float b[5];
         sh_basis_2(g.direction, b);
-        for (uint m = 0; m < 5; m++) for (uint c = 0; c < 3; c++) {
+        [[unroll]] for (uint m = 0; m < 5; m++) [[unroll]] for (uint c = 0; c < 3; c++) {
             uint at = 15 * i + 3 * m + c;
             vec2 moment = sh2_adam[at];
             sh2[at] = adam(sh2[at], moment, b[m] * g.colour[c], rate_rest);
@@ -238,7 +239,7 @@ void update_sh(uint i, Gradient g) {
     if (DEGREE > 2 && view[0].degree > 2) {
         float b[7];
         sh_basis_3(g.direction, b);
-        for (uint m = 0; m < 7; m++) for (uint c = 0; c < 3; c++) {
+        [[unroll]] for (uint m = 0; m < 7; m++) [[unroll]] for (uint c = 0; c < 3; c++) {
             uint at = 21 * i + 3 * m + c;
             vec2 moment = sh3_adam[at];
             sh3[at] = adam(sh3[at], moment, b[m] * g.colour[c], rate_rest);
@@ -266,7 +267,7 @@ void main() {
         return;
     }
     if (STATISTICS && slots > 0) growth[i] += vec2(length(g.mean2d * 0.5 * vec2(view[0].size)), 1);
-    for (uint c = 0; c < 3; c++) {
+    [[unroll]] for (uint c = 0; c < 3; c++) {
         vec2 moment = means_adam[3 * i + c];
         means[3 * i + c] = adam(mean[c], moment, g.mean[c], rate_mean);
         means_adam[3 * i + c] = moment;
@@ -274,7 +275,7 @@ void main() {
         log_scales[3 * i + c] = adam(log_scale[c], moment, g.log_scale[c], rate_scale);
         log_scales_adam[3 * i + c] = moment;
     }
-    for (uint c = 0; c < 4; c++) {
+    [[unroll]] for (uint c = 0; c < 4; c++) {
         vec2 moment = rotations_adam[4 * i + c];
         quaternion[c] = adam(quaternion[c], moment, g.rotation[c], rate_rotation);
         rotations_adam[4 * i + c] = moment;

@@ -1,23 +1,29 @@
 //! Ctrl-C: the first asks the work to end at the next step, the second ends the program.
 
 use crate::error::Error;
+use signal_hook::consts::SIGINT;
+use signal_hook::flag;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-static ASKED: AtomicBool = AtomicBool::new(false);
+/// Whether Ctrl-C was pressed since the watch began. Commands without steps keep no watch, and Ctrl-C ends them at once.
+pub(super) struct Watch(Arc<AtomicBool>);
 
-/// From now on Ctrl-C is noticed by [`check`]. Commands that never check leave Ctrl-C alone, which ends them at once.
-pub(super) fn watch() {
-    let watching = ctrlc::set_handler(|| {
-        if ASKED.swap(true, Ordering::SeqCst) {
-            std::process::exit(130);
+impl Watch {
+    /// Begins to watch.
+    pub fn begin() -> Self {
+        let asked = Arc::new(AtomicBool::new(false));
+        // In this order, the first Ctrl-C finds the flag down and raises it, the second finds it raised.
+        let watching = flag::register_conditional_shutdown(SIGINT, 130, Arc::clone(&asked))
+            .and_then(|_| flag::register(SIGINT, Arc::clone(&asked)));
+        if let Err(e) = watching {
+            tracing::debug!("Ctrl-C will end the program at once: {e}");
         }
-    });
-    if let Err(e) = watching {
-        tracing::debug!("Ctrl-C will end the program at once: {e}");
+        Self(asked)
     }
-}
 
-/// Ends the work with [`Error::Interrupted`] once Ctrl-C was pressed.
-pub(super) fn check() -> Result<(), Error> {
-    if ASKED.load(Ordering::SeqCst) { Err(Error::Interrupted) } else { Ok(()) }
+    /// Ends the work with [`Error::Interrupted`] once Ctrl-C was pressed.
+    pub fn check(&self) -> Result<(), Error> {
+        if self.0.load(Ordering::SeqCst) { Err(Error::Interrupted) } else { Ok(()) }
+    }
 }

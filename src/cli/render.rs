@@ -3,7 +3,7 @@
 use super::Global;
 use super::console::Console;
 use super::inspect::read_model;
-use super::interrupt;
+use super::interrupt::Watch;
 use super::orbit::{self, Look, Subject};
 use super::pictures::{self, Format};
 use super::values::{self, Up};
@@ -93,7 +93,7 @@ impl Arguments {
             None => self.orbit_shots(&loaded, &mut settings),
         };
         let device = global.open()?;
-        interrupt::watch();
+        let watch = Watch::begin();
         let largest = |side: fn(&Camera) -> u32| shots.iter().map(|s| side(&s.camera)).max().unwrap_or(1);
         let (width, height) = (largest(|c| c.width), largest(|c| c.height));
         let resident = Resident::upload(&device, &loaded.gaussians)?;
@@ -102,7 +102,7 @@ impl Arguments {
         let mut drawing = 0.0;
         let bar = console.bar(shots.len() as u64, "rendering");
         for shot in &shots {
-            interrupt::check()?;
+            watch.check()?;
             let started = Instant::now();
             let image = renderer.render(&resident, &shot.camera)?;
             drawing += started.elapsed().as_secs_f64();

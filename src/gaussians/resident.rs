@@ -47,4 +47,19 @@ impl Resident {
             len: n,
         })
     }
+
+    /// Downloads the model.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn download(&self, device: &Device) -> Result<Gaussians> {
+        let rows3 = |v: Vec<f32>| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+        Ok(Gaussians {
+            means: rows3(self.means.read(device)?),
+            log_scales: rows3(self.log_scales.read(device)?),
+            rotations: self.rotations.read(device)?,
+            opacity_logits: self.opacity_logits.read(device)?,
+            sh: self.sh[..=self.degree].iter().map(|band| band.read(device)).collect::<Result<_>>()?,
+        })
+    }
 }

@@ -162,6 +162,17 @@ impl<T: Pod> Buffer<T> {
         self.len == 0
     }
 
+    /// The same memory as elements of another type.
+    ///
+    /// # Panics
+    /// When the sizes do not divide.
+    #[must_use]
+    pub fn cast<U: Pod>(&self) -> Buffer<U> {
+        let bytes = self.len * size_of::<T>();
+        assert!(bytes.is_multiple_of(size_of::<U>()), "{bytes} bytes are no whole number of elements");
+        Buffer { raw: self.raw.share(), len: bytes / size_of::<U>(), element: PhantomData }
+    }
+
     /// The buffer without its type.
     pub fn raw(&self) -> &RawBuffer {
         &self.raw

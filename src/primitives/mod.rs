@@ -4,6 +4,7 @@
 mod compact;
 mod count;
 mod gather;
+mod reduce;
 mod scan;
 mod segmented_sum;
 mod sort;
@@ -11,6 +12,7 @@ mod sort;
 pub use compact::compact;
 pub use count::Count;
 pub use gather::gather;
+pub use reduce::reduce;
 pub use scan::Scan;
 pub use segmented_sum::segmented_sum;
 pub use sort::{Pairs, Sort};

@@ -251,6 +251,25 @@ impl Renderer {
         Ok(())
     }
 
+    /// Makes room for this many Gaussians and a quarter more, where there is none.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn make_room_for_gaussians(&mut self, gaussians: usize) -> Result<()> {
+        if gaussians > self.gaussians {
+            let (pixels, tiles) = (self.frame.image.len(), self.frame.starts.len());
+            let pairs = self.frame.pairs.count.limit();
+            self.gaussians = gaussians + gaussians / 4;
+            self.frame = Frame::new(&self.device, self.gaussians, pixels, tiles, pairs, self.training)?;
+        }
+        Ok(())
+    }
+
+    /// Records that no pairs were ever asked for: what does not fit from now on makes every later iteration void.
+    pub fn forget_pairs(&self, recording: &mut Recording) {
+        recording.update(&self.frame.pairs.count.value, &[0, 0]);
+    }
+
     fn tiles(&self, camera: &Camera) -> usize {
         camera.width.div_ceil(self.shape.tile) as usize * camera.height.div_ceil(self.shape.tile) as usize
     }

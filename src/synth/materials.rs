@@ -4,7 +4,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::noise::{cell, fbm, noise, pick, rgb, step};
+use super::noise::{cell, fbm, noise, pick, plane_fbm, rgb, step, whole};
 
 /// Radius of the paved plaza in metres; grass lies beyond.
 pub(super) const PLAZA: f32 = 3.4;
@@ -161,7 +161,7 @@ fn sign(p: Vec3, normal: Vec3, half: Vec3) -> Vec3 {
 pub(super) fn floor(p: Vec3) -> Vec3 {
     let r = p.truncate().length();
     let turn = if r < PLAZA { p.y.atan2(p.x) } else { 0.0 };
-    let grain = if r < PLAZA { fbm(Vec3::new(p.x * 9.0, p.y * 9.0, 0.3), 3) } else { 0.5 };
+    let grain = if r < PLAZA { plane_fbm(p.truncate() * 9.0, 30, 3) } else { 0.5 };
     if r < 1.3 {
         return medallion(r, turn) * (0.8 + 0.4 * grain);
     }
@@ -216,26 +216,27 @@ fn stones(r: f32, turn: f32) -> Vec3 {
 fn meadow(p: Vec3, r: f32) -> Vec3 {
     // Fine detail fades before it falls below a pixel.
     let near = 1.0 - step(5.0, 16.0, r);
-    let broad = fbm(Vec3::new(p.x * 0.3, p.y * 0.3, 4.0), 3);
-    let blades = if near > 0.0 { near * (fbm(Vec3::new(p.x * 5.0, p.y * 5.0, 8.0), 3) - 0.5) } else { 0.0 };
+    let broad = plane_fbm(p.truncate() * 0.3, 40, 3);
+    let blades = if near > 0.0 { near * (plane_fbm(p.truncate() * 5.0, 50, 3) - 0.5) } else { 0.0 };
     let grass = rgb(0x5d8a3a).lerp(rgb(0x9aa84e), step(0.3, 0.7, broad)) * (1.0 + 1.1 * blades);
     let haze = grass.lerp(rgb(0x9db08a), 0.75 * step(8.0, 44.0, r));
-    if near > 0.0 { haze.lerp(flower(p), near * bloom(p)) } else { haze }
+    let cover = if near > 0.0 { near * bloom(p) } else { 0.0 };
+    if cover > 0.0 { haze.lerp(flower(p), cover) } else { haze }
 }
 
 /// Where a flower covers the grass: one in some of the cells of a grid, away from the cell's border.
 fn bloom(p: Vec3) -> f32 {
-    let (x, y) = ((p.x / 0.34).floor(), (p.y / 0.34).floor());
-    if cell(x as i32, y as i32, 21) > 0.42 {
+    let (x, y) = (whole(p.x / 0.34), whole(p.y / 0.34));
+    if cell(x, y, 21) > 0.42 {
         return 0.0;
     }
-    let centre = |axis: i32, c: f32| (c + 0.25 + 0.5 * cell(x as i32, y as i32, 22 + axis)) * 0.34;
+    let centre = |axis: i32, c: i32| (c as f32 + 0.25 + 0.5 * cell(x, y, 22 + axis)) * 0.34;
     let d = Vec2::new(p.x - centre(0, x), p.y - centre(1, y)).length();
-    let size = 0.035 + 0.035 * cell(x as i32, y as i32, 25);
+    let size = 0.035 + 0.035 * cell(x, y, 25);
     step(size, 0.6 * size, d)
 }
 
 fn flower(p: Vec3) -> Vec3 {
-    let tone = cell((p.x / 0.34).floor() as i32, (p.y / 0.34).floor() as i32, 24);
+    let tone = cell(whole(p.x / 0.34), whole(p.y / 0.34), 24);
     pick(&[0xf7f3e6, 0xf2c83b, 0xf7f3e6, 0xb06fc0, 0xe0604c], tone)
 }

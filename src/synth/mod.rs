@@ -20,6 +20,7 @@ mod render;
 mod shade;
 mod sky;
 mod stage;
+mod tiles;
 
 use std::{
     fs,

@@ -1,6 +1,6 @@
 //! Value noise and the small helpers that procedural textures are made of.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// A number in [0, 1) for a cell of the integer lattice.
 pub(super) fn cell(x: i32, y: i32, z: i32) -> f32 {
@@ -12,14 +12,14 @@ pub(super) fn cell(x: i32, y: i32, z: i32) -> f32 {
 }
 
 /// The cell that holds `x`; `f32::floor` is a call into the C library where the CPU's baseline has no such instruction.
-pub(super) fn floor(x: f32) -> i32 {
-    let whole = x as i32;
-    whole.wrapping_sub(i32::from(whole as f32 > x))
+pub(super) fn whole(x: f32) -> i32 {
+    let cut = x as i32;
+    cut.wrapping_sub(i32::from(cut as f32 > x))
 }
 
 /// Smooth value noise in [0, 1), one cell a unit.
 pub(super) fn noise(p: Vec3) -> f32 {
-    let (x, y, z) = (floor(p.x), floor(p.y), floor(p.z));
+    let (x, y, z) = (whole(p.x), whole(p.y), whole(p.z));
     let f = p - Vec3::new(x as f32, y as f32, z as f32);
     let u = f * f * (3.0 - 2.0 * f);
     let edge = |dy: i32, dz: i32| {
@@ -32,6 +32,31 @@ pub(super) fn noise(p: Vec3) -> f32 {
     };
     let a = face(0);
     a + (face(1) - a) * u.z
+}
+
+/// Smooth value noise of the plane in [0, 1), one cell a unit; at half the cost of [`noise`].
+fn plane_noise(p: Vec2, layer: i32) -> f32 {
+    let (x, y) = (whole(p.x), whole(p.y));
+    let f = p - Vec2::new(x as f32, y as f32);
+    let u = f * f * (3.0 - 2.0 * f);
+    let edge = |dy: i32| {
+        let a = cell(x, y.wrapping_add(dy), layer);
+        a + (cell(x.wrapping_add(1), y.wrapping_add(dy), layer) - a) * u.x
+    };
+    let a = edge(0);
+    a + (edge(1) - a) * u.y
+}
+
+/// As [`fbm`], of the plane; `layer` tells one texture from another.
+pub(super) fn plane_fbm(mut p: Vec2, layer: i32, octaves: u32) -> f32 {
+    let (mut sum, mut weight, mut total) = (0.0, 0.5, 0.0);
+    for octave in 0..octaves {
+        sum += weight * plane_noise(p, layer + octave as i32);
+        total += weight;
+        weight *= 0.5;
+        p *= 2.03;
+    }
+    sum / total
 }
 
 /// Sum of `octaves` of noise, each twice as fine and half as strong as the last; about [0, 1], mean 0.5.

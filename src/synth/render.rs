@@ -8,6 +8,7 @@ use super::{
     random::{Random, Stream},
     shade::{Openness, Sun, Thing, World},
     stage::Stage,
+    tiles::{Outlook, TILE},
 };
 
 /// Samples along either side of a pixel.
@@ -34,8 +35,16 @@ pub(super) fn photo(stage: &Stage, view: &View, options: &SynthOptions, index: u
     let (mut pixels, mut touched) = (Vec::with_capacity(number), Vec::with_capacity(number));
     let origin = view.camera.centre().as_vec3();
     let turn = view.camera.rotation.transpose();
+    let outlook = Outlook::new(&stage.solids, origin);
+    let mut lists = vec![Vec::new(); width.div_ceil(TILE) as usize];
     for y in 0..height {
+        if y % TILE == 0 {
+            for (column, list) in lists.iter_mut().enumerate() {
+                outlook.tile(view, column as u32 * TILE, y, list);
+            }
+        }
         for x in 0..width {
+            let list = &lists[(x / TILE) as usize];
             let key = (index as u64) << 32 | u64::from(y) << 16 | u64::from(x);
             let mut random = Random::new(options.seed, Stream::Pixel, key);
             // Each sample has its own cell of the pixel and its own cell of the sun; the pairing differs by pixel.
@@ -50,7 +59,7 @@ pub(super) fn photo(stage: &Stage, view: &View, options: &SynthOptions, index: u
                 let direction = (turn * local).normalize().as_vec3();
                 let cell = (s * 7 + shift) % SAMPLES;
                 let ray = super::geometry::Ray { origin, direction };
-                let sample = world.trace(&ray, sun.towards(cell, bits >> 32), &mut open);
+                let sample = world.trace(&ray, list, sun.towards(cell, bits >> 32), &mut open);
                 moved |= sample.moved;
                 if !(cut_out && matches!(sample.thing, Thing::Floor | Thing::Sky)) {
                     sum += sample.colour;

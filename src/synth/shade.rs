@@ -16,6 +16,8 @@ const SUN_RADIUS: f32 = 0.03;
 /// Places on the sun's disc: cells of a square grid, and places within a cell.
 const SUN_CELLS: usize = 4;
 const SUN_PLACES: usize = 4;
+/// Above so many solids the hierarchy is faster than a list.
+const SHORT_LIST: usize = 8;
 /// How far off a surface secondary rays start, in metres.
 const LIFT: f32 = 1e-3;
 
@@ -81,6 +83,28 @@ pub(super) struct Sample {
 impl World<'_> {
     /// The first thing along a ray and its distance.
     pub fn meet(&self, ray: &Ray) -> (f32, Thing) {
+        self.meet_by(ray, |limit| self.stage.bvh.first(&self.stage.solids, ray, limit))
+    }
+
+    /// As [`World::meet`], where only the solids of a short list can be met.
+    fn meet_listed(&self, ray: &Ray, list: &[u32]) -> (f32, Thing) {
+        if list.len() > SHORT_LIST {
+            return self.meet(ray);
+        }
+        self.meet_by(ray, |limit| {
+            let mut first = None;
+            for &i in list {
+                if let Some(t) = self.stage.solids[i as usize].meet(ray)
+                    && t < first.map_or(limit, |(t, _)| t)
+                {
+                    first = Some((t, i));
+                }
+            }
+            first
+        })
+    }
+
+    fn meet_by(&self, ray: &Ray, solid: impl FnOnce(f32) -> Option<(f32, u32)>) -> (f32, Thing) {
         let (mut limit, mut thing) = (sky::meet_dome(ray), Thing::Sky);
         if ray.direction.z < 0.0 {
             let t = -ray.origin.z / ray.direction.z;
@@ -88,7 +112,7 @@ impl World<'_> {
                 (limit, thing) = (t, Thing::Floor);
             }
         }
-        if let Some((t, i)) = self.stage.bvh.first(&self.stage.solids, ray, limit) {
+        if let Some((t, i)) = solid(limit) {
             (limit, thing) = (t, Thing::Solid(i));
         }
         for (i, (solid, _)) in self.mover.iter().enumerate() {
@@ -112,8 +136,9 @@ impl World<'_> {
     }
 
     /// The colour along a ray, for one place on the sun's disc; `open` is kept between the samples of a pixel.
-    pub fn trace(&self, ray: &Ray, towards: Vec3, open: &mut Openness) -> Sample {
-        let (t, thing) = self.meet(ray);
+    /// `list` names all solids that the ray may meet.
+    pub fn trace(&self, ray: &Ray, list: &[u32], towards: Vec3, open: &mut Openness) -> Sample {
+        let (t, thing) = self.meet_listed(ray, list);
         let p = ray.at(t);
         if thing == Thing::Sky {
             return Sample { colour: sky::radiance(p / sky::DOME), thing, moved: false };

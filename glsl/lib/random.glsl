@@ -1,0 +1,14 @@
+// Random numbers keyed by what they are for: no state, so that a resumed run draws the same ones.
+uint hash(uint x) { // PCG's output permutation (O'Neill 2014) over one linear congruential step
+    x = x * 747796405u + 2891336453u;
+    x = ((x >> ((x >> 28) + 4)) ^ x) * 277803737u;
+    return (x >> 22) ^ x;
+}
+
+// Two independent standard normals (Box and Muller).
+vec2 normals(uvec4 key) {
+    uint h = hash(key.x ^ hash(key.y ^ hash(key.z ^ hash(key.w))));
+    float u = (float(h >> 8) + 1) / 16777217.0;
+    float v = float(hash(h) >> 8) / 16777216.0;
+    return sqrt(-2 * log(u)) * vec2(cos(6.283185307179586 * v), sin(6.283185307179586 * v));
+}

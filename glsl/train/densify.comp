@@ -1,0 +1,38 @@
+// Density control, first half: how many Gaussians each becomes. 0 pruned, 1 kept, 2 cloned or split.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "lib/dispatch.glsl"
+
+layout(binding = 0, std430) readonly buffer Count { uint count[]; };
+layout(binding = 1, std430) readonly buffer Growth { vec2 growth[]; };
+layout(binding = 2, std430) readonly buffer Means { float means[]; };
+layout(binding = 3, std430) readonly buffer LogScales { float log_scales[]; };
+layout(binding = 4, std430) readonly buffer Rotations { vec4 rotations[]; };
+layout(binding = 5, std430) readonly buffer Logits { float logits[]; };
+layout(binding = 6, std430) writeonly buffer Copies { uint copies[]; };
+layout(binding = 7, std430) writeonly buffer Splits { uint splits[]; }; // 1 where the two replace their parent
+layout(push_constant) uniform Push {
+    float threshold;     // mean gradient norm in NDC units at which a Gaussian grows
+    float split_scale;   // log of the largest axis above which it splits instead of being cloned
+    float largest_scale; // log of the largest axis above which it is pruned
+    float least_logit;   // opacity below which it is pruned
+};
+
+void main() {
+    uint i = global_index();
+    if (i >= count[0]) return;
+    vec3 scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
+    float largest = max(scale.x, max(scale.y, scale.z));
+    vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
+    vec4 q = rotations[i];
+    float sum = dot(mean, vec3(1)) + dot(scale, vec3(1)) + dot(q, vec4(1)) + logits[i];
+    bool finite = !isnan(sum) && !isinf(sum);
+    vec2 g = growth[i];
+    bool grows = g.y > 0 && g.x >= threshold * g.y;
+    bool pruned = !finite || logits[i] < least_logit || largest > largest_scale;
+    bool split = grows && largest > split_scale;
+    // A split leaves halves small enough to stay; what is faint goes, growing or not.
+    if (split && finite && logits[i] >= least_logit) pruned = false;
+    copies[i] = pruned ? 0 : grows ? 2 : 1;
+    splits[i] = split ? 1 : 0;
+}

@@ -1,0 +1,16 @@
+// Opacity reset: none keeps more than the limit, and the optimiser forgets what it knew of them.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "lib/dispatch.glsl"
+
+layout(binding = 0, std430) readonly buffer Count { uint count[]; };
+layout(binding = 1, std430) buffer Logits { float logits[]; };
+layout(binding = 2, std430) writeonly buffer LogitsAdam { vec2 logits_adam[]; };
+layout(push_constant) uniform Push { float limit; };
+
+void main() {
+    uint i = global_index();
+    if (i >= count[0]) return;
+    logits[i] = min(logits[i], limit);
+    logits_adam[i] = vec2(0);
+}

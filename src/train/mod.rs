@@ -1,0 +1,10 @@
+//! Floor 6: loss, schedule, density control and the training loop.
+
+pub mod density;
+pub mod initialise;
+pub mod loss;
+pub mod photos;
+pub mod schedule;
+mod trainer;
+
+pub use trainer::{Options, Progress, Trainer};

@@ -1,0 +1,120 @@
+//! What happens when: milestones that scale with the length of the run, intervals that do not.
+
+use crate::render::Rates;
+use serde::{Deserialize, Serialize};
+
+/// Everything that a run's course depends on, as written to `config.toml`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Schedule {
+    /// Length of the run.
+    pub iterations: u32,
+    /// Position learning rate at the start, times the scene's extent.
+    pub position_rate: f64,
+    /// Position learning rate at the end, times the scene's extent; log-linear between.
+    pub position_rate_end: f64,
+    /// Learning rate of SH band 0.
+    pub dc_rate: f64,
+    /// Learning rate of the bands above.
+    pub rest_rate: f64,
+    /// Learning rate of opacity logits.
+    pub opacity_rate: f64,
+    /// Learning rate of log scales.
+    pub scale_rate: f64,
+    /// Learning rate of quaternions.
+    pub rotation_rate: f64,
+    /// Density control begins after this share of the run.
+    pub densify_from: f64,
+    /// Density control ends after this share of the run.
+    pub densify_until: f64,
+    /// Iterations between density steps.
+    pub densify_every: u32,
+    /// Mean gradient of the 2D mean, in NDC units, at which a Gaussian grows.
+    pub densify_gradient: f64,
+    /// Largest axis, as a share of the extent, up to which a growing Gaussian is cloned and not split.
+    pub clone_scale: f64,
+    /// Opacity below which a Gaussian is pruned.
+    pub prune_opacity: f64,
+    /// Largest axis, as a share of the extent, above which a Gaussian is pruned once `prune_scale_from` has passed.
+    pub prune_scale: f64,
+    /// Share of the run after which large Gaussians are pruned.
+    pub prune_scale_from: f64,
+    /// Iterations between opacity resets.
+    pub opacity_reset_every: u32,
+    /// Share of the run between steps of the SH degree.
+    pub degree_every: f64,
+}
+
+impl Default for Schedule {
+    fn default() -> Self {
+        // The 3DGS reference's values; see docs/decisions.md where they differ.
+        Self {
+            iterations: 30_000,
+            position_rate: 1.6e-4,
+            position_rate_end: 1.6e-6,
+            dc_rate: 2.5e-3,
+            rest_rate: 1.25e-4,
+            opacity_rate: 0.05,
+            scale_rate: 5e-3,
+            rotation_rate: 1e-3,
+            densify_from: 1.0 / 60.0,
+            densify_until: 0.5,
+            densify_every: 100,
+            densify_gradient: 2e-4,
+            clone_scale: 0.01,
+            prune_opacity: 0.005,
+            prune_scale: 0.1,
+            prune_scale_from: 0.1,
+            opacity_reset_every: 3000,
+            degree_every: 1.0 / 30.0,
+        }
+    }
+}
+
+impl Schedule {
+    fn at(&self, share: f64) -> u32 {
+        (f64::from(self.iterations) * share).round() as u32
+    }
+
+    /// Learning rates of iteration `iteration` (1 at the first) in a scene of this extent.
+    pub fn rates(&self, iteration: u32, extent: f64) -> Rates {
+        let t = f64::from(iteration) / f64::from(self.iterations.max(1));
+        let position = self.position_rate.ln() * (1.0 - t) + self.position_rate_end.ln() * t;
+        Rates {
+            mean: (position.exp() * extent) as f32,
+            scale: self.scale_rate as f32,
+            rotation: self.rotation_rate as f32,
+            opacity: self.opacity_rate as f32,
+            dc: self.dc_rate as f32,
+            rest: self.rest_rate as f32,
+        }
+    }
+
+    /// SH degree that iteration `iteration` uses, given the highest allowed.
+    pub fn degree(&self, iteration: u32, highest: usize) -> usize {
+        let every = self.at(self.degree_every).max(1);
+        ((iteration / every) as usize).min(highest)
+    }
+
+    /// Whether gradients are gathered for density control.
+    pub fn gathers(&self, iteration: u32) -> bool {
+        iteration <= self.at(self.densify_until)
+    }
+
+    /// Whether density control acts after iteration `iteration`.
+    pub fn densifies(&self, iteration: u32) -> bool {
+        iteration > self.at(self.densify_from)
+            && iteration < self.at(self.densify_until)
+            && iteration.is_multiple_of(self.densify_every)
+    }
+
+    /// Whether large Gaussians are pruned by then.
+    pub fn prunes_large(&self, iteration: u32) -> bool {
+        iteration > self.at(self.prune_scale_from)
+    }
+
+    /// Whether opacities are reset after iteration `iteration`.
+    pub fn resets_opacity(&self, iteration: u32) -> bool {
+        iteration.is_multiple_of(self.opacity_reset_every) && iteration < self.at(self.densify_until)
+    }
+}

@@ -1,0 +1,288 @@
+//! The training loop. An iteration never waits for the host: it runs project to Adam on the device; the host looks every
+//! few iterations, grows what was too small, and repeats what did not count.
+
+use super::density::{self, Step, densify};
+use super::loss::{Loss, Weights};
+use super::photos::{Photos, TrainView};
+use super::schedule::Schedule;
+use crate::gaussians::resident::Resident;
+use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
+use crate::gpu::{Buffer, Device, Recording, Result, Ticket, Timings};
+use crate::random::permutation;
+use crate::render::{AdamState, Form, Renderer, Settings, Update};
+use std::collections::VecDeque;
+
+/// Iterations between looks of the host.
+const LOOK_EVERY: u32 = 16;
+/// Submissions under way at a time: the next is encoded while one runs.
+const IN_FLIGHT: usize = 2;
+/// Opacity that a reset leaves at most.
+const RESET_OPACITY: f64 = 0.01;
+
+/// What a run depends on besides its views and model.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Course of the run.
+    pub schedule: Schedule,
+    /// Image formation.
+    pub settings: Settings,
+    /// Key of all random numbers.
+    pub seed: u32,
+    /// Highest SH degree.
+    pub degree: usize,
+    /// No more Gaussians than this.
+    pub most: usize,
+    /// Whether the photos' alpha is opacity over the background.
+    pub transparent: bool,
+    /// Weights of the loss.
+    pub weights: Weights,
+    /// Room for (tile, Gaussian) pairs to begin with; results do not depend on it.
+    pub pairs: u32,
+}
+
+/// Where a run stands.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    /// Iterations done.
+    pub iteration: u32,
+    /// Loss of the last of them.
+    pub loss: f32,
+    /// Gaussians.
+    pub gaussians: usize,
+}
+
+/// A model in training.
+pub struct Trainer {
+    pub(super) device: Device,
+    pub(super) options: Options,
+    pub(super) model: Resident,
+    pub(super) state: AdamState,
+    pub(super) growth: Buffer<[f32; 2]>,
+    pub(super) iteration: u32,
+    /// Rows skipped for gradients that were not finite, so far.
+    pub(super) skipped_rows: u64,
+    views: Vec<TrainView>,
+    photos: Photos,
+    extent: f64,
+    guards: Buffer<u32>,
+    renderer: Renderer,
+    loss: Loss,
+    order: (u32, Vec<usize>),
+    timings: Timings,
+}
+
+impl Trainer {
+    /// A run from its beginning.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn new(
+        device: &Device,
+        model: &Gaussians,
+        views: Vec<TrainView>,
+        extent: f64,
+        options: Options,
+    ) -> Result<Self> {
+        let resident = Resident::upload(device, model)?;
+        let state = AdamState::zeros(device, &resident)?;
+        let growth = device.upload("growth", &vec![[0.0; 2]; model.len()])?;
+        let size = |f: fn(&TrainView) -> u32| views.iter().map(f).max().unwrap_or(1);
+        let (width, height) = (size(|v| v.camera.width), size(|v| v.camera.height));
+        let renderer =
+            Renderer::for_training(device, options.settings, model.len() * 5 / 4, [width, height], options.pairs)?;
+        Ok(Self {
+            photos: Photos::new(device, &views)?,
+            guards: device.upload("guards", &[0, 0])?,
+            loss: Loss::new(device, width, height)?,
+            device: device.clone(),
+            model: resident,
+            state,
+            growth,
+            iteration: 0,
+            skipped_rows: 0,
+            views,
+            extent,
+            renderer,
+            options,
+            order: (u32::MAX, Vec::new()),
+            timings: Timings::default(),
+        })
+    }
+
+    /// Iterations done.
+    pub fn iteration(&self) -> u32 {
+        self.iteration
+    }
+
+    /// Gaussians now.
+    pub fn len(&self) -> usize {
+        self.model.len
+    }
+
+    /// Whether none is left.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The model in device memory.
+    pub fn model(&self) -> &Resident {
+        &self.model
+    }
+
+    /// Device time by stage so far.
+    pub fn timings(&self) -> &Timings {
+        &self.timings
+    }
+
+    /// Rows whose update was skipped because a gradient was not finite.
+    pub fn skipped_rows(&self) -> u64 {
+        self.skipped_rows
+    }
+
+    /// Trains until `until` iterations are done, or until the next look of the host if that comes first. Returns where
+    /// the run stands: call again until it is there.
+    ///
+    /// # Errors
+    /// Device memory; device errors. The model is then as it was after [`Trainer::iteration`].
+    pub fn advance(&mut self, until: u32) -> Result<Progress> {
+        let first = self.iteration;
+        self.raise_degree(first + 1)?;
+        let last = self.boundary(until);
+        let mut recording = Recording::new();
+        recording.update(&self.guards, &[0, 0]);
+        self.renderer.forget_pairs(&mut recording);
+        self.device.run(recording)?;
+
+        let mut flight: VecDeque<Ticket> = VecDeque::new();
+        for iteration in first + 1..=last {
+            if flight.len() == IN_FLIGHT
+                && let Some(ticket) = flight.pop_front()
+            {
+                self.timings.merge(&ticket.wait()?);
+            }
+            let ticket = self.submit(iteration, iteration == last)?;
+            if matches!(self.photos, Photos::Streamed(_)) {
+                self.timings.merge(&ticket.wait()?);
+            } else {
+                flight.push_back(ticket);
+            }
+        }
+        for ticket in flight {
+            self.timings.merge(&ticket.wait()?);
+        }
+
+        let guards = self.guards.read(&self.device)?;
+        self.skipped_rows += u64::from(guards[0]);
+        self.iteration = first + guards[1];
+        let pairs = self.renderer.pairs()?;
+        if self.renderer.make_room_for_pairs(pairs)? {
+            tracing::debug!("{pairs} pairs did not fit: iterations from {} are repeated", self.iteration + 1);
+        }
+        if self.iteration == last {
+            self.after(last)?;
+        }
+        let view = self.view_of(self.iteration.max(1));
+        let size = self.size_of(view);
+        let loss = self.loss.value(&self.device, size, self.options.weights)?;
+        Ok(Progress { iteration: self.iteration, loss, gaussians: self.model.len })
+    }
+
+    /// The model as it stands, on the host.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn download(&self) -> Result<Gaussians> {
+        self.model.download(&self.device)
+    }
+
+    /// The last iteration that may run before the host must look.
+    fn boundary(&self, until: u32) -> u32 {
+        let schedule = &self.options.schedule;
+        let acts = |i: u32| schedule.densifies(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1);
+        (self.iteration + 1..=until.min(self.iteration + LOOK_EVERY))
+            .find(|i| acts(*i))
+            .unwrap_or_else(|| until.min(self.iteration + LOOK_EVERY))
+    }
+
+    fn wants_degree(&self, iteration: u32) -> bool {
+        self.options.schedule.degree(iteration, self.options.degree.min(MAX_SH_DEGREE)) > self.model.degree
+    }
+
+    /// A band gets its arrays when the run first uses it.
+    fn raise_degree(&mut self, iteration: u32) -> Result<()> {
+        while self.wants_degree(iteration) {
+            let l = self.model.degree + 1;
+            let len = self.model.len * Gaussians::band_width(l);
+            let name = ["sh0", "sh1", "sh2", "sh3"][l];
+            let (band, moments) = (self.device.buffer(name, len)?, self.device.buffer("SH moments", len)?);
+            let mut recording = Recording::new();
+            recording.fill(&band, 0);
+            recording.fill(&moments, 0);
+            self.device.run(recording)?;
+            self.model.sh[l] = band;
+            self.state.sh[l] = moments;
+            self.model.degree = l;
+        }
+        Ok(())
+    }
+
+    /// Views are drawn without replacement, shuffled anew when all were seen.
+    fn view_of(&mut self, iteration: u32) -> usize {
+        let n = self.views.len() as u32;
+        let (round, at) = ((iteration - 1) / n, (iteration - 1) % n);
+        if self.order.0 != round {
+            self.order = (round, permutation(n as usize, &[u64::from(self.options.seed), u64::from(round)]));
+        }
+        self.order.1[at as usize]
+    }
+
+    fn size_of(&self, view: usize) -> [u32; 2] {
+        [self.views[view].camera.width, self.views[view].camera.height]
+    }
+
+    fn submit(&mut self, iteration: u32, with_value: bool) -> Result<Ticket> {
+        let at = self.view_of(iteration);
+        let size = self.size_of(at);
+        let photo = self.photos.get(&self.device, &self.views, at)?;
+        let camera = &self.views[at].camera;
+        let (options, model) = (&self.options, &self.model);
+        let mut recording = Recording::new();
+        self.renderer.record(&mut recording, model, camera);
+        recording.scope("loss", |r| {
+            let background = options.settings.background;
+            let image = self.renderer.image();
+            self.loss.record(r, image, photo, size, options.transparent, background, options.weights);
+            if with_value {
+                self.loss.record_value(r, size);
+            }
+        });
+        let update = Update {
+            state: &self.state,
+            growth: &self.growth,
+            statistics: options.schedule.gathers(iteration),
+            guards: &self.guards,
+            rates: options.schedule.rates(iteration, self.extent),
+            form: Form::Adam(iteration),
+        };
+        self.renderer.record_backward(&mut recording, model, camera, &self.loss.gradient, &update);
+        self.device.submit(recording)
+    }
+
+    /// Density control and opacity reset, where the schedule has them after this iteration.
+    fn after(&mut self, iteration: u32) -> Result<()> {
+        let schedule = &self.options.schedule;
+        if schedule.densifies(iteration) {
+            let (seed, most) = (self.options.seed, self.options.most);
+            let step = Step { iteration, seed, extent: self.extent, most };
+            let (model, state, growth) = (&mut self.model, &mut self.state, &mut self.growth);
+            densify(&self.device, model, state, growth, schedule, step)?;
+            self.renderer.make_room_for_gaussians(self.model.len)?;
+        }
+        if schedule.resets_opacity(iteration) {
+            let mut recording = Recording::new();
+            density::reset_opacity(&mut recording, &self.model, &self.state, RESET_OPACITY);
+            self.device.run(recording)?;
+        }
+        Ok(())
+    }
+}
