@@ -11,6 +11,7 @@ pub mod primitives;
 
 pub mod gaussians;
 pub mod random;
+pub mod metrics;
 pub mod reference;
 pub mod render;
 pub mod scene;

@@ -1,0 +1,58 @@
+//! What can go wrong when pictures are measured.
+
+use super::lpips::Kind;
+use std::path::{Path, PathBuf};
+
+/// An error of the metrics floor; each message says what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// An image without pixels, or with another number of values than its size asks for.
+    #[error(
+        "an image of {width} x {height} pixels needs {width} x {height} x 3 values (at least one pixel), not {found}"
+    )]
+    Pixels {
+        /// Pixels per row.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Floats given.
+        found: usize,
+    },
+    /// Two images that cannot be compared.
+    #[error("the images differ in size ({} x {} and {} x {} pixels); render at the photo's size", .0.0, .0.1, .1.0, .1.1)]
+    Sizes((usize, usize), (usize, usize)),
+    /// An image whose deepest feature map would be empty.
+    #[error("LPIPS ({kind}) needs images of at least {least} x {least} pixels, and this one has {width} x {height}")]
+    TooSmall {
+        /// The network.
+        kind: Kind,
+        /// The least width and height in pixels.
+        least: usize,
+        /// Pixels per row.
+        width: usize,
+        /// Rows.
+        height: usize,
+    },
+    /// A weights file that cannot be read.
+    #[error("cannot read the LPIPS weights {}: {source}; check --lpips-weights, or run tools/lpips-weights", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's word.
+        source: std::io::Error,
+    },
+    /// A weights file that holds something else.
+    #[error("{}: {what}; make the file anew with tools/lpips-weights", path.display())]
+    Weights {
+        /// The file.
+        path: PathBuf,
+        /// Which tensor, and what is wrong with it.
+        what: String,
+    },
+}
+
+impl Error {
+    pub(super) fn weights(path: &Path, what: impl Into<String>) -> Self {
+        Self::Weights { path: path.to_path_buf(), what: what.into() }
+    }
+}

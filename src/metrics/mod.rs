@@ -1,0 +1,13 @@
+//! How close a picture is to the photo: PSNR, SSIM and LPIPS as the 3DGS papers report them, on the CPU.
+
+mod error;
+mod image;
+pub mod lpips;
+mod scores;
+mod ssim;
+
+pub use error::Error;
+pub use image::{Image, psnr, round_trip_8bit};
+pub use lpips::{Kind, Lpips, Range};
+pub use scores::{Networks, Scores, evaluate, mean};
+pub use ssim::ssim;
