@@ -10,8 +10,8 @@ pub mod kernels;
 pub mod primitives;
 
 pub mod gaussians;
-pub mod random;
 pub mod metrics;
+pub mod random;
 pub mod reference;
 pub mod render;
 pub mod scene;
