@@ -17,3 +17,7 @@ pub mod render;
 pub mod scene;
 pub mod synth;
 pub mod train;
+
+pub mod cli;
+pub mod error;
+pub mod selftest;

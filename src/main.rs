@@ -1,3 +1,5 @@
 //! The `qirf-vk` program.
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    qirf_vk::cli::main()
+}

@@ -99,7 +99,7 @@ fn sort_is_stable_and_exact() {
         let keys: Vec<u32> = (0..5000).map(|i| noise(3, i)).collect();
         check_sort(&device, &keys, bits);
     }
-    check_sort(&device, &[42; 10_000], 32);
+    check_sort(&device, &vec![42; 10_000], 32);
     check_sort(&device, &(0..10_000).collect::<Vec<_>>(), 32);
     check_sort(&device, &(0..10_000).rev().collect::<Vec<_>>(), 32);
     check_sort(&device, &[u32::MAX; 3000], 32);
@@ -110,7 +110,7 @@ fn sort_is_stable_and_exact() {
 fn compaction_gather_and_segmented_sum() {
     let device = device();
     for n in sizes(&device) {
-        let flags: Vec<u32> = (0..n).map(|i| u32::from(noise(4, u64::from(i)) % 3 == 0)).collect();
+        let flags: Vec<u32> = (0..n).map(|i| u32::from(noise(4, u64::from(i)).is_multiple_of(3))).collect();
         let kept: Vec<u32> = (0..n).filter(|i| flags[*i as usize] != 0).collect();
         let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
         let kept_count = Count::new(&device, "kept", n, &[]).unwrap();

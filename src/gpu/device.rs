@@ -273,6 +273,6 @@ impl Drop for Context {
 }
 
 fn cache_file(uuid: &[u8; 16]) -> Option<PathBuf> {
-    let name: String = uuid.iter().map(|b| format!("{b:02x}")).collect();
+    let name = format!("{:032x}", u128::from_be_bytes(*uuid));
     dirs::cache_dir().map(|d| d.join("qirf-vk").join(format!("pipelines-{name}.bin")))
 }

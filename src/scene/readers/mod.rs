@@ -51,7 +51,7 @@ struct ListedPoint {
     track: Vec<u32>,
 }
 
-/// The places that [`find`] tries, in this order.
+/// The places that [`open`] tries, in this order.
 const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, in sparse/0, sparse and colmap/sparse/0, \
                           transforms.json, transforms_train.json";
 

@@ -1,0 +1,44 @@
+# Two commands do everything on a fresh machine: `make run` and `make test`. The rest are their parts.
+.DEFAULT_GOAL := help
+.PHONY: help setup run test check shaders
+
+# Where rustup puts cargo, for shells that have not read its environment.
+export PATH := $(HOME)/.cargo/bin:$(PATH)
+# Blocks are solved in parallel by the program itself; a threaded BLAS below would only get in its way.
+export OPENBLAS_NUM_THREADS := 1
+
+QIRF := cargo run --release --locked --quiet --
+# Where `make run` puts what it makes.
+OUT ?= out
+
+help: ## these lines
+	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 10
+
+setup: ## install what building and running needs (Debian, Ubuntu); says what it does
+	@tools/setup
+
+# MODEL=file: an orbit of that model. Else: a synthetic capture, and this machine's device checked against the host.
+run: setup ## the demo; MODEL=file.ply renders an orbit of that model
+	@echo "building (the first time takes some minutes)"
+	@cargo build --release --locked
+ifdef MODEL
+	$(QIRF) render "$(MODEL)" --orbit 8 -o "$(OUT)/orbit"
+else
+	$(QIRF) synth "$(OUT)/demo"
+	$(QIRF) inspect "$(OUT)/demo"
+	$(QIRF) selftest
+	@echo
+	@echo "A capture with known cameras lies in $(OUT)/demo. For pictures of a model: make run MODEL=model.ply"
+endif
+
+test: setup ## all tests, on this machine's Vulkan device
+	cargo test --locked
+
+check: ## formatting, lints, shaders, documentation
+	cargo fmt --check
+	cargo clippy --locked --all-targets -- -D warnings
+	tools/check-shaders
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
+
+shaders: ## every shader through glslangValidator and spirv-val
+	@tools/check-shaders

@@ -1,0 +1,25 @@
+//! `qirf-vk completions SHELL`.
+
+use super::console::Console;
+use crate::error::Error;
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk completions bash > ~/.local/share/bash-completion/completions/qirf-vk
+  qirf-vk completions zsh > ~/.zfunc/_qirf-vk
+  qirf-vk completions fish > ~/.config/fish/completions/qirf-vk.fish";
+
+/// Print shell completions.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// The shell
+    shell: clap_complete::Shell,
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console) -> Result<(), Error> {
+        let mut text = Vec::new();
+        clap_complete::generate(self.shell, &mut super::command(), "qirf-vk", &mut text);
+        console.print(String::from_utf8_lossy(&text).trim_end())
+    }
+}

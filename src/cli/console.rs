@@ -1,0 +1,103 @@
+//! Where text goes: results to standard output, all else to standard error, colour and bars only for a person.
+
+use crate::error::Error;
+use clap::ValueEnum;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{self, IsTerminal, Write};
+use std::time::Duration;
+
+/// When to colour text.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Colour {
+    /// Where a terminal reads it and NO_COLOR is not set.
+    #[default]
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
+}
+
+impl Colour {
+    /// Whether to colour what goes to a stream that is, or is not, a terminal.
+    pub fn on(self, terminal: bool) -> bool {
+        match self {
+            Self::Auto => terminal && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty()),
+            Self::Always => true,
+            Self::Never => false,
+        }
+    }
+}
+
+/// The program's two output streams.
+#[derive(Clone, Debug)]
+pub struct Console {
+    /// Only results and errors.
+    pub quiet: bool,
+    /// When to colour.
+    pub colour: Colour,
+}
+
+#[allow(clippy::unused_self)] // that all output goes by way of a console is the point
+impl Console {
+    /// Writes a line to standard output.
+    ///
+    /// # Errors
+    /// [`Error::Print`]; a reader that went away (`| head`) is one too, which `main` passes over in silence.
+    pub fn print(&self, line: impl std::fmt::Display) -> Result<(), Error> {
+        writeln!(io::stdout().lock(), "{line}").map_err(Error::Print)
+    }
+
+    /// Writes one JSON document to standard output.
+    ///
+    /// # Errors
+    /// As [`Console::print`].
+    pub fn json(&self, value: &serde_json::Value) -> Result<(), Error> {
+        self.print(format_args!("{value:#}"))
+    }
+
+    /// Tells a person how things went, on standard error; a program, or a person in a hurry, need not see it.
+    pub fn note(&self, line: impl std::fmt::Display) {
+        if !self.quiet {
+            self.error(line);
+        }
+    }
+
+    /// Warns on standard error.
+    pub fn warn(&self, line: impl std::fmt::Display) {
+        if !self.quiet {
+            let head = self.paint("33", "warning:", io::stderr().is_terminal());
+            self.error(format_args!("{head} {line}"));
+        }
+    }
+
+    /// Writes to standard error; where that fails there is nobody left to tell.
+    pub fn error(&self, line: impl std::fmt::Display) {
+        let _ = writeln!(io::stderr().lock(), "{line}");
+    }
+
+    /// Text in an ANSI colour, where this stream is coloured.
+    pub fn paint(&self, code: &str, text: &str, terminal: bool) -> String {
+        if self.colour.on(terminal) { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_owned() }
+    }
+
+    /// A progress bar on standard error; hidden where that is no terminal, or quiet was asked for.
+    pub fn bar(&self, length: u64, what: &'static str) -> ProgressBar {
+        if self.quiet || !io::stderr().is_terminal() {
+            return ProgressBar::hidden();
+        }
+        let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
+        let template = "{msg} {wide_bar:.cyan/dim} {pos}/{len} {elapsed_precise} (left {eta})";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        bar.set_message(what);
+        bar.enable_steady_tick(Duration::from_millis(200));
+        bar
+    }
+
+    /// Whether standard output is a terminal.
+    pub fn stdout_is_terminal() -> bool {
+        io::stdout().is_terminal()
+    }
+}

@@ -1,0 +1,110 @@
+//! `qirf-vk inspect MODEL|SCENE`.
+
+mod model;
+mod scene;
+
+use super::console::Console;
+use crate::error::Error;
+use crate::gaussians::formats::{self, Loaded};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk inspect model.ply
+  qirf-vk inspect capture --json";
+
+/// Tell what a model or a scene holds.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Model file, or folder of a scene or a SOG model
+    path: PathBuf,
+    /// Photo folder of a scene (such as images_4)
+    #[arg(long, value_name = "DIR")]
+    images: Option<PathBuf>,
+    /// Print one JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console) -> Result<(), Error> {
+        let value = if is_scene(&self.path) {
+            scene::describe(&self.path, self.images.clone())?
+        } else {
+            model::describe(&self.path, &read(&self.path)?)?
+        };
+        if self.json { console.json(&value) } else { print(console, &value) }
+    }
+}
+
+/// Folders and JSON files are scenes, save for SOG's `meta.json` and the folder that holds it.
+fn is_scene(path: &Path) -> bool {
+    if path.is_dir() {
+        return !path.join("meta.json").is_file();
+    }
+    let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    json && path.file_name().is_some_and(|n| n != "meta.json")
+}
+
+/// Reads a model; devices and pipes, which may never end, are refused.
+fn read(path: &Path) -> Result<Loaded, Error> {
+    let data = std::fs::metadata(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+    if !data.is_file() && !data.is_dir() {
+        return Err(Error::Usage(format!("{} is neither a file nor a folder; save the model first", path.display())));
+    }
+    Ok(formats::read(path)?)
+}
+
+/// Reads a model and tells what was repaired.
+pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error> {
+    let loaded = read(path)?;
+    if loaded.repairs.any() {
+        console.warn(format_args!("{}: {}", path.display(), loaded.repairs));
+    }
+    if loaded.gaussians.is_empty() {
+        console.warn(format_args!("{}: it holds no Gaussian", path.display()));
+    }
+    Ok(loaded)
+}
+
+/// Lines of a list that a person is shown.
+const LIST_LINES: usize = 6;
+
+/// Prints a JSON document for people: a line a field, lists of objects below one another.
+fn print(console: &Console, document: &Value) -> Result<(), Error> {
+    for (name, field) in document.as_object().into_iter().flatten() {
+        let label = name.replace('_', " ");
+        let lines: Vec<String> = match field {
+            Value::Array(items) if items.iter().any(|i| !i.is_number()) => items.iter().map(line).collect(),
+            other => vec![line(other)],
+        };
+        for (i, line) in lines.iter().take(LIST_LINES).enumerate() {
+            console.print(format_args!("{:<26} {line}", if i == 0 { label.as_str() } else { "" }))?;
+        }
+        if lines.len() > LIST_LINES {
+            console.print(format_args!("{:<26} and {} more (--json tells all)", "", lines.len() - LIST_LINES))?;
+        }
+    }
+    Ok(())
+}
+
+/// A value on one line.
+fn line(value: &Value) -> String {
+    match value {
+        Value::Null => "none".into(),
+        Value::String(s) => s.clone(),
+        Value::Number(n) => n.as_f64().filter(|_| n.is_f64()).map_or_else(
+            || n.to_string(),
+            |v| {
+                if v != 0.0 && !(1e-3..1e6).contains(&v.abs()) { format!("{v:.3e}") } else { format!("{v:.4}") }
+            },
+        ),
+        Value::Array(items) if items.is_empty() => "none".into(),
+        Value::Array(items) => items.iter().map(line).collect::<Vec<_>>().join("  "),
+        Value::Object(fields) => {
+            fields.iter().map(|(k, v)| format!("{} {}", k.replace('_', " "), line(v))).collect::<Vec<_>>().join(", ")
+        }
+        Value::Bool(b) => b.to_string(),
+    }
+}

@@ -1,0 +1,79 @@
+//! What a model holds: counts, bounds, and how opacity and size are spread.
+
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::Loaded;
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// Shares at which quantiles are told.
+const SHARES: [(f64, &str); 7] =
+    [(0.0, "min"), (0.01, "p01"), (0.1, "p10"), (0.5, "p50"), (0.9, "p90"), (0.99, "p99"), (1.0, "max")];
+
+/// The model as one document.
+pub(super) fn describe(path: &Path, loaded: &Loaded) -> Result<Value, Error> {
+    let model = &loaded.gaussians;
+    let opacities = model.opacity_logits.iter().map(|l| 1.0 / (1.0 + (-f64::from(*l)).exp())).collect();
+    let scales = model.log_scales.iter().flatten().map(|s| f64::from(*s).exp()).collect();
+    let anisotropy = model
+        .log_scales
+        .iter()
+        .map(|s| {
+            let (low, high) = (s[0].min(s[1]).min(s[2]), s[0].max(s[1]).max(s[2]));
+            f64::from(high - low).exp()
+        })
+        .collect();
+    let axis = |i: usize| model.means.iter().map(|m| f64::from(m[i])).collect::<Vec<_>>();
+    let bands: Vec<f64> = model.sh.iter().map(|band| rms(band)).collect();
+    Ok(json!({
+        "kind": "model",
+        "format": loaded.format.to_string(),
+        "bytes": bytes(path)?,
+        "gaussians": model.len(),
+        "sh_degree": model.degree(),
+        "sh_degree_in_effect": bands.iter().rposition(|r| *r > 0.0).unwrap_or(0),
+        "sh_rms_by_band": bands,
+        "bytes_in_memory": memory(model),
+        "x": quantiles(axis(0)),
+        "y": quantiles(axis(1)),
+        "z": quantiles(axis(2)),
+        "opacity": quantiles(opacities),
+        "scale": quantiles(scales),
+        "longest_to_shortest_axis": quantiles(anisotropy),
+        "repairs": loaded.repairs,
+    }))
+}
+
+/// Bytes on disk; of a folder, those of its files.
+fn bytes(path: &Path) -> Result<u64, Error> {
+    let read = |source| Error::Read { path: path.to_owned(), source };
+    let folder = if path.is_dir() {
+        path
+    } else if path.file_name().is_some_and(|n| n == "meta.json") {
+        path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    } else {
+        return Ok(std::fs::metadata(path).map_err(read)?.len());
+    };
+    let files = std::fs::read_dir(folder).map_err(read)?.flatten().filter_map(|e| e.metadata().ok());
+    Ok(files.filter(std::fs::Metadata::is_file).map(|m| m.len()).sum())
+}
+
+/// Bytes of the parameters as float32.
+fn memory(model: &Gaussians) -> usize {
+    4 * (model.len() * (3 + 3 + 4 + 1) + model.sh.iter().map(Vec::len).sum::<usize>())
+}
+
+fn rms(values: &[f32]) -> f64 {
+    let sum: f64 = values.iter().map(|v| f64::from(*v).powi(2)).sum();
+    (sum / values.len().max(1) as f64).sqrt()
+}
+
+/// Quantiles by name; none of no values.
+fn quantiles(mut values: Vec<f64>) -> Value {
+    if values.is_empty() {
+        return Value::Null;
+    }
+    values.sort_unstable_by(f64::total_cmp);
+    let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
+    Value::Object(SHARES.iter().map(|(share, name)| ((*name).to_owned(), json!(at(*share)))).collect::<Map<_, _>>())
+}

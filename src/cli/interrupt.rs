@@ -1,0 +1,29 @@
+//! Ctrl-C: the first asks the work to end at the next step, the second ends the program.
+
+use crate::error::Error;
+use signal_hook::consts::SIGINT;
+use signal_hook::flag;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Whether Ctrl-C was pressed since the watch began. Commands without steps keep no watch, and Ctrl-C ends them at once.
+pub(super) struct Watch(Arc<AtomicBool>);
+
+impl Watch {
+    /// Begins to watch.
+    pub fn begin() -> Self {
+        let asked = Arc::new(AtomicBool::new(false));
+        // In this order, the first Ctrl-C finds the flag down and raises it, the second finds it raised.
+        let watching = flag::register_conditional_shutdown(SIGINT, 130, Arc::clone(&asked))
+            .and_then(|_| flag::register(SIGINT, Arc::clone(&asked)));
+        if let Err(e) = watching {
+            tracing::debug!("Ctrl-C will end the program at once: {e}");
+        }
+        Self(asked)
+    }
+
+    /// Ends the work with [`Error::Interrupted`] once Ctrl-C was pressed.
+    pub fn check(&self) -> Result<(), Error> {
+        if self.0.load(Ordering::SeqCst) { Err(Error::Interrupted) } else { Ok(()) }
+    }
+}

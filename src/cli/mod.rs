@@ -1,0 +1,185 @@
+//! Floor 8: the command line. One file a command; each holds its arguments and what it does with them.
+
+mod completions;
+mod console;
+mod convert;
+mod device;
+mod inspect;
+mod interrupt;
+mod orbit;
+mod pictures;
+mod render;
+mod selftest;
+mod synth;
+mod values;
+
+use crate::error::Error;
+use crate::gpu::{Device, DeviceOptions};
+use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
+use console::{Colour, Console};
+use std::io::{self, IsTerminal};
+use std::process::ExitCode;
+use tracing_subscriber::filter::LevelFilter;
+
+/// Train, compress and measure 3D Gaussian Splatting scenes on any Vulkan device.
+#[derive(Debug, Parser)]
+#[command(name = "qirf-vk", version, max_term_width = 110, arg_required_else_help = true)]
+#[command(disable_help_subcommand = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    global: Global,
+}
+
+/// Options of every command.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Global options")]
+struct Global {
+    /// Vulkan device: its index, or part of its name (default: $QIRF_DEVICE, else the fastest kind there is)
+    #[arg(long, global = true, value_name = "NAME|INDEX")]
+    device: Option<String>,
+    /// Say only results and errors
+    #[arg(short, long, global = true)]
+    quiet: bool,
+    /// Say more; twice: much more
+    #[arg(short, long, global = true, action = ArgAction::Count, conflicts_with = "quiet")]
+    verbose: u8,
+    /// When to colour text
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
+    color: Colour,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Render a model's pictures: from a scene's cameras, or on a circle round it
+    Render(render::Arguments),
+    /// Convert a model between file formats
+    Convert(convert::Arguments),
+    /// Tell what a model or a scene holds
+    Inspect(inspect::Arguments),
+    /// Make a synthetic capture: photos, cameras and points, nothing to download
+    Synth(synth::Arguments),
+    /// List the Vulkan devices, and which one would be used
+    Device(device::Arguments),
+    /// Check this machine's device against the host, number by number
+    Selftest(selftest::Arguments),
+    /// Print shell completions
+    Completions(completions::Arguments),
+}
+
+/// The top help's groups of commands.
+const GROUPS: [(&str, &[&str]); 3] = [
+    ("Models and pictures", &["render", "convert", "inspect"]),
+    ("Data", &["synth"]),
+    ("This machine", &["device", "selftest", "completions"]),
+];
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk render flowers.ply --orbit 8 -o pictures
+  qirf-vk render model.spz --scene capture --resolution /2 -o pictures
+  qirf-vk inspect capture
+  qirf-vk selftest
+
+Exit codes: 0 done, 2 usage, 3 bad input, 4 device, 5 no memory or disk, 130 interrupted.
+`qirf-vk COMMAND --help` tells a command's options.";
+
+/// The command line as clap knows it, commands in groups.
+fn command() -> clap::Command {
+    let command = Cli::command();
+    let line = |name: &&str| {
+        let about = command.find_subcommand(name).and_then(clap::Command::get_about);
+        format!("  {name:<12} {}\n", about.map(ToString::to_string).unwrap_or_default())
+    };
+    let group = |(heading, names): &(&str, &[&str])| {
+        format!("{heading}:\n{}\n", names.iter().map(line).collect::<Vec<_>>().concat())
+    };
+    let list = GROUPS.iter().map(group).collect::<Vec<_>>().concat();
+    command
+        .help_template(format!(
+            "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{list}Global options:\n{{options}}{{after-help}}"
+        ))
+        .after_help(EXAMPLES)
+}
+
+/// Runs the program on the process's arguments.
+pub fn main() -> ExitCode {
+    // Colour must be known before clap may have an error to print.
+    let asked: Vec<String> = std::env::args().skip(1).collect();
+    let never = asked.iter().any(|a| a == "--color=never") || asked.windows(2).any(|w| w == ["--color", "never"]);
+    let choice = if never { ColorChoice::Never } else { ColorChoice::Auto };
+    let parsed = command().color(choice).try_get_matches().and_then(|m| Cli::from_arg_matches(&m));
+    let cli = match parsed {
+        Ok(cli) => cli,
+        Err(e) => {
+            let _ = e.print();
+            return ExitCode::from(u8::try_from(e.exit_code()).unwrap_or(2));
+        }
+    };
+    let console = Console { quiet: cli.global.quiet, colour: cli.global.color };
+    log(&cli.global);
+    match cli.run(&console) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Error::Print(e)) if e.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        Err(e) => {
+            let head = console.paint("1;31", "error:", io::stderr().is_terminal());
+            console.error(format_args!("{head} {e}"));
+            ExitCode::from(e.exit_code())
+        }
+    }
+}
+
+impl Cli {
+    fn run(&self, console: &Console) -> Result<(), Error> {
+        match &self.command {
+            Command::Render(a) => a.run(console, &self.global),
+            Command::Convert(a) => a.run(console),
+            Command::Inspect(a) => a.run(console),
+            Command::Synth(a) => a.run(console),
+            Command::Device(a) => a.run(console, &self.global),
+            Command::Selftest(a) => a.run(console, &self.global),
+            Command::Completions(a) => a.run(console),
+        }
+    }
+}
+
+impl Global {
+    /// Opens the device asked for.
+    fn open(&self) -> Result<Device, Error> {
+        let device = Device::open(&DeviceOptions { device: self.device.clone(), ..DeviceOptions::default() })?;
+        tracing::info!("device {}: {} ({})", device.info().index, device.info().name, device.info().driver);
+        Ok(device)
+    }
+}
+
+fn log(global: &Global) {
+    let level = match (global.quiet, global.verbose) {
+        (true, _) => LevelFilter::ERROR,
+        (_, 0) => LevelFilter::WARN,
+        (_, 1) => LevelFilter::INFO,
+        _ => LevelFilter::DEBUG,
+    };
+    let subscriber = tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(io::stderr)
+        .with_ansi(global.color.on(io::stderr().is_terminal()))
+        .without_time()
+        .with_target(false);
+    // Fails only where a host program has set up its own.
+    let _ = subscriber.try_init();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_sound_and_every_command_is_in_the_help() {
+        command().debug_assert();
+        let mut listed: Vec<_> = GROUPS.iter().flat_map(|g| g.1).copied().collect();
+        listed.sort_unstable();
+        let mut there: Vec<_> = Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
+        there.sort_unstable();
+        assert_eq!(listed, there);
+    }
+}

@@ -1,0 +1,132 @@
+//! Pictures on disk: their names, and PNG and NPY files written whole or not at all.
+
+use crate::error::Error;
+use crate::gaussians::formats::write_atomically;
+use crate::render::Image;
+use clap::ValueEnum;
+use image::{ColorType, ImageEncoder, codecs::png};
+use npyz::WriterBuilder;
+use std::collections::HashSet;
+use std::io;
+use std::path::{Component, Path, PathBuf};
+
+/// File formats of pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(super) enum Format {
+    /// 8 bits a channel, sRGB values as trained
+    #[default]
+    Png,
+    /// NumPy: float32, height x width x 4, RGB and alpha
+    Npy,
+}
+
+impl Format {
+    /// The file extension.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Npy => "npy",
+        }
+    }
+}
+
+/// Relative paths for pictures of these names, folders kept and extensions replaced, each path once.
+///
+/// `a/left.jpg` becomes `a/left.png`; where `a/left.tif` is there too, that becomes `a/left.tif.png`.
+pub(super) fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<PathBuf> {
+    let mut taken = HashSet::new();
+    views
+        .map(|view| {
+            let view = view.replace('\\', "/");
+            // Neither an absolute path nor a step upwards may lead out of the folder.
+            let mut safe: PathBuf =
+                Path::new(&view).components().filter(|c| matches!(c, Component::Normal(_))).collect();
+            if safe.as_os_str().is_empty() {
+                safe.push("picture");
+            }
+            let is_picture = |p: &Path| {
+                p.extension().is_some_and(|e| {
+                    let e = e.to_string_lossy().to_ascii_lowercase();
+                    ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "exr", "npy", "ppm"].contains(&e.as_str())
+                })
+            };
+            let stem = if is_picture(&safe) { safe.with_extension("") } else { safe.clone() };
+            let with = |stem: &Path, more: &str| {
+                let mut name = stem.as_os_str().to_owned();
+                name.push(more);
+                PathBuf::from(name)
+            };
+            let mut path = with(&stem, &format!(".{extension}"));
+            let mut number = 1;
+            while !taken.insert(path.clone()) {
+                path = if number == 1 {
+                    with(&safe, &format!(".{extension}"))
+                } else {
+                    with(&safe, &format!("-{number}.{extension}"))
+                };
+                number += 1;
+            }
+            path
+        })
+        .collect()
+}
+
+/// Writes one picture; with `transparent` a PNG keeps alpha, its colours divided by it.
+pub(super) fn write(path: &Path, image: &Image, format: Format, transparent: bool) -> Result<(), Error> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
+    }
+    write_atomically(path, |out| match format {
+        Format::Png => write_png(out, image, transparent),
+        Format::Npy => write_npy(out, image),
+    })
+    .map_err(Error::writing)
+}
+
+fn write_png(out: &mut dyn io::Write, image: &Image, transparent: bool) -> io::Result<()> {
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+    let (bytes, kind): (Vec<u8>, _) = if transparent {
+        let pixel = |p: &[f32; 4]| {
+            let over = if p[3] > 0.0 { 1.0 / p[3] } else { 0.0 };
+            [byte(p[0] * over), byte(p[1] * over), byte(p[2] * over), byte(p[3])]
+        };
+        (image.pixels.iter().flat_map(pixel).collect(), ColorType::Rgba8)
+    } else {
+        (image.pixels.iter().flat_map(|p| [byte(p[0]), byte(p[1]), byte(p[2])]).collect(), ColorType::Rgb8)
+    };
+    png::PngEncoder::new_with_quality(out, png::CompressionType::Fast, png::FilterType::Adaptive)
+        .write_image(&bytes, image.width, image.height, kind.into())
+        .map_err(|e| match e {
+            image::ImageError::IoError(e) => e,
+            other => io::Error::other(other),
+        })
+}
+
+fn write_npy(out: &mut dyn io::Write, image: &Image) -> io::Result<()> {
+    let shape = [u64::from(image.height), u64::from(image.width), 4];
+    let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(out).begin_nd()?;
+    writer.extend(image.pixels.as_flattened().iter().copied())?;
+    writer.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stay_inside_and_never_meet() {
+        let views =
+            ["a/left.JPG", "a/left.tif", "./test/r_0", "../../etc/x.png", "/root.png", "v1.5", "a/left.tif", ""];
+        let expected = [
+            "a/left.png",
+            "a/left.tif.png",
+            "test/r_0.png",
+            "etc/x.png",
+            "root.png",
+            "v1.5.png",
+            "a/left.tif-2.png",
+            "picture.png",
+        ];
+        assert_eq!(names(views.into_iter(), "png"), expected.map(PathBuf::from));
+    }
+}

@@ -1,0 +1,67 @@
+//! `qirf-vk synth DIR`.
+
+use super::console::Console;
+use super::values;
+use crate::error::Error;
+use crate::synth::{self, Effect, SynthOptions};
+use std::path::PathBuf;
+use std::time::Instant;
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk synth capture
+  qirf-vk synth capture --views 100 --size 640x480 --effects exposure,distortion";
+
+/// Make a synthetic capture: a COLMAP project with photos, cameras and points.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES, after_long_help = long_help())]
+pub(super) struct Arguments {
+    /// Folder to write: new, empty, or an earlier synthetic capture
+    dir: PathBuf,
+    /// Photos
+    #[arg(long, value_name = "N", default_value_t = 48)]
+    views: usize,
+    /// Size of a photo
+    #[arg(long, value_name = "WxH", default_value = "240x180", value_parser = values::size)]
+    size: (u32, u32),
+    /// Seed of all that is random
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Most points of the reconstruction
+    #[arg(long, value_name = "N", default_value_t = SynthOptions::default().points)]
+    points: usize,
+    /// What the scene shall call for, with commas between (--help lists them)
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    effects: Vec<String>,
+}
+
+fn long_help() -> String {
+    let effects: Vec<String> = Effect::ALL.iter().map(|e| format!("  {e:<11} {}", e.description())).collect();
+    format!("Effects:\n{}\n\n{EXAMPLES}", effects.join("\n"))
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console) -> Result<(), Error> {
+        let effects = self.effects.iter().filter(|e| !e.trim().is_empty()).map(|e| e.parse());
+        let options = SynthOptions {
+            views: self.views,
+            width: self.size.0,
+            height: self.size.1,
+            seed: self.seed,
+            points: self.points,
+            effects: effects.collect::<Result<_, synth::Error>>()?,
+        };
+        let begun = Instant::now();
+        let bar = console.bar(self.views as u64, "tracing photos");
+        let report = synth::write(&self.dir, &options, &|done| bar.set_position(done))?;
+        bar.finish_and_clear();
+        console.note(format_args!(
+            "{} photos ({} of them held out for tests) and {} points in {} ({:.1} s)",
+            report.photos,
+            report.test_photos,
+            report.points,
+            self.dir.display(),
+            begun.elapsed().as_secs_f64(),
+        ));
+        Ok(())
+    }
+}

@@ -1,0 +1,97 @@
+//! Values on the command line: sizes, colours, resolutions, directions.
+
+use crate::scene::Resize;
+use glam::DVec3;
+
+/// Largest side of a picture in pixels.
+const LARGEST_SIDE: u32 = 65_535;
+
+/// `1280x720`.
+pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
+    let side = |t: &str| t.parse::<u32>().ok().filter(|s| (1..=LARGEST_SIDE).contains(s));
+    let parts = text.split_once(['x', 'X']).and_then(|(w, h)| Some((side(w)?, side(h)?)));
+    parts.ok_or_else(|| format!("write WIDTHxHEIGHT, each 1 to {LARGEST_SIDE}, such as 1280x720"))
+}
+
+/// `640` (wide, at most) or `/4` (divided by).
+pub(super) fn resolution(text: &str) -> Result<Resize, String> {
+    let number = |t: &str| t.parse::<u32>().ok().filter(|n| *n > 0);
+    let parsed =
+        text.strip_prefix('/').map_or_else(|| number(text).map(Resize::Width), |k| number(k).map(Resize::Divide));
+    parsed.ok_or_else(|| "write a width in pixels, such as 640, or a divisor, such as /4".to_owned())
+}
+
+/// `R,G,B`, each 0 to 1, or a name.
+pub(super) fn colour(text: &str) -> Result<[f32; 3], String> {
+    match text {
+        "black" => return Ok([0.0; 3]),
+        "grey" | "gray" => return Ok([0.5; 3]),
+        "white" => return Ok([1.0; 3]),
+        _ => {}
+    }
+    let channel = |t: &str| t.trim().parse::<f32>().ok().filter(|v| (0.0..=1.0).contains(v));
+    let channels: Option<Vec<f32>> = text.split(',').map(channel).collect();
+    channels
+        .and_then(|c| c.try_into().ok())
+        .ok_or_else(|| "write three numbers from 0 to 1, such as 1,1,1, or black, grey or white".to_owned())
+}
+
+/// Which world direction is up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Up {
+    /// As captures have it.
+    Auto,
+    /// This one.
+    Axis(DVec3),
+}
+
+/// `x`, `-y`, `auto` and the like.
+pub(super) fn up(text: &str) -> Result<Up, String> {
+    Ok(match text {
+        "auto" => Up::Auto,
+        "x" => Up::Axis(DVec3::X),
+        "y" => Up::Axis(DVec3::Y),
+        "z" => Up::Axis(DVec3::Z),
+        "-x" => Up::Axis(DVec3::NEG_X),
+        "-y" => Up::Axis(DVec3::NEG_Y),
+        "-z" => Up::Axis(DVec3::NEG_Z),
+        _ => return Err("write x, y, z, -x, -y, -z or auto".to_owned()),
+    })
+}
+
+/// An angle in degrees between 1 and 150.
+pub(super) fn degrees(text: &str) -> Result<f64, String> {
+    let parsed = text.parse::<f64>().ok().filter(|v| (1.0..=150.0).contains(v));
+    parsed.ok_or_else(|| "write degrees from 1 to 150".to_owned())
+}
+
+/// An elevation in degrees.
+pub(super) fn elevation(text: &str) -> Result<f64, String> {
+    let parsed = text.parse::<f64>().ok().filter(|v| (-89.0..=89.0).contains(v));
+    parsed.ok_or_else(|| "write degrees from -89 to 89".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_read_or_refused() {
+        assert_eq!(size("1280x720"), Ok((1280, 720)));
+        assert_eq!(resolution("640"), Ok(Resize::Width(640)));
+        assert_eq!(resolution("/4"), Ok(Resize::Divide(4)));
+        assert_eq!(colour("0.5,0,1"), Ok([0.5, 0.0, 1.0]));
+        assert_eq!(up("-y"), Ok(Up::Axis(DVec3::NEG_Y)));
+        assert_eq!(degrees("40"), Ok(40.0));
+        for bad in ["", "0x7", "7", "7x", "x", "-1x5", "70000x5", "4294967296x1"] {
+            assert!(size(bad).is_err(), "{bad}");
+        }
+        for bad in ["", "/", "0", "/0", "-4", "1.5"] {
+            assert!(resolution(bad).is_err(), "{bad}");
+        }
+        for bad in ["", "1,1", "1,1,1,1", "2,0,0", "nan,0,0", "red"] {
+            assert!(colour(bad).is_err(), "{bad}");
+        }
+        assert!(up("w").is_err() && degrees("nan").is_err() && elevation("90").is_err());
+    }
+}

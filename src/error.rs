@@ -1,0 +1,108 @@
+//! What ends the program early, and with which exit code.
+
+use crate::{gaussians, gpu, scene, synth};
+use std::io;
+use std::path::PathBuf;
+
+/// Any error that reaches the user: one line that names the cause and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A command line that asks for what cannot be: exit code 2.
+    #[error("{0}")]
+    Usage(String),
+    /// A file or folder that should be read: exit code 3.
+    #[error("cannot read {}: {source}; check that it exists and that you may read it", path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// A file or folder that should be written: exit code 5.
+    #[error("cannot write {}: {source}; free some space or choose another place with -o", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// Standard output is closed or full: exit code 5.
+    #[error("cannot write to standard output: {0}")]
+    Print(io::Error),
+    /// The device floor: exit code 4, or 5 where memory ran out.
+    #[error(transparent)]
+    Device(#[from] gpu::Error),
+    /// A model file that is no good: exit code 3.
+    #[error(transparent)]
+    Gaussians(gaussians::Error),
+    /// A scene that is no good: exit code 3.
+    #[error(transparent)]
+    Scene(scene::Error),
+    /// The synthetic scene's own errors: 2 for the options and the folder's choice, 5 for writing.
+    #[error(transparent)]
+    Synth(#[from] synth::Error),
+    /// The device computes wrong numbers: exit code 4.
+    #[error(
+        "{failed} of {checks} checks failed on {device} ({driver}): update the driver, or choose another device with --device"
+    )]
+    SelfTest {
+        /// Checks that failed.
+        failed: usize,
+        /// Checks made.
+        checks: usize,
+        /// The device's name.
+        device: String,
+        /// Its driver.
+        driver: String,
+    },
+    /// The user pressed Ctrl-C: exit code 130.
+    #[error("interrupted; what was finished is kept")]
+    Interrupted,
+}
+
+impl From<gaussians::Error> for Error {
+    fn from(error: gaussians::Error) -> Self {
+        match error {
+            gaussians::Error::Io { path, source } => Self::Read { path, source },
+            gaussians::Error::SameFile { .. } => Self::Usage(error.to_string()),
+            other => Self::Gaussians(other),
+        }
+    }
+}
+
+impl From<scene::Error> for Error {
+    fn from(error: scene::Error) -> Self {
+        match error {
+            scene::Error::Io { path, source } => Self::Read { path, source },
+            scene::Error::NoImageFolder { .. } => Self::Usage(error.to_string()),
+            other => Self::Scene(other),
+        }
+    }
+}
+
+impl Error {
+    /// The same error where the floor of models was writing, not reading.
+    #[must_use]
+    pub fn writing(error: gaussians::Error) -> Self {
+        match error {
+            gaussians::Error::Io { path, source } => Self::Write { path, source },
+            gaussians::Error::Unsupported { .. } => Self::Usage(error.to_string()),
+            other => other.into(),
+        }
+    }
+
+    /// The exit code: 2 usage, 3 bad input, 4 device, 5 resources, 130 interrupted.
+    #[allow(clippy::match_same_arms)] // one line a kind of cause
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Device(e) if e.is_resources() => 5,
+            Self::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => 5,
+            Self::Write { .. } | Self::Print(_) => 5,
+            Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
+            Self::Usage(_) | Self::Synth(_) => 2,
+            Self::Read { .. } | Self::Gaussians(_) | Self::Scene(_) => 3,
+            Self::Device(_) | Self::SelfTest { .. } => 4,
+            Self::Interrupted => 130,
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Numeric checks of a device against the host: what `qirf-vk selftest` runs on a user's own machine, since drivers
+//! differ. Each room adds its cases to [`cases`]; a case computes something on the device and on the host, and says how
+//! far they are apart and how far they may be.
+
+mod primitives;
+mod random;
+mod render;
+
+use crate::gpu::{self, Device, Groups, Recording};
+use crate::kernels::probe::{Loop, LoopPush, LoopSpec};
+use serde::Serialize;
+
+/// One number that was checked.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Check {
+    /// The part of the engine.
+    pub room: &'static str,
+    /// What was computed, and in which measure the error is.
+    pub name: String,
+    /// The error seen; none where the case could not be run or gave no number.
+    pub seen: Option<f64>,
+    /// The error allowed.
+    pub allowed: f64,
+    /// Why the case could not be run.
+    pub problem: Option<String>,
+}
+
+impl Check {
+    /// Whether the error seen is allowed.
+    pub fn passed(&self) -> bool {
+        self.seen.is_some_and(|seen| seen <= self.allowed)
+    }
+}
+
+/// (measure, error seen, error allowed).
+type Measure = (&'static str, f64, f64);
+type Body = fn(&Device) -> gpu::Result<Vec<Measure>>;
+
+/// A case: one computation, checked by one or more measures.
+pub struct Case {
+    room: &'static str,
+    name: &'static str,
+    quick: bool,
+    body: Body,
+}
+
+impl Case {
+    /// Runs the case; a device error is a failed check with its reason.
+    pub fn run(&self, device: &Device) -> Vec<Check> {
+        let check = |name, seen: Option<f64>, allowed, problem| Check { room: self.room, name, seen, allowed, problem };
+        match (self.body)(device) {
+            Ok(measures) => measures
+                .into_iter()
+                .map(|(measure, seen, allowed)| {
+                    check(format!("{}, {measure}", self.name), Some(seen).filter(|s| !s.is_nan()), allowed, None)
+                })
+                .collect(),
+            Err(e) => vec![check(self.name.to_owned(), None, 0.0, Some(e.to_string()))],
+        }
+    }
+}
+
+/// A case of the quick run too.
+const fn quick(room: &'static str, name: &'static str, body: Body) -> Case {
+    Case { room, name, quick: true, body }
+}
+
+/// A case of the full run only.
+const fn full(room: &'static str, name: &'static str, body: Body) -> Case {
+    Case { room, name, quick: false, body }
+}
+
+const CASES: &[Case] = &[
+    quick("driver", "loop of 100,000 steps", long_loop),
+    quick("scan", "sizes up to 65,537", primitives::scan_small),
+    full("scan", "1,000,003 words", primitives::scan_large),
+    quick("sort", "sizes up to 65,537", primitives::sort_small),
+    quick("sort", "few bits, ties, orders", primitives::sort_kinds),
+    full("sort", "1,000,003 pairs", primitives::sort_large),
+    quick("compact", "sizes up to 65,537", primitives::compaction),
+    quick("sum", "segments of 0 to 199 rows", primitives::segments),
+    quick("rasterise", "mild, SH 3", render::mild),
+    full("rasterise", "needles", render::needles),
+    full("rasterise", "flat discs", render::flat),
+    full("rasterise", "saturated", render::saturated),
+    full("rasterise", "anti-aliased dust", render::antialiased),
+    full("rasterise", "odd sizes", render::odd_sizes),
+    full("rasterise", "20,000 layers", render::deep),
+    full("rasterise", "10,000 ties", render::ties),
+    quick("rasterise", "same again", render::repeat),
+    quick("rasterise", "culling off and on", render::culling),
+];
+
+/// The cases, all or only the quick ones, in their order.
+pub fn cases(only_quick: bool) -> impl Iterator<Item = &'static Case> {
+    CASES.iter().filter(move |c| c.quick || !only_quick)
+}
+
+/// Some drivers end long loops early, in silence.
+fn long_loop(device: &Device) -> gpu::Result<Vec<Measure>> {
+    let iterations = 100_000_u32;
+    let result = device.upload("loop", &[0_u32])?;
+    let mut recording = Recording::new();
+    let kernel = Loop { result: &result, push: LoopPush { iterations }, spec: LoopSpec::default() };
+    recording.dispatch(&kernel, Groups::Count(1));
+    device.run(recording)?;
+    let expected = (1..=iterations).fold(0_u32, u32::wrapping_add);
+    let wrong = result.read(device)?.first() != Some(&expected);
+    Ok(vec![("wrong sums", f64::from(u8::from(wrong)), 0.0)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_quick_case_is_a_case_and_no_number_is_no_pass() {
+        assert!(cases(true).count() < cases(false).count());
+        let check = Check { room: "a", name: "b".into(), seen: None, allowed: 1.0, problem: None };
+        assert!(!check.passed());
+    }
+}

@@ -1,0 +1,143 @@
+//! Scan, sort, compaction and segmented sum: exact against the host.
+
+use super::Measure;
+use super::random::Random;
+use crate::gpu::{Device, Recording, Result};
+use crate::primitives::{Count, Pairs, Scan, Sort, compact, segmented_sum};
+
+const LARGE: u32 = 1_000_003;
+
+/// Sizes where a subgroup, a workgroup or a block begins or ends.
+fn sizes(device: &Device) -> Vec<u32> {
+    let mut sizes = vec![0, 1];
+    for edge in [device.info().subgroup_size, 256, Scan::block(device), 1 << 16] {
+        sizes.extend([edge - 1, edge, edge + 1]);
+    }
+    sizes
+}
+
+fn words(n: u32, seed: u64) -> Vec<u32> {
+    let mut random = Random(seed);
+    (0..n).map(|_| (random.word() >> 32) as u32).collect()
+}
+
+fn differing<T: PartialEq>(got: &[T], expected: &[T]) -> f64 {
+    let unequal = got.iter().zip(expected).filter(|(g, e)| g != e).count();
+    (unequal + got.len().abs_diff(expected.len())) as f64
+}
+
+fn exclusive_sum(data: &[u32]) -> (Vec<u32>, u32) {
+    let mut sum = 0_u32;
+    let mut sums = Vec::with_capacity(data.len());
+    for v in data {
+        sums.push(sum);
+        sum = sum.wrapping_add(*v);
+    }
+    (sums, sum)
+}
+
+fn scan(device: &Device, n: u32) -> Result<f64> {
+    let data = words(n, 1);
+    let source = device.upload("source", &data)?;
+    let target = device.buffer::<u32>("target", n as usize)?;
+    let total = device.buffer::<u32>("total", 1)?;
+    let count = Count::known(device, "count", n, &[Scan::block(device)])?;
+    let scan = Scan::new(device, n)?;
+    let mut recording = Recording::new();
+    scan.record(&mut recording, &count, &source, &target, Some(&total));
+    device.run(recording)?;
+    let (sums, sum) = exclusive_sum(&data);
+    Ok(differing(&target.read_first(device, n as usize)?, &sums) + differing(&total.read(device)?, &[sum]))
+}
+
+/// Over all `sizes`, the words that differ.
+fn over_sizes(device: &Device, case: impl Fn(&Device, u32) -> Result<f64>) -> Result<Vec<Measure>> {
+    let mut wrong = 0.0;
+    for n in sizes(device) {
+        wrong += case(device, n)?;
+    }
+    Ok(vec![("wrong words", wrong, 0.0)])
+}
+
+pub(super) fn scan_small(device: &Device) -> Result<Vec<Measure>> {
+    over_sizes(device, scan)
+}
+
+pub(super) fn scan_large(device: &Device) -> Result<Vec<Measure>> {
+    Ok(vec![("wrong words", scan(device, LARGE)?, 0.0)])
+}
+
+fn sort(device: &Device, keys: &[u32], bits: u32) -> Result<f64> {
+    let n = keys.len() as u32;
+    let values: Vec<u32> = (0..n).collect();
+    let pairs = Pairs { keys: device.upload("keys", keys)?, values: device.upload("values", &values)? };
+    let count = Count::known(device, "count", n, &[Sort::block(device, n)])?;
+    let sort = Sort::new(device, n)?;
+    let mut recording = Recording::new();
+    let sorted = sort.record(&mut recording, &count, &pairs, bits);
+    device.run(recording)?;
+    let mask = u32::MAX >> (32 - bits);
+    let mut expected = values;
+    expected.sort_by_key(|v| keys[*v as usize] & mask); // stable, as the device's must be
+    let expected_keys: Vec<u32> = expected.iter().map(|v| keys[*v as usize]).collect();
+    Ok(differing(&sorted.values.read_first(device, n as usize)?, &expected)
+        + differing(&sorted.keys.read_first(device, n as usize)?, &expected_keys))
+}
+
+pub(super) fn sort_small(device: &Device) -> Result<Vec<Measure>> {
+    over_sizes(device, |device, n| sort(device, &words(n, 2), 32))
+}
+
+pub(super) fn sort_kinds(device: &Device) -> Result<Vec<Measure>> {
+    let mut wrong = 0.0;
+    for bits in [1, 5, 8, 9, 13, 17, 31] {
+        wrong += sort(device, &words(5000, 3), bits)?;
+    }
+    for keys in [vec![42; 9000], (0..9000).collect(), (0..9000).rev().collect(), vec![u32::MAX; 3000]] {
+        wrong += sort(device, &keys, 32)?;
+    }
+    Ok(vec![("wrong words", wrong, 0.0)])
+}
+
+pub(super) fn sort_large(device: &Device) -> Result<Vec<Measure>> {
+    Ok(vec![("wrong words", sort(device, &words(LARGE, 4), 32)?, 0.0)])
+}
+
+pub(super) fn compaction(device: &Device) -> Result<Vec<Measure>> {
+    over_sizes(device, |device, n| {
+        let flags: Vec<u32> = words(n, 5).into_iter().map(|w| u32::from(w % 3 == 0)).collect();
+        let kept: Vec<u32> = (0..n).filter(|i| flags[*i as usize] != 0).collect();
+        let count = Count::known(device, "count", n, &[Scan::block(device)])?;
+        let flags = device.upload("flags", &flags)?;
+        let offsets = device.buffer("offsets", n as usize)?;
+        let indices = device.buffer("indices", n as usize)?;
+        let scan = Scan::new(device, n)?;
+        let mut recording = Recording::new();
+        scan.record(&mut recording, &count, &flags, &offsets, None);
+        compact(&mut recording, &count, &flags, &offsets, &indices);
+        device.run(recording)?;
+        Ok(differing(&indices.read_first(device, kept.len())?, &kept))
+    })
+}
+
+pub(super) fn segments(device: &Device) -> Result<Vec<Measure>> {
+    let lengths: Vec<u32> = (0..200).collect();
+    let (starts, rows) = exclusive_sum(&lengths);
+    let width = 3;
+    let mut random = Random(6);
+    let data: Vec<f32> = (0..rows * width).map(|_| random.within(-1.0, 1.0) as f32).collect();
+    let count = Count::known(device, "segments", lengths.len() as u32, &[])?;
+    let sums = device.buffer::<f32>("sums", lengths.len() * width as usize)?;
+    let (d_starts, d_lengths) = (device.upload("starts", &starts)?, device.upload("lengths", &lengths)?);
+    let d_rows = device.upload("rows", &data)?;
+    let mut recording = Recording::new();
+    segmented_sum(&mut recording, &count, &d_starts, &d_lengths, &d_rows, &sums, width);
+    device.run(recording)?;
+    let expected: Vec<f32> = (0..lengths.len() * width as usize)
+        .map(|i| {
+            let (s, c) = (i / width as usize, i as u32 % width);
+            (starts[s]..starts[s] + lengths[s]).map(|r| data[(r * width + c) as usize]).sum()
+        })
+        .collect();
+    Ok(vec![("wrong sums", differing(&sums.read(device)?, &expected), 0.0)])
+}

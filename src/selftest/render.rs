@@ -1,0 +1,148 @@
+//! Pictures against the float64 twin, against themselves, and against those without culling.
+
+use super::Measure;
+use super::random::Kind;
+use crate::gaussians::{Gaussians, resident::Resident};
+use crate::gpu::{Device, Result};
+use crate::reference;
+use crate::render::{Culling, Image, Renderer, Settings};
+use crate::scene::camera::Camera;
+use glam::DVec3;
+
+const MILD: Kind = Kind {
+    count: 500,
+    seed: 11,
+    log_scale: [-3.0, -1.2],
+    axes: [0.0; 3],
+    logit: [-3.0, 3.0],
+    degree: 3,
+    colour: [-1.0, 1.8],
+};
+
+fn camera(width: u32, height: u32) -> Camera {
+    Camera::look_at(DVec3::new(0.5, -0.7, -3.5), DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
+}
+
+fn draw(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<Image> {
+    let resident = Resident::upload(device, model)?;
+    Renderer::new(device, settings, model.len(), camera.width, camera.height)?.render(&resident, camera)
+}
+
+/// Errors of the device's picture, red, green, blue and alpha: mean, share beyond 1e-4, largest.
+fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<[f64; 3]> {
+    let image = draw(device, model, camera, settings)?;
+    let twin = reference::Settings {
+        background: settings.background.map(f64::from),
+        antialias: settings.antialias,
+        transmittance_stop: f64::from(settings.stop),
+        near: f64::from(settings.near),
+        ..reference::Settings::default()
+    };
+    let expected = reference::render(&reference::Params::from(model), camera, &twin).composite;
+    let (mut sum, mut beyond, mut largest, mut count) = (0.0, 0, 0.0_f64, 0);
+    for (pixel, (rgb, alpha)) in image.pixels.iter().zip(expected.image.iter().zip(&expected.alpha)) {
+        for (got, wanted) in pixel.iter().zip([rgb[0], rgb[1], rgb[2], *alpha]) {
+            let error = (f64::from(*got) - wanted).abs();
+            // NaN must not slip through a maximum.
+            let error = if error.is_nan() { f64::INFINITY } else { error };
+            sum += error;
+            beyond += usize::from(error > 1e-4);
+            largest = largest.max(error);
+            count += 1;
+        }
+    }
+    let count = f64::from(count.max(1));
+    Ok([sum / count, beyond as f64 / count, largest])
+}
+
+/// Float32 puts a contribution now and then on the other side of the 1/255 cut-off, which moves a pixel by up to 4e-3.
+fn against_twin(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
+    let [mean, share, largest] = errors(device, &kind.model(), &camera(96, 64), settings)?;
+    Ok(vec![("mean", mean, 5e-6), ("share beyond 1e-4", share, 5e-4), ("largest", largest, 8e-3)])
+}
+
+pub(super) fn mild(device: &Device) -> Result<Vec<Measure>> {
+    against_twin(device, &MILD, Settings { background: [0.2, 0.4, 0.6], ..Settings::default() })
+}
+
+pub(super) fn needles(device: &Device) -> Result<Vec<Measure>> {
+    let kind = Kind { seed: 12, axes: [1.2, -4.0, -4.0], degree: 1, ..MILD };
+    against_twin(device, &kind, Settings::default())
+}
+
+pub(super) fn flat(device: &Device) -> Result<Vec<Measure>> {
+    let kind = Kind { seed: 13, axes: [0.5, 0.5, -9.0], degree: 2, ..MILD };
+    against_twin(device, &kind, Settings::default())
+}
+
+pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
+    let kind = Kind { seed: 14, logit: [2.0, 20.0], colour: [-3.0, 4.0], degree: 1, ..MILD };
+    against_twin(device, &kind, Settings::default())
+}
+
+pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
+    let kind = Kind { count: 3000, seed: 15, log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
+    against_twin(device, &kind, Settings { antialias: true, ..Settings::default() })
+}
+
+pub(super) fn odd_sizes(device: &Device) -> Result<Vec<Measure>> {
+    let model = Kind { count: 200, seed: 16, degree: 0, ..MILD }.model();
+    let (mut mean, mut largest) = (0.0_f64, 0.0_f64);
+    for (width, height) in [(1, 1), (17, 3), (3, 33), (2048, 4)] {
+        let [m, _, l] = errors(device, &model, &camera(width, height), Settings::default())?;
+        mean = mean.max(m);
+        largest = largest.max(l);
+    }
+    Ok(vec![("mean", mean, 5e-6), ("largest", largest, 8e-3)])
+}
+
+/// `count` layers before one small tile.
+fn stack(count: usize, depth: f32, logit: f32) -> Gaussians {
+    Gaussians {
+        means: (0..count).map(|i| [0.0, 0.0, 2.0 + i as f32 * depth]).collect(),
+        log_scales: vec![[-1.0; 3]; count],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; count],
+        opacity_logits: vec![logit; count],
+        sh: vec![(0..count).flat_map(|i| [i as f32 / count as f32, 0.2, -(i as f32 / count as f32)]).collect()],
+    }
+}
+
+fn straight_on() -> Camera {
+    Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.5, 8, 8)
+}
+
+pub(super) fn deep(device: &Device) -> Result<Vec<Measure>> {
+    let settings = Settings { stop: 0.0, ..Settings::default() };
+    let [_, _, largest] = errors(device, &stack(20_000, 1e-5, -5.4), &straight_on(), settings)?;
+    Ok(vec![("largest", largest, 1e-4)])
+}
+
+pub(super) fn ties(device: &Device) -> Result<Vec<Measure>> {
+    let [_, _, largest] = errors(device, &stack(10_000, 0.0, -3.0), &straight_on(), Settings::default())?;
+    Ok(vec![("largest", largest, 1e-5)])
+}
+
+fn differing(a: &Image, b: &Image) -> f64 {
+    let bits = |p: &[f32; 4]| p.map(f32::to_bits);
+    a.pixels.iter().zip(&b.pixels).filter(|(a, b)| bits(a) != bits(b)).count() as f64
+}
+
+pub(super) fn repeat(device: &Device) -> Result<Vec<Measure>> {
+    let model = Kind { count: 5000, seed: 17, degree: 1, ..MILD }.model();
+    let camera = camera(320, 200);
+    let first = draw(device, &model, &camera, Settings::default())?;
+    let mut wrong = 0.0;
+    for _ in 0..3 {
+        wrong += differing(&first, &draw(device, &model, &camera, Settings::default())?);
+    }
+    Ok(vec![("pixels that changed", wrong, 0.0)])
+}
+
+pub(super) fn culling(device: &Device) -> Result<Vec<Measure>> {
+    let model = Kind { seed: 18, axes: [1.0, -1.0, -3.0], degree: 0, ..MILD }.model();
+    let camera = camera(173, 99);
+    let with = |culling| draw(device, &model, &camera, Settings { culling, ..Settings::default() });
+    let all = with(Culling::Off)?;
+    let exact = differing(&with(Culling::Exact)?, &all);
+    Ok(vec![("exact: pixels changed", exact, 0.0), ("box: pixels changed", differing(&with(Culling::Box)?, &all), 0.0)])
+}
