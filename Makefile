@@ -17,18 +17,19 @@ help: ## these lines
 setup: ## install what building and running needs (Debian, Ubuntu); says what it does
 	@tools/setup
 
-# MODEL=file: an orbit of that model. Else: a synthetic capture, and this machine's device checked against the host.
+# MODEL=file: an orbit of that model. Else: this machine's device checked, a synthetic capture made and trained.
 run: setup ## the demo; MODEL=file.ply renders an orbit of that model
 	@echo "building (the first time takes some minutes)"
 	@cargo build --release --locked
 ifdef MODEL
 	$(QIRF) render "$(MODEL)" --orbit 8 -o "$(OUT)/orbit"
 else
-	$(QIRF) synth "$(OUT)/demo"
-	$(QIRF) inspect "$(OUT)/demo"
 	$(QIRF) selftest
+	$(QIRF) synth "$(OUT)/demo"
+	$(QIRF) run "$(OUT)/demo" -o "$(OUT)/trained" --no-prune --preset quick
+	$(QIRF) render "$(OUT)/trained/model.ply" --orbit 8 -o "$(OUT)/orbit"
 	@echo
-	@echo "A capture with known cameras lies in $(OUT)/demo. For pictures of a model: make run MODEL=model.ply"
+	@echo "The trained model lies in $(OUT)/trained, its figures in metrics.json there, pictures in renders/ and $(OUT)/orbit."
 endif
 
 test: setup ## all tests, on this machine's Vulkan device
