@@ -41,6 +41,9 @@ pub enum Error {
     /// The synthetic scene's own errors: 2 for the options and the folder's choice, 5 for writing.
     #[error(transparent)]
     Synth(#[from] synth::Error),
+    /// Networks that cannot be read, or pictures that cannot be scored: exit code 3.
+    #[error(transparent)]
+    Metrics(#[from] crate::metrics::Error),
     /// The device computes wrong numbers: exit code 4.
     #[error(
         "{failed} of {checks} checks failed on {device} ({driver}): update the driver, or choose another device with --device"
@@ -100,7 +103,7 @@ impl Error {
             Self::Write { .. } | Self::Print(_) => 5,
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
             Self::Usage(_) | Self::Synth(_) => 2,
-            Self::Read { .. } | Self::Gaussians(_) | Self::Scene(_) => 3,
+            Self::Read { .. } | Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,
             Self::Device(_) | Self::SelfTest { .. } => 4,
             Self::Interrupted => 130,
         }

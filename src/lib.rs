@@ -20,4 +20,5 @@ pub mod train;
 
 pub mod cli;
 pub mod error;
+pub mod pipeline;
 pub mod selftest;

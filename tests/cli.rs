@@ -265,9 +265,9 @@ fn a_synthetic_capture_can_be_made_inspected_and_rendered() {
 fn this_machine_tells_and_checks_its_device() {
     let house = House::new();
     let devices = house.works(&["device", "--json"]).json();
-    let chosen = devices["chosen"].as_u64().unwrap();
-    assert!(devices["devices"].as_array().unwrap().iter().any(|d| d["index"] == chosen));
-    let chosen = chosen.to_string();
+    let index = devices["chosen"].as_u64().unwrap();
+    assert!(devices["devices"].as_array().unwrap().iter().any(|d| d["index"] == index));
+    let chosen = index.to_string();
     assert!(house.works(&["device", "--device", &chosen]).out.lines().any(|l| l.starts_with(&format!("* {chosen} "))));
     house.fails(4, &["device", "--device", "no such device"], &["no such device", "there are"]);
     house.fails(4, &["render", "model.ply", "--orbit", "1", "-o", "o", "--device", "99"], &["99"]);

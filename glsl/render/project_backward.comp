@@ -1,6 +1,6 @@
-// Backward of the projection, fused with Adam: sums a Gaussian's slots in their order, goes back through covariance, mean
-// and colour to the stored parameters, and updates them at once, so that no gradient array exists. Every row is updated,
-// seen or not, as the reference does.
+// Backward of the projection: sums a Gaussian's slots in their order and goes back through covariance, mean and colour to
+// one row of gradients, from which render/adam.comp updates the parameters. SH coefficients need no gradients of their own:
+// theirs are the colour's times the basis.
 //
 // Notation and derivation: reference/project_backward.rs.
 #version 460
@@ -12,14 +12,14 @@
 #include "lib/sh.glsl"
 #include "lib/splat.glsl"
 #include "lib/projection.glsl"
+#include "lib/gradient_row.glsl"
 
 layout(constant_id = 2) const bool ANTIALIAS = false;
 layout(constant_id = 3) const uint DEGREE = 3; // bands that have arrays
 // 0 updates by Adam; 1 writes gradients into the first moments instead (tests)
-layout(constant_id = 4) const uint FORM = 0;
-layout(constant_id = 5) const bool DIRECTION_GRADIENT = true;
+layout(constant_id = 4) const bool DIRECTION_GRADIENT = true;
 // Accumulates what density control decides by.
-layout(constant_id = 6) const bool STATISTICS = false;
+layout(constant_id = 5) const bool STATISTICS = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -29,53 +29,22 @@ layout(binding = 4, std430) readonly buffer FirstSlots { uint first_slots[]; };
 layout(binding = 5, std430) readonly buffer MomentsA { vec4 moments_a[]; };
 layout(binding = 6, std430) readonly buffer MomentsB { vec4 moments_b[]; };
 layout(binding = 7, std430) readonly buffer MomentsC { vec4 moments_c[]; };
-layout(binding = 8, std430) buffer Means { float means[]; };
-layout(binding = 9, std430) buffer LogScales { float log_scales[]; };
-layout(binding = 10, std430) buffer Rotations { vec4 rotations[]; };
-layout(binding = 11, std430) buffer Logits { float logits[]; };
-layout(binding = 12, std430) buffer Sh0 { float sh0[]; };
-layout(binding = 13, std430) buffer Sh1 { float sh1[]; };
-layout(binding = 14, std430) buffer Sh2 { float sh2[]; };
-layout(binding = 15, std430) buffer Sh3 { float sh3[]; };
-// First and second moment of each parameter.
-layout(binding = 16, std430) buffer MeansAdam { vec2 means_adam[]; };
-layout(binding = 17, std430) buffer LogScalesAdam { vec2 log_scales_adam[]; };
-layout(binding = 18, std430) buffer RotationsAdam { vec2 rotations_adam[]; };
-layout(binding = 19, std430) buffer LogitsAdam { vec2 logits_adam[]; };
-layout(binding = 20, std430) buffer Sh0Adam { vec2 sh0_adam[]; };
-layout(binding = 21, std430) buffer Sh1Adam { vec2 sh1_adam[]; };
-layout(binding = 22, std430) buffer Sh2Adam { vec2 sh2_adam[]; };
-layout(binding = 23, std430) buffer Sh3Adam { vec2 sh3_adam[]; };
-layout(binding = 24, std430) buffer Growth { vec2 growth[]; }; // sum of dL/dmean2D in NDC, views that saw it
-layout(binding = 25, std430) buffer Guards { uint guards[]; }; // 0: rows skipped, 1: iterations done
-layout(push_constant) uniform Push {
-    float rate_mean;
-    float rate_scale;
-    float rate_rotation;
-    float rate_opacity;
-    float rate_dc;
-    float rate_rest;
-    float correction1; // 1 / (1 - beta1^step)
-    float correction2; // 1 / sqrt(1 - beta2^step)
-    uint pair_limit;
-};
+layout(binding = 8, std430) readonly buffer Shape { vec4 shape[]; };
+layout(binding = 9, std430) readonly buffer Colour { vec2 colour[]; };
+layout(binding = 10, std430) readonly buffer Means { float means[]; };
+layout(binding = 11, std430) readonly buffer LogScales { float log_scales[]; };
+layout(binding = 12, std430) readonly buffer Rotations { vec4 rotations[]; };
+layout(binding = 13, std430) readonly buffer Logits { float logits[]; };
+layout(binding = 14, std430) readonly buffer Sh1 { float sh1[]; };
+layout(binding = 15, std430) readonly buffer Sh2 { float sh2[]; };
+layout(binding = 16, std430) readonly buffer Sh3 { float sh3[]; };
+layout(binding = 17, std430) writeonly buffer Rows { float rows[]; }; // lib/gradient_row.glsl
+layout(binding = 18, std430) buffer Growth { vec2 growth[]; }; // sum of dL/dmean2D in NDC, views that saw it
+layout(binding = 19, std430) buffer Guards { uint guards[]; }; // 0: rows skipped, 1: iterations done
+layout(push_constant) uniform Push { uint pair_limit; };
 
-const float BETA1 = 0.9;
-const float BETA2 = 0.999;
-const float EPSILON = 1e-15;
 const float GREATEST_GRADIENT = 1e18; // its square still fits the second moment
 const float LN_2 = 0.6931471805599453;
-
-// The new value of a parameter; its moments are updated in place.
-float adam(float value, inout vec2 moment, float gradient, float rate) {
-    if (FORM == 1) {
-        moment = vec2(gradient, 0);
-        return value;
-    }
-    moment.x = BETA1 * moment.x + (1 - BETA1) * gradient;
-    moment.y = BETA2 * moment.y + (1 - BETA2) * gradient * gradient;
-    return value - rate * (moment.x * correction1) / (sqrt(moment.y) * correction2 + EPSILON);
-}
 
 bool sane(vec3 g) { return all(lessThanEqual(abs(g), vec3(GREATEST_GRADIENT))); }
 
@@ -112,7 +81,7 @@ vec4 quaternion_gradient(mat3 d, vec4 unit, float norm) {
 }
 
 vec3 sh_at(uint band, uint at) {
-    return band == 0 ? vec3(sh0[at], sh0[at + 1], sh0[at + 2]) : band == 1 ? vec3(sh1[at], sh1[at + 1], sh1[at + 2])
+    return band == 1 ? vec3(sh1[at], sh1[at + 1], sh1[at + 2])
          : band == 2 ? vec3(sh2[at], sh2[at + 1], sh2[at + 2]) : vec3(sh3[at], sh3[at + 1], sh3[at + 2]);
 }
 
@@ -134,26 +103,6 @@ vec3 direction_gradient(uint i, vec3 d, vec3 by_colour) {
         sum += sh_gradient_3(d, g);
     }
     return sum;
-}
-
-vec3 radiance_before_clamp(uint i, vec3 d) {
-    vec3 sum = SH_C0 * sh_at(0, 3 * i);
-    if (DEGREE > 0 && view[0].degree > 0) {
-        float b[3];
-        sh_basis_1(d, b);
-        [[unroll]] for (uint m = 0; m < 3; m++) sum += b[m] * sh_at(1, 9 * i + 3 * m);
-    }
-    if (DEGREE > 1 && view[0].degree > 1) {
-        float b[5];
-        sh_basis_2(d, b);
-        [[unroll]] for (uint m = 0; m < 5; m++) sum += b[m] * sh_at(2, 15 * i + 3 * m);
-    }
-    if (DEGREE > 2 && view[0].degree > 2) {
-        float b[7];
-        sh_basis_3(d, b);
-        [[unroll]] for (uint m = 0; m < 7; m++) sum += b[m] * sh_at(3, 21 * i + 3 * m);
-    }
-    return sum + 0.5;
 }
 
 Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots) {
@@ -199,7 +148,9 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
     g.logit = a.x / (1 + exp(logits[i]));
 
     g.direction = p.direction;
-    g.colour = mix(vec3(0), c.rgb, greaterThan(radiance_before_clamp(i, p.direction), vec3(0)));
+    // Where the colour was clamped to 0 it has no slope.
+    vec3 drawn = vec3(shape[i].w, colour[i]);
+    g.colour = mix(vec3(0), c.rgb, greaterThan(drawn, vec3(0)));
     if (DIRECTION_GRADIENT) {
         vec3 by_direction = direction_gradient(i, p.direction, g.colour);
         // Through the normalisation: what lies along the direction has no effect.
@@ -207,45 +158,6 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
         g.mean += (by_direction - p.direction * dot(p.direction, by_direction)) / distance;
     }
     return g;
-}
-
-void update_sh(uint i, Gradient g) {
-    [[unroll]] for (uint c = 0; c < 3; c++) {
-        uint at = 3 * i + c;
-        vec2 moment = sh0_adam[at];
-        sh0[at] = adam(sh0[at], moment, SH_C0 * g.colour[c], rate_dc);
-        sh0_adam[at] = moment;
-    }
-    if (DEGREE > 0 && view[0].degree > 0) {
-        float b[3];
-        sh_basis_1(g.direction, b);
-        [[unroll]] for (uint m = 0; m < 3; m++) [[unroll]] for (uint c = 0; c < 3; c++) {
-            uint at = 9 * i + 3 * m + c;
-            vec2 moment = sh1_adam[at];
-            sh1[at] = adam(sh1[at], moment, b[m] * g.colour[c], rate_rest);
-            sh1_adam[at] = moment;
-        }
-    }
-    if (DEGREE > 1 && view[0].degree > 1) {
-        float b[5];
-        sh_basis_2(g.direction, b);
-        [[unroll]] for (uint m = 0; m < 5; m++) [[unroll]] for (uint c = 0; c < 3; c++) {
-            uint at = 15 * i + 3 * m + c;
-            vec2 moment = sh2_adam[at];
-            sh2[at] = adam(sh2[at], moment, b[m] * g.colour[c], rate_rest);
-            sh2_adam[at] = moment;
-        }
-    }
-    if (DEGREE > 2 && view[0].degree > 2) {
-        float b[7];
-        sh_basis_3(g.direction, b);
-        [[unroll]] for (uint m = 0; m < 7; m++) [[unroll]] for (uint c = 0; c < 3; c++) {
-            uint at = 21 * i + 3 * m + c;
-            vec2 moment = sh3_adam[at];
-            sh3[at] = adam(sh3[at], moment, b[m] * g.colour[c], rate_rest);
-            sh3_adam[at] = moment;
-        }
-    }
 }
 
 void main() {
@@ -262,27 +174,16 @@ void main() {
     if (slots > 0) g = backward(i, mean, log_scale, quaternion, slots);
 
     bool good = sane(g.mean) && sane(g.log_scale) && sane(g.rotation.xyz) && sane(vec3(g.rotation.w, g.logit, 0)) && sane(g.colour);
-    if (!good) {
-        atomicAdd(guards[0], 1);
-        return;
-    }
-    if (STATISTICS && slots > 0) growth[i] += vec2(length(g.mean2d * 0.5 * vec2(view[0].size)), 1);
+    if (!good) atomicAdd(guards[0], 1);
+    if (STATISTICS && good && slots > 0) growth[i] += vec2(length(g.mean2d * 0.5 * vec2(view[0].size)), 1);
+    uint row = i * ROW;
     [[unroll]] for (uint c = 0; c < 3; c++) {
-        vec2 moment = means_adam[3 * i + c];
-        means[3 * i + c] = adam(mean[c], moment, g.mean[c], rate_mean);
-        means_adam[3 * i + c] = moment;
-        moment = log_scales_adam[3 * i + c];
-        log_scales[3 * i + c] = adam(log_scale[c], moment, g.log_scale[c], rate_scale);
-        log_scales_adam[3 * i + c] = moment;
+        rows[row + ROW_MEAN + c] = g.mean[c];
+        rows[row + ROW_LOG_SCALE + c] = g.log_scale[c];
+        rows[row + ROW_COLOUR + c] = g.colour[c];
+        rows[row + ROW_DIRECTION + c] = g.direction[c];
     }
-    [[unroll]] for (uint c = 0; c < 4; c++) {
-        vec2 moment = rotations_adam[4 * i + c];
-        quaternion[c] = adam(quaternion[c], moment, g.rotation[c], rate_rotation);
-        rotations_adam[4 * i + c] = moment;
-    }
-    rotations[i] = quaternion;
-    vec2 moment = logits_adam[i];
-    logits[i] = adam(logits[i], moment, g.logit, rate_opacity);
-    logits_adam[i] = moment;
-    update_sh(i, g);
+    [[unroll]] for (uint c = 0; c < 4; c++) rows[row + ROW_ROTATION + c] = g.rotation[c];
+    rows[row + ROW_LOGIT] = g.logit;
+    rows[row + ROW_GOOD] = good ? 1 : 0;
 }

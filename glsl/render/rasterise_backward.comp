@@ -26,9 +26,9 @@ layout(binding = 5, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 6, std430) readonly buffer Colour { vec2 colour[]; };
 layout(binding = 7, std430) readonly buffer Image { vec4 image[]; };
 layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[]; }; // by red, green, blue, alpha
-layout(binding = 9, std430) writeonly buffer MomentsA { vec4 moments_a[]; };  // 1, u, v, sum of T alpha
-layout(binding = 10, std430) writeonly buffer MomentsB { vec4 moments_b[]; }; // uu, uv, vv, sum of alpha
-layout(binding = 11, std430) writeonly buffer MomentsC { vec4 moments_c[]; }; // red, green, blue, 0
+layout(binding = 9, std430) writeonly buffer MomentsA { float moments_a[]; };  // by slot: 1, u, v, sum of T alpha
+layout(binding = 10, std430) writeonly buffer MomentsB { float moments_b[]; }; // uu, uv, vv, sum of alpha
+layout(binding = 11, std430) writeonly buffer MomentsC { float moments_c[]; }; // red, green, blue, 0
 
 const float ONE_MINUS_ALPHA_FLOOR = 1e-6;
 
@@ -89,10 +89,14 @@ void main() {
         a = subgroupAdd(a);
         b = subgroupAdd(b);
         sum = subgroupAdd(sum);
-        if (subgroupElect()) {
-            moments_a[slot] = a;
-            moments_b[slot] = b;
-            moments_c[slot] = vec4(sum.rgb, 0);
+        // One value a lane: three stores of a subgroup instead of twelve by one lane.
+        float first = lane == 0 ? a.x : lane == 1 ? a.y : lane == 2 ? a.z : a.w;
+        float second = lane == 0 ? b.x : lane == 1 ? b.y : lane == 2 ? b.z : b.w;
+        float third = lane == 0 ? sum.r : lane == 1 ? sum.g : lane == 2 ? sum.b : 0;
+        if (lane < 4) {
+            moments_a[4 * slot + lane] = first;
+            moments_b[4 * slot + lane] = second;
+            moments_c[4 * slot + lane] = third;
         }
     }
 }

@@ -96,6 +96,17 @@ impl Console {
         bar
     }
 
+    /// A progress bar of training: its message follows the loss.
+    pub fn training_bar(&self, iterations: u64) -> ProgressBar {
+        let bar = self.bar(iterations, "training");
+        if let Ok(style) =
+            ProgressStyle::with_template("training {wide_bar:.cyan/dim} {pos}/{len}  {msg}  {per_sec} (left {eta})")
+        {
+            bar.set_style(style);
+        }
+        bar
+    }
+
     /// Whether standard output is a terminal.
     pub fn stdout_is_terminal() -> bool {
         io::stdout().is_terminal()

@@ -1,7 +1,7 @@
-//! Ctrl-C: the first asks the work to end at the next step, the second ends the program.
+//! Ctrl-C and SIGTERM: the first asks the work to end at the next step, the second ends the program.
 
 use crate::error::Error;
-use signal_hook::consts::SIGINT;
+use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,10 +14,12 @@ impl Watch {
     pub fn begin() -> Self {
         let asked = Arc::new(AtomicBool::new(false));
         // In this order, the first Ctrl-C finds the flag down and raises it, the second finds it raised.
-        let watching = flag::register_conditional_shutdown(SIGINT, 130, Arc::clone(&asked))
-            .and_then(|_| flag::register(SIGINT, Arc::clone(&asked)));
-        if let Err(e) = watching {
-            tracing::debug!("Ctrl-C will end the program at once: {e}");
+        for signal in [SIGINT, SIGTERM] {
+            let watching = flag::register_conditional_shutdown(signal, 130, Arc::clone(&asked))
+                .and_then(|_| flag::register(signal, Arc::clone(&asked)));
+            if let Err(e) = watching {
+                tracing::debug!("signal {signal} will end the program at once: {e}");
+            }
         }
         Self(asked)
     }

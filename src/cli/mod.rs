@@ -7,8 +7,8 @@ mod device;
 mod inspect;
 mod interrupt;
 mod orbit;
-mod pictures;
 mod render;
+mod run;
 mod selftest;
 mod synth;
 mod values;
@@ -52,6 +52,8 @@ struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Train a scene: photos with poses to a 3DGS model, its pictures and its figures
+    Run(run::Arguments),
     /// Render a model's pictures: from a scene's cameras, or on a circle round it
     Render(render::Arguments),
     /// Convert a model between file formats
@@ -69,13 +71,15 @@ enum Command {
 }
 
 /// The top help's groups of commands.
-const GROUPS: [(&str, &[&str]); 3] = [
+const GROUPS: [(&str, &[&str]); 4] = [
+    ("Training", &["run"]),
     ("Models and pictures", &["render", "convert", "inspect"]),
     ("Data", &["synth"]),
     ("This machine", &["device", "selftest", "completions"]),
 ];
 
 const EXAMPLES: &str = "Examples:
+  qirf-vk run capture -o trained --no-prune --preset quick --resolution 256
   qirf-vk render flowers.ply --orbit 8 -o pictures
   qirf-vk render model.spz --scene capture --resolution /2 -o pictures
   qirf-vk inspect capture
@@ -132,6 +136,7 @@ pub fn main() -> ExitCode {
 impl Cli {
     fn run(&self, console: &Console) -> Result<(), Error> {
         match &self.command {
+            Command::Run(a) => a.run(console, &self.global),
             Command::Render(a) => a.run(console, &self.global),
             Command::Convert(a) => a.run(console),
             Command::Inspect(a) => a.run(console),
@@ -146,7 +151,13 @@ impl Cli {
 impl Global {
     /// Opens the device asked for.
     fn open(&self) -> Result<Device, Error> {
-        let device = Device::open(&DeviceOptions { device: self.device.clone(), ..DeviceOptions::default() })?;
+        self.open_with(None)
+    }
+
+    /// Opens the device asked for, to use no more than this many bytes of its memory.
+    fn open_with(&self, memory_limit: Option<u64>) -> Result<Device, Error> {
+        let device =
+            Device::open(&DeviceOptions { device: self.device.clone(), memory_limit, ..DeviceOptions::default() })?;
         tracing::info!("device {}: {} ({})", device.info().index, device.info().name, device.info().driver);
         Ok(device)
     }

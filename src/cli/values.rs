@@ -15,10 +15,7 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
 
 /// `640` (wide, at most) or `/4` (divided by).
 pub(super) fn resolution(text: &str) -> Result<Resize, String> {
-    let number = |t: &str| t.parse::<u32>().ok().filter(|n| *n > 0);
-    let parsed =
-        text.strip_prefix('/').map_or_else(|| number(text).map(Resize::Width), |k| number(k).map(Resize::Divide));
-    parsed.ok_or_else(|| "write a width in pixels, such as 640, or a divisor, such as /4".to_owned())
+    crate::pipeline::prepare::resolution(text)
 }
 
 /// `R,G,B`, each 0 to 1, or a name.

@@ -1,5 +1,6 @@
 //! Floor 5: from Gaussians and a camera to a picture: project, depth sort, bin, tile sort, rasterise.
 
+mod adam;
 mod bin;
 mod project;
 mod project_backward;
@@ -8,6 +9,6 @@ mod rasterise_backward;
 mod renderer;
 mod settings;
 
-pub use project_backward::{AdamState, Form, Rates, Update};
+pub use adam::{AdamState, Form, Rates, Update};
 pub use renderer::{BACKWARD_STAGES, Image, Renderer, STAGES};
 pub use settings::{Culling, Settings, view};

@@ -1,8 +1,8 @@
 //! The forward pass: buffers of one frame, and the list of its stages.
 
-use super::project_backward::{self, Update};
+use super::adam::{self, Update};
 use super::settings::{Settings, tile_size, view};
-use super::{bin, project, rasterise, rasterise_backward};
+use super::{bin, project, project_backward, rasterise, rasterise_backward};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result, Timings};
 use crate::kernels::View;
@@ -13,7 +13,10 @@ use crate::scene::camera::Camera;
 pub const STAGES: [&str; 5] = ["project", "depth sort", "bin", "tile sort", "rasterise"];
 
 /// The stages of the backward pass, in order.
-pub const BACKWARD_STAGES: [&str; 2] = ["rasterise backward", "project backward"];
+pub const BACKWARD_STAGES: [&str; 3] = ["rasterise backward", "project backward", "adam"];
+
+/// Floats of a Gaussian's gradients: ROW of lib/gradient_row.glsl.
+const GRADIENT_ROW: usize = 18;
 
 /// A rendered picture on the host.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,6 +64,7 @@ pub(super) struct Frame {
     pub visible: Buffer<u32>,
     pub offsets: Buffer<u32>,
     pub first_slots: Buffer<u32>,
+    pub gradient_rows: Buffer<f32>,
     pub visible_count: Count,
     pub by_depth: Pairs,
     pub scan: Scan,
@@ -118,6 +122,7 @@ impl Frame {
             visible: device.buffer("visible flags", n)?,
             offsets: device.buffer("offsets", n)?,
             first_slots: device.buffer("first slots", n)?,
+            gradient_rows: device.buffer("gradient rows", if training { GRADIENT_ROW * n } else { 1 })?,
             visible_count: Count::new(device, "visible", n as u32, &sizes)?,
             by_depth: Pairs::new(device, "by depth", n as u32)?,
             scan: Scan::new(device, n as u32)?,
@@ -307,6 +312,7 @@ impl Renderer {
             rasterise_backward::record(r, shape, frame, sorted, moments, image_gradient, tiles);
         });
         recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, moments, model, update));
+        recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, frame, model, update));
     }
 
     /// The picture drawn last, in device memory: row by row, red, green, blue, alpha.

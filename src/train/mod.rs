@@ -1,5 +1,6 @@
 //! Floor 6: loss, schedule, density control and the training loop.
 
+pub mod checkpoint;
 pub mod density;
 pub mod initialise;
 pub mod loss;

@@ -12,7 +12,7 @@ use std::path::{Component, Path, PathBuf};
 
 /// File formats of pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(super) enum Format {
+pub enum Format {
     /// 8 bits a channel, sRGB values as trained
     #[default]
     Png,
@@ -33,7 +33,7 @@ impl Format {
 /// Relative paths for pictures of these names, folders kept and extensions replaced, each path once.
 ///
 /// `a/left.jpg` becomes `a/left.png`; where `a/left.tif` is there too, that becomes `a/left.tif.png`.
-pub(super) fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<PathBuf> {
+pub fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<PathBuf> {
     let mut taken = HashSet::new();
     views
         .map(|view| {
@@ -72,7 +72,7 @@ pub(super) fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -
 }
 
 /// Writes one picture; with `transparent` a PNG keeps alpha, its colours divided by it.
-pub(super) fn write(path: &Path, image: &Image, format: Format, transparent: bool) -> Result<(), Error> {
+pub fn write(path: &Path, image: &Image, format: Format, transparent: bool) -> Result<(), Error> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
     }

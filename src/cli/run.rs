@@ -1,0 +1,229 @@
+//! `qirf-vk run SCENE`.
+
+use super::Global;
+use super::console::Console;
+use super::interrupt::Watch;
+use super::values;
+use crate::error::Error;
+use crate::metrics::Networks;
+use crate::pipeline::results::Results;
+use crate::pipeline::run::{self, Output, Watcher};
+use crate::pipeline::{Init, Preset, RunConfig};
+use crate::train::Progress;
+use indicatif::ProgressBar;
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk run capture -o trained --no-prune --preset quick --resolution 256
+  qirf-vk run capture -o trained --no-prune --iterations 7000 --checkpoint-every 1000
+  qirf-vk run capture -o trained --no-prune --iterations 7000 --resume
+  qirf-vk run --config trained/config.toml -o again --no-prune
+
+The folder holds model.ply, metrics.json, renders/ and config.toml, which reproduces the run.";
+
+/// Train a scene: photos with poses to a 3DGS model, its pictures and its figures.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    #[arg(required_unless_present = "config", conflicts_with = "config")]
+    scene: Option<PathBuf>,
+    /// Folder for the results; made where it is absent
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Do not compress the model after training; compression is not built yet, so this must be given
+    #[arg(long)]
+    no_prune: bool,
+    /// Go on from the folder's checkpoint, if there is one
+    #[arg(long)]
+    resume: bool,
+    /// Take every option from this file: an earlier run's config.toml
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Named schedule
+    #[arg(long, default_value = "standard", help_heading = "Training")]
+    preset: Preset,
+    /// Length of the run; the schedule's milestones scale with it
+    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    iterations: Option<u32>,
+    /// Highest degree of the spherical harmonics
+    #[arg(long, value_name = "L", default_value_t = 3, help_heading = "Training", value_parser = clap::value_parser!(u8).range(0..=3))]
+    sh_degree: u8,
+    /// Key of all random numbers: the same seed on the same device gives the same bytes
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Training")]
+    seed: u32,
+    /// Begin on: points (the scene's own, else random), random, or a model file
+    #[arg(long, value_name = "points|random|MODEL", default_value = "points", value_parser = init, help_heading = "Training")]
+    init: Init,
+    /// Number of random points [default: by picture size]
+    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..))]
+    init_count: Option<u32>,
+    /// Never more Gaussians than this
+    #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training")]
+    max_gaussians: usize,
+    /// Device memory that the run may use, such as 2G or 800M [default: the device's]
+    #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Training")]
+    memory_budget: Option<u64>,
+    /// Keep each Gaussian's energy where it is smaller than a pixel
+    #[arg(long, help_heading = "Training")]
+    antialias: bool,
+    /// Colour behind the Gaussians [default: white for photos with alpha, else black]
+    #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Training")]
+    background: Option<[f32; 3]>,
+    /// Iterations between checkpoints; 0 for none but on Ctrl-C
+    #[arg(long, value_name = "N", default_value_t = 5000, help_heading = "Training")]
+    checkpoint_every: u32,
+    /// Photo folder (such as images_4)
+    #[arg(long, value_name = "DIR", help_heading = "Photos")]
+    images: Option<PathBuf>,
+    /// Picture size as width, or as a divisor of the photos' size
+    #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = resolution)]
+    resolution: Option<String>,
+    /// Hold every N-th photo out for the scores; 0 holds none out
+    #[arg(long, value_name = "N", default_value_t = 8, help_heading = "Photos")]
+    eval_every: usize,
+    /// LPIPS weights: a file, or a folder of them (tools/lpips-weights makes them)
+    #[arg(long, value_name = "PATH", help_heading = "Photos")]
+    lpips_weights: Option<PathBuf>,
+    /// Print the figures as JSON on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+fn init(text: &str) -> Result<Init, String> {
+    Ok(match text {
+        "points" => Init::Points,
+        "random" => Init::Random,
+        path => Init::Model(PathBuf::from(path)),
+    })
+}
+
+fn resolution(text: &str) -> Result<String, String> {
+    values::resolution(text).map(|_| text.to_owned())
+}
+
+fn bytes(text: &str) -> Result<u64, String> {
+    let (digits, unit) = match text.char_indices().last() {
+        Some((at, 'k' | 'K')) => (&text[..at], 1_u64 << 10),
+        Some((at, 'm' | 'M')) => (&text[..at], 1 << 20),
+        Some((at, 'g' | 'G')) => (&text[..at], 1 << 30),
+        _ => (text, 1),
+    };
+    let parsed = digits.parse::<u64>().ok().and_then(|n| n.checked_mul(unit)).filter(|n| *n > 0);
+    parsed.ok_or_else(|| "write a number of bytes, such as 2G, 800M or 1000000".to_owned())
+}
+
+/// Shows a run on the console.
+struct Show<'a> {
+    console: &'a Console,
+    watch: Watch,
+    loading: ProgressBar,
+    training: ProgressBar,
+}
+
+impl Watcher for Show<'_> {
+    fn loading(&self, done: usize, total: usize) {
+        self.loading.set_length(total as u64);
+        self.loading.set_position(done as u64);
+        if done == total {
+            self.loading.finish_and_clear();
+        }
+    }
+
+    fn training(&self, progress: &Progress, until: u32) {
+        self.training.set_length(u64::from(until));
+        self.training.set_position(u64::from(progress.iteration));
+        self.training.set_message(format!("loss {:.4}  {} Gaussians", progress.loss, progress.gaussians));
+        if progress.iteration == until {
+            self.training.finish_and_clear();
+        }
+    }
+
+    fn note(&self, line: &str) {
+        self.console.note(line);
+    }
+
+    fn stop(&self) -> bool {
+        self.watch.check().is_err()
+    }
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        if !self.no_prune {
+            return Err(Error::Usage("compression is not built yet: give --no-prune to train a dense model".into()));
+        }
+        if self.output.exists() && !self.output.is_dir() {
+            return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
+        }
+        let config = self.configuration()?;
+        let networks = Networks::find(self.lpips_weights.as_deref())?;
+        if let Some(note) = networks.note() {
+            console.note(note);
+        }
+        let device = global.open_with(self.memory_budget)?;
+        let show = Show {
+            console,
+            watch: Watch::begin(),
+            loading: console.bar(1, "photos"),
+            training: console.training_bar(u64::from(config.schedule.iterations)),
+        };
+        let output = Output::new(&self.output)?;
+        let results = run::run(&device, &config, &output, &networks, self.resume, &show)?;
+        self.report(console, &results)
+    }
+
+    fn configuration(&self) -> Result<RunConfig, Error> {
+        if let Some(path) = &self.config {
+            let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source })?;
+            return toml::from_str(&text).map_err(|e| Error::Usage(format!("{}: {e}", path.display())));
+        }
+        Ok(RunConfig {
+            scene: self.scene.clone().unwrap_or_default(),
+            images: self.images.clone(),
+            resolution: self.resolution.clone(),
+            seed: self.seed,
+            eval_every: self.eval_every,
+            sh_degree: usize::from(self.sh_degree),
+            init: self.init.clone(),
+            init_count: self.init_count.map(|n| n as usize),
+            background: self.background,
+            antialias: self.antialias,
+            max_gaussians: self.max_gaussians,
+            checkpoint_every: self.checkpoint_every,
+            schedule: self.preset.schedule(self.iterations),
+        })
+    }
+
+    fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {
+        if self.json {
+            return console.json(&serde_json::to_value(results).unwrap_or_default());
+        }
+        let score = |v: Option<f64>, unit: &str| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}{unit}"));
+        if let Some(test) = &results.test {
+            console.print(format_args!(
+                "test   PSNR {}  SSIM {:.4}  LPIPS {}  ({} views)",
+                score(test.psnr, " dB"),
+                test.ssim,
+                score(test.lpips_vgg, ""),
+                results.protocol.test_views,
+            ))?;
+        }
+        console.print(format_args!("train  PSNR {}", score(results.train.psnr, " dB")))?;
+        console.print(format_args!(
+            "model  {} Gaussians, {:.1} MB, {:.0} frames a second",
+            results.gaussians.last,
+            results.ply_bytes as f64 / 1e6,
+            results.frames_per_second.unwrap_or(0.0),
+        ))?;
+        console.print(format_args!(
+            "time   {:.1} s: photos {:.1}, training {:.1}, evaluation {:.1}; device memory {:.0} MB",
+            results.time.total_s,
+            results.time.load_s,
+            results.time.train_s,
+            results.time.evaluate_s,
+            results.memory.peak_bytes as f64 / 1e6,
+        ))?;
+        console.print(format_args!("        {}", self.output.join("model.ply").display()))
+    }
+}

@@ -1,0 +1,80 @@
+//! All that a run depends on: what `config.toml` holds, and what reproduces the run.
+
+use crate::train::schedule::Schedule;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// A named choice of schedule.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// The QIRF paper's: 30,000 iterations, densification to 13,000
+    Paper,
+    /// The 3DGS reference's: 30,000 iterations, densification to 15,000
+    #[default]
+    Standard,
+    /// A look at the scene: 2,000 iterations
+    Quick,
+}
+
+impl Preset {
+    /// The preset's schedule, its milestones scaled to another length where one is asked for.
+    pub fn schedule(self, iterations: Option<u32>) -> Schedule {
+        let mut schedule = Schedule::default();
+        match self {
+            Self::Paper => schedule.densify_until = 13.0 / 30.0,
+            Self::Standard => {}
+            Self::Quick => schedule.iterations = 2000,
+        }
+        schedule.iterations = iterations.unwrap_or(schedule.iterations);
+        schedule
+    }
+}
+
+/// Where training begins.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Init {
+    /// On the reconstruction's points; random ones where the scene has none.
+    Points,
+    /// On random points where several cameras look.
+    Random,
+    /// On a model.
+    Model(PathBuf),
+}
+
+/// All that reproduces a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// The scene's folder or file.
+    pub scene: PathBuf,
+    /// Photo folder, where not the scene's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub images: Option<PathBuf>,
+    /// Width of the pictures, or a divisor of the photos' size as `/K`; full size where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resolution: Option<String>,
+    /// Key of all random numbers.
+    pub seed: u32,
+    /// Every how many-th photo is held out; 0 holds none out.
+    pub eval_every: usize,
+    /// Highest SH degree.
+    pub sh_degree: usize,
+    /// Where training begins.
+    pub init: Init,
+    /// Random points; by image size where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub init_count: Option<usize>,
+    /// Colour behind everything; white for photos with alpha and black for others where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub background: Option<[f32; 3]>,
+    /// Whether Gaussians smaller than a pixel keep their energy.
+    pub antialias: bool,
+    /// No more Gaussians than this.
+    pub max_gaussians: usize,
+    /// Iterations between checkpoints; 0 for none but when interrupted.
+    pub checkpoint_every: u32,
+    /// Course of the optimisation.
+    pub schedule: Schedule,
+}

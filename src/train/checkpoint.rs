@@ -1,0 +1,172 @@
+//! A run's whole state on disk: model, moments, density sums, iteration. Written whole or not at all.
+
+use super::photos::TrainView;
+use super::trainer::{Options, Trainer};
+use crate::gaussians::formats::write_atomically;
+use crate::gaussians::resident::Resident;
+use crate::gaussians::{Error, Gaussians};
+use crate::gpu::{Buffer, Device, Result};
+use crate::render::AdamState;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Everything that a run goes on from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    /// Iterations done.
+    pub iteration: u32,
+    /// Rows skipped so far for gradients that were not finite.
+    pub skipped_rows: u64,
+    /// The model.
+    pub model: Gaussians,
+    /// Moments of means, log scales, rotations, opacity logits, and each SH band, first and second interleaved.
+    pub moments: Vec<Vec<f32>>,
+    /// Density control's sums, two a Gaussian.
+    pub growth: Vec<f32>,
+    /// What the caller wants to find again, such as its configuration: any text by name.
+    pub notes: HashMap<String, String>,
+}
+
+impl Trainer {
+    /// The state after [`Trainer::iteration`] iterations.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn snapshot(&self) -> Result<Snapshot> {
+        let read = |buffer: &Buffer<[f32; 2]>| buffer.cast::<f32>().read(&self.device);
+        let state = &self.state;
+        let mut moments =
+            vec![read(&state.means)?, read(&state.log_scales)?, read(&state.rotations)?, read(&state.opacity_logits)?];
+        for band in &state.sh[..=self.model.degree] {
+            moments.push(read(band)?);
+        }
+        Ok(Snapshot {
+            iteration: self.iteration,
+            skipped_rows: self.skipped_rows,
+            model: self.download()?,
+            moments,
+            growth: read(&self.growth)?,
+            notes: HashMap::new(),
+        })
+    }
+
+    /// A run that goes on from a snapshot, to end as the unbroken run would.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn resume(
+        device: &Device,
+        snapshot: &Snapshot,
+        views: Vec<TrainView>,
+        extent: f64,
+        options: Options,
+    ) -> Result<Self> {
+        let mut trainer = Self::new(device, &snapshot.model, views, extent, options)?;
+        let upload =
+            |k: usize| -> Result<Buffer<[f32; 2]>> { Ok(device.upload("moments", &snapshot.moments[k])?.cast()) };
+        let absent = || -> Result<Buffer<[f32; 2]>> { device.buffer("absent moments", 1) };
+        let band = |l: usize| if 4 + l < snapshot.moments.len() { upload(4 + l) } else { absent() };
+        trainer.state = AdamState {
+            means: upload(0)?,
+            log_scales: upload(1)?,
+            rotations: upload(2)?,
+            opacity_logits: upload(3)?,
+            sh: [band(0)?, band(1)?, band(2)?, band(3)?],
+        };
+        trainer.model = Resident::upload(device, &snapshot.model)?;
+        trainer.growth = device.upload("growth", &snapshot.growth)?.cast();
+        trainer.iteration = snapshot.iteration;
+        trainer.skipped_rows = snapshot.skipped_rows;
+        Ok(trainer)
+    }
+}
+
+const NAMES: [&str; 8] = ["means", "log_scales", "rotations", "opacity_logits", "sh0", "sh1", "sh2", "sh3"];
+
+impl Snapshot {
+    /// Writes the snapshot: to a temporary file, flushed to disk, then renamed.
+    ///
+    /// # Errors
+    /// [`Error::Io`] with the path.
+    pub fn write(&self, path: &Path) -> std::result::Result<(), Error> {
+        let m = &self.model;
+        let mut parameters: Vec<&[f32]> =
+            vec![m.means.as_flattened(), m.log_scales.as_flattened(), m.rotations.as_flattened(), &m.opacity_logits];
+        parameters.extend(m.sh.iter().map(Vec::as_slice));
+        let mut tensors = Vec::new();
+        let mut add = |name: String, data: &[f32]| {
+            let bytes = bytemuck::cast_slice::<f32, u8>(data).to_vec();
+            tensors.push((name, data.len(), bytes));
+        };
+        for (name, data) in NAMES.iter().zip(parameters) {
+            add((*name).to_owned(), data);
+        }
+        for (name, data) in NAMES.iter().zip(&self.moments) {
+            add(format!("{name}.moments"), data);
+        }
+        add("growth".to_owned(), &self.growth);
+        let mut notes = self.notes.clone();
+        notes.insert("iteration".into(), self.iteration.to_string());
+        notes.insert("skipped_rows".into(), self.skipped_rows.to_string());
+        let views: std::result::Result<Vec<_>, _> = tensors
+            .iter()
+            .map(|(name, len, bytes)| TensorView::new(Dtype::F32, vec![*len], bytes).map(|view| (name.clone(), view)))
+            .collect();
+        let bytes = views
+            .and_then(|views| safetensors::serialize(views, Some(notes)))
+            .map_err(|e| Error::Inconsistent { what: format!("the checkpoint cannot be stored: {e}") })?;
+        write_atomically(path, |out| out.write_all(&bytes))
+    }
+
+    /// Reads a snapshot.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Malformed`] where the file is not a whole checkpoint.
+    pub fn read(path: &Path) -> std::result::Result<Self, Error> {
+        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.into(), source })?;
+        let bad = |record: &str, what: String| Error::Malformed {
+            path: path.into(),
+            record: record.into(),
+            what: format!("{what}; delete the checkpoint to start afresh"),
+        };
+        let file = SafeTensors::deserialize(&bytes).map_err(|e| bad("header", e.to_string()))?;
+        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| bad("header", e.to_string()))?;
+        let notes = header.metadata().clone().unwrap_or_default();
+        let number = |key: &str| -> std::result::Result<u64, Error> {
+            notes.get(key).and_then(|v| v.parse().ok()).ok_or_else(|| bad(key, "it is missing or no number".into()))
+        };
+        let floats = |key: &str| -> std::result::Result<Vec<f32>, Error> {
+            let tensor = file.tensor(key).map_err(|e| bad(key, e.to_string()))?;
+            if tensor.dtype() != Dtype::F32 {
+                return Err(bad(key, "it is not of 32-bit floats".into()));
+            }
+            Ok(tensor.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
+        };
+        let bands = (0..4).take_while(|l| file.tensor(NAMES[4 + l]).is_ok()).count();
+        let rows3 = |v: Vec<f32>| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+        let model = Gaussians {
+            means: rows3(floats("means")?),
+            log_scales: rows3(floats("log_scales")?),
+            rotations: floats("rotations")?.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect(),
+            opacity_logits: floats("opacity_logits")?,
+            sh: (0..bands).map(|l| floats(NAMES[4 + l])).collect::<std::result::Result<_, _>>()?,
+        };
+        let n = model.len();
+        let widths = [3, 3, 4, 1].into_iter().chain((0..bands).map(Gaussians::band_width));
+        let mut moments = Vec::new();
+        for (name, width) in NAMES.iter().zip(widths) {
+            let (values, own) = (floats(name)?.len(), floats(&format!("{name}.moments"))?);
+            if values != n * width || own.len() != 2 * n * width {
+                return Err(bad(name, format!("its length is not that of {n} Gaussians")));
+            }
+            moments.push(own);
+        }
+        let growth = floats("growth")?;
+        if growth.len() != 2 * n || bands == 0 {
+            return Err(bad("growth", format!("its length is not that of {n} Gaussians")));
+        }
+        let (iteration, skipped_rows) = (number("iteration")? as u32, number("skipped_rows")?);
+        Ok(Self { iteration, skipped_rows, model, moments, growth, notes })
+    }
+}

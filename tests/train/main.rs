@@ -1,0 +1,12 @@
+//! Training: the loss, Adam, density control, the loop, and where it starts; device against float64 and plain host code.
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../synthetic/mod.rs"]
+mod synthetic;
+
+mod adam;
+mod density;
+mod initialise;
+mod loss;
+mod runs;

@@ -1,0 +1,243 @@
+//! Whole runs on a small synthetic scene: the same bytes whatever the buffers' sizes, and a picture worth the name.
+
+use super::common::{device, finish};
+use glam::DVec3;
+use qirf_vk::gaussians::Gaussians;
+use qirf_vk::gpu::{Device, DeviceOptions};
+use qirf_vk::metrics;
+use qirf_vk::render::{Renderer, Settings};
+use qirf_vk::scene::{OpenOptions, Resize, Scene};
+use qirf_vk::synth::{self, SynthOptions};
+use qirf_vk::train::initialise::{Seed, from_points};
+use qirf_vk::train::loss::Weights;
+use qirf_vk::train::photos::{Photos, TrainView};
+use qirf_vk::train::schedule::Schedule;
+use qirf_vk::train::{Options, Progress, Trainer};
+use std::sync::OnceLock;
+
+struct Capture {
+    train: Vec<TrainView>,
+    test: Vec<TrainView>,
+    start: Gaussians,
+    extent: f64,
+}
+
+/// Eight photos of 64 x 48, of which seven are trained on, made once.
+fn capture() -> &'static Capture {
+    static MADE: OnceLock<Capture> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let options = SynthOptions { views: 8, width: 64, height: 48, points: 300, ..SynthOptions::default() };
+        synth::write(folder.path(), &options, &|_| ()).unwrap();
+        let mut scene = Scene::open(folder.path(), &OpenOptions::default()).unwrap();
+        let photos = scene.load_photos(Resize::Full, &|_| ()).unwrap();
+        let split = scene.split(8);
+        let view = |&i: &usize| TrainView {
+            camera: scene.views[i].camera_at(Resize::Full),
+            pixels: photos[i].pixels.clone().into(),
+        };
+        let seed = |p: &qirf_vk::scene::Point| Seed {
+            position: p.position,
+            colour: DVec3::from(p.colour.map(|c| f64::from(c) / 255.0)),
+        };
+        let seeds: Vec<Seed> = scene.points.iter().map(seed).collect();
+        assert!(seeds.len() > 100, "{} points", seeds.len());
+        Capture {
+            train: split.train.iter().map(view).collect(),
+            test: split.test.iter().map(view).collect(),
+            start: from_points(&seeds),
+            extent: scene.extent(&split.train),
+        }
+    })
+}
+
+const ITERATIONS: u32 = 150;
+
+fn options() -> Options {
+    let schedule = Schedule {
+        iterations: ITERATIONS,
+        densify_from: 0.1,
+        densify_until: 0.7,
+        densify_every: 20,
+        opacity_reset_every: 50,
+        degree_every: 0.2,
+        ..Schedule::default()
+    };
+    Options {
+        schedule,
+        settings: Settings::default(),
+        seed: 5,
+        degree: 2,
+        most: 2000,
+        transparent: false,
+        weights: Weights::default(),
+        pairs: 1 << 16,
+    }
+}
+
+fn trainer(device: &Device, options: Options) -> Trainer {
+    let c = capture();
+    Trainer::new(device, &c.start, c.train.clone(), c.extent, options).unwrap()
+}
+
+/// Trains to `until`; every call must get somewhere, if only by growing a buffer.
+fn train(trainer: &mut Trainer, until: u32) -> Vec<Progress> {
+    let mut seen = Vec::new();
+    while trainer.iteration() < until {
+        seen.push(trainer.advance(until).unwrap());
+        assert!(seen.len() < 500, "at {} after 500 calls", trainer.iteration());
+    }
+    seen
+}
+
+fn run(device: &Device, options: Options) -> Gaussians {
+    let mut trainer = trainer(device, options);
+    train(&mut trainer, ITERATIONS);
+    trainer.download().unwrap()
+}
+
+fn bits(model: &Gaussians) -> Vec<u32> {
+    let main = [model.means.as_flattened(), model.log_scales.as_flattened(), model.rotations.as_flattened()];
+    let all = main.into_iter().chain([&model.opacity_logits[..]]).chain(model.sh.iter().map(Vec::as_slice));
+    all.flatten().map(|v| v.to_bits()).collect()
+}
+
+/// Mean PSNR over views.
+fn psnr(device: &Device, trainer: &Trainer, views: &[TrainView]) -> f64 {
+    let camera = &views[0].camera;
+    let mut renderer = Renderer::new(device, Settings::default(), trainer.len(), camera.width, camera.height).unwrap();
+    let one = |view: &TrainView| {
+        let image = renderer.render(trainer.model(), &view.camera).unwrap();
+        let drawn: Vec<f32> = image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+        let photo: Vec<f32> =
+            view.pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect();
+        let size = (view.camera.width as usize, view.camera.height as usize);
+        let drawn = metrics::round_trip_8bit(&drawn);
+        let [drawn, photo] = [&drawn, &photo].map(|p| metrics::Image::new(size.0, size.1, p).unwrap());
+        metrics::psnr(&drawn, &photo).unwrap()
+    };
+    views.iter().map(one).sum::<f64>() / views.len() as f64
+}
+
+#[test]
+fn the_same_bytes_however_it_is_run() {
+    let device = device();
+    let whole = run(&device, options());
+    assert!(whole.len() != capture().start.len(), "density control acted");
+    assert!(whole.means.as_flattened().iter().all(|v| v.is_finite()));
+    let right = bits(&whole);
+    assert!(right == bits(&run(&device, options())), "a second run");
+
+    // Room for 64 pairs, where thousands are needed.
+    assert!(right == bits(&run(&device, Options { pairs: 64, ..options() })), "a tiny pair buffer");
+    assert!(right == bits(&run(&device, Options { pairs: 1500, ..options() })), "a pair buffer that is soon too small");
+
+    // Stops where nobody planned them, and calls that have nothing left to do, at density steps above all.
+    let mut halting = trainer(&device, options());
+    for until in [1, 7, 20, 20, 40, 41, 50, 50, 80, 90, 60, 149, 150, 150] {
+        train(&mut halting, until);
+        let before = halting.iteration();
+        assert_eq!(halting.advance(until).unwrap().iteration, before);
+    }
+    assert!(right == bits(&halting.download().unwrap()), "a run in pieces");
+
+    assert!(right != bits(&run(&device, Options { seed: 6, ..options() })), "another seed");
+    finish(&device);
+}
+
+#[test]
+fn training_learns() {
+    let device = device();
+    let c = capture();
+    let mut trainer = trainer(&device, options());
+    let before = [psnr(&device, &trainer, &c.train), psnr(&device, &trainer, &c.test)];
+    let (mut first, mut degrees) = (0.0, Vec::new());
+    for iteration in 1..=ITERATIONS {
+        let progress = train(&mut trainer, iteration).pop().unwrap();
+        assert!(progress.loss.is_finite() && progress.loss > 0.0, "{progress:?}");
+        assert_eq!((progress.iteration, progress.gaussians), (iteration, trainer.len()));
+        if iteration <= 7 {
+            first += f64::from(progress.loss) / 7.0; // one round of the seven views
+        }
+        degrees.push(trainer.model().degree);
+    }
+    // 0.2 of 150 iterations: degree 1 from the 30th, 2 from the 60th, and no higher than asked.
+    assert_eq!([28, 29, 58, 59, 149].map(|i: usize| degrees[i]), [0, 1, 1, 2, 2]);
+    let mut last = 0.0;
+    for iteration in 141..=147 {
+        // Values of one round; the run is repeated up to there.
+        last += f64::from(repeat_to(&device, iteration)) / 7.0;
+    }
+    let after = [psnr(&device, &trainer, &c.train), psnr(&device, &trainer, &c.test)];
+    println!(
+        "loss {first:.4} -> {last:.4}; PSNR train {:.2} -> {:.2}, test {:.2} -> {:.2}; {} -> {} Gaussians, skipped rows {}",
+        before[0],
+        after[0],
+        before[1],
+        after[1],
+        c.start.len(),
+        trainer.len(),
+        trainer.skipped_rows()
+    );
+    assert!(last < 0.7 * first, "loss {first} -> {last}");
+    assert!(after[0] > before[0] + 3.0 && after[1] > before[1] + 2.0, "{before:?} -> {after:?}");
+    finish(&device);
+}
+
+fn repeat_to(device: &Device, iteration: u32) -> f32 {
+    let mut trainer = trainer(device, options());
+    train(&mut trainer, iteration).pop().unwrap().loss
+}
+
+/// Many views of few pixels: photos beyond a quarter of the memory allowed are sent one at a time.
+#[test]
+fn streamed_photos_give_the_same_bytes() {
+    let c = capture();
+    let views: Vec<TrainView> = c.train.iter().cycle().take(1400).cloned().collect();
+    let mut results = Vec::new();
+    for memory_limit in [None, Some(48 << 20)] {
+        let device = Device::open(&DeviceOptions { validation: true, memory_limit, ..Default::default() }).unwrap();
+        let streamed = matches!(Photos::new(&device, &views).unwrap(), Photos::Streamed(_));
+        assert_eq!(streamed, memory_limit.is_some());
+        let options = Options { pairs: 1 << 13, ..options() };
+        let mut trainer = Trainer::new(&device, &c.start, views.clone(), c.extent, options).unwrap();
+        train(&mut trainer, 45);
+        results.push(bits(&trainer.download().unwrap()));
+        finish(&device);
+    }
+    assert!(results[0] == results[1]);
+}
+
+/// Nothing to train, be it from the start or because all was pruned: the run ends all the same.
+#[test]
+fn an_empty_model_ends() {
+    let device = device();
+    let c = capture();
+    let nothing = Gaussians { sh: vec![Vec::new()], ..Gaussians::default() };
+    let mut trainer = Trainer::new(&device, &nothing, c.train.clone(), c.extent, options()).unwrap();
+    train(&mut trainer, 60);
+    assert!(trainer.is_empty() && trainer.download().unwrap().is_empty());
+    finish(&device);
+}
+
+/// Photos of two sizes, one upright, share the buffers of the larger.
+#[test]
+fn photos_of_several_sizes() {
+    let device = device();
+    let c = capture();
+    let mut views = c.train.clone();
+    for view in views.iter_mut().step_by(2) {
+        let (width, height) = (20, 33);
+        view.camera = view.camera.resized(width, height);
+        view.pixels = vec![128; (width * height * 4) as usize].into();
+    }
+    let run = |pairs: u32| {
+        let mut trainer =
+            Trainer::new(&device, &c.start, views.clone(), c.extent, Options { pairs, ..options() }).unwrap();
+        let progress = train(&mut trainer, 60).pop().unwrap();
+        assert!(progress.loss.is_finite());
+        bits(&trainer.download().unwrap())
+    };
+    assert!(run(1 << 16) == run(64));
+    finish(&device);
+}
