@@ -53,8 +53,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Training")]
     seed: u32,
     /// Begin on: points (the scene's own, else random), random, or a model file
-    #[arg(long, value_name = "points|random|MODEL", default_value = "points", value_parser = init, help_heading = "Training")]
-    init: Init,
+    #[arg(long, value_name = "points|random|MODEL", default_value = "points", help_heading = "Training")]
+    init: String,
     /// Number of random points [default: by picture size]
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..))]
     init_count: Option<u32>,
@@ -90,12 +90,12 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-fn init(text: &str) -> Result<Init, String> {
-    Ok(match text {
+fn init(text: &str) -> Init {
+    match text {
         "points" => Init::Points,
         "random" => Init::Random,
         path => Init::Model(PathBuf::from(path)),
-    })
+    }
 }
 
 fn resolution(text: &str) -> Result<String, String> {
@@ -185,7 +185,7 @@ impl Arguments {
             seed: self.seed,
             eval_every: self.eval_every,
             sh_degree: usize::from(self.sh_degree),
-            init: self.init.clone(),
+            init: init(&self.init),
             init_count: self.init_count.map(|n| n as usize),
             background: self.background,
             antialias: self.antialias,

@@ -72,6 +72,9 @@ pub fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<P
 }
 
 /// Writes one picture; with `transparent` a PNG keeps alpha, its colours divided by it.
+///
+/// # Errors
+/// [`Error::Write`].
 pub fn write(path: &Path, image: &Image, format: Format, transparent: bool) -> Result<(), Error> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;

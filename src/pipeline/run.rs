@@ -128,7 +128,7 @@ pub fn run(
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         device: device.info().clone(),
-        protocol: job.protocol(config, &prepared, networks),
+        protocol: protocol(config, &prepared, networks),
         gaussians: Counts { initial: job.initial, dense: model.len(), last: model.len() },
         test: metrics::mean(&scores),
         train: TrainScores { psnr: train_psnr },
@@ -239,7 +239,7 @@ impl Job {
         let every = config.checkpoint_every;
         while self.trainer.iteration() < last {
             let now = self.trainer.iteration();
-            let next = |every: u32| if every == 0 { last } else { (now / every + 1) * every };
+            let next = |every: u32| now.checked_div(every).map_or(last, |passed| (passed + 1) * every);
             let started = Instant::now();
             let progress = self.trainer.advance(last.min(next(step)).min(next(every)))?;
             self.seconds += started.elapsed().as_secs_f64();
@@ -311,20 +311,20 @@ impl Job {
         }
         Ok(Some(cameras.len() as f64 / started.elapsed().as_secs_f64()))
     }
+}
 
-    fn protocol(&self, config: &RunConfig, prepared: &Prepared, networks: &Networks) -> Protocol {
-        let all = prepared.test.iter().map(|(_, v)| v).chain(&prepared.train);
-        let size = all.fold([0, 0], |[w, h], v| [w.max(v.camera.width), h.max(v.camera.height)]);
-        Protocol {
-            test_split: format!("the data set's own, else every {} by name", config.eval_every),
-            train_views: prepared.train.len(),
-            test_views: prepared.test.len(),
-            image_size: size,
-            downscaling: "exact area average of the 8-bit photos; distorted photos resampled once to an ideal pinhole",
-            background: prepared.background,
-            lpips: networks.note().unwrap_or("VGG16, inputs in [0, 1]").to_owned(),
-            iterations: config.schedule.iterations,
-            seed: config.seed,
-        }
+fn protocol(config: &RunConfig, prepared: &Prepared, networks: &Networks) -> Protocol {
+    let all = prepared.test.iter().map(|(_, v)| v).chain(&prepared.train);
+    let size = all.fold([0, 0], |[w, h], v| [w.max(v.camera.width), h.max(v.camera.height)]);
+    Protocol {
+        test_split: format!("the data set's own, else every {} by name", config.eval_every),
+        train_views: prepared.train.len(),
+        test_views: prepared.test.len(),
+        image_size: size,
+        downscaling: "exact area average of the 8-bit photos; distorted photos resampled once to an ideal pinhole",
+        background: prepared.background,
+        lpips: networks.note().unwrap_or("VGG16, inputs in [0, 1]").to_owned(),
+        iterations: config.schedule.iterations,
+        seed: config.seed,
     }
 }
