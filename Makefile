@@ -1,6 +1,6 @@
 # Two commands do everything on a fresh machine: `make run` and `make test`. The rest are their parts.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check shaders
+.PHONY: help setup run test check shaders bench bench-quick
 
 # Where rustup puts cargo, for shells that have not read its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -12,7 +12,7 @@ QIRF := cargo run --release --locked --quiet --
 OUT ?= out
 
 help: ## these lines
-	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 10
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 13
 
 setup: ## install what building and running needs (Debian, Ubuntu); says what it does
 	@tools/setup
@@ -43,3 +43,10 @@ check: ## formatting, lints, shaders, documentation
 
 shaders: ## every shader through glslangValidator and spirv-val
 	@tools/check-shaders
+
+# Groups carry the names of stages; BENCH=culling runs one. Figures and how they were taken: docs/performance.md.
+bench: ## benchmarks by stage, on this machine's Vulkan device; BENCH=group for one
+	cargo bench --locked --bench engine -- $(BENCH)
+
+bench-quick: ## the same in a few minutes, with wider spread; BENCH=group for one
+	QIRF_BENCH_QUICK=1 cargo bench --locked --bench engine -- $(BENCH)

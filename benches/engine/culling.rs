@@ -1,0 +1,60 @@
+//! `culling`: pairs and milliseconds a picture by way of culling, over an orbit of `flowers_lod2` at 1280 x 720.
+
+use super::flowers::{self, VIEWS, fewer};
+use super::{device, group, has_timestamps};
+use criterion::{BenchmarkId, Criterion};
+use qirf_vk::gaussians::resident::Resident;
+use qirf_vk::render::{Culling, Renderer, STAGES, Settings};
+use std::time::{Duration, Instant};
+
+/// Culling off is left out: it lists every Gaussian in all of the tiles.
+const RUNGS: [(&str, Culling); 3] =
+    [("exact", Culling::Exact), ("box", Culling::Box), ("3-sigma", Culling::ThreeSigma)];
+
+/// An iteration is the mean picture of the orbit.
+pub fn culling(criterion: &mut Criterion) {
+    let Some(model) = flowers::read() else { return };
+    let device = device();
+    let cameras = flowers::orbit(&model, 1280, 720);
+    let (exact, three_sigma) = flowers::pairs_at_16(&model, &cameras);
+    println!(
+        "culling, tiles of 16 (float64 twin): exact {} pairs an image, 3-sigma {}: {:.1} % fewer",
+        exact / u64::from(VIEWS),
+        three_sigma / u64::from(VIEWS),
+        fewer(exact, three_sigma)
+    );
+    let resident = Resident::upload(device, &model).unwrap();
+    let mut group = group(criterion, "culling");
+    let mut all_pairs = Vec::new();
+    for (name, culling) in RUNGS {
+        let settings = Settings { culling, ..Settings::default() };
+        let mut renderer = Renderer::new(device, settings, model.len(), 1280, 720).unwrap();
+        let mut pairs = 0;
+        for camera in &cameras {
+            pairs += u64::from(renderer.render_timed(&resident, camera).unwrap().2);
+        }
+        all_pairs.push(pairs);
+        println!(
+            "culling/{name}: {} pairs an image, tiles of {} on this device; exact has {:.1} % fewer",
+            pairs / u64::from(VIEWS),
+            renderer.tile(),
+            fewer(all_pairs[0], pairs)
+        );
+        group.bench_function(BenchmarkId::from_parameter(name), |b| {
+            b.iter_custom(|iterations| {
+                let mut total = Duration::ZERO;
+                for camera in (0..iterations).flat_map(|_| &cameras) {
+                    let start = Instant::now();
+                    let timings = renderer.draw(&resident, camera).unwrap();
+                    total += if has_timestamps() {
+                        Duration::from_secs_f64(STAGES.iter().map(|s| timings.seconds(s)).sum())
+                    } else {
+                        start.elapsed()
+                    };
+                }
+                total / VIEWS
+            });
+        });
+    }
+    group.finish();
+}

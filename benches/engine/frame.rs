@@ -1,0 +1,46 @@
+//! `frame`: time by stage of one picture of 1280 x 720, for 10 k, 100 k and 500 k Gaussians.
+
+use super::{device, group, has_timestamps, scenes, thousands};
+use criterion::{BenchmarkId, Criterion, Throughput};
+use qirf_vk::gaussians::resident::Resident;
+use qirf_vk::render::{Renderer, STAGES, Settings};
+use std::time::{Duration, Instant};
+
+const SIZE: [u32; 2] = [1280, 720];
+
+/// SH of degree 3, the default settings.
+pub fn frame(criterion: &mut Criterion) {
+    let device = device();
+    let [width, height] = SIZE;
+    let camera = scenes::camera(width, height);
+    let mut group = group(criterion, "frame");
+    for n in [10_000, 100_000, 500_000] {
+        let resident = Resident::upload(device, &scenes::crowd(n, 3, 1.0, 1)).unwrap();
+        let mut renderer = Renderer::new(device, Settings::default(), n, width, height).unwrap();
+        let (_, _, pairs) = renderer.render_timed(&resident, &camera).unwrap();
+        let tile = renderer.tile();
+        println!("frame/{}: {pairs} pairs an image of {width} x {height}, tiles of {tile} x {tile}", thousands(n));
+        for stage in STAGES.iter().filter(|_| has_timestamps()) {
+            // What a stage walks: Gaussians until they are binned, then pairs.
+            let elements = if *stage == STAGES[0] || *stage == STAGES[1] { n as u64 } else { u64::from(pairs) };
+            group.throughput(Throughput::Elements(elements));
+            group.bench_function(BenchmarkId::new(*stage, thousands(n)), |b| {
+                b.iter_custom(|iterations| {
+                    let seconds = |_| renderer.draw(&resident, &camera).unwrap().seconds(stage);
+                    Duration::from_secs_f64((0..iterations).map(seconds).sum())
+                });
+            });
+        }
+        group.throughput(Throughput::Elements(u64::from(pairs)));
+        group.bench_function(BenchmarkId::new("whole, by the host's clock", thousands(n)), |b| {
+            b.iter_custom(|iterations| {
+                let start = Instant::now();
+                for _ in 0..iterations {
+                    renderer.draw(&resident, &camera).unwrap();
+                }
+                start.elapsed()
+            });
+        });
+    }
+    group.finish();
+}

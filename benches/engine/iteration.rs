@@ -1,0 +1,89 @@
+//! `iteration`: one step of training, 10 k Gaussians at 144 x 256, and the share of each stage.
+
+use super::{device, group, has_timestamps, scenes, thousands};
+use criterion::{BenchmarkId, Criterion};
+use qirf_vk::render::{BACKWARD_STAGES, Renderer, STAGES, Settings};
+use qirf_vk::train::{Options, Trainer, loss::Weights, photos::TrainView, schedule::Schedule};
+use qirf_vk::{gaussians::Gaussians, gaussians::resident::Resident, scene::camera::Camera};
+use std::time::{Duration, Instant};
+
+const GAUSSIANS: usize = 10_000;
+const SIZE: [u32; 2] = [144, 256];
+
+/// A photo of one crowd, for another to learn: every pixel has an error.
+fn photo(model: &Gaussians, camera: &Camera) -> TrainView {
+    let resident = Resident::upload(device(), model).unwrap();
+    let mut renderer = Renderer::new(device(), Settings::default(), model.len(), camera.width, camera.height).unwrap();
+    let image = renderer.render(&resident, camera).unwrap();
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0) as u8;
+    let pixels = image.pixels.iter().flat_map(|[r, g, b, _]| [byte(*r), byte(*g), byte(*b), 255]).collect();
+    TrainView { camera: camera.clone(), pixels }
+}
+
+/// The course of a run without density control; rates of next to nothing hold the model, and with it the work, still.
+fn schedule() -> Schedule {
+    let never = u32::MAX;
+    let still = 1e-30;
+    Schedule {
+        iterations: never,
+        position_rate: still,
+        position_rate_end: still,
+        dc_rate: still,
+        rest_rate: still,
+        opacity_rate: still,
+        scale_rate: still,
+        rotation_rate: still,
+        densify_every: never,
+        opacity_reset_every: never,
+        ..Schedule::default()
+    }
+}
+
+/// SH of degree 3 from the first iteration, statistics gathered.
+pub fn iteration(criterion: &mut Criterion) {
+    let camera = scenes::camera(SIZE[0], SIZE[1]);
+    let view = photo(&scenes::crowd(GAUSSIANS, 3, 1.0, 3), &camera);
+    let model = scenes::crowd(GAUSSIANS, 3, 1.0, 4);
+    let options = Options {
+        schedule: schedule(),
+        settings: Settings::default(),
+        seed: 1,
+        degree: 3,
+        most: GAUSSIANS,
+        transparent: false,
+        weights: Weights::default(),
+        pairs: 1 << 20,
+    };
+    let mut trainer = Trainer::new(device(), &model, vec![view], 1.0, options).unwrap();
+    let mut train = |iterations: u32| {
+        let until = trainer.iteration() + iterations;
+        let before = trainer.timings().clone();
+        let start = Instant::now();
+        while trainer.iteration() < until {
+            trainer.advance(until).unwrap();
+        }
+        (before, trainer.timings().clone(), start.elapsed())
+    };
+    train(16);
+
+    let stages: Vec<_> = STAGES.into_iter().chain(["loss"]).chain(BACKWARD_STAGES).collect();
+    let mut group = group(criterion, "iteration");
+    for stage in stages.iter().filter(|_| has_timestamps()) {
+        group.bench_function(BenchmarkId::new(*stage, thousands(GAUSSIANS)), |b| {
+            b.iter_custom(|iterations| {
+                let (before, after, _) = train(iterations as u32);
+                Duration::from_secs_f64(after.seconds(stage) - before.seconds(stage))
+            });
+        });
+    }
+    group.bench_function(BenchmarkId::new("whole, by the host's clock", thousands(GAUSSIANS)), |b| {
+        b.iter_custom(|iterations| train(iterations as u32).2);
+    });
+    group.finish();
+
+    let (_, timings, _) = train(16);
+    let total: f64 = stages.iter().map(|s| timings.seconds(s)).sum();
+    for stage in stages.iter().filter(|_| total > 0.0) {
+        println!("iteration/{stage}: {:.1} % of device time", 100.0 * timings.seconds(stage) / total);
+    }
+}

@@ -1,0 +1,72 @@
+//! Benchmarks by stage: `cargo bench --bench engine [-- GROUP]`. Groups and what they show: docs/performance.md.
+//!
+//! Times of stages are the device's own timestamps; where a device has none, only whole submissions are timed, by the
+//! host's clock. `QIRF_BENCH_QUICK=1` takes as few samples as criterion allows.
+#![allow(missing_docs)] // criterion's macros
+
+mod cost;
+mod culling;
+mod flowers;
+mod frame;
+mod iteration;
+mod primitives;
+mod scenes;
+
+use criterion::measurement::WallTime;
+use criterion::{BenchmarkGroup, Criterion, SamplingMode, criterion_group, criterion_main};
+use qirf_vk::gpu::{Device, DeviceOptions, Timings};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
+/// The device under measure, opened once: validation off.
+fn device() -> &'static Device {
+    static DEVICE: OnceLock<Device> = OnceLock::new();
+    DEVICE.get_or_init(|| {
+        let device = Device::open(&DeviceOptions::default()).expect("a Vulkan device");
+        let info = device.info();
+        println!("device {} ({}), {}, subgroups of {}", info.name, info.kind, info.driver, info.subgroup_size);
+        device
+    })
+}
+
+/// Whether the device times scopes itself.
+fn has_timestamps() -> bool {
+    device().info().timestamp_period > 0.0
+}
+
+/// Device time of a scope, or where there is none the time since `start`.
+fn time_of(timings: &Timings, scope: &str, start: Instant) -> Duration {
+    if has_timestamps() { Duration::from_secs_f64(timings.seconds(scope)) } else { start.elapsed() }
+}
+
+fn quick() -> bool {
+    std::env::var("QIRF_BENCH_QUICK").is_ok_and(|v| !v.is_empty() && v != "0")
+}
+
+/// A group whose samples are of equal length. Warming up also compiles: drivers may do so at the first dispatch only.
+fn group<'a>(criterion: &'a mut Criterion, name: &str) -> BenchmarkGroup<'a, WallTime> {
+    let mut group = criterion.benchmark_group(name);
+    group.sampling_mode(SamplingMode::Flat);
+    if quick() {
+        group.sample_size(10).warm_up_time(Duration::from_millis(50)).measurement_time(Duration::from_millis(200));
+    } else {
+        group.sample_size(20).warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(3));
+    }
+    group
+}
+
+/// 10 k, 100 k, ... as groups and tables call them.
+fn thousands(n: usize) -> String {
+    format!("{}k", n / 1000)
+}
+
+criterion_group!(
+    benches,
+    primitives::sort,
+    primitives::scan,
+    frame::frame,
+    cost::cost,
+    culling::culling,
+    iteration::iteration
+);
+criterion_main!(benches);
