@@ -28,7 +28,7 @@ void main() {
     float sum = dot(mean, vec3(1)) + dot(scale, vec3(1)) + dot(q, vec4(1)) + logits[i];
     bool finite = !isnan(sum) && !isinf(sum);
     vec2 g = growth[i];
-    bool grows = g.y > 0 && g.x >= threshold * g.y;
+    bool grows = g.y > 0 && g.x >= threshold * g.y && !isinf(g.x); // an infinite sum would pass every threshold
     bool pruned = !finite || logits[i] < least_logit || largest > largest_scale;
     bool split = grows && largest > split_scale;
     // A split leaves halves small enough to stay; what is faint goes, growing or not.

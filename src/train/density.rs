@@ -69,8 +69,8 @@ pub fn densify(
         if after <= step.most.max(n) {
             break after;
         }
-        // Fewer grow until they fit: those with the largest gradients stay.
-        threshold *= 1.25;
+        // Fewer grow until they fit: those with the largest gradients stay. From 1e-12 that takes 516 rounds at most.
+        threshold = threshold.max(1e-12) * 1.25;
     };
     let (sources, kinds) = (device.buffer("sources", after)?, device.buffer("kinds", after)?);
     let count = Count::known(device, "Gaussians", after as u32, &[Scan::block(device)])?;

@@ -36,8 +36,13 @@ pub struct Seed {
 /// Gaussians on points: round, as large as their three nearest neighbours are far, of opacity 0.1, SH degree 0.
 pub fn from_points(points: &[Seed]) -> Gaussians {
     let entry = |(i, p): (usize, &Seed)| GeomWithData::new(p.position.to_array(), i);
-    let tree = RTree::bulk_load(points.iter().enumerate().map(entry).collect());
+    // The tree has no order for a NaN; such a Gaussian is left to density control.
+    let finite = |p: &Seed| p.position.is_finite();
+    let tree = RTree::bulk_load(points.iter().enumerate().filter(|(_, p)| finite(p)).map(entry).collect());
     let log_scale = |i: usize, p: &Seed| -> f32 {
+        if !finite(p) {
+            return 0.5 * (LEAST_SQUARED_DISTANCE as f32).ln();
+        }
         let near = tree.nearest_neighbor_iter_with_distance_2(p.position.to_array());
         let (sum, n) = near.filter(|(e, _)| e.data != i).take(3).fold((0.0, 0), |(s, n), (_, d)| (s + d, n + 1));
         // A point alone has no neighbour to be sized by.

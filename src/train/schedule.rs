@@ -118,3 +118,64 @@ impl Schedule {
         iteration.is_multiple_of(self.opacity_reset_every) && iteration < self.at(self.densify_until)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(iterations: u32) -> Schedule {
+        Schedule { iterations, ..Schedule::default() }
+    }
+
+    fn when(schedule: &Schedule, what: impl Fn(&Schedule, u32) -> bool) -> Vec<u32> {
+        (1..=schedule.iterations).filter(|i| what(schedule, *i)).collect()
+    }
+
+    /// The paper's run: every 100 of 500 < i < 15,000; reset every 3,000 before 15,000; large ones go after 3,000.
+    #[test]
+    fn the_papers_run() {
+        let s = of(30_000);
+        let steps = when(&s, Schedule::densifies);
+        assert_eq!((steps[0], *steps.last().unwrap(), steps.len()), (600, 14_900, 144));
+        assert_eq!(when(&s, Schedule::resets_opacity), [3000, 6000, 9000, 12_000]);
+        assert_eq!(when(&s, Schedule::prunes_large)[0], 3001);
+        assert_eq!(*when(&s, Schedule::gathers).last().unwrap(), 15_000);
+        assert_eq!([1, 999, 1000, 1999, 2000, 3000, 30_000].map(|i| s.degree(i, 3)), [0, 0, 1, 1, 2, 3, 3]);
+        assert_eq!(s.degree(30_000, 1), 1);
+    }
+
+    /// Milestones scale with the run; intervals do not.
+    #[test]
+    fn a_run_of_a_tenth() {
+        let s = of(3000);
+        let steps = when(&s, Schedule::densifies);
+        assert_eq!((steps[0], *steps.last().unwrap(), steps.len()), (100, 1400, 14));
+        assert!(when(&s, Schedule::resets_opacity).is_empty(), "3,000 lies behind densification's end");
+        assert_eq!(when(&s, Schedule::prunes_large)[0], 301);
+        assert_eq!([99, 100, 200, 300, 400].map(|i| s.degree(i, 3)), [0, 1, 2, 3, 3]);
+    }
+
+    #[test]
+    fn position_rates_are_log_linear() {
+        for iterations in [30_000, 1000] {
+            let s = of(iterations);
+            let at = |share: f64| f64::from(s.rates((f64::from(iterations) * share) as u32, 2.0).mean);
+            for (share, right) in [(0.0, 3.2e-4), (0.25, 3.2e-4 * 0.01_f64.powf(0.25)), (0.5, 3.2e-5), (1.0, 3.2e-6)] {
+                assert!((at(share) / right - 1.0).abs() < 1e-6, "{share}: {}", at(share));
+            }
+        }
+        let (first, last) = (of(1000).rates(1, 1.0), of(1000).rates(1000, 5.0));
+        assert_eq!(Rates { mean: 0.0, ..first }, Rates { mean: 0.0, ..last }, "the others stay");
+        assert_eq!((first.scale, first.rotation, first.opacity), (5e-3, 1e-3, 0.05));
+        assert_eq!((first.dc, first.rest), (2.5e-3, 1.25e-4));
+    }
+
+    /// Zeros from a file of settings mean "never", and nothing divides by them.
+    #[test]
+    fn zeros_do_no_harm() {
+        let none = Schedule { densify_every: 0, opacity_reset_every: 0, ..of(100) };
+        assert!(when(&none, |s, i| s.densifies(i) || s.resets_opacity(i)).is_empty());
+        assert!(of(0).rates(0, 1.0).mean.is_finite() && of(1).degree(1, 3) <= 3);
+        assert_eq!(Schedule { degree_every: 0.0, ..of(100) }.degree(2, 3), 2);
+    }
+}

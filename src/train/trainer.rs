@@ -45,7 +45,7 @@ pub struct Options {
 pub struct Progress {
     /// Iterations done.
     pub iteration: u32,
-    /// Loss of the last of them.
+    /// Loss of the last that the host looked at; NaN before the first.
     pub loss: f32,
     /// Gaussians.
     pub gaussians: usize,
@@ -61,6 +61,7 @@ pub struct Trainer {
     pub(super) iteration: u32,
     /// Rows skipped for gradients that were not finite, so far.
     pub(super) skipped_rows: u64,
+    last_loss: f32,
     views: Vec<TrainView>,
     photos: Photos,
     extent: f64,
@@ -100,6 +101,7 @@ impl Trainer {
             growth,
             iteration: 0,
             skipped_rows: 0,
+            last_loss: f32::NAN,
             views,
             extent,
             renderer,
@@ -140,12 +142,16 @@ impl Trainer {
     }
 
     /// Trains until `until` iterations are done, or until the next look of the host if that comes first. Returns where
-    /// the run stands: call again until it is there.
+    /// the run stands: call again until it is there. Where it is there already nothing happens.
     ///
     /// # Errors
     /// Device memory; device errors. The model is then as it was after [`Trainer::iteration`].
     pub fn advance(&mut self, until: u32) -> Result<Progress> {
         let first = self.iteration;
+        if until <= first {
+            // Density control has acted on this iteration and must not do so twice.
+            return Ok(self.progress());
+        }
         self.raise_degree(first + 1)?;
         let last = self.boundary(until);
         let mut recording = Recording::new();
@@ -173,18 +179,23 @@ impl Trainer {
 
         let guards = self.guards.read(&self.device)?;
         self.skipped_rows += u64::from(guards[0]);
-        self.iteration = first + guards[1];
+        // Without a Gaussian no kernel runs that would count.
+        self.iteration = if self.model.len == 0 { last } else { first + guards[1] };
         let pairs = self.renderer.pairs()?;
         if self.renderer.make_room_for_pairs(pairs)? {
             tracing::debug!("{pairs} pairs did not fit: iterations from {} are repeated", self.iteration + 1);
         }
         if self.iteration == last {
+            let view = self.view_of(last);
+            let size = self.size_of(view);
+            self.last_loss = self.loss.value(&self.device, size, self.options.weights)?;
             self.after(last)?;
         }
-        let view = self.view_of(self.iteration.max(1));
-        let size = self.size_of(view);
-        let loss = self.loss.value(&self.device, size, self.options.weights)?;
-        Ok(Progress { iteration: self.iteration, loss, gaussians: self.model.len })
+        Ok(self.progress())
+    }
+
+    fn progress(&self) -> Progress {
+        Progress { iteration: self.iteration, loss: self.last_loss, gaussians: self.model.len }
     }
 
     /// The model as it stands, on the host.

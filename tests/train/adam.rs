@@ -103,7 +103,7 @@ impl Twin {
         let bad = |i: usize| {
             gradients.iter().any(|(_, g)| {
                 let width = g.len() / n;
-                g[i * width..][..width].iter().any(|g| !(g.abs() <= reference::adam::GREATEST_GRADIENT))
+                g[i * width..][..width].iter().any(|g| g.is_nan() || g.abs() > reference::adam::GREATEST_GRADIENT)
             })
         };
         let bad: Vec<bool> = (0..n).map(bad).collect();
@@ -140,7 +140,7 @@ fn adam_of_every_attribute() {
     let model = narrowed(&random_scene(&camera, 3));
     let bench = Bench::new(&device, &model, &camera, &weights(45 * 37, 8));
     let mut twin = Twin::new(&model);
-    let mut travel = vec![0_f64; 8];
+    let mut travel = [0_f64; 8];
     for step in 1..=10 {
         let mut gradients = bench.gradients();
         assert_eq!(twin.step(&mut gradients, step, rates(step)), 0);
@@ -201,7 +201,7 @@ fn adam_along_the_twins_path() {
         for (a, ((name, got), (_, right))) in got.groups_mut().into_iter().zip(twin.params.groups_mut()).enumerate() {
             let off: f64 = got.iter().zip(right.iter()).map(|(g, r)| (g - r).powi(2)).sum();
             let gone: f64 = right.iter().zip(start.groups_mut()[a].1.iter()).map(|(r, s)| (r - s).powi(2)).sum();
-            line += &format!(" {name} {:.1e}", (off / gone).sqrt());
+            line = format!("{line} {name} {:.1e}", (off / gone).sqrt());
             worst = worst.max((off / gone).sqrt());
         }
         println!("{line}");
@@ -267,13 +267,15 @@ fn a_gradient_that_is_not_finite_stays_where_it_is() {
     finish(&device);
 }
 
+type Spoil = fn(&mut Gaussians);
+
 /// Parameters that are not finite (a damaged model, until the next density step removes them) harm no other Gaussian.
 #[test]
 fn parameters_that_are_not_finite_harm_no_other() {
     let device = device();
     let camera = small_camera(45, 37);
     let sound = narrowed(&random_scene(&camera, 3));
-    let spoil: [(&str, fn(&mut Gaussians)); 8] = [
+    let spoil: [(&str, Spoil); 8] = [
         ("mean NaN", |m| m.means[4][1] = f32::NAN),
         ("mean infinite", |m| m.means[4][2] = f32::INFINITY),
         ("scale NaN", |m| m.log_scales[4][0] = f32::NAN),

@@ -178,3 +178,16 @@ fn depths_on_which_the_photos_agree_are_preferred() {
     println!("{} points, {:.0} % near the wall", seeds.len(), 100.0 * near);
     assert!(near > 0.4, "{near}");
 }
+
+/// Readers refuse such points; were one to come through, it would be one Gaussian that density control removes.
+#[test]
+fn points_that_are_not_finite() {
+    for bad in [f64::NAN, f64::INFINITY, 1e300] {
+        let mut all = points(50, 3);
+        all[7].position.y = bad;
+        let model = from_points(&all);
+        assert_eq!(model.len(), 50);
+        let finite = |i: usize| model.log_scales[i].iter().all(|s| s.is_finite());
+        assert!((0..50).filter(|i| *i != 7).all(finite), "{bad}");
+    }
+}
