@@ -18,6 +18,8 @@ layout(push_constant) uniform Push {
     float least_logit;   // opacity below which it is pruned
 };
 
+const float LN_SHRINK = 0.4700036292457356; // ln 1.6, as in train/split.comp
+
 void main() {
     uint i = global_index();
     if (i >= count[0]) return;
@@ -29,10 +31,10 @@ void main() {
     bool finite = !isnan(sum) && !isinf(sum);
     vec2 g = growth[i];
     bool grows = g.y > 0 && g.x >= threshold * g.y && !isinf(g.x); // an infinite sum would pass every threshold
-    bool pruned = !finite || logits[i] < least_logit || largest > largest_scale;
     bool split = grows && largest > split_scale;
-    // A split leaves halves small enough to stay; what is faint goes, growing or not.
-    if (split && finite && logits[i] >= least_logit) pruned = false;
+    // A split is judged by the halves that it would leave; what is faint goes, growing or not.
+    float left = split ? largest - LN_SHRINK : largest;
+    bool pruned = !finite || logits[i] < least_logit || left > largest_scale;
     copies[i] = pruned ? 0 : grows ? 2 : 1;
     splits[i] = split ? 1 : 0;
 }

@@ -98,9 +98,14 @@ fn decide(model: &Gaussians, growth: &[[f32; 2]], schedule: &Schedule, large_goe
         if !finite || opacity < schedule.prune_opacity {
             continue;
         }
+        // A split is judged by its halves.
+        let left = if splits { largest / 1.6 } else { largest };
+        if large_goes && left > schedule.prune_scale * EXTENT {
+            continue;
+        }
         if splits {
             out.extend([(i, Kind::Half); 2]);
-        } else if !(large_goes && largest > schedule.prune_scale * EXTENT) {
+        } else {
             out.push((i, Kind::Kept));
             out.extend(grows.then_some((i, Kind::Clone)));
         }
