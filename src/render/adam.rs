@@ -1,6 +1,6 @@
 //! Adam, attribute by attribute, from the gradient rows that projection's backward pass leaves.
 
-use super::renderer::Frame;
+use super::frame::Frame;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};

@@ -1,6 +1,6 @@
 //! Binning: (tile, slot) pairs in depth order, then by tile, and where each tile's begin.
 
-use super::renderer::{Frame, Shape};
+use super::frame::{Frame, Shape};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{Bin, BinSpec, Ranges, RangesPush, RangesSpec};

@@ -2,6 +2,7 @@
 
 mod adam;
 mod bin;
+mod frame;
 mod project;
 mod project_backward;
 mod rasterise;

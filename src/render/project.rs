@@ -1,6 +1,6 @@
 //! Projection: 2D Gaussians, colours, depths and tile counts.
 
-use super::renderer::{Frame, Shape};
+use super::frame::{Frame, Shape};
 use crate::gaussians::resident::Resident;
 use crate::gpu::Recording;
 use crate::kernels::render::{Project, ProjectSpec};

@@ -1,7 +1,7 @@
 //! Backward of the projection: one row of gradients a Gaussian.
 
 use super::adam::{Form, Update};
-use super::renderer::{Frame, Moments, Shape};
+use super::frame::{Frame, Moments, Shape};
 use crate::gaussians::resident::Resident;
 use crate::gpu::Recording;
 use crate::kernels::render::{ProjectBackward, ProjectBackwardPush, ProjectBackwardSpec};

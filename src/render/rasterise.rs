@@ -1,6 +1,6 @@
 //! Rasterisation: blending each tile's Gaussians into its pixels.
 
-use super::renderer::{Frame, Shape};
+use super::frame::{Frame, Shape};
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{Rasterise, RasteriseSpec};
 use crate::primitives::Pairs;

@@ -1,6 +1,6 @@
 //! Backward of the rasterisation: each (tile, Gaussian) slot's sums over the tile's pixels.
 
-use super::renderer::{Frame, Moments, Shape};
+use super::frame::{Frame, Moments, Shape};
 use crate::gpu::{Buffer, Groups, Recording};
 use crate::kernels::render::{RasteriseBackward, RasteriseBackwardSpec};
 use crate::primitives::Pairs;

@@ -1,0 +1,121 @@
+//! Intermediate arrays of one frame, and what a device chooses once.
+
+use super::settings::{Settings, tile_size};
+use crate::gpu::{Buffer, Device, Result};
+use crate::kernels::View;
+use crate::primitives::{Count, Pairs, Scan, Sort};
+
+/// Floats of a Gaussian's gradients: ROW of lib/gradient_row.glsl.
+const GRADIENT_ROW: usize = 18;
+
+/// What a device and settings choose once.
+pub(super) struct Shape {
+    pub settings: Settings,
+    pub tile: u32,
+    pub subgroup: u32,
+    /// Invocations that walk one tile.
+    pub workgroup: u32,
+    /// Splats staged in shared memory at a time; 0 for none.
+    pub batch: u32,
+}
+
+impl Shape {
+    pub fn new(device: &Device, settings: Settings) -> Self {
+        let info = device.info();
+        let tile = tile_size(info);
+        if info.kind == "cpu" {
+            // One subgroup walks a tile, its pixels in registers: no barriers, and a splat is read once.
+            Self { settings, tile, subgroup: info.subgroup_size, workgroup: info.subgroup_size, batch: 0 }
+        } else {
+            Self { settings, tile, subgroup: info.subgroup_size, workgroup: tile * tile, batch: tile * tile }
+        }
+    }
+}
+
+/// Intermediate arrays of one frame.
+pub(super) struct Frame {
+    pub view: Buffer<View>,
+    pub geometry: Buffer<[f32; 4]>,
+    pub shape: Buffer<[f32; 4]>,
+    pub colour: Buffer<[f32; 2]>,
+    pub depth: Buffer<u32>,
+    pub tile_counts: Buffer<u32>,
+    pub visible: Buffer<u32>,
+    pub offsets: Buffer<u32>,
+    pub first_slots: Buffer<u32>,
+    pub gradient_rows: Buffer<f32>,
+    pub visible_count: Count,
+    pub by_depth: Pairs,
+    pub scan: Scan,
+    pub depth_sort: Sort,
+    pub pairs: PairBuffers,
+    pub starts: Buffer<u32>,
+    pub image: Buffer<[f32; 4]>,
+}
+
+/// What grows with the number of (tile, Gaussian) pairs.
+pub(super) struct PairBuffers {
+    pub count: Count,
+    pub by_tile: Pairs,
+    pub owners: Buffer<u32>,
+    pub sort: Sort,
+    pub moments: Option<Moments>,
+}
+
+/// What the rasteriser's backward pass leaves in each slot: see `rasterise_backward.comp`.
+pub(super) struct Moments {
+    pub a: Buffer<[f32; 4]>,
+    pub b: Buffer<[f32; 4]>,
+    pub c: Buffer<[f32; 4]>,
+}
+
+impl PairBuffers {
+    pub fn new(device: &Device, capacity: u32, training: bool) -> Result<Self> {
+        let n = capacity as usize;
+        let moments = || -> Result<Moments> {
+            let [a, b, c] = ["moments a", "moments b", "moments c"].map(|name| device.buffer(name, n));
+            Ok(Moments { a: a?, b: b?, c: c? })
+        };
+        let sizes = [Sort::block(device, capacity)];
+        Ok(Self {
+            count: Count::new(device, "pairs", capacity, &sizes)?,
+            by_tile: Pairs::new(device, "pairs by tile", capacity)?,
+            owners: device.buffer("pair owners", n)?,
+            sort: Sort::new(device, capacity)?,
+            moments: training.then(moments).transpose()?,
+        })
+    }
+}
+
+impl Frame {
+    pub fn new(
+        device: &Device,
+        gaussians: usize,
+        pixels: usize,
+        tiles: usize,
+        pairs: u32,
+        training: bool,
+    ) -> Result<Self> {
+        let n = gaussians.max(1);
+        let sizes = [Scan::block(device), Sort::block(device, n as u32)];
+        Ok(Self {
+            view: device.buffer("view", 1)?,
+            geometry: device.buffer("splat geometry", n)?,
+            shape: device.buffer("splat shape", n)?,
+            colour: device.buffer("splat colour", n)?,
+            depth: device.buffer("depth keys", n)?,
+            tile_counts: device.buffer("tile counts", n)?,
+            visible: device.buffer("visible flags", n)?,
+            offsets: device.buffer("offsets", n)?,
+            first_slots: device.buffer("first slots", n)?,
+            gradient_rows: device.buffer("gradient rows", if training { GRADIENT_ROW * n } else { 1 })?,
+            visible_count: Count::new(device, "visible", n as u32, &sizes)?,
+            by_depth: Pairs::new(device, "by depth", n as u32)?,
+            scan: Scan::new(device, n as u32)?,
+            depth_sort: Sort::new(device, n as u32)?,
+            pairs: PairBuffers::new(device, pairs, training)?,
+            starts: device.buffer("tile starts", tiles + 1)?,
+            image: device.buffer("image", pixels)?,
+        })
+    }
+}
