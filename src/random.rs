@@ -1,13 +1,19 @@
 //! Random numbers keyed by what they are for: no state, so that a resumed run draws the same ones.
 
-/// Mixes a key to 64 random bits (SplitMix64's finaliser over each word).
+/// SplitMix64's increment: 2^64 over the golden ratio.
+pub const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// Mixes 64 bits so that each depends on all (SplitMix64's step; Steele, Lea, Flood 2014).
+pub const fn mix(x: u64) -> u64 {
+    let x = x.wrapping_add(INCREMENT);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+/// Mixes a key to 64 random bits.
 pub fn bits(key: &[u64]) -> u64 {
-    key.iter().fold(0x9e37_79b9_7f4a_7c15, |state, word| {
-        let mut z = (state ^ word).wrapping_add(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    })
+    key.iter().fold(INCREMENT, |state, word| mix(state ^ word))
 }
 
 /// Uniform in [0, 1).

@@ -4,8 +4,8 @@ mod common;
 mod golden;
 mod synthetic;
 
-use common::{device, finish};
-use golden::{Case, Fixture, shared};
+use common::{device, finish, shared};
+use golden::{Case, Fixture};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference::{self, Params};

@@ -1,10 +1,12 @@
 //! The float64 twin against golden cases, another engine's gradients, finite differences, and the hard cases.
 
+mod common;
 mod golden;
 mod synthetic;
 
-use glam::{DMat3, DVec2, DVec3};
-use golden::{Case, floats, shared};
+use common::shared;
+use glam::{DVec2, DVec3};
+use golden::{Case, Fixture};
 use qirf_vk::{
     reference::{
         Params, Settings,
@@ -17,7 +19,6 @@ use qirf_vk::{
     },
     scene::camera::Camera,
 };
-use safetensors::SafeTensors;
 use synthetic::{Random, difference_quotients, one, random_scene, small_camera};
 
 /// |a - b| / |b| in the Euclidean norm.
@@ -88,37 +89,13 @@ fn golden_cases() {
 fn another_engines_gradients() {
     let Some(shared) = shared() else { return };
     for name in ["tiny", "basic"] {
-        let path = shared.join(format!("fixtures/gsplat-cuda-gradients/{name}_case.safetensors"));
-        let bytes = std::fs::read(path).expect("fixture");
-        let file = SafeTensors::deserialize(&bytes).expect("safetensors");
-        let get = |key: &str| floats(file.tensor(key).expect(key).data());
-        let rows3 = |key: &str| get(key).chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect::<Vec<_>>();
-        let coefficients = get("coeffs");
-        let n = coefficients.len() / 48;
-        let band = |l: usize| {
-            (0..n).flat_map(|i| coefficients[i * 48 + l * l * 3..i * 48 + (l + 1) * (l + 1) * 3].to_vec()).collect()
-        };
-        let params = Params {
-            means: rows3("means"),
-            log_scales: rows3("scales"),
-            rotations: get("quats").chunks_exact(4).map(|v| [v[0], v[1], v[2], v[3]]).collect(),
-            opacity_logits: get("opacities"),
-            sh: (0..4).map(band).collect(),
-        };
-        let shape = file.tensor("out_img").expect("out_img").shape().to_vec();
-        let (height, width) = (shape[0] as u32, shape[1] as u32);
-        let size = DVec2::new(f64::from(width), f64::from(height));
-        let camera = Camera {
-            rotation: DMat3::IDENTITY,
-            translation: -DVec3::new(0.123, 0.456, -8.0),
-            focal: DVec2::splat(0.5 * size.x),
-            principal: 0.5 * size,
-            width,
-            height,
-        };
+        let fixture = Fixture::read(&shared, name);
+        let (params, camera) = (Params::from(&fixture.model), &fixture.camera);
+        let get = |key: &str| fixture.get(key);
+        let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
         let settings = Settings { near: 0.01, direction_gradient: false, ..Settings::default() };
 
-        let out = render(&params, &camera, &settings);
+        let out = render(&params, camera, &settings);
         let rgba = get("out_img");
         let image: Vec<f64> = rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
         let alpha: Vec<f64> = rgba.chunks_exact(4).map(|p| p[3]).collect();
@@ -129,22 +106,22 @@ fn another_engines_gradients() {
         let by_rgba = get("v_out_img");
         let by_image: Vec<[f64; 3]> = by_rgba.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect();
         let by_alpha: Vec<f64> = by_rgba.chunks_exact(4).map(|p| p[3]).collect();
-        let g = gradients(&params, &camera, &settings, &by_image, Some(&by_alpha));
+        let g = gradients(&params, camera, &settings, &by_image, Some(&by_alpha));
         let by_mean: Vec<f64> =
             g.mean2d_ndc.iter().flat_map(|v| [v[0] / (0.5 * size.x), v[1] / (0.5 * size.y)]).collect();
         let by_conic: Vec<f64> = g.moments.iter().flat_map(Moments::conic).collect();
         let errors = [
             ("image", greatest_difference(out.composite.image.as_flattened(), &image)),
             ("alpha", greatest_difference(&out.composite.alpha, &alpha)),
-            ("xys", relative(&xys, &get("xys"))),
-            ("conics", relative(&conics, &get("conics"))),
-            ("v_xy", relative(&by_mean, &get("v_xy"))),
-            ("v_conics", relative(&by_conic, &get("v_conics"))),
-            ("v_means", relative(g.params.means.as_flattened(), &get("v_means"))),
-            ("v_scales", relative(g.params.log_scales.as_flattened(), &get("v_scales"))),
-            ("v_quats", relative(g.params.rotations.as_flattened(), &get("v_quats"))),
-            ("v_opacities", relative(&g.params.opacity_logits, &get("v_opacities"))),
-            ("v_coeffs", relative(&interleaved_sh(&g.params), &get("v_coeffs"))),
+            ("xys", relative(&xys, get("xys"))),
+            ("conics", relative(&conics, get("conics"))),
+            ("v_xy", relative(&by_mean, get("v_xy"))),
+            ("v_conics", relative(&by_conic, get("v_conics"))),
+            ("v_means", relative(g.params.means.as_flattened(), get("v_means"))),
+            ("v_scales", relative(g.params.log_scales.as_flattened(), get("v_scales"))),
+            ("v_quats", relative(g.params.rotations.as_flattened(), get("v_quats"))),
+            ("v_opacities", relative(&g.params.opacity_logits, get("v_opacities"))),
+            ("v_coeffs", relative(&interleaved_sh(&g.params), get("v_coeffs"))),
         ];
         println!("{name}: {}", errors.map(|(key, e)| format!("{key} {e:.1e}")).join("  "));
         assert!(errors.iter().all(|(_, e)| *e < 1e-4), "{name}");

@@ -4,9 +4,9 @@ mod common;
 mod golden;
 mod synthetic;
 
-use common::{device, finish};
+use common::{device, finish, shared};
 use glam::{DMat3, DVec2, DVec3};
-use golden::{Case, Fixture, shared};
+use golden::{Case, Fixture};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::Device;
 use qirf_vk::reference;

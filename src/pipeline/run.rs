@@ -7,7 +7,7 @@ use super::prepare::{Prepared, initialise, prepare};
 use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Results, Times, TrainScores, ViewScores};
 use crate::error::Error;
 use crate::gaussians::formats;
-use crate::gpu::{Device, Timings};
+use crate::gpu::Device;
 use crate::metrics::{self, Networks, Scores};
 use crate::render::Settings;
 use crate::train::checkpoint::Snapshot;
@@ -141,7 +141,7 @@ pub fn run(
             load_s,
             train_s: job.seconds,
             evaluate_s: evaluating.elapsed().as_secs_f64(),
-            stages_s: Times::stages(&job.timings),
+            stages_s: Times::stages(job.trainer.timings()),
         },
         effects: Vec::new(),
         guards: Guards {
@@ -187,7 +187,6 @@ struct Job {
     initial: usize,
     seconds: f64,
     curve: Vec<CurvePoint>,
-    timings: Timings,
     empty_views: usize,
 }
 
@@ -223,7 +222,7 @@ impl Job {
         };
         let all = prepared.test.iter().map(|(_, v)| v).chain(&prepared.train);
         let evaluator = Evaluator::new(device, settings, trainer.len(), all)?;
-        Ok(Self { trainer, evaluator, initial, seconds, curve, timings: Timings::default(), empty_views: 0 })
+        Ok(Self { trainer, evaluator, initial, seconds, curve, empty_views: 0 })
     }
 
     fn train(
@@ -257,7 +256,6 @@ impl Job {
                 return Err(Error::Interrupted);
             }
         }
-        self.timings = self.trainer.timings().clone();
         Ok(())
     }
 

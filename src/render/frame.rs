@@ -88,6 +88,11 @@ impl PairBuffers {
 }
 
 impl Frame {
+    /// Tiles that there is room for: the list of starts has one entry more.
+    pub fn tiles(&self) -> usize {
+        self.starts.len() - 1
+    }
+
     pub fn new(
         device: &Device,
         gaussians: usize,

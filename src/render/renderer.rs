@@ -114,7 +114,7 @@ impl Renderer {
     /// Device errors.
     pub fn draw(&self, model: &Resident, camera: &Camera) -> Result<Timings> {
         let mut recording = Recording::new();
-        recording.update(&self.frame.pairs.count.value, &[0, 0]);
+        self.forget_pairs(&mut recording);
         self.record(&mut recording, model, camera);
         self.device.run(recording)
     }
@@ -133,16 +133,9 @@ impl Renderer {
     /// Device memory.
     pub fn make_room(&mut self, model: &Resident, camera: &Camera) -> Result<()> {
         let pixels = camera.width as usize * camera.height as usize;
-        if model.len > self.gaussians
-            || pixels > self.frame.image.len()
-            || self.tiles(camera) >= self.frame.starts.len()
-        {
-            let gaussians = model.len.max(self.gaussians);
-            let pixels = pixels.max(self.frame.image.len());
-            let tiles = self.tiles(camera).max(self.frame.starts.len());
-            let pairs = self.frame.pairs.count.limit();
-            self.frame = Frame::new(&self.device, gaussians, pixels, tiles, pairs, self.training)?;
-            self.gaussians = gaussians;
+        let (had, tiles) = (self.frame.image.len(), self.tiles(camera));
+        if model.len > self.gaussians || pixels > had || tiles > self.frame.tiles() {
+            self.rebuild(model.len.max(self.gaussians), pixels.max(had), tiles.max(self.frame.tiles()))?;
         }
         Ok(())
     }
@@ -153,11 +146,15 @@ impl Renderer {
     /// Device memory.
     pub fn make_room_for_gaussians(&mut self, gaussians: usize) -> Result<()> {
         if gaussians > self.gaussians {
-            let (pixels, tiles) = (self.frame.image.len(), self.frame.starts.len());
-            let pairs = self.frame.pairs.count.limit();
-            self.gaussians = gaussians + gaussians / 4;
-            self.frame = Frame::new(&self.device, self.gaussians, pixels, tiles, pairs, self.training)?;
+            self.rebuild(gaussians + gaussians / 4, self.frame.image.len(), self.frame.tiles())?;
         }
+        Ok(())
+    }
+
+    fn rebuild(&mut self, gaussians: usize, pixels: usize, tiles: usize) -> Result<()> {
+        let pairs = self.frame.pairs.count.limit();
+        self.frame = Frame::new(&self.device, gaussians, pixels, tiles, pairs, self.training)?;
+        self.gaussians = gaussians;
         Ok(())
     }
 

@@ -1,16 +1,16 @@
 //! Embedded random models: the same numbers on every machine.
 
 use crate::gaussians::Gaussians;
+use crate::random::{INCREMENT, mix};
 
 /// SplitMix64.
 pub(super) struct Random(pub u64);
 
 impl Random {
     pub fn word(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
+        let word = mix(self.0);
+        self.0 = self.0.wrapping_add(INCREMENT);
+        word
     }
 
     /// Uniform in [low, high).

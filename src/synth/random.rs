@@ -18,13 +18,7 @@ pub(super) enum Stream {
     Mover,
 }
 
-/// Mixes 64 bits so that each depends on all (the finaliser of `SplitMix64`; Steele, Lea, Flood 2014).
-pub(super) const fn mix(mut x: u64) -> u64 {
-    x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
-}
+pub(super) use crate::random::mix;
 
 /// A stream of random numbers with its own key.
 #[derive(Clone)]

@@ -62,20 +62,20 @@ impl Trainer {
         extent: f64,
         options: Options,
     ) -> Result<Self> {
-        let mut trainer = Self::new(device, &snapshot.model, views, extent, options)?;
         let upload =
             |k: usize| -> Result<Buffer<[f32; 2]>> { Ok(device.upload("moments", &snapshot.moments[k])?.cast()) };
         let absent = || -> Result<Buffer<[f32; 2]>> { device.buffer("absent moments", 1) };
         let band = |l: usize| if 4 + l < snapshot.moments.len() { upload(4 + l) } else { absent() };
-        trainer.state = AdamState {
+        let state = AdamState {
             means: upload(0)?,
             log_scales: upload(1)?,
             rotations: upload(2)?,
             opacity_logits: upload(3)?,
             sh: [band(0)?, band(1)?, band(2)?, band(3)?],
         };
-        trainer.model = Resident::upload(device, &snapshot.model)?;
-        trainer.growth = device.upload("growth", &snapshot.growth)?.cast();
+        let model = Resident::upload(device, &snapshot.model)?;
+        let growth = device.upload("growth", &snapshot.growth)?.cast();
+        let mut trainer = Self::assemble(device, (model, state, growth), views, extent, options)?;
         trainer.iteration = snapshot.iteration;
         trainer.skipped_rows = snapshot.skipped_rows;
         Ok(trainer)

@@ -84,19 +84,30 @@ impl Trainer {
         extent: f64,
         options: Options,
     ) -> Result<Self> {
-        let resident = Resident::upload(device, model)?;
-        let state = AdamState::zeros(device, &resident)?;
-        let growth = device.upload("growth", &vec![[0.0; 2]; model.len()])?;
+        let model = Resident::upload(device, model)?;
+        let state = AdamState::zeros(device, &model)?;
+        let growth = device.upload("growth", &vec![[0.0; 2]; model.len])?;
+        Self::assemble(device, (model, state, growth), views, extent, options)
+    }
+
+    /// A run with this model, its moments and its density sums, before any iteration.
+    pub(super) fn assemble(
+        device: &Device,
+        (model, state, growth): (Resident, AdamState, Buffer<[f32; 2]>),
+        views: Vec<TrainView>,
+        extent: f64,
+        options: Options,
+    ) -> Result<Self> {
         let size = |f: fn(&TrainView) -> u32| views.iter().map(f).max().unwrap_or(1);
         let (width, height) = (size(|v| v.camera.width), size(|v| v.camera.height));
         let renderer =
-            Renderer::for_training(device, options.settings, model.len() * 5 / 4, [width, height], options.pairs)?;
+            Renderer::for_training(device, options.settings, model.len * 5 / 4, [width, height], options.pairs)?;
         Ok(Self {
             photos: Photos::new(device, &views)?,
             guards: device.upload("guards", &[0, 0])?,
             loss: Loss::new(device, width, height)?,
             device: device.clone(),
-            model: resident,
+            model,
             state,
             growth,
             iteration: 0,

@@ -1,23 +1,16 @@
 //! Real files of the shared data.
 
-use std::path::{Path, PathBuf};
+#[path = "../common/shared.rs"]
+mod data;
+
+use data::shared;
+use std::path::Path;
 use std::time::Instant;
 
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::formats::{self, Format, Loaded};
 
 use crate::writers::{angle, assert_within_spz};
-
-/// The shared folder, or `None` with a note.
-fn shared() -> Option<PathBuf> {
-    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared"));
-    let folder = std::env::var_os("QIRF_SHARED").map_or_else(beside, PathBuf::from);
-    if !folder.is_dir() {
-        println!("skipped: no shared data");
-        return None;
-    }
-    Some(folder)
-}
 
 fn load(path: &Path) -> Loaded {
     let start = Instant::now();

@@ -10,18 +10,6 @@ use std::{
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use qirf_vk::{gaussians::Gaussians, reference::Settings, scene::camera::Camera};
 
-/// The shared data, where they are.
-pub fn shared() -> Option<PathBuf> {
-    let named =
-        std::env::var("QIRF_SHARED").unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../shared").into());
-    let found = PathBuf::from(named);
-    if found.is_dir() {
-        return Some(found);
-    }
-    println!("skipped: no shared data");
-    None
-}
-
 /// A golden case: the model, its views and the folder of expected arrays.
 pub struct Case {
     pub name: String,
