@@ -12,9 +12,10 @@ layout(binding = 5, std430) readonly buffer Logits { float logits[]; };
 layout(binding = 6, std430) writeonly buffer Copies { uint copies[]; };
 layout(binding = 7, std430) writeonly buffer Splits { uint splits[]; }; // 1 where the two replace their parent
 layout(push_constant) uniform Push {
+    vec4 cameras;        // mean of their centres; w: the scene's extent
     float threshold;     // mean gradient norm in NDC units at which a Gaussian grows
-    float split_scale;   // log of the largest axis above which it splits instead of being cloned
-    float largest_scale; // log of the largest axis above which it is pruned
+    float split_scale;   // log of the largest axis, over the reach, above which it splits instead of being cloned
+    float largest_scale; // the same, above which it is pruned
     float least_logit;   // opacity below which it is pruned
 };
 
@@ -24,8 +25,10 @@ void main() {
     uint i = global_index();
     if (i >= count[0]) return;
     vec3 scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
-    float largest = max(scale.x, max(scale.y, scale.z));
     vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
+    // Sizes are over the extent among the cameras, over the distance beyond it: a far sky needs large Gaussians.
+    float reach = max(cameras.w, length(mean - cameras.xyz));
+    float largest = max(scale.x, max(scale.y, scale.z)) - log(reach);
     vec4 q = rotations[i];
     float sum = dot(mean, vec3(1)) + dot(scale, vec3(1)) + dot(q, vec4(1)) + logits[i];
     bool finite = !isnan(sum) && !isinf(sum);

@@ -20,6 +20,8 @@ pub struct Step {
     pub seed: u32,
     /// The scene's extent in world units.
     pub extent: f64,
+    /// Mean of the cameras' centres.
+    pub cameras: [f32; 3],
     /// No more Gaussians than this.
     pub most: usize,
 }
@@ -44,7 +46,7 @@ pub fn densify(
     let mut threshold = if n < step.most { schedule.densify_gradient as f32 } else { f32::MAX };
     let after = loop {
         let mut recording = Recording::new();
-        let log = |share: f64| (share * step.extent).ln() as f32;
+        let [x, y, z] = step.cameras;
         let kernel = Densify {
             count: &model.count.value,
             growth,
@@ -56,8 +58,13 @@ pub fn densify(
             splits: &splits,
             push: DensifyPush {
                 threshold,
-                split_scale: log(schedule.clone_scale),
-                largest_scale: if schedule.prunes_large(step.iteration) { log(schedule.prune_scale) } else { f32::MAX },
+                cameras: [x, y, z, step.extent as f32],
+                split_scale: schedule.clone_scale.ln() as f32,
+                largest_scale: if schedule.prunes_large(step.iteration) {
+                    schedule.prune_scale.ln() as f32
+                } else {
+                    f32::MAX
+                },
                 least_logit: (schedule.prune_opacity / (1.0 - schedule.prune_opacity)).ln() as f32,
             },
             spec: DensifySpec { workgroup: WORKGROUP },

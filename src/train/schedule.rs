@@ -31,11 +31,12 @@ pub struct Schedule {
     pub densify_every: u32,
     /// Mean gradient of the 2D mean, in NDC units, at which a Gaussian grows.
     pub densify_gradient: f64,
-    /// Largest axis, as a share of the extent, up to which a growing Gaussian is cloned and not split.
+    /// Largest axis, as a share of the reach (the extent, or the distance from the cameras' mean where that is more), up
+    /// to which a growing Gaussian is cloned and not split.
     pub clone_scale: f64,
     /// Opacity below which a Gaussian is pruned.
     pub prune_opacity: f64,
-    /// Largest axis, as a share of the extent, above which a Gaussian is pruned once `prune_scale_from` has passed.
+    /// Largest axis, as a share of the reach, above which a Gaussian is pruned once `prune_scale_from` has passed.
     pub prune_scale: f64,
     /// Share of the run after which large Gaussians are pruned.
     pub prune_scale_from: f64,

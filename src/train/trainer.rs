@@ -65,6 +65,7 @@ pub struct Trainer {
     views: Vec<TrainView>,
     photos: Photos,
     extent: f64,
+    cameras: [f32; 3],
     guards: Buffer<u32>,
     renderer: Renderer,
     loss: Loss,
@@ -102,7 +103,9 @@ impl Trainer {
         let (width, height) = (size(|v| v.camera.width), size(|v| v.camera.height));
         let renderer =
             Renderer::for_training(device, options.settings, model.len * 5 / 4, [width, height], options.pairs)?;
+        let centres: glam::DVec3 = views.iter().map(|v| v.camera.centre()).sum();
         Ok(Self {
+            cameras: (centres / views.len().max(1) as f64).as_vec3().to_array(),
             photos: Photos::new(device, &views)?,
             guards: device.upload("guards", &[0, 0])?,
             loss: Loss::new(device, width, height)?,
@@ -295,7 +298,7 @@ impl Trainer {
         let schedule = &self.options.schedule;
         if schedule.densifies(iteration) {
             let (seed, most) = (self.options.seed, self.options.most);
-            let step = Step { iteration, seed, extent: self.extent, most };
+            let step = Step { iteration, seed, extent: self.extent, cameras: self.cameras, most };
             let (model, state, growth) = (&mut self.model, &mut self.state, &mut self.growth);
             densify(&self.device, model, state, growth, schedule, step)?;
             self.renderer.make_room_for_gaussians(self.model.len)?;

@@ -10,7 +10,7 @@ use qirf_vk::train::density::{Step, densify, reset_opacity};
 use qirf_vk::train::schedule::Schedule;
 
 const EXTENT: f64 = 3.0;
-const STEP: Step = Step { iteration: 600, seed: 7, extent: EXTENT, most: 1_000_000 };
+const STEP: Step = Step { iteration: 600, seed: 7, extent: EXTENT, cameras: [0.0; 3], most: 1_000_000 };
 
 /// Model and growth, SH degree 1: of every ten Gaussians some are faint, some large, some spoilt; half of them grow.
 fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
@@ -21,7 +21,7 @@ fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
         model.means.push([0; 3].map(|_| r.within(-5.0, 5.0) as f32));
         let size = match i % 10 {
             0..3 => 0.02, // to be cloned
-            9 => 0.8,     // beyond 0.1 of the extent
+            9 => 0.8,     // beyond 0.1 of the reach, mostly
             _ => 0.1,
         };
         model.log_scales.push([0; 3].map(|_| (size * r.within(0.2, 1.0)).ln() as f32));
@@ -94,13 +94,15 @@ fn decide(model: &Gaussians, growth: &[[f32; 2]], schedule: &Schedule, large_goe
         let largest = f64::from(model.log_scales[i].iter().fold(f32::MIN, |m, s| m.max(*s))).exp();
         let mean_gradient = f64::from(growth[i][0]) / f64::from(growth[i][1]).max(1.0);
         let grows = growth[i][1] > 0.0 && mean_gradient >= schedule.densify_gradient;
-        let splits = grows && largest > schedule.clone_scale * EXTENT;
+        let distance = model.means[i].iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
+        let reach = distance.max(EXTENT);
+        let splits = grows && largest > schedule.clone_scale * reach;
         if !finite || opacity < schedule.prune_opacity {
             continue;
         }
         // A split is judged by its halves.
         let left = if splits { largest / 1.6 } else { largest };
-        if large_goes && left > schedule.prune_scale * EXTENT {
+        if large_goes && left > schedule.prune_scale * reach {
             continue;
         }
         if splits {
