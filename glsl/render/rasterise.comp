@@ -9,7 +9,7 @@
 #include "lib/splat.glsl"
 
 layout(constant_id = 2) const uint TILE = 16;
-// Splats staged in shared memory at a time; 0 reads them in place, which is quicker where a barrier costs more than a load.
+// Splats staged in shared memory at a time; 0 where one subgroup walks the tile: a splat a lane.
 layout(constant_id = 3) const uint BATCH = 256;
 layout(constant_id = 4) const float STOP = TRANSMITTANCE_STOP;
 layout(constant_id = 5) const uint PIXELS = 1; // TILE x TILE / WORKGROUP
@@ -71,9 +71,15 @@ void main() {
     uint start = starts[tile], end = starts[tile + 1];
 
     if (BATCH == 0) {
-        for (uint n = start; n < end && !done(); n++) {
-            uint i = owners[slots[n]];
-            blend(geometry[i], shape[i], colour[i]);
+        // The workgroup is one subgroup: each lane reads one splat of as many as there are lanes.
+        for (uint first = start; first < end && !subgroupAll(done()); first += SUBGROUP) {
+            uint length = min(SUBGROUP, end - first);
+            uint i = owners[slots[min(first + lane, end - 1)]];
+            vec4 my_geometry = geometry[i], my_shape = shape[i];
+            vec2 my_colour = colour[i];
+            for (uint n = 0; n < length; n++) {
+                blend(subgroupBroadcast(my_geometry, n), subgroupBroadcast(my_shape, n), subgroupBroadcast(my_colour, n));
+            }
         }
     } else {
         for (uint first = start; first < end; first += BATCH) {

@@ -26,9 +26,9 @@ layout(binding = 5, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 6, std430) readonly buffer Colour { vec2 colour[]; };
 layout(binding = 7, std430) readonly buffer Image { vec4 image[]; };
 layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[]; }; // by red, green, blue, alpha
-layout(binding = 9, std430) writeonly buffer MomentsA { float moments_a[]; };  // by slot: 1, u, v, sum of T alpha
-layout(binding = 10, std430) writeonly buffer MomentsB { float moments_b[]; }; // uu, uv, vv, sum of alpha
-layout(binding = 11, std430) writeonly buffer MomentsC { float moments_c[]; }; // red, green, blue, 0
+layout(binding = 9, std430) writeonly buffer MomentsA { vec4 moments_a[]; }; // by slot: 1, u, v, sum of T alpha
+layout(binding = 10, std430) writeonly buffer MomentsB { vec4 moments_b[]; }; // uu, uv, vv, sum of alpha
+layout(binding = 11, std430) writeonly buffer MomentsC { vec4 moments_c[]; }; // red, green, blue, 0
 
 const float ONE_MINUS_ALPHA_FLOOR = 1e-6;
 
@@ -36,6 +36,14 @@ vec2 centre[PIXELS];
 float transmittance[PIXELS]; // 0 once the pixel is done
 float behind[PIXELS];
 vec4 gradient[PIXELS];
+
+// subgroupAdd; lane by lane where the subgroup is small, since CPU devices run the built-in as a loop with a branch a lane.
+vec4 lane_sum(vec4 x) {
+    if (SUBGROUP != 8) return subgroupAdd(x);
+    vec4 sum = subgroupBroadcast(x, 0);
+    [[unroll]] for (uint l = 1; l < 8; l++) sum += subgroupBroadcast(x, l);
+    return sum;
+}
 
 void main() {
     uint tile = group_index();
@@ -55,48 +63,54 @@ void main() {
         behind[p] = dot(gradient[p], image[pixel]);
     }
     uint start = starts[tile], end = starts[tile + 1];
-    for (uint n = start; n < end; n++) {
-        uint slot = slots[n];
+    // As many splats as there are lanes at a time: each lane reads one and, in the end, writes its sums.
+    for (uint first = start; first < end; first += SUBGROUP) {
+        uint length = min(SUBGROUP, end - first);
+        uint slot = slots[min(first + lane, end - 1)];
         uint i = owners[slot];
-        vec4 g = geometry[i], s = shape[i];
-        vec2 c = colour[i];
-        vec4 rgb1 = vec4(s.w, c, 1);
-        vec3 k = vec3(g.zw, s.x);
-        vec4 a = vec4(0), b = vec4(0), sum = vec4(0);
-        [[unroll]] for (uint p = 0; p < PIXELS; p++) {
-            vec2 d = centre[p] - g.xy;
-            float u = k.x * d.x + k.y * d.y;
-            float v = k.z * d.y;
-            float power = u * u + v * v;
-            float t = transmittance[p];
-            float free = exp2(s.y - power);
-            float alpha = min(ALPHA_MAX, free);
-            float next = t * (1 - alpha);
-            bool drawn = power <= s.z && t > 0;
-            bool live = drawn && next >= STOP;
-            float w = live ? t * alpha : 0;
-            float q = dot(gradient[p], rgb1);
-            float r = behind[p] - w * q;
-            behind[p] = r;
-            float by_alpha = t * q - r / max(1 - alpha, ONE_MINUS_ALPHA_FLOOR);
-            float h = live && free < ALPHA_MAX ? alpha * by_alpha : 0;
-            float hu = h * u, hv = h * v;
-            a += vec4(h, hu, hv, w);
-            b += vec4(hu * u, hu * v, hv * v, live ? alpha : 0);
-            sum += w * gradient[p];
-            transmittance[p] = live ? next : drawn ? 0 : t;
+        vec4 my_geometry = geometry[i], my_shape = shape[i];
+        vec2 my_colour = colour[i];
+        vec4 my_a = vec4(0), my_b = vec4(0), my_c = vec4(0);
+        for (uint n = 0; n < length; n++) {
+            vec4 g = subgroupBroadcast(my_geometry, n), s = subgroupBroadcast(my_shape, n);
+            vec4 rgb1 = vec4(s.w, subgroupBroadcast(my_colour, n), 1);
+            vec3 k = vec3(g.zw, s.x);
+            vec4 a = vec4(0), b = vec4(0), c = vec4(0);
+            [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+                vec2 d = centre[p] - g.xy;
+                float u = k.x * d.x + k.y * d.y;
+                float v = k.z * d.y;
+                float power = u * u + v * v;
+                float t = transmittance[p];
+                float free = exp2(s.y - power);
+                float alpha = min(ALPHA_MAX, free);
+                float next = t * (1 - alpha);
+                bool drawn = power <= s.z && t > 0;
+                bool live = drawn && next >= STOP;
+                float w = live ? t * alpha : 0;
+                float q = dot(gradient[p], rgb1);
+                float r = behind[p] - w * q;
+                behind[p] = r;
+                float by_alpha = t * q - r / max(1 - alpha, ONE_MINUS_ALPHA_FLOOR);
+                float h = live && free < ALPHA_MAX ? alpha * by_alpha : 0;
+                float hu = h * u, hv = h * v;
+                a += vec4(h, hu, hv, w);
+                b += vec4(hu * u, hu * v, hv * v, live ? alpha : 0);
+                c.rgb += w * gradient[p].rgb;
+                transmittance[p] = live ? next : drawn ? 0 : t;
+            }
+            a = lane_sum(a);
+            b = lane_sum(b);
+            c = lane_sum(c);
+            bool own = lane == n;
+            my_a = own ? a : my_a;
+            my_b = own ? b : my_b;
+            my_c = own ? c : my_c;
         }
-        a = subgroupAdd(a);
-        b = subgroupAdd(b);
-        sum = subgroupAdd(sum);
-        // One value a lane: three stores of a subgroup instead of twelve by one lane.
-        float first = lane == 0 ? a.x : lane == 1 ? a.y : lane == 2 ? a.z : a.w;
-        float second = lane == 0 ? b.x : lane == 1 ? b.y : lane == 2 ? b.z : b.w;
-        float third = lane == 0 ? sum.r : lane == 1 ? sum.g : lane == 2 ? sum.b : 0;
-        if (lane < 4) {
-            moments_a[4 * slot + lane] = first;
-            moments_b[4 * slot + lane] = second;
-            moments_c[4 * slot + lane] = third;
+        if (lane < length) {
+            moments_a[slot] = my_a;
+            moments_b[slot] = my_b;
+            moments_c[slot] = my_c;
         }
     }
 }

@@ -24,9 +24,9 @@ pub(super) fn record(
         colour: &frame.colour,
         image: &frame.image,
         image_gradient,
-        moments_a: &moments.a.cast(),
-        moments_b: &moments.b.cast(),
-        moments_c: &moments.c.cast(),
+        moments_a: &moments.a,
+        moments_b: &moments.b,
+        moments_c: &moments.c,
         spec: RasteriseBackwardSpec {
             workgroup: shape.subgroup,
             tile: shape.tile,
