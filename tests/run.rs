@@ -96,3 +96,87 @@ fn other_options_and_damaged_checkpoints_are_refused() {
     let output = command(&folder.path().join("nowhere"), &out, &[]).output().unwrap();
     assert_eq!(output.status.code(), Some(3));
 }
+
+fn eval(arguments: &[&std::ffi::OsStr]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_qirf-vk")).arg("eval").args(arguments).output().expect("the program starts")
+}
+
+fn metrics(out: &Path) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(out.join("metrics.json")).expect("metrics.json")).expect("JSON")
+}
+
+#[test]
+fn eval_gives_a_runs_model_the_runs_scores() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let (out, again) = (folder.path().join("out"), folder.path().join("again"));
+    let more = ["--iterations", "60", "--antialias", "--eval-every", "3", "--background", "0.2,0.4,0.6"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    works(command.arg("run").arg(&scene).arg("-o").arg(&out).args(["--no-prune", "--resolution", "40"]).args(more));
+    let (model, config) = (out.join("model.ply"), out.join("config.toml"));
+    let run = metrics(&out);
+
+    let [config_flag, o] = ["--config", "-o"].map(std::ffi::OsStr::new);
+    let output = eval(&[model.as_ref(), config_flag, config.as_ref(), o, again.as_ref()]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let scored = metrics(&again);
+    for key in ["test", "train", "views"] {
+        assert_eq!(run[key], scored[key], "{key}");
+    }
+    for key in ["background", "image_size", "test_views", "train_views", "test_split", "lpips"] {
+        assert_eq!(run["protocol"][key], scored["protocol"][key], "{key}");
+    }
+    assert_eq!(run["gaussians"]["final"], scored["gaussians"]["final"]);
+    assert_eq!(run["ply_bytes"], scored["ply_bytes"]);
+    assert!(scored["gaussians"]["dense"].is_null() && scored["protocol"]["iterations"].is_null());
+    let names = |v: &serde_json::Value| v.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(&run), names(&scored), "one schema");
+    for view in scored["views"].as_array().unwrap() {
+        let name = view["name"].as_str().unwrap();
+        let picture = Path::new("renders").join(name).with_extension("png");
+        assert!(std::fs::read(out.join(&picture)).unwrap() == std::fs::read(again.join(&picture)).unwrap(), "{name}");
+        assert!(text.contains(name) && text.contains(&format!("{:.3}", view["psnr"].as_f64().unwrap())), "{text}");
+    }
+    assert!(text.contains(&format!("{:.4}", scored["test"]["ssim"].as_f64().unwrap())), "{text}");
+
+    // What is given on the command line comes before the file: other options, other scores.
+    let mut arguments = vec![model.as_os_str(), config_flag, config.as_ref()];
+    arguments.extend(["--eval-every", "1", "--json"].map(std::ffi::OsStr::new));
+    let json: serde_json::Value = serde_json::from_slice(&eval(&arguments).stdout).expect("one JSON document");
+    assert_eq!((&json["protocol"]["test_views"], &json["protocol"]["train_views"]), (&9.into(), &0.into()));
+    assert!(json["train"]["psnr"].is_null());
+    // Without the file the scene's own size and background count.
+    let json = std::ffi::OsStr::new("--json");
+    let plain: serde_json::Value =
+        serde_json::from_slice(&eval(&[model.as_ref(), scene.as_ref(), json]).stdout).expect("one JSON document");
+    assert_eq!(plain["protocol"]["image_size"], serde_json::json!([48, 36]));
+    assert_ne!(plain["test"], run["test"]);
+}
+
+#[test]
+fn eval_refuses_what_it_cannot_score() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let model = folder.path().join("model.ply");
+    std::fs::write(&model, b"no model").unwrap();
+    let refused = |code: i32, says: &str, arguments: &[&std::ffi::OsStr]| {
+        let output = eval(arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(code) && said.contains(says), "{arguments:?}: {said}");
+    };
+    let [o, every, zero] = ["-o", "--eval-every", "0"].map(std::ffi::OsStr::new);
+    refused(2, "SCENE", &[model.as_ref()]);
+    refused(3, "model.ply", &[model.as_ref(), scene.as_ref()]);
+    let one = qirf_vk::train::initialise::from_points(&[qirf_vk::train::initialise::Seed {
+        position: glam::DVec3::ZERO,
+        colour: glam::DVec3::ONE,
+    }]);
+    qirf_vk::gaussians::formats::write(&model, &one).unwrap();
+    refused(2, "--eval-every 1", &[model.as_ref(), scene.as_ref(), every, zero]);
+    let run = folder.path().join("run");
+    std::fs::create_dir(&run).unwrap();
+    std::fs::write(run.join("config.toml"), "").unwrap();
+    refused(2, "name another folder", &[model.as_ref(), scene.as_ref(), o, run.as_ref()]);
+    refused(3, "nowhere", &[model.as_ref(), folder.path().join("nowhere").as_ref()]);
+}

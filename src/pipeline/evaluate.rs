@@ -1,11 +1,22 @@
 //! Held-out views: rendered, scored, and written as pictures.
 
+use super::pictures::{self, Format};
+use super::prepare::Prepared;
+use super::results::ViewScores;
+use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::metrics::{self, Networks, Scores};
 use crate::render::{Image, Renderer, Settings};
 use crate::train::photos::TrainView;
+use std::path::Path;
+use std::time::Instant;
+
+/// Frames that are timed for the frame rate.
+const TIMED_FRAMES: usize = 20;
+/// Alpha below which a whole view counts as empty.
+const EMPTY: f32 = 1e-3;
 
 /// Red, green, blue of a photo in [0, 1] over a background, row by row.
 pub fn truth(view: &TrainView, background: [f32; 3]) -> Vec<f32> {
@@ -22,6 +33,29 @@ pub fn truth(view: &TrainView, background: [f32; 3]) -> Vec<f32> {
 /// Red, green, blue of a rendered picture, clamped to [0, 1].
 pub fn rgb(image: &Image) -> Vec<f32> {
     image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| v.clamp(0.0, 1.0))).collect()
+}
+
+/// The held-out views of a model.
+pub struct HeldOut {
+    /// Their scores.
+    pub views: Vec<ViewScores>,
+    /// Views that rendered empty.
+    pub empty: usize,
+}
+
+impl HeldOut {
+    /// Mean scores; none without views.
+    pub fn mean(&self) -> Option<Scores> {
+        metrics::mean(&self.views.iter().map(|v| v.scores.clone()).collect::<Vec<_>>())
+    }
+
+    /// Tells of views that rendered empty.
+    pub fn warn(&self, watcher: &dyn Watcher) {
+        if self.empty > 0 {
+            let n = self.empty;
+            watcher.note(&format!("{n} held-out views rendered empty: check the poses and the scene's scale"));
+        }
+    }
 }
 
 /// Renders views of a model one after the other.
@@ -94,5 +128,47 @@ impl Evaluator {
             n += 1;
         }
         Ok((n > 0).then(|| sum / f64::from(n)))
+    }
+
+    /// Renders and scores the held-out views; their pictures go to the folder `renders`, where there is one. `follow`
+    /// hears how many are done, and may end it.
+    ///
+    /// # Errors
+    /// Device errors; pictures that cannot be written; what `follow` says.
+    pub fn held_out(
+        &mut self,
+        model: &Resident,
+        prepared: &Prepared,
+        renders: Option<&Path>,
+        networks: &Networks,
+        follow: &mut dyn FnMut(usize) -> Result<(), Error>,
+    ) -> Result<HeldOut, Error> {
+        let names = pictures::names(prepared.test.iter().map(|(name, _)| name.as_str()), Format::Png.extension());
+        let mut out = HeldOut { views: Vec::new(), empty: 0 };
+        for ((name, view), file) in prepared.test.iter().zip(names) {
+            let image = self.render(model, view)?;
+            out.empty += usize::from(image.pixels.iter().all(|p| p[3] < EMPTY));
+            if let Some(folder) = renders {
+                pictures::write(&folder.join(file), &image, Format::Png, false)?;
+            }
+            out.views.push(ViewScores { name: name.clone(), scores: self.score(&image, view, networks)? });
+            follow(out.views.len())?;
+        }
+        Ok(out)
+    }
+
+    /// Pictures a second at the views' own sizes, rendering alone; none without views.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn frames_per_second(&mut self, model: &Resident, prepared: &Prepared) -> Result<Option<f64>, Error> {
+        let views: Vec<_> = prepared.views().take(TIMED_FRAMES).collect();
+        let Some(first) = views.first() else { return Ok(None) };
+        self.render(model, first)?;
+        let started = Instant::now();
+        for view in &views {
+            self.draw(model, view)?;
+        }
+        Ok(Some(views.len() as f64 / started.elapsed().as_secs_f64()))
     }
 }

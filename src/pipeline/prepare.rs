@@ -1,6 +1,6 @@
 //! From a scene on disk to views in memory, and to the Gaussians that training begins with.
 
-use super::config::{Init, RunConfig};
+use super::config::{Init, RunConfig, Selection};
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
 use crate::scene::{OpenOptions, Resize, Scene, SceneKind};
@@ -29,6 +29,13 @@ pub struct Prepared {
     pub background: [f32; 3],
 }
 
+impl Prepared {
+    /// All views, those held out first.
+    pub fn views(&self) -> impl Iterator<Item = &TrainView> {
+        self.test.iter().map(|(_, view)| view).chain(&self.train)
+    }
+}
+
 /// Reads `W` or `/K`.
 ///
 /// # Errors
@@ -46,16 +53,16 @@ pub fn resolution(text: &str) -> Result<Resize, String> {
 ///
 /// # Errors
 /// What the scene's readers refuse; photos that are not there.
-pub fn prepare(config: &RunConfig, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Prepared, Error> {
-    let resize = match &config.resolution {
+pub fn prepare(selection: &Selection, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Prepared, Error> {
+    let resize = match &selection.resolution {
         Some(text) => resolution(text).map_err(Error::Usage)?,
         None => Resize::Full,
     };
-    let mut scene = Scene::open(&config.scene, &OpenOptions { images: config.images.clone(), undistort: None })?;
+    let mut scene = Scene::open(&selection.scene, &OpenOptions { images: selection.images.clone(), undistort: None })?;
     scene.require_photos()?;
     let total = scene.views.len();
     let photos = scene.load_photos(resize, &|done| progress(done, total))?;
-    let split = scene.split(config.eval_every);
+    let split = scene.split(selection.eval_every);
     let transparent = photos.iter().any(|p| p.has_alpha);
     let mut photos: Vec<_> = photos.into_iter().map(Some).collect();
     let mut view = |i: usize| TrainView {
@@ -66,7 +73,7 @@ pub fn prepare(config: &RunConfig, progress: &(dyn Fn(usize, usize) + Sync)) -> 
     let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), view(*i))).collect();
     let extent = scene.extent(&split.train);
     // The field trains and scores Blender scenes on white.
-    let background = config.background.unwrap_or(if transparent { [1.0; 3] } else { [0.0; 3] });
+    let background = selection.background.unwrap_or(if transparent { [1.0; 3] } else { [0.0; 3] });
     Ok(Prepared { scene, train, test, extent, transparent, background })
 }
 
