@@ -38,6 +38,28 @@ pub enum Error {
     /// A scene that is no good: exit code 3.
     #[error(transparent)]
     Scene(scene::Error),
+    /// A job that the device's memory cannot hold: exit code 5.
+    #[error(
+        "{what} would need about {needed} bytes of device memory ({gaussians} Gaussians, pictures of {width} x {height}), and {device} allows {there}: give{fewer} a smaller --resolution, a larger --memory-budget where there is one, or another --device"
+    )]
+    Memory {
+        /// The job.
+        what: &'static str,
+        /// Gaussians expected.
+        gaussians: usize,
+        /// Widest picture in pixels.
+        width: u32,
+        /// Highest picture in pixels.
+        height: u32,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes allowed.
+        there: u64,
+        /// The device's name.
+        device: String,
+        /// What would fit, as a clause of the advice; empty where there is none.
+        fewer: String,
+    },
     /// The synthetic scene's own errors: 2 for the options and the folder's choice, 5 for writing.
     #[error(transparent)]
     Synth(#[from] synth::Error),
@@ -100,7 +122,7 @@ impl Error {
         match self {
             Self::Device(e) if e.is_resources() => 5,
             Self::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => 5,
-            Self::Write { .. } | Self::Print(_) => 5,
+            Self::Memory { .. } | Self::Write { .. } | Self::Print(_) => 5,
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
             Self::Usage(_) | Self::Synth(_) => 2,
             Self::Read { .. } | Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,

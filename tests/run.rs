@@ -154,6 +154,40 @@ fn eval_gives_a_runs_model_the_runs_scores() {
     assert_ne!(plain["test"], run["test"]);
 }
 
+/// Too small a budget ends the job before a photo is decoded, with what would fit; a run's estimate holds.
+#[test]
+fn memory_is_estimated_before_the_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let refused = |command: &mut Command| {
+        let output = command.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(5), "{said}");
+        assert!(said.contains("bytes of device memory") && said.contains("--memory-budget"), "{said}");
+        said
+    };
+    let out = folder.path().join("out");
+    let sizes = ["--init", "random", "--init-count", "20000", "--max-gaussians", "50000"];
+    let said = refused(command(&scene, &out, &sizes).args(["--memory-budget", "60M"]));
+    assert!(said.contains("62914560") && said.contains("50000 Gaussians") && said.contains("48 x 36"), "{said}");
+    assert!(!out.join("config.toml").exists(), "nothing was begun");
+    // What it advises works, and the run's peak is within its estimate.
+    let advised = said.split("--max-gaussians ").nth(1).and_then(|t| t.split(',').next()).expect("advice").to_owned();
+    println!("advised {advised}");
+    let fitting = ["--memory-budget", "60M", "--max-gaussians", &advised, "--init", "random", "--init-count", "20000"];
+    works(&mut command(&scene, &out, &fitting));
+    let memory = &metrics(&out)["memory"];
+    let [estimated, peak, limit] =
+        ["estimated_bytes", "peak_bytes", "limit_bytes"].map(|k| memory[k].as_u64().unwrap_or_else(|| panic!("{k}")));
+    println!("estimated {estimated}, peak {peak}, limit {limit}");
+    assert!(peak <= estimated && estimated <= limit && limit == 60 << 20);
+
+    let said = refused(command(&scene, &out, &["--memory-budget", "1k"]).arg("--resume"));
+    assert!(!said.contains("--max-gaussians"), "nothing fits: {said}");
+    let mut eval = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    refused(eval.arg("eval").arg(out.join("model.ply")).arg(&scene).args(["--memory-budget", "100k"]));
+}
+
 #[test]
 fn eval_refuses_what_it_cannot_score() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,9 +1,10 @@
 //! `qirf-vk eval`: a model of any format against a scene's held-out photos.
 
+use super::budget;
 use super::config::Selection;
 use super::evaluate::Evaluator;
 use super::output::Output;
-use super::prepare::prepare;
+use super::prepare::open;
 use super::results::{Counts, Guards, Memory, Protocol, Results, Times, TrainScores};
 use super::watcher::Watcher;
 use crate::error::Error;
@@ -40,7 +41,9 @@ pub fn eval(
 ) -> Result<Results, Error> {
     let begun = Instant::now();
     let selection = &evaluation.selection;
-    let prepared = prepare(selection, &|done, total| watcher.loading(done, total))?;
+    let opened = open(selection)?;
+    let estimated_bytes = budget::for_eval(device, &opened, model.len(), model.degree())?;
+    let prepared = opened.load(&|done, total| watcher.loading(done, total))?;
     for line in prepared.scene.skipped.summary() {
         watcher.note(&line);
     }
@@ -86,7 +89,7 @@ pub fn eval(
             stages_s: BTreeMap::new(),
         },
         effects: Vec::new(),
-        memory: Memory { peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
+        memory: Memory { estimated_bytes, peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
     };
     if let Some(output) = output {
         results.write(output)?;

@@ -1,12 +1,13 @@
 //! Held-out views: rendered, scored, and written as pictures.
 
+use super::budget;
 use super::pictures::{self, Format};
 use super::prepare::Prepared;
 use super::results::ViewScores;
 use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
-use crate::gpu::Device;
+use crate::gpu::{Device, staging_bytes};
 use crate::metrics::{self, Networks, Scores};
 use crate::render::{Image, Renderer, Settings};
 use crate::train::photos::TrainView;
@@ -78,6 +79,12 @@ impl Evaluator {
         let (width, height) = views.fold((1, 1), |(w, h), v| (w.max(v.camera.width), h.max(v.camera.height)));
         let renderer = Renderer::new(device, settings, gaussians, width, height)?;
         Ok(Self { renderer, background: settings.background })
+    }
+
+    /// Bytes of an evaluator for views of at most this size, and of a picture's way back.
+    pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2]) -> u64 {
+        let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
+        Renderer::bytes(device, gaussians, size, budget::pairs(gaussians), false) + staging_bytes(picture)
     }
 
     /// Renders a view.

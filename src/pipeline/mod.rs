@@ -1,5 +1,6 @@
 //! Floor 7: whole jobs as readable lists of stages.
 
+pub mod budget;
 pub mod config;
 pub mod eval;
 pub mod evaluate;

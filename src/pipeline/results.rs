@@ -177,6 +177,8 @@ pub struct Guards {
 /// Device memory in bytes.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Memory {
+    /// What was expected before the start.
+    pub estimated_bytes: u64,
     /// At most in use at a time.
     pub peak_bytes: u64,
     /// Allowed.

@@ -1,9 +1,10 @@
 //! `qirf-vk run`: from photos to a trained model, its pictures and its figures.
 
+use super::budget;
 use super::config::RunConfig;
 use super::evaluate::Evaluator;
 use super::output::Output;
-use super::prepare::{Prepared, initialise, prepare};
+use super::prepare::{Prepared, Start, initialise, open};
 use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Results, Times, TrainScores};
 use super::watcher::Watcher;
 use crate::error::Error;
@@ -18,8 +19,6 @@ use std::time::Instant;
 
 /// Points of the quality curve.
 const CURVE_POINTS: u32 = 8;
-/// Pairs a Gaussian that room is made for at first.
-const PAIRS_PER_GAUSSIAN: u32 = 16;
 
 /// Trains, evaluates and writes a run. With `resume` it goes on from the folder's checkpoint, if there is one, and ends
 /// with the same bytes as the unbroken run.
@@ -38,8 +37,14 @@ pub fn run(
     let written =
         toml::to_string(config).map_err(|e| Error::Usage(format!("the configuration cannot be written: {e}")))?;
     let snapshot = found(output, &written, resume, watcher)?;
+    let opened = open(&config.selection())?;
+    let start = match snapshot {
+        Some(s) => Start::Resumed(Box::new(s)),
+        None => Start::of(config, &opened)?,
+    };
+    let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
     Output::text(&output.config(), &written)?;
-    let prepared = prepare(&config.selection(), &|done, total| watcher.loading(done, total))?;
+    let prepared = opened.load(&|done, total| watcher.loading(done, total))?;
     for line in prepared.scene.skipped.summary() {
         watcher.note(&line);
     }
@@ -52,7 +57,7 @@ pub fn run(
     let load_s = begun.elapsed().as_secs_f64();
     let settings = Settings { background: prepared.background, antialias: config.antialias, ..Settings::default() };
 
-    let mut job = Job::start(device, config, &prepared, settings, snapshot)?;
+    let mut job = Job::start(device, config, &prepared, settings, start)?;
     job.train(config, &prepared, output, &written, watcher)?;
 
     let evaluating = Instant::now();
@@ -96,7 +101,7 @@ pub fn run(
             scene: prepared.scene.skipped.clone(),
         },
         views: held_out.views,
-        memory: Memory { peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
+        memory: Memory { estimated_bytes, peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
     };
     results.write(output)?;
     // The run is whole: nothing is left to go on from.
@@ -141,7 +146,7 @@ impl Job {
         config: &RunConfig,
         prepared: &Prepared,
         settings: Settings,
-        snapshot: Option<Snapshot>,
+        start: Start,
     ) -> Result<Self, Error> {
         let options = |gaussians: usize| Options {
             schedule: config.schedule.clone(),
@@ -151,17 +156,17 @@ impl Job {
             most: config.max_gaussians,
             transparent: prepared.transparent,
             weights: Weights::default(),
-            pairs: (gaussians as u32).saturating_mul(PAIRS_PER_GAUSSIAN).max(1 << 14),
+            pairs: budget::pairs(gaussians),
         };
         let views = prepared.train.clone();
-        let (trainer, initial, seconds, curve) = if let Some(s) = snapshot {
+        let (trainer, initial, seconds, curve) = if let Start::Resumed(s) = start {
             let options = options(s.model.len());
             let note = |key: &str| s.notes.get(key).cloned().unwrap_or_default();
             let trainer = Trainer::resume(device, &s, views, prepared.extent, options)?;
             let curve = serde_json::from_str(&note("curve")).unwrap_or_default();
             (trainer, note("initial").parse().unwrap_or(0), note("seconds").parse().unwrap_or(0.0), curve)
         } else {
-            let model = initialise(config, prepared)?;
+            let model = initialise(config, prepared, start)?;
             let n = model.len();
             (Trainer::new(device, &model, views, prepared.extent, options(n))?, n, 0.0, Vec::new())
         };

@@ -4,8 +4,10 @@ pub mod checkpoint;
 pub mod density;
 pub mod initialise;
 pub mod loss;
+mod memory;
 pub mod photos;
 pub mod schedule;
 mod trainer;
 
+pub use memory::Demand;
 pub use trainer::{Options, Progress, Trainer};

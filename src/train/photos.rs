@@ -35,13 +35,23 @@ pub enum Photos {
 }
 
 impl Photos {
+    /// Bytes on the device of photos of these bytes each, where so many bytes are allowed in all.
+    pub fn bytes(sizes: &[u64], limit: u64) -> u64 {
+        let all = sizes.iter().sum();
+        if Self::fit(all, limit) { all } else { sizes.iter().copied().max().unwrap_or(0) }
+    }
+
+    fn fit(bytes: u64, limit: u64) -> bool {
+        bytes <= limit / DEVICE_SHARE
+    }
+
     /// Uploads all photos, where they take no more than a quarter of the memory allowed; else makes room for one.
     ///
     /// # Errors
     /// Device memory; device errors.
     pub fn new(device: &Device, views: &[TrainView]) -> Result<Self> {
         let bytes: u64 = views.iter().map(|v| v.pixels.len() as u64).sum();
-        if bytes <= device.memory_limit() / DEVICE_SHARE {
+        if Self::fit(bytes, device.memory_limit()) {
             let upload = |v: &TrainView| device.upload("photo", &words(v));
             return views.iter().map(upload).collect::<Result<_>>().map(Self::Resident);
         }
