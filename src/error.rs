@@ -1,6 +1,6 @@
 //! What ends the program early, and with which exit code.
 
-use crate::{gaussians, gpu, scene, synth};
+use crate::{gaussians, gpu, scene, synth, train};
 use std::io;
 use std::path::PathBuf;
 
@@ -32,6 +32,9 @@ pub enum Error {
     /// The device floor: exit code 4, or 5 where memory ran out.
     #[error(transparent)]
     Device(#[from] gpu::Error),
+    /// Training: 2 without photos, 3 for poses that leave no place, 5 for the photos' temporary file.
+    #[error(transparent)]
+    Train(train::Error),
     /// A model file that is no good: exit code 3.
     #[error(transparent)]
     Gaussians(gaussians::Error),
@@ -85,6 +88,15 @@ pub enum Error {
     Interrupted,
 }
 
+impl From<train::Error> for Error {
+    fn from(error: train::Error) -> Self {
+        match error {
+            train::Error::Device(e) => Self::Device(e),
+            other => Self::Train(other),
+        }
+    }
+}
+
 impl From<gaussians::Error> for Error {
     fn from(error: gaussians::Error) -> Self {
         match error {
@@ -124,7 +136,9 @@ impl Error {
             Self::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => 5,
             Self::Memory { .. } | Self::Write { .. } | Self::Print(_) => 5,
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
-            Self::Usage(_) | Self::Synth(_) => 2,
+            Self::Train(train::Error::Photos(_)) => 5,
+            Self::Usage(_) | Self::Synth(_) | Self::Train(train::Error::NoViews) => 2,
+            Self::Train(_) => 3,
             Self::Read { .. } | Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,
             Self::Device(_) | Self::SelfTest { .. } => 4,
             Self::Interrupted => 130,

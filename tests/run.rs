@@ -1,6 +1,10 @@
 //! Whole runs of the real binary: files, figures, and what survives being killed.
 
+use qirf_vk::gpu::{Device, DeviceOptions};
+use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::{self, Init, Preset, RunConfig, prepare};
 use qirf_vk::synth::{SynthOptions, write};
+use qirf_vk::train::pixels::Pixels;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
@@ -186,6 +190,56 @@ fn memory_is_estimated_before_the_start() {
     assert!(!said.contains("--max-gaussians"), "nothing fits: {said}");
     let mut eval = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
     refused(eval.arg("eval").arg(out.join("model.ply")).arg(&scene).args(["--memory-budget", "100k"]));
+}
+
+struct Silent;
+
+impl qirf_vk::pipeline::Watcher for Silent {
+    fn loading(&self, _: usize, _: usize) {}
+    fn training(&self, _: &qirf_vk::train::Progress, _: u32) {}
+    fn evaluating(&self, _: usize, _: usize) {}
+    fn note(&self, _: &str) {}
+    fn stop(&self) -> bool {
+        false
+    }
+}
+
+/// Photos in memory and photos in a file give the same bytes and the same scores; the file leaves nothing behind.
+#[test]
+fn photos_beyond_the_hosts_memory_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = RunConfig {
+        scene: scene(folder.path()),
+        images: None,
+        resolution: Some("40".into()),
+        seed: 3,
+        eval_every: 4,
+        sh_degree: 1,
+        init: Init::Random,
+        init_count: Some(900),
+        background: None,
+        antialias: false,
+        max_gaussians: 5000,
+        checkpoint_every: 0,
+        schedule: Preset::Quick.schedule(Some(60)),
+    };
+    let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
+    let mut results = Vec::new();
+    for (name, host_bytes) in [("memory", u64::MAX), ("file", 0)] {
+        let opened = prepare::open(&config.selection()).unwrap();
+        let prepared = opened.load((host_bytes, folder.path()), &|_, _| ()).unwrap();
+        assert!(prepared.views().all(|v| matches!(v.pixels, Pixels::Filed { .. }) == (host_bytes == 0)));
+        let output = qirf_vk::pipeline::Output::new(&folder.path().join(name)).unwrap();
+        let networks = Networks::default();
+        let r = pipeline::run::run(&device, &config, &output, &networks, host_bytes, false, &Silent).unwrap();
+        assert_eq!(r.gaussians.initial, Some(900));
+        let mut files: Vec<_> = std::fs::read_dir(output.folder()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        files.sort();
+        assert_eq!(files, ["config.toml", "metrics.json", "model.ply", "renders"]);
+        results.push((model(output.folder()), r.test, r.train.psnr, r.views.len()));
+    }
+    assert!(results[0] == results[1]);
+    assert_eq!(Device::validation_messages(), 0);
 }
 
 #[test]

@@ -7,6 +7,7 @@ use super::show::Show;
 use super::values;
 use crate::error::Error;
 use crate::metrics::{Networks, Scores};
+use crate::pipeline::budget;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::results::Results;
 use crate::pipeline::{Output, Selection};
@@ -80,7 +81,15 @@ impl Arguments {
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;
         let model = (self.model.as_path(), &loaded.gaussians);
-        let results = eval::eval(&device, model, &evaluation, output.as_ref(), &networks, &Show::new(console))?;
+        let results = eval::eval(
+            &device,
+            model,
+            &evaluation,
+            output.as_ref(),
+            &networks,
+            budget::host(self.memory_budget),
+            &Show::new(console),
+        )?;
         self.report(console, &results)
     }
 

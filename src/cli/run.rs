@@ -7,8 +7,8 @@ use super::values;
 use crate::error::Error;
 use crate::metrics::Networks;
 use crate::pipeline::results::Results;
-use crate::pipeline::run;
 use crate::pipeline::{Init, Output, Preset, RunConfig};
+use crate::pipeline::{budget, run};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
@@ -59,7 +59,8 @@ pub(super) struct Arguments {
     /// Never more Gaussians than this
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training")]
     max_gaussians: usize,
-    /// Device memory that the run may use, such as 2G or 800M [default: the device's]
+    /// Device memory that the run may use, such as 2G or 800M, and the most that decoded photos take of the host's
+    /// [default: the device's, and a quarter of the host's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Training")]
     memory_budget: Option<u64>,
     /// Keep each Gaussian's energy where it is smaller than a pixel
@@ -112,7 +113,8 @@ impl Arguments {
         let device = global.open_with(self.memory_budget)?;
         let show = Show::new(console);
         let output = Output::new(&self.output)?;
-        let results = run::run(&device, &config, &output, &networks, self.resume, &show)?;
+        let results =
+            run::run(&device, &config, &output, &networks, budget::host(self.memory_budget), self.resume, &show)?;
         self.report(console, &results)
     }
 

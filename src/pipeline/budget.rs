@@ -12,6 +12,10 @@ use crate::train::{Demand, Trainer};
 pub const PAIRS_PER_GAUSSIAN: u32 = 16;
 /// Pairs that room is made for at least.
 pub const LEAST_PAIRS: u32 = 1 << 14;
+/// The host's memory in bytes, where the system does not tell.
+const HOST: u64 = 8 << 30;
+/// Share of it that decoded photos may take.
+const HOST_SHARE: u64 = 4;
 /// How often its first number of Gaussians a run is assumed to reach, where `--max-gaussians` allows it.
 const GROWTH: usize = 4;
 
@@ -66,6 +70,21 @@ pub fn for_eval(device: &Device, opened: &Opened, gaussians: usize, degree: usiz
     let model = Resident::bytes(gaussians, degree);
     let needed = model + staging_bytes(model) + Evaluator::bytes(device, gaussians, size);
     check(device, "the evaluation", gaussians, size, needed, "")
+}
+
+/// Bytes of the host's memory that decoded photos may take: a quarter of it, or the budget given, if that is less.
+pub fn host(given: Option<u64>) -> u64 {
+    let quarter = physical().unwrap_or(HOST) / HOST_SHARE;
+    given.map_or(quarter, |given| given.min(quarter))
+}
+
+/// Bytes of memory of this machine, or of the container that the program runs in; none where the system does not tell.
+fn physical() -> Option<u64> {
+    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = info.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
+    let machine = line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10;
+    let container = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|t| t.trim().parse().ok());
+    Some(container.map_or(machine, |limit: u64| limit.min(machine)))
 }
 
 /// The largest number up to `limit` that fits, where every smaller one does; 0 for none.

@@ -27,7 +27,8 @@ pub struct Evaluation {
 }
 
 /// Renders and scores the held-out views of a scene as a run of the same selection does; figures and pictures are
-/// written where there is an `output`. `file` is where `model` was read from.
+/// written where there is an `output`. `file` is where `model` was read from. Photos
+/// take no more than `host_bytes` of the host's memory.
 ///
 /// # Errors
 /// Anything from scene to disk; no held-out view; [`Error::Interrupted`].
@@ -37,13 +38,16 @@ pub fn eval(
     evaluation: &Evaluation,
     output: Option<&Output>,
     networks: &Networks,
+    host_bytes: u64,
     watcher: &(dyn Watcher + Sync),
 ) -> Result<Results, Error> {
     let begun = Instant::now();
     let selection = &evaluation.selection;
     let opened = open(selection)?;
     let estimated_bytes = budget::for_eval(device, &opened, model.len(), model.degree())?;
-    let prepared = opened.load(&|done, total| watcher.loading(done, total))?;
+    let elsewhere = std::env::temp_dir();
+    let folder = output.map_or(elsewhere.as_path(), Output::folder);
+    let prepared = opened.load((host_bytes, folder), &|done, total| watcher.loading(done, total))?;
     for line in prepared.scene.skipped.summary() {
         watcher.note(&line);
     }

@@ -10,6 +10,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::metrics::{self, Networks, Scores};
 use crate::render::{Image, Renderer, Settings};
+use crate::train;
 use crate::train::photos::TrainView;
 use std::path::Path;
 use std::time::Instant;
@@ -20,15 +21,18 @@ const TIMED_FRAMES: usize = 20;
 const EMPTY: f32 = 1e-3;
 
 /// Red, green, blue of a photo in [0, 1] over a background, row by row.
-pub fn truth(view: &TrainView, background: [f32; 3]) -> Vec<f32> {
+///
+/// # Errors
+/// A photo that lies in a file which cannot be read.
+pub fn truth(view: &TrainView, background: [f32; 3]) -> Result<Vec<f32>, Error> {
     let mut out = Vec::with_capacity(view.pixels.len() / 4 * 3);
-    for p in view.pixels.chunks_exact(4) {
+    for p in view.pixels.read().map_err(train::Error::Photos)?.chunks_exact(4) {
         let alpha = f32::from(p[3]) / 255.0;
         for c in 0..3 {
             out.push(f32::from(p[c]) / 255.0 * alpha + background[c] * (1.0 - alpha));
         }
     }
-    out
+    Ok(out)
 }
 
 /// Red, green, blue of a rendered picture, clamped to [0, 1].
@@ -109,7 +113,7 @@ impl Evaluator {
     /// # Errors
     /// Networks that do not fit the picture are noted in the scores, not errors; sizes always agree here.
     pub fn score(&self, image: &Image, view: &TrainView, networks: &Networks) -> Result<Scores, Error> {
-        let (rendered, photo) = (rgb(image), truth(view, self.background));
+        let (rendered, photo) = (rgb(image), truth(view, self.background)?);
         let (w, h) = (image.width as usize, image.height as usize);
         let rendered = metrics::Image::new(w, h, &rendered)?;
         let photo = metrics::Image::new(w, h, &photo)?;
@@ -128,7 +132,7 @@ impl Evaluator {
         let (mut sum, mut n) = (0.0, 0);
         for view in views {
             let image = self.render(model, view)?;
-            let (rendered, photo) = (metrics::round_trip_8bit(&rgb(&image)), truth(view, self.background));
+            let (rendered, photo) = (metrics::round_trip_8bit(&rgb(&image)), truth(view, self.background)?);
             let photo = metrics::round_trip_8bit(&photo);
             let (w, h) = (image.width as usize, image.height as usize);
             sum += metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?;

@@ -17,6 +17,11 @@ impl Output {
         Ok(Self(folder.to_owned()))
     }
 
+    /// The folder itself.
+    pub fn folder(&self) -> &Path {
+        &self.0
+    }
+
     /// The checkpoint.
     pub fn checkpoint(&self) -> PathBuf {
         self.0.join("checkpoint.safetensors")

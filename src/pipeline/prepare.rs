@@ -4,12 +4,16 @@ use super::config::{Init, RunConfig, Selection};
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
 use crate::scene::camera::Camera;
-use crate::scene::{OpenOptions, Resize, Scene, SceneKind};
+use crate::scene::photo::Photo;
+use crate::scene::{self, OpenOptions, Resize, Scene, SceneKind};
 use crate::train::checkpoint::Snapshot;
 use crate::train::initialise::{self, Seed};
 use crate::train::photos::TrainView;
+use crate::train::pixels::{PhotoFile, Pixels};
 use glam::DVec3;
-use std::sync::Arc;
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Random points for each pixel of a picture, and the bounds of their number.
 const POINTS_PER_PIXEL: f64 = 0.3;
@@ -90,21 +94,58 @@ impl Opened {
         self.scene.split(self.selection.eval_every).train.iter().map(pixels).collect()
     }
 
-    /// Decodes the photos.
+    /// Decodes the photos in parallel. Where they would take more than `room` bytes of the host's memory, they go to a
+    /// temporary file in `folder` as they are decoded.
     ///
     /// # Errors
-    /// No photo can be decoded.
-    pub fn load(self, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Prepared, Error> {
+    /// No photo can be decoded; a file that cannot be written.
+    pub fn load(
+        self,
+        (room, folder): (u64, &Path),
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Prepared, Error> {
         let Self { mut scene, resize, selection } = self;
-        let total = scene.views.len();
-        let photos = scene.load_photos(resize, &|done| progress(done, total))?;
-        let split = scene.split(selection.eval_every);
-        let transparent = photos.iter().any(|p| p.has_alpha);
-        let mut photos: Vec<_> = photos.into_iter().map(Some).collect();
-        let mut view = |i: usize| TrainView {
-            camera: scene.views[i].camera_at(resize),
-            pixels: photos[i].take().map_or_else(|| Arc::from([]), |p| Arc::from(p.pixels)),
+        let ends: Vec<u64> = scene
+            .views
+            .iter()
+            .map(|v| v.camera_at(resize))
+            .scan(0, |end, c| {
+                *end += 4 * u64::from(c.width) * u64::from(c.height);
+                Some(*end)
+            })
+            .collect();
+        let all = ends.last().copied().unwrap_or(0);
+        let writing = |source| Error::Write { path: folder.to_owned(), source };
+        let file = if all > room { Some(PhotoFile::new(folder).map_err(writing)?) } else { None };
+        if file.is_some() {
+            tracing::info!("{all} bytes of photos are beyond {room}: they go to a file in {}", folder.display());
+        }
+        let store = |photo: Photo, end: u64| -> Result<(Pixels, bool), Error> {
+            let pixels = match &file {
+                Some(file) => file.put(end - photo.pixels.len() as u64, &photo.pixels).map_err(writing)?,
+                None => Pixels::from(photo.pixels),
+            };
+            Ok((pixels, photo.has_alpha))
         };
+        let (done, total) = (AtomicUsize::new(0), scene.views.len());
+        let photos: Vec<Result<(Pixels, bool), scene::Error>> = scene
+            .views
+            .par_iter()
+            .zip(&ends)
+            .map(|(view, end)| {
+                let photo = view.load_photo(resize);
+                progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+                // A damaged photo fails alone; a full disk ends it all.
+                Ok(match photo {
+                    Ok(photo) => Ok(store(photo, *end)?),
+                    Err(damaged) => Err(damaged),
+                })
+            })
+            .collect::<Result<_, Error>>()?;
+        let photos = scene.keep_loaded(photos)?;
+        let split = scene.split(selection.eval_every);
+        let transparent = photos.iter().any(|(_, has_alpha)| *has_alpha);
+        let view = |i: usize| TrainView { camera: scene.views[i].camera_at(resize), pixels: photos[i].0.clone() };
         let train = split.train.iter().map(|i| view(*i)).collect();
         let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), view(*i))).collect();
         let extent = scene.extent(&split.train);
@@ -171,7 +212,7 @@ impl Start {
 /// The Gaussians that training begins with.
 ///
 /// # Errors
-/// A scene in which no random point is seen by enough cameras.
+/// Cameras that leave no place for random points.
 pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Result<Gaussians, Error> {
     let blender = prepared.scene.kind == SceneKind::Blender;
     let colour = |c: [u8; 3]| DVec3::from(c.map(f64::from)) / 255.0;
@@ -181,14 +222,8 @@ pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Resu
         Start::Points(_) => {
             prepared.scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p.colour) }).collect()
         }
-        Start::Random(count) => initialise::random(&prepared.train, count, blender, u64::from(config.seed)),
+        Start::Random(count) => initialise::random(&prepared.train, count, blender, u64::from(config.seed))?,
     };
-    if seeds.is_empty() {
-        return Err(Error::Usage(format!(
-            "{}: no point to begin with: no place is seen by three cameras; check the poses, or give --init MODEL",
-            config.scene.display()
-        )));
-    }
     let mut model = initialise::from_points(&seeds);
     if model.len() > config.max_gaussians {
         let n = model.len();

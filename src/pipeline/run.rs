@@ -21,7 +21,7 @@ use std::time::Instant;
 const CURVE_POINTS: u32 = 8;
 
 /// Trains, evaluates and writes a run. With `resume` it goes on from the folder's checkpoint, if there is one, and ends
-/// with the same bytes as the unbroken run.
+/// with the same bytes as the unbroken run. Photos take no more than `host_bytes` of the host's memory.
 ///
 /// # Errors
 /// Anything from scene to disk; [`Error::Interrupted`] after a checkpoint.
@@ -30,6 +30,7 @@ pub fn run(
     config: &RunConfig,
     output: &Output,
     networks: &Networks,
+    host_bytes: u64,
     resume: bool,
     watcher: &(dyn Watcher + Sync),
 ) -> Result<Results, Error> {
@@ -44,7 +45,7 @@ pub fn run(
     };
     let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
     Output::text(&output.config(), &written)?;
-    let prepared = opened.load(&|done, total| watcher.loading(done, total))?;
+    let prepared = opened.load((host_bytes, output.folder()), &|done, total| watcher.loading(done, total))?;
     for line in prepared.scene.skipped.summary() {
         watcher.note(&line);
     }
