@@ -1,6 +1,6 @@
 //! What ends the program early, and with which exit code.
 
-use crate::{gaussians, gpu, scene, synth};
+use crate::{gaussians, gpu, scene, synth, train};
 use std::io;
 use std::path::PathBuf;
 
@@ -32,12 +32,37 @@ pub enum Error {
     /// The device floor: exit code 4, or 5 where memory ran out.
     #[error(transparent)]
     Device(#[from] gpu::Error),
+    /// Training: 2 without photos, 3 for poses that leave no place, 5 for the photos' temporary file.
+    #[error(transparent)]
+    Train(train::Error),
     /// A model file that is no good: exit code 3.
     #[error(transparent)]
     Gaussians(gaussians::Error),
     /// A scene that is no good: exit code 3.
     #[error(transparent)]
     Scene(scene::Error),
+    /// A job that the device's memory cannot hold: exit code 5.
+    #[error(
+        "{what} would need about {needed} bytes of device memory ({gaussians} Gaussians, pictures of {width} x {height}), and {device} allows {there}: give{fewer} a smaller --resolution, a larger --memory-budget where there is one, or another --device"
+    )]
+    Memory {
+        /// The job.
+        what: &'static str,
+        /// Gaussians expected.
+        gaussians: usize,
+        /// Widest picture in pixels.
+        width: u32,
+        /// Highest picture in pixels.
+        height: u32,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes allowed.
+        there: u64,
+        /// The device's name.
+        device: String,
+        /// What would fit, as a clause of the advice; empty where there is none.
+        fewer: String,
+    },
     /// The synthetic scene's own errors: 2 for the options and the folder's choice, 5 for writing.
     #[error(transparent)]
     Synth(#[from] synth::Error),
@@ -61,6 +86,15 @@ pub enum Error {
     /// The user pressed Ctrl-C: exit code 130.
     #[error("interrupted; what was finished is kept")]
     Interrupted,
+}
+
+impl From<train::Error> for Error {
+    fn from(error: train::Error) -> Self {
+        match error {
+            train::Error::Device(e) => Self::Device(e),
+            other => Self::Train(other),
+        }
+    }
 }
 
 impl From<gaussians::Error> for Error {
@@ -100,9 +134,11 @@ impl Error {
         match self {
             Self::Device(e) if e.is_resources() => 5,
             Self::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => 5,
-            Self::Write { .. } | Self::Print(_) => 5,
+            Self::Memory { .. } | Self::Write { .. } | Self::Print(_) => 5,
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
-            Self::Usage(_) | Self::Synth(_) => 2,
+            Self::Train(train::Error::Photos(_)) => 5,
+            Self::Usage(_) | Self::Synth(_) | Self::Train(train::Error::NoViews) => 2,
+            Self::Train(_) => 3,
             Self::Read { .. } | Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,
             Self::Device(_) | Self::SelfTest { .. } => 4,
             Self::Interrupted => 130,

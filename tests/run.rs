@@ -1,6 +1,10 @@
 //! Whole runs of the real binary: files, figures, and what survives being killed.
 
+use qirf_vk::gpu::{Device, DeviceOptions};
+use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::{self, Init, Preset, RunConfig, prepare};
 use qirf_vk::synth::{SynthOptions, write};
+use qirf_vk::train::pixels::Pixels;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
@@ -95,4 +99,172 @@ fn other_options_and_damaged_checkpoints_are_refused() {
     assert_eq!(output.status.code(), Some(2), "without --no-prune");
     let output = command(&folder.path().join("nowhere"), &out, &[]).output().unwrap();
     assert_eq!(output.status.code(), Some(3));
+}
+
+fn eval(arguments: &[&std::ffi::OsStr]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_qirf-vk")).arg("eval").args(arguments).output().expect("the program starts")
+}
+
+fn metrics(out: &Path) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(out.join("metrics.json")).expect("metrics.json")).expect("JSON")
+}
+
+#[test]
+fn eval_gives_a_runs_model_the_runs_scores() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let (out, again) = (folder.path().join("out"), folder.path().join("again"));
+    let more = ["--iterations", "60", "--antialias", "--eval-every", "3", "--background", "0.2,0.4,0.6"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    works(command.arg("run").arg(&scene).arg("-o").arg(&out).args(["--no-prune", "--resolution", "40"]).args(more));
+    let (model, config) = (out.join("model.ply"), out.join("config.toml"));
+    let run = metrics(&out);
+
+    let [config_flag, o] = ["--config", "-o"].map(std::ffi::OsStr::new);
+    let output = eval(&[model.as_ref(), config_flag, config.as_ref(), o, again.as_ref()]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let scored = metrics(&again);
+    for key in ["test", "train", "views"] {
+        assert_eq!(run[key], scored[key], "{key}");
+    }
+    for key in ["background", "image_size", "test_views", "train_views", "test_split", "lpips"] {
+        assert_eq!(run["protocol"][key], scored["protocol"][key], "{key}");
+    }
+    assert_eq!(run["gaussians"]["final"], scored["gaussians"]["final"]);
+    assert_eq!(run["ply_bytes"], scored["ply_bytes"]);
+    assert!(scored["gaussians"]["dense"].is_null() && scored["protocol"]["iterations"].is_null());
+    let names = |v: &serde_json::Value| v.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(&run), names(&scored), "one schema");
+    for view in scored["views"].as_array().unwrap() {
+        let name = view["name"].as_str().unwrap();
+        let picture = Path::new("renders").join(name).with_extension("png");
+        assert!(std::fs::read(out.join(&picture)).unwrap() == std::fs::read(again.join(&picture)).unwrap(), "{name}");
+        assert!(text.contains(name) && text.contains(&format!("{:.3}", view["psnr"].as_f64().unwrap())), "{text}");
+    }
+    assert!(text.contains(&format!("{:.4}", scored["test"]["ssim"].as_f64().unwrap())), "{text}");
+
+    // What is given on the command line comes before the file: other options, other scores.
+    let mut arguments = vec![model.as_os_str(), config_flag, config.as_ref()];
+    arguments.extend(["--eval-every", "1", "--json"].map(std::ffi::OsStr::new));
+    let json: serde_json::Value = serde_json::from_slice(&eval(&arguments).stdout).expect("one JSON document");
+    assert_eq!((&json["protocol"]["test_views"], &json["protocol"]["train_views"]), (&9.into(), &0.into()));
+    assert!(json["train"]["psnr"].is_null());
+    // Without the file the scene's own size and background count.
+    let json = std::ffi::OsStr::new("--json");
+    let plain: serde_json::Value =
+        serde_json::from_slice(&eval(&[model.as_ref(), scene.as_ref(), json]).stdout).expect("one JSON document");
+    assert_eq!(plain["protocol"]["image_size"], serde_json::json!([48, 36]));
+    assert_ne!(plain["test"], run["test"]);
+}
+
+/// Too small a budget ends the job before a photo is decoded, with what would fit; a run's estimate holds.
+#[test]
+fn memory_is_estimated_before_the_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let refused = |command: &mut Command| {
+        let output = command.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(5), "{said}");
+        assert!(said.contains("bytes of device memory") && said.contains("--memory-budget"), "{said}");
+        said
+    };
+    let out = folder.path().join("out");
+    let sizes = ["--init", "random", "--init-count", "20000", "--max-gaussians", "50000"];
+    let said = refused(command(&scene, &out, &sizes).args(["--memory-budget", "60M"]));
+    assert!(said.contains("62914560") && said.contains("50000 Gaussians") && said.contains("48 x 36"), "{said}");
+    assert!(!out.join("config.toml").exists(), "nothing was begun");
+    // What it advises works, and the run's peak is within its estimate.
+    let advised = said.split("--max-gaussians ").nth(1).and_then(|t| t.split(',').next()).expect("advice").to_owned();
+    println!("advised {advised}");
+    let fitting = ["--memory-budget", "60M", "--max-gaussians", &advised, "--init", "random", "--init-count", "20000"];
+    works(&mut command(&scene, &out, &fitting));
+    let memory = &metrics(&out)["memory"];
+    let [estimated, peak, limit] =
+        ["estimated_bytes", "peak_bytes", "limit_bytes"].map(|k| memory[k].as_u64().unwrap_or_else(|| panic!("{k}")));
+    println!("estimated {estimated}, peak {peak}, limit {limit}");
+    assert!(peak <= estimated && estimated <= limit && limit == 60 << 20);
+
+    let said = refused(command(&scene, &out, &["--memory-budget", "1k"]).arg("--resume"));
+    assert!(!said.contains("--max-gaussians"), "nothing fits: {said}");
+    let mut eval = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    refused(eval.arg("eval").arg(out.join("model.ply")).arg(&scene).args(["--memory-budget", "100k"]));
+}
+
+struct Silent;
+
+impl qirf_vk::pipeline::Watcher for Silent {
+    fn loading(&self, _: usize, _: usize) {}
+    fn training(&self, _: &qirf_vk::train::Progress, _: u32) {}
+    fn evaluating(&self, _: usize, _: usize) {}
+    fn note(&self, _: &str) {}
+    fn stop(&self) -> bool {
+        false
+    }
+}
+
+/// Photos in memory and photos in a file give the same bytes and the same scores; the file leaves nothing behind.
+#[test]
+fn photos_beyond_the_hosts_memory_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = RunConfig {
+        scene: scene(folder.path()),
+        images: None,
+        resolution: Some("40".into()),
+        seed: 3,
+        eval_every: 4,
+        sh_degree: 1,
+        init: Init::Random,
+        init_count: Some(900),
+        background: None,
+        antialias: false,
+        max_gaussians: 5000,
+        checkpoint_every: 0,
+        schedule: Preset::Quick.schedule(Some(60)),
+    };
+    let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
+    let mut results = Vec::new();
+    for (name, host_bytes) in [("memory", u64::MAX), ("file", 0)] {
+        let opened = prepare::open(&config.selection()).unwrap();
+        let prepared = opened.load((host_bytes, folder.path()), &|_, _| ()).unwrap();
+        assert!(prepared.views().all(|v| matches!(v.pixels, Pixels::Filed { .. }) == (host_bytes == 0)));
+        let output = qirf_vk::pipeline::Output::new(&folder.path().join(name)).unwrap();
+        let networks = Networks::default();
+        let r = pipeline::run::run(&device, &config, &output, &networks, host_bytes, false, &Silent).unwrap();
+        assert_eq!(r.gaussians.initial, Some(900));
+        let mut files: Vec<_> = std::fs::read_dir(output.folder()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        files.sort();
+        assert_eq!(files, ["config.toml", "metrics.json", "model.ply", "renders"]);
+        results.push((model(output.folder()), r.test, r.train.psnr, r.views.len()));
+    }
+    assert!(results[0] == results[1]);
+    assert_eq!(Device::validation_messages(), 0);
+}
+
+#[test]
+fn eval_refuses_what_it_cannot_score() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let model = folder.path().join("model.ply");
+    std::fs::write(&model, b"no model").unwrap();
+    let refused = |code: i32, says: &str, arguments: &[&std::ffi::OsStr]| {
+        let output = eval(arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(code) && said.contains(says), "{arguments:?}: {said}");
+    };
+    let [o, every, zero] = ["-o", "--eval-every", "0"].map(std::ffi::OsStr::new);
+    refused(2, "SCENE", &[model.as_ref()]);
+    refused(3, "model.ply", &[model.as_ref(), scene.as_ref()]);
+    let one = qirf_vk::train::initialise::from_points(&[qirf_vk::train::initialise::Seed {
+        position: glam::DVec3::ZERO,
+        colour: glam::DVec3::ONE,
+    }]);
+    qirf_vk::gaussians::formats::write(&model, &one).unwrap();
+    refused(2, "--eval-every 1", &[model.as_ref(), scene.as_ref(), every, zero]);
+    let run = folder.path().join("run");
+    std::fs::create_dir(&run).unwrap();
+    std::fs::write(run.join("config.toml"), "").unwrap();
+    refused(2, "name another folder", &[model.as_ref(), scene.as_ref(), o, run.as_ref()]);
+    refused(3, "nowhere", &[model.as_ref(), folder.path().join("nowhere").as_ref()]);
 }

@@ -4,12 +4,14 @@ mod completions;
 mod console;
 mod convert;
 mod device;
+mod eval;
 mod inspect;
 mod interrupt;
 mod orbit;
 mod render;
 mod run;
 mod selftest;
+mod show;
 mod synth;
 mod values;
 
@@ -54,6 +56,8 @@ struct Global {
 enum Command {
     /// Train a scene: photos with poses to a 3DGS model, its pictures and its figures
     Run(run::Arguments),
+    /// Score a model of any format against a scene's held-out photos
+    Eval(eval::Arguments),
     /// Render a model's pictures: from a scene's cameras, or on a circle round it
     Render(render::Arguments),
     /// Convert a model between file formats
@@ -72,7 +76,7 @@ enum Command {
 
 /// The top help's groups of commands.
 const GROUPS: [(&str, &[&str]); 4] = [
-    ("Training", &["run"]),
+    ("Training", &["run", "eval"]),
     ("Models and pictures", &["render", "convert", "inspect"]),
     ("Data", &["synth"]),
     ("This machine", &["device", "selftest", "completions"]),
@@ -80,6 +84,7 @@ const GROUPS: [(&str, &[&str]); 4] = [
 
 const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --no-prune --preset quick --resolution 256
+  qirf-vk eval trained/model.ply --config trained/config.toml
   qirf-vk render flowers.ply --orbit 8 -o pictures
   qirf-vk render model.spz --scene capture --resolution /2 -o pictures
   qirf-vk inspect capture
@@ -137,6 +142,7 @@ impl Cli {
     fn run(&self, console: &Console) -> Result<(), Error> {
         match &self.command {
             Command::Run(a) => a.run(console, &self.global),
+            Command::Eval(a) => a.run(console, &self.global),
             Command::Render(a) => a.run(console, &self.global),
             Command::Convert(a) => a.run(console),
             Command::Inspect(a) => a.run(console),

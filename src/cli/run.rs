@@ -2,15 +2,13 @@
 
 use super::Global;
 use super::console::Console;
-use super::interrupt::Watch;
+use super::show::Show;
 use super::values;
 use crate::error::Error;
 use crate::metrics::Networks;
 use crate::pipeline::results::Results;
-use crate::pipeline::run::{self, Output, Watcher};
-use crate::pipeline::{Init, Preset, RunConfig};
-use crate::train::Progress;
-use indicatif::ProgressBar;
+use crate::pipeline::{Init, Output, Preset, RunConfig};
+use crate::pipeline::{budget, run};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
@@ -61,8 +59,9 @@ pub(super) struct Arguments {
     /// Never more Gaussians than this
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training")]
     max_gaussians: usize,
-    /// Device memory that the run may use, such as 2G or 800M [default: the device's]
-    #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Training")]
+    /// Device memory that the run may use, such as 2G or 800M, and the most that decoded photos take of the host's
+    /// [default: the device's, and a quarter of the host's]
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Training")]
     memory_budget: Option<u64>,
     /// Keep each Gaussian's energy where it is smaller than a pixel
     #[arg(long, help_heading = "Training")]
@@ -77,7 +76,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DIR", help_heading = "Photos")]
     images: Option<PathBuf>,
     /// Picture size as width, or as a divisor of the photos' size
-    #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = resolution)]
+    #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
     /// Hold every N-th photo out for the scores; 0 holds none out
     #[arg(long, value_name = "N", default_value_t = 8, help_heading = "Photos")]
@@ -98,56 +97,6 @@ fn init(text: &str) -> Init {
     }
 }
 
-fn resolution(text: &str) -> Result<String, String> {
-    values::resolution(text).map(|_| text.to_owned())
-}
-
-fn bytes(text: &str) -> Result<u64, String> {
-    let (digits, unit) = match text.char_indices().last() {
-        Some((at, 'k' | 'K')) => (&text[..at], 1_u64 << 10),
-        Some((at, 'm' | 'M')) => (&text[..at], 1 << 20),
-        Some((at, 'g' | 'G')) => (&text[..at], 1 << 30),
-        _ => (text, 1),
-    };
-    let parsed = digits.parse::<u64>().ok().and_then(|n| n.checked_mul(unit)).filter(|n| *n > 0);
-    parsed.ok_or_else(|| "write a number of bytes, such as 2G, 800M or 1000000".to_owned())
-}
-
-/// Shows a run on the console.
-struct Show<'a> {
-    console: &'a Console,
-    watch: Watch,
-    loading: ProgressBar,
-    training: ProgressBar,
-}
-
-impl Watcher for Show<'_> {
-    fn loading(&self, done: usize, total: usize) {
-        self.loading.set_length(total as u64);
-        self.loading.set_position(done as u64);
-        if done == total {
-            self.loading.finish_and_clear();
-        }
-    }
-
-    fn training(&self, progress: &Progress, until: u32) {
-        self.training.set_length(u64::from(until));
-        self.training.set_position(u64::from(progress.iteration));
-        self.training.set_message(format!("loss {:.4}  {} Gaussians", progress.loss, progress.gaussians));
-        if progress.iteration == until {
-            self.training.finish_and_clear();
-        }
-    }
-
-    fn note(&self, line: &str) {
-        self.console.note(line);
-    }
-
-    fn stop(&self) -> bool {
-        self.watch.check().is_err()
-    }
-}
-
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         if !self.no_prune {
@@ -162,21 +111,16 @@ impl Arguments {
             console.note(note);
         }
         let device = global.open_with(self.memory_budget)?;
-        let show = Show {
-            console,
-            watch: Watch::begin(),
-            loading: console.bar(1, "photos"),
-            training: console.training_bar(u64::from(config.schedule.iterations)),
-        };
+        let show = Show::new(console);
         let output = Output::new(&self.output)?;
-        let results = run::run(&device, &config, &output, &networks, self.resume, &show)?;
+        let results =
+            run::run(&device, &config, &output, &networks, budget::host(self.memory_budget), self.resume, &show)?;
         self.report(console, &results)
     }
 
     fn configuration(&self) -> Result<RunConfig, Error> {
         if let Some(path) = &self.config {
-            let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source })?;
-            return toml::from_str(&text).map_err(|e| Error::Usage(format!("{}: {e}", path.display())));
+            return values::run_config(path);
         }
         Ok(RunConfig {
             scene: self.scene.clone().unwrap_or_default(),
@@ -213,7 +157,7 @@ impl Arguments {
         console.print(format_args!(
             "model  {} Gaussians, {:.1} MB, {:.0} frames a second",
             results.gaussians.last,
-            results.ply_bytes as f64 / 1e6,
+            results.model_bytes as f64 / 1e6,
             results.frames_per_second.unwrap_or(0.0),
         ))?;
         console.print(format_args!(

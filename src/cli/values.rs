@@ -1,7 +1,10 @@
 //! Values on the command line: sizes, colours, resolutions, directions.
 
+use crate::error::Error;
+use crate::pipeline::RunConfig;
 use crate::scene::Resize;
 use glam::DVec3;
+use std::path::Path;
 
 /// Largest side of a picture in pixels.
 const LARGEST_SIDE: u32 = 65_535;
@@ -16,6 +19,29 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
 /// `640` (wide, at most) or `/4` (divided by).
 pub(super) fn resolution(text: &str) -> Result<Resize, String> {
     crate::pipeline::prepare::resolution(text)
+}
+
+/// As [`resolution`], kept as it was written.
+pub(super) fn resolution_text(text: &str) -> Result<String, String> {
+    resolution(text).map(|_| text.to_owned())
+}
+
+/// `2G`, `800M` or a plain number of bytes.
+pub(super) fn bytes(text: &str) -> Result<u64, String> {
+    let (digits, unit) = match text.char_indices().last() {
+        Some((at, 'k' | 'K')) => (&text[..at], 1_u64 << 10),
+        Some((at, 'm' | 'M')) => (&text[..at], 1 << 20),
+        Some((at, 'g' | 'G')) => (&text[..at], 1 << 30),
+        _ => (text, 1),
+    };
+    let parsed = digits.parse::<u64>().ok().and_then(|n| n.checked_mul(unit)).filter(|n| *n > 0);
+    parsed.ok_or_else(|| "write a number of bytes, such as 2G, 800M or 1000000".to_owned())
+}
+
+/// The `config.toml` of a run.
+pub(super) fn run_config(path: &Path) -> Result<RunConfig, Error> {
+    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+    toml::from_str(&text).map_err(|e| Error::Usage(format!("{}: {e}", path.display())))
 }
 
 /// `R,G,B`, each 0 to 1, or a name.
@@ -85,6 +111,10 @@ mod tests {
         }
         for bad in ["", "/", "0", "/0", "-4", "1.5"] {
             assert!(resolution(bad).is_err(), "{bad}");
+        }
+        assert_eq!((bytes("2G"), bytes("7k"), bytes("12")), (Ok(2 << 30), Ok(7 << 10), Ok(12)));
+        for bad in ["", "G", "0", "-1", "1.5G", "99999999999G", "1T"] {
+            assert!(bytes(bad).is_err(), "{bad}");
         }
         for bad in ["", "1,1", "1,1,1,1", "2,0,0", "nan,0,0", "red"] {
             assert!(colour(bad).is_err(), "{bad}");

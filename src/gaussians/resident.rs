@@ -25,6 +25,14 @@ pub struct Resident {
 }
 
 impl Resident {
+    /// Bytes of a model of `n` Gaussians on the device.
+    pub fn bytes(n: usize, degree: usize) -> u64 {
+        let band = |l: usize| Buffer::<f32>::bytes_of(if l <= degree { n * Gaussians::band_width(l) } else { 1 });
+        let bands: u64 = (0..=MAX_SH_DEGREE).map(band).sum();
+        let main = 2 * Buffer::<f32>::bytes_of(3 * n) + Buffer::<[f32; 4]>::bytes_of(n) + Buffer::<f32>::bytes_of(n);
+        Count::bytes() + main + bands
+    }
+
     /// Uploads a model.
     ///
     /// # Errors

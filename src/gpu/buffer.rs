@@ -14,6 +14,16 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Bytes that one staging transfer moves: larger arrays go in turns, so that staging memory stays small.
 const STAGING_BYTES: u64 = 64 << 20;
 
+/// Vulkan knows no empty buffers, and a fill needs a multiple of four.
+const fn stored(bytes: u64) -> u64 {
+    if bytes < 4 { 4 } else { bytes.next_multiple_of(4) }
+}
+
+/// Bytes of staging that moving an array of `bytes` to or from the device takes meanwhile.
+pub fn staging_bytes(bytes: u64) -> u64 {
+    bytes.min(STAGING_BYTES)
+}
+
 static NEXT: AtomicU64 = AtomicU64::new(1);
 
 /// A buffer without its element type; freed when the last holder, recordings included, lets go.
@@ -35,8 +45,7 @@ impl RawBuffer {
         usage: vk::BufferUsageFlags,
         location: MemoryLocation,
     ) -> Result<Self, Error> {
-        // Vulkan knows no empty buffers, and a fill needs a multiple of four.
-        let size = bytes.max(4).next_multiple_of(4);
+        let size = stored(bytes);
         if usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && size > context.info.max_buffer_bytes {
             return Err(Error::TooLarge {
                 name: name.to_owned(),
@@ -160,6 +169,11 @@ impl<T: Pod> Buffer<T> {
     /// Whether it holds no element.
     pub fn is_empty(&self) -> bool {
         self.len == 0
+    }
+
+    /// Bytes that a buffer of `len` elements takes.
+    pub const fn bytes_of(len: usize) -> u64 {
+        stored(len as u64 * size_of::<T>() as u64)
     }
 
     /// The same memory as elements of another type.

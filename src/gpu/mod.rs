@@ -13,7 +13,7 @@ mod recording;
 mod select;
 mod submit;
 
-pub use buffer::{Buffer, RawBuffer};
+pub use buffer::{Buffer, RawBuffer, staging_bytes};
 pub use device::{Device, DeviceOptions};
 pub use error::Error;
 pub use hazards::{Barrier, Hazards, Use};

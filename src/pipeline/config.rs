@@ -78,3 +78,31 @@ pub struct RunConfig {
     /// Course of the optimisation.
     pub schedule: Schedule,
 }
+
+/// Which pictures of which scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Selection {
+    /// The scene's folder or file.
+    pub scene: PathBuf,
+    /// Photo folder, where not the scene's own.
+    pub images: Option<PathBuf>,
+    /// Width of the pictures, or a divisor of the photos' size as `/K`; full size where absent.
+    pub resolution: Option<String>,
+    /// Every how many-th photo is held out; 0 holds none out.
+    pub eval_every: usize,
+    /// Colour behind everything; by the photos where absent.
+    pub background: Option<[f32; 3]>,
+}
+
+impl RunConfig {
+    /// The pictures that the run is of.
+    pub fn selection(&self) -> Selection {
+        Selection {
+            scene: self.scene.clone(),
+            images: self.images.clone(),
+            resolution: self.resolution.clone(),
+            eval_every: self.eval_every,
+            background: self.background,
+        }
+    }
+}

@@ -1,27 +1,66 @@
 //! Held-out views: rendered, scored, and written as pictures.
 
+use super::budget;
+use super::pictures::{self, Format};
+use super::prepare::Prepared;
+use super::results::ViewScores;
+use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
-use crate::gpu::Device;
+use crate::gpu::{Device, staging_bytes};
 use crate::metrics::{self, Networks, Scores};
 use crate::render::{Image, Renderer, Settings};
+use crate::train;
 use crate::train::photos::TrainView;
+use std::path::Path;
+use std::time::Instant;
+
+/// Frames that are timed for the frame rate.
+const TIMED_FRAMES: usize = 20;
+/// Alpha below which a whole view counts as empty.
+const EMPTY: f32 = 1e-3;
 
 /// Red, green, blue of a photo in [0, 1] over a background, row by row.
-pub fn truth(view: &TrainView, background: [f32; 3]) -> Vec<f32> {
+///
+/// # Errors
+/// A photo that lies in a file which cannot be read.
+pub fn truth(view: &TrainView, background: [f32; 3]) -> Result<Vec<f32>, Error> {
     let mut out = Vec::with_capacity(view.pixels.len() / 4 * 3);
-    for p in view.pixels.chunks_exact(4) {
+    for p in view.pixels.read().map_err(train::Error::Photos)?.chunks_exact(4) {
         let alpha = f32::from(p[3]) / 255.0;
         for c in 0..3 {
             out.push(f32::from(p[c]) / 255.0 * alpha + background[c] * (1.0 - alpha));
         }
     }
-    out
+    Ok(out)
 }
 
 /// Red, green, blue of a rendered picture, clamped to [0, 1].
 pub fn rgb(image: &Image) -> Vec<f32> {
     image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| v.clamp(0.0, 1.0))).collect()
+}
+
+/// The held-out views of a model.
+pub struct HeldOut {
+    /// Their scores.
+    pub views: Vec<ViewScores>,
+    /// Views that rendered empty.
+    pub empty: usize,
+}
+
+impl HeldOut {
+    /// Mean scores; none without views.
+    pub fn mean(&self) -> Option<Scores> {
+        metrics::mean(&self.views.iter().map(|v| v.scores.clone()).collect::<Vec<_>>())
+    }
+
+    /// Tells of views that rendered empty.
+    pub fn warn(&self, watcher: &dyn Watcher) {
+        if self.empty > 0 {
+            let n = self.empty;
+            watcher.note(&format!("{n} held-out views rendered empty: check the poses and the scene's scale"));
+        }
+    }
 }
 
 /// Renders views of a model one after the other.
@@ -46,6 +85,12 @@ impl Evaluator {
         Ok(Self { renderer, background: settings.background })
     }
 
+    /// Bytes of an evaluator for views of at most this size, and of a picture's way back.
+    pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2]) -> u64 {
+        let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
+        Renderer::bytes(device, gaussians, size, budget::pairs(gaussians), false) + staging_bytes(picture)
+    }
+
     /// Renders a view.
     ///
     /// # Errors
@@ -68,7 +113,7 @@ impl Evaluator {
     /// # Errors
     /// Networks that do not fit the picture are noted in the scores, not errors; sizes always agree here.
     pub fn score(&self, image: &Image, view: &TrainView, networks: &Networks) -> Result<Scores, Error> {
-        let (rendered, photo) = (rgb(image), truth(view, self.background));
+        let (rendered, photo) = (rgb(image), truth(view, self.background)?);
         let (w, h) = (image.width as usize, image.height as usize);
         let rendered = metrics::Image::new(w, h, &rendered)?;
         let photo = metrics::Image::new(w, h, &photo)?;
@@ -87,12 +132,54 @@ impl Evaluator {
         let (mut sum, mut n) = (0.0, 0);
         for view in views {
             let image = self.render(model, view)?;
-            let (rendered, photo) = (metrics::round_trip_8bit(&rgb(&image)), truth(view, self.background));
+            let (rendered, photo) = (metrics::round_trip_8bit(&rgb(&image)), truth(view, self.background)?);
             let photo = metrics::round_trip_8bit(&photo);
             let (w, h) = (image.width as usize, image.height as usize);
             sum += metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?;
             n += 1;
         }
         Ok((n > 0).then(|| sum / f64::from(n)))
+    }
+
+    /// Renders and scores the held-out views; their pictures go to the folder `renders`, where there is one. `follow`
+    /// hears how many are done, and may end it.
+    ///
+    /// # Errors
+    /// Device errors; pictures that cannot be written; what `follow` says.
+    pub fn held_out(
+        &mut self,
+        model: &Resident,
+        prepared: &Prepared,
+        renders: Option<&Path>,
+        networks: &Networks,
+        follow: &mut dyn FnMut(usize) -> Result<(), Error>,
+    ) -> Result<HeldOut, Error> {
+        let names = pictures::names(prepared.test.iter().map(|(name, _)| name.as_str()), Format::Png.extension());
+        let mut out = HeldOut { views: Vec::new(), empty: 0 };
+        for ((name, view), file) in prepared.test.iter().zip(names) {
+            let image = self.render(model, view)?;
+            out.empty += usize::from(image.pixels.iter().all(|p| p[3] < EMPTY));
+            if let Some(folder) = renders {
+                pictures::write(&folder.join(file), &image, Format::Png, false)?;
+            }
+            out.views.push(ViewScores { name: name.clone(), scores: self.score(&image, view, networks)? });
+            follow(out.views.len())?;
+        }
+        Ok(out)
+    }
+
+    /// Pictures a second at the views' own sizes, rendering alone; none without views.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn frames_per_second(&mut self, model: &Resident, prepared: &Prepared) -> Result<Option<f64>, Error> {
+        let views: Vec<_> = prepared.views().take(TIMED_FRAMES).collect();
+        let Some(first) = views.first() else { return Ok(None) };
+        self.render(model, first)?;
+        let started = Instant::now();
+        for view in &views {
+            self.draw(model, view)?;
+        }
+        Ok(Some(views.len() as f64 / started.elapsed().as_secs_f64()))
     }
 }

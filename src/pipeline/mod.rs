@@ -1,10 +1,16 @@
 //! Floor 7: whole jobs as readable lists of stages.
 
+pub mod budget;
 pub mod config;
+pub mod eval;
 pub mod evaluate;
+pub mod output;
 pub mod pictures;
 pub mod prepare;
 pub mod results;
 pub mod run;
+pub mod watcher;
 
-pub use config::{Init, Preset, RunConfig};
+pub use config::{Init, Preset, RunConfig, Selection};
+pub use output::Output;
+pub use watcher::Watcher;

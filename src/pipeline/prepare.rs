@@ -1,13 +1,19 @@
 //! From a scene on disk to views in memory, and to the Gaussians that training begins with.
 
-use super::config::{Init, RunConfig};
+use super::config::{Init, RunConfig, Selection};
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
-use crate::scene::{OpenOptions, Resize, Scene, SceneKind};
+use crate::scene::camera::Camera;
+use crate::scene::photo::Photo;
+use crate::scene::{self, OpenOptions, Resize, Scene, SceneKind};
+use crate::train::checkpoint::Snapshot;
 use crate::train::initialise::{self, Seed};
 use crate::train::photos::TrainView;
+use crate::train::pixels::{PhotoFile, Pixels};
 use glam::DVec3;
-use std::sync::Arc;
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Random points for each pixel of a picture, and the bounds of their number.
 const POINTS_PER_PIXEL: f64 = 0.3;
@@ -29,6 +35,13 @@ pub struct Prepared {
     pub background: [f32; 3],
 }
 
+impl Prepared {
+    /// All views, those held out first.
+    pub fn views(&self) -> impl Iterator<Item = &TrainView> {
+        self.test.iter().map(|(_, view)| view).chain(&self.train)
+    }
+}
+
 /// Reads `W` or `/K`.
 ///
 /// # Errors
@@ -42,60 +55,175 @@ pub fn resolution(text: &str) -> Result<Resize, String> {
     read.ok_or_else(|| format!("'{text}' is neither a width in pixels, such as 800, nor a divisor, such as /4"))
 }
 
-/// Opens the scene and decodes its photos.
+/// A scene whose photos are there, not decoded yet.
+pub struct Opened {
+    /// The scene.
+    pub scene: Scene,
+    resize: Resize,
+    selection: Selection,
+}
+
+/// Opens a scene.
 ///
 /// # Errors
 /// What the scene's readers refuse; photos that are not there.
-pub fn prepare(config: &RunConfig, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Prepared, Error> {
-    let resize = match &config.resolution {
+pub fn open(selection: &Selection) -> Result<Opened, Error> {
+    let resize = match &selection.resolution {
         Some(text) => resolution(text).map_err(Error::Usage)?,
         None => Resize::Full,
     };
-    let mut scene = Scene::open(&config.scene, &OpenOptions { images: config.images.clone(), undistort: None })?;
+    let options = OpenOptions { images: selection.images.clone(), undistort: None };
+    let mut scene = Scene::open(&selection.scene, &options)?;
     scene.require_photos()?;
-    let total = scene.views.len();
-    let photos = scene.load_photos(resize, &|done| progress(done, total))?;
-    let split = scene.split(config.eval_every);
-    let transparent = photos.iter().any(|p| p.has_alpha);
-    let mut photos: Vec<_> = photos.into_iter().map(Some).collect();
-    let mut view = |i: usize| TrainView {
-        camera: scene.views[i].camera_at(resize),
-        pixels: photos[i].take().map_or_else(|| Arc::from([]), |p| Arc::from(p.pixels)),
-    };
-    let train = split.train.iter().map(|i| view(*i)).collect();
-    let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), view(*i))).collect();
-    let extent = scene.extent(&split.train);
-    // The field trains and scores Blender scenes on white.
-    let background = config.background.unwrap_or(if transparent { [1.0; 3] } else { [0.0; 3] });
-    Ok(Prepared { scene, train, test, extent, transparent, background })
+    Ok(Opened { scene, resize, selection: selection.clone() })
+}
+
+impl Opened {
+    /// Width and height that every picture fits in.
+    pub fn size(&self) -> [u32; 2] {
+        let larger = |[w, h]: [u32; 2], c: Camera| [w.max(c.width), h.max(c.height)];
+        self.scene.views.iter().map(|v| v.camera_at(self.resize)).fold([1, 1], larger)
+    }
+
+    /// Pixels of each picture that is trained on; photos that turn out damaged are still among them.
+    pub fn train_pixels(&self) -> Vec<u64> {
+        let pixels = |i: &usize| {
+            let camera = self.scene.views[*i].camera_at(self.resize);
+            u64::from(camera.width) * u64::from(camera.height)
+        };
+        self.scene.split(self.selection.eval_every).train.iter().map(pixels).collect()
+    }
+
+    /// Decodes the photos in parallel. Where they would take more than `room` bytes of the host's memory, they go to a
+    /// temporary file in `folder` as they are decoded.
+    ///
+    /// # Errors
+    /// No photo can be decoded; a file that cannot be written.
+    pub fn load(
+        self,
+        (room, folder): (u64, &Path),
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Prepared, Error> {
+        let Self { mut scene, resize, selection } = self;
+        let ends: Vec<u64> = scene
+            .views
+            .iter()
+            .map(|v| v.camera_at(resize))
+            .scan(0, |end, c| {
+                *end += 4 * u64::from(c.width) * u64::from(c.height);
+                Some(*end)
+            })
+            .collect();
+        let all = ends.last().copied().unwrap_or(0);
+        let writing = |source| Error::Write { path: folder.to_owned(), source };
+        let file = if all > room { Some(PhotoFile::new(folder).map_err(writing)?) } else { None };
+        if file.is_some() {
+            tracing::info!("{all} bytes of photos are beyond {room}: they go to a file in {}", folder.display());
+        }
+        let store = |photo: Photo, end: u64| -> Result<(Pixels, bool), Error> {
+            let pixels = match &file {
+                Some(file) => file.put(end - photo.pixels.len() as u64, &photo.pixels).map_err(writing)?,
+                None => Pixels::from(photo.pixels),
+            };
+            Ok((pixels, photo.has_alpha))
+        };
+        let (done, total) = (AtomicUsize::new(0), scene.views.len());
+        let photos: Vec<Result<(Pixels, bool), scene::Error>> = scene
+            .views
+            .par_iter()
+            .zip(&ends)
+            .map(|(view, end)| {
+                let photo = view.load_photo(resize);
+                progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+                // A damaged photo fails alone; a full disk ends it all.
+                Ok(match photo {
+                    Ok(photo) => Ok(store(photo, *end)?),
+                    Err(damaged) => Err(damaged),
+                })
+            })
+            .collect::<Result<_, Error>>()?;
+        let photos = scene.keep_loaded(photos)?;
+        let split = scene.split(selection.eval_every);
+        let transparent = photos.iter().any(|(_, has_alpha)| *has_alpha);
+        let view = |i: usize| TrainView { camera: scene.views[i].camera_at(resize), pixels: photos[i].0.clone() };
+        let train = split.train.iter().map(|i| view(*i)).collect();
+        let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), view(*i))).collect();
+        let extent = scene.extent(&split.train);
+        // The field trains and scores Blender scenes on white.
+        let background = selection.background.unwrap_or(if transparent { [1.0; 3] } else { [0.0; 3] });
+        Ok(Prepared { scene, train, test, extent, transparent, background })
+    }
+}
+
+/// What training begins with, before any photo is looked at.
+pub enum Start {
+    /// This model.
+    Model(Gaussians),
+    /// The scene's points: so many.
+    Points(usize),
+    /// So many random points.
+    Random(usize),
+    /// A run that was broken off.
+    Resumed(Box<Snapshot>),
+}
+
+impl Start {
+    /// What the configuration says of this scene.
+    ///
+    /// # Errors
+    /// A model that cannot be read.
+    pub fn of(config: &RunConfig, opened: &Opened) -> Result<Self, Error> {
+        let points = opened.scene.points.len();
+        Ok(match &config.init {
+            Init::Model(path) => Self::Model(formats::read(path)?.gaussians),
+            Init::Points if points > 0 => Self::Points(points),
+            Init::Points | Init::Random => {
+                let pixels = opened.train_pixels().into_iter().max().unwrap_or(0) as f64;
+                let count = (pixels * POINTS_PER_PIXEL) as usize;
+                Self::Random(config.init_count.unwrap_or(count.clamp(POINTS.0, POINTS.1)))
+            }
+        })
+    }
+
+    /// How many Gaussians that is.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Model(model) => model.len(),
+            Self::Points(n) | Self::Random(n) => *n,
+            Self::Resumed(snapshot) => snapshot.model.len(),
+        }
+    }
+
+    /// Whether that is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Highest SH degree among them.
+    pub fn degree(&self) -> usize {
+        match self {
+            Self::Model(model) => model.degree(),
+            Self::Resumed(snapshot) => snapshot.model.degree(),
+            Self::Points(_) | Self::Random(_) => 0,
+        }
+    }
 }
 
 /// The Gaussians that training begins with.
 ///
 /// # Errors
-/// A model that cannot be read; a scene in which no random point is seen by enough cameras.
-pub fn initialise(config: &RunConfig, prepared: &Prepared) -> Result<Gaussians, Error> {
+/// Cameras that leave no place for random points.
+pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Result<Gaussians, Error> {
     let blender = prepared.scene.kind == SceneKind::Blender;
-    let points = &prepared.scene.points;
-    let seeds = match &config.init {
-        Init::Model(path) => return Ok(formats::read(path)?.gaussians),
-        Init::Points if !points.is_empty() => points
-            .iter()
-            .map(|p| Seed { position: p.position, colour: DVec3::from(p.colour.map(f64::from)) / 255.0 })
-            .collect(),
-        Init::Points | Init::Random => {
-            let pixels = prepared.train.iter().map(|v| f64::from(v.camera.width) * f64::from(v.camera.height));
-            let count = (pixels.fold(0.0, f64::max) * POINTS_PER_PIXEL) as usize;
-            let count = config.init_count.unwrap_or(count.clamp(POINTS.0, POINTS.1));
-            initialise::random(&prepared.train, count, blender, u64::from(config.seed))
+    let colour = |c: [u8; 3]| DVec3::from(c.map(f64::from)) / 255.0;
+    let seeds = match start {
+        Start::Model(model) => return Ok(model),
+        Start::Resumed(snapshot) => return Ok(snapshot.model),
+        Start::Points(_) => {
+            prepared.scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p.colour) }).collect()
         }
+        Start::Random(count) => initialise::random(&prepared.train, count, blender, u64::from(config.seed))?,
     };
-    if seeds.is_empty() {
-        return Err(Error::Usage(format!(
-            "{}: no point to begin with: no place is seen by three cameras; check the poses, or give --init MODEL",
-            config.scene.display()
-        )));
-    }
     let mut model = initialise::from_points(&seeds);
     if model.len() > config.max_gaussians {
         let n = model.len();

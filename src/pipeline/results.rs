@@ -1,8 +1,13 @@
 //! What a run measured: `metrics.json`, schema 1 (docs/metrics.md).
 
+use super::config::Selection;
+use super::output::Output;
+use super::prepare::Prepared;
+use crate::error::Error;
 use crate::gpu::{DeviceInfo, Timings};
-use crate::metrics::Scores;
+use crate::metrics::{Networks, Scores};
 use crate::scene::Skipped;
+use crate::scene::camera::Camera;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -27,8 +32,9 @@ pub struct Results {
     pub views: Vec<ViewScores>,
     /// Pictures a second at the test views' size, rendering alone.
     pub frames_per_second: Option<f64>,
-    /// Bytes of `model.ply`.
-    pub ply_bytes: u64,
+    /// Bytes of `model.ply`, or of the file that was evaluated.
+    #[serde(rename = "ply_bytes")]
+    pub model_bytes: u64,
     /// Quality against time, evaluation excluded.
     pub curve: Vec<CurvePoint>,
     /// Seconds.
@@ -39,6 +45,17 @@ pub struct Results {
     pub guards: Guards,
     /// Device memory in bytes.
     pub memory: Memory,
+}
+
+impl Results {
+    /// Writes `metrics.json`.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write(&self, output: &Output) -> Result<(), Error> {
+        let json = serde_json::to_string_pretty(self).map_err(|e| Error::Usage(format!("metrics.json: {e}")))?;
+        Output::text(&output.metrics(), &json)
+    }
 }
 
 /// How the figures came about.
@@ -58,20 +75,38 @@ pub struct Protocol {
     pub background: [f32; 3],
     /// What LPIPS was computed with.
     pub lpips: String,
-    /// Iterations.
-    pub iterations: u32,
-    /// Seed.
-    pub seed: u32,
+    /// Iterations; null where nothing was trained.
+    pub iterations: Option<u32>,
+    /// Seed; null where nothing was trained.
+    pub seed: Option<u32>,
+}
+
+impl Protocol {
+    /// The protocol of an evaluation without training.
+    pub fn new(selection: &Selection, prepared: &Prepared, networks: &Networks) -> Self {
+        let larger = |[w, h]: [u32; 2], c: &Camera| [w.max(c.width), h.max(c.height)];
+        Self {
+            test_split: format!("the data set's own, else every {} by name", selection.eval_every),
+            train_views: prepared.train.len(),
+            test_views: prepared.test.len(),
+            image_size: prepared.views().map(|v| &v.camera).fold([0, 0], larger),
+            downscaling: "exact area average of the 8-bit photos; distorted photos resampled once to an ideal pinhole",
+            background: prepared.background,
+            lpips: networks.note().unwrap_or("VGG16, inputs in [0, 1]").to_owned(),
+            iterations: None,
+            seed: None,
+        }
+    }
 }
 
 /// Numbers of Gaussians.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Counts {
-    /// At the start.
-    pub initial: usize,
-    /// When training ended, before any pruning.
-    pub dense: usize,
-    /// In `model.ply`.
+    /// At the start; null where nothing was trained.
+    pub initial: Option<usize>,
+    /// When training ended, before any pruning; null where nothing was trained.
+    pub dense: Option<usize>,
+    /// In `model.ply`, or in the model that was evaluated.
     #[serde(rename = "final")]
     pub last: usize,
 }
@@ -142,6 +177,8 @@ pub struct Guards {
 /// Device memory in bytes.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Memory {
+    /// What was expected before the start.
+    pub estimated_bytes: u64,
     /// At most in use at a time.
     pub peak_bytes: u64,
     /// Allowed.

@@ -1,86 +1,27 @@
 //! `qirf-vk run`: from photos to a trained model, its pictures and its figures.
 
+use super::budget;
 use super::config::RunConfig;
 use super::evaluate::Evaluator;
-use super::pictures::{self, Format};
-use super::prepare::{Prepared, initialise, prepare};
-use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Results, Times, TrainScores, ViewScores};
+use super::output::Output;
+use super::prepare::{Prepared, Start, initialise, open};
+use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Results, Times, TrainScores};
+use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::formats;
 use crate::gpu::Device;
-use crate::metrics::{self, Networks, Scores};
+use crate::metrics::Networks;
 use crate::render::Settings;
 use crate::train::checkpoint::Snapshot;
 use crate::train::loss::Weights;
-use crate::train::{Options, Progress, Trainer};
-use std::path::{Path, PathBuf};
+use crate::train::{Options, Trainer};
 use std::time::Instant;
 
 /// Points of the quality curve.
 const CURVE_POINTS: u32 = 8;
-/// Frames that are timed for the frame rate.
-const TIMED_FRAMES: usize = 20;
-/// Pairs a Gaussian that room is made for at first.
-const PAIRS_PER_GAUSSIAN: u32 = 16;
-/// Alpha below which a whole view counts as empty.
-const EMPTY: f32 = 1e-3;
-
-/// What a run tells while it goes on.
-pub trait Watcher {
-    /// Photos decoded so far, of how many.
-    fn loading(&self, done: usize, total: usize);
-    /// Where training stands.
-    fn training(&self, progress: &Progress, until: u32);
-    /// A line worth reading.
-    fn note(&self, line: &str);
-    /// Whether to end early, after a checkpoint.
-    fn stop(&self) -> bool;
-}
-
-/// Where a run's files lie.
-pub struct Output(PathBuf);
-
-impl Output {
-    /// A folder, made where it is absent.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
-    pub fn new(folder: &Path) -> Result<Self, Error> {
-        std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
-        Ok(Self(folder.to_owned()))
-    }
-
-    /// The checkpoint.
-    pub fn checkpoint(&self) -> PathBuf {
-        self.0.join("checkpoint.safetensors")
-    }
-
-    /// The configuration.
-    pub fn config(&self) -> PathBuf {
-        self.0.join("config.toml")
-    }
-
-    /// The trained model.
-    pub fn model(&self) -> PathBuf {
-        self.0.join("model.ply")
-    }
-
-    /// The figures.
-    pub fn metrics(&self) -> PathBuf {
-        self.0.join("metrics.json")
-    }
-
-    fn renders(&self) -> PathBuf {
-        self.0.join("renders")
-    }
-
-    fn text(path: &Path, text: &str) -> Result<(), Error> {
-        formats::write_atomically(path, |out| out.write_all(text.as_bytes())).map_err(Error::writing)
-    }
-}
 
 /// Trains, evaluates and writes a run. With `resume` it goes on from the folder's checkpoint, if there is one, and ends
-/// with the same bytes as the unbroken run.
+/// with the same bytes as the unbroken run. Photos take no more than `host_bytes` of the host's memory.
 ///
 /// # Errors
 /// Anything from scene to disk; [`Error::Interrupted`] after a checkpoint.
@@ -89,6 +30,7 @@ pub fn run(
     config: &RunConfig,
     output: &Output,
     networks: &Networks,
+    host_bytes: u64,
     resume: bool,
     watcher: &(dyn Watcher + Sync),
 ) -> Result<Results, Error> {
@@ -96,8 +38,14 @@ pub fn run(
     let written =
         toml::to_string(config).map_err(|e| Error::Usage(format!("the configuration cannot be written: {e}")))?;
     let snapshot = found(output, &written, resume, watcher)?;
+    let opened = open(&config.selection())?;
+    let start = match snapshot {
+        Some(s) => Start::Resumed(Box::new(s)),
+        None => Start::of(config, &opened)?,
+    };
+    let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
     Output::text(&output.config(), &written)?;
-    let prepared = prepare(config, &|done, total| watcher.loading(done, total))?;
+    let prepared = opened.load((host_bytes, output.folder()), &|done, total| watcher.loading(done, total))?;
     for line in prepared.scene.skipped.summary() {
         watcher.note(&line);
     }
@@ -110,31 +58,35 @@ pub fn run(
     let load_s = begun.elapsed().as_secs_f64();
     let settings = Settings { background: prepared.background, antialias: config.antialias, ..Settings::default() };
 
-    let mut job = Job::start(device, config, &prepared, settings, snapshot)?;
+    let mut job = Job::start(device, config, &prepared, settings, start)?;
     job.train(config, &prepared, output, &written, watcher)?;
 
     let evaluating = Instant::now();
     let model = job.trainer.download()?;
     formats::write(&output.model(), &model).map_err(Error::writing)?;
-    let views = job.evaluate(&prepared, output, networks)?;
-    let scores: Vec<Scores> = views.iter().map(|v| v.scores.clone()).collect();
-    let train_psnr = job.evaluator.psnr(job.trainer.model(), prepared.train.iter())?;
-    let frames_per_second = job.frames_per_second(&prepared)?;
-    if job.empty_views > 0 {
-        watcher
-            .note(&format!("{} held-out views rendered empty: check the poses and the scene's scale", job.empty_views));
-    }
+    let evaluator = &mut job.evaluator;
+    let resident = job.trainer.model();
+    let held_out = evaluator.held_out(resident, &prepared, Some(&output.renders()), networks, &mut |done| {
+        watcher.evaluating(done, prepared.test.len());
+        Ok(())
+    })?;
+    held_out.warn(watcher);
+    let train_psnr = evaluator.psnr(resident, prepared.train.iter())?;
+    let frames_per_second = evaluator.frames_per_second(resident, &prepared)?;
     let results = Results {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         device: device.info().clone(),
-        protocol: protocol(config, &prepared, networks),
-        gaussians: Counts { initial: job.initial, dense: model.len(), last: model.len() },
-        test: metrics::mean(&scores),
+        protocol: Protocol {
+            iterations: Some(config.schedule.iterations),
+            seed: Some(config.seed),
+            ..Protocol::new(&config.selection(), &prepared, networks)
+        },
+        gaussians: Counts { initial: Some(job.initial), dense: Some(model.len()), last: model.len() },
+        test: held_out.mean(),
         train: TrainScores { psnr: train_psnr },
-        views,
         frames_per_second,
-        ply_bytes: std::fs::metadata(output.model()).map_or(0, |m| m.len()),
+        model_bytes: std::fs::metadata(output.model()).map_or(0, |m| m.len()),
         curve: job.curve,
         time: Times {
             total_s: begun.elapsed().as_secs_f64(),
@@ -146,13 +98,13 @@ pub fn run(
         effects: Vec::new(),
         guards: Guards {
             skipped_rows: job.trainer.skipped_rows(),
-            empty_views: job.empty_views,
+            empty_views: held_out.empty,
             scene: prepared.scene.skipped.clone(),
         },
-        memory: Memory { peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
+        views: held_out.views,
+        memory: Memory { estimated_bytes, peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
     };
-    let json = serde_json::to_string_pretty(&results).map_err(|e| Error::Usage(format!("metrics.json: {e}")))?;
-    Output::text(&output.metrics(), &json)?;
+    results.write(output)?;
     // The run is whole: nothing is left to go on from.
     let _ = std::fs::remove_file(output.checkpoint());
     Ok(results)
@@ -187,7 +139,6 @@ struct Job {
     initial: usize,
     seconds: f64,
     curve: Vec<CurvePoint>,
-    empty_views: usize,
 }
 
 impl Job {
@@ -196,7 +147,7 @@ impl Job {
         config: &RunConfig,
         prepared: &Prepared,
         settings: Settings,
-        snapshot: Option<Snapshot>,
+        start: Start,
     ) -> Result<Self, Error> {
         let options = |gaussians: usize| Options {
             schedule: config.schedule.clone(),
@@ -206,23 +157,22 @@ impl Job {
             most: config.max_gaussians,
             transparent: prepared.transparent,
             weights: Weights::default(),
-            pairs: (gaussians as u32).saturating_mul(PAIRS_PER_GAUSSIAN).max(1 << 14),
+            pairs: budget::pairs(gaussians),
         };
         let views = prepared.train.clone();
-        let (trainer, initial, seconds, curve) = if let Some(s) = snapshot {
+        let (trainer, initial, seconds, curve) = if let Start::Resumed(s) = start {
             let options = options(s.model.len());
             let note = |key: &str| s.notes.get(key).cloned().unwrap_or_default();
             let trainer = Trainer::resume(device, &s, views, prepared.extent, options)?;
             let curve = serde_json::from_str(&note("curve")).unwrap_or_default();
             (trainer, note("initial").parse().unwrap_or(0), note("seconds").parse().unwrap_or(0.0), curve)
         } else {
-            let model = initialise(config, prepared)?;
+            let model = initialise(config, prepared, start)?;
             let n = model.len();
             (Trainer::new(device, &model, views, prepared.extent, options(n))?, n, 0.0, Vec::new())
         };
-        let all = prepared.test.iter().map(|(_, v)| v).chain(&prepared.train);
-        let evaluator = Evaluator::new(device, settings, trainer.len(), all)?;
-        Ok(Self { trainer, evaluator, initial, seconds, curve, empty_views: 0 })
+        let evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
+        Ok(Self { trainer, evaluator, initial, seconds, curve })
     }
 
     fn train(
@@ -280,49 +230,5 @@ impl Job {
             snapshot.notes.insert(key.into(), value);
         }
         snapshot.write(&output.checkpoint()).map_err(Error::writing)
-    }
-
-    fn evaluate(
-        &mut self,
-        prepared: &Prepared,
-        output: &Output,
-        networks: &Networks,
-    ) -> Result<Vec<ViewScores>, Error> {
-        let names = pictures::names(prepared.test.iter().map(|(name, _)| name.as_str()), Format::Png.extension());
-        let mut all = Vec::new();
-        for ((name, view), file) in prepared.test.iter().zip(names) {
-            let image = self.evaluator.render(self.trainer.model(), view)?;
-            self.empty_views += usize::from(image.pixels.iter().all(|p| p[3] < EMPTY));
-            pictures::write(&output.renders().join(file), &image, Format::Png, false)?;
-            all.push(ViewScores { name: name.clone(), scores: self.evaluator.score(&image, view, networks)? });
-        }
-        Ok(all)
-    }
-
-    fn frames_per_second(&mut self, prepared: &Prepared) -> Result<Option<f64>, Error> {
-        let cameras: Vec<_> = prepared.test.iter().map(|(_, v)| v).chain(&prepared.train).take(TIMED_FRAMES).collect();
-        let Some(first) = cameras.first() else { return Ok(None) };
-        self.evaluator.render(self.trainer.model(), first)?;
-        let started = Instant::now();
-        for view in &cameras {
-            self.evaluator.draw(self.trainer.model(), view)?;
-        }
-        Ok(Some(cameras.len() as f64 / started.elapsed().as_secs_f64()))
-    }
-}
-
-fn protocol(config: &RunConfig, prepared: &Prepared, networks: &Networks) -> Protocol {
-    let all = prepared.test.iter().map(|(_, v)| v).chain(&prepared.train);
-    let size = all.fold([0, 0], |[w, h], v| [w.max(v.camera.width), h.max(v.camera.height)]);
-    Protocol {
-        test_split: format!("the data set's own, else every {} by name", config.eval_every),
-        train_views: prepared.train.len(),
-        test_views: prepared.test.len(),
-        image_size: size,
-        downscaling: "exact area average of the 8-bit photos; distorted photos resampled once to an ideal pinhole",
-        background: prepared.background,
-        lpips: networks.note().unwrap_or("VGG16, inputs in [0, 1]").to_owned(),
-        iterations: config.schedule.iterations,
-        seed: config.seed,
     }
 }

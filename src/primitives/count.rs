@@ -28,6 +28,11 @@ impl Count {
         Ok(Self { value, arguments: device.buffer(name, 12)?, sizes: all, limit })
     }
 
+    /// Bytes of a count on the device.
+    pub const fn bytes() -> u64 {
+        Buffer::<u32>::bytes_of(2) + Buffer::<u32>::bytes_of(12)
+    }
+
     /// A count that the host knows.
     ///
     /// # Errors

@@ -19,6 +19,11 @@ impl Scan {
         workgroup * rows
     }
 
+    /// Bytes of [`Scan::new`].
+    pub fn bytes(device: &Device, capacity: u32) -> u64 {
+        Buffer::<u32>::bytes_of(capacity.div_ceil(Self::block(device)) as usize) + Buffer::<u32>::bytes_of(1)
+    }
+
     /// Scratch for scans of up to `capacity` words.
     ///
     /// # Errors

@@ -18,6 +18,11 @@ pub struct Pairs {
 }
 
 impl Pairs {
+    /// Bytes of [`Pairs::new`].
+    pub fn bytes(capacity: u32) -> u64 {
+        2 * Buffer::<u32>::bytes_of(capacity as usize)
+    }
+
     /// Room for `capacity` pairs.
     ///
     /// # Errors
@@ -61,6 +66,11 @@ impl Shape {
     fn block(self) -> u32 {
         self.workgroup * self.rows
     }
+
+    /// Counters of all blocks of a sort.
+    fn digits(self, capacity: u32) -> u32 {
+        capacity.div_ceil(self.block()).max(1) << DIGIT_BITS
+    }
 }
 
 impl Sort {
@@ -69,13 +79,19 @@ impl Sort {
         Shape::of(device, capacity).block()
     }
 
+    /// Bytes of [`Sort::new`].
+    pub fn bytes(device: &Device, capacity: u32) -> u64 {
+        let digits = Shape::of(device, capacity).digits(capacity);
+        Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(digits as usize) + Count::bytes() + Scan::bytes(device, digits)
+    }
+
     /// Scratch for sorts of up to `capacity` pairs.
     ///
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device, capacity: u32) -> Result<Self> {
         let shape = Shape::of(device, capacity);
-        let digits = capacity.div_ceil(shape.block()).max(1) << DIGIT_BITS;
+        let digits = shape.digits(capacity);
         Ok(Self {
             other: Pairs::new(device, "sort scratch", capacity)?,
             digits: device.buffer("sort digits", digits as usize)?,

@@ -22,6 +22,13 @@ pub struct AdamState {
 }
 
 impl AdamState {
+    /// Bytes of the moments of a model of `n` Gaussians.
+    pub fn bytes(n: usize, degree: usize) -> u64 {
+        let of = Buffer::<[f32; 2]>::bytes_of;
+        let band = |l: usize| of(if l <= degree { n * Gaussians::band_width(l) } else { 1 });
+        2 * of(3 * n) + of(4 * n) + of(n) + (0..=MAX_SH_DEGREE).map(band).sum::<u64>()
+    }
+
     /// Moments of zero for a model.
     ///
     /// # Errors

@@ -70,6 +70,14 @@ pub(super) struct Moments {
 }
 
 impl PairBuffers {
+    /// Bytes of [`PairBuffers::new`].
+    pub fn bytes(device: &Device, capacity: u32, training: bool) -> u64 {
+        let n = capacity as usize;
+        let moments = if training { 3 * Buffer::<[f32; 4]>::bytes_of(n) } else { 0 };
+        let lists = Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(n) + Sort::bytes(device, capacity);
+        Count::bytes() + lists + moments
+    }
+
     pub fn new(device: &Device, capacity: u32, training: bool) -> Result<Self> {
         let n = capacity as usize;
         let moments = || -> Result<Moments> {
@@ -91,6 +99,18 @@ impl Frame {
     /// Tiles that there is room for: the list of starts has one entry more.
     pub fn tiles(&self) -> usize {
         self.starts.len() - 1
+    }
+
+    /// Bytes of [`Frame::new`].
+    pub fn bytes(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32, training: bool) -> u64 {
+        let n = gaussians.max(1);
+        let splats = 2 * Buffer::<[f32; 4]>::bytes_of(n) + Buffer::<[f32; 2]>::bytes_of(n);
+        let words = 5 * Buffer::<u32>::bytes_of(n);
+        let rows = Buffer::<f32>::bytes_of(if training { GRADIENT_ROW * n } else { 1 });
+        let order = Count::bytes() + Pairs::bytes(n as u32) + Scan::bytes(device, n as u32);
+        let picture = Buffer::<u32>::bytes_of(tiles + 1) + Buffer::<[f32; 4]>::bytes_of(pixels);
+        let pairs = PairBuffers::bytes(device, pairs, training);
+        Buffer::<View>::bytes_of(1) + splats + words + rows + order + Sort::bytes(device, n as u32) + pairs + picture
     }
 
     pub fn new(

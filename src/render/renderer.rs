@@ -2,7 +2,7 @@
 
 use super::adam::{self, Update};
 use super::frame::{Frame, PairBuffers, Shape};
-use super::settings::{Settings, view};
+use super::settings::{Settings, tile_size, view};
 use super::{bin, project, project_backward, rasterise, rasterise_backward};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result, Timings};
@@ -71,6 +71,13 @@ impl Renderer {
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, training)?;
         Ok(Self { device: device.clone(), shape, frame, gaussians, training })
+    }
+
+    /// Bytes of a renderer with room for so many Gaussians and pairs, and one picture of `size`.
+    pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, training: bool) -> u64 {
+        let tile = tile_size(device.info());
+        let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
+        Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, training)
     }
 
     /// The settings.

@@ -141,12 +141,12 @@ impl Scene {
         self.keep_loaded(load_photos(&views, resize, progress))
     }
 
-    /// Drops the views whose entry in `photos` (one per view) is an error, counts them, and hands back the photos of
-    /// the others.
+    /// Drops the views whose entry in `photos` (one per view) is an error, counts them, and hands back those of the
+    /// others.
     ///
     /// # Errors
     /// [`Error::NoPhotos`] where no view is left.
-    pub fn keep_loaded(&mut self, photos: Vec<Result<Photo, Error>>) -> Result<Vec<Photo>, Error> {
+    pub fn keep_loaded<P>(&mut self, photos: Vec<Result<P, Error>>) -> Result<Vec<P>, Error> {
         let listed = self.views.len();
         let mut loaded = Vec::with_capacity(photos.len());
         let mut keep = Vec::with_capacity(photos.len());

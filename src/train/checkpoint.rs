@@ -1,11 +1,12 @@
 //! A run's whole state on disk: model, moments, density sums, iteration. Written whole or not at all.
 
+use super::error::Result;
 use super::photos::TrainView;
 use super::trainer::{Options, Trainer};
 use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Error, Gaussians};
-use crate::gpu::{Buffer, Device, Result};
+use crate::gpu::{self, Buffer, Device};
 use crate::render::AdamState;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
@@ -54,7 +55,7 @@ impl Trainer {
     /// A run that goes on from a snapshot, to end as the unbroken run would.
     ///
     /// # Errors
-    /// Device memory; device errors.
+    /// Device memory; device errors; no views.
     pub fn resume(
         device: &Device,
         snapshot: &Snapshot,
@@ -63,8 +64,8 @@ impl Trainer {
         options: Options,
     ) -> Result<Self> {
         let upload =
-            |k: usize| -> Result<Buffer<[f32; 2]>> { Ok(device.upload("moments", &snapshot.moments[k])?.cast()) };
-        let absent = || -> Result<Buffer<[f32; 2]>> { device.buffer("absent moments", 1) };
+            |k: usize| -> gpu::Result<Buffer<[f32; 2]>> { Ok(device.upload("moments", &snapshot.moments[k])?.cast()) };
+        let absent = || -> gpu::Result<Buffer<[f32; 2]>> { device.buffer("absent moments", 1) };
         let band = |l: usize| if 4 + l < snapshot.moments.len() { upload(4 + l) } else { absent() };
         let state = AdamState {
             means: upload(0)?,

@@ -26,6 +26,13 @@ pub struct Step {
     pub most: usize,
 }
 
+/// Bytes that [`densify`] takes beside a model of `n` Gaussians that it makes `after` of.
+pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
+    let words = Buffer::<u32>::bytes_of;
+    let choice = 3 * words(n) + words(1) + Scan::bytes(device, n as u32) + 2 * words(after);
+    choice + Resident::bytes(after, degree) + AdamState::bytes(after, degree) + Buffer::<[f32; 2]>::bytes_of(after)
+}
+
 /// Replaces model and moments by their grown and pruned successors. Returns how many Gaussians there are now.
 ///
 /// # Errors

@@ -1,13 +1,16 @@
 //! Where training begins: Gaussians on reconstructed points, or on random points where several cameras look.
 
+use super::error::{Error, Result};
 use super::photos::TrainView;
 use crate::gaussians::Gaussians;
 use crate::random::uniform;
+use crate::render::Settings;
 use crate::scene::camera::Camera;
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
+use std::io;
 
 /// SH band 0's basis function.
 const SH_C0: f64 = 0.28209479177387814;
@@ -23,6 +26,12 @@ const SEEN_BY: usize = 3;
 const COMPARED: usize = 8;
 /// Half the side of the cube that Blender scenes lie in (the reference's).
 const BLENDER_CUBE: f64 = 1.3;
+/// Rays tried for each point asked for, and in any case, before the cameras are held to leave no place.
+const TRIES: (u64, u64) = (50, 20_000);
+/// Rays drawn at a time at most, so that what is kept of them stays small.
+const ROUND: u64 = 1 << 20;
+/// Leeway over the near plane: rounding to 32 bits must not take a point across.
+const NEAR_LEEWAY: f64 = 1.001;
 
 /// A point with a colour in [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,67 +71,116 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
 /// Random points for a scene without any: along rays through random pixels, between a fifth and three times the distance
 /// at which the cameras' axes meet, where at least three cameras see them. Of `DEPTHS` depths tried on a ray the one
 /// whose photos agree best on its colour stays: a plane sweep of random planes, which costs a second and starts training
-/// near the surfaces. Blender scenes: within their cube.
-pub fn random(views: &[TrainView], count: usize, blender: bool, seed: u64) -> Vec<Seed> {
+/// near the surfaces. Blender scenes: within their cube. No point lies before the near plane of a camera that looks at it.
+///
+/// Rays that find no place are drawn anew until there are `count` points; the same seed gives the same points.
+///
+/// # Errors
+/// [`Error::NoViews`]; [`Error::Points`] where the cameras leave no place; photos in a file that cannot be read.
+pub fn random(views: &[TrainView], count: usize, blender: bool, seed: u64) -> Result<Vec<Seed>> {
     if views.is_empty() {
-        return Vec::new();
+        return Err(Error::NoViews);
     }
-    let focus = focus(views.iter().map(|v| &v.camera));
-    (0..count as u64).into_par_iter().filter_map(|i| on_ray(views, focus, blender, &[seed, 0x696e_6974, i])).collect()
+    let near = f64::from(Settings::default().near) * NEAR_LEEWAY;
+    let search = Search { views, focus: focus(views.iter().map(|v| &v.camera)), near, blender };
+    let most = (count as u64).saturating_mul(TRIES.0).max(TRIES.1);
+    let (mut found, mut tried) = (Vec::with_capacity(count), 0);
+    while found.len() < count {
+        if tried >= most {
+            let (found, cameras) = (found.len(), SEEN_BY.min(views.len()));
+            return Err(Error::Points { found, asked: count, tries: tried, near, cameras });
+        }
+        let missing = (count - found.len()) as u64;
+        // As many as the share of rays that found a place until now calls for, and a few more.
+        let round = if tried == 0 { missing } else { missing * tried / (found.len() as u64).max(tried / 64) + 64 };
+        let round = round.min(ROUND).min(most - tried);
+        let rays = tried..tried + round;
+        let drawn: Vec<Option<Seed>> =
+            rays.into_par_iter().map(|i| search.on_ray(&[seed, 0x696e_6974, i])).collect::<io::Result<_>>()?;
+        found.extend(drawn.into_iter().flatten().take(missing as usize));
+        tried += round;
+    }
+    Ok(found)
 }
 
-fn on_ray(views: &[TrainView], focus: DVec3, blender: bool, key: &[u64]) -> Option<Seed> {
-    let draw = |n: u64| uniform(&[key[0], key[1], key[2], n]);
-    let view = &views[(draw(0) * views.len() as f64) as usize];
-    let camera = &view.camera;
-    let pixel = DVec2::new(draw(1) * f64::from(camera.width), draw(2) * f64::from(camera.height));
-    let ray = ((pixel - camera.principal) / camera.focal).extend(1.0);
-    let distance = (camera.rotation * focus + camera.translation).z.max(1e-3);
-    let mut best: Option<(f64, Seed)> = None;
-    for n in 0..DEPTHS {
-        let depth = distance * (0.2_f64.ln() + draw(3 + n) * (3.0_f64 / 0.2).ln()).exp();
-        let position = camera.rotation.transpose() * (ray * depth - camera.translation);
-        if blender && position.abs().max_element() > BLENDER_CUBE {
-            continue;
-        }
-        let Some((disagreement, colour)) = agreement(views, position, key) else { continue };
-        if best.as_ref().is_none_or(|(least, _)| disagreement < *least) {
-            best = Some((disagreement, Seed { position, colour }));
-        }
-    }
-    best.map(|(_, seed)| seed)
+/// Where random points are looked for.
+struct Search<'a> {
+    views: &'a [TrainView],
+    focus: DVec3,
+    near: f64,
+    blender: bool,
 }
 
-/// (variance of the colours, mean colour) of a point in the photos that see it; none where too few do.
-fn agreement(views: &[TrainView], position: DVec3, key: &[u64]) -> Option<(f64, DVec3)> {
-    let start = (uniform(&[key[0], key[1], key[2], 999]) * views.len() as f64) as usize;
-    let (mut n, mut sum, mut squares) = (0_usize, DVec3::ZERO, 0.0);
-    for k in 0..views.len() {
-        let view = &views[(start + k) % views.len()];
-        let Some(colour) = project(&view.camera, position).map(|at| view.colour(at)) else { continue };
-        n += 1;
-        sum += colour;
-        squares += colour.length_squared();
-        if n == COMPARED {
-            break;
+impl Search<'_> {
+    /// The point on one random ray, where it has a place.
+    fn on_ray(&self, key: &[u64]) -> io::Result<Option<Seed>> {
+        let draw = |n: u64| uniform(&[key[0], key[1], key[2], n]);
+        let view = &self.views[(draw(0) * self.views.len() as f64) as usize];
+        let camera = &view.camera;
+        let pixel = DVec2::new(draw(1) * f64::from(camera.width), draw(2) * f64::from(camera.height));
+        let ray = ((pixel - camera.principal) / camera.focal).extend(1.0);
+        let distance = (camera.rotation * self.focus + camera.translation).z.max(1e-3);
+        // Where the cameras' axes meet before the near plane, or nowhere, points lie behind it all the same.
+        let low = (self.near / distance).max(0.2);
+        let high = (5.0 * low).max(3.0);
+        let mut best: Option<(f64, Seed)> = None;
+        for n in 0..DEPTHS {
+            let depth = distance * (low.ln() + draw(3 + n) * (high / low).ln()).exp();
+            let position = camera.rotation.transpose() * (ray * depth - camera.translation);
+            if self.blender && position.abs().max_element() > BLENDER_CUBE {
+                continue;
+            }
+            let Some((disagreement, colour)) = self.agreement(position, key)? else { continue };
+            if best.as_ref().is_none_or(|(least, _)| disagreement < *least) {
+                best = Some((disagreement, Seed { position, colour }));
+            }
         }
+        // What one camera sees well may hang before another's lens.
+        let clear = |seed: &Seed| self.views.iter().all(|v| !before_lens(&v.camera, seed.position, self.near));
+        Ok(best.map(|(_, seed)| seed).filter(clear))
     }
-    if n < SEEN_BY.min(views.len()) {
-        return None;
+
+    /// (variance of the colours, mean colour) of a point in the photos that see it; none where too few do.
+    fn agreement(&self, position: DVec3, key: &[u64]) -> io::Result<Option<(f64, DVec3)>> {
+        let views = self.views;
+        let start = (uniform(&[key[0], key[1], key[2], 999]) * views.len() as f64) as usize;
+        let (mut n, mut sum, mut squares) = (0_usize, DVec3::ZERO, 0.0);
+        for k in 0..views.len() {
+            let view = &views[(start + k) % views.len()];
+            let Some((at, depth)) = project(&view.camera, position) else { continue };
+            if depth < self.near {
+                continue;
+            }
+            let colour = view.colour(at)?;
+            n += 1;
+            sum += colour;
+            squares += colour.length_squared();
+            if n == COMPARED {
+                break;
+            }
+        }
+        if n < SEEN_BY.min(views.len()) {
+            return Ok(None);
+        }
+        let mean = sum / n as f64;
+        Ok(Some((squares / n as f64 - mean.length_squared(), mean)))
     }
-    let mean = sum / n as f64;
-    Some((squares / n as f64 - mean.length_squared(), mean))
 }
 
-/// Pixel that a world point falls on, where it lies inside the picture.
-fn project(camera: &Camera, position: DVec3) -> Option<[u32; 2]> {
+/// Whether a world point lies in the picture, yet before the near plane.
+fn before_lens(camera: &Camera, position: DVec3, near: f64) -> bool {
+    project(camera, position).is_some_and(|(_, depth)| depth < near)
+}
+
+/// Pixel that a world point falls on, and its depth, where it lies inside the picture and not behind the camera.
+fn project(camera: &Camera, position: DVec3) -> Option<([u32; 2], f64)> {
     let p = camera.rotation * position + camera.translation;
-    if p.z < 1e-3 {
+    if p.z <= 0.0 {
         return None;
     }
     let at = p.truncate() / p.z * camera.focal + camera.principal;
     let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < f64::from(camera.width) && at.y < f64::from(camera.height);
-    inside.then_some([at.x as u32, at.y as u32])
+    inside.then_some(([at.x as u32, at.y as u32], p.z))
 }
 
 /// The point nearest to all cameras' axes; the cameras' centre, moved along their mean view, where the axes are parallel.

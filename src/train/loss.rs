@@ -35,13 +35,26 @@ pub struct Loss {
 }
 
 impl Loss {
+    /// Bytes of [`Loss::new`].
+    pub fn bytes(width: u32, height: u32) -> u64 {
+        let (pixels, runs) = (width as usize * height as usize, Self::runs(width, height));
+        let planes = Buffer::<f32>::bytes_of(15 * pixels) + Buffer::<f32>::bytes_of(18 * pixels);
+        let of = Buffer::<[f32; 4]>::bytes_of;
+        planes + of(runs) + of(1) + of(pixels)
+    }
+
+    /// Invocations that a picture of this size, or lying on its side, takes at most.
+    fn runs(width: u32, height: u32) -> usize {
+        3 * width.max(height) as usize * width.max(height).div_ceil(RUN) as usize
+    }
+
     /// Scratch for pictures of at most `width` x `height`.
     ///
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device, width: u32, height: u32) -> Result<Self> {
         let pixels = width as usize * height as usize;
-        let runs = 3 * width.max(height) as usize * width.max(height).div_ceil(RUN) as usize;
+        let runs = Self::runs(width, height);
         Ok(Self {
             means: device.buffer("window means", 15 * pixels)?,
             partials: device.buffer("SSIM partials", 18 * pixels)?,

@@ -2,10 +2,15 @@
 
 pub mod checkpoint;
 pub mod density;
+mod error;
 pub mod initialise;
 pub mod loss;
+mod memory;
 pub mod photos;
+pub mod pixels;
 pub mod schedule;
 mod trainer;
 
+pub use error::{Error, Result};
+pub use memory::Demand;
 pub use trainer::{Options, Progress, Trainer};

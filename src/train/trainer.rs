@@ -2,12 +2,13 @@
 //! few iterations, grows what was too small, and repeats what did not count.
 
 use super::density::{self, Step, densify};
+use super::error::{Error, Result};
 use super::loss::{Loss, Weights};
 use super::photos::{Photos, TrainView};
 use super::schedule::Schedule;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
-use crate::gpu::{Buffer, Device, Recording, Result, Ticket, Timings};
+use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
 use crate::random::permutation;
 use crate::render::{AdamState, Form, Renderer, Settings, Update};
 use std::collections::VecDeque;
@@ -77,7 +78,7 @@ impl Trainer {
     /// A run from its beginning.
     ///
     /// # Errors
-    /// Device memory; device errors.
+    /// Device memory; device errors; no views.
     pub fn new(
         device: &Device,
         model: &Gaussians,
@@ -99,6 +100,9 @@ impl Trainer {
         extent: f64,
         options: Options,
     ) -> Result<Self> {
+        if views.is_empty() {
+            return Err(Error::NoViews);
+        }
         let size = |f: fn(&TrainView) -> u32| views.iter().map(f).max().unwrap_or(1);
         let (width, height) = (size(|v| v.camera.width), size(|v| v.camera.height));
         let renderer =
@@ -217,7 +221,7 @@ impl Trainer {
     /// # Errors
     /// Device errors.
     pub fn download(&self) -> Result<Gaussians> {
-        self.model.download(&self.device)
+        Ok(self.model.download(&self.device)?)
     }
 
     /// The last iteration that may run before the host must look.
@@ -266,9 +270,9 @@ impl Trainer {
     }
 
     fn submit(&mut self, iteration: u32, with_value: bool) -> Result<Ticket> {
-        let at = self.view_of(iteration);
+        let (next, at) = (self.view_of(iteration + 1), self.view_of(iteration));
         let size = self.size_of(at);
-        let photo = self.photos.get(&self.device, &self.views, at)?;
+        let photo = self.photos.get(&self.device, &self.views, at, next)?;
         let camera = &self.views[at].camera;
         let (options, model) = (&self.options, &self.model);
         let mut recording = Recording::new();
@@ -290,7 +294,7 @@ impl Trainer {
             form: Form::Adam(iteration),
         };
         self.renderer.record_backward(&mut recording, model, camera, &self.loss.gradient, &update);
-        self.device.submit(recording)
+        Ok(self.device.submit(recording)?)
     }
 
     /// Density control and opacity reset, where the schedule has them after this iteration.

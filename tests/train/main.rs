@@ -9,4 +9,5 @@ mod adam;
 mod density;
 mod initialise;
 mod loss;
+mod memory;
 mod runs;

@@ -8,11 +8,12 @@ use qirf_vk::metrics;
 use qirf_vk::render::{Renderer, Settings};
 use qirf_vk::scene::{OpenOptions, Resize, Scene};
 use qirf_vk::synth::{self, SynthOptions};
-use qirf_vk::train::initialise::{Seed, from_points};
+use qirf_vk::train::initialise::{Seed, from_points, random};
 use qirf_vk::train::loss::Weights;
 use qirf_vk::train::photos::{Photos, TrainView};
+use qirf_vk::train::pixels::PhotoFile;
 use qirf_vk::train::schedule::Schedule;
-use qirf_vk::train::{Options, Progress, Trainer};
+use qirf_vk::train::{Error, Options, Progress, Trainer};
 use std::sync::OnceLock;
 
 struct Capture {
@@ -109,8 +110,13 @@ fn psnr(device: &Device, trainer: &Trainer, views: &[TrainView]) -> f64 {
     let one = |view: &TrainView| {
         let image = renderer.render(trainer.model(), &view.camera).unwrap();
         let drawn: Vec<f32> = image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
-        let photo: Vec<f32> =
-            view.pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0)).collect();
+        let photo: Vec<f32> = view
+            .pixels
+            .read()
+            .unwrap()
+            .chunks_exact(4)
+            .flat_map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0))
+            .collect();
         let size = (view.camera.width as usize, view.camera.height as usize);
         let drawn = metrics::round_trip_8bit(&drawn);
         let [drawn, photo] = [&drawn, &photo].map(|p| metrics::Image::new(size.0, size.1, p).unwrap());
@@ -174,15 +180,29 @@ fn training_learns() {
     finish(&device);
 }
 
-/// Many views of few pixels: photos beyond a quarter of the memory allowed are sent one at a time.
+/// Many views of few pixels: photos beyond a quarter of the memory allowed are sent one at a time, from the host's
+/// memory or from a file; some of another size come between.
 #[test]
 fn streamed_photos_give_the_same_bytes() {
     let c = capture();
-    let views: Vec<TrainView> = c.train.iter().cycle().take(1400).cloned().collect();
+    let mut held: Vec<TrainView> = c.train.iter().cycle().take(1400).cloned().collect();
+    for view in held.iter_mut().step_by(3) {
+        view.camera = view.camera.resized(40, 30);
+        view.pixels = (0..40 * 30 * 4).map(|k| (k * 7) as u8).collect();
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = PhotoFile::new(folder.path()).unwrap();
+    let mut start = 0;
+    let mut filed = held.clone();
+    for view in &mut filed {
+        let pixels = file.put(start, &view.pixels.read().unwrap()).unwrap();
+        start += pixels.len() as u64;
+        view.pixels = pixels;
+    }
     let mut results = Vec::new();
-    for memory_limit in [None, Some(48 << 20)] {
+    for (memory_limit, views) in [(None, &held), (None, &filed), (Some(48 << 20), &held), (Some(48 << 20), &filed)] {
         let device = Device::open(&DeviceOptions { validation: true, memory_limit, ..Default::default() }).unwrap();
-        let streamed = matches!(Photos::new(&device, &views).unwrap(), Photos::Streamed(_));
+        let streamed = matches!(Photos::new(&device, views).unwrap(), Photos::Streamed(_));
         assert_eq!(streamed, memory_limit.is_some());
         let options = Options { pairs: 1 << 13, ..options() };
         let mut trainer = Trainer::new(&device, &c.start, views.clone(), c.extent, options).unwrap();
@@ -190,7 +210,31 @@ fn streamed_photos_give_the_same_bytes() {
         results.push(bits(&trainer.download().unwrap()));
         finish(&device);
     }
-    assert!(results[0] == results[1]);
+    assert!(results.iter().all(|r| *r == results[0]));
+    let [a, b] = [&held, &filed].map(|views| random(views, 500, false, 1).unwrap());
+    assert!(a == b, "random points");
+}
+
+/// What is read ahead is a guess: other views, repeats and turns about give what was asked for.
+#[test]
+fn reading_ahead_changes_nothing() {
+    let device = Device::open(&DeviceOptions { memory_limit: Some(100_000), ..Default::default() }).unwrap();
+    let views = &capture().train;
+    let mut photos = Photos::new(&device, views).unwrap();
+    assert!(matches!(photos, Photos::Streamed(_)));
+    for (at, next) in [(0, 1), (1, 1), (1, 2), (3, 0), (0, 6), (6, 6), (2, 0)] {
+        let words = photos.get(&device, views, at, next).unwrap().read(&device).unwrap();
+        assert!(bytemuck::cast_slice::<u32, u8>(&words) == &*views[at].pixels.read().unwrap(), "{at}");
+    }
+}
+
+#[test]
+fn without_photos_there_is_no_trainer() {
+    let device = device();
+    let c = capture();
+    let made = Trainer::new(&device, &c.start, Vec::new(), c.extent, options());
+    assert!(matches!(made, Err(Error::NoViews)));
+    finish(&device);
 }
 
 /// Nothing to train, be it from the start or because all was pruned: the run ends all the same.

@@ -1,0 +1,139 @@
+//! `qirf-vk eval MODEL SCENE`.
+
+use super::Global;
+use super::console::Console;
+use super::inspect::read_model;
+use super::show::Show;
+use super::values;
+use crate::error::Error;
+use crate::metrics::{Networks, Scores};
+use crate::pipeline::budget;
+use crate::pipeline::eval::{self, Evaluation};
+use crate::pipeline::results::Results;
+use crate::pipeline::{Output, Selection};
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk eval model.ply capture --resolution /4
+  qirf-vk eval trained/model.ply --config trained/config.toml
+  qirf-vk eval model.spz --config trained/config.toml -o scores
+
+Photos are held out, scaled and scored as `qirf-vk run` does it: a run's model.ply has the run's own scores.";
+
+/// Score a model of any format against a scene's held-out photos.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
+    model: PathBuf,
+    /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    #[arg(required_unless_present = "config")]
+    scene: Option<PathBuf>,
+    /// Folder for metrics.json and renders/; made where it is absent
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Take scene, photos and rendering from a run's config.toml; options given here come first
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Keep each Gaussian's energy where it is smaller than a pixel (models trained with anti-aliasing)
+    #[arg(long, help_heading = "Rendering")]
+    antialias: bool,
+    /// Colour behind the Gaussians [default: white for photos with alpha, else black]
+    #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
+    background: Option<[f32; 3]>,
+    /// Device memory that may be used, such as 2G or 800M [default: the device's]
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Rendering")]
+    memory_budget: Option<u64>,
+    /// Photo folder (such as images_4)
+    #[arg(long, value_name = "DIR", help_heading = "Photos")]
+    images: Option<PathBuf>,
+    /// Picture size as width, or as a divisor of the photos' size
+    #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
+    resolution: Option<String>,
+    /// Hold every N-th photo out for the scores [default: 8]
+    #[arg(long, value_name = "N", help_heading = "Photos")]
+    eval_every: Option<usize>,
+    /// LPIPS weights: a file, or a folder of them (tools/lpips-weights makes them)
+    #[arg(long, value_name = "PATH", help_heading = "Photos")]
+    lpips_weights: Option<PathBuf>,
+    /// Print the figures as JSON on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        if let Some(folder) = &self.output {
+            if folder.exists() && !folder.is_dir() {
+                return Err(Error::Usage(format!("-o {} is a file; name a folder", folder.display())));
+            }
+            if folder.join("config.toml").exists() {
+                let folder = folder.display();
+                return Err(Error::Usage(format!("-o {folder} holds a run and its figures; name another folder")));
+            }
+        }
+        let evaluation = self.evaluation()?;
+        let loaded = read_model(&self.model, console)?;
+        let networks = Networks::find(self.lpips_weights.as_deref())?;
+        if let Some(note) = networks.note() {
+            console.note(note);
+        }
+        let device = global.open_with(self.memory_budget)?;
+        let output = self.output.as_deref().map(Output::new).transpose()?;
+        let model = (self.model.as_path(), &loaded.gaussians);
+        let results = eval::eval(
+            &device,
+            model,
+            &evaluation,
+            output.as_ref(),
+            &networks,
+            budget::host(self.memory_budget),
+            &Show::new(console),
+        )?;
+        self.report(console, &results)
+    }
+
+    fn evaluation(&self) -> Result<Evaluation, Error> {
+        let file = self.config.as_deref().map(values::run_config).transpose()?;
+        let antialias = self.antialias || file.as_ref().is_some_and(|c| c.antialias);
+        let base = file.map(|c| c.selection());
+        // A scene of one's own has photos of its own.
+        let of_scene = base.as_ref().filter(|_| self.scene.is_none());
+        let selection = Selection {
+            scene: self.scene.clone().or(base.as_ref().map(|b| b.scene.clone())).unwrap_or_default(),
+            images: self.images.clone().or(of_scene.and_then(|b| b.images.clone())),
+            resolution: self.resolution.clone().or(base.as_ref().and_then(|b| b.resolution.clone())),
+            eval_every: self.eval_every.or(base.as_ref().map(|b| b.eval_every)).unwrap_or(8),
+            background: self.background.or(base.as_ref().and_then(|b| b.background)),
+        };
+        Ok(Evaluation { selection, antialias })
+    }
+
+    fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {
+        if self.json {
+            return console.json(&serde_json::to_value(results).unwrap_or_default());
+        }
+        let lpips = results.test.as_ref().is_some_and(|t| t.lpips_vgg.is_some());
+        let row = |name: &str, scores: &Scores| {
+            // Equal pictures have no PSNR.
+            let psnr = scores.psnr.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+            let mut line = format!("{name:<32} {psnr:>8} {:>8.4}", scores.ssim);
+            if lpips {
+                line += &scores.lpips_vgg.map_or_else(|| format!(" {:>8}", "-"), |v| format!(" {v:>8.4}"));
+            }
+            console.print(line)
+        };
+        let heading = format!("{:<32} {:>8} {:>8}", "view", "PSNR/dB", "SSIM");
+        console.print(if lpips { heading + &format!(" {:>8}", "LPIPS") } else { heading })?;
+        for view in &results.views {
+            row(&view.name, &view.scores)?;
+        }
+        if let Some(mean) = &results.test {
+            row(&format!("mean of {}", results.views.len()), mean)?;
+        }
+        if let Some(folder) = &self.output {
+            console.note(format_args!("figures and pictures in {}", folder.display()));
+        }
+        Ok(())
+    }
+}

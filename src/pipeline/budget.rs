@@ -1,0 +1,132 @@
+//! Whether a job fits the device's memory, before its work starts.
+
+use super::config::{Init, RunConfig};
+use super::evaluate::Evaluator;
+use super::prepare::{Opened, Start};
+use crate::error::Error;
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Device, staging_bytes};
+use crate::train::{Demand, Trainer};
+
+/// Pairs a Gaussian that room is made for: at first in training, and in estimates.
+pub const PAIRS_PER_GAUSSIAN: u32 = 16;
+/// Pairs that room is made for at least.
+pub const LEAST_PAIRS: u32 = 1 << 14;
+/// The host's memory in bytes, where the system does not tell.
+const HOST: u64 = 8 << 30;
+/// Share of it that decoded photos may take.
+const HOST_SHARE: u64 = 4;
+/// How often its first number of Gaussians a run is assumed to reach, where `--max-gaussians` allows it.
+const GROWTH: usize = 4;
+
+/// Room for (tile, Gaussian) pairs that `gaussians` are given.
+pub fn pairs(gaussians: usize) -> u32 {
+    u32::try_from(gaussians).unwrap_or(u32::MAX).saturating_mul(PAIRS_PER_GAUSSIAN).max(LEAST_PAIRS)
+}
+
+/// Bytes of device memory that a run will need: with four times the Gaussians that it begins with, or as many as it may
+/// have if those are fewer.
+///
+/// # Errors
+/// [`Error::Memory`] where the device, or `--memory-budget`, does not allow as much.
+pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Start) -> Result<u64, Error> {
+    let schedule = &config.schedule;
+    let grows = (1..=schedule.iterations).any(|i| schedule.densifies(i));
+    // Points are thinned to what is allowed, a model is not; a broken run tells what it began with.
+    let first = match start {
+        Start::Model(model) => model.len(),
+        Start::Points(n) | Start::Random(n) => (*n).min(config.max_gaussians),
+        Start::Resumed(s) => s.notes.get("initial").and_then(|n| n.parse().ok()).unwrap_or(s.model.len()),
+    };
+    let grown = if grows { first.saturating_mul(GROWTH).min(config.max_gaussians) } else { first };
+    let size = opened.size();
+    let photos: Vec<u64> = opened.train_pixels().iter().map(|pixels| 4 * pixels).collect();
+    let degree = config.sh_degree.max(start.degree());
+    let needed = |gaussians: usize| {
+        let photos = photos.clone();
+        let demand = Demand { gaussians, pairs: pairs(gaussians), size, photos, degree, grows };
+        Trainer::bytes(device, &demand) + Evaluator::bytes(device, gaussians, size)
+    };
+    let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
+    let expected = grown.max(now);
+    let fitting = most(expected.max(config.max_gaussians), |n| needed(n) <= device.memory_limit());
+    if fitting < config.max_gaussians {
+        tracing::info!("there is room for about {fitting} Gaussians; --max-gaussians {fitting} keeps within it");
+    }
+    let fewer = match fitting {
+        0 => String::new(),
+        n if n < now && matches!(config.init, Init::Model(_)) => " a smaller model,".to_owned(),
+        n => format!(" --max-gaussians {n},"),
+    };
+    check(device, "the run", expected, size, needed(expected), &fewer)
+}
+
+/// Bytes of device memory that an evaluation will need.
+///
+/// # Errors
+/// As [`for_run`].
+pub fn for_eval(device: &Device, opened: &Opened, gaussians: usize, degree: usize) -> Result<u64, Error> {
+    let size = opened.size();
+    let model = Resident::bytes(gaussians, degree);
+    let needed = model + staging_bytes(model) + Evaluator::bytes(device, gaussians, size);
+    check(device, "the evaluation", gaussians, size, needed, "")
+}
+
+/// Bytes of the host's memory that decoded photos may take: a quarter of it, or the budget given, if that is less.
+pub fn host(given: Option<u64>) -> u64 {
+    let quarter = physical().unwrap_or(HOST) / HOST_SHARE;
+    given.map_or(quarter, |given| given.min(quarter))
+}
+
+/// Bytes of memory of this machine, or of the container that the program runs in; none where the system does not tell.
+fn physical() -> Option<u64> {
+    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = info.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
+    let machine = line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10;
+    let container = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|t| t.trim().parse().ok());
+    Some(container.map_or(machine, |limit: u64| limit.min(machine)))
+}
+
+/// The largest number up to `limit` that fits, where every smaller one does; 0 for none.
+fn most(limit: usize, fits: impl Fn(usize) -> bool) -> usize {
+    let (mut low, mut high) = (0, limit);
+    while low < high {
+        let middle = low + (high - low).div_ceil(2);
+        if fits(middle) {
+            low = middle;
+        } else {
+            high = middle - 1;
+        }
+    }
+    low
+}
+
+fn check(
+    device: &Device,
+    what: &'static str,
+    gaussians: usize,
+    [width, height]: [u32; 2],
+    needed: u64,
+    fewer: &str,
+) -> Result<u64, Error> {
+    let there = device.memory_limit();
+    if needed <= there {
+        tracing::info!("{what} needs about {needed} bytes of device memory, of {there}");
+        return Ok(needed);
+    }
+    let (device, fewer) = (device.info().name.clone(), fewer.to_owned());
+    Err(Error::Memory { what, gaussians, width, height, needed, there, device, fewer })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::most;
+
+    #[test]
+    fn the_largest_that_fits() {
+        for right in 0..=20 {
+            assert_eq!(most(20, |n| n <= right), right);
+        }
+        assert_eq!((most(0, |_| true), most(0, |_| false)), (0, 0));
+    }
+}

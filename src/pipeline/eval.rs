@@ -1,0 +1,111 @@
+//! `qirf-vk eval`: a model of any format against a scene's held-out photos.
+
+use super::budget;
+use super::config::Selection;
+use super::evaluate::Evaluator;
+use super::output::Output;
+use super::prepare::open;
+use super::results::{Counts, Guards, Memory, Protocol, Results, Times, TrainScores};
+use super::watcher::Watcher;
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
+use crate::gpu::Device;
+use crate::metrics::Networks;
+use crate::render::Settings;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+
+/// What is evaluated, and how it is rendered.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluation {
+    /// The scene and its held-out views.
+    pub selection: Selection,
+    /// Whether Gaussians smaller than a pixel keep their energy: as the model was trained.
+    pub antialias: bool,
+}
+
+/// Renders and scores the held-out views of a scene as a run of the same selection does; figures and pictures are
+/// written where there is an `output`. `file` is where `model` was read from. Photos
+/// take no more than `host_bytes` of the host's memory.
+///
+/// # Errors
+/// Anything from scene to disk; no held-out view; [`Error::Interrupted`].
+pub fn eval(
+    device: &Device,
+    (file, model): (&Path, &Gaussians),
+    evaluation: &Evaluation,
+    output: Option<&Output>,
+    networks: &Networks,
+    host_bytes: u64,
+    watcher: &(dyn Watcher + Sync),
+) -> Result<Results, Error> {
+    let begun = Instant::now();
+    let selection = &evaluation.selection;
+    let opened = open(selection)?;
+    let estimated_bytes = budget::for_eval(device, &opened, model.len(), model.degree())?;
+    let elsewhere = std::env::temp_dir();
+    let folder = output.map_or(elsewhere.as_path(), Output::folder);
+    let prepared = opened.load((host_bytes, folder), &|done, total| watcher.loading(done, total))?;
+    for line in prepared.scene.skipped.summary() {
+        watcher.note(&line);
+    }
+    if prepared.test.is_empty() {
+        return Err(Error::Usage(format!(
+            "{}: no view is held out; give --eval-every 1 to score all of them",
+            selection.scene.display()
+        )));
+    }
+    let load_s = begun.elapsed().as_secs_f64();
+    let settings = Settings { background: prepared.background, antialias: evaluation.antialias, ..Settings::default() };
+
+    let evaluating = Instant::now();
+    let resident = Resident::upload(device, model)?;
+    let mut evaluator = Evaluator::new(device, settings, model.len(), prepared.views())?;
+    let renders = output.map(Output::renders);
+    let mut follow = |done: usize| {
+        watcher.evaluating(done, prepared.test.len());
+        if watcher.stop() { Err(Error::Interrupted) } else { Ok(()) }
+    };
+    let held_out = evaluator.held_out(&resident, &prepared, renders.as_deref(), networks, &mut follow)?;
+    held_out.warn(watcher);
+    let train_psnr = evaluator.psnr(&resident, prepared.train.iter())?;
+    let frames_per_second = evaluator.frames_per_second(&resident, &prepared)?;
+    let results = Results {
+        schema: 1,
+        version: env!("CARGO_PKG_VERSION"),
+        device: device.info().clone(),
+        protocol: Protocol::new(selection, &prepared, networks),
+        gaussians: Counts { initial: None, dense: None, last: model.len() },
+        test: held_out.mean(),
+        train: TrainScores { psnr: train_psnr },
+        guards: Guards { skipped_rows: 0, empty_views: held_out.empty, scene: prepared.scene.skipped.clone() },
+        views: held_out.views,
+        frames_per_second,
+        model_bytes: bytes(file),
+        curve: Vec::new(),
+        time: Times {
+            total_s: begun.elapsed().as_secs_f64(),
+            load_s,
+            train_s: 0.0,
+            evaluate_s: evaluating.elapsed().as_secs_f64(),
+            stages_s: BTreeMap::new(),
+        },
+        effects: Vec::new(),
+        memory: Memory { estimated_bytes, peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
+    };
+    if let Some(output) = output {
+        results.write(output)?;
+    }
+    Ok(results)
+}
+
+/// Bytes of a model's file, or of all files in its folder.
+fn bytes(path: &Path) -> u64 {
+    let file = |p: &Path| std::fs::metadata(p).map_or(0, |m| m.len());
+    match std::fs::read_dir(path) {
+        Ok(entries) => entries.flatten().map(|e| file(&e.path())).sum(),
+        Err(_) => file(path),
+    }
+}

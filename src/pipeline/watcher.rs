@@ -1,0 +1,17 @@
+//! Who follows a job, and may end it early.
+
+use crate::train::Progress;
+
+/// What a job tells while it goes on.
+pub trait Watcher {
+    /// Photos decoded so far, of how many.
+    fn loading(&self, done: usize, total: usize);
+    /// Where training stands.
+    fn training(&self, progress: &Progress, until: u32);
+    /// Held-out views scored so far, of how many.
+    fn evaluating(&self, done: usize, total: usize);
+    /// A line worth reading.
+    fn note(&self, line: &str);
+    /// Whether to end early; training does so after a checkpoint.
+    fn stop(&self) -> bool;
+}

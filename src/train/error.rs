@@ -1,0 +1,37 @@
+//! What can go wrong in training, besides the device.
+
+use crate::gpu;
+use std::io;
+
+/// An error of the training floor.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The device floor.
+    #[error(transparent)]
+    Device(#[from] gpu::Error),
+    /// Nothing to train on.
+    #[error("there is no photo to train on; hold fewer out with a larger --eval-every, or add photos")]
+    NoViews,
+    /// The file that photos beyond the host's memory lie in.
+    #[error("the decoded photos' temporary file fails: {0}; free some space, or give a smaller --resolution")]
+    Photos(#[from] io::Error),
+    /// Cameras that leave no place for random points.
+    #[error(
+        "only {found} of {asked} random points found a place in {tries} tries, {near:.1} or more before {cameras} cameras that see it: check the poses and the scene's scale, or give --init MODEL"
+    )]
+    Points {
+        /// Points with a place.
+        found: usize,
+        /// Points asked for.
+        asked: usize,
+        /// Rays tried.
+        tries: u64,
+        /// The near plane in world units.
+        near: f64,
+        /// Cameras that must see a point.
+        cameras: usize,
+    },
+}
+
+/// Results of this floor.
+pub type Result<T> = std::result::Result<T, Error>;

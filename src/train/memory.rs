@@ -1,0 +1,41 @@
+//! What a training run will need of the device's memory, before it begins.
+
+use super::density;
+use super::loss::Loss;
+use super::photos::Photos;
+use super::trainer::Trainer;
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Buffer, Device, staging_bytes};
+use crate::render::{AdamState, Renderer};
+
+/// What a run's memory depends on.
+#[derive(Clone, Debug)]
+pub struct Demand {
+    /// Gaussians at most.
+    pub gaussians: usize,
+    /// (tile, Gaussian) pairs of a picture at most.
+    pub pairs: u32,
+    /// Width and height that every picture fits in.
+    pub size: [u32; 2],
+    /// Bytes of each photo.
+    pub photos: Vec<u64>,
+    /// Highest SH degree.
+    pub degree: usize,
+    /// Whether density control acts: it holds the old model and the new at once, as the renderer does when it grows.
+    pub grows: bool,
+}
+
+impl Trainer {
+    /// Bytes of device memory that a run takes at its height.
+    pub fn bytes(device: &Device, demand: &Demand) -> u64 {
+        let &Demand { gaussians: n, pairs, size, degree, grows, .. } = demand;
+        let model = Resident::bytes(n, degree) + AdamState::bytes(n, degree) + Buffer::<[f32; 2]>::bytes_of(n);
+        let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, true);
+        let pictures = Photos::bytes(&demand.photos, device.memory_limit()) + Loss::bytes(size[0], size[1]);
+        let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
+        // The widest array is what downloads stage; its moments are twice as wide.
+        let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
+        model + renderer + pictures + growth.max(staging_bytes(widest)) + Buffer::<u32>::bytes_of(2)
+    }
+}
