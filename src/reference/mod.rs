@@ -6,11 +6,13 @@ pub mod adam;
 pub mod bin;
 pub mod frame;
 pub mod loss;
+pub mod overlap;
 pub mod params;
 pub mod project;
 pub mod project_backward;
 pub mod rasterise;
 pub mod rasterise_backward;
+pub mod rrdm;
 pub mod sh;
 
 pub use frame::{Gradients, Rendered, Settings, gradients, render};

@@ -1,0 +1,99 @@
+//! The few LAPACK routines that the solvers need, with their sizes checked. Matrices are column-major, lower triangle.
+
+#![allow(unsafe_code)]
+
+use std::sync::Once;
+
+// OpenBLAS of the system is BLAS and LAPACK in one; naming it here spares a crate that knows how to download and build it.
+#[link(name = "openblas")]
+unsafe extern "C" {
+    fn openblas_set_num_threads(threads: i32);
+}
+
+/// One thread a call: blocks are solved in parallel, and a threaded BLAS below would only get in the way.
+pub fn single_threaded() {
+    static ONCE: Once = Once::new();
+    // SAFETY: OpenBLAS exports this function with this signature; it sets one global, here once before any other call.
+    ONCE.call_once(|| unsafe { openblas_set_num_threads(1) });
+}
+
+/// Real numbers for which LAPACK is at hand.
+pub trait Real: Copy + Send + Sync + Default + 'static {
+    /// Rounds a float64.
+    fn of(x: f64) -> Self;
+    /// Widens to float64.
+    fn to(self) -> f64;
+    /// The lower Cholesky factor of the n x n `a` in place; false if `a` is not positive definite.
+    fn potrf(n: usize, a: &mut [Self]) -> bool;
+    /// Solves L x = b, or L^T x = b, in place for `b` of n x `columns`; false if L is singular.
+    fn trtrs(transposed: bool, n: usize, columns: usize, l: &[Self], b: &mut [Self]) -> bool;
+}
+
+macro_rules! real {
+    ($t:ty, $potrf:path, $trtrs:path) => {
+        impl Real for $t {
+            fn of(x: f64) -> Self {
+                x as Self
+            }
+            fn to(self) -> f64 {
+                self.into()
+            }
+            fn potrf(n: usize, a: &mut [Self]) -> bool {
+                single_threaded();
+                assert!(n > 0 && a.len() == n * n, "a square matrix");
+                let mut info = 0;
+                // SAFETY: `a` holds n x n numbers with leading dimension n > 0, and LAPACK reads and writes no others.
+                unsafe { $potrf(b'L', n as i32, a, n as i32, &mut info) };
+                info == 0
+            }
+            fn trtrs(transposed: bool, n: usize, columns: usize, l: &[Self], b: &mut [Self]) -> bool {
+                single_threaded();
+                assert!(n > 0 && l.len() == n * n && b.len() == n * columns, "a factor and its right-hand sides");
+                if columns == 0 {
+                    return true;
+                }
+                let trans = if transposed { b'T' } else { b'N' };
+                let (rows, columns, mut info) = (n as i32, columns as i32, 0);
+                // SAFETY: `l` holds n x n and `b` n x columns numbers, both with leading dimension n > 0.
+                unsafe { $trtrs(b'L', trans, b'N', rows, columns, l, rows, b, rows, &mut info) };
+                info == 0
+            }
+        }
+    };
+}
+
+real!(f32, lapack::spotrf, lapack::strtrs);
+real!(f64, lapack::dpotrf, lapack::dtrtrs);
+
+/// Eigenvalues, ascending, of the symmetric n x n `a`, which receives the eigenvectors as columns.
+///
+/// `None` if LAPACK does not converge, which for finite input it does.
+pub fn syevd(n: usize, a: &mut [f64]) -> Option<Vec<f64>> {
+    single_threaded();
+    assert!(n > 0 && a.len() == n * n, "a square matrix");
+    let (work, iwork) = (1 + 6 * n + 2 * n * n, 3 + 5 * n);
+    let (mut values, mut w, mut iw, mut info) = (vec![0.0; n], vec![0.0; work], vec![0; iwork], 0);
+    let n = n as i32;
+    // SAFETY: `a` holds n x n numbers; the workspaces have the sizes that dsyevd's documentation asks for with vectors.
+    unsafe {
+        lapack::dsyevd(b'V', b'L', n, a, n, &mut values, &mut w, work as i32, &mut iw, iwork as i32, &mut info);
+    }
+    (info == 0).then_some(values)
+}
+
+/// Eigenvalues, ascending, of A u = lambda B u; `a` receives the vectors as columns, u^T B u = 1.
+///
+/// `None` if B is not positive definite, or without convergence.
+pub fn sygvd(n: usize, a: &mut [f64], b: &mut [f64]) -> Option<Vec<f64>> {
+    single_threaded();
+    assert!(n > 0 && a.len() == n * n && b.len() == n * n, "two square matrices");
+    let (work, iwork) = (1 + 6 * n + 2 * n * n, 3 + 5 * n);
+    let (mut values, mut w, mut iw, mut info) = (vec![0.0; n], vec![0.0; work], vec![0; iwork], 0);
+    let n = n as i32;
+    let (lwork, liwork) = (work as i32, iwork as i32);
+    // SAFETY: `a` and `b` hold n x n numbers; the workspaces have the sizes that dsygvd's documentation asks for.
+    unsafe {
+        lapack::dsygvd(&[1], b'V', b'L', n, a, n, b, n, &mut values, &mut w, lwork, &mut iw, liwork, &mut info);
+    }
+    (info == 0).then_some(values)
+}

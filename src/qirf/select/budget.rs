@@ -1,0 +1,158 @@
+//! How many each block keeps, and which: ranks and gains to a keep mask of exactly the count asked for.
+
+use rayon::prelude::*;
+
+use super::{Ranking, rounded};
+use crate::qirf::partition::Blocks;
+
+/// Shares are kept as millionths, so that counts come from integers.
+const MILLION: u128 = 1_000_000;
+/// The detail safeguard takes at most this part of what is kept.
+const MOST_DETAIL: usize = 5;
+
+/// How the count is divided among blocks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Budget {
+    /// Each block keeps its share.
+    PerBlock,
+    /// Half as each block's share, half by gain over the scene.
+    #[default]
+    Hybrid,
+    /// All by gain over the scene.
+    Global,
+}
+
+/// How many are kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Keep {
+    /// The paper's: each block keeps max(r, ceil(kappa m)), and the detail safeguard comes on top.
+    Paper {
+        /// Least share of a block.
+        kappa: f64,
+    },
+    /// This share of the scene, detail included.
+    Share(f64),
+    /// Exactly this many, detail included, or all if there are fewer.
+    Count(usize),
+}
+
+/// A keep mask and what it is made of.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Choice {
+    /// Whether each Gaussian is kept, n.
+    pub keep: Vec<bool>,
+    /// Kept by rank or gain.
+    pub main: usize,
+    /// Kept by the detail safeguard.
+    pub detail: usize,
+}
+
+impl Choice {
+    /// Number of Gaussians kept.
+    pub fn kept(&self) -> usize {
+        self.main + self.detail
+    }
+}
+
+/// The safeguard: a score of detail for each Gaussian (n), and the share of the scene that it may keep.
+#[derive(Clone, Copy, Debug)]
+pub struct Safeguard<'a> {
+    /// See [`super::detail::scores`], n.
+    pub scores: &'a [f64],
+    /// Share of all Gaussians: 0.05 in the paper.
+    pub share: f64,
+}
+
+/// Chooses what to keep. `r` holds each block's r, which only [`Keep::Paper`] reads; it always keeps by block.
+///
+/// # Panics
+/// If the arrays disagree with `blocks` on their lengths.
+pub fn choose(
+    blocks: &Blocks,
+    ranking: &Ranking,
+    r: &[u32],
+    budget: Budget,
+    keep: Keep,
+    safeguard: Option<Safeguard<'_>>,
+) -> Choice {
+    let n = blocks.members.len();
+    let detail = safeguard.map_or(0, |s| (millionths(s.share) * n as u128 / MILLION) as usize);
+    let mut choice = Choice { keep: vec![false; n], main: 0, detail: 0 };
+    let detail = if let Keep::Paper { kappa } = keep {
+        let kappa = millionths(kappa);
+        let least = |m: usize| ((kappa * m as u128).div_ceil(MILLION)) as usize;
+        let quotas: Vec<usize> =
+            blocks.iter().zip(r).map(|(members, &r)| least(members.len()).max(r as usize).min(members.len())).collect();
+        by_rank(blocks, ranking, &quotas, &mut choice.keep);
+        choice.main = quotas.iter().sum();
+        detail.min(n - choice.main)
+    } else {
+        let target = match keep {
+            Keep::Share(share) => ((millionths(share) * n as u128 + MILLION / 2) / MILLION) as usize,
+            Keep::Count(count) => count,
+            Keep::Paper { .. } => 0,
+        }
+        .min(n);
+        let detail = detail.min(target / MOST_DETAIL);
+        choice.main = target - detail;
+        let shared = match budget {
+            Budget::PerBlock => choice.main,
+            Budget::Hybrid => choice.main.div_ceil(2),
+            Budget::Global => 0,
+        };
+        by_rank(blocks, ranking, &quotas(blocks, shared), &mut choice.keep);
+        by_gain(ranking, choice.main - shared, &mut choice.keep);
+        detail
+    };
+    if let Some(safeguard) = safeguard {
+        choice.detail = detail;
+        by_score(safeguard.scores, detail, &mut choice.keep);
+    }
+    choice
+}
+
+/// Shares of `total` in proportion to the blocks' members by largest remainder, ties by index; they sum to `total`.
+///
+/// No block gets more than it has, as long as `total` is no more than there is.
+pub fn quotas(blocks: &Blocks, total: usize) -> Vec<usize> {
+    let n = blocks.members.len().max(1) as u128;
+    let exact = |members: &[u32]| total as u128 * members.len() as u128;
+    let mut quotas: Vec<usize> = blocks.iter().map(|b| (exact(b) / n) as usize).collect();
+    let mut remainders: Vec<(u128, usize)> = blocks.iter().map(|b| exact(b) % n).zip(0..).collect();
+    remainders.sort_unstable_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
+    let short = total.saturating_sub(quotas.iter().sum());
+    remainders.iter().take(short).for_each(|&(_, b)| quotas[b] += 1);
+    quotas
+}
+
+fn millionths(share: f64) -> u128 {
+    (share.clamp(0.0, 1.0) * MILLION as f64).round() as u128
+}
+
+fn by_rank(blocks: &Blocks, ranking: &Ranking, quotas: &[usize], keep: &mut [bool]) {
+    for (members, &quota) in blocks.iter().zip(quotas) {
+        for &i in members {
+            keep[i as usize] |= (ranking.rank[i as usize] as usize) < quota;
+        }
+    }
+}
+
+/// The `count` of greatest gain not kept yet; equal gains by place in the block, then by index.
+fn by_gain(ranking: &Ranking, count: usize, keep: &mut [bool]) {
+    best(count, keep, |i| rounded(ranking.gain[i]), |i| ranking.rank[i]);
+}
+
+/// The `count` of greatest score not kept yet; equal scores by index.
+fn by_score(scores: &[f64], count: usize, keep: &mut [bool]) {
+    best(count, keep, |i| rounded(scores[i]), |_| 0);
+}
+
+fn best(count: usize, keep: &mut [bool], key: impl Fn(usize) -> f64, second: impl Fn(usize) -> u32) {
+    if count == 0 {
+        return;
+    }
+    let mut open: Vec<(f64, u32, u32)> =
+        (0..keep.len()).filter(|&i| !keep[i]).map(|i| (key(i), second(i), i as u32)).collect();
+    open.par_sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    open.iter().take(count).for_each(|&(_, _, i)| keep[i as usize] = true);
+}

@@ -1,0 +1,135 @@
+//! Merging: dropped functions projected on the kept ones of their block, where that makes the local error smaller.
+//!
+//! A Gaussian's function is alpha c phi; with phi of unit norm its coefficient is alpha c sqrt(S_ii), and the squared
+//! error of coefficients e is e^T N e. X = (N_AA + 1e-3 I)^-1 N_AD acts on unit-norm functions; alpha scales the
+//! others, hence the root in X_ad sqrt(S_dd / S_aa).
+
+use crate::qirf::lapack::Real;
+
+/// Added to the kept functions' overlaps, so that near duplicates share rather than fight.
+const RIDGE: f64 = 1e-3;
+/// A kept opacity falls to no less than this share of itself.
+const LEAST_SHARE: f64 = 0.5;
+/// No opacity grows beyond this.
+const MOST_OPACITY: f64 = 0.99;
+/// Zeroth spherical harmonic: colour = 0.5 + SH_C0 dc.
+const SH_C0: f64 = 0.282_094_791_773_878_14;
+
+/// One block's functions; `sh` holds m rows of `width` numbers, red, green and blue of the constant band first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Functions {
+    /// Opacities in 0..1, m.
+    pub alpha: Vec<f64>,
+    /// Spherical harmonics of all bands, m x `width`.
+    pub sh: Vec<f64>,
+    /// Numbers a row of `sh`: 3 or more.
+    pub width: usize,
+    /// S_ii up to a common factor, m (see [`crate::qirf::batch::self_overlap`]).
+    pub self_overlaps: Vec<f64>,
+}
+
+/// Errors of a block before and after merging, and whether it was worth it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Merged {
+    /// Squared function error if the dropped are simply dropped.
+    pub dropped: f64,
+    /// Squared function error with the kept ones changed.
+    pub merged: f64,
+    /// Whether the kept ones were changed: the error fell.
+    pub accepted: bool,
+}
+
+/// Changes the kept functions of a block so that they stand for the dropped ones too, if the local error falls.
+///
+/// `overlap` is N, m x m. Only `alpha` and `sh` of kept members change. `None` if there is nothing to merge, or the
+/// kept ones' overlaps cannot be factored.
+///
+/// # Panics
+/// If the arrays disagree on the block's size, or `width` is below 3.
+pub fn merge(overlap: &[f32], keep: &[bool], functions: &mut Functions) -> Option<Merged> {
+    let m = keep.len();
+    let width = functions.width;
+    assert!(overlap.len() == m * m && functions.alpha.len() == m && functions.self_overlaps.len() == m);
+    assert!(width >= 3 && functions.sh.len() == m * width);
+    let n = |i: usize, j: usize| Some(f64::from(overlap[i * m + j])).filter(|x| x.is_finite()).unwrap_or(0.0);
+    let (kept, dropped): (Vec<usize>, Vec<usize>) = (0..m).partition(|&i| keep[i]);
+    if kept.is_empty() || dropped.is_empty() {
+        return None;
+    }
+    let a = kept.len();
+    let mut factor: Vec<f64> =
+        kept.iter().flat_map(|&i| kept.iter().map(move |&j| (i, j))).map(|(i, j)| n(i, j)).collect();
+    (0..a).for_each(|i| factor[i * a + i] += RIDGE);
+    // The projection of a sum is the sum of projections: alpha and alpha c are all that is projected, not each function.
+    let before = functions.clone();
+    let root: Vec<f64> = before.self_overlaps.iter().map(|s| s.max(0.0).sqrt()).collect();
+    let weight = |d: usize| before.alpha[d] * root[d];
+    let mut right = vec![0.0; a * (1 + width)];
+    for (row, &i) in kept.iter().enumerate() {
+        for &d in &dropped {
+            let share = n(i, d) * weight(d);
+            right[row] += share;
+            for c in 0..width {
+                right[(1 + c) * a + row] += share * before.sh[d * width + c];
+            }
+        }
+    }
+    if !(f64::potrf(a, &mut factor)
+        && f64::trtrs(false, a, 1 + width, &factor, &mut right)
+        && f64::trtrs(true, a, 1 + width, &factor, &mut right))
+    {
+        return None;
+    }
+    for (row, &i) in kept.iter().enumerate() {
+        let (alpha, own) = (before.alpha[i], root[i]);
+        let gained = right[row] / own;
+        let whole = alpha + gained;
+        if !(alpha > 0.0 && own > 0.0 && whole.is_finite()) {
+            continue;
+        }
+        let least = LEAST_SHARE * alpha;
+        functions.alpha[i] = whole.clamp(least, MOST_OPACITY.max(least));
+        // Where the projection would all but remove a function, its mean colour is noise.
+        if whole > least {
+            for c in 0..width {
+                let merged = (alpha * before.sh[i * width + c] + right[(1 + c) * a + row] / own) / whole;
+                if merged.is_finite() {
+                    functions.sh[i * width + c] = merged;
+                }
+            }
+        }
+    }
+    let only_dropped = error(m, n, &before, &root, |i| if keep[i] { Some(before.at(i)) } else { None });
+    let merged = error(m, n, &before, &root, |i| if keep[i] { Some(functions.at(i)) } else { None });
+    let accepted = merged < only_dropped;
+    if !accepted {
+        *functions = before;
+    }
+    Some(Merged { dropped: only_dropped, merged, accepted })
+}
+
+impl Functions {
+    /// Opacity, and opacity times each colour, of member `i`.
+    fn at(&self, i: usize) -> [f64; 4] {
+        let colour = |c: usize| 0.5 + SH_C0 * self.sh[i * self.width + c];
+        let alpha = self.alpha[i];
+        [alpha, alpha * colour(0), alpha * colour(1), alpha * colour(2)]
+    }
+}
+
+/// e^T N e summed over opacity and three colours, where e is what `now` leaves of the block's functions.
+fn error(
+    m: usize,
+    n: impl Fn(usize, usize) -> f64,
+    whole: &Functions,
+    root: &[f64],
+    now: impl Fn(usize) -> Option<[f64; 4]>,
+) -> f64 {
+    let off = |i: usize| {
+        let (was, is) = (whole.at(i), now(i).unwrap_or_default());
+        std::array::from_fn::<f64, 4, _>(|c| (was[c] - is[c]) * root[i])
+    };
+    let e: Vec<[f64; 4]> = (0..m).map(off).collect();
+    let row = |i: usize| (0..m).map(|j| n(i, j) * (0..4).map(|c| e[i][c] * e[j][c]).sum::<f64>()).sum::<f64>();
+    (0..m).map(row).sum()
+}

@@ -1,0 +1,142 @@
+//! The selectors by name, and the scores of those that look at each Gaussian alone.
+
+use std::fmt;
+use std::str::FromStr;
+
+use rayon::prelude::*;
+
+use super::Ranking;
+use crate::qirf::CHANNELS;
+use crate::qirf::batch::BlockSelector;
+use crate::qirf::partition::Blocks;
+use crate::random;
+
+/// Salt of the random selector's numbers.
+const SALT: u64 = 0x5e1e_c702;
+/// LightGaussian's exponent of a volume, and the share of volumes below the one it is measured by.
+const LIGHT: (f64, f64) = (0.1, 0.9);
+
+/// A rule that orders Gaussians from the first to keep to the first to drop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Selector {
+    /// The paper's generalized, non-orthogonal participation.
+    Gnso,
+    /// The same with the identity as metric: the paper's ablation.
+    Ordinary,
+    /// Norm of a row of (N + eps I)^(-1/2) W.
+    Lowdin,
+    /// Norm of a row of H.
+    Importance,
+    /// Sum over pixels of T alpha.
+    Contribution,
+    /// Opacity.
+    Opacity,
+    /// A seeded draw.
+    Random,
+    /// Greedy column subset.
+    Css,
+    /// Greatest T alpha over pixels (`RadSplat`, by rank).
+    Radsplat,
+    /// Global significance (`LightGaussian`).
+    Lightgaussian,
+}
+
+impl Selector {
+    /// Every selector with the name that the command line knows.
+    pub const NAMES: [(Self, &'static str); 10] = [
+        (Self::Gnso, "gnso"),
+        (Self::Ordinary, "ordinary"),
+        (Self::Lowdin, "lowdin"),
+        (Self::Importance, "importance"),
+        (Self::Contribution, "contribution"),
+        (Self::Opacity, "opacity"),
+        (Self::Random, "random"),
+        (Self::Css, "css"),
+        (Self::Radsplat, "radsplat"),
+        (Self::Lightgaussian, "lightgaussian"),
+    ];
+
+    /// The form that needs a block's overlaps; none for selectors that look at each Gaussian alone.
+    pub fn of_blocks(self) -> Option<BlockSelector> {
+        match self {
+            Self::Gnso => Some(BlockSelector::Gnso),
+            Self::Ordinary => Some(BlockSelector::Ordinary),
+            Self::Lowdin => Some(BlockSelector::Lowdin),
+            Self::Css => Some(BlockSelector::Css),
+            _ => None,
+        }
+    }
+
+    /// Score of each Gaussian (n), higher is kept first; none for selectors of blocks.
+    ///
+    /// # Panics
+    /// If the array that the selector reads is shorter than `statistics.opacity`.
+    pub fn score(self, statistics: &Statistics<'_>, seed: u64) -> Option<Vec<f64>> {
+        let widen = |values: &[f32]| Some(values.iter().map(|&x| f64::from(x)).collect());
+        match self {
+            Self::Gnso | Self::Ordinary | Self::Lowdin | Self::Css => None,
+            Self::Importance => Some(statistics.rows.par_iter().map(importance).collect()),
+            Self::Contribution => widen(statistics.contribution),
+            Self::Opacity => widen(statistics.opacity),
+            Self::Radsplat => widen(statistics.peak),
+            Self::Random => {
+                let draw = |i: usize| random::uniform(&[SALT, seed, i as u64]);
+                Some((0..statistics.opacity.len()).into_par_iter().map(draw).collect())
+            }
+            Self::Lightgaussian => Some(lightgaussian(statistics)),
+        }
+    }
+
+    /// The ranking by [`Selector::score`]; none for selectors of blocks.
+    pub fn ranking(self, blocks: &Blocks, statistics: &Statistics<'_>, seed: u64) -> Option<Ranking> {
+        self.score(statistics, seed).map(|score| Ranking::by_score(blocks, &score))
+    }
+}
+
+impl fmt::Display for Selector {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(Self::NAMES.iter().find(|(s, _)| s == self).map_or("", |(_, name)| name))
+    }
+}
+
+impl FromStr for Selector {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let known = Self::NAMES.iter().find(|(_, n)| *n == name).map(|(s, _)| *s);
+        let names = || Self::NAMES.map(|(_, n)| n).join(", ");
+        known.ok_or_else(|| format!("there is no selector `{name}`; choose one of {}", names()))
+    }
+}
+
+/// What is known of each Gaussian, n each; arrays that no selector asked for reads may be empty.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Statistics<'a> {
+    /// Rows of H.
+    pub rows: &'a [[f32; CHANNELS]],
+    /// Opacity or its logit.
+    pub opacity: &'a [f32],
+    /// Sum over pixels and views of T alpha.
+    pub contribution: &'a [f32],
+    /// Greatest T alpha of any pixel.
+    pub peak: &'a [f32],
+    /// Sum over the pixels hit of opacity times T.
+    pub significance: &'a [f32],
+    /// Natural logarithms of the axes' standard deviations.
+    pub log_scales: &'a [[f32; 3]],
+}
+
+fn importance(row: &[f32; CHANNELS]) -> f64 {
+    row.iter().map(|&x| f64::from(x) * f64::from(x)).sum::<f64>().sqrt()
+}
+
+/// Significance times (volume / its 90th percentile)^0.1, the ratio at most 1.
+fn lightgaussian(statistics: &Statistics<'_>) -> Vec<f64> {
+    let volumes: Vec<f64> =
+        statistics.log_scales.iter().map(|s| s.iter().map(|&x| f64::from(x)).sum::<f64>()).collect();
+    let mut sorted: Vec<f64> = volumes.iter().copied().filter(|v| !v.is_nan()).collect();
+    let at = ((sorted.len() as f64 * LIGHT.1) as usize).min(sorted.len().saturating_sub(1));
+    let reference = if sorted.is_empty() { 0.0 } else { *sorted.select_nth_unstable_by(at, f64::total_cmp).1 };
+    let worth = |(&s, v): (&f32, &f64)| f64::from(s) * (LIGHT.0 * (v - reference).min(0.0)).exp();
+    statistics.significance.iter().zip(&volumes).map(worth).collect()
+}

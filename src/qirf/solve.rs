@@ -1,0 +1,307 @@
+//! The generalized eigenproblem of one block: P u = lambda (N + eps I) u with P = W W^T of rank at most 8, and the
+//! participation q_i = sum over the leading r of lambda_k u_ik^2.
+//!
+//! With N + eps I = L L^T and B = L^-1 W, the 8x8 problem B^T B y = lambda y has the same eigenvalues and
+//! u_k = L^-T B y_k / sqrt(lambda_k), so lambda_k u_ik^2 = (L^-T B y_k)_i^2: never divide by sqrt(lambda).
+
+use std::fmt;
+
+use super::lapack::{self, Real};
+use super::{CHANNELS, Row};
+
+/// Slack of the energy's comparison with tau, so that float32 and float64 agree on a sum that hits it exactly.
+const ENERGY_SLACK: f64 = 1e-6;
+
+/// How the eigenproblem is solved: one answer at three costs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rung {
+    /// LAPACK's full generalized eigensolver in float64, as the paper does.
+    Dsygvd,
+    /// Cholesky and an 8x8 eigenproblem in float64.
+    #[default]
+    LowRank,
+    /// The same in float32; the 8x8 part stays float64.
+    LowRankF32,
+}
+
+impl Rung {
+    /// Every rung, dearest first.
+    pub const ALL: [Self; 3] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32];
+}
+
+impl fmt::Display for Rung {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Dsygvd => "dsygvd",
+            Self::LowRank => "low-rank",
+            Self::LowRankF32 => "low-rank-f32",
+        })
+    }
+}
+
+/// A block's metric as the eigenproblem sees it: m x m, symmetric, epsilon on its diagonal.
+#[derive(Clone, Debug)]
+pub struct Metric {
+    m: usize,
+    values: Vec<f64>,
+    epsilon: f64,
+    /// Entries of N that were not finite and count as no overlap (1 on the diagonal).
+    pub repaired: usize,
+}
+
+impl Metric {
+    /// N + epsilon I of `m` x `m`; with `self_overlaps` S_ii the raw S_ij = N_ij sqrt(S_ii S_jj) takes N's place.
+    ///
+    /// # Panics
+    /// If `overlap` does not hold m x m numbers.
+    pub fn new(m: usize, overlap: &[f32], self_overlaps: Option<&[f64]>, epsilon: f64) -> Self {
+        assert_eq!(overlap.len(), m * m, "overlaps of {m} Gaussians");
+        let mut repaired = 0;
+        let mut values = Vec::with_capacity(m * m);
+        for (i, row) in overlap.chunks_exact(m.max(1)).enumerate() {
+            for (j, &n) in row.iter().enumerate() {
+                let diagonal = if i == j { 1.0 } else { 0.0 };
+                values.push(if n.is_finite() { f64::from(n) } else { diagonal });
+                repaired += usize::from(!n.is_finite());
+            }
+        }
+        if let Some(own) = self_overlaps {
+            let root: Vec<f64> = own.iter().map(|s| if s.is_finite() { s.max(0.0).sqrt() } else { 0.0 }).collect();
+            for (i, row) in values.chunks_exact_mut(m.max(1)).enumerate() {
+                row.iter_mut().zip(&root).for_each(|(v, r)| *v *= root[i] * r);
+            }
+        }
+        (0..m).for_each(|i| values[i * m + i] += epsilon);
+        Self { m, values, epsilon, repaired }
+    }
+
+    /// Number of Gaussians in the block.
+    pub fn len(&self) -> usize {
+        self.m
+    }
+
+    /// Whether the block has no Gaussian.
+    pub fn is_empty(&self) -> bool {
+        self.m == 0
+    }
+
+    /// An orthonormal basis for what the metric can tell apart: columns v_k / sqrt(d_k) of its eigenpairs (d_k, v_k),
+    /// those with d_k below epsilon dropped (canonical orthogonalisation); m x p, column-major.
+    ///
+    /// `None` only where LAPACK does not converge.
+    fn canonical(&self) -> Option<Vec<f64>> {
+        let mut vectors = self.values.clone();
+        let values = lapack::syevd(self.m, &mut vectors)?;
+        let mut basis = Vec::with_capacity(vectors.len());
+        for (column, &d) in vectors.chunks_exact(self.m).zip(&values) {
+            if d >= self.epsilon && d > 0.0 {
+                let scale = d.sqrt().recip();
+                basis.extend(column.iter().map(|v| v * scale));
+            }
+        }
+        Some(basis)
+    }
+}
+
+/// Leading eigenvalues and participation of one block.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Participation {
+    /// The eight largest eigenvalues, descending; beyond the rank of P they are zero.
+    pub spectrum: [f64; CHANNELS],
+    /// The fewest eigenvalues whose sum reaches tau of the whole; 1 for a block without any response.
+    pub r: usize,
+    /// q of each member, m; all zero for a block without any response.
+    pub q: Vec<f64>,
+    /// Whether the metric was not positive definite and its canonical form was solved instead.
+    pub canonical: bool,
+}
+
+/// A metric made ready for several right-hand sides W.
+#[derive(Debug)]
+pub enum Factor {
+    /// The metric is the identity.
+    Identity,
+    /// For [`Rung::Dsygvd`], which factors anew each time.
+    Full(Metric),
+    /// Lower Cholesky factor, m x m, float64.
+    Cholesky(Vec<f64>),
+    /// Lower Cholesky factor, m x m, float32.
+    CholeskyF32(Vec<f32>),
+    /// [`Metric::canonical`], for a metric that is not positive definite.
+    Canonical(Vec<f64>),
+}
+
+impl Factor {
+    /// Factors `metric` as `rung` asks, falling back to its canonical form.
+    pub fn new(metric: &Metric, rung: Rung) -> Self {
+        let m = metric.m;
+        if m == 0 {
+            return Self::Identity;
+        }
+        match rung {
+            Rung::Dsygvd => return Self::Full(metric.clone()),
+            Rung::LowRank => {
+                let mut l = metric.values.clone();
+                if f64::potrf(m, &mut l) {
+                    return Self::Cholesky(l);
+                }
+            }
+            Rung::LowRankF32 => {
+                let mut l: Vec<f32> = metric.values.iter().map(|&v| v as f32).collect();
+                if f32::potrf(m, &mut l) {
+                    return Self::CholeskyF32(l);
+                }
+            }
+        }
+        Self::fallback(metric)
+    }
+
+    fn fallback(metric: &Metric) -> Self {
+        // Without convergence nothing is known of the metric: the identity keeps the responses' own order.
+        metric.canonical().map_or(Self::Identity, Self::Canonical)
+    }
+
+    /// Eigenvalues and participation for the rows W (m x 8) at energy share `tau`.
+    pub fn participation(&self, w: &[Row], tau: f64) -> Participation {
+        let m = w.len();
+        if m == 0 || w.iter().flatten().all(|&x| x == 0.0) {
+            return Participation { spectrum: [0.0; CHANNELS], r: 1, q: vec![0.0; m], canonical: false };
+        }
+        match self {
+            Self::Identity => low_rank(&columns::<f64>(w), m, tau, false, <[f64]>::to_vec),
+            Self::Cholesky(l) => cholesky(l, w, tau),
+            Self::CholeskyF32(l) => cholesky(l, w, tau),
+            Self::Canonical(basis) => canonical(basis, w, tau),
+            Self::Full(metric) => match full(metric, w, tau) {
+                Some(solved) => solved,
+                None => Self::fallback(metric).participation(w, tau),
+            },
+        }
+    }
+}
+
+/// Norm of row i of (N + eps I)^(-1/2) W for each member, for each of the matrices in `w`: the Löwdin scores.
+pub fn lowdin(metric: &Metric, w: &[&[Row]]) -> Vec<Vec<f64>> {
+    let m = metric.m;
+    let Some(basis) = (m > 0).then(|| metric.canonical()).flatten() else {
+        return w.iter().map(|w| w.iter().map(norm).collect()).collect();
+    };
+    // (N + eps I)^(-1/2) = sum of v v^T / sqrt(d) = sum of b b^T sqrt(d), where b = v / sqrt(d) and |b|^2 = 1/d.
+    let weights: Vec<f64> =
+        basis.chunks_exact(m).map(|b| b.iter().map(|x| x * x).sum::<f64>().sqrt().recip()).collect();
+    let scores = |w: &&[Row]| {
+        let mut rows = vec![[0.0; CHANNELS]; m];
+        for (b, weight) in basis.chunks_exact(m).zip(&weights) {
+            let mut along = [0.0; CHANNELS];
+            for (x, row) in b.iter().zip(*w) {
+                (0..CHANNELS).for_each(|c| along[c] += x * row[c]);
+            }
+            for (x, row) in b.iter().zip(&mut rows) {
+                (0..CHANNELS).for_each(|c| row[c] += x * weight * along[c]);
+            }
+        }
+        rows.iter().map(norm).collect()
+    };
+    w.iter().map(scores).collect()
+}
+
+/// Euclidean length of a row.
+pub fn norm(row: &Row) -> f64 {
+    row.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// The fewest leading eigenvalues (descending) whose sum reaches `tau` of `total`; 1 if there is nothing.
+fn leading(spectrum: &[f64], total: f64, tau: f64) -> usize {
+    let mut sum = 0.0;
+    let enough = |&lambda: &f64| {
+        sum += lambda;
+        sum >= (tau - ENERGY_SLACK) * total
+    };
+    spectrum.iter().position(enough).map_or(spectrum.len(), |at| at + 1).max(1)
+}
+
+fn columns<T: Real>(w: &[Row]) -> Vec<T> {
+    (0..CHANNELS).flat_map(|c| w.iter().map(move |row| T::of(row[c]))).collect()
+}
+
+fn cholesky<T: Real>(l: &[T], w: &[Row], tau: f64) -> Participation {
+    let m = w.len();
+    let mut b = columns::<T>(w);
+    T::trtrs(false, m, CHANNELS, l, &mut b);
+    low_rank(&b, m, tau, false, |c| {
+        let mut back: Vec<T> = c.iter().map(|&x| T::of(x)).collect();
+        T::trtrs(true, m, back.len() / m, l, &mut back);
+        back.iter().map(|x| x.to()).collect()
+    })
+}
+
+fn canonical(basis: &[f64], w: &[Row], tau: f64) -> Participation {
+    let m = w.len();
+    let p = basis.len() / m;
+    let mut b = vec![0.0; p * CHANNELS];
+    for (k, column) in basis.chunks_exact(m).enumerate() {
+        for c in 0..CHANNELS {
+            b[c * p + k] = column.iter().zip(w).map(|(x, row)| x * row[c]).sum();
+        }
+    }
+    low_rank(&b, p, tau, true, |c| {
+        let mut back = vec![0.0; m * (c.len() / p.max(1))];
+        for (out, along) in back.chunks_exact_mut(m).zip(c.chunks_exact(p.max(1))) {
+            for (column, a) in basis.chunks_exact(m).zip(along) {
+                out.iter_mut().zip(column).for_each(|(o, x)| *o += a * x);
+            }
+        }
+        back
+    })
+}
+
+/// The 8x8 problem of B (p x 8, column-major); `back` brings the p x r matrix B Y back to the members (m x r).
+fn low_rank<T: Real>(b: &[T], p: usize, tau: f64, canonical: bool, back: impl Fn(&[f64]) -> Vec<f64>) -> Participation {
+    let column = |c: usize| &b[c * p..(c + 1) * p];
+    let mut gram = [0.0; CHANNELS * CHANNELS];
+    for i in 0..CHANNELS {
+        for j in 0..=i {
+            let sum: f64 = column(i).iter().zip(column(j)).map(|(x, y)| x.to() * y.to()).sum();
+            gram[i * CHANNELS + j] = sum;
+            gram[j * CHANNELS + i] = sum;
+        }
+    }
+    let ascending = lapack::syevd(CHANNELS, &mut gram).unwrap_or_else(|| vec![0.0; CHANNELS]);
+    let mut spectrum = [0.0; CHANNELS];
+    spectrum.iter_mut().zip(ascending.iter().rev()).for_each(|(s, &l)| *s = l.max(0.0));
+    let r = leading(&spectrum, spectrum.iter().sum(), tau);
+    let mut by = vec![0.0; p * r];
+    for (k, out) in by.chunks_exact_mut(p.max(1)).enumerate() {
+        let y = &gram[(CHANNELS - 1 - k) * CHANNELS..][..CHANNELS];
+        for (c, &weight) in y.iter().enumerate() {
+            out.iter_mut().zip(column(c)).for_each(|(o, x)| *o += weight * x.to());
+        }
+    }
+    let brought = back(&by);
+    let m = brought.len() / r;
+    let mut q = vec![0.0; m];
+    for column in brought.chunks_exact(m.max(1)) {
+        q.iter_mut().zip(column).for_each(|(q, x)| *q += x * x);
+    }
+    Participation { spectrum, r, q, canonical }
+}
+
+fn full(metric: &Metric, w: &[Row], tau: f64) -> Option<Participation> {
+    let m = w.len();
+    let mut p: Vec<f64> =
+        w.iter().flat_map(|a| w.iter().map(move |b| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>())).collect();
+    let mut b = metric.values.clone();
+    let ascending = lapack::sygvd(m, &mut p, &mut b)?;
+    let descending: Vec<f64> = ascending.iter().rev().map(|l| l.max(0.0)).collect();
+    // P has rank at most 8: what lies beyond is rounding.
+    let known = &descending[..m.min(CHANNELS)];
+    let r = leading(known, descending.iter().sum(), tau);
+    let mut spectrum = [0.0; CHANNELS];
+    spectrum[..known.len()].copy_from_slice(known);
+    let mut q = vec![0.0; m];
+    for (k, lambda) in known.iter().take(r).enumerate() {
+        let u = &p[(m - 1 - k) * m..][..m];
+        q.iter_mut().zip(u).for_each(|(q, x)| *q += lambda * x * x);
+    }
+    Some(Participation { spectrum, r, q, canonical: false })
+}

@@ -1,0 +1,23 @@
+//! The radiance-response density matrix of a block: W from the block's rows of H, and P = W W^T.
+
+/// Channels of rendering in a row; the rest are the optimisation's.
+const RENDERING: usize = 4;
+
+/// Rows of W (m x 8) from unweighed, normalised responses (m x 8) at balance `eta`.
+///
+/// W = [sqrt(eta / (tr_r + epsilon)) Hr, sqrt((1 - eta) / (tr_o + epsilon)) Ho], tr the sum of squares of each group.
+pub fn w(responses: &[[f64; 8]], eta: f64, epsilon: f64) -> Vec<[f64; 8]> {
+    let trace = |channels: std::ops::Range<usize>| -> f64 {
+        responses.iter().flat_map(|row| &row[channels.clone()]).map(|x| x * x).sum()
+    };
+    let rendering = (eta / (trace(0..RENDERING) + epsilon)).sqrt();
+    let optimisation = ((1.0 - eta) / (trace(RENDERING..8) + epsilon)).sqrt();
+    let row = |row: &[f64; 8]| std::array::from_fn(|c| row[c] * if c < RENDERING { rendering } else { optimisation });
+    responses.iter().map(row).collect()
+}
+
+/// P = W W^T, m x m, row by row.
+pub fn p(w: &[[f64; 8]]) -> Vec<f64> {
+    let entry = |a: &[f64; 8], b: &[f64; 8]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    w.iter().flat_map(|a| w.iter().map(move |b| entry(a, b))).collect()
+}

@@ -1,0 +1,219 @@
+//! The rungs agree; fallbacks; batches.
+
+use proptest::prelude::*;
+use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
+use qirf_vk::qirf::normalise::within_block;
+use qirf_vk::qirf::select::{css, rank};
+use qirf_vk::qirf::solve::{Factor, Metric, Rung, lowdin};
+use qirf_vk::qirf::{CHANNELS, Row};
+use qirf_vk::random::uniform;
+use qirf_vk::reference::overlap::{Primitive, block as overlaps};
+use qirf_vk::reference::rrdm;
+
+/// Overlaps of m random Gaussians in a box that holds `density` of them a unit of volume.
+fn random_block(m: usize, density: f64, seed: u64) -> (Vec<f32>, Vec<[f32; CHANNELS]>) {
+    let u = |kind: u64, i: usize, c: usize| uniform(&[seed, kind, i as u64, c as u64]);
+    let edge = (m as f64 / density).cbrt();
+    let primitive = |i: usize| Primitive {
+        position: std::array::from_fn(|c| edge * u(0, i, c)),
+        scales: std::array::from_fn(|c| (-2.0 + 2.5 * u(1, i, c)).exp()),
+        quaternion: std::array::from_fn(|c| u(2, i, c) - 0.5),
+    };
+    let primitives: Vec<Primitive> = (0..m).map(primitive).collect();
+    let n = overlaps(&primitives).into_iter().map(|x| x as f32).collect();
+    let rows = (0..m).map(|i| std::array::from_fn(|c| (u(3, i, c) * (2.0 * u(4, i, 0)).exp()) as f32)).collect();
+    (n, rows)
+}
+
+fn wide(rows: &[[f32; CHANNELS]]) -> Vec<Row> {
+    rows.iter().map(|row| row.map(f64::from)).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn the_rungs_agree(m in 1..90_usize, density in 0.05..20.0_f64, seed in any::<u64>()) {
+        let (n, rows) = random_block(m, density, seed);
+        let metric = Metric::new(m, &n, None, 1e-4);
+        let w = within_block(&wide(&rows), 0.75, 1e-4);
+        let [full, low, single] = Rung::ALL.map(|rung| Factor::new(&metric, rung).participation(&w, 0.95));
+        let most = full.q.iter().copied().fold(0.0, f64::max);
+        for k in 0..CHANNELS {
+            prop_assert!((full.spectrum[k] - low.spectrum[k]).abs() <= 1e-10 * full.spectrum[0]);
+            prop_assert!((single.spectrum[k] - low.spectrum[k]).abs() <= 2e-2 * full.spectrum[0]);
+        }
+        prop_assert_eq!(full.r, low.r);
+        for (a, b) in full.q.iter().zip(&low.q) {
+            prop_assert!((a - b).abs() <= 1e-9 * most);
+        }
+        prop_assert_eq!(rank(&full.q), rank(&low.q));
+        // u^T (N + eps I) u = 1 holds the sum: q of all eight weighs the metric's inverse by P.
+        prop_assert!(low.r <= CHANNELS.min(m));
+    }
+}
+
+#[test]
+fn float32_keeps_the_same_set_of_separate_functions() {
+    for seed in 0..20 {
+        let (n, rows) = random_block(64, 0.3, seed);
+        let metric = Metric::new(64, &n, None, 1e-4);
+        let w = within_block(&wide(&rows), 0.75, 1e-4);
+        let [full, _, single] = Rung::ALL.map(|rung| Factor::new(&metric, rung).participation(&w, 0.95));
+        let kept = |q: &[f64]| rank(q).iter().map(|&place| place < 18).collect::<Vec<_>>();
+        let differing = kept(&full.q).iter().zip(kept(&single.q)).filter(|(a, b)| **a != *b).count();
+        assert!(differing <= 2, "{differing} of block {seed}"); // at most one near tie changes sides
+    }
+}
+
+#[test]
+fn w_is_that_of_the_twin() {
+    let (_, rows) = random_block(30, 1.0, 5);
+    let bare = wide(&rows);
+    let eta = 0.75_f64;
+    let weight = |c: usize| if c < 4 { eta.sqrt() } else { (1.0 - eta).sqrt() };
+    let h: Vec<Row> = bare.iter().map(|row| std::array::from_fn(|c| row[c] * weight(c))).collect();
+    let (w, twin) = (within_block(&h, eta, 1e-4), rrdm::w(&bare, eta, 1e-4));
+    for (a, b) in w.iter().flatten().zip(twin.iter().flatten()) {
+        assert!((a - b).abs() < 1e-14);
+    }
+    let p = rrdm::p(&w);
+    let trace: f64 = (0..30).map(|i| p[i * 30 + i]).sum();
+    assert!((trace - 1.0).abs() < 1e-4);
+}
+
+#[test]
+fn an_indefinite_metric_falls_back_to_its_canonical_form() {
+    // Eigenvalues 1 + 1.2, 1 - 1.2 and 1: no Gram matrix, as rounding might leave it.
+    let n = [1.0, 1.2, 0.0, 1.2, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let metric = Metric::new(3, &n, None, 1e-4);
+    let w: Vec<Row> = vec![[1.0; CHANNELS], [1.0; CHANNELS], [0.5; CHANNELS]];
+    for rung in Rung::ALL {
+        let solved = Factor::new(&metric, rung).participation(&w, 0.95);
+        assert!(solved.canonical, "{rung}");
+        // Along (1, 1)/sqrt 2: lambda = 16 / 2.2001; along e_3: 8/4 / 1.0001; their sum is of rank one, 8 columns alike.
+        let expected = 16.0 / 2.2001 + 2.0 / 1.0001;
+        assert!((solved.spectrum[0] - expected).abs() < 1e-6, "{rung}: {}", solved.spectrum[0]);
+        assert!(solved.q.iter().all(|q| q.is_finite() && *q > 0.0));
+        assert!((solved.q[0] - solved.q[1]).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn lowdin_is_the_metrics_inverse_root() {
+    let (n, rows) = random_block(24, 0.5, 3);
+    let metric = Metric::new(24, &n, None, 1e-4);
+    let w = wide(&rows);
+    // sum of squares of the scores = tr W^T M^-1 W = the sum of the eigenvalues.
+    let scores = &lowdin(&metric, &[&w])[0];
+    let sum: f64 = scores.iter().map(|x| x * x).sum();
+    let solved = Factor::new(&metric, Rung::LowRank).participation(&w, 0.95);
+    let total: f64 = solved.spectrum.iter().sum();
+    assert!((sum / total - 1.0).abs() < 1e-9);
+    let identity: Vec<f32> = (0..9).map(|k| if k % 4 == 0 { 1.0 } else { 0.0 }).collect();
+    let plain = &lowdin(&Metric::new(3, &identity, None, 0.0), &[&w[..3]])[0];
+    assert!((plain[0] - w[0].iter().map(|x| x * x).sum::<f64>().sqrt()).abs() < 1e-12);
+}
+
+#[test]
+fn the_column_subset_agrees_with_the_deflated_matrix() {
+    for seed in 0..12 {
+        let m = 40;
+        let (n, rows) = random_block(m, 3.0, seed);
+        let weights: Vec<f64> = wide(&rows).iter().map(|row| row.iter().map(|x| x * x).sum::<f64>().sqrt()).collect();
+        let mut r: Vec<f64> = n.iter().map(|&x| f64::from(x)).collect();
+        let mut expected = Vec::new();
+        for _ in 0..15 {
+            let gain = |i: usize| {
+                let column: f64 = (0..m).map(|j| weights[j].powi(2) * r[j * m + i].powi(2)).sum();
+                column / r[i * m + i]
+            };
+            let open = (0..m).filter(|i| r[i * m + i] > 1e-4 && !expected.contains(i));
+            let Some(best) = open.reduce(|a, b| if gain(b) > gain(a) { b } else { a }) else { break };
+            expected.push(best);
+            let (c, pivot): (Vec<f64>, f64) = (r[best * m..(best + 1) * m].to_vec(), r[best * m + best]);
+            for i in 0..m {
+                (0..m).for_each(|j| r[i * m + j] -= c[i] * c[j] / pivot);
+            }
+        }
+        let ranked = css::order(&n, &weights, expected.len());
+        let places: Vec<u32> = expected.iter().map(|&i| ranked.rank[i]).collect();
+        assert_eq!(places, (0..expected.len() as u32).collect::<Vec<_>>(), "block {seed}");
+        let mut all = ranked.rank.clone();
+        all.sort_unstable();
+        assert_eq!(all, (0..m as u32).collect::<Vec<_>>());
+        assert!(expected.windows(2).all(|pair| ranked.gain[pair[0]] >= ranked.gain[pair[1]]));
+    }
+}
+
+#[test]
+fn a_batch_gives_what_its_blocks_give_and_damage_is_counted() {
+    let selectors = vec![BlockSelector::Gnso, BlockSelector::Ordinary, BlockSelector::Lowdin, BlockSelector::Css];
+    let solver = Solver { selectors, ..Solver::default() };
+    let sizes = [1, 2, 7, 40, 3];
+    let mut made: Vec<_> = sizes.iter().zip(0..).map(|(&m, seed)| random_block(m, 1.0, seed)).collect();
+    made[3].0[1] = f32::NAN;
+    made[3].0[40] = f32::NAN;
+    made[3].1[5][2] = f32::INFINITY;
+    made[4].1.fill([0.0; CHANNELS]);
+    let opacity = [0.1_f32, 0.9, 0.5];
+    let opacities: Vec<Vec<f32>> = sizes.iter().map(|&m| (0..m).map(|i| opacity[i % 3]).collect()).collect();
+    let batch: Vec<Block> = made
+        .iter()
+        .zip(&opacities)
+        .map(|((overlap, rows), opacity)| Block { overlap, rows, opacity, self_overlaps: None })
+        .collect();
+    let solved = solver.solve(&batch);
+    let blocks = super::blocks(&sizes);
+    let mut all = Collected::new(&blocks, 4);
+    for (b, (solved, block)) in solved.iter().zip(&batch).enumerate() {
+        assert_eq!(*solved, solver.solve_one(block));
+        for ranked in &solved.ranked {
+            let mut places = ranked.rank.clone();
+            places.sort_unstable();
+            assert_eq!(places, (0..sizes[b] as u32).collect::<Vec<_>>());
+            assert!(ranked.gain.iter().all(|g| g.is_finite() && *g >= 0.0));
+        }
+        all.take(&blocks, b, solved);
+    }
+    assert_eq!((all.unseen, all.repaired, all.rankings.len(), all.r.len()), (1, 3, 4, 5));
+    // Without any response opacity decides.
+    assert_eq!(solved[4].ranked[0].rank, [2, 0, 1]);
+}
+
+#[test]
+fn the_literal_raw_overlap_drowns_in_epsilon() {
+    let (n, rows) = random_block(20, 3.0, 1);
+    let own = vec![1e-9; 20];
+    let w = within_block(&wide(&rows), 0.75, 1e-4);
+    let raw = Factor::new(&Metric::new(20, &n, Some(&own), 1e-4), Rung::LowRank).participation(&w, 0.95);
+    let ordinary = Factor::Identity.participation(&w, 0.95);
+    assert_eq!(rank(&raw.q), rank(&ordinary.q));
+}
+
+#[test]
+#[ignore = "a timing"]
+fn microseconds_a_block() {
+    for m in [64, 256, 1024] {
+        let (n, rows) = random_block(m, 0.5, 1);
+        let w = within_block(&wide(&rows), 0.75, 1e-4);
+        let repeats = if m == 1024 { 3 } else { 20 };
+        let time = |name: &str, work: &dyn Fn()| {
+            let best = (0..repeats).map(|_| {
+                let start = std::time::Instant::now();
+                work();
+                start.elapsed()
+            });
+            println!("m = {m}: {name} {:?}", best.min().unwrap());
+        };
+        time("metric", &|| drop(Metric::new(m, &n, None, 1e-4)));
+        let metric = Metric::new(m, &n, None, 1e-4);
+        for rung in Rung::ALL {
+            time(&rung.to_string(), &|| drop(Factor::new(&metric, rung).participation(&w, 0.95)));
+        }
+        time("lowdin", &|| drop(lowdin(&metric, &[&w])));
+        let weights: Vec<f64> = w.iter().map(|row| row.iter().map(|x| x * x).sum::<f64>().sqrt()).collect();
+        time("css 0.28", &|| drop(css::order(&n, &weights, m * 28 / 100)));
+        time("css 0.5", &|| drop(css::order(&n, &weights, m / 2)));
+    }
+}
