@@ -11,6 +11,7 @@ pub mod primitives;
 
 pub mod gaussians;
 pub mod metrics;
+pub mod qirf;
 pub mod random;
 pub mod reference;
 pub mod render;

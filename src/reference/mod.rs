@@ -11,6 +11,7 @@ pub mod project;
 pub mod project_backward;
 pub mod rasterise;
 pub mod rasterise_backward;
+pub mod response;
 pub mod sh;
 
 pub use frame::{Gradients, Rendered, Settings, gradients, render};
