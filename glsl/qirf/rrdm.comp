@@ -1,5 +1,6 @@
 // The factor W (m x 8) of each block's radiance-response density matrix P = W W^T, and P itself where it is asked for:
 // W = [sqrt(eta / (tr_r + eps)) H_r, sqrt((1 - eta) / (tr_o + eps)) H_o], traces being sums of squares over the block.
+// The rows given are weighed by sqrt(eta) and sqrt(1 - eta) already.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -11,7 +12,7 @@ layout(constant_id = 3) const uint COLUMNS = 64;
 layout(binding = 0, std430) readonly buffer Blocks { uvec4 blocks[]; }; // first member, m, offset in its batch's matrices, -
 layout(binding = 1, std430) readonly buffer Tiles { uvec2 tiles[]; };   // block, first row << 16 | first column
 layout(binding = 2, std430) readonly buffer Members { uint members[]; };
-layout(binding = 3, std430) readonly buffer H { float h[]; };           // n x 8, four of rendering and four of optimisation
+layout(binding = 3, std430) readonly buffer H { float h[]; };           // n x 8, four of rendering and four of optimisation, weighed
 layout(binding = 4, std430) buffer Factors { float factors[]; };        // block after block m x 8, column by column
 layout(binding = 5, std430) writeonly buffer Densities { float densities[]; }; // lower triangles, packed as the overlaps
 layout(push_constant) uniform Push {
@@ -31,8 +32,9 @@ void factor(uint block_index) {
         uint i = 8 * members[block.x + row];
         [[unroll]] for (uint k = 0; k < 8; k++) trace[k / 4] += h[i + k] * h[i + k];
     }
-    trace = subgroupAdd(trace) + epsilon;
-    vec2 weight = sqrt(vec2(eta, 1 - eta) / trace);
+    vec2 share = vec2(eta, 1 - eta);
+    trace = subgroupAdd(trace) / share + epsilon;
+    vec2 weight = mix(vec2(0), inversesqrt(trace), greaterThan(share, vec2(0)));
     for (uint row = lane; row < m; row += SUBGROUP) {
         uint i = 8 * members[block.x + row];
         [[unroll]] for (uint k = 0; k < 8; k++) factors[at + k * m + row] = weight[k / 4] * h[i + k];

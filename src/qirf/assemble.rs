@@ -1,13 +1,12 @@
 //! Assembling the blocks' matrices on the device, batch by batch, while the host works on the batch before.
 
+use super::CHANNELS;
 use super::overlap::{self, Metric};
 use super::rrdm::{self, Density};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Error, Landing, Reading, Recording, Result, Timings};
 use std::ops::Range;
 
-/// Channels of a response.
-pub const CHANNELS: usize = 8;
 /// Members of a batch at most: 64 bytes of axes each stay well within what a kernel can bind.
 const MOST_MEMBERS: usize = 1 << 19;
 /// Rows and columns of a tile's corner share a word.
@@ -18,15 +17,21 @@ const LARGEST_BLOCK: usize = 1 << 15;
 pub struct Options {
     /// Of N.
     pub metric: Metric,
-    /// Of W and P.
-    pub density: Density,
+    /// Of W and P; without it only N is assembled.
+    pub density: Option<Density>,
     /// Bytes of N in a batch, which holds at least one block; results do not depend on it.
     pub batch_bytes: usize,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { metric: Metric::default(), density: Density::default(), batch_bytes: 64 << 20 }
+        Self { metric: Metric::default(), density: None, batch_bytes: 64 << 20 }
+    }
+}
+
+impl Options {
+    fn wants_full(&self) -> bool {
+        self.density.is_some_and(|d| d.full)
     }
 }
 
@@ -59,7 +64,7 @@ pub(super) struct Arrays {
     pub columns: u32,
 }
 
-/// Assembles N, W and where asked for P of all blocks of a partition.
+/// Assembles N, and where asked for W and P, of all blocks of a partition.
 pub struct Assembly<'a> {
     device: Device,
     model: &'a Resident,
@@ -74,7 +79,7 @@ pub struct Assembled<'a> {
     starts: &'a [u32],
     blocks: Range<usize>,
     overlaps: &'a [f32],
-    factors: &'a [f32],
+    factors: Option<&'a [f32]>,
     densities: Option<&'a [f32]>,
 }
 
@@ -85,8 +90,8 @@ pub struct BlockMatrices<'a> {
     pub m: usize,
     /// Lower triangle of N, column by column without gaps: LAPACK's packed "L", m (m + 1) / 2 entries.
     pub overlap: &'a [f32],
-    /// W, m x 8, column by column.
-    pub factor: &'a [f32],
+    /// W, m x 8, column by column; only where [`Options::density`] asked for it.
+    pub factor: Option<&'a [f32]>,
     /// Lower triangle of P, as N's; only where [`Density::full`].
     pub density: Option<&'a [f32]>,
 }
@@ -141,7 +146,7 @@ impl Assembled<'_> {
             let matrices = BlockMatrices {
                 m,
                 overlap: &self.overlaps[entries.clone()],
-                factor: &self.factors[CHANNELS * (start - first)..CHANNELS * (end - first)],
+                factor: self.factors.map(|w| &w[CHANNELS * (start - first)..CHANNELS * (end - first)]),
                 density: self.densities.map(|d| &d[entries]),
             };
             (b, matrices)
@@ -152,24 +157,26 @@ impl Assembled<'_> {
 impl<'a> Assembly<'a> {
     /// Makes room for the batches of a partition: block `b` has the Gaussians `members[starts[b]..starts[b + 1]]`.
     ///
-    /// `responses` is H without its weights, n x 8, normalised over the scene.
+    /// `h` holds the rows of H, normalised over the scene, with the weights sqrt(eta) and sqrt(1 - eta) in them; where only N
+    /// is asked for it is not looked at.
     ///
     /// # Errors
     /// [`Error::TooLarge`] for a block whose triangle a kernel cannot bind (8,191 members at 128 MiB); device memory.
     ///
     /// # Panics
-    /// When `starts` does not rise from 0 to the number of members, or `responses` has not 8 a Gaussian.
+    /// When `starts` does not rise from 0 to the number of members, or `h` has not one row a Gaussian though W is asked for.
     pub fn new(
         device: &Device,
         model: &'a Resident,
         members: &[u32],
         starts: &[u32],
-        responses: &[f32],
+        h: &[[f32; CHANNELS]],
         options: Options,
     ) -> Result<Self> {
         assert!(starts.first() == Some(&0) && starts.is_sorted(), "block starts rise from 0");
         assert_eq!(starts.last().map(|s| *s as usize), Some(members.len()), "the last block ends with the members");
-        assert_eq!(responses.len(), CHANNELS * model.len, "eight channels a Gaussian");
+        let h: &[f32] = options.density.map_or(&[0.0], |_| h.as_flattened());
+        assert!(options.density.is_none() || h.len() == CHANNELS * model.len, "one row a Gaussian");
         assert!(members.iter().all(|i| (*i as usize) < model.len), "members are Gaussians of the model");
         let info = device.info();
         let rows = info.subgroup_size;
@@ -183,10 +190,10 @@ impl<'a> Assembly<'a> {
             blocks: device.upload("blocks", &plan.blocks)?,
             tiles: device.upload("tiles of blocks", &plan.tiles)?,
             axes: device.buffer("axes", 4 * room)?,
-            responses: device.upload("responses", responses)?,
+            responses: device.upload("rows of H", h)?,
             overlaps: device.buffer("overlaps", entries)?,
-            factors: device.buffer("response factors", CHANNELS * room)?,
-            densities: device.buffer("density matrices", if options.density.full { entries } else { 1 })?,
+            factors: device.buffer("response factors", if options.density.is_some() { CHANNELS * room } else { 1 })?,
+            densities: device.buffer("density matrices", if options.wants_full() { entries } else { 1 })?,
             rows,
             columns,
         };
@@ -216,7 +223,9 @@ impl<'a> Assembly<'a> {
         let arrays = &self.arrays;
         let mut recording = Recording::new();
         recording.scope("overlap", |r| overlap::record(r, arrays, self.model, batch, &self.options.metric));
-        recording.scope("rrdm", |r| rrdm::record(r, arrays, batch, &self.options.density));
+        if let Some(density) = &self.options.density {
+            recording.scope("rrdm", |r| rrdm::record(r, arrays, batch, density));
+        }
         let [n, w, p] = self.counts(batch);
         let from = [(&arrays.overlaps, n), (&arrays.factors, w), (&arrays.densities, p)];
         self.device.submit_reading(recording, &from, landing)
@@ -224,8 +233,9 @@ impl<'a> Assembly<'a> {
 
     /// Floats of N, W and P of a batch.
     fn counts(&self, batch: &Batch) -> [usize; 3] {
-        let p = if self.options.density.full { batch.entries } else { 0 };
-        [batch.entries, CHANNELS * batch.members.len(), p]
+        let w = if self.options.density.is_some() { CHANNELS * batch.members.len() } else { 0 };
+        let p = if self.options.wants_full() { batch.entries } else { 0 };
+        [batch.entries, w, p]
     }
 
     /// What a finished batch left.
@@ -233,7 +243,8 @@ impl<'a> Assembly<'a> {
         let [n, w, p] = self.counts(batch);
         let (overlaps, rest) = landing.values().split_at(n);
         let (factors, rest) = rest.split_at(w);
-        let densities = self.options.density.full.then(|| &rest[..p]);
+        let factors = self.options.density.map(|_| factors);
+        let densities = self.options.wants_full().then(|| &rest[..p]);
         Assembled { starts: &self.starts, blocks: batch.blocks.clone(), overlaps, factors, densities }
     }
 

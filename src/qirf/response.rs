@@ -11,7 +11,8 @@
 //! | 6 | abs dL/dlogit |
 //! | 7 | norm of dL/dSH over all bands |
 
-use super::assemble::CHANNELS;
+use super::CHANNELS;
+use super::score::Scores;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Error, Groups, Recording, Result};
 use crate::kernels::qirf::{
@@ -107,20 +108,19 @@ impl Responses {
         recording.scope("respond", |r| r.dispatch(&kernel, model.count.groups(WORKGROUP)));
     }
 
-    /// The responses, n x 8 row by row, averages decayed to `iteration`; of a mean they are as they are.
+    /// The responses, one row a Gaussian; averages decayed to the iteration given, means as they are.
     ///
     /// # Errors
     /// Device errors.
-    pub fn read(&self, device: &Device, gather: Gather) -> Result<Vec<f32>> {
-        let mut values = self.values.read(device)?;
+    pub fn read(&self, device: &Device, gather: Gather) -> Result<Vec<[f32; CHANNELS]>> {
+        let mut rows = self.values.cast::<[f32; CHANNELS]>().read(device)?;
         if let Gather::Average { iteration } = gather {
-            let seen = self.seen.read(device)?;
-            for (row, seen) in values.chunks_exact_mut(CHANNELS).zip(seen) {
+            for (row, seen) in rows.iter_mut().zip(self.seen.read(device)?) {
                 let decay = KEEP.powf(f64::from(iteration.saturating_sub(seen))) as f32;
-                row.iter_mut().for_each(|v| *v *= decay);
+                *row = row.map(|v| v * decay);
             }
         }
-        Ok(values)
+        Ok(rows)
     }
 }
 
@@ -200,7 +200,7 @@ pub fn full_pass<E: From<Error>>(
     model: &Resident,
     cameras: &[Camera],
     image_gradient: &Buffer<[f32; 4]>,
-    scores: Option<&super::score::Scores>,
+    scores: Option<&Scores>,
     mut loss: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>) -> std::result::Result<(), E>,
 ) -> std::result::Result<Responses, E> {
     let responses = Responses::zeros(device, model.len)?;

@@ -21,7 +21,7 @@ impl Default for Density {
     }
 }
 
-/// Records W, and P where it is asked for.
+/// Records W, and P where it is asked for, from rows of H that hold the weights sqrt(eta) and sqrt(1 - eta) already.
 pub(super) fn record(recording: &mut Recording, arrays: &Arrays, batch: &Batch, density: &Density) {
     for phase in 0..=u32::from(density.full) {
         let range = if phase == 0 { &batch.blocks } else { &batch.tiles };

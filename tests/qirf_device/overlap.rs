@@ -25,9 +25,8 @@ fn model(rows: &[Row]) -> Gaussians {
 fn overlaps(device: &Device, rows: &[Row], starts: &[u32], metric: Metric, batch_bytes: usize) -> Vec<f32> {
     let resident = Resident::upload(device, &model(rows)).unwrap();
     let members: Vec<u32> = (0..rows.len() as u32).collect();
-    let h = vec![1.0; 8 * rows.len()];
     let options = Options { metric, batch_bytes, ..Options::default() };
-    let assembly = Assembly::new(device, &resident, &members, starts, &h, options).unwrap();
+    let assembly = Assembly::new(device, &resident, &members, starts, &[], options).unwrap();
     let mut all = Vec::new();
     assembly
         .for_each::<qirf_vk::gpu::Error>(|batch| {
@@ -254,29 +253,30 @@ fn density_matrices_are_their_factors_squares() {
     let (rows, starts) = blocks(&sizes, 5);
     let n = rows.len();
     let mut r = Random(9);
-    let h: Vec<f32> = (0..8 * n).map(|_| r.next() as f32).collect();
+    let h: Vec<[f32; 8]> = (0..n).map(|_| [0; 8].map(|_| r.next() as f32)).collect();
     // Members in another order than the model's.
     let members: Vec<u32> = (0..n as u32).map(|i| (i * 7 + 3) % n as u32).collect();
     let resident = Resident::upload(&device, &model(&rows)).unwrap();
     let density = Density { full: true, ..Density::default() };
-    let options = Options { density, batch_bytes: 4 * 900, ..Options::default() };
+    let options = Options { density: Some(density), batch_bytes: 4 * 900, ..Options::default() };
     let assembly = Assembly::new(&device, &resident, &members, &starts, &h, options).unwrap();
     let mut seen = 0;
     let check = |batch: &qirf_vk::qirf::assemble::Assembled<'_>| -> Result<(), qirf_vk::gpu::Error> {
         for (b, block) in batch.iter() {
             let m = block.m;
             let own = &members[starts[b] as usize..starts[b + 1] as usize];
-            let at = |row: usize, k: usize| f64::from(h[8 * own[row] as usize + k]);
-            let trace = |k0: usize| -> f64 { (0..m).flat_map(|row| (k0..k0 + 4).map(move |k| at(row, k).powi(2))).sum() };
+            let at = |row: usize, k: usize| f64::from(h[own[row] as usize][k]);
+            let trace =
+                |k0: usize| -> f64 { (0..m).flat_map(|row| (k0..k0 + 4).map(move |k| at(row, k).powi(2))).sum() };
             let w = |row: usize, k: usize| {
                 let (share, t) = if k < 4 { (0.75, trace(0)) } else { (0.25, trace(4)) };
-                at(row, k) * (share / (t + 1e-4)).sqrt()
+                at(row, k) / (t / share + 1e-4_f64).sqrt()
             };
             let mut p = vec![f64::NAN; m * m];
             unpack_lower(m, block.density.expect("asked for"), &mut p);
             for row in 0..m {
                 for k in 0..8 {
-                    assert!((f64::from(block.factor[k * m + row]) - w(row, k)).abs() < 1e-6);
+                    assert!((f64::from(block.factor.expect("asked for")[k * m + row]) - w(row, k)).abs() < 1e-6);
                 }
                 for c in 0..=row {
                     let expected: f64 = (0..8).map(|k| w(row, k) * w(c, k)).sum();
