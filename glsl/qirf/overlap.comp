@@ -30,6 +30,9 @@ const int LEAST_EXPONENT = -100; // a Gaussian this much smaller has an overlap 
 
 mat4 axes_row(uint n) { return mat4(axes[4 * n], axes[4 * n + 1], axes[4 * n + 2], axes[4 * n + 3]); }
 
+// Not from 0 / 0: what drivers make of such is their own.
+float not_a_number() { return uintBitsToFloat(0x7fc00000); }
+
 float product(vec3 v) { return v.x * v.y * v.z; }
 
 float by_qr(Axes x, Axes y) {
@@ -81,14 +84,18 @@ float by_sum(Axes x, Axes y) {
     float root = sqrt(8 * product(x.scale * power_of_two(x.exponent)) * product(y.scale * power_of_two(y.exponent)));
     if (METHOD == 1) {
         float l00 = sqrt(row.x), l10 = row.y / l00, l20 = row.z / l00;
-        float l11 = sqrt(rest.x - l10 * l10), l21 = (rest.y - l20 * l10) / l11;
-        float l22 = sqrt(rest.z - l20 * l20 - l21 * l21);
+        float p11 = rest.x - l10 * l10;
+        float l11 = sqrt(p11), l21 = (rest.y - l20 * l10) / l11;
+        float p22 = rest.z - l20 * l20 - l21 * l21;
+        float l22 = sqrt(p22);
+        if (!(row.x > 0 && p11 > 0 && p22 > 0)) return not_a_number();
         float z0 = d.x / l00, z1 = (d.y - l10 * z0) / l11, z2 = (d.z - l20 * z0 - l21 * z1) / l22;
         return root / (l00 * l11 * l22) * exp(-0.5 * (z0 * z0 + z1 * z1 + z2 * z2));
     }
     vec3 c0 = vec3(rest.x * rest.z - rest.y * rest.y, row.z * rest.y - row.y * rest.z, row.y * rest.y - row.z * rest.x);
     vec3 c1 = vec3(row.x * rest.z - row.z * row.z, row.y * row.z - row.x * rest.y, row.x * rest.x - row.y * row.y);
     float det = dot(row, c0);
+    if (!(det > 0)) return not_a_number();
     float e = d.x * d.x * c0.x + d.y * d.y * c1.x + d.z * d.z * c1.z + 2 * (d.x * d.y * c0.y + d.x * d.z * c0.z + d.y * d.z * c1.y);
     return root / sqrt(det) * exp(-0.5 * e / det);
 }
@@ -103,7 +110,7 @@ float overlap(Axes x, Axes y) {
     }
     // Where the others fail, it stays visible.
     float n = by_sum(x, y);
-    return (floatBitsToUint(n) & 0x7fffffff) > INFINITY ? uintBitsToFloat(0x7fc00000) : min(n, 1.0);
+    return (floatBitsToUint(n) & 0x7fffffff) > INFINITY ? not_a_number() : min(n, 1.0);
 }
 
 void main() {

@@ -66,12 +66,12 @@ pub(super) struct Arrays {
 
 /// Assembles N, and where asked for W and P, of all blocks of a partition.
 pub struct Assembly<'a> {
-    device: Device,
+    pub(super) device: Device,
     model: &'a Resident,
-    options: Options,
-    starts: Vec<u32>,
+    pub(super) options: Options,
+    pub(super) starts: Vec<u32>,
     batches: Vec<Batch>,
-    arrays: Arrays,
+    pub(super) arrays: Arrays,
 }
 
 /// The matrices of one batch, on the host.
@@ -220,15 +220,20 @@ impl<'a> Assembly<'a> {
     /// # Errors
     /// Device errors.
     pub fn submit(&self, batch: &Batch, landing: Landing<f32>) -> Result<Reading<f32>> {
-        let arrays = &self.arrays;
         let mut recording = Recording::new();
+        self.record(&mut recording, batch);
+        let arrays = &self.arrays;
+        let [n, w, p] = self.counts(batch);
+        let from = [(&arrays.overlaps, n), (&arrays.factors, w), (&arrays.densities, p)];
+        self.device.submit_reading(recording, &from, landing)
+    }
+
+    pub(super) fn record(&self, recording: &mut Recording, batch: &Batch) {
+        let arrays = &self.arrays;
         recording.scope("overlap", |r| overlap::record(r, arrays, self.model, batch, &self.options.metric));
         if let Some(density) = &self.options.density {
             recording.scope("rrdm", |r| rrdm::record(r, arrays, batch, density));
         }
-        let [n, w, p] = self.counts(batch);
-        let from = [(&arrays.overlaps, n), (&arrays.factors, w), (&arrays.densities, p)];
-        self.device.submit_reading(recording, &from, landing)
     }
 
     /// Floats of N, W and P of a batch.
@@ -256,20 +261,31 @@ impl<'a> Assembly<'a> {
         &self,
         mut body: impl FnMut(&Assembled<'_>) -> std::result::Result<(), E>,
     ) -> std::result::Result<Timings, E> {
+        let submit = |batch: &Batch, landing| self.submit(batch, landing);
+        self.ahead([self.landing()?, self.landing()?], submit, |batch, landing| body(&self.matrices(batch, landing)))
+    }
+
+    /// Submits each batch before the results of the one before it are handed to `body`.
+    pub(super) fn ahead<E: From<Error>>(
+        &self,
+        [first, second]: [Landing<f32>; 2],
+        submit: impl Fn(&Batch, Landing<f32>) -> Result<Reading<f32>>,
+        mut body: impl FnMut(&Batch, &Landing<f32>) -> std::result::Result<(), E>,
+    ) -> std::result::Result<Timings, E> {
         let mut timings = Timings::default();
-        let mut free = Some(self.landing()?);
+        let mut free = Some(first);
         let mut ahead = match self.batches.first() {
-            Some(first) => Some(self.submit(first, self.landing()?)?),
+            Some(batch) => Some(submit(batch, second)?),
             None => None,
         };
         for (b, batch) in self.batches.iter().enumerate() {
             let Some(reading) = ahead.take() else { break };
             if let (Some(next), Some(landing)) = (self.batches.get(b + 1), free.take()) {
-                ahead = Some(self.submit(next, landing)?);
+                ahead = Some(submit(next, landing)?);
             }
             let (landing, times) = reading.wait()?;
             timings.merge(&times);
-            body(&self.matrices(batch, &landing))?;
+            body(batch, &landing)?;
             free = Some(landing);
         }
         Ok(timings)

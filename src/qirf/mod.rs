@@ -1,6 +1,7 @@
 //! Floor 6: which Gaussians a scene can do without (the QIRF method and the selectors beside it).
 
 pub mod assemble;
+pub mod low_rank;
 pub mod overlap;
 pub mod response;
 pub mod rrdm;

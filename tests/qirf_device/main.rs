@@ -2,6 +2,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod low_rank;
 mod overlap;
 mod response;
 #[path = "../synthetic/mod.rs"]

@@ -9,9 +9,10 @@ use qirf_vk::qirf::assemble::{Assembly, Options, triangle, unpack_lower, unpack_
 use qirf_vk::qirf::overlap::{Method, Metric};
 use qirf_vk::qirf::rrdm::Density;
 
-type Row = ([f32; 3], [f32; 3], [f32; 4]);
+pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
 
-fn model(rows: &[Row]) -> Gaussians {
+/// A model of these rows: no colour, half transparent.
+pub fn model(rows: &[Row]) -> Gaussians {
     Gaussians {
         means: rows.iter().map(|r| r.0).collect(),
         log_scales: rows.iter().map(|r| r.1).collect(),
@@ -175,7 +176,7 @@ fn dilation_is_a_sphere_added() {
 }
 
 /// Blocks of all sizes round the subgroup's, with one that is large.
-fn blocks(sizes: &[usize], seed: u64) -> (Vec<Row>, Vec<u32>) {
+pub fn blocks(sizes: &[usize], seed: u64) -> (Vec<Row>, Vec<u32>) {
     let mut r = Random(seed);
     let n: usize = sizes.iter().sum();
     let rows = (0..n)
