@@ -9,6 +9,7 @@ mod culling;
 mod flowers;
 mod frame;
 mod iteration;
+mod overlap;
 mod primitives;
 mod scenes;
 
@@ -67,6 +68,8 @@ criterion_group!(
     frame::frame,
     cost::cost,
     culling::culling,
-    iteration::iteration
+    iteration::iteration,
+    overlap::overlap,
+    overlap::responses
 );
 criterion_main!(benches);

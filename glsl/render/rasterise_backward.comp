@@ -16,6 +16,8 @@
 layout(constant_id = 2) const uint TILE = 16;
 layout(constant_id = 3) const uint PIXELS = 8; // TILE x TILE / SUBGROUP
 layout(constant_id = 4) const float STOP = TRANSMITTANCE_STOP;
+// The image gradient's fourth component is no dL/dalpha but a residual, which contributions are weighed by.
+layout(constant_id = 5) const bool RESIDUAL = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Starts { uint starts[]; };
@@ -28,7 +30,7 @@ layout(binding = 7, std430) readonly buffer Image { vec4 image[]; };
 layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[]; }; // by red, green, blue, alpha
 layout(binding = 9, std430) writeonly buffer MomentsA { vec4 moments_a[]; }; // by slot: 1, u, v, sum of T alpha
 layout(binding = 10, std430) writeonly buffer MomentsB { vec4 moments_b[]; }; // uu, uv, vv, sum of alpha
-layout(binding = 11, std430) writeonly buffer MomentsC { vec4 moments_c[]; }; // red, green, blue, 0
+layout(binding = 11, std430) writeonly buffer MomentsC { vec4 moments_c[]; }; // red, green, blue, sum of T alpha x residual
 
 const float ONE_MINUS_ALPHA_FLOOR = 1e-6;
 
@@ -36,6 +38,8 @@ vec2 centre[PIXELS];
 float transmittance[PIXELS]; // 0 once the pixel is done
 float behind[PIXELS];
 vec4 gradient[PIXELS];
+
+float worth(vec4 g, vec4 c) { return RESIDUAL ? dot(g.rgb, c.rgb) : dot(g, c); }
 
 // subgroupAdd; lane by lane where the subgroup is small, since CPU devices run the built-in as a loop with a branch a lane.
 vec4 lane_sum(vec4 x) {
@@ -60,7 +64,7 @@ void main() {
         centre[p] = vec2(at) + 0.5;
         transmittance[p] = inside ? 1 : 0;
         gradient[p] = inside ? image_gradient[pixel] : vec4(0);
-        behind[p] = dot(gradient[p], image[pixel]);
+        behind[p] = worth(gradient[p], image[pixel]);
     }
     uint start = starts[tile], end = starts[tile + 1];
     // As many splats as there are lanes at a time: each lane reads one and, in the end, writes its sums.
@@ -88,7 +92,7 @@ void main() {
                 bool drawn = power <= s.z && t > 0;
                 bool live = drawn && next >= STOP;
                 float w = live ? t * alpha : 0;
-                float q = dot(gradient[p], rgb1);
+                float q = worth(gradient[p], rgb1);
                 float r = behind[p] - w * q;
                 behind[p] = r;
                 float by_alpha = t * q - r / max(1 - alpha, ONE_MINUS_ALPHA_FLOOR);
@@ -96,7 +100,7 @@ void main() {
                 float hu = h * u, hv = h * v;
                 a += vec4(h, hu, hv, w);
                 b += vec4(hu * u, hu * v, hv * v, live ? alpha : 0);
-                c.rgb += w * gradient[p].rgb;
+                c += w * vec4(gradient[p].rgb, RESIDUAL ? gradient[p].a : 0);
                 transmittance[p] = live ? next : drawn ? 0 : t;
             }
             a = lane_sum(a);

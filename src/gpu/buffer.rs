@@ -119,7 +119,7 @@ impl RawBuffer {
         Self(Arc::clone(&self.0))
     }
 
-    fn mapped(&self) -> &[u8] {
+    pub(super) fn mapped(&self) -> &[u8] {
         self.0.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or_default()
     }
 

@@ -1,9 +1,15 @@
 //! Floor 6: which Gaussians a scene can do without (the QIRF method and the selectors beside it).
 
+pub mod assemble;
 pub mod batch;
 mod lapack;
+pub mod low_rank;
 pub mod normalise;
+pub mod overlap;
 pub mod partition;
+pub mod response;
+pub mod rrdm;
+pub mod score;
 pub mod select;
 pub mod solve;
 

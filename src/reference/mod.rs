@@ -12,6 +12,7 @@ pub mod project;
 pub mod project_backward;
 pub mod rasterise;
 pub mod rasterise_backward;
+pub mod response;
 pub mod rrdm;
 pub mod sh;
 

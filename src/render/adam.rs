@@ -29,6 +29,16 @@ impl AdamState {
         2 * of(3 * n) + of(4 * n) + of(n) + (0..=MAX_SH_DEGREE).map(band).sum::<u64>()
     }
 
+    /// No moments at all, for passes of [`Form::Rows`].
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn none(device: &Device) -> Result<Self> {
+        let empty = || device.buffer("no moments", 1);
+        let sh = [empty()?, empty()?, empty()?, empty()?];
+        Ok(Self { means: empty()?, log_scales: empty()?, rotations: empty()?, opacity_logits: empty()?, sh })
+    }
+
     /// Moments of zero for a model.
     ///
     /// # Errors
@@ -86,6 +96,8 @@ pub enum Form {
         /// Whether the view direction's gradient reaches the mean.
         through_direction: bool,
     },
+    /// They stay in the renderer's rows: neither parameters nor moments change (scoring passes).
+    Rows,
 }
 
 /// Where the projection's backward pass leaves its results.
@@ -138,7 +150,7 @@ fn attribute(
 ) {
     let (form, step) = match update.form {
         Form::Adam(step) => (0, step),
-        Form::Gradients { .. } => (1, 1),
+        Form::Gradients { .. } | Form::Rows => (1, 1),
     };
     let correction = |beta: f64| 1.0 - beta.powf(f64::from(step));
     let kernel = Adam {

@@ -9,7 +9,9 @@ mod rasterise;
 mod rasterise_backward;
 mod renderer;
 mod settings;
+mod slots;
 
 pub use adam::{AdamState, Form, Rates, Update};
 pub use renderer::{BACKWARD_STAGES, Image, Renderer, STAGES};
 pub use settings::{Culling, Settings, view};
+pub use slots::Slots;

@@ -13,6 +13,7 @@ pub(super) fn record(
     moments: &Moments,
     image_gradient: &Buffer<[f32; 4]>,
     tiles: u32,
+    residual: bool,
 ) {
     let kernel = RasteriseBackward {
         view: &frame.view,
@@ -32,6 +33,7 @@ pub(super) fn record(
             tile: shape.tile,
             pixels: shape.tile * shape.tile / shape.subgroup,
             stop: shape.settings.stop,
+            residual,
         },
     };
     recording.dispatch(&kernel, Groups::Count(tiles));

@@ -1,8 +1,9 @@
 //! The forward pass: buffers of one frame, and the list of its stages.
 
-use super::adam::{self, Update};
+use super::adam::{self, Form, Update};
 use super::frame::{Frame, PairBuffers, Shape};
 use super::settings::{Settings, tile_size, view};
+use super::slots::Slots;
 use super::{bin, project, project_backward, rasterise, rasterise_backward};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result, Timings};
@@ -199,15 +200,53 @@ impl Renderer {
         image_gradient: &Buffer<[f32; 4]>,
         update: &Update<'_>,
     ) {
+        self.backward(recording, model, camera, image_gradient, update, false);
+    }
+
+    /// As [`Renderer::record_backward`], but the image gradient's fourth component is each pixel's residual instead of a
+    /// gradient by alpha: the slots then also hold the contributions weighed by it, see [`Renderer::slots`].
+    ///
+    /// # Panics
+    /// When the renderer was not made [`Renderer::for_training`].
+    pub fn record_backward_with_residual(
+        &self,
+        recording: &mut Recording,
+        model: &Resident,
+        camera: &Camera,
+        image_gradient: &Buffer<[f32; 4]>,
+        update: &Update<'_>,
+    ) {
+        self.backward(recording, model, camera, image_gradient, update, true);
+    }
+
+    fn backward(
+        &self,
+        recording: &mut Recording,
+        model: &Resident,
+        camera: &Camera,
+        image_gradient: &Buffer<[f32; 4]>,
+        update: &Update<'_>,
+        residual: bool,
+    ) {
         let (shape, frame) = (&self.shape, &self.frame);
         let tiles = self.tiles(camera) as u32;
         let moments = frame.pairs.moments.as_ref().expect("a renderer for training");
         let sorted = bin::sorted(frame, tiles);
         recording.scope(BACKWARD_STAGES[0], |r| {
-            rasterise_backward::record(r, shape, frame, sorted, moments, image_gradient, tiles);
+            rasterise_backward::record(r, shape, frame, sorted, moments, image_gradient, tiles, residual);
         });
         recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, moments, model, update));
-        recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, frame, model, update));
+        if update.form != Form::Rows {
+            recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, frame, model, update));
+        }
+    }
+
+    /// What the passes recorded before leave for each (tile, Gaussian) slot, for kernels of floors above.
+    ///
+    /// # Panics
+    /// When the renderer was not made [`Renderer::for_training`].
+    pub fn slots(&self, camera: &Camera) -> Slots<'_> {
+        Slots::new(&self.shape, &self.frame, self.tiles(camera) as u32)
     }
 
     /// The picture drawn last, in device memory: row by row, red, green, blue, alpha.

@@ -1,0 +1,98 @@
+//! `overlap` and `rrdm`: a batch's matrices, in pairs a second; `responses`: what gathering them adds to an iteration.
+
+use super::{device, group, scenes, time_of};
+use criterion::{BenchmarkId, Criterion, Throughput};
+use qirf_vk::gaussians::resident::Resident;
+use qirf_vk::gpu::Recording;
+use qirf_vk::qirf::assemble::{Assembly, Options, triangle};
+use qirf_vk::qirf::overlap::{Method, Metric};
+use qirf_vk::qirf::response::{Gather, HighPass, Responses};
+use qirf_vk::qirf::rrdm::Density;
+use qirf_vk::qirf::score::Scores;
+use qirf_vk::render::{AdamState, BACKWARD_STAGES, Form, Rates, Renderer, STAGES, Settings, Update};
+use std::time::{Duration, Instant};
+
+const GAUSSIANS: usize = 24_576;
+
+/// Blocks of 48, as the default partition has them on average, and of 512, its largest.
+pub fn overlap(criterion: &mut Criterion) {
+    let resident = Resident::upload(device(), &scenes::crowd(GAUSSIANS, 0, 1.0, 5)).unwrap();
+    let members: Vec<u32> = (0..GAUSSIANS as u32).collect();
+    let h = vec![[1.0; 8]; GAUSSIANS];
+    let methods = [("qr", Method::Qr), ("cholesky", Method::CholeskyOfSum), ("determinant", Method::Determinant)];
+    for stage in ["overlap", "rrdm"] {
+        let mut group = group(criterion, stage);
+        for m in [48_usize, 512] {
+            let starts: Vec<u32> = (0..=GAUSSIANS as u32).step_by(m).collect();
+            for (name, method) in methods.into_iter().filter(|(name, _)| stage == "overlap" || *name == "qr") {
+                let density = (stage == "rrdm").then(|| Density { full: true, ..Density::default() });
+                let options = Options { metric: Metric { method, ..Metric::default() }, density, ..Options::default() };
+                let assembly = Assembly::new(device(), &resident, &members, &starts, &h, options).unwrap();
+                let run = || {
+                    let batch = &assembly.batches()[0];
+                    let landing = assembly.landing().unwrap();
+                    let start = Instant::now();
+                    let (_, timings) = assembly.submit(batch, landing).unwrap().wait().unwrap();
+                    time_of(&timings, stage, start)
+                };
+                run();
+                let pairs = assembly.batches()[0].blocks.len() * (triangle(m) - m);
+                group.throughput(Throughput::Elements(pairs as u64));
+                group.bench_function(BenchmarkId::new(name, m), |b| {
+                    b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
+                });
+            }
+        }
+        group.finish();
+    }
+}
+
+/// Device time of one view's passes, 20 k Gaussians at 320 x 240: forward, backward, responses, high pass and scores.
+pub fn responses(criterion: &mut Criterion) {
+    let device = device();
+    let model = scenes::crowd(20_000, 3, 1.0, 6);
+    let camera = scenes::camera(320, 240);
+    let resident = Resident::upload(device, &model).unwrap();
+    let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), [320, 240], 1 << 20).unwrap();
+    renderer.make_room(&resident, &camera).unwrap();
+    let gradient = device.buffer("image gradient", 320 * 240).unwrap();
+    let (responses, scores) =
+        (Responses::zeros(device, model.len()).unwrap(), Scores::zeros(device, model.len()).unwrap());
+    let high_pass = HighPass::new(device, 320 * 240).unwrap();
+    let (state, growth) = (AdamState::none(device).unwrap(), device.buffer("growth", 1).unwrap());
+    let guards = device.upload("guards", &[0, 0]).unwrap();
+    let update = Update {
+        state: &state,
+        growth: &growth,
+        statistics: false,
+        guards: &guards,
+        rates: Rates::default(),
+        form: Form::Rows,
+    };
+    let run = || {
+        let mut recording = Recording::new();
+        renderer.forget_pairs(&mut recording);
+        renderer.record(&mut recording, &resident, &camera);
+        high_pass.record(&mut recording, renderer.image(), &gradient, [320, 240]);
+        renderer.record_backward_with_residual(&mut recording, &resident, &camera, &gradient, &update);
+        responses.record(&mut recording, &renderer, &resident, &camera, Gather::Mean { views: 1 });
+        scores.record(&mut recording, &renderer, &resident, &camera);
+        device.run(recording).unwrap()
+    };
+    run();
+    let mut group = group(criterion, "responses");
+    let stages = STAGES.into_iter().chain(BACKWARD_STAGES).chain(["high pass", "respond", "score"]);
+    for stage in stages.filter(|s| *s != "adam") {
+        group.bench_function(BenchmarkId::from_parameter(stage), |b| {
+            b.iter_custom(|iterations| {
+                (0..iterations)
+                    .map(|_| {
+                        let start = Instant::now();
+                        time_of(&run(), stage, start)
+                    })
+                    .sum::<Duration>()
+            });
+        });
+    }
+    group.finish();
+}

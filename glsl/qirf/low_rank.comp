@@ -1,0 +1,196 @@
+// The low-rank generalized eigenproblem of a batch's blocks in float32, one subgroup a block: N + eps I = L L^T, B = L^-1 W,
+// the eigenpairs (lambda, y) of the 8x8 B^T B, and the participations q_i = sum over the leading k of (L^-T B y_k)_i^2.
+//
+// W^T stands below N as eight more rows: factoring the stack leaves B^T there. L replaces N, X = B Y replaces W.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+#include "lib/dispatch.glsl"
+
+layout(binding = 0, std430) readonly buffer Blocks { uvec4 blocks[]; }; // first member, m, offset in its batch's matrices, -
+layout(binding = 1, std430) coherent buffer Overlaps { float overlaps[]; }; // packed lower triangles; L afterwards
+layout(binding = 2, std430) coherent buffer Factors { float factors[]; };   // m x 8, column by column
+layout(binding = 3, std430) writeonly buffer Solutions { float solutions[]; }; // block after block: q (m), lambda (8), r, failed
+layout(push_constant) uniform Push {
+    uint first_block;
+    uint count;
+    uint first_member;
+    float epsilon;
+    float tau;
+};
+
+const uint CHANNELS = 8;
+const uint SWEEPS = 8;      // of Jacobi rotations: quadratic from the third on
+const float SLACK = 1e-6;   // of the energy that is compared with tau
+
+shared float g[CHANNELS][CHANNELS]; // B^T B; its diagonal becomes lambda
+shared float y[CHANNELS][CHANNELS]; // eigenvectors as columns
+shared uint place[CHANNELS];        // columns by descending lambda
+
+uint m, triangle_at, factor_at;
+
+uint at(uint row, uint column) { return triangle_at + column * (2 * m - column - 1) / 2 + row; }
+
+// The stack of N and W^T.
+float entry(uint row, uint column) {
+    return row < m ? overlaps[at(row, column)] : factors[factor_at + (row - m) * m + column];
+}
+
+void set_entry(uint row, uint column, float value) {
+    if (row < m) overlaps[at(row, column)] = value;
+    else factors[factor_at + (row - m) * m + column] = value;
+}
+
+void meet() {
+    memoryBarrierBuffer();
+    memoryBarrierShared();
+    barrier();
+}
+
+// Column by column from those before. False where a pivot is not positive.
+bool factorise(uint lane) {
+    for (uint c = 0; c < m; c++) {
+        float square = 0;
+        for (uint k = lane; k < c; k += SUBGROUP) square += overlaps[at(c, k)] * overlaps[at(c, k)];
+        float pivot = overlaps[at(c, c)] + epsilon - subgroupAdd(square);
+        if (!(pivot > 0)) return false;
+        float root = sqrt(pivot);
+        for (uint row = c + 1 + lane; row < m + CHANNELS; row += SUBGROUP) {
+            float sum = entry(row, c);
+            for (uint k = 0; k < c; k++) sum -= entry(row, k) * overlaps[at(c, k)];
+            set_entry(row, c, sum / root);
+        }
+        meet();
+        // No later column reads it.
+        if (lane == 0) overlaps[at(c, c)] = root;
+    }
+    meet();
+    return true;
+}
+
+void gram(uint lane) {
+    for (uint a = 0; a < CHANNELS; a++) {
+        for (uint b = 0; b <= a; b++) {
+            float sum = 0;
+            for (uint row = lane; row < m; row += SUBGROUP) {
+                sum += factors[factor_at + a * m + row] * factors[factor_at + b * m + row];
+            }
+            sum = subgroupAdd(sum);
+            if (lane == 0) {
+                g[a][b] = sum;
+                g[b][a] = sum;
+                y[a][b] = a == b ? 1 : 0;
+                y[b][a] = a == b ? 1 : 0;
+            }
+        }
+    }
+    meet();
+}
+
+// Cyclic Jacobi (Golub and Van Loan): lanes take the entries of the two rows and columns that a rotation changes.
+void diagonalise(uint lane) {
+    for (uint sweep = 0; sweep < SWEEPS; sweep++) {
+        for (uint p = 0; p < CHANNELS - 1; p++) {
+            for (uint q = p + 1; q < CHANNELS; q++) {
+                float off = g[p][q];
+                float theta = (g[q][q] - g[p][p]) / (2 * off);
+                float t = (theta < 0 ? -1 : 1) / (abs(theta) + sqrt(theta * theta + 1));
+                // Nothing to turn where the entry is lost beside the diagonal.
+                bool idle = !(off * off > 1e-16 * abs(g[p][p] * g[q][q])) || isinf(theta);
+                t = idle ? 0 : t;
+                float c = inversesqrt(1 + t * t), s = t * c;
+                meet();
+                for (uint k = lane; k < CHANNELS; k += SUBGROUP) {
+                    vec2 row = vec2(g[p][k], g[q][k]);
+                    g[p][k] = c * row.x - s * row.y;
+                    g[q][k] = s * row.x + c * row.y;
+                }
+                meet();
+                for (uint k = lane; k < CHANNELS; k += SUBGROUP) {
+                    vec2 column = vec2(g[k][p], g[k][q]), v = vec2(y[k][p], y[k][q]);
+                    g[k][p] = c * column.x - s * column.y;
+                    g[k][q] = s * column.x + c * column.y;
+                    y[k][p] = c * v.x - s * v.y;
+                    y[k][q] = s * v.x + c * v.y;
+                }
+                meet();
+            }
+        }
+    }
+}
+
+// Orders the eigenvalues, negative noise being 0, and gives how many reach tau of their sum.
+uint leading(uint lane) {
+    for (uint k = lane; k < CHANNELS; k += SUBGROUP) {
+        uint before = 0;
+        for (uint o = 0; o < CHANNELS; o++) before += g[o][o] > g[k][k] || (g[o][o] == g[k][k] && o < k) ? 1 : 0;
+        place[before] = k;
+    }
+    meet();
+    float total = 0;
+    for (uint k = 0; k < CHANNELS; k++) total += max(g[k][k], 0.0);
+    float sum = 0;
+    uint r = 0;
+    do {
+        sum += max(g[place[r]][place[r]], 0.0);
+        r++;
+    } while (r < CHANNELS && sum < (tau - SLACK) * total);
+    return r;
+}
+
+// X = B Y over the leading r columns, then L^T X' = X from the last row up; q are the squares of the rows of X'.
+void participate(uint lane, uint r, uint out_at) {
+    for (uint row = lane; row < m; row += SUBGROUP) {
+        float b[CHANNELS];
+        for (uint k = 0; k < CHANNELS; k++) b[k] = factors[factor_at + k * m + row];
+        for (uint k = 0; k < CHANNELS; k++) {
+            float x = 0;
+            for (uint c = 0; c < CHANNELS; c++) x += b[c] * y[c][place[k]];
+            factors[factor_at + k * m + row] = k < r ? x : 0;
+        }
+    }
+    meet();
+    for (uint c = m; c-- > 0;) {
+        float root = overlaps[at(c, c)];
+        float x[CHANNELS];
+        float q = 0;
+        for (uint k = 0; k < CHANNELS; k++) {
+            x[k] = factors[factor_at + k * m + c] / root;
+            q += x[k] * x[k];
+        }
+        if (lane == 0) solutions[out_at + c] = q;
+        for (uint row = lane; row < c; row += SUBGROUP) {
+            float l = overlaps[at(c, row)];
+            for (uint k = 0; k < CHANNELS; k++) factors[factor_at + k * m + row] -= l * x[k];
+        }
+        meet();
+    }
+}
+
+void main() {
+    uint group = group_index();
+    if (group >= count) return;
+    uvec4 block = blocks[first_block + group];
+    m = block.y;
+    triangle_at = block.z;
+    uint first = block.x - first_member;
+    factor_at = CHANNELS * first;
+    // Ten numbers more a block, so that a block's begin where its members and the blocks before it say.
+    uint out_at = first + 10 * group;
+    uint lane = gl_SubgroupInvocationID;
+    bool good = factorise(lane);
+    uint r = 0;
+    if (good) {
+        gram(lane);
+        diagonalise(lane);
+        r = leading(lane);
+        participate(lane, r, out_at);
+        for (uint k = lane; k < CHANNELS; k += SUBGROUP) solutions[out_at + m + k] = max(g[place[k]][place[k]], 0.0);
+    } else {
+        for (uint k = lane; k < m + CHANNELS; k += SUBGROUP) solutions[out_at + k] = 0;
+    }
+    if (lane == 0) {
+        solutions[out_at + m + 8] = float(r);
+        solutions[out_at + m + 9] = good ? 0 : 1;
+    }
+}

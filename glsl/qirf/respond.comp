@@ -1,0 +1,71 @@
+// One view's eight responses of each Gaussian that it shows, added to what earlier views left. Runs after projection's
+// backward pass, from its gradient rows and from the sums that rasterisation's left in the slots.
+//
+// r <- r keep^(views since the last that showed it) + weight x: an average over iterations, or with keep = 1 a mean.
+// The SH basis has a constant norm, sum_m Y_lm^2 = (2l + 1) / 4 pi, so |dL/dSH| is |dL/dcolour| times a constant.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+#include "lib/dispatch.glsl"
+#include "lib/constants.glsl"
+#include "lib/view.glsl"
+#include "lib/projection.glsl"
+#include "lib/gradient_row.glsl"
+
+layout(binding = 0, std430) readonly buffer Count { uint count[]; };
+layout(binding = 1, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the most ever needed
+layout(binding = 2, std430) readonly buffer TileCounts { uint tile_counts[]; };
+layout(binding = 3, std430) readonly buffer FirstSlots { uint first_slots[]; };
+layout(binding = 4, std430) readonly buffer MomentsA { float moments_a[]; }; // by slot; 3: sum of T alpha
+layout(binding = 5, std430) readonly buffer MomentsB { float moments_b[]; }; // 3: sum of alpha
+layout(binding = 6, std430) readonly buffer MomentsC { float moments_c[]; }; // 3: sum of T alpha times the residual
+layout(binding = 7, std430) readonly buffer LogScales { float log_scales[]; };
+layout(binding = 8, std430) readonly buffer Rotations { vec4 rotations[]; };
+layout(binding = 9, std430) readonly buffer Rows { float rows[]; };
+layout(binding = 10, std430) buffer Responses { float responses[]; }; // n x 8
+layout(binding = 11, std430) buffer Seen { uint seen[]; };            // iteration that last showed it
+layout(push_constant) uniform Push {
+    uint pair_limit;
+    uint iteration;
+    float log2_keep;
+    float weight;
+    float share;      // 1 / pixels
+    float basis_norm; // of the SH basis over the bands in use
+};
+
+vec3 row3(uint at) { return vec3(rows[at], rows[at + 1], rows[at + 2]); }
+
+void main() {
+    uint i = global_index();
+    if (pairs[1] > pair_limit || i >= count[0]) return;
+    uint slots = tile_counts[i];
+    if (slots == 0) return;
+    vec3 sums = vec3(0);
+    uint first = first_slots[i];
+    for (uint slot = first; slot < first + slots; slot++) {
+        sums += vec3(moments_a[4 * slot + 3], moments_b[4 * slot + 3], moments_c[4 * slot + 3]);
+    }
+    float x[8];
+    x[0] = sums.x > 0 ? 1 : 0;
+    x[1] = sums.x * share;
+    x[2] = sums.z * share;
+    x[3] = sums.y * share;
+
+    uint row = ROW * i;
+    mat3 axes;
+    vec4 unit;
+    float norm;
+    bool good = rows[row + ROW_GOOD] > 0 && rotation_of(rotations[i], axes, unit, norm);
+    vec3 scale = exp(vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]));
+    x[4] = length(scale * (row3(row + ROW_MEAN) * axes));
+    x[5] = length(row3(row + ROW_LOG_SCALE));
+    x[6] = abs(rows[row + ROW_LOGIT]);
+    x[7] = length(row3(row + ROW_COLOUR)) * basis_norm;
+
+    float keep = exp2(log2_keep * float(iteration - seen[i]));
+    [[unroll]] for (uint k = 0; k < 8; k++) {
+        bool counts = (k < 4 || good) && !isnan(x[k]) && !isinf(x[k]);
+        responses[8 * i + k] = keep * responses[8 * i + k] + (counts ? weight * x[k] : 0);
+    }
+    seen[i] = iteration;
+}

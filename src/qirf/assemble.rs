@@ -1,0 +1,343 @@
+//! Assembling the blocks' matrices on the device, batch by batch, while the host works on the batch before.
+
+use super::CHANNELS;
+use super::overlap::{self, Metric};
+use super::rrdm::{self, Density};
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Buffer, Device, Error, Landing, Reading, Recording, Result, Timings};
+use std::ops::Range;
+
+/// Members of a batch at most: 64 bytes of axes each stay well within what a kernel can bind.
+const MOST_MEMBERS: usize = 1 << 19;
+/// Rows and columns of a tile's corner share a word.
+const LARGEST_BLOCK: usize = 1 << 15;
+
+/// What to assemble.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Of N.
+    pub metric: Metric,
+    /// Of W and P; without it only N is assembled.
+    pub density: Option<Density>,
+    /// Bytes of N in a batch, which holds at least one block; results do not depend on it.
+    pub batch_bytes: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { metric: Metric::default(), density: None, batch_bytes: 64 << 20 }
+    }
+}
+
+impl Options {
+    fn wants_full(&self) -> bool {
+        self.density.is_some_and(|d| d.full)
+    }
+}
+
+/// Successive blocks that are assembled together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Batch {
+    /// Its blocks.
+    pub blocks: Range<usize>,
+    /// Their members, as positions in the list of all.
+    pub members: Range<usize>,
+    pub(super) tiles: Range<usize>,
+    /// Entries of its packed triangles.
+    entries: usize,
+}
+
+/// Device arrays of the assembly.
+pub(super) struct Arrays {
+    pub members: Buffer<u32>,
+    /// First member, size, offset of the triangle in its batch, unused.
+    pub blocks: Buffer<[u32; 4]>,
+    /// Block; first row and first column.
+    pub tiles: Buffer<[u32; 2]>,
+    pub axes: Buffer<[f32; 4]>,
+    pub responses: Buffer<f32>,
+    pub overlaps: Buffer<f32>,
+    pub factors: Buffer<f32>,
+    pub densities: Buffer<f32>,
+    /// A tile's rows and columns.
+    pub rows: u32,
+    pub columns: u32,
+}
+
+/// Assembles N, and where asked for W and P, of all blocks of a partition.
+pub struct Assembly<'a> {
+    pub(super) device: Device,
+    model: &'a Resident,
+    pub(super) options: Options,
+    pub(super) starts: Vec<u32>,
+    batches: Vec<Batch>,
+    pub(super) arrays: Arrays,
+}
+
+/// The matrices of one batch, on the host.
+pub struct Assembled<'a> {
+    starts: &'a [u32],
+    blocks: Range<usize>,
+    overlaps: &'a [f32],
+    factors: Option<&'a [f32]>,
+    densities: Option<&'a [f32]>,
+}
+
+/// The matrices of one block of `m` members.
+#[derive(Clone, Copy, Debug)]
+pub struct BlockMatrices<'a> {
+    /// Its members.
+    pub m: usize,
+    /// Lower triangle of N, column by column without gaps: LAPACK's packed "L", m (m + 1) / 2 entries.
+    pub overlap: &'a [f32],
+    /// W, m x 8, column by column; only where [`Options::density`] asked for it.
+    pub factor: Option<&'a [f32]>,
+    /// Lower triangle of P, as N's; only where [`Density::full`].
+    pub density: Option<&'a [f32]>,
+}
+
+/// Entries of a packed triangle.
+pub const fn triangle(m: usize) -> usize {
+    m * (m + 1) / 2
+}
+
+/// Writes a packed lower triangle into the lower triangle of an m x m matrix, column by column (LAPACK's "L"); the upper one
+/// is left as it is, which is all that a Cholesky factorisation needs.
+///
+/// # Panics
+/// When a slice is too short.
+pub fn unpack_lower<T: From<f32>>(m: usize, packed: &[f32], out: &mut [T]) {
+    let mut at = 0;
+    for c in 0..m {
+        let column = &packed[at..at + m - c];
+        out[c * m + c..(c + 1) * m].iter_mut().zip(column).for_each(|(o, v)| *o = T::from(*v));
+        at += m - c;
+    }
+}
+
+/// Writes a packed lower triangle into a whole symmetric m x m matrix.
+///
+/// # Panics
+/// When a slice is too short.
+pub fn unpack_symmetric<T: From<f32> + Copy>(m: usize, packed: &[f32], out: &mut [T]) {
+    unpack_lower(m, packed, out);
+    for c in 0..m {
+        for r in c + 1..m {
+            out[r * m + c] = out[c * m + r];
+        }
+    }
+}
+
+impl Assembled<'_> {
+    /// The batch's blocks, as numbers in the partition.
+    pub fn blocks(&self) -> Range<usize> {
+        self.blocks.clone()
+    }
+
+    /// The matrices of each block, with its number.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, BlockMatrices<'_>)> {
+        let first = self.starts[self.blocks.start] as usize;
+        let mut at = 0;
+        self.blocks.clone().map(move |b| {
+            let (start, end) = (self.starts[b] as usize, self.starts[b + 1] as usize);
+            let m = end - start;
+            let entries = at..at + triangle(m);
+            at = entries.end;
+            let matrices = BlockMatrices {
+                m,
+                overlap: &self.overlaps[entries.clone()],
+                factor: self.factors.map(|w| &w[CHANNELS * (start - first)..CHANNELS * (end - first)]),
+                density: self.densities.map(|d| &d[entries]),
+            };
+            (b, matrices)
+        })
+    }
+}
+
+impl<'a> Assembly<'a> {
+    /// Makes room for the batches of a partition: block `b` has the Gaussians `members[starts[b]..starts[b + 1]]`.
+    ///
+    /// `h` holds the rows of H, normalised over the scene, with the weights sqrt(eta) and sqrt(1 - eta) in them; where only N
+    /// is asked for it is not looked at.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] for a block whose triangle a kernel cannot bind (8,191 members at 128 MiB); device memory.
+    ///
+    /// # Panics
+    /// When `starts` does not rise from 0 to the number of members, or `h` has not one row a Gaussian though W is asked for.
+    pub fn new(
+        device: &Device,
+        model: &'a Resident,
+        members: &[u32],
+        starts: &[u32],
+        h: &[[f32; CHANNELS]],
+        options: Options,
+    ) -> Result<Self> {
+        assert!(starts.first() == Some(&0) && starts.is_sorted(), "block starts rise from 0");
+        assert_eq!(starts.last().map(|s| *s as usize), Some(members.len()), "the last block ends with the members");
+        let h: &[f32] = options.density.map_or(&[0.0], |_| h.as_flattened());
+        assert!(options.density.is_none() || h.len() == CHANNELS * model.len, "one row a Gaussian");
+        assert!(members.iter().all(|i| (*i as usize) < model.len), "members are Gaussians of the model");
+        let info = device.info();
+        let rows = info.subgroup_size;
+        // Long tiles read a Gaussian less often; short ones spread over more workgroups.
+        let columns = if info.kind == "cpu" { 64_u32.next_multiple_of(rows) } else { rows };
+        let plan = Plan::new(starts, options.batch_bytes, [rows, columns])?;
+        let most = |f: fn(&Batch) -> usize| plan.batches.iter().map(f).max().unwrap_or(0);
+        let (entries, room) = (most(|b| b.entries), most(|b| b.members.len()));
+        let arrays = Arrays {
+            members: device.upload("block members", members)?,
+            blocks: device.upload("blocks", &plan.blocks)?,
+            tiles: device.upload("tiles of blocks", &plan.tiles)?,
+            axes: device.buffer("axes", 4 * room)?,
+            responses: device.upload("rows of H", h)?,
+            overlaps: device.buffer("overlaps", entries)?,
+            factors: device.buffer("response factors", if options.density.is_some() { CHANNELS * room } else { 1 })?,
+            densities: device.buffer("density matrices", if options.wants_full() { entries } else { 1 })?,
+            rows,
+            columns,
+        };
+        let starts = starts.to_vec();
+        Ok(Self { device: device.clone(), model, options, starts, batches: plan.batches, arrays })
+    }
+
+    /// The batches, in order.
+    pub fn batches(&self) -> &[Batch] {
+        &self.batches
+    }
+
+    /// Host memory for one batch.
+    ///
+    /// # Errors
+    /// Memory.
+    pub fn landing(&self) -> Result<Landing<f32>> {
+        let floats = |b: &Batch| self.counts(b).iter().sum();
+        self.device.landing("block matrices", self.batches.iter().map(floats).max().unwrap_or(0))
+    }
+
+    /// Starts a batch.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn submit(&self, batch: &Batch, landing: Landing<f32>) -> Result<Reading<f32>> {
+        let mut recording = Recording::new();
+        self.record(&mut recording, batch);
+        let arrays = &self.arrays;
+        let [n, w, p] = self.counts(batch);
+        let from = [(&arrays.overlaps, n), (&arrays.factors, w), (&arrays.densities, p)];
+        self.device.submit_reading(recording, &from, landing)
+    }
+
+    pub(super) fn record(&self, recording: &mut Recording, batch: &Batch) {
+        let arrays = &self.arrays;
+        recording.scope("overlap", |r| overlap::record(r, arrays, self.model, batch, &self.options.metric));
+        if let Some(density) = &self.options.density {
+            recording.scope("rrdm", |r| rrdm::record(r, arrays, batch, density));
+        }
+    }
+
+    /// Floats of N, W and P of a batch.
+    fn counts(&self, batch: &Batch) -> [usize; 3] {
+        let w = if self.options.density.is_some() { CHANNELS * batch.members.len() } else { 0 };
+        let p = if self.options.wants_full() { batch.entries } else { 0 };
+        [batch.entries, w, p]
+    }
+
+    /// What a finished batch left.
+    pub fn matrices<'b>(&'b self, batch: &Batch, landing: &'b Landing<f32>) -> Assembled<'b> {
+        let [n, w, p] = self.counts(batch);
+        let (overlaps, rest) = landing.values().split_at(n);
+        let (factors, rest) = rest.split_at(w);
+        let factors = self.options.density.map(|_| factors);
+        let densities = self.options.wants_full().then(|| &rest[..p]);
+        Assembled { starts: &self.starts, blocks: batch.blocks.clone(), overlaps, factors, densities }
+    }
+
+    /// Hands every batch to `body`, in order, while the device assembles the next one. Returns the device's times.
+    ///
+    /// # Errors
+    /// Device errors; the first error of `body`.
+    pub fn for_each<E: From<Error>>(
+        &self,
+        mut body: impl FnMut(&Assembled<'_>) -> std::result::Result<(), E>,
+    ) -> std::result::Result<Timings, E> {
+        let submit = |batch: &Batch, landing| self.submit(batch, landing);
+        self.ahead([self.landing()?, self.landing()?], submit, |batch, landing| body(&self.matrices(batch, landing)))
+    }
+
+    /// Submits each batch before the results of the one before it are handed to `body`.
+    pub(super) fn ahead<E: From<Error>>(
+        &self,
+        [first, second]: [Landing<f32>; 2],
+        submit: impl Fn(&Batch, Landing<f32>) -> Result<Reading<f32>>,
+        mut body: impl FnMut(&Batch, &Landing<f32>) -> std::result::Result<(), E>,
+    ) -> std::result::Result<Timings, E> {
+        let mut timings = Timings::default();
+        let mut free = Some(first);
+        let mut ahead = match self.batches.first() {
+            Some(batch) => Some(submit(batch, second)?),
+            None => None,
+        };
+        for (b, batch) in self.batches.iter().enumerate() {
+            let Some(reading) = ahead.take() else { break };
+            if let (Some(next), Some(landing)) = (self.batches.get(b + 1), free.take()) {
+                ahead = Some(submit(next, landing)?);
+            }
+            let (landing, times) = reading.wait()?;
+            timings.merge(&times);
+            body(batch, &landing)?;
+            free = Some(landing);
+        }
+        Ok(timings)
+    }
+}
+
+/// Blocks and tiles as kernels want them, and the batches that they fall into.
+struct Plan {
+    batches: Vec<Batch>,
+    blocks: Vec<[u32; 4]>,
+    tiles: Vec<[u32; 2]>,
+}
+
+impl Plan {
+    fn new(starts: &[u32], batch_bytes: usize, [rows, columns]: [u32; 2]) -> Result<Self> {
+        let most = batch_bytes / size_of::<f32>();
+        let mut plan = Self { batches: Vec::new(), blocks: Vec::with_capacity(starts.len()), tiles: Vec::new() };
+        let mut batch = Batch { blocks: 0..0, members: 0..0, tiles: 0..0, entries: 0 };
+        for (b, bounds) in starts.windows(2).enumerate() {
+            let m = (bounds[1] - bounds[0]) as usize;
+            if m >= LARGEST_BLOCK {
+                return Err(Error::TooLarge {
+                    name: format!("overlaps of a block of {m} Gaussians"),
+                    needed: triangle(m) as u64 * 4,
+                    limit: triangle(LARGEST_BLOCK - 1) as u64 * 4,
+                    device: "any device".into(),
+                });
+            }
+            let full = batch.entries + triangle(m) > most || batch.members.len() + m > MOST_MEMBERS;
+            if full && !batch.blocks.is_empty() {
+                let next = Batch {
+                    blocks: b..b,
+                    members: batch.members.end..batch.members.end,
+                    tiles: batch.tiles.end..batch.tiles.end,
+                    entries: 0,
+                };
+                plan.batches.push(std::mem::replace(&mut batch, next));
+            }
+            plan.blocks.push([bounds[0], m as u32, batch.entries as u32, 0]);
+            for row in (0..m as u32).step_by(rows as usize) {
+                for column in (0..(row + rows).min(m as u32)).step_by(columns as usize) {
+                    plan.tiles.push([b as u32, row << 16 | column]);
+                }
+            }
+            batch.blocks.end = b + 1;
+            batch.members.end += m;
+            batch.tiles.end = plan.tiles.len();
+            batch.entries += triangle(m);
+        }
+        if !batch.blocks.is_empty() {
+            plan.batches.push(batch);
+        }
+        Ok(plan)
+    }
+}

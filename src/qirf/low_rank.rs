@@ -1,0 +1,93 @@
+//! The generalized eigenproblem on the device: the low-rank solver in float32, a batch of blocks at a time, so that only
+//! participations come to the host.
+
+use super::CHANNELS;
+use super::assemble::{Assembly, Batch};
+use crate::gpu::{Error, Groups, Recording, Timings};
+use crate::kernels::qirf::{LowRank, LowRankPush, LowRankSpec};
+
+/// Numbers of a block's solution besides its participations: eigenvalues, how many lead, and whether it failed.
+const EXTRA: usize = CHANNELS + 2;
+
+/// What the eigenproblem depends on besides its matrices.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Problem {
+    /// Added to the diagonal of N.
+    pub epsilon: f32,
+    /// Share of the eigenvalues' sum that the leading ones reach.
+    pub tau: f32,
+}
+
+impl Default for Problem {
+    fn default() -> Self {
+        Self { epsilon: 1e-4, tau: 0.95 }
+    }
+}
+
+/// One block's solution.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solution<'a> {
+    /// Participation of each member; zero where the solver failed.
+    pub q: &'a [f32],
+    /// Eigenvalues, descending; those that are negative by rounding are 0.
+    pub lambda: [f32; CHANNELS],
+    /// The fewest eigenvalues that reach tau.
+    pub r: usize,
+    /// Whether N + epsilon I was not positive definite in float32: the host has to solve this block.
+    pub failed: bool,
+}
+
+impl Assembly<'_> {
+    /// Assembles and solves every batch on the device and hands each block's number and solution to `body`, in order,
+    /// while the device goes on with the next batch. Returns the device's times.
+    ///
+    /// # Errors
+    /// Device memory; device errors; the first error of `body`.
+    ///
+    /// # Panics
+    /// When the assembly was not asked for W.
+    pub fn solve_each<E: From<Error>>(
+        &self,
+        problem: Problem,
+        mut body: impl FnMut(usize, Solution<'_>) -> Result<(), E>,
+    ) -> Result<Timings, E> {
+        assert!(self.options.density.is_some(), "the eigenproblem needs W");
+        let floats = |b: &Batch| b.members.len() + EXTRA * b.blocks.len();
+        let most = self.batches().iter().map(floats).max().unwrap_or(0);
+        let solutions = self.device.buffer("solutions", most)?;
+        let submit = |batch: &Batch, landing| {
+            let mut recording = Recording::new();
+            self.record(&mut recording, batch);
+            let kernel = LowRank {
+                blocks: &self.arrays.blocks,
+                overlaps: &self.arrays.overlaps,
+                factors: &self.arrays.factors,
+                solutions: &solutions,
+                push: LowRankPush {
+                    first_block: batch.blocks.start as u32,
+                    count: batch.blocks.len() as u32,
+                    first_member: batch.members.start as u32,
+                    epsilon: problem.epsilon,
+                    tau: problem.tau,
+                },
+                spec: LowRankSpec { workgroup: self.arrays.rows },
+            };
+            recording.scope("low rank", |r| r.dispatch(&kernel, Groups::Count(batch.blocks.len() as u32)));
+            self.device.submit_reading(recording, &[(&solutions, floats(batch))], landing)
+        };
+        let landing = || self.device.landing("solutions", most);
+        self.ahead([landing()?, landing()?], submit, |batch, landing| {
+            let mut rest = landing.values();
+            for b in batch.blocks.clone() {
+                let m = (self.starts[b + 1] - self.starts[b]) as usize;
+                let (own, others) = rest.split_at(m + EXTRA);
+                rest = others;
+                let (q, extra) = own.split_at(m);
+                let lambda = std::array::from_fn(|k| extra[k]);
+                let solution = Solution { q, lambda, r: extra[CHANNELS] as usize, failed: extra[CHANNELS + 1] != 0.0 };
+                body(b, solution)?;
+            }
+            Ok(())
+        })
+    }
+}

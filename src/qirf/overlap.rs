@@ -1,0 +1,74 @@
+//! Normalised overlaps N_ij of a batch's blocks, on the device; see `glsl/qirf/overlap.comp` for how.
+
+use super::assemble::{Arrays, Batch};
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Groups, Recording};
+use crate::kernels::qirf::{Axes, AxesPush, AxesSpec, Overlap, OverlapPush, OverlapSpec};
+use crate::primitives::WORKGROUP;
+
+/// Stands for the logarithm of no dilation at all.
+const NO_DILATION: f32 = -1e30;
+
+/// How an overlap is computed, all in float32.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// QR of the stacked scaled axes: the one to use.
+    #[default]
+    Qr,
+    /// Cholesky factor of the summed covariances; NaN where it fails.
+    CholeskyOfSum,
+    /// Determinant and adjugate of the summed covariances; NaN where they fail.
+    Determinant,
+}
+
+/// What an overlap depends on besides the Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Metric {
+    /// How it is computed.
+    pub method: Method,
+    /// Scales are not taken below this share of their Gaussian's largest.
+    pub floor: f32,
+    /// Standard deviation, in world units, that is added to every axis in quadrature; 0 for none.
+    pub dilation: f32,
+}
+
+impl Default for Metric {
+    fn default() -> Self {
+        Self { method: Method::Qr, floor: 1e-3, dilation: 0.0 }
+    }
+}
+
+/// Records the lower triangles of a batch.
+///
+/// The diagonal is exactly 1 and everything else within [0, 1]; scales are taken within exp(-69)..exp(69), a quaternion
+/// of zero as no rotation, and a mean that is no number overlaps with nothing.
+pub(super) fn record(recording: &mut Recording, arrays: &Arrays, model: &Resident, batch: &Batch, metric: &Metric) {
+    let kernel = Axes {
+        members: &arrays.members,
+        means: &model.means,
+        log_scales: &model.log_scales,
+        rotations: &model.rotations,
+        axes: &arrays.axes,
+        push: AxesPush {
+            first: batch.members.start as u32,
+            count: batch.members.len() as u32,
+            log_dilation: if metric.dilation > 0.0 { metric.dilation.ln() } else { NO_DILATION },
+            least: metric.floor,
+        },
+        spec: AxesSpec { workgroup: WORKGROUP },
+    };
+    recording.dispatch(&kernel, Groups::Count((batch.members.len() as u32).div_ceil(WORKGROUP)));
+    let kernel = Overlap {
+        blocks: &arrays.blocks,
+        tiles: &arrays.tiles,
+        axes: &arrays.axes,
+        overlaps: &arrays.overlaps,
+        push: OverlapPush {
+            first_tile: batch.tiles.start as u32,
+            tile_count: batch.tiles.len() as u32,
+            first_member: batch.members.start as u32,
+        },
+        spec: OverlapSpec { workgroup: arrays.rows, columns: arrays.columns, method: metric.method as u32 },
+    };
+    recording.dispatch(&kernel, Groups::Count(batch.tiles.len() as u32));
+}

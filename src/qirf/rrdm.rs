@@ -1,0 +1,46 @@
+//! The radiance-response density matrix P = W W^T of a batch's blocks: its factor W, and P where a solver wants it.
+
+use super::assemble::{Arrays, Batch};
+use crate::gpu::{Groups, Recording};
+use crate::kernels::qirf::{Rrdm, RrdmPush, RrdmSpec};
+
+/// What the density matrix depends on besides the responses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Density {
+    /// Share of the rendering responses; the optimisation responses have the rest.
+    pub eta: f32,
+    /// Added to each trace.
+    pub epsilon: f32,
+    /// Whether P itself is asked for, which only `dsygvd` does.
+    pub full: bool,
+}
+
+impl Default for Density {
+    fn default() -> Self {
+        Self { eta: 0.75, epsilon: 1e-4, full: false }
+    }
+}
+
+/// Records W, and P where it is asked for, from rows of H that hold the weights sqrt(eta) and sqrt(1 - eta) already.
+pub(super) fn record(recording: &mut Recording, arrays: &Arrays, batch: &Batch, density: &Density) {
+    for phase in 0..=u32::from(density.full) {
+        let range = if phase == 0 { &batch.blocks } else { &batch.tiles };
+        let kernel = Rrdm {
+            blocks: &arrays.blocks,
+            tiles: &arrays.tiles,
+            members: &arrays.members,
+            h: &arrays.responses,
+            factors: &arrays.factors,
+            densities: &arrays.densities,
+            push: RrdmPush {
+                first: range.start as u32,
+                count: range.len() as u32,
+                first_member: batch.members.start as u32,
+                eta: density.eta,
+                epsilon: density.epsilon,
+            },
+            spec: RrdmSpec { workgroup: arrays.rows, phase, columns: arrays.columns },
+        };
+        recording.dispatch(&kernel, Groups::Count(range.len() as u32));
+    }
+}

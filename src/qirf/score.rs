@@ -1,0 +1,67 @@
+//! What other pruning methods rank by: contributions, their largest over rays, hits, and opacity seen through what is before.
+
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::qirf::{Score, ScoreSpec, Tally, TallyPush, TallySpec};
+use crate::primitives::WORKGROUP;
+use crate::render::Renderer;
+use crate::scene::camera::Camera;
+
+/// Scores of all Gaussians over the views recorded, in device memory.
+pub struct Scores {
+    /// n x (sum of T alpha, largest T alpha of a pixel, pixels that blended it, sum of opacity x T).
+    pub values: Buffer<[f32; 4]>,
+    subgroup: u32,
+}
+
+impl Scores {
+    /// No view yet.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn zeros(device: &Device, gaussians: usize) -> Result<Self> {
+        let values = device.buffer("scores", gaussians)?;
+        let mut recording = Recording::new();
+        recording.fill(&values, 0);
+        device.run(recording)?;
+        Ok(Self { values, subgroup: device.info().subgroup_size })
+    }
+
+    /// Records the scores of the picture recorded before, which the backward pass need not have seen; what that pass left in
+    /// the first array of slots is overwritten.
+    ///
+    /// # Panics
+    /// When the renderer was not made [`Renderer::for_training`].
+    pub fn record(&self, recording: &mut Recording, renderer: &Renderer, model: &Resident, camera: &Camera) {
+        let slots = renderer.slots(camera);
+        let score = Score {
+            view: slots.view,
+            starts: slots.starts,
+            slots: slots.sorted,
+            owners: slots.owners,
+            geometry: slots.geometry,
+            shape: slots.shape,
+            tallies: &slots.moments_a,
+            spec: ScoreSpec {
+                workgroup: self.subgroup,
+                tile: slots.tile,
+                pixels: slots.tile * slots.tile / self.subgroup,
+                stop: slots.stop,
+            },
+        };
+        let tally = Tally {
+            count: &model.count.value,
+            pairs: slots.pairs,
+            tile_counts: slots.tile_counts,
+            first_slots: slots.first_slots,
+            tallies: &slots.moments_a.cast(),
+            scores: &self.values,
+            push: TallyPush { pair_limit: slots.limit },
+            spec: TallySpec { workgroup: WORKGROUP },
+        };
+        recording.scope("score", |r| {
+            r.dispatch(&score, Groups::Count(slots.tiles));
+            r.dispatch(&tally, model.count.groups(WORKGROUP));
+        });
+    }
+}

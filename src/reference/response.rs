@@ -1,0 +1,68 @@
+//! Responses of one view: eight channels of each Gaussian, and the scores of other methods.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use super::{Params, Rendered, Settings, gradients, rasterise::walk, render};
+use crate::scene::camera::Camera;
+
+/// One view's responses and scores.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Responded {
+    /// n: shown or not; sums over pixels of T alpha, of T alpha times the residual, of alpha, each over the pixels; norms of
+    /// the gradients by position in units of the own axes, by log-scale, by logit, and by SH over all bands.
+    pub channels: Vec<[f64; 8]>,
+    /// n: sum of T alpha, its largest, pixels that blended it, sum of opacity x T.
+    pub scores: Vec<[f64; 4]>,
+}
+
+/// Responses of a view whose loss has the gradient `dl_dimage` by its pixels, with a residual by pixel.
+pub fn respond(
+    params: &Params,
+    camera: &Camera,
+    settings: &Settings,
+    dl_dimage: &[[f64; 3]],
+    residual: &[f64],
+) -> Responded {
+    let Rendered { projected, tiles, .. } = render(params, camera, settings);
+    let n = params.len();
+    let (mut channels, mut scores) = (vec![[0.0; 8]; n], vec![[0.0; 4]; n]);
+    for t in 0..tiles.offsets.len() - 1 {
+        let list = tiles.list(t);
+        let (columns, rows) = tiles.pixels(t, camera.width, camera.height);
+        for y in rows {
+            for x in columns.clone() {
+                let at = (y * camera.width + x) as usize;
+                walk(list, &projected, (x, y), settings, |k, p, s, transmittance| {
+                    let (i, weight) = (list[k] as usize, transmittance * s.alpha);
+                    let c = &mut channels[i];
+                    c[0] = 1.0;
+                    c[1] += weight;
+                    c[2] += weight * residual[at];
+                    c[3] += s.alpha;
+                    let score = &mut scores[i];
+                    score[0] += weight;
+                    score[1] = score[1].max(weight);
+                    score[2] += 1.0;
+                    score[3] += p.opacity * transmittance;
+                });
+            }
+        }
+    }
+    let pixels = f64::from(camera.width) * f64::from(camera.height);
+    let by = gradients(params, camera, settings, dl_dimage, None).params;
+    for (i, c) in channels.iter_mut().enumerate() {
+        c[1..4].iter_mut().for_each(|v| *v /= pixels);
+        let [w, x, y, z] = params.rotations[i];
+        let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let scale = DVec3::from(params.log_scales[i].map(f64::exp));
+        c[4] = (scale * (axes.transpose() * DVec3::from(by.means[i]))).length();
+        c[5] = DVec3::from(by.log_scales[i]).length();
+        c[6] = by.opacity_logits[i].abs();
+        let squares = by.sh.iter().enumerate().flat_map(|(l, band)| {
+            let width = (2 * l + 1) * 3;
+            band[i * width..(i + 1) * width].iter().map(|g| g * g)
+        });
+        c[7] = squares.sum::<f64>().sqrt();
+    }
+    Responded { channels, scores }
+}

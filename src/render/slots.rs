@@ -1,0 +1,69 @@
+//! A picture's (tile, Gaussian) slots as kernels of floors above see them.
+
+use super::bin;
+use super::frame::{Frame, Shape};
+use crate::gpu::Buffer;
+use crate::kernels::View;
+
+/// Arrays of the picture recorded last. Slots of one Gaussian are contiguous, in the order of its tiles.
+pub struct Slots<'a> {
+    /// The camera.
+    pub view: &'a Buffer<View>,
+    /// Word 1: the most pairs ever needed; beyond `limit` the arrays hold nothing.
+    pub pairs: &'a Buffer<u32>,
+    /// Pairs that there is room for.
+    pub limit: u32,
+    /// By Gaussian: its slots; 0 where the picture does not show it.
+    pub tile_counts: &'a Buffer<u32>,
+    /// By Gaussian: its first slot.
+    pub first_slots: &'a Buffer<u32>,
+    /// By slot: its Gaussian.
+    pub owners: &'a Buffer<u32>,
+    /// By tile: where its part of `sorted` begins; one more than tiles.
+    pub starts: &'a Buffer<u32>,
+    /// Slots by tile, nearest first.
+    pub sorted: &'a Buffer<u32>,
+    /// By Gaussian: see `lib/splat.glsl`.
+    pub geometry: &'a Buffer<[f32; 4]>,
+    /// By Gaussian: see `lib/splat.glsl`.
+    pub shape: &'a Buffer<[f32; 4]>,
+    /// By slot, after the backward pass: three sums of gradients, and the sum of T alpha.
+    pub moments_a: Buffer<f32>,
+    /// Three sums of gradients, and the sum of alpha.
+    pub moments_b: Buffer<f32>,
+    /// The gradient by the colour, and where asked for the sum of T alpha times the residual.
+    pub moments_c: Buffer<f32>,
+    /// By Gaussian, after the backward pass: see `lib/gradient_row.glsl`.
+    pub gradient_rows: &'a Buffer<f32>,
+    /// Tiles of the picture.
+    pub tiles: u32,
+    /// A tile's side in pixels.
+    pub tile: u32,
+    /// Blending ends before transmittance would fall below this.
+    pub stop: f32,
+}
+
+impl<'a> Slots<'a> {
+    pub(super) fn new(shape: &Shape, frame: &'a Frame, tiles: u32) -> Self {
+        let moments = frame.pairs.moments.as_ref().expect("a renderer for training");
+        Self {
+            view: &frame.view,
+            pairs: &frame.pairs.count.value,
+            limit: frame.pairs.count.limit(),
+            tile_counts: &frame.tile_counts,
+            first_slots: &frame.first_slots,
+            owners: &frame.pairs.owners,
+            starts: &frame.starts,
+            sorted: &bin::sorted(frame, tiles).values,
+            geometry: &frame.geometry,
+            shape: &frame.shape,
+            moments_a: moments.a.cast(),
+            moments_b: moments.b.cast(),
+            moments_c: moments.c.cast(),
+            gradient_rows: &frame.gradient_rows,
+            tiles,
+            tile: shape.tile,
+            stop: shape.settings.stop,
+        }
+    }
+}
