@@ -127,7 +127,7 @@ pub enum Factor {
     Cholesky(Vec<f64>),
     /// Lower Cholesky factor, m x m, float32.
     CholeskyF32(Vec<f32>),
-    /// [`Metric::canonical`], for a metric that is not positive definite.
+    /// Columns of the canonical basis, m x p, for a metric that is not positive definite.
     Canonical(Vec<f64>),
 }
 
