@@ -1,5 +1,7 @@
 //! A batch of blocks to ranks and gains, in parallel over blocks: what runs while the device assembles the next batch.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::normalise::within_block;
@@ -32,6 +34,21 @@ pub struct Block<'a> {
     pub opacity: &'a [f32],
     /// S_ii of its members, m (see [`self_overlap`]), for the raw overlap; else none.
     pub self_overlaps: Option<&'a [f64]>,
+}
+
+/// What the blocks' members are looked up in, n each.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene<'a> {
+    /// Rows of H.
+    pub rows: &'a [[f32; CHANNELS]],
+    /// Opacities or their logits.
+    pub opacity: &'a [f32],
+    /// S_ii (see [`self_overlap`]) for the raw overlap; else none.
+    pub self_overlaps: Option<&'a [f64]>,
+}
+
+fn gather<T: Copy>(values: &[T], members: &[u32]) -> Vec<T> {
+    members.iter().map(|&i| values[i as usize]).collect()
 }
 
 /// S_ii = pi^(3/2) s1 s2 s3 of a Gaussian with these logarithms of scales.
@@ -100,6 +117,36 @@ impl Solver {
     /// Solves each block on its own, in parallel; the result does not depend on the number of threads.
     pub fn solve(&self, batch: &[Block<'_>]) -> Vec<Solved> {
         batch.par_iter().with_max_len(1).map(|block| self.solve_one(block)).collect()
+    }
+
+    /// Solves blocks `range` of a scene; `overlaps` holds their N one after the other, m x m each.
+    ///
+    /// # Panics
+    /// If `overlaps` or the scene's arrays are shorter than the blocks need.
+    pub fn solve_range(
+        &self,
+        blocks: &Blocks,
+        range: Range<usize>,
+        overlaps: &[f32],
+        scene: &Scene<'_>,
+    ) -> Vec<Solved> {
+        let mut at = 0;
+        let mut parts = Vec::with_capacity(range.len());
+        for b in range {
+            let members = blocks.block(b);
+            parts.push((members, &overlaps[at..at + members.len() * members.len()]));
+            at += members.len() * members.len();
+        }
+        let solve = |&(members, overlap): &(&[u32], &[f32])| {
+            let own = scene.self_overlaps.map(|own| gather(own, members));
+            self.solve_one(&Block {
+                overlap,
+                rows: &gather(scene.rows, members),
+                opacity: &gather(scene.opacity, members),
+                self_overlaps: own.as_deref(),
+            })
+        };
+        parts.par_iter().with_max_len(1).map(solve).collect()
     }
 
     /// Solves one block.

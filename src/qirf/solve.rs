@@ -86,15 +86,15 @@ impl Metric {
     }
 
     /// An orthonormal basis for what the metric can tell apart: columns v_k / sqrt(d_k) of its eigenpairs (d_k, v_k),
-    /// those with d_k below epsilon dropped (canonical orthogonalisation); m x p, column-major.
+    /// those with d_k below `least` dropped (canonical orthogonalisation); m x p, column-major.
     ///
     /// `None` only where LAPACK does not converge.
-    fn canonical(&self) -> Option<Vec<f64>> {
+    fn canonical(&self, least: f64) -> Option<Vec<f64>> {
         let mut vectors = self.values.clone();
         let values = lapack::syevd(self.m, &mut vectors)?;
         let mut basis = Vec::with_capacity(vectors.len());
         for (column, &d) in vectors.chunks_exact(self.m).zip(&values) {
-            if d >= self.epsilon && d > 0.0 {
+            if d >= least && d > 0.0 {
                 let scale = d.sqrt().recip();
                 basis.extend(column.iter().map(|v| v * scale));
             }
@@ -127,7 +127,7 @@ pub enum Factor {
     Cholesky(Vec<f64>),
     /// Lower Cholesky factor, m x m, float32.
     CholeskyF32(Vec<f32>),
-    /// [`Metric::canonical`], for a metric that is not positive definite.
+    /// Columns of the canonical basis, m x p, for a metric that is not positive definite.
     Canonical(Vec<f64>),
 }
 
@@ -158,7 +158,7 @@ impl Factor {
 
     fn fallback(metric: &Metric) -> Self {
         // Without convergence nothing is known of the metric: the identity keeps the responses' own order.
-        metric.canonical().map_or(Self::Identity, Self::Canonical)
+        metric.canonical(metric.epsilon).map_or(Self::Identity, Self::Canonical)
     }
 
     /// Eigenvalues and participation for the rows W (m x 8) at energy share `tau`.
@@ -183,7 +183,8 @@ impl Factor {
 /// Norm of row i of (N + eps I)^(-1/2) W for each member, for each of the matrices in `w`: the Löwdin scores.
 pub fn lowdin(metric: &Metric, w: &[&[Row]]) -> Vec<Vec<f64>> {
     let m = metric.m;
-    let Some(basis) = (m > 0).then(|| metric.canonical()).flatten() else {
+    // Half of epsilon: rounding leaves the eigenvalues of duplicates on either side of it, and all of them count here.
+    let Some(basis) = (m > 0).then(|| metric.canonical(0.5 * metric.epsilon)).flatten() else {
         return w.iter().map(|w| w.iter().map(norm).collect()).collect();
     };
     // (N + eps I)^(-1/2) = sum of v v^T / sqrt(d) = sum of b b^T sqrt(d), where b = v / sqrt(d) and |b|^2 = 1/d.
@@ -238,6 +239,9 @@ fn cholesky<T: Real>(l: &[T], w: &[Row], tau: f64) -> Participation {
 fn canonical(basis: &[f64], w: &[Row], tau: f64) -> Participation {
     let m = w.len();
     let p = basis.len() / m;
+    if p == 0 {
+        return Participation { spectrum: [0.0; CHANNELS], r: 1, q: vec![0.0; m], canonical: true };
+    }
     let mut b = vec![0.0; p * CHANNELS];
     for (k, column) in basis.chunks_exact(m).enumerate() {
         for c in 0..CHANNELS {
@@ -245,8 +249,8 @@ fn canonical(basis: &[f64], w: &[Row], tau: f64) -> Participation {
         }
     }
     low_rank(&b, p, tau, true, |c| {
-        let mut back = vec![0.0; m * (c.len() / p.max(1))];
-        for (out, along) in back.chunks_exact_mut(m).zip(c.chunks_exact(p.max(1))) {
+        let mut back = vec![0.0; m * (c.len() / p)];
+        for (out, along) in back.chunks_exact_mut(m).zip(c.chunks_exact(p)) {
             for (column, a) in basis.chunks_exact(m).zip(along) {
                 out.iter_mut().zip(column).for_each(|(o, x)| *o += a * x);
             }

@@ -1,7 +1,7 @@
 //! The rungs agree; fallbacks; batches.
 
 use proptest::prelude::*;
-use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
+use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Scene, Solver};
 use qirf_vk::qirf::normalise::within_block;
 use qirf_vk::qirf::select::{css, rank};
 use qirf_vk::qirf::solve::{Factor, Metric, Rung, lowdin};
@@ -100,6 +100,16 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
 }
 
 #[test]
+fn a_metric_without_any_positive_eigenvalue_still_answers() {
+    let metric = Metric::new(2, &[-1.0, 0.0, 0.0, -2.0], None, 1e-4);
+    for rung in Rung::ALL {
+        let solved = Factor::new(&metric, rung).participation(&[[1.0; CHANNELS]; 2], 0.95);
+        assert_eq!((solved.q, solved.r, solved.canonical), (vec![0.0; 2], 1, true));
+    }
+    assert_eq!(lowdin(&metric, &[&[[1.0; CHANNELS]; 2]]), [[0.0; 2]]);
+}
+
+#[test]
 fn lowdin_is_the_metrics_inverse_root() {
     let (n, rows) = random_block(24, 0.5, 3);
     let metric = Metric::new(24, &n, None, 1e-4);
@@ -166,6 +176,10 @@ fn a_batch_gives_what_its_blocks_give_and_damage_is_counted() {
     let solved = solver.solve(&batch);
     let blocks = super::blocks(&sizes);
     let mut all = Collected::new(&blocks, 4);
+    let overlaps: Vec<f32> = made[1..4].iter().flat_map(|(n, _)| n.clone()).collect();
+    let rows: Vec<_> = made.iter().flat_map(|(_, rows)| rows.clone()).collect();
+    let scene = Scene { rows: &rows, opacity: &opacities.concat(), self_overlaps: None };
+    assert_eq!(solver.solve_range(&blocks, 1..4, &overlaps, &scene), solved[1..4]);
     for (b, (solved, block)) in solved.iter().zip(&batch).enumerate() {
         assert_eq!(*solved, solver.solve_one(block));
         for ranked in &solved.ranked {

@@ -9,6 +9,8 @@ use crate::qirf::batch::Ranked;
 
 /// Functions of which less than this is left are explained by those picked.
 const EXHAUSTED: f64 = 1e-4;
+/// Entries of C below this are zero: they move gains by far less than the rounding that ranks them.
+const NOTHING: f64 = 1e-7;
 
 /// Order of a block by greedy column subset of `overlap` (m x m) with weights `w` (m), after `picks` by what is left.
 ///
@@ -21,12 +23,11 @@ pub fn order(overlap: &[f32], w: &[f64], picks: usize) -> Ranked {
     let w2: Vec<f64> = w.iter().map(|w| w * w).collect();
     let mut g: Vec<f64> = (0..m).map(|i| row(i).iter().zip(&w2).map(|(n, w)| w * n * n).sum()).collect();
     let mut left: Vec<f64> = (0..m).map(|i| row(i)[i]).collect();
-    let mut columns: Vec<f64> = Vec::new();
+    let mut columns: Vec<Column> = Vec::new();
     let mut picked: Vec<(u32, f64)> = Vec::with_capacity(m);
     let mut open = vec![true; m];
     let mut last = f64::INFINITY;
 
-    let (mut t, mut rt) = (vec![0.0; m], vec![0.0; m]);
     while picked.len() < picks.min(m) {
         let mut best: Option<(usize, f64)> = None;
         for i in (0..m).filter(|&i| open[i] && left[i] > EXHAUSTED) {
@@ -40,28 +41,16 @@ pub fn order(overlap: &[f32], w: &[f64], picks: usize) -> Ranked {
         last = last.min(g[i] / left[i]);
         picked.push((i as u32, last));
 
-        let mut c = row(i).to_vec();
-        for column in columns.chunks_exact(m) {
-            axpy(-column[i], column, &mut c);
+        let c = Column::new(row(i), &columns, i, left[i].sqrt().recip());
+        let t: Vec<f64> = c.support.iter().map(|&j| w2[j as usize] * c.dense[j as usize]).collect();
+        let rt = c.deflated(&n, &columns, &t);
+        let tc: f64 = c.support.iter().zip(&t).map(|(&j, t)| t * c.dense[j as usize]).sum();
+        for (&j, rt) in c.support.iter().zip(rt) {
+            let (j, c) = (j as usize, c.dense[j as usize]);
+            g[j] = (g[j] - c * (2.0 * rt - c * tc)).max(0.0);
+            left[j] -= c * c;
         }
-        let scale = left[i].sqrt().recip();
-        for x in &mut c {
-            *x *= scale;
-        }
-        t.iter_mut().zip(&c).zip(&w2).for_each(|((t, c), w)| *t = w * c);
-        rt.fill(0.0);
-        for (j, &t) in t.iter().enumerate().filter(|(_, t)| **t != 0.0) {
-            axpy(t, row(j), &mut rt);
-        }
-        for column in columns.chunks_exact(m) {
-            axpy(-dot(column, &t), column, &mut rt);
-        }
-        let tc = dot(&t, &c);
-        for j in 0..m {
-            g[j] = (g[j] - c[j] * (2.0 * rt[j] - c[j] * tc)).max(0.0);
-            left[j] -= c[j] * c[j];
-        }
-        columns.extend(c);
+        columns.push(c);
     }
     finish(picked, &g, &left, w, &open, last)
 }
@@ -88,17 +77,43 @@ fn finish(picked: Vec<(u32, f64)>, g: &[f64], left: &[f64], w: &[f64], open: &[b
     ranked
 }
 
-fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
-    y.iter_mut().zip(x).for_each(|(y, x)| *y += a * x);
+/// A column of C: what a picked function explains of each. Most overlaps are nothing, so its support is known.
+struct Column {
+    dense: Vec<f64>,
+    support: Vec<u32>,
 }
 
-fn dot(x: &[f64], y: &[f64]) -> f64 {
-    // Four sums, so that the additions need not wait for one another.
-    let (xs, ys) = (x.chunks_exact(4), y.chunks_exact(4));
-    let tail: f64 = xs.remainder().iter().zip(ys.remainder()).map(|(x, y)| x * y).sum();
-    let mut sums = [0.0; 4];
-    for (x, y) in xs.zip(ys) {
-        (0..4).for_each(|k| sums[k] += x[k] * y[k]);
+impl Column {
+    /// R_i scaled, from row i of N and the columns so far.
+    fn new(row: &[f64], columns: &[Self], i: usize, scale: f64) -> Self {
+        let mut dense = row.to_vec();
+        for column in columns.iter().filter(|column| column.dense[i] != 0.0) {
+            let a = column.dense[i];
+            column.support.iter().for_each(|&j| dense[j as usize] -= a * column.dense[j as usize]);
+        }
+        let mut support = Vec::new();
+        for (j, x) in dense.iter_mut().enumerate() {
+            *x *= scale;
+            if x.abs() < NOTHING {
+                *x = 0.0;
+            } else {
+                support.push(j as u32);
+            }
+        }
+        Self { dense, support }
     }
-    sums.iter().sum::<f64>() + tail
+
+    /// R t on this column's support, where alone t is not zero.
+    fn deflated(&self, n: &[f64], columns: &[Self], t: &[f64]) -> Vec<f64> {
+        let m = self.dense.len();
+        let along = |values: &[f64]| self.support.iter().zip(t).map(|(&j, t)| t * values[j as usize]).sum::<f64>();
+        let mut rt: Vec<f64> = self.support.iter().map(|&i| along(&n[i as usize * m..][..m])).collect();
+        for column in columns {
+            let a = along(&column.dense);
+            if a != 0.0 {
+                rt.iter_mut().zip(&self.support).for_each(|(rt, &i)| *rt -= a * column.dense[i as usize]);
+            }
+        }
+        rt
+    }
 }
