@@ -70,6 +70,7 @@ criterion_group!(
     culling::culling,
     iteration::iteration,
     overlap::overlap,
+    overlap::low_rank,
     overlap::responses
 );
 criterion_main!(benches);

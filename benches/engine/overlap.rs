@@ -1,10 +1,11 @@
-//! `overlap` and `rrdm`: a batch's matrices, in pairs a second; `responses`: what gathering them adds to an iteration.
+//! `overlap` and `rrdm`: a batch's matrices, in pairs a second; `low rank`: the device's solver; `responses`: what gathering them adds to an iteration.
 
 use super::{device, group, scenes, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gaussians::resident::Resident;
-use qirf_vk::gpu::Recording;
+use qirf_vk::gpu::{Error, Recording};
 use qirf_vk::qirf::assemble::{Assembly, Options, triangle};
+use qirf_vk::qirf::low_rank::Problem;
 use qirf_vk::qirf::overlap::{Method, Metric};
 use qirf_vk::qirf::response::{Gather, HighPass, Responses};
 use qirf_vk::qirf::rrdm::Density;
@@ -45,6 +46,30 @@ pub fn overlap(criterion: &mut Criterion) {
         }
         group.finish();
     }
+}
+
+/// The eigenproblems of 3,072 Gaussians, in blocks a second.
+pub fn low_rank(criterion: &mut Criterion) {
+    const FEW: usize = 3072;
+    let resident = Resident::upload(device(), &scenes::crowd(FEW, 0, 1.0, 5)).unwrap();
+    let members: Vec<u32> = (0..FEW as u32).collect();
+    let mut group = group(criterion, "low rank");
+    for m in [48_usize, 128, 512] {
+        let starts: Vec<u32> = (0..=FEW as u32).step_by(m).collect();
+        let options = Options { density: Some(Density::default()), ..Options::default() };
+        let assembly = Assembly::new(device(), &resident, &members, &starts, &vec![[1.0; 8]; FEW], options).unwrap();
+        let run = || {
+            let start = Instant::now();
+            let timings = assembly.solve_each::<Error>(Problem::default(), |_, _| Ok(())).unwrap();
+            time_of(&timings, "low rank", start)
+        };
+        run();
+        group.throughput(Throughput::Elements((FEW / m) as u64));
+        group.bench_function(BenchmarkId::from_parameter(m), |b| {
+            b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
+        });
+    }
+    group.finish();
 }
 
 /// Device time of one view's passes, 20 k Gaussians at 320 x 240: forward, backward, responses, high pass and scores.

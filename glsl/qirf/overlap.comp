@@ -4,7 +4,7 @@
 // In the frame of the flatter Gaussian, A, the 6x3 matrix [diag(s_A); diag(s_B) R_B^T R_A] has the triangle R of its QR
 // factorisation with R^T R = S_A + S_B: its diagonal gives the determinant, R^T z = R_A^T (p_A - p_B) the exponent. The
 // diagonal block on top makes each Householder vector four long, and bounds |R_kk| >= s_A,k: nothing cancels, nothing is
-// negative under a root, however thin the discs. docs/method.md says what the shorter ways cost.
+// negative under a root, however thin the discs.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -66,9 +66,8 @@ float by_qr(Axes x, Axes y) {
     return root / (n0 * n1 * n2) * exp(-0.5 * (z0 * z0 + z1 * z1 + z2 * z2));
 }
 
-// Covariance in world units: xx, xy, xz; yy, yz, zz.
-void add_covariance(Axes a, inout vec3 row_x, inout vec3 rest) {
-    vec3 s = a.scale * power_of_two(a.exponent);
+// Covariance of axes of scale s: xx, xy, xz; yy, yz, zz.
+void add_covariance(Axes a, vec3 s, inout vec3 row_x, inout vec3 rest) {
     [[unroll]] for (uint k = 0; k < 3; k++) {
         vec3 m = a.rotation[k] * s[k];
         row_x += m.x * m;
@@ -78,10 +77,14 @@ void add_covariance(Axes a, inout vec3 row_x, inout vec3 rest) {
 
 float by_sum(Axes x, Axes y) {
     vec3 row = vec3(0), rest = vec3(0);
-    add_covariance(x, row, rest);
-    add_covariance(y, row, rest);
-    vec3 d = x.mean - y.mean;
-    float root = sqrt(8 * product(x.scale * power_of_two(x.exponent)) * product(y.scale * power_of_two(y.exponent)));
+    // The determinant is taken as it is usually written: in world units.
+    int exponent = METHOD == 1 ? max(x.exponent, y.exponent) : 0;
+    vec3 sx = x.scale * power_of_two(max(x.exponent - exponent, LEAST_EXPONENT));
+    vec3 sy = y.scale * power_of_two(max(y.exponent - exponent, LEAST_EXPONENT));
+    add_covariance(x, sx, row, rest);
+    add_covariance(y, sy, row, rest);
+    vec3 d = (x.mean - y.mean) * power_of_two(-exponent);
+    float root = sqrt(8 * product(sx)) * sqrt(product(sy));
     if (METHOD == 1) {
         float l00 = sqrt(row.x), l10 = row.y / l00, l20 = row.z / l00;
         float p11 = rest.x - l10 * l10;
