@@ -11,7 +11,7 @@ use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{AdamState, Form, Rates, Renderer, Settings, Update};
 use qirf_vk::scene::camera::Camera;
-use synthetic::{Random, random_scene, small_camera};
+use synthetic::{Random, narrowed, random_scene, small_camera};
 
 /// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, as the device computes them.
 fn gradients(
@@ -158,14 +158,7 @@ fn the_twins_gradients() {
     let camera = small_camera(45, 37);
     for seed in [2, 3, 4] {
         for antialias in [false, true] {
-            let wide = random_scene(&camera, seed);
-            let model = Gaussians {
-                means: wide.means.iter().map(|m| m.map(|v| v as f32)).collect(),
-                log_scales: wide.log_scales.iter().map(|m| m.map(|v| v as f32)).collect(),
-                rotations: wide.rotations.iter().map(|m| m.map(|v| v as f32)).collect(),
-                opacity_logits: wide.opacity_logits.iter().map(|v| *v as f32).collect(),
-                sh: wide.sh.iter().map(|b| b.iter().map(|v| *v as f32).collect()).collect(),
-            };
+            let model = narrowed(&random_scene(&camera, seed));
             let mut r = Random(seed);
             let weights: Vec<[f32; 4]> = (0..45 * 37).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
             let settings = Settings { background: [0.3, 0.6, 0.1], antialias, ..Settings::default() };

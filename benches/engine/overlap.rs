@@ -10,7 +10,7 @@ use qirf_vk::qirf::overlap::{Method, Metric};
 use qirf_vk::qirf::response::{Gather, HighPass, Responses};
 use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::qirf::score::Scores;
-use qirf_vk::render::{AdamState, BACKWARD_STAGES, Form, Rates, Renderer, STAGES, Settings, Update};
+use qirf_vk::render::{BACKWARD_STAGES, Renderer, STAGES, Scoring, Settings};
 use std::time::{Duration, Instant};
 
 const GAUSSIANS: usize = 24_576;
@@ -84,16 +84,8 @@ pub fn responses(criterion: &mut Criterion) {
     let (responses, scores) =
         (Responses::zeros(device, model.len()).unwrap(), Scores::zeros(device, model.len()).unwrap());
     let high_pass = HighPass::new(device, 320 * 240).unwrap();
-    let (state, growth) = (AdamState::none(device).unwrap(), device.buffer("growth", 1).unwrap());
-    let guards = device.upload("guards", &[0, 0]).unwrap();
-    let update = Update {
-        state: &state,
-        growth: &growth,
-        statistics: false,
-        guards: &guards,
-        rates: Rates::default(),
-        form: Form::Rows,
-    };
+    let scoring = Scoring::new(device).unwrap();
+    let update = scoring.update();
     let run = || {
         let mut recording = Recording::new();
         renderer.forget_pairs(&mut recording);

@@ -20,7 +20,7 @@ use crate::kernels::qirf::{
     RespondSpec,
 };
 use crate::primitives::WORKGROUP;
-use crate::render::{AdamState, Form, Rates, Renderer, Update};
+use crate::render::{Renderer, Scoring};
 use crate::scene::camera::Camera;
 
 /// What an iteration's average keeps of the one before.
@@ -204,16 +204,8 @@ pub fn full_pass<E: From<Error>>(
     mut loss: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>) -> std::result::Result<(), E>,
 ) -> std::result::Result<Responses, E> {
     let responses = Responses::zeros(device, model.len)?;
-    let (state, growth) = (AdamState::none(device)?, device.buffer("no growth", 1)?);
-    let guards = device.upload("guards", &[0, 0])?;
-    let update = Update {
-        state: &state,
-        growth: &growth,
-        statistics: false,
-        guards: &guards,
-        rates: Rates::default(),
-        form: Form::Rows,
-    };
+    let scoring = Scoring::new(device)?;
+    let update = scoring.update();
     let gather = Gather::Mean { views: cameras.len() as u32 };
     for (v, camera) in cameras.iter().enumerate() {
         renderer.make_room(model, camera)?;

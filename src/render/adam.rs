@@ -29,16 +29,6 @@ impl AdamState {
         2 * of(3 * n) + of(4 * n) + of(n) + (0..=MAX_SH_DEGREE).map(band).sum::<u64>()
     }
 
-    /// No moments at all, for passes of [`Form::Rows`].
-    ///
-    /// # Errors
-    /// Device memory.
-    pub fn none(device: &Device) -> Result<Self> {
-        let empty = || device.buffer("no moments", 1);
-        let sh = [empty()?, empty()?, empty()?, empty()?];
-        Ok(Self { means: empty()?, log_scales: empty()?, rotations: empty()?, opacity_logits: empty()?, sh })
-    }
-
     /// Moments of zero for a model.
     ///
     /// # Errors
@@ -114,6 +104,40 @@ pub struct Update<'a> {
     pub rates: Rates,
     /// What becomes of the gradients.
     pub form: Form,
+}
+
+/// What a scoring pass hands over in place of an optimiser: no moments, no density sums, and guards of its own.
+pub struct Scoring {
+    state: AdamState,
+    growth: Buffer<[f32; 2]>,
+    /// As [`Update::guards`].
+    pub guards: Buffer<u32>,
+}
+
+impl Scoring {
+    /// Arrays that no kernel of such a pass touches, and guards of zero.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn new(device: &Device) -> Result<Self> {
+        let empty = || device.buffer("no moments", 1);
+        let sh = [empty()?, empty()?, empty()?, empty()?];
+        let state =
+            AdamState { means: empty()?, log_scales: empty()?, rotations: empty()?, opacity_logits: empty()?, sh };
+        Ok(Self { state, growth: device.buffer("no growth", 1)?, guards: device.upload("guards", &[0, 0])? })
+    }
+
+    /// Leaves the gradients in the renderer's rows: see [`Form::Rows`].
+    pub fn update(&self) -> Update<'_> {
+        Update {
+            state: &self.state,
+            growth: &self.growth,
+            statistics: false,
+            guards: &self.guards,
+            rates: Rates::default(),
+            form: Form::Rows,
+        }
+    }
 }
 
 /// Marks an attribute whose gradient stands in the row itself.

@@ -11,7 +11,7 @@ mod renderer;
 mod settings;
 mod slots;
 
-pub use adam::{AdamState, Form, Rates, Update};
+pub use adam::{AdamState, Form, Rates, Scoring, Update};
 pub use renderer::{BACKWARD_STAGES, Image, Renderer, STAGES};
 pub use settings::{Culling, Settings, view};
 pub use slots::Slots;

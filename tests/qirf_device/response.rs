@@ -1,27 +1,16 @@
 //! Responses on the device, against the float64 twin.
 
 use crate::common::{device, finish};
-use crate::synthetic::{Random, random_scene, small_camera};
+use crate::synthetic::{Random, narrowed, random_scene, small_camera};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Error, Recording};
 use qirf_vk::qirf::response::{Gather, HighPass, KEEP, Responses, full_pass, record_residual};
 use qirf_vk::qirf::score::Scores;
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{AdamState, Form, Rates, Renderer, Settings, Update};
+use qirf_vk::render::{Renderer, Scoring, Settings};
 use qirf_vk::scene::camera::Camera;
 
 const SIZE: [u32; 2] = [45, 37];
-
-fn scene(camera: &Camera, seed: u64) -> Gaussians {
-    let wide = random_scene(camera, seed);
-    Gaussians {
-        means: wide.means.iter().map(|m| m.map(|v| v as f32)).collect(),
-        log_scales: wide.log_scales.iter().map(|m| m.map(|v| v as f32)).collect(),
-        rotations: wide.rotations.iter().map(|m| m.map(|v| v as f32)).collect(),
-        opacity_logits: wide.opacity_logits.iter().map(|v| *v as f32).collect(),
-        sh: wide.sh.iter().map(|b| b.iter().map(|v| *v as f32).collect()).collect(),
-    }
-}
 
 /// A second camera: moved, so that the two views differ in what they show.
 fn cameras() -> [Camera; 2] {
@@ -86,7 +75,7 @@ fn twin(model: &Gaussians, v: usize) -> reference::response::Responded {
 fn full_pass_is_the_twins_mean() {
     let device = device();
     for seed in [2, 5] {
-        let model = scene(&cameras()[0], seed);
+        let model = narrowed(&random_scene(&cameras()[0], seed));
         let (values, scores) = pass(&device, &model, 8);
         let [first, second] = [0, 1].map(|v| twin(&model, v));
         let mean: Vec<[f64; 8]> = first
@@ -116,7 +105,7 @@ fn full_pass_is_the_twins_mean() {
 fn averages_decay_as_if_every_iteration_were_counted() {
     let device = device();
     let cameras = cameras();
-    let mut model = scene(&cameras[0], 4);
+    let mut model = narrowed(&random_scene(&cameras[0], 4));
     // One that the second camera does not see, so that its average has to decay by itself.
     model.means[0] = (cameras[0].centre() + 0.5 * (glam::Vec3::from(model.means[0]).as_dvec3() - cameras[0].centre()))
         .as_vec3()
@@ -127,16 +116,8 @@ fn averages_decay_as_if_every_iteration_were_counted() {
     let gradients: Vec<Buffer<[f32; 4]>> =
         (0..2).map(|v| device.upload("image gradient", &image_weights(v)).unwrap()).collect();
     let responses = Responses::zeros(&device, model.len()).unwrap();
-    let (state, growth) = (AdamState::none(&device).unwrap(), device.buffer("growth", 1).unwrap());
-    let guards = device.upload("guards", &[0_u32, 0]).unwrap();
-    let update = Update {
-        state: &state,
-        growth: &growth,
-        statistics: false,
-        guards: &guards,
-        rates: Rates::default(),
-        form: Form::Rows,
-    };
+    let scoring = Scoring::new(&device).unwrap();
+    let update = scoring.update();
     let views = [0_usize, 1, 1, 0, 1];
     let channels = [twin(&model, 0).channels, twin(&model, 1).channels];
     assert!(
@@ -157,7 +138,7 @@ fn averages_decay_as_if_every_iteration_were_counted() {
             e.iter_mut().zip(x).for_each(|(e, x)| *e = KEEP * *e + (1.0 - KEEP) * x);
         }
     }
-    assert_eq!(guards.read(&device).unwrap(), [0, 5]);
+    assert_eq!(scoring.guards.read(&device).unwrap(), [0, 5]);
     let got = responses.read(&device, Gather::Average { iteration: 13_005 }).unwrap();
     compare("average", &got, &expected, 3e-4);
     finish(&device);
@@ -167,7 +148,7 @@ fn averages_decay_as_if_every_iteration_were_counted() {
 fn a_view_whose_pairs_do_not_fit_leaves_nothing() {
     let device = device();
     let camera = &cameras()[0];
-    let model = scene(camera, 4);
+    let model = narrowed(&random_scene(camera, 4));
     let resident = Resident::upload(&device, &model).unwrap();
     let renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, 4).unwrap();
     let responses = Responses::zeros(&device, model.len()).unwrap();

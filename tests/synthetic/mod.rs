@@ -3,7 +3,7 @@
 #![allow(dead_code)] // each test binary uses its own part
 
 use glam::{DVec2, DVec3};
-use qirf_vk::{reference::Params, scene::camera::Camera};
+use qirf_vk::{gaussians::Gaussians, reference::Params, scene::camera::Camera};
 
 /// SplitMix64: uniform in [0, 1).
 pub struct Random(pub u64);
@@ -95,5 +95,16 @@ pub fn one(camera: &Camera, position: DVec3) -> Params {
         rotations: vec![[0.9, 0.1, -0.3, 0.2]],
         opacity_logits: vec![1.0],
         sh: (0..4).map(|l| vec![0.2; (2 * l + 1) * 3]).collect(),
+    }
+}
+
+/// A scene's parameters as a model stores them.
+pub fn narrowed(wide: &Params) -> Gaussians {
+    Gaussians {
+        means: wide.means.iter().map(|m| m.map(|v| v as f32)).collect(),
+        log_scales: wide.log_scales.iter().map(|m| m.map(|v| v as f32)).collect(),
+        rotations: wide.rotations.iter().map(|m| m.map(|v| v as f32)).collect(),
+        opacity_logits: wide.opacity_logits.iter().map(|v| *v as f32).collect(),
+        sh: wide.sh.iter().map(|b| b.iter().map(|v| *v as f32).collect()).collect(),
     }
 }

@@ -1,7 +1,7 @@
 //! Adam on the device against the float64 twin, and rows whose gradient is not finite.
 
 use super::common::{device, finish};
-use super::synthetic::{Random, random_scene, small_camera};
+use super::synthetic::{Random, narrowed, random_scene, small_camera};
 use glam::DVec3;
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Recording};
@@ -9,16 +9,6 @@ use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{AdamState, Form, Rates, Renderer, Settings, Update};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::schedule::Schedule;
-
-fn narrowed(wide: &Params) -> Gaussians {
-    Gaussians {
-        means: wide.means.iter().map(|m| m.map(|v| v as f32)).collect(),
-        log_scales: wide.log_scales.iter().map(|m| m.map(|v| v as f32)).collect(),
-        rotations: wide.rotations.iter().map(|m| m.map(|v| v as f32)).collect(),
-        opacity_logits: wide.opacity_logits.iter().map(|v| *v as f32).collect(),
-        sh: wide.sh.iter().map(|b| b.iter().map(|v| *v as f32).collect()).collect(),
-    }
-}
 
 /// A model under training by a fixed gradient of the picture.
 struct Bench {
