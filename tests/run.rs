@@ -19,7 +19,7 @@ fn scene(folder: &Path) -> PathBuf {
 fn command(scene: &Path, out: &Path, more: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
     command.arg("run").arg(scene).arg("-o").arg(out);
-    command.args(["--no-prune", "--iterations", "240", "--checkpoint-every", "20"]).args(more);
+    command.args(["--iterations", "240", "--checkpoint-every", "20"]).args(more);
     command
 }
 
@@ -53,7 +53,7 @@ fn a_run_leaves_what_reproduces_it() {
 
     // Its own config.toml gives the same bytes.
     let mut again = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    works(again.args(["run", "--no-prune", "--config"]).arg(first.join("config.toml")).arg("-o").arg(&second));
+    works(again.args(["run", "--config"]).arg(first.join("config.toml")).arg("-o").arg(&second));
     assert_eq!(model(&first), model(&second), "the same run gives the same bytes");
 }
 
@@ -95,8 +95,6 @@ fn other_options_and_damaged_checkpoints_are_refused() {
     assert!(said.contains("checkpoint.safetensors") && said.contains("delete"), "{said}");
     assert!(!out.join("model.ply").exists());
 
-    let output = Command::new(env!("CARGO_BIN_EXE_qirf-vk")).args(["run", "nowhere", "-o"]).arg(&out).output().unwrap();
-    assert_eq!(output.status.code(), Some(2), "without --no-prune");
     let output = command(&folder.path().join("nowhere"), &out, &[]).output().unwrap();
     assert_eq!(output.status.code(), Some(3));
 }
@@ -222,6 +220,7 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
         max_gaussians: 5000,
         checkpoint_every: 0,
         schedule: Preset::Quick.schedule(Some(60)),
+        prune: Some(Preset::Quick.pruning()),
     };
     let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
     let mut results = Vec::new();

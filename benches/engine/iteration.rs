@@ -52,6 +52,7 @@ pub fn iteration(criterion: &mut Criterion) {
         most: GAUSSIANS,
         transparent: false,
         weights: Weights::default(),
+        averaged: 0..0,
         pairs: 1 << 20,
     };
     let mut trainer = Trainer::new(device(), &model, vec![view], 1.0, options).unwrap();

@@ -1,5 +1,6 @@
 //! Floor 8: the command line. One file a command; each holds its arguments and what it does with them.
 
+mod choices;
 mod completions;
 mod console;
 mod convert;

@@ -1,11 +1,13 @@
 //! `qirf-vk run SCENE`.
 
 use super::Global;
+use super::choices::Choices;
 use super::console::Console;
 use super::show::Show;
 use super::values;
 use crate::error::Error;
 use crate::metrics::Networks;
+use crate::pipeline::compression::Pruning;
 use crate::pipeline::results::Results;
 use crate::pipeline::{Init, Output, Preset, RunConfig};
 use crate::pipeline::{budget, run};
@@ -29,9 +31,14 @@ pub(super) struct Arguments {
     /// Folder for the results; made where it is absent
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Do not compress the model after training; compression is not built yet, so this must be given
+    /// Train a dense model only
     #[arg(long)]
     no_prune: bool,
+    /// Prune once, or in steps
+    #[arg(long, value_name = "one-shot|gradual", default_value = "one-shot", help_heading = "Compression")]
+    schedule: Steps,
+    #[command(flatten)]
+    choices: Choices,
     /// Go on from the folder's checkpoint, if there is one
     #[arg(long)]
     resume: bool,
@@ -89,6 +96,15 @@ pub(super) struct Arguments {
     json: bool,
 }
 
+/// How often to prune.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Steps {
+    /// Once, at half the run
+    OneShot,
+    /// Four times, from 13/30 to 20/30 of the run
+    Gradual,
+}
+
 fn init(text: &str) -> Init {
     match text {
         "points" => Init::Points,
@@ -99,9 +115,6 @@ fn init(text: &str) -> Init {
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
-        if !self.no_prune {
-            return Err(Error::Usage("compression is not built yet: give --no-prune to train a dense model".into()));
-        }
         if self.output.exists() && !self.output.is_dir() {
             return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
         }
@@ -136,7 +149,17 @@ impl Arguments {
             max_gaussians: self.max_gaussians,
             checkpoint_every: self.checkpoint_every,
             schedule: self.preset.schedule(self.iterations),
+            prune: (!self.no_prune).then(|| self.pruning()),
         })
+    }
+
+    fn pruning(&self) -> Pruning {
+        let mut pruning = self.preset.pruning();
+        if self.schedule == Steps::Gradual {
+            pruning.at = Pruning::GRADUAL.to_vec();
+        }
+        pruning.compression = self.choices.over(pruning.compression);
+        pruning
     }
 
     fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {

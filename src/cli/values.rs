@@ -2,8 +2,10 @@
 
 use crate::error::Error;
 use crate::pipeline::RunConfig;
+use crate::qirf::partition::Partition;
 use crate::scene::Resize;
 use glam::DVec3;
+use serde::de::{DeserializeOwned, IntoDeserializer};
 use std::path::Path;
 
 /// Largest side of a picture in pixels.
@@ -42,6 +44,42 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
 pub(super) fn run_config(path: &Path) -> Result<RunConfig, Error> {
     let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
     toml::from_str(&text).map_err(|e| Error::Usage(format!("{}: {e}", path.display())))
+}
+
+/// A share above 0, up to 1.
+pub(super) fn share(text: &str) -> Result<f64, String> {
+    let share = text.parse::<f64>().ok().filter(|v| *v > 0.0 && *v <= 1.0);
+    share.ok_or_else(|| "write a share above 0 and up to 1, such as 0.28".to_owned())
+}
+
+/// A share from 0 to 1.
+pub(super) fn share_or_none(text: &str) -> Result<f64, String> {
+    let share = text.parse::<f64>().ok().filter(|v| (0.0..=1.0).contains(v));
+    share.ok_or_else(|| "write a share from 0 to 1, such as 0.05".to_owned())
+}
+
+/// A finite number of 0 or more.
+pub(super) fn not_negative(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
+    number.ok_or_else(|| "write a number of 0 or more".to_owned())
+}
+
+/// One of a type's names, as its configuration file writes them.
+pub(super) fn named<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+    T::deserialize(IntoDeserializer::<serde::de::value::Error>::into_deserializer(text)).map_err(|e| e.to_string())
+}
+
+/// `adaptive`, `paper`, or an edge of voxels in world units.
+pub(super) fn partition(text: &str) -> Result<Partition, String> {
+    let edge = || text.parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
+    match (text, Partition::PAPER) {
+        ("adaptive", _) => Ok(Partition::ADAPTIVE),
+        ("paper", paper) => Ok(paper),
+        (_, Partition::Paper { cap, .. }) if edge().is_some() => {
+            Ok(Partition::Paper { voxel: edge().unwrap_or_default(), cap })
+        }
+        _ => Err("write adaptive, paper, or an edge in world units, such as 0.03".to_owned()),
+    }
 }
 
 /// `R,G,B`, each 0 to 1, or a name.

@@ -20,6 +20,11 @@ impl Timings {
         self.scopes.get(name).map_or(0.0, |s| s.0)
     }
 
+    /// Seconds of all scopes together.
+    pub fn total(&self) -> f64 {
+        self.scopes.values().map(|s| s.0).sum()
+    }
+
     /// (name, seconds, visits) by name.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, f64, u64)> + '_ {
         self.scopes.iter().map(|(name, (seconds, visits))| (*name, *seconds, *visits))

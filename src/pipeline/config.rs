@@ -1,5 +1,6 @@
 //! All that a run depends on: what `config.toml` holds, and what reproduces the run.
 
+use super::compression::Pruning;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -18,6 +19,14 @@ pub enum Preset {
 }
 
 impl Preset {
+    /// How the preset prunes.
+    pub fn pruning(self) -> Pruning {
+        match self {
+            Self::Paper => Pruning::paper(),
+            Self::Standard | Self::Quick => Pruning::default(),
+        }
+    }
+
     /// The preset's schedule, its milestones scaled to another length where one is asked for.
     pub fn schedule(self, iterations: Option<u32>) -> Schedule {
         let mut schedule = Schedule::default();
@@ -77,6 +86,9 @@ pub struct RunConfig {
     pub checkpoint_every: u32,
     /// Course of the optimisation.
     pub schedule: Schedule,
+    /// When and how it prunes; never where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prune: Option<Pruning>,
 }
 
 /// Which pictures of which scene.

@@ -84,11 +84,13 @@ pub fn eval(
         views: held_out.views,
         frames_per_second,
         model_bytes: bytes(file),
+        prunes: Vec::new(),
         curve: Vec::new(),
         time: Times {
             total_s: begun.elapsed().as_secs_f64(),
             load_s,
             train_s: 0.0,
+            prune_s: 0.0,
             evaluate_s: evaluating.elapsed().as_secs_f64(),
             stages_s: BTreeMap::new(),
         },

@@ -1,6 +1,7 @@
 //! Floor 7: whole jobs as readable lists of stages.
 
 pub mod budget;
+pub mod compression;
 pub mod config;
 pub mod eval;
 pub mod evaluate;

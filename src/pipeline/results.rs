@@ -6,6 +6,10 @@ use super::prepare::Prepared;
 use crate::error::Error;
 use crate::gpu::{DeviceInfo, Timings};
 use crate::metrics::{Networks, Scores};
+use crate::qirf::CHANNELS;
+use crate::qirf::select::Selector;
+use crate::qirf::select::budget::Choice;
+use crate::qirf::study::{Merging, Study};
 use crate::scene::Skipped;
 use crate::scene::camera::Camera;
 use serde::{Deserialize, Serialize};
@@ -35,6 +39,8 @@ pub struct Results {
     /// Bytes of `model.ply`, or of the file that was evaluated.
     #[serde(rename = "ply_bytes")]
     pub model_bytes: u64,
+    /// Each prune, in order; empty where nothing was pruned.
+    pub prunes: Vec<Pruned>,
     /// Quality against time, evaluation excluded.
     pub curve: Vec<CurvePoint>,
     /// Seconds.
@@ -104,7 +110,7 @@ impl Protocol {
 pub struct Counts {
     /// At the start; null where nothing was trained.
     pub initial: Option<usize>,
-    /// When training ended, before any pruning; null where nothing was trained.
+    /// Before the first prune, or when training ended where there was none; null where nothing was trained.
     pub dense: Option<usize>,
     /// In `model.ply`, or in the model that was evaluated.
     #[serde(rename = "final")]
@@ -141,6 +147,115 @@ pub struct CurvePoint {
     pub gaussians: usize,
 }
 
+/// One prune: what was there, what was kept, and what the blocks told.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pruned {
+    /// After this iteration.
+    pub iteration: u32,
+    /// What Gaussians were ranked by.
+    pub selector: Selector,
+    /// Gaussians before.
+    pub before: usize,
+    /// Gaussians kept.
+    pub after: usize,
+    /// Of these, by the detail safeguard.
+    pub detail: usize,
+    /// Number of blocks.
+    pub blocks: usize,
+    /// Edge of the finest voxels in world units.
+    pub voxel: f64,
+    /// Blocks of 1, 2 to 3, 4 to 7, ... members.
+    pub occupancy: Vec<usize>,
+    /// Blocks of which less than 1/10, 2/10, ... or up to all was kept.
+    pub kept_shares: [usize; 10],
+    /// Mean over blocks of the eight largest eigenvalues, each block's as shares of their sum; zeros where none was solved.
+    pub spectrum: [f64; CHANNELS],
+    /// Blocks by how many eigenvalues reach the threshold, 1 to 8; zeros where none was solved.
+    pub modes: [usize; CHANNELS],
+    /// What was repaired.
+    pub guards: PruneGuards,
+    /// Blocks in which the kept now stand for the dropped; null where merging was not asked for.
+    pub merged: Option<Merging>,
+    /// Pictures a second just before the prune; null where that was not measured.
+    pub frames_per_second_before: Option<f64>,
+    /// Seconds.
+    pub seconds: PruneSeconds,
+}
+
+/// What a prune had to repair.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PruneGuards {
+    /// Blocks whose metric was not positive definite: solved in its canonical form.
+    pub canonical_blocks: usize,
+    /// Blocks without any response: ranked by opacity.
+    pub unseen_blocks: usize,
+    /// Overlaps and responses that were not finite.
+    pub repaired_values: usize,
+}
+
+/// Seconds of a prune.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PruneSeconds {
+    /// The pass over the training views, where there was one.
+    pub responses: f64,
+    /// Normalisation and partition.
+    pub partition: f64,
+    /// Device: overlaps.
+    pub assemble: f64,
+    /// Host: blocks solved.
+    pub solve: f64,
+    /// Assembly and solution, side by side.
+    pub assemble_and_solve: f64,
+    /// From ranks to a mask.
+    pub select: f64,
+    /// Merging, and compaction of parameters and moments.
+    pub merge: f64,
+    /// All of it.
+    pub total: f64,
+}
+
+impl Pruned {
+    /// What a study and the choice made of it tell.
+    pub fn new(iteration: u32, selector: Selector, study: &Study, choice: &Choice) -> Self {
+        let blocks = &study.partitioned.blocks;
+        let (mut occupancy, mut kept_shares, mut modes) = (Vec::new(), [0; 10], [0; CHANNELS]);
+        let solved = study.collected.spectrum.iter().any(|l| *l > 0.0);
+        for (members, r) in blocks.iter().zip(&study.collected.r) {
+            let bin = members.len().max(1).ilog2() as usize;
+            occupancy.resize(occupancy.len().max(bin + 1), 0);
+            occupancy[bin] += 1;
+            let kept = members.iter().filter(|i| choice.keep[**i as usize]).count();
+            kept_shares[(10 * kept / members.len().max(1)).min(9)] += 1;
+            modes[(*r as usize).clamp(1, CHANNELS) - 1] += usize::from(solved);
+        }
+        let c = &study.collected;
+        let whole: f64 = c.spectrum.iter().sum();
+        Self {
+            iteration,
+            selector,
+            before: choice.keep.len(),
+            after: choice.kept(),
+            detail: choice.detail,
+            blocks: blocks.len(),
+            voxel: study.partitioned.voxel,
+            occupancy,
+            kept_shares,
+            spectrum: c.spectrum.map(|l| if whole > 0.0 { l / whole } else { 0.0 }),
+            modes,
+            guards: PruneGuards { canonical_blocks: c.canonical, unseen_blocks: c.unseen, repaired_values: c.repaired },
+            merged: None,
+            frames_per_second_before: None,
+            seconds: PruneSeconds {
+                partition: study.seconds.partition,
+                assemble: study.seconds.assemble,
+                solve: study.seconds.solve,
+                assemble_and_solve: study.seconds.wall,
+                ..PruneSeconds::default()
+            },
+        }
+    }
+}
+
 /// Seconds.
 #[derive(Clone, Debug, Serialize)]
 pub struct Times {
@@ -150,6 +265,8 @@ pub struct Times {
     pub load_s: f64,
     /// Training alone, resumed parts included.
     pub train_s: f64,
+    /// Pruning.
+    pub prune_s: f64,
     /// Evaluation.
     pub evaluate_s: f64,
     /// Device time of training by stage.

@@ -1,11 +1,12 @@
 //! `qirf-vk run`: from photos to a trained model, its pictures and its figures.
 
 use super::budget;
+use super::compression::{Responses, prune};
 use super::config::RunConfig;
 use super::evaluate::Evaluator;
 use super::output::Output;
 use super::prepare::{Prepared, Start, initialise, open};
-use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Results, Times, TrainScores};
+use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Pruned, Results, Times, TrainScores};
 use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::formats;
@@ -82,16 +83,22 @@ pub fn run(
             seed: Some(config.seed),
             ..Protocol::new(&config.selection(), &prepared, networks)
         },
-        gaussians: Counts { initial: Some(job.initial), dense: Some(model.len()), last: model.len() },
+        gaussians: Counts {
+            initial: Some(job.initial),
+            dense: Some(job.prunes.first().map_or(model.len(), |p| p.before)),
+            last: model.len(),
+        },
         test: held_out.mean(),
         train: TrainScores { psnr: train_psnr },
         frames_per_second,
         model_bytes: std::fs::metadata(output.model()).map_or(0, |m| m.len()),
+        prunes: job.prunes.clone(),
         curve: job.curve,
         time: Times {
             total_s: begun.elapsed().as_secs_f64(),
             load_s,
             train_s: job.seconds,
+            prune_s: job.prunes.iter().map(|p| p.seconds.total).sum(),
             evaluate_s: evaluating.elapsed().as_secs_f64(),
             stages_s: Times::stages(job.trainer.timings()),
         },
@@ -132,13 +139,33 @@ fn found(output: &Output, config: &str, resume: bool, watcher: &dyn Watcher) -> 
     Ok(Some(snapshot))
 }
 
+/// The iterations whose responses are averaged.
+fn averaged(config: &RunConfig) -> std::ops::Range<u32> {
+    match &config.prune {
+        Some(p) if p.responses == Responses::Average => {
+            let length = config.schedule.iterations;
+            let from = (f64::from(length) * p.average_from).round() as u32 + 1;
+            from..p.iterations(length).last().copied().unwrap_or(0) + 1
+        }
+        _ => 0..0,
+    }
+}
+
+/// The loss once the model has been pruned.
+fn fine_tuning(config: &RunConfig) -> Weights {
+    let l2 = config.prune.as_ref().map_or(0.0, |p| p.l2 as f32);
+    Weights { l2, ..Weights::default() }
+}
+
 /// A run under way.
 struct Job {
+    device: Device,
     trainer: Trainer,
     evaluator: Evaluator,
     initial: usize,
     seconds: f64,
     curve: Vec<CurvePoint>,
+    prunes: Vec<Pruned>,
 }
 
 impl Job {
@@ -157,22 +184,27 @@ impl Job {
             most: config.max_gaussians,
             transparent: prepared.transparent,
             weights: Weights::default(),
+            averaged: averaged(config),
             pairs: budget::pairs(gaussians),
         };
         let views = prepared.train.clone();
-        let (trainer, initial, seconds, curve) = if let Start::Resumed(s) = start {
+        let (mut trainer, initial, seconds, curve, prunes) = if let Start::Resumed(s) = start {
             let options = options(s.model.len());
             let note = |key: &str| s.notes.get(key).cloned().unwrap_or_default();
             let trainer = Trainer::resume(device, &s, views, prepared.extent, options)?;
             let curve = serde_json::from_str(&note("curve")).unwrap_or_default();
-            (trainer, note("initial").parse().unwrap_or(0), note("seconds").parse().unwrap_or(0.0), curve)
+            let prunes: Vec<Pruned> = serde_json::from_str(&note("prunes")).unwrap_or_default();
+            (trainer, note("initial").parse().unwrap_or(0), note("seconds").parse().unwrap_or(0.0), curve, prunes)
         } else {
             let model = initialise(config, prepared, start)?;
             let n = model.len();
-            (Trainer::new(device, &model, views, prepared.extent, options(n))?, n, 0.0, Vec::new())
+            (Trainer::new(device, &model, views, prepared.extent, options(n))?, n, 0.0, Vec::new(), Vec::new())
         };
+        if !prunes.is_empty() {
+            trainer.weigh(fine_tuning(config));
+        }
         let evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
-        Ok(Self { trainer, evaluator, initial, seconds, curve })
+        Ok(Self { device: device.clone(), trainer, evaluator, initial, seconds, curve, prunes })
     }
 
     fn train(
@@ -186,11 +218,16 @@ impl Job {
         let last = config.schedule.iterations;
         let step = last.div_ceil(CURVE_POINTS).max(1);
         let every = config.checkpoint_every;
+        let prunes = config.prune.as_ref().map(|p| p.iterations(last)).unwrap_or_default();
         while self.trainer.iteration() < last {
             let now = self.trainer.iteration();
+            if let Some(at) = prunes.get(self.prunes.len()).filter(|at| **at <= now) {
+                self.prune(config, prepared, (*at).max(now), prunes.len(), watcher)?;
+            }
+            let pause = prunes.get(self.prunes.len()).copied().unwrap_or(last);
             let next = |every: u32| now.checked_div(every).map_or(last, |passed| (passed + 1) * every);
             let started = Instant::now();
-            let progress = self.trainer.advance(last.min(next(step)).min(next(every)))?;
+            let progress = self.trainer.advance(last.min(next(step)).min(next(every)).min(pause))?;
             self.seconds += started.elapsed().as_secs_f64();
             watcher.training(&progress, last);
             let at = progress.iteration;
@@ -209,6 +246,30 @@ impl Job {
         Ok(())
     }
 
+    fn prune(
+        &mut self,
+        config: &RunConfig,
+        prepared: &Prepared,
+        iteration: u32,
+        steps: usize,
+        watcher: &dyn Watcher,
+    ) -> Result<(), Error> {
+        let Some(pruning) = &config.prune else { return Ok(()) };
+        let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
+        let keep = pruning.keep(self.prunes.len(), steps, self.trainer.len());
+        let device = &self.device;
+        let mut pruned = prune(device, &mut self.trainer, &pruning.compression, keep, pruning.responses, config.seed)?;
+        pruned.frames_per_second_before = frames;
+        self.trainer.weigh(fine_tuning(config));
+        watcher.note(&format!(
+            "after iteration {iteration}: {} of {} Gaussians kept, {} blocks, {:.1} s",
+            pruned.after, pruned.before, pruned.blocks, pruned.seconds.total
+        ));
+        self.seconds += pruned.seconds.total;
+        self.prunes.push(pruned);
+        Ok(())
+    }
+
     fn point(&mut self, iteration: u32, prepared: &Prepared) -> Result<(), Error> {
         let views = prepared.test.iter().map(|(_, view)| view);
         if let Some(psnr) = self.evaluator.psnr(self.trainer.model(), views)? {
@@ -221,9 +282,11 @@ impl Job {
     fn checkpoint(&self, output: &Output, written: &str) -> Result<(), Error> {
         let mut snapshot = self.trainer.snapshot()?;
         let curve = serde_json::to_string(&self.curve).unwrap_or_default();
+        let prunes = serde_json::to_string(&self.prunes).unwrap_or_default();
         for (key, value) in [
             ("config", written.to_owned()),
             ("curve", curve),
+            ("prunes", prunes),
             ("seconds", self.seconds.to_string()),
             ("initial", self.initial.to_string()),
         ] {

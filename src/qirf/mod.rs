@@ -12,6 +12,7 @@ pub mod rrdm;
 pub mod score;
 pub mod select;
 pub mod solve;
+pub mod study;
 
 /// Response channels of a Gaussian: four of rendering, then four of optimisation.
 pub const CHANNELS: usize = 8;

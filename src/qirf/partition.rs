@@ -7,6 +7,7 @@ use std::collections::HashSet;
 use std::hash::{BuildHasherDefault, Hasher};
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::random::mix;
 
@@ -54,7 +55,8 @@ impl Blocks {
 }
 
 /// A rule that makes blocks.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Partition {
     /// The paper's: voxels of a fixed edge, doubled when there are more than 0.15 blocks a Gaussian.
     Paper {

@@ -8,12 +8,14 @@ use std::fmt;
 
 use super::lapack::{self, Real};
 use super::{CHANNELS, Row};
+use serde::{Deserialize, Serialize};
 
 /// Slack of the energy's comparison with tau, so that float32 and float64 agree on a sum that hits it exactly.
 const ENERGY_SLACK: f64 = 1e-6;
 
 /// How the eigenproblem is solved: one answer at three costs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Rung {
     /// LAPACK's full generalized eigensolver in float64, as the paper does.
     Dsygvd,

@@ -7,6 +7,8 @@ use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Error, Gaussians};
 use crate::gpu::{self, Buffer, Device};
+use crate::qirf::CHANNELS;
+use crate::qirf::response::Responses;
 use crate::render::AdamState;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
@@ -25,6 +27,8 @@ pub struct Snapshot {
     pub moments: Vec<Vec<f32>>,
     /// Density control's sums, two a Gaussian.
     pub growth: Vec<f32>,
+    /// Averaged responses, eight a Gaussian, and the iterations that last showed each; empty where there are none.
+    pub responses: (Vec<f32>, Vec<u32>),
     /// What the caller wants to find again, such as its configuration: any text by name.
     pub notes: HashMap<String, String>,
 }
@@ -48,6 +52,10 @@ impl Trainer {
             model: self.download()?,
             moments,
             growth: read(&self.growth)?,
+            responses: match &self.responses {
+                Some(r) => (r.values.read(&self.device)?, r.seen.read(&self.device)?),
+                None => Default::default(),
+            },
             notes: HashMap::new(),
         })
     }
@@ -77,6 +85,11 @@ impl Trainer {
         let model = Resident::upload(device, &snapshot.model)?;
         let growth = device.upload("growth", &snapshot.growth)?.cast();
         let mut trainer = Self::assemble(device, (model, state, growth), views, extent, options)?;
+        let (values, seen) = &snapshot.responses;
+        if !seen.is_empty() {
+            let (values, seen) = (device.upload("responses", values)?, device.upload("responses' iterations", seen)?);
+            trainer.responses = Some(Responses { values, seen });
+        }
         trainer.iteration = snapshot.iteration;
         trainer.skipped_rows = snapshot.skipped_rows;
         Ok(trainer)
@@ -107,6 +120,11 @@ impl Snapshot {
             add(format!("{name}.moments"), data);
         }
         add("growth".to_owned(), &self.growth);
+        if !self.responses.1.is_empty() {
+            add("responses".to_owned(), &self.responses.0);
+            // Whole numbers, stored bit by bit.
+            add("responses.seen".to_owned(), bytemuck::cast_slice(&self.responses.1));
+        }
         let mut notes = self.notes.clone();
         notes.insert("iteration".into(), self.iteration.to_string());
         notes.insert("skipped_rows".into(), self.skipped_rows.to_string());
@@ -167,7 +185,16 @@ impl Snapshot {
         if growth.len() != 2 * n || bands == 0 {
             return Err(bad("growth", format!("its length is not that of {n} Gaussians")));
         }
+        let responses = match file.tensor("responses") {
+            Ok(_) => {
+                (floats("responses")?, floats("responses.seen")?.iter().map(|v| v.to_bits()).collect::<Vec<u32>>())
+            }
+            Err(_) => Default::default(),
+        };
+        if !responses.0.is_empty() && (responses.0.len() != CHANNELS * n || responses.1.len() != n) {
+            return Err(bad("responses", format!("its length is not that of {n} Gaussians")));
+        }
         let (iteration, skipped_rows) = (number("iteration")? as u32, number("skipped_rows")?);
-        Ok(Self { iteration, skipped_rows, model, moments, growth, notes })
+        Ok(Self { iteration, skipped_rows, model, moments, growth, responses, notes })
     }
 }

@@ -87,7 +87,6 @@ pub fn densify(
         threshold = threshold.max(1e-12) * 1.25;
     };
     let (sources, kinds) = (device.buffer("sources", after)?, device.buffer("kinds", after)?);
-    let count = Count::known(device, "Gaussians", after as u32, &[Scan::block(device)])?;
     let mut recording = Recording::new();
     let kernel = Sources {
         count: &model.count.value,
@@ -100,19 +99,7 @@ pub fn densify(
     };
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));
 
-    let mut rows = Rows { device, recording: &mut recording, count: &count, sources: &sources, kinds: &kinds, after };
-    let (new_model_parts, new_state) = (rows.parameters(model)?, rows.moments(model.degree, state)?);
-    let [means, log_scales, rotations, opacity_logits] = new_model_parts.0;
-    let successor = Resident {
-        count,
-        means,
-        log_scales,
-        rotations: rotations.cast(),
-        opacity_logits,
-        sh: new_model_parts.1,
-        degree: model.degree,
-        len: after,
-    };
+    let (successor, new_state) = gathered(device, &mut recording, (model, state), &sources, &kinds)?;
     let kernel = Split {
         count: &successor.count.value,
         kinds: &kinds,
@@ -130,6 +117,48 @@ pub fn densify(
     *state = new_state;
     *growth = fresh;
     Ok(after)
+}
+
+/// Keeps only the Gaussians `kept`, in that order, with their moments; sums of growth begin anew.
+///
+/// # Errors
+/// Device memory; device errors. Model and moments are then as they were.
+pub fn compact(
+    device: &Device,
+    model: &mut Resident,
+    state: &mut AdamState,
+    growth: &mut Buffer<[f32; 2]>,
+    kept: &[u32],
+) -> Result<()> {
+    let sources = device.upload("sources", kept)?;
+    let (kinds, fresh) = (device.buffer("kinds", kept.len())?, device.buffer("growth", kept.len())?);
+    let mut recording = Recording::new();
+    recording.fill(&kinds, 0);
+    recording.fill(&fresh, 0);
+    let (successor, new_state) = gathered(device, &mut recording, (model, state), &sources, &kinds)?;
+    device.run(recording)?;
+    *model = successor;
+    *state = new_state;
+    *growth = fresh;
+    Ok(())
+}
+
+/// Records how model and moments come from the rows `sources` of the old ones, as many as there are.
+fn gathered(
+    device: &Device,
+    recording: &mut Recording,
+    (model, state): (&Resident, &AdamState),
+    sources: &Buffer<u32>,
+    kinds: &Buffer<u32>,
+) -> Result<(Resident, AdamState)> {
+    let after = sources.len();
+    let count = Count::known(device, "Gaussians", after as u32, &[Scan::block(device)])?;
+    let mut rows = Rows { device, recording, count: &count, sources, kinds, after };
+    let ([means, log_scales, rotations, opacity_logits], sh) = rows.parameters(model)?;
+    let state = rows.moments(model.degree, state)?;
+    let rotations = rotations.cast();
+    let degree = model.degree;
+    Ok((Resident { count, means, log_scales, rotations, opacity_logits, sh, degree, len: after }, state))
 }
 
 /// Records the opacity reset: no Gaussian keeps more than `opacity`.

@@ -3,6 +3,7 @@
 pub mod checkpoint;
 pub mod density;
 mod error;
+mod evidence;
 pub mod initialise;
 pub mod loss;
 mod memory;

@@ -9,9 +9,11 @@ use super::schedule::Schedule;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
+use crate::qirf::response::{Gather, Responses, record_residual};
 use crate::random::permutation;
 use crate::render::{AdamState, Form, Renderer, Settings, Update};
 use std::collections::VecDeque;
+use std::ops::Range;
 
 /// Iterations between looks of the host.
 const LOOK_EVERY: u32 = 16;
@@ -37,6 +39,8 @@ pub struct Options {
     pub transparent: bool,
     /// Weights of the loss.
     pub weights: Weights,
+    /// Iterations, after the last density step, whose responses are averaged for [`Trainer::averages`]; none where empty.
+    pub averaged: Range<u32>,
     /// Room for (tile, Gaussian) pairs to begin with; results do not depend on it.
     pub pairs: u32,
 }
@@ -59,17 +63,19 @@ pub struct Trainer {
     pub(super) model: Resident,
     pub(super) state: AdamState,
     pub(super) growth: Buffer<[f32; 2]>,
+    /// Averaged responses, while there are any.
+    pub(super) responses: Option<Responses>,
     pub(super) iteration: u32,
     /// Rows skipped for gradients that were not finite, so far.
     pub(super) skipped_rows: u64,
     last_loss: f32,
-    views: Vec<TrainView>,
-    photos: Photos,
+    pub(super) views: Vec<TrainView>,
+    pub(super) photos: Photos,
     extent: f64,
     cameras: [f32; 3],
     guards: Buffer<u32>,
-    renderer: Renderer,
-    loss: Loss,
+    pub(super) renderer: Renderer,
+    pub(super) loss: Loss,
     order: (u32, Vec<usize>),
     timings: Timings,
 }
@@ -117,6 +123,7 @@ impl Trainer {
             model,
             state,
             growth,
+            responses: None,
             iteration: 0,
             skipped_rows: 0,
             last_loss: f32::NAN,
@@ -171,6 +178,9 @@ impl Trainer {
             return Ok(self.progress());
         }
         self.raise_degree(first + 1)?;
+        if self.responses.is_none() && self.options.averaged.contains(&(first + 1)) {
+            self.responses = Some(Responses::zeros(&self.device, self.model.len)?);
+        }
         let last = self.boundary(until);
         let mut recording = Recording::new();
         recording.update(&self.guards, &[0, 0]);
@@ -228,8 +238,9 @@ impl Trainer {
     fn boundary(&self, until: u32) -> u32 {
         let schedule = &self.options.schedule;
         let acts = |i: u32| schedule.densifies(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1);
+        let averages = |i: u32| self.options.averaged.start == i + 1 && !self.options.averaged.is_empty();
         (self.iteration + 1..=until.min(self.iteration + LOOK_EVERY))
-            .find(|i| acts(*i))
+            .find(|i| acts(*i) || averages(*i))
             .unwrap_or_else(|| until.min(self.iteration + LOOK_EVERY))
     }
 
@@ -293,7 +304,16 @@ impl Trainer {
             rates: options.schedule.rates(iteration, self.extent),
             form: Form::Adam(iteration),
         };
-        self.renderer.record_backward(&mut recording, model, camera, &self.loss.gradient, &update);
+        let (renderer, gradient) = (&self.renderer, &self.loss.gradient);
+        match &self.responses {
+            Some(responses) if options.averaged.contains(&iteration) => {
+                let (image, background) = (renderer.image(), options.settings.background);
+                record_residual(&mut recording, image, photo, gradient, size, options.transparent, background);
+                renderer.record_backward_with_residual(&mut recording, model, camera, gradient, &update);
+                responses.record(&mut recording, renderer, model, camera, Gather::Average { iteration });
+            }
+            _ => renderer.record_backward(&mut recording, model, camera, gradient, &update),
+        }
         Ok(self.device.submit(recording)?)
     }
 
@@ -305,6 +325,7 @@ impl Trainer {
             let step = Step { iteration, seed, extent: self.extent, cameras: self.cameras, most };
             let (model, state, growth) = (&mut self.model, &mut self.state, &mut self.growth);
             densify(&self.device, model, state, growth, schedule, step)?;
+            self.responses = None;
             self.renderer.make_room_for_gaussians(self.model.len)?;
         }
         if schedule.resets_opacity(iteration) {

@@ -85,6 +85,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
         most: n,
         transparent: false,
         weights: Weights::default(),
+        averaged: 0..0,
         pairs,
     };
     let first = if grows { n / 4 } else { n };

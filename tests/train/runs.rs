@@ -72,6 +72,7 @@ fn options() -> Options {
         most: 500,
         transparent: false,
         weights: Weights::default(),
+        averaged: 0..0,
         pairs: 1 << 16,
     }
 }

@@ -1,6 +1,7 @@
 //! How many each block keeps, and which: ranks and gains to a keep mask of exactly the count asked for.
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::{Ranking, rounded};
 use crate::qirf::partition::Blocks;
@@ -11,7 +12,8 @@ const MILLION: u128 = 1_000_000;
 const MOST_DETAIL: usize = 5;
 
 /// How the count is divided among blocks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Budget {
     /// Each block keeps its share.
     PerBlock,
@@ -23,7 +25,8 @@ pub enum Budget {
 }
 
 /// How many are kept.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Keep {
     /// The paper's: each block keeps max(r, ceil(kappa m)), and the detail safeguard comes on top.
     Paper {

@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::Ranking;
 use crate::qirf::CHANNELS;
@@ -17,7 +18,8 @@ const SALT: u64 = 0x5e1e_c702;
 const LIGHT: (f64, f64) = (0.1, 0.9);
 
 /// A rule that orders Gaussians from the first to keep to the first to drop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Selector {
     /// The paper's generalized, non-orthogonal participation.
     Gnso,
@@ -65,6 +67,11 @@ impl Selector {
             Self::Css => Some(BlockSelector::Css),
             _ => None,
         }
+    }
+
+    /// Whether it reads the ray scores ([`crate::qirf::score`]) besides responses.
+    pub fn reads_scores(self) -> bool {
+        matches!(self, Self::Contribution | Self::Radsplat | Self::Lightgaussian)
     }
 
     /// Score of each Gaussian (n), higher is kept first; none for selectors of blocks.

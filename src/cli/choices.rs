@@ -1,0 +1,70 @@
+//! How Gaussians are chosen: the options that run, compress and compare share. What is not given stays as the preset has it.
+
+use super::values;
+use crate::pipeline::compression::Compression;
+use crate::qirf::partition::Partition;
+use crate::qirf::select::Selector;
+use crate::qirf::select::budget::{Budget, Keep};
+use crate::qirf::solve::Rung;
+use crate::qirf::study::Overlap;
+use clap::Args;
+
+/// Options of compression.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Compression")]
+pub(super) struct Choices {
+    /// Share of the Gaussians to keep, detail included [default: 0.28; preset paper: by block, 0.22 and detail]
+    #[arg(long, value_name = "SHARE", value_parser = values::share, conflicts_with = "target_count")]
+    keep: Option<f64>,
+    /// Keep exactly so many Gaussians
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    target_count: Option<u32>,
+    /// Rank by: gnso, ordinary, lowdin, importance, css, radsplat, lightgaussian, contribution, opacity or random
+    #[arg(long, value_name = "NAME", value_parser = values::named::<Selector>)]
+    selector: Option<Selector>,
+    /// Divide the count per-block, hybrid (half by block, half over the scene) or global
+    #[arg(long, value_name = "NAME", value_parser = values::named::<Budget>)]
+    budget: Option<Budget>,
+    /// Share of the Gaussians that small, visible detail keeps [default: 0.05]
+    #[arg(long, value_name = "SHARE", value_parser = values::share_or_none)]
+    detail: Option<f64>,
+    /// Let the kept Gaussians take over colour and opacity of the dropped ones that they overlap
+    #[arg(long)]
+    merge: bool,
+    /// Blocks: adaptive, paper, or an edge in world units [default: adaptive]
+    #[arg(long, value_name = "adaptive|paper|EDGE", value_parser = values::partition)]
+    partition: Option<Partition>,
+    /// Metric: normalised, or raw as in the paper's literal text [default: normalised]
+    #[arg(long, value_name = "NAME", value_parser = values::named::<Overlap>)]
+    overlap: Option<Overlap>,
+    /// Widen Gaussians for the overlaps by this many median scales [default: 0]
+    #[arg(long, value_name = "T", value_parser = values::not_negative)]
+    dilate: Option<f64>,
+    /// Eigensolver: dsygvd, low-rank or low-rank-f32 [default: low-rank]
+    #[arg(long, value_name = "NAME", value_parser = values::named::<Rung>)]
+    solver: Option<Rung>,
+    /// Added to the metric's diagonal [default: 1e-4]
+    #[arg(long, value_name = "E", value_parser = values::not_negative)]
+    epsilon: Option<f64>,
+}
+
+impl Choices {
+    /// What was asked for, over a preset's choice.
+    pub fn over(&self, mut preset: Compression) -> Compression {
+        fn set<T: Copy>(to: &mut T, given: Option<T>) {
+            *to = given.unwrap_or(*to);
+        }
+        let count = self.target_count.map(|n| Keep::Count(n as usize));
+        set(&mut preset.keep, self.keep.map(Keep::Share).or(count));
+        set(&mut preset.selector, self.selector);
+        set(&mut preset.budget, self.budget);
+        set(&mut preset.detail, self.detail);
+        preset.merge |= self.merge;
+        set(&mut preset.basis.partition, self.partition);
+        set(&mut preset.basis.overlap, self.overlap);
+        set(&mut preset.basis.dilate, self.dilate);
+        set(&mut preset.basis.solver, self.solver);
+        set(&mut preset.basis.epsilon, self.epsilon);
+        preset
+    }
+}

@@ -1,0 +1,215 @@
+//! How a model is compressed, and one prune of a model in training: evidence, study, choice, merge, compaction.
+
+use super::results::Pruned;
+use crate::error::Error;
+use crate::gpu::Device;
+use crate::qirf::partition::Partition;
+use crate::qirf::select::Selector;
+use crate::qirf::select::budget::{Budget, Keep};
+use crate::qirf::study::{Basis, Evidence, Study};
+use crate::train::Trainer;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// How Gaussians are chosen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Compression {
+    /// What they are ranked by.
+    pub selector: Selector,
+    /// How the count is divided among blocks.
+    pub budget: Budget,
+    /// How many are kept.
+    pub keep: Keep,
+    /// Share of all Gaussians that the detail safeguard keeps.
+    pub detail: f64,
+    /// Whether the kept stand for the dropped too, where that makes a block's error smaller.
+    pub merge: bool,
+    /// Blocks and their solution.
+    pub basis: Basis,
+}
+
+impl Default for Compression {
+    fn default() -> Self {
+        Self {
+            selector: Selector::Gnso,
+            budget: Budget::Hybrid,
+            keep: Keep::Share(0.28),
+            detail: 0.05,
+            merge: false,
+            basis: Basis::default(),
+        }
+    }
+}
+
+impl Compression {
+    /// Every choice as the paper has it.
+    pub fn paper() -> Self {
+        Self {
+            budget: Budget::PerBlock,
+            keep: Keep::Paper { kappa: 0.22 },
+            basis: Basis { partition: Partition::PAPER, ..Basis::default() },
+            ..Self::default()
+        }
+    }
+}
+
+/// Where responses come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Responses {
+    /// One pass over all training views at the prune.
+    #[default]
+    FullPass,
+    /// The paper's moving average over the iterations before the prune.
+    Average,
+}
+
+/// When and how a run prunes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Pruning {
+    /// Shares of the run at which it prunes, rising; the counts fall by equal factors from one to the next.
+    pub at: Vec<f64>,
+    /// Where responses come from.
+    pub responses: Responses,
+    /// Share of the run from which they are averaged.
+    pub average_from: f64,
+    /// Weight of the mean squared error in the loss of the fine-tuning.
+    pub l2: f64,
+    /// How Gaussians are chosen.
+    pub compression: Compression,
+}
+
+impl Default for Pruning {
+    fn default() -> Self {
+        Self {
+            at: vec![0.5],
+            responses: Responses::default(),
+            average_from: 13.0 / 30.0,
+            l2: 2.0,
+            compression: Compression::default(),
+        }
+    }
+}
+
+impl Pruning {
+    /// Every choice as the paper has it.
+    pub fn paper() -> Self {
+        Self { responses: Responses::Average, compression: Compression::paper(), ..Self::default() }
+    }
+
+    /// Shares of the run at which the gradual schedule prunes.
+    pub const GRADUAL: [f64; 4] = [13.0 / 30.0, 15.0 / 30.0, 17.0 / 30.0, 20.0 / 30.0];
+
+    /// The iterations after which a run of this length prunes.
+    pub fn iterations(&self, length: u32) -> Vec<u32> {
+        let mut at: Vec<u32> = self.at.iter().map(|s| (f64::from(length) * s).round() as u32).collect();
+        at.dedup();
+        at
+    }
+
+    /// What prune number `step` (from 0) of `steps` keeps of the `now` Gaussians there are.
+    pub fn keep(&self, step: usize, steps: usize, now: usize) -> Keep {
+        let left = steps.saturating_sub(step).max(1) as f64;
+        let target = match self.compression.keep {
+            paper @ Keep::Paper { .. } if left == 1.0 => return paper,
+            Keep::Paper { kappa } => return Keep::Paper { kappa: kappa.powf(1.0 / left) },
+            // The share is of the Gaussians before the first prune: of `now`, what is left of it.
+            Keep::Share(share) => return Keep::Share(share.powf(1.0 / steps.max(1) as f64)),
+            Keep::Count(count) => count.min(now) as f64,
+        };
+        let ratio = (target / now.max(1) as f64).powf(1.0 / left);
+        Keep::Count((now as f64 * ratio).round() as usize)
+    }
+}
+
+/// Prunes a model in training by what it responds to, and says what that did.
+///
+/// # Errors
+/// Device memory; device errors.
+pub fn prune(
+    device: &Device,
+    trainer: &mut Trainer,
+    compression: &Compression,
+    keep: Keep,
+    responses: Responses,
+    seed: u32,
+) -> Result<Pruned, Error> {
+    let begun = Instant::now();
+    let averages = if responses == Responses::Average { trainer.averages()? } else { None };
+    // Only selectors of other methods read scores, which averages lack.
+    let evidence = match averages {
+        Some(averages) if !compression.selector.reads_scores() => averages,
+        _ => trainer.evidence()?,
+    };
+    let responses_s = begun.elapsed().as_secs_f64();
+    let mut pruned = prune_by(device, trainer, compression, keep, &evidence, seed)?;
+    pruned.seconds.responses = responses_s;
+    pruned.seconds.total += responses_s;
+    Ok(pruned)
+}
+
+/// As [`prune`], by evidence that is there already.
+///
+/// # Errors
+/// Device memory; device errors.
+pub fn prune_by(
+    device: &Device,
+    trainer: &mut Trainer,
+    compression: &Compression,
+    keep: Keep,
+    evidence: &Evidence,
+    seed: u32,
+) -> Result<Pruned, Error> {
+    let begun = Instant::now();
+    let mut model = trainer.download()?;
+    let selector = compression.selector;
+    let resident = trainer.model();
+    let study = Study::new(device, (resident, &model), evidence, &compression.basis, &[selector], seed)?;
+    let choosing = Instant::now();
+    let choice = study.choose(selector, compression.budget, keep, compression.detail);
+    let select_s = choosing.elapsed().as_secs_f64();
+    let merging = Instant::now();
+    let mut merge = || study.merge(device, resident, &mut model, &choice.keep);
+    let merged = if compression.merge { Some(merge()?) } else { None };
+    let mut pruned = Pruned::new(trainer.iteration(), selector, &study, &choice);
+    pruned.merged = merged;
+    trainer.keep(&choice.keep, merged.map(|_| &model))?;
+    pruned.seconds.select = select_s;
+    pruned.seconds.merge = merging.elapsed().as_secs_f64();
+    pruned.seconds.total = begun.elapsed().as_secs_f64();
+    Ok(pruned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gradual_prunes_end_at_the_share_asked_for() {
+        let pruning = Pruning { at: Pruning::GRADUAL.to_vec(), ..Pruning::default() };
+        assert_eq!(pruning.iterations(30_000), [13_000, 15_000, 17_000, 20_000]);
+        let share: f64 = (0..4)
+            .map(|k| match pruning.keep(k, 4, 1000) {
+                Keep::Share(share) => share,
+                other => panic!("{other:?}"),
+            })
+            .product();
+        assert!((share - 0.28).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_exact_count_is_reached_by_the_last_prune() {
+        let mut pruning = Pruning { at: vec![0.4, 0.5, 0.6], ..Pruning::default() };
+        pruning.compression.keep = Keep::Count(123);
+        let mut now = 1000;
+        for k in 0..3 {
+            let Keep::Count(n) = pruning.keep(k, 3, now) else { panic!("a count") };
+            assert!(n < now);
+            now = n;
+        }
+        assert_eq!(now, 123);
+        assert_eq!(pruning.keep(0, 1, 50), Keep::Count(50), "never more than there are");
+    }
+}

@@ -1,0 +1,344 @@
+//! A scene studied: its blocks, and the order that each selector gives them. The device assembles one batch of blocks
+//! while LAPACK solves the batch before on all cores.
+
+use super::assemble::{Assembly, Options, unpack_symmetric};
+use super::batch::{Block, BlockSelector, Collected, Solver, self_overlap};
+use super::overlap::Metric;
+use super::partition::{Blocks, Partition, Partitioned};
+use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
+use super::select::detail::{self, Exponents, Inputs};
+use super::select::merge::{Functions, merge};
+use super::select::{Ranking, Selector, Statistics};
+use super::solve::Rung;
+use super::{CHANNELS, normalise};
+use crate::gaussians::resident::Resident;
+use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
+use crate::gpu::{Device, Result, Timings};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Which overlaps are the metric.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Overlap {
+    /// N, of functions of unit norm.
+    #[default]
+    Normalised,
+    /// S as it is: the paper's literal text, which epsilon swamps.
+    Raw,
+}
+
+/// How a scene becomes blocks and how these are solved: what an order depends on besides the model and its responses.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Basis {
+    /// How blocks are made.
+    pub partition: Partition,
+    /// Which overlaps are the metric.
+    pub overlap: Overlap,
+    /// Standard deviation added to every axis for the overlaps, as a multiple of the median largest scale; 0 for none.
+    pub dilate: f64,
+    /// How the eigenproblem is solved.
+    pub solver: Rung,
+    /// Added to the metric's diagonal, and to traces.
+    pub epsilon: f64,
+    /// Share of the energy that the leading eigenvalues reach.
+    pub tau: f64,
+    /// Weight of the rendering channels against the optimisation's.
+    pub eta: f64,
+}
+
+impl Default for Basis {
+    fn default() -> Self {
+        let Solver { rung, epsilon, tau, eta, .. } = Solver::default();
+        Self {
+            partition: Partition::ADAPTIVE,
+            overlap: Overlap::default(),
+            dilate: 0.0,
+            solver: rung,
+            epsilon,
+            tau,
+            eta,
+        }
+    }
+}
+
+/// How strongly the pictures depend on each Gaussian.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Evidence {
+    /// Responses (see [`super::response`]), n.
+    pub responses: Vec<[f32; CHANNELS]>,
+    /// Sum of T alpha, largest T alpha, hits, sum of opacity x T (see [`super::score`]), n; or none, where no selector asked reads them.
+    pub scores: Vec<[f32; 4]>,
+}
+
+/// Seconds of a study.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Seconds {
+    /// Rows of H, and the partition.
+    pub partition: f64,
+    /// Device: overlaps.
+    pub assemble: f64,
+    /// Host: eigenproblems and column subsets.
+    pub solve: f64,
+    /// Both, as they went on side by side.
+    pub wall: f64,
+}
+
+/// A scene's blocks and every asked selector's order.
+pub struct Study {
+    /// Blocks and how they came about.
+    pub partitioned: Partitioned,
+    /// Each selector's order.
+    pub rankings: Vec<(Selector, Ranking)>,
+    /// What the solved blocks tell; its rankings have moved to `rankings`.
+    pub collected: Collected,
+    /// Detail scores, n.
+    pub detail: Vec<f64>,
+    /// Where the time went.
+    pub seconds: Seconds,
+    dilation: f32,
+}
+
+/// Blocks that were merged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Merging {
+    /// Blocks in which the kept now stand for the dropped too.
+    pub accepted: usize,
+    /// Blocks that were left, since the error would not have fallen.
+    pub refused: usize,
+}
+
+fn column(rows: &[[f32; 4]], c: usize) -> Vec<f32> {
+    rows.iter().map(|row| row[c]).collect()
+}
+
+fn channel(rows: &[[f32; CHANNELS]], c: usize) -> Vec<f32> {
+    rows.iter().map(|row| row[c]).collect()
+}
+
+impl Study {
+    /// Studies a model: `model` is what `resident` holds.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    ///
+    /// # Panics
+    /// When the evidence has not one row a Gaussian, or a selector needs scores that are not there.
+    pub fn new(
+        device: &Device,
+        (resident, model): (&Resident, &Gaussians),
+        evidence: &Evidence,
+        basis: &Basis,
+        selectors: &[Selector],
+        seed: u32,
+    ) -> Result<Self> {
+        assert_eq!(evidence.responses.len(), model.len(), "one response a Gaussian");
+        let begun = Instant::now();
+        let rows = normalise::rows(&evidence.responses, basis.eta);
+        let partitioned = basis.partition.of(&model.means);
+        let dilation = dilation(model, basis.dilate);
+        let mut seconds = Seconds { partition: begun.elapsed().as_secs_f64(), ..Seconds::default() };
+
+        let of_blocks: Vec<BlockSelector> = selectors.iter().filter_map(|s| s.of_blocks()).collect();
+        let mut collected = Collected::new(&partitioned.blocks, of_blocks.len());
+        let mut study = Self {
+            detail: detail_scores(model, evidence),
+            dilation,
+            rankings: Vec::new(),
+            collected: Collected::default(),
+            partitioned,
+            seconds,
+        };
+        if !of_blocks.is_empty() {
+            let solver = Solver {
+                rung: basis.solver,
+                epsilon: basis.epsilon,
+                tau: basis.tau,
+                eta: basis.eta,
+                selectors: of_blocks,
+                ..Solver::default()
+            };
+            let own = (basis.overlap == Overlap::Raw).then(|| self_overlaps(model));
+            let began = Instant::now();
+            let blocks = &study.partitioned.blocks;
+            let timings = study.overlaps(device, resident, |batch| {
+                let started = Instant::now();
+                let solved: Vec<_> = batch
+                    .par_iter()
+                    .with_max_len(1)
+                    .map(|(b, overlap)| {
+                        let members = blocks.block(*b);
+                        let pick = |values: &[f32]| members.iter().map(|i| values[*i as usize]).collect::<Vec<_>>();
+                        let own = own.as_ref().map(|own| members.iter().map(|i| own[*i as usize]).collect::<Vec<_>>());
+                        solver.solve_one(&Block {
+                            overlap: &full(members.len(), overlap),
+                            rows: &members.iter().map(|i| rows[*i as usize]).collect::<Vec<_>>(),
+                            opacity: &pick(&model.opacity_logits),
+                            self_overlaps: own.as_deref(),
+                        })
+                    })
+                    .collect();
+                for ((b, _), solved) in batch.iter().zip(&solved) {
+                    collected.take(blocks, *b, solved);
+                }
+                seconds.solve += started.elapsed().as_secs_f64();
+            })?;
+            seconds.assemble = timings.total();
+            seconds.wall = began.elapsed().as_secs_f64();
+        }
+        let mut solved = std::mem::take(&mut collected.rankings).into_iter();
+        let statistics = Statistics {
+            rows: &rows,
+            opacity: &model.opacity_logits,
+            contribution: &column(&evidence.scores, 0),
+            peak: &column(&evidence.scores, 1),
+            significance: &column(&evidence.scores, 3),
+            log_scales: &model.log_scales,
+        };
+        for &selector in selectors {
+            let alone = selector.ranking(&study.partitioned.blocks, &statistics, u64::from(seed));
+            if let Some(ranking) = alone.or_else(|| solved.next()) {
+                study.rankings.push((selector, ranking));
+            }
+        }
+        study.collected = collected;
+        study.seconds = seconds;
+        Ok(study)
+    }
+
+    /// Hands the packed lower triangles of N, a batch of blocks at a time, to `body` while the device assembles the next.
+    fn overlaps(
+        &self,
+        device: &Device,
+        resident: &Resident,
+        mut body: impl FnMut(&[(usize, &[f32])]),
+    ) -> Result<Timings> {
+        let Blocks { members, starts } = &self.partitioned.blocks;
+        let metric = Metric { dilation: self.dilation, ..Metric::default() };
+        let options = Options { metric, density: None, ..Options::default() };
+        let assembly = Assembly::new(device, resident, members, starts, &[], options)?;
+        assembly.for_each(|assembled| {
+            body(&assembled.iter().map(|(b, matrices)| (b, matrices.overlap)).collect::<Vec<_>>());
+            Ok(())
+        })
+    }
+
+    /// What to keep by the order of `selector`, with the detail safeguard's share of all Gaussians.
+    ///
+    /// # Panics
+    /// When the study was not asked for that selector.
+    pub fn choose(&self, selector: Selector, budget: Budget, keep: Keep, detail: f64) -> Choice {
+        let (_, ranking) = self.rankings.iter().find(|(s, _)| *s == selector).expect("a selector that was studied");
+        let safeguard = (detail > 0.0).then_some(Safeguard { scores: &self.detail, share: detail });
+        budget::choose(&self.partitioned.blocks, ranking, &self.collected.r, budget, keep, safeguard)
+    }
+
+    /// Lets the kept Gaussians of `model` stand for the dropped ones too: opacities and colours of kept ones change where
+    /// that makes a block's error smaller. `model` is what `resident` holds, and was studied.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn merge(&self, device: &Device, resident: &Resident, model: &mut Gaussians, keep: &[bool]) -> Result<Merging> {
+        let own = self_overlaps(model);
+        let blocks = &self.partitioned.blocks;
+        let mut merging = Merging::default();
+        self.overlaps(device, resident, |batch| {
+            let before: &Gaussians = model;
+            let merged: Vec<_> = batch
+                .par_iter()
+                .with_max_len(1)
+                .map(|(b, overlap)| {
+                    let members = blocks.block(*b);
+                    let mut functions = functions(before, members, &own);
+                    let kept: Vec<bool> = members.iter().map(|i| keep[*i as usize]).collect();
+                    merge(&full(members.len(), overlap), &kept, &mut functions).map(|m| (m.accepted, kept, functions))
+                })
+                .collect();
+            for ((b, _), merged) in batch.iter().zip(merged) {
+                let Some((accepted, kept, functions)) = merged else { continue };
+                merging.accepted += usize::from(accepted);
+                merging.refused += usize::from(!accepted);
+                if accepted {
+                    store(model, blocks.block(*b), &kept, &functions);
+                }
+            }
+        })?;
+        Ok(merging)
+    }
+}
+
+fn full(m: usize, packed: &[f32]) -> Vec<f32> {
+    let mut matrix = vec![0.0; m * m];
+    unpack_symmetric(m, packed, &mut matrix);
+    matrix
+}
+
+fn self_overlaps(model: &Gaussians) -> Vec<f64> {
+    model.log_scales.iter().map(|s| self_overlap(*s)).collect()
+}
+
+/// `share` of the median over the Gaussians of the largest scale, in world units.
+fn dilation(model: &Gaussians, share: f64) -> f32 {
+    let mut largest: Vec<f32> =
+        model.log_scales.iter().map(|s| s[0].max(s[1]).max(s[2])).filter(|s| s.is_finite()).collect();
+    if share <= 0.0 || largest.is_empty() {
+        return 0.0;
+    }
+    let middle = largest.len() / 2;
+    let median = *largest.select_nth_unstable_by(middle, f32::total_cmp).1;
+    (share * f64::from(median).exp()) as f32
+}
+
+fn detail_scores(model: &Gaussians, evidence: &Evidence) -> Vec<f64> {
+    let inputs = Inputs {
+        gradient: &channel(&evidence.responses, 4),
+        visibility: &channel(&evidence.responses, 0),
+        log_scales: &model.log_scales,
+        opacity_logits: &model.opacity_logits,
+    };
+    detail::scores(&inputs, Exponents::default())
+}
+
+/// Where each band's numbers begin in a row of all, and the row's width.
+fn layout(model: &Gaussians) -> (Vec<usize>, usize) {
+    let mut width = 0;
+    let mut starts = Vec::with_capacity(MAX_SH_DEGREE + 1);
+    for l in 0..model.sh.len() {
+        starts.push(width);
+        width += Gaussians::band_width(l);
+    }
+    (starts, width)
+}
+
+fn functions(model: &Gaussians, members: &[u32], own: &[f64]) -> Functions {
+    let (_, width) = layout(model);
+    let mut sh = Vec::with_capacity(members.len() * width);
+    for &i in members {
+        for (l, band) in model.sh.iter().enumerate() {
+            let w = Gaussians::band_width(l);
+            sh.extend(band[i as usize * w..(i as usize + 1) * w].iter().map(|x| f64::from(*x)));
+        }
+    }
+    let alpha = |i: &u32| 1.0 / (1.0 + (-f64::from(model.opacity_logits[*i as usize])).exp());
+    Functions {
+        alpha: members.iter().map(alpha).collect(),
+        sh,
+        width,
+        self_overlaps: members.iter().map(|i| own[*i as usize]).collect(),
+    }
+}
+
+fn store(model: &mut Gaussians, members: &[u32], kept: &[bool], functions: &Functions) {
+    let (starts, width) = layout(model);
+    for (row, &i) in members.iter().enumerate().filter(|(row, _)| kept[*row]) {
+        let (i, alpha) = (i as usize, functions.alpha[row]);
+        model.opacity_logits[i] = (alpha / (1.0 - alpha)).ln() as f32;
+        for (l, start) in starts.iter().enumerate() {
+            let w = Gaussians::band_width(l);
+            let from = &functions.sh[row * width + start..][..w];
+            model.sh[l][i * w..(i + 1) * w].iter_mut().zip(from).for_each(|(to, x)| *to = *x as f32);
+        }
+    }
+}
