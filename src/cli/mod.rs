@@ -1,6 +1,7 @@
 //! Floor 8: the command line. One file a command; each holds its arguments and what it does with them.
 
 mod choices;
+mod compare;
 mod completions;
 mod console;
 mod convert;
@@ -14,6 +15,7 @@ mod run;
 mod selftest;
 mod show;
 mod synth;
+mod training;
 mod values;
 
 use crate::error::Error;
@@ -57,6 +59,8 @@ struct Global {
 enum Command {
     /// Train a scene: photos with poses to a 3DGS model, its pictures and its figures
     Run(run::Arguments),
+    /// Compare ways of pruning a scene, all from one checkpoint
+    Compare(compare::Arguments),
     /// Score a model of any format against a scene's held-out photos
     Eval(eval::Arguments),
     /// Render a model's pictures: from a scene's cameras, or on a circle round it
@@ -77,14 +81,15 @@ enum Command {
 
 /// The top help's groups of commands.
 const GROUPS: [(&str, &[&str]); 4] = [
-    ("Training", &["run", "eval"]),
+    ("Training", &["run", "compare", "eval"]),
     ("Models and pictures", &["render", "convert", "inspect"]),
     ("Data", &["synth"]),
     ("This machine", &["device", "selftest", "completions"]),
 ];
 
 const EXAMPLES: &str = "Examples:
-  qirf-vk run capture -o trained --no-prune --preset quick --resolution 256
+  qirf-vk run capture -o trained --preset quick --resolution 256
+  qirf-vk compare capture -o compared --arms default,importance,dense
   qirf-vk eval trained/model.ply --config trained/config.toml
   qirf-vk render flowers.ply --orbit 8 -o pictures
   qirf-vk render model.spz --scene capture --resolution /2 -o pictures
@@ -143,6 +148,7 @@ impl Cli {
     fn run(&self, console: &Console) -> Result<(), Error> {
         match &self.command {
             Command::Run(a) => a.run(console, &self.global),
+            Command::Compare(a) => a.run(console, &self.global),
             Command::Eval(a) => a.run(console, &self.global),
             Command::Render(a) => a.run(console, &self.global),
             Command::Convert(a) => a.run(console),

@@ -4,20 +4,21 @@ use super::Global;
 use super::choices::Choices;
 use super::console::Console;
 use super::show::Show;
+use super::training::{Means, Training};
 use super::values;
 use crate::error::Error;
 use crate::metrics::Networks;
-use crate::pipeline::compression::Pruning;
 use crate::pipeline::results::Results;
-use crate::pipeline::{Init, Output, Preset, RunConfig};
+use crate::pipeline::{Output, RunConfig};
 use crate::pipeline::{budget, run};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
-  qirf-vk run capture -o trained --no-prune --preset quick --resolution 256
-  qirf-vk run capture -o trained --no-prune --iterations 7000 --checkpoint-every 1000
-  qirf-vk run capture -o trained --no-prune --iterations 7000 --resume
-  qirf-vk run --config trained/config.toml -o again --no-prune
+  qirf-vk run capture -o trained --preset quick --resolution 256
+  qirf-vk run capture -o trained --iterations 7000 --resume
+  qirf-vk run capture -o trained --keep 0.2 --selector css --schedule gradual
+  qirf-vk run capture -o dense --no-prune
+  qirf-vk run --config trained/config.toml -o again
 
 The folder holds model.ply, metrics.json, renders/ and config.toml, which reproduces the run.";
 
@@ -34,83 +35,21 @@ pub(super) struct Arguments {
     /// Train a dense model only
     #[arg(long)]
     no_prune: bool,
-    /// Prune once, or in steps
-    #[arg(long, value_name = "one-shot|gradual", default_value = "one-shot", help_heading = "Compression")]
-    schedule: Steps,
     #[command(flatten)]
     choices: Choices,
     /// Go on from the folder's checkpoint, if there is one
     #[arg(long)]
     resume: bool,
     /// Take every option from this file: an earlier run's config.toml
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["Training", "Choices", "no_prune"])]
     config: Option<PathBuf>,
-    /// Named schedule
-    #[arg(long, default_value = "standard", help_heading = "Training")]
-    preset: Preset,
-    /// Length of the run; the schedule's milestones scale with it
-    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    iterations: Option<u32>,
-    /// Highest degree of the spherical harmonics
-    #[arg(long, value_name = "L", default_value_t = 3, help_heading = "Training", value_parser = clap::value_parser!(u8).range(0..=3))]
-    sh_degree: u8,
-    /// Key of all random numbers: the same seed on the same device gives the same bytes
-    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Training")]
-    seed: u32,
-    /// Begin on: points (the scene's own, else random), random, or a model file
-    #[arg(long, value_name = "points|random|MODEL", default_value = "points", help_heading = "Training")]
-    init: String,
-    /// Number of random points [default: by picture size]
-    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..))]
-    init_count: Option<u32>,
-    /// Never more Gaussians than this
-    #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training")]
-    max_gaussians: usize,
-    /// Device memory that the run may use, such as 2G or 800M, and the most that decoded photos take of the host's
-    /// [default: the device's, and a quarter of the host's]
-    #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Training")]
-    memory_budget: Option<u64>,
-    /// Keep each Gaussian's energy where it is smaller than a pixel
-    #[arg(long, help_heading = "Training")]
-    antialias: bool,
-    /// Colour behind the Gaussians [default: white for photos with alpha, else black]
-    #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Training")]
-    background: Option<[f32; 3]>,
-    /// Iterations between checkpoints; 0 for none but on Ctrl-C
-    #[arg(long, value_name = "N", default_value_t = 5000, help_heading = "Training")]
-    checkpoint_every: u32,
-    /// Photo folder (such as images_4)
-    #[arg(long, value_name = "DIR", help_heading = "Photos")]
-    images: Option<PathBuf>,
-    /// Picture size as width, or as a divisor of the photos' size
-    #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
-    resolution: Option<String>,
-    /// Hold every N-th photo out for the scores; 0 holds none out
-    #[arg(long, value_name = "N", default_value_t = 8, help_heading = "Photos")]
-    eval_every: usize,
-    /// LPIPS weights: a file, or a folder of them (tools/lpips-weights makes them)
-    #[arg(long, value_name = "PATH", help_heading = "Photos")]
-    lpips_weights: Option<PathBuf>,
+    #[command(flatten)]
+    training: Training,
+    #[command(flatten)]
+    means: Means,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
-}
-
-/// How often to prune.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Steps {
-    /// Once, at half the run
-    OneShot,
-    /// Four times, from 13/30 to 20/30 of the run
-    Gradual,
-}
-
-fn init(text: &str) -> Init {
-    match text {
-        "points" => Init::Points,
-        "random" => Init::Random,
-        path => Init::Model(PathBuf::from(path)),
-    }
 }
 
 impl Arguments {
@@ -119,15 +58,15 @@ impl Arguments {
             return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
         }
         let config = self.configuration()?;
-        let networks = Networks::find(self.lpips_weights.as_deref())?;
+        let networks = Networks::find(self.means.lpips_weights.as_deref())?;
         if let Some(note) = networks.note() {
             console.note(note);
         }
-        let device = global.open_with(self.memory_budget)?;
+        let device = global.open_with(self.means.memory_budget)?;
         let show = Show::new(console);
         let output = Output::new(&self.output)?;
         let results =
-            run::run(&device, &config, &output, &networks, budget::host(self.memory_budget), self.resume, &show)?;
+            run::run(&device, &config, &output, &networks, budget::host(self.means.memory_budget), self.resume, &show)?;
         self.report(console, &results)
     }
 
@@ -135,31 +74,9 @@ impl Arguments {
         if let Some(path) = &self.config {
             return values::run_config(path);
         }
-        Ok(RunConfig {
-            scene: self.scene.clone().unwrap_or_default(),
-            images: self.images.clone(),
-            resolution: self.resolution.clone(),
-            seed: self.seed,
-            eval_every: self.eval_every,
-            sh_degree: usize::from(self.sh_degree),
-            init: init(&self.init),
-            init_count: self.init_count.map(|n| n as usize),
-            background: self.background,
-            antialias: self.antialias,
-            max_gaussians: self.max_gaussians,
-            checkpoint_every: self.checkpoint_every,
-            schedule: self.preset.schedule(self.iterations),
-            prune: (!self.no_prune).then(|| self.pruning()),
-        })
-    }
-
-    fn pruning(&self) -> Pruning {
-        let mut pruning = self.preset.pruning();
-        if self.schedule == Steps::Gradual {
-            pruning.at = Pruning::GRADUAL.to_vec();
-        }
-        pruning.compression = self.choices.over(pruning.compression);
-        pruning
+        let mut config = self.training.configuration(self.scene.clone().unwrap_or_default());
+        config.prune = (!self.no_prune).then(|| self.training.pruning(&self.choices));
+        Ok(config)
     }
 
     fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {

@@ -1,6 +1,7 @@
 //! All that a run depends on: what `config.toml` holds, and what reproduces the run.
 
 use super::compression::Pruning;
+use crate::error::Error;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -107,6 +108,14 @@ pub struct Selection {
 }
 
 impl RunConfig {
+    /// The text of `config.toml`.
+    ///
+    /// # Errors
+    /// Values that TOML cannot hold.
+    pub fn written(&self) -> Result<String, Error> {
+        toml::to_string(self).map_err(|e| Error::Usage(format!("the configuration cannot be written: {e}")))
+    }
+
     /// The pictures that the run is of.
     pub fn selection(&self) -> Selection {
         Selection {

@@ -1,10 +1,12 @@
 //! Floor 7: whole jobs as readable lists of stages.
 
 pub mod budget;
+pub mod compare;
 pub mod compression;
 pub mod config;
 pub mod eval;
 pub mod evaluate;
+pub mod job;
 pub mod output;
 pub mod pictures;
 pub mod prepare;

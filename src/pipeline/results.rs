@@ -125,7 +125,7 @@ pub struct TrainScores {
 }
 
 /// Scores of one held-out view.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ViewScores {
     /// The view's name.
     pub name: String,

@@ -1,0 +1,108 @@
+//! `qirf-vk compare SCENE`.
+
+use super::Global;
+use super::choices::Choices;
+use super::console::Console;
+use super::show::Show;
+use super::training::{Means, Training};
+use crate::error::Error;
+use crate::metrics::Networks;
+use crate::pipeline::compare::{Arm, Compared, compare};
+use crate::pipeline::{Output, budget};
+use std::path::PathBuf;
+
+const ARMS: &str =
+    "default,gnso,ordinary,lowdin,importance,css,radsplat,lightgaussian,contribution,opacity,random,dense";
+/// The paper's tables: with and without the detail safeguard, and both metrics over counts.
+const ABLATION: &str =
+    "dense,gnso,gnso-detail,ordinary,gnso@0.1,ordinary@0.1,gnso@0.2,ordinary@0.2,gnso@0.4,ordinary@0.4";
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk compare capture -o compared --preset quick --resolution 256
+  qirf-vk compare capture -o compared --arms default,importance,css:hybrid+merge,dense --keep 0.2
+  qirf-vk compare capture -o compared --ablation
+
+An arm is dense, default, paper, or a selector's name with any of :BUDGET, +merge, -detail and @SHARE after it, in this
+order. The folder holds compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
+
+/// Compare ways of pruning a scene, all from one checkpoint
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    scene: PathBuf,
+    /// Folder for the results; made where it is absent
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// What to compare, by commas [default: every selector, the default and the dense model]
+    #[arg(long, value_name = "ARM,...")]
+    arms: Option<String>,
+    /// Compare what the paper's ablations compare
+    #[arg(long, conflicts_with = "arms")]
+    ablation: bool,
+    /// Take over what an earlier comparison of the same options finished
+    #[arg(long)]
+    resume: bool,
+    #[command(flatten)]
+    choices: Choices,
+    #[command(flatten)]
+    training: Training,
+    #[command(flatten)]
+    means: Means,
+    /// Print the figures as JSON on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        let mut config = self.training.configuration(self.scene.clone());
+        let pruning = self.training.pruning(&self.choices);
+        let asked = self.arms.as_deref().unwrap_or(if self.ablation { ABLATION } else { ARMS });
+        let arms: Vec<Arm> = asked
+            .split(',')
+            .map(|text| Arm::parse(text.trim(), &pruning.compression))
+            .collect::<Result<_, _>>()
+            .map_err(|e| Error::Usage(format!("--arms: {e}")))?;
+        if let Some(twice) = (1..arms.len()).find(|i| arms[..*i].iter().any(|a| a.name == arms[*i].name)) {
+            return Err(Error::Usage(format!("--arms: {} is there twice", arms[twice].name)));
+        }
+        config.prune = Some(pruning);
+        let networks = Networks::find(self.means.lpips_weights.as_deref())?;
+        if let Some(note) = networks.note() {
+            console.note(note);
+        }
+        let device = global.open_with(self.means.memory_budget)?;
+        let show = Show::new(console);
+        let host = budget::host(self.means.memory_budget);
+        let compared = compare(&device, (&config, &arms), &self.output, &networks, host, self.resume, &show)?;
+        let json = serde_json::to_string_pretty(&compared).map_err(|e| Error::Usage(format!("compare.json: {e}")))?;
+        Output::text(&self.output.join("compare.json"), &json)?;
+        Output::text(&self.output.join("compare.csv"), &compared.csv())?;
+        if self.json { console.print(json) } else { self.report(console, &compared) }
+    }
+
+    fn report(&self, console: &Console, compared: &Compared) -> Result<(), Error> {
+        let number = |v: Option<f64>, digits: usize| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
+        console.print(format_args!(
+            "{:<24} {:>8} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
+            "arm", "PSNR/dB", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
+        ))?;
+        for arm in &compared.arms {
+            console.print(format_args!(
+                "{:<24} {:>8} {:>8} {:>8} {:>10} {:>7.1}% {:>8.2} {:>8} {:>8.1}",
+                arm.name,
+                number(arm.psnr, 3),
+                number(arm.ssim, 4),
+                number(arm.lpips_vgg, 4),
+                arm.gaussians,
+                100.0 * arm.removed,
+                arm.ply_bytes as f64 / 1e6,
+                number(arm.fps, 1),
+                arm.seconds,
+            ))?;
+        }
+        console.note(format_args!("tables, models and pictures in {}", self.output.display()));
+        Ok(())
+    }
+}

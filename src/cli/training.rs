@@ -1,0 +1,116 @@
+//! How a model is trained and on which photos: the options that run and compare share.
+
+use super::choices::Choices;
+use super::values;
+use crate::pipeline::compression::Pruning;
+use crate::pipeline::{Init, Preset, RunConfig};
+use clap::Args;
+use std::path::PathBuf;
+
+/// Options of training.
+#[derive(Args, Clone, Debug)]
+pub(super) struct Training {
+    /// Named schedule
+    #[arg(long, default_value = "standard", help_heading = "Training")]
+    preset: Preset,
+    /// Prune once, or in steps
+    #[arg(long, value_name = "one-shot|gradual", default_value = "one-shot", help_heading = "Compression")]
+    schedule: Steps,
+    /// Length of the run; the schedule's milestones scale with it
+    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    iterations: Option<u32>,
+    /// Highest degree of the spherical harmonics
+    #[arg(long, value_name = "L", default_value_t = 3, help_heading = "Training", value_parser = clap::value_parser!(u8).range(0..=3))]
+    sh_degree: u8,
+    /// Key of all random numbers: the same seed on the same device gives the same bytes
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Training")]
+    seed: u32,
+    /// Begin on: points (the scene's own, else random), random, or a model file
+    #[arg(long, value_name = "points|random|MODEL", default_value = "points", help_heading = "Training")]
+    init: String,
+    /// Number of random points [default: by picture size]
+    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..))]
+    init_count: Option<u32>,
+    /// Never more Gaussians than this
+    #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training")]
+    max_gaussians: usize,
+    /// Keep each Gaussian's energy where it is smaller than a pixel
+    #[arg(long, help_heading = "Training")]
+    antialias: bool,
+    /// Colour behind the Gaussians [default: white for photos with alpha, else black]
+    #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Training")]
+    background: Option<[f32; 3]>,
+    /// Iterations between checkpoints; 0 for none but on Ctrl-C
+    #[arg(long, value_name = "N", default_value_t = 5000, help_heading = "Training")]
+    checkpoint_every: u32,
+    /// Photo folder (such as images_4)
+    #[arg(long, value_name = "DIR", help_heading = "Photos")]
+    images: Option<PathBuf>,
+    /// Picture size as width, or as a divisor of the photos' size
+    #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
+    resolution: Option<String>,
+    /// Hold every N-th photo out for the scores; 0 holds none out
+    #[arg(long, value_name = "N", default_value_t = 8, help_heading = "Photos")]
+    eval_every: usize,
+}
+
+/// What a job may use, and what it is judged with: no part of its configuration.
+#[derive(Args, Clone, Debug)]
+pub(super) struct Means {
+    /// Device memory that the run may use, such as 2G or 800M, and the most that decoded photos take of the host's
+    /// [default: the device's, and a quarter of the host's]
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Training")]
+    pub memory_budget: Option<u64>,
+    /// LPIPS weights: a file, or a folder of them (tools/lpips-weights makes them)
+    #[arg(long, value_name = "PATH", help_heading = "Photos")]
+    pub lpips_weights: Option<PathBuf>,
+}
+
+/// How often to prune.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Steps {
+    /// Once, at half the run
+    OneShot,
+    /// Four times, from 13/30 to 20/30 of the run
+    Gradual,
+}
+
+fn init(text: &str) -> Init {
+    match text {
+        "points" => Init::Points,
+        "random" => Init::Random,
+        path => Init::Model(PathBuf::from(path)),
+    }
+}
+
+impl Training {
+    /// When and how a run prunes.
+    pub fn pruning(&self, choices: &Choices) -> Pruning {
+        let mut pruning = self.preset.pruning();
+        if self.schedule == Steps::Gradual {
+            pruning.at = Pruning::GRADUAL.to_vec();
+        }
+        pruning.compression = choices.over(pruning.compression);
+        pruning
+    }
+
+    /// What a run on `scene` is to do; it does not prune.
+    pub fn configuration(&self, scene: PathBuf) -> RunConfig {
+        RunConfig {
+            scene,
+            images: self.images.clone(),
+            resolution: self.resolution.clone(),
+            seed: self.seed,
+            eval_every: self.eval_every,
+            sh_degree: usize::from(self.sh_degree),
+            init: init(&self.init),
+            init_count: self.init_count.map(|n| n as usize),
+            background: self.background,
+            antialias: self.antialias,
+            max_gaussians: self.max_gaussians,
+            checkpoint_every: self.checkpoint_every,
+            schedule: self.preset.schedule(self.iterations),
+            prune: None,
+        }
+    }
+}

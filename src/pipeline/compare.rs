@@ -1,0 +1,311 @@
+//! `qirf-vk compare`: one model trained to the prune point, and every arm from that one checkpoint with the same seed, loss
+//! and iterations.
+
+use super::compression::{Compression, Pruning};
+use super::config::RunConfig;
+use super::evaluate::Evaluator;
+use super::job::{Job, Stage};
+use super::output::Output;
+use super::prepare::{Start, open};
+use super::results::{Pruned, Results, ViewScores};
+use super::watcher::Watcher;
+use super::{budget, run};
+use crate::error::Error;
+use crate::gaussians::formats;
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Device, DeviceInfo};
+use crate::metrics::Networks;
+use crate::qirf::select::Selector;
+use crate::qirf::select::budget::{Budget, Keep};
+use crate::render::Settings;
+use crate::train::checkpoint::Snapshot;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::time::Instant;
+
+/// Rounds in which the arms' frame rates are taken in turn.
+const ROUNDS: usize = 5;
+
+/// One way to go on from the prune point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arm {
+    /// Its name, as it was asked for: a folder's name too.
+    pub name: String,
+    /// How it prunes; the dense arm does not.
+    pub compression: Option<Compression>,
+}
+
+impl Arm {
+    /// Reads `dense`, `default`, `paper`, or a selector's name with any of `:BUDGET`, `+merge`, `-detail` and `@SHARE` after
+    /// it. A selector alone divides its count per block and does not merge. `given` is what `default` stands for, and
+    /// gives every arm its share, its detail and its blocks.
+    ///
+    /// # Errors
+    /// A sentence that says what is wrong.
+    pub fn parse(text: &str, given: &Compression) -> Result<Self, String> {
+        let name = text.to_owned();
+        let (rest, keep) = match text.split_once('@') {
+            None => (text, given.keep),
+            Some((rest, share)) => {
+                let share = share.parse::<f64>().ok().filter(|s| *s > 0.0 && *s <= 1.0);
+                (rest, Keep::Share(share.ok_or_else(|| format!("'{text}': write a share such as 0.2 after @"))?))
+            }
+        };
+        let (rest, without_detail) = rest.strip_suffix("-detail").map_or((rest, false), |rest| (rest, true));
+        let (rest, merge) = rest.strip_suffix("+merge").map_or((rest, false), |rest| (rest, true));
+        let (selector, budget) = rest.split_once(':').map_or((rest, None), |(s, b)| (s, Some(b)));
+        let named = |budget: &str| match budget {
+            "per-block" => Ok(Budget::PerBlock),
+            "hybrid" => Ok(Budget::Hybrid),
+            "global" => Ok(Budget::Global),
+            other => Err(format!("'{text}': there is no budget '{other}'; choose per-block, hybrid or global")),
+        };
+        let mut compression = match selector {
+            "dense" => return Ok(Self { name, compression: None }),
+            "default" => given.clone(),
+            "paper" => Compression::paper(),
+            selector => Compression {
+                selector: selector.parse::<Selector>().map_err(|e| format!("{e}, or default, paper or dense"))?,
+                budget: Budget::PerBlock,
+                merge: false,
+                ..given.clone()
+            },
+        };
+        if selector != "paper" || keep != given.keep {
+            compression.keep = keep;
+        }
+        if let Some(budget) = budget {
+            compression.budget = named(budget)?;
+        }
+        compression.merge |= merge;
+        if without_detail {
+            compression.detail = 0.0;
+        }
+        Ok(Self { name, compression: Some(compression) })
+    }
+
+    /// The arm's run: the shared one's, but for how it prunes.
+    fn configuration(&self, shared: &RunConfig) -> RunConfig {
+        let prune = match (&self.compression, &shared.prune) {
+            (Some(compression), Some(pruning)) => Some(Pruning { compression: compression.clone(), ..pruning.clone() }),
+            (None, Some(pruning)) => Some(Pruning { at: Vec::new(), ..pruning.clone() }),
+            _ => None,
+        };
+        RunConfig { prune, checkpoint_every: 0, ..shared.clone() }
+    }
+}
+
+/// What an arm came to.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ArmResult {
+    /// Its name.
+    pub name: String,
+    /// Mean PSNR of the held-out views in dB; null where all are equal or there are none.
+    pub psnr: Option<f64>,
+    /// Mean SSIM of the held-out views.
+    pub ssim: Option<f64>,
+    /// Mean LPIPS (VGG) of the held-out views; null without weights.
+    pub lpips_vgg: Option<f64>,
+    /// Gaussians at the end.
+    pub gaussians: usize,
+    /// Share of the Gaussians at the prune point that are gone.
+    pub removed: f64,
+    /// Bytes of its `model.ply`.
+    pub ply_bytes: u64,
+    /// Frames a second, the median of rounds in which all arms took turns.
+    pub fps: Option<f64>,
+    /// Seconds of training and pruning, from the beginning.
+    pub seconds: f64,
+    /// PSNR right after the prune, before any fine-tuning; null for the dense arm.
+    pub psnr_pruned: Option<f64>,
+    /// Its prunes.
+    pub prunes: Vec<Pruned>,
+    /// Scores by view.
+    pub views: Vec<ViewScores>,
+}
+
+/// What a comparison came to: `compare.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct Compared {
+    /// Version of this layout.
+    pub schema: u32,
+    /// Version of the program.
+    pub version: &'static str,
+    /// The device.
+    pub device: DeviceInfo,
+    /// The scene.
+    pub scene: String,
+    /// Iterations of every arm.
+    pub iterations: u32,
+    /// The iteration at which they part.
+    pub prune_point: u32,
+    /// Gaussians there.
+    pub gaussians: usize,
+    /// The arms, in the order asked for.
+    pub arms: Vec<ArmResult>,
+}
+
+/// Compares `arms` on one scene; everything lies in `folder`. With `resume`, what an earlier comparison of the same
+/// options finished there is taken over.
+///
+/// # Errors
+/// Anything from scene to disk; [`Error::Interrupted`].
+pub fn compare(
+    device: &Device,
+    (shared, arms): (&RunConfig, &[Arm]),
+    folder: &Path,
+    networks: &Networks,
+    host_bytes: u64,
+    resume: bool,
+    watcher: &(dyn Watcher + Sync),
+) -> Result<Compared, Error> {
+    let begun = Instant::now();
+    let output = Output::new(folder)?;
+    let opened = open(&shared.selection())?;
+    let written = shared.written()?;
+    let fork = run::found(&output, &written, resume, watcher)?;
+    let start = match fork {
+        Some(s) => Start::Resumed(Box::new(s)),
+        None => Start::of(shared, &opened)?,
+    };
+    let estimated_bytes = budget::for_run(device, shared, &opened, &start)?;
+    Output::text(&output.config(), &written)?;
+    let stage = Stage::load(device, opened, (host_bytes, &output), networks, watcher, (begun, estimated_bytes))?;
+    let at = shared.prune.as_ref().and_then(|p| p.iterations(shared.schedule.iterations).first().copied());
+    let at = at.unwrap_or(shared.schedule.iterations);
+    let fork = {
+        let mut job = Job::start(&stage, shared, &output, start)?;
+        job.train(at)?;
+        job.snapshot()?
+    };
+    fork.write(&output.checkpoint()).map_err(Error::writing)?;
+
+    let mut results = Vec::new();
+    for arm in arms {
+        watcher.note(&format!("{} ({} of {})", arm.name, results.len() + 1, arms.len()));
+        results.push(finish(&stage, arm, shared, &fork, &output.folder().join("arms").join(&arm.name), resume)?);
+    }
+    frame_rates(&stage, shared, &mut results, folder)?;
+    Ok(Compared {
+        schema: 1,
+        version: env!("CARGO_PKG_VERSION"),
+        device: device.info().clone(),
+        scene: shared.scene.display().to_string(),
+        iterations: shared.schedule.iterations,
+        prune_point: at,
+        gaussians: fork.model.len(),
+        arms: results,
+    })
+}
+
+/// Takes one arm from the fork to its end, or takes over what is there of it.
+fn finish(
+    stage: &Stage<'_>,
+    arm: &Arm,
+    shared: &RunConfig,
+    fork: &Snapshot,
+    folder: &Path,
+    resume: bool,
+) -> Result<ArmResult, Error> {
+    let output = Output::new(folder)?;
+    let config = arm.configuration(shared);
+    let (written, file) = (config.written()?, folder.join("arm.json"));
+    let there = || std::fs::read_to_string(output.config()).is_ok_and(|text| text == written);
+    if resume && there() {
+        let read = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str(&text).ok());
+        if let Some(result) = read {
+            return Ok(result);
+        }
+    }
+    let mut job = Job::start(stage, &config, &output, Start::Resumed(Box::new(fork.clone())))?;
+    let psnr_pruned = if arm.compression.is_some() {
+        job.prune_now()?;
+        job.psnr()?
+    } else {
+        // The dense arm goes on with the same loss.
+        job.fine_tune();
+        None
+    };
+    job.train(config.schedule.iterations)?;
+    let result = ArmResult::new(&arm.name, fork.model.len(), psnr_pruned, job.finish()?);
+    let text = serde_json::to_string(&result).unwrap_or_default();
+    Output::text(&file, &text)?;
+    Output::text(&output.config(), &written)?;
+    Ok(result)
+}
+
+impl ArmResult {
+    fn new(name: &str, before: usize, psnr_pruned: Option<f64>, results: Results) -> Self {
+        let test = results.test.as_ref();
+        Self {
+            name: name.to_owned(),
+            psnr: test.and_then(|t| t.psnr),
+            ssim: test.map(|t| t.ssim),
+            lpips_vgg: test.and_then(|t| t.lpips_vgg),
+            gaussians: results.gaussians.last,
+            removed: 1.0 - results.gaussians.last as f64 / before.max(1) as f64,
+            ply_bytes: results.model_bytes,
+            fps: results.frames_per_second,
+            seconds: results.time.train_s,
+            psnr_pruned,
+            prunes: results.prunes,
+            views: results.views,
+        }
+    }
+}
+
+/// Times all arms' models in turn, so that whatever else the machine does falls on all of them.
+fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmResult], folder: &Path) -> Result<(), Error> {
+    let settings =
+        Settings { background: stage.prepared.background, antialias: shared.antialias, ..Settings::default() };
+    let most = arms.iter().map(|a| a.gaussians).max().unwrap_or(0);
+    let mut evaluator = Evaluator::new(stage.device, settings, most, stage.prepared.views())?;
+    let mut rates: Vec<Vec<f64>> = vec![Vec::new(); arms.len()];
+    for _ in 0..ROUNDS {
+        for (arm, rates) in arms.iter().zip(&mut rates) {
+            let file = Output::new(&folder.join("arms").join(&arm.name))?.model();
+            let model = Resident::upload(stage.device, &formats::read(&file)?.gaussians)?;
+            rates.extend(evaluator.frames_per_second(&model, &stage.prepared)?);
+        }
+    }
+    for (arm, mut rates) in arms.iter_mut().zip(rates) {
+        rates.sort_by(f64::total_cmp);
+        arm.fps = rates.get(rates.len() / 2).copied();
+    }
+    Ok(())
+}
+
+impl Compared {
+    /// The table as comma-separated values: a line an arm.
+    pub fn csv(&self) -> String {
+        let cell = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
+        let mut text = "name,psnr,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned\n".to_owned();
+        for a in &self.arms {
+            let scores = [cell(a.psnr), cell(a.ssim), cell(a.lpips_vgg)].join(",");
+            text += &format!("{},{scores},{},{:.4},{},", a.name, a.gaussians, a.removed, a.ply_bytes);
+            text += &format!("{},{:.1},{}\n", cell(a.fps), a.seconds, cell(a.psnr_pruned));
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arms_by_name() {
+        let given = Compression { merge: true, ..Compression::default() };
+        let arm = |text: &str| Arm::parse(text, &given).unwrap().compression;
+        assert_eq!(arm("dense"), None);
+        assert_eq!(arm("default"), Some(given.clone()));
+        let css = arm("css").unwrap();
+        assert_eq!((css.selector, css.budget, css.merge), (Selector::Css, Budget::PerBlock, false));
+        let all = arm("gnso:global+merge-detail@0.1").unwrap();
+        assert_eq!((all.budget, all.merge, all.detail, all.keep), (Budget::Global, true, 0.0, Keep::Share(0.1)));
+        assert_eq!(arm("paper").unwrap().keep, Keep::Paper { kappa: 0.22 });
+        for wrong in ["", "nothing", "css:half", "css@2", "css@", "../up"] {
+            assert!(Arm::parse(wrong, &given).is_err(), "{wrong}");
+        }
+    }
+}

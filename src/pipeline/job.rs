@@ -1,0 +1,317 @@
+//! A run under way: training, prunes, checkpoints, and what is left at its end. `run` conducts one, `compare` many from one
+//! checkpoint.
+
+use super::budget;
+use super::compression::{Responses, prune};
+use super::config::RunConfig;
+use super::evaluate::Evaluator;
+use super::output::Output;
+use super::prepare::{Opened, Prepared, Start, initialise};
+use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Pruned, Results, Times, TrainScores};
+use super::watcher::Watcher;
+use crate::error::Error;
+use crate::gaussians::formats;
+use crate::gpu::Device;
+use crate::metrics::Networks;
+use crate::render::Settings;
+use crate::train::checkpoint::Snapshot;
+use crate::train::loss::Weights;
+use crate::train::{Options, Trainer};
+use std::ops::Range;
+use std::time::Instant;
+
+/// Points of the quality curve.
+const CURVE_POINTS: u32 = 8;
+
+/// What all runs on one scene share.
+pub struct Stage<'a> {
+    /// Where they run.
+    pub device: &'a Device,
+    /// The scene's views.
+    pub prepared: Prepared,
+    /// Networks of LPIPS.
+    pub networks: &'a Networks,
+    /// Who follows them.
+    pub watcher: &'a dyn Watcher,
+    /// Device memory that was expected before the start.
+    pub estimated_bytes: u64,
+    /// When it began, and the seconds until the photos were there.
+    pub begun: (Instant, f64),
+}
+
+impl<'a> Stage<'a> {
+    /// Decodes the photos of an opened scene; they take no more than `host_bytes` of the host's memory.
+    ///
+    /// # Errors
+    /// No photo that can be decoded; none to train on; a disk that is full.
+    pub fn load(
+        device: &'a Device,
+        opened: Opened,
+        (host_bytes, output): (u64, &Output),
+        networks: &'a Networks,
+        watcher: &'a (dyn Watcher + Sync),
+        (begun, estimated_bytes): (Instant, u64),
+    ) -> Result<Self, Error> {
+        let prepared = opened.load((host_bytes, output.folder()), &|done, total| watcher.loading(done, total))?;
+        for line in prepared.scene.skipped.summary() {
+            watcher.note(&line);
+        }
+        if prepared.train.is_empty() {
+            let scene = prepared.scene.source.display();
+            return Err(Error::Usage(format!("{scene}: no photo is left to train on; use a larger --eval-every")));
+        }
+        Ok(Self { device, prepared, networks, watcher, estimated_bytes, begun: (begun, begun.elapsed().as_secs_f64()) })
+    }
+}
+
+/// A run under way.
+pub struct Job<'a> {
+    stage: &'a Stage<'a>,
+    config: &'a RunConfig,
+    output: &'a Output,
+    /// The configuration as `config.toml` has it.
+    written: String,
+    trainer: Trainer,
+    evaluator: Evaluator,
+    initial: usize,
+    seconds: f64,
+    curve: Vec<CurvePoint>,
+    prunes: Vec<Pruned>,
+}
+
+impl<'a> Job<'a> {
+    /// Begins, or goes on from a snapshot.
+    ///
+    /// # Errors
+    /// Device memory; device errors; cameras that leave no place for random points.
+    pub fn start(stage: &'a Stage<'a>, config: &'a RunConfig, output: &'a Output, start: Start) -> Result<Self, Error> {
+        let Stage { device, prepared, .. } = stage;
+        let settings = Settings { background: prepared.background, antialias: config.antialias, ..Settings::default() };
+        let options = |gaussians: usize| Options {
+            schedule: config.schedule.clone(),
+            settings,
+            seed: config.seed,
+            degree: config.sh_degree,
+            most: config.max_gaussians,
+            transparent: prepared.transparent,
+            weights: Weights::default(),
+            averaged: averaged(config),
+            pairs: budget::pairs(gaussians),
+        };
+        let views = prepared.train.clone();
+        let (mut trainer, initial, seconds, curve, prunes) = if let Start::Resumed(s) = start {
+            let options = options(s.model.len());
+            let note = |key: &str| s.notes.get(key).cloned().unwrap_or_default();
+            let trainer = Trainer::resume(device, &s, views, prepared.extent, options)?;
+            let curve = serde_json::from_str(&note("curve")).unwrap_or_default();
+            let prunes: Vec<Pruned> = serde_json::from_str(&note("prunes")).unwrap_or_default();
+            (trainer, note("initial").parse().unwrap_or(0), note("seconds").parse().unwrap_or(0.0), curve, prunes)
+        } else {
+            let model = initialise(config, prepared, start)?;
+            let n = model.len();
+            let trainer = Trainer::new(device, &model, views, prepared.extent, options(n))?;
+            (trainer, n, 0.0, Vec::new(), Vec::new())
+        };
+        if !prunes.is_empty() {
+            trainer.weigh(fine_tuning(config));
+        }
+        let evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
+        Ok(Self {
+            stage,
+            config,
+            output,
+            written: config.written()?,
+            trainer,
+            evaluator,
+            initial,
+            seconds,
+            curve,
+            prunes,
+        })
+    }
+
+    /// Trains until `until` iterations are done, pruning and keeping checkpoints on the way. A prune due after the last of
+    /// them is left to whoever goes on.
+    ///
+    /// # Errors
+    /// Device memory; device errors; a checkpoint that cannot be written; [`Error::Interrupted`] after one.
+    pub fn train(&mut self, until: u32) -> Result<(), Error> {
+        let last = self.config.schedule.iterations;
+        let step = last.div_ceil(CURVE_POINTS).max(1);
+        let every = self.config.checkpoint_every;
+        let prunes = self.config.prune.as_ref().map(|p| p.iterations(last)).unwrap_or_default();
+        while self.trainer.iteration() < until {
+            let now = self.trainer.iteration();
+            if prunes.get(self.prunes.len()).is_some_and(|at| *at <= now) {
+                self.prune(prunes.len())?;
+            }
+            let pause = prunes.get(self.prunes.len()).copied().unwrap_or(last);
+            let next = |every: u32| now.checked_div(every).map_or(last, |passed| (passed + 1) * every);
+            let started = Instant::now();
+            let progress = self.trainer.advance(until.min(next(step)).min(next(every)).min(pause))?;
+            self.seconds += started.elapsed().as_secs_f64();
+            self.stage.watcher.training(&progress, last);
+            let at = progress.iteration;
+            let recorded = self.curve.last().is_some_and(|p| p.iteration == at);
+            if at > now && (at.is_multiple_of(step) || at == last) && !recorded {
+                self.point(at)?;
+            }
+            let stop = self.stage.watcher.stop();
+            if stop || (every > 0 && at > now && at.is_multiple_of(every) && at < last) {
+                self.snapshot()?.write(&self.output.checkpoint()).map_err(Error::writing)?;
+            }
+            if stop {
+                return Err(Error::Interrupted);
+            }
+        }
+        Ok(())
+    }
+
+    /// Prunes as the configuration says, whatever the iteration.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn prune_now(&mut self) -> Result<(), Error> {
+        let steps = self.config.prune.as_ref().map_or(1, |p| p.iterations(self.config.schedule.iterations).len());
+        self.prune(steps)
+    }
+
+    /// Goes on with the loss of fine-tuning.
+    pub fn fine_tune(&mut self) {
+        self.trainer.weigh(fine_tuning(self.config));
+    }
+
+    /// Mean PSNR of the held-out views as the model stands, in dB.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn psnr(&mut self) -> Result<Option<f64>, Error> {
+        self.evaluator.psnr(self.trainer.model(), self.stage.prepared.test.iter().map(|(_, view)| view))
+    }
+
+    /// Prune number `self.prunes.len()` of `steps`.
+    fn prune(&mut self, steps: usize) -> Result<(), Error> {
+        let Some(pruning) = &self.config.prune else { return Ok(()) };
+        let Stage { device, prepared, watcher, .. } = self.stage;
+        let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
+        let keep = pruning.keep(self.prunes.len(), steps, self.trainer.len());
+        let (compression, seed) = (&pruning.compression, self.config.seed);
+        let mut pruned = prune(device, &mut self.trainer, compression, keep, pruning.responses, seed)?;
+        pruned.frames_per_second_before = frames;
+        self.fine_tune();
+        watcher.note(&format!(
+            "after iteration {}: {} of {} Gaussians kept, {} blocks, {:.1} s",
+            pruned.iteration, pruned.after, pruned.before, pruned.blocks, pruned.seconds.total
+        ));
+        self.seconds += pruned.seconds.total;
+        self.prunes.push(pruned);
+        Ok(())
+    }
+
+    fn point(&mut self, iteration: u32) -> Result<(), Error> {
+        if let Some(psnr) = self.psnr()? {
+            let gaussians = self.trainer.len();
+            self.curve.push(CurvePoint { iteration, seconds: self.seconds, psnr, gaussians });
+        }
+        Ok(())
+    }
+
+    /// All that it takes to go on from here.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn snapshot(&self) -> Result<Snapshot, Error> {
+        let mut snapshot = self.trainer.snapshot()?;
+        for (key, value) in [
+            ("config", self.written.clone()),
+            ("curve", serde_json::to_string(&self.curve).unwrap_or_default()),
+            ("prunes", serde_json::to_string(&self.prunes).unwrap_or_default()),
+            ("seconds", self.seconds.to_string()),
+            ("initial", self.initial.to_string()),
+        ] {
+            snapshot.notes.insert(key.into(), value);
+        }
+        Ok(snapshot)
+    }
+
+    /// Writes the model, scores it, and writes what was measured.
+    ///
+    /// # Errors
+    /// Device errors; a disk that is full.
+    pub fn finish(mut self) -> Result<Results, Error> {
+        let Stage { device, prepared, networks, watcher, estimated_bytes, begun } = self.stage;
+        let (config, output) = (self.config, self.output);
+        let evaluating = Instant::now();
+        let model = self.trainer.download()?;
+        formats::write(&output.model(), &model).map_err(Error::writing)?;
+        let (evaluator, resident) = (&mut self.evaluator, self.trainer.model());
+        let held_out = evaluator.held_out(resident, prepared, Some(&output.renders()), networks, &mut |done| {
+            watcher.evaluating(done, prepared.test.len());
+            Ok(())
+        })?;
+        held_out.warn(*watcher);
+        let train_psnr = evaluator.psnr(resident, prepared.train.iter())?;
+        let frames_per_second = evaluator.frames_per_second(resident, prepared)?;
+        let results = Results {
+            schema: 1,
+            version: env!("CARGO_PKG_VERSION"),
+            device: device.info().clone(),
+            protocol: Protocol {
+                iterations: Some(config.schedule.iterations),
+                seed: Some(config.seed),
+                ..Protocol::new(&config.selection(), prepared, networks)
+            },
+            gaussians: Counts {
+                initial: Some(self.initial),
+                dense: Some(self.prunes.first().map_or(model.len(), |p| p.before)),
+                last: model.len(),
+            },
+            test: held_out.mean(),
+            train: TrainScores { psnr: train_psnr },
+            frames_per_second,
+            model_bytes: std::fs::metadata(output.model()).map_or(0, |m| m.len()),
+            time: Times {
+                total_s: begun.0.elapsed().as_secs_f64(),
+                load_s: begun.1,
+                train_s: self.seconds,
+                prune_s: self.prunes.iter().map(|p| p.seconds.total).sum(),
+                evaluate_s: evaluating.elapsed().as_secs_f64(),
+                stages_s: Times::stages(self.trainer.timings()),
+            },
+            prunes: self.prunes,
+            curve: self.curve,
+            effects: Vec::new(),
+            guards: Guards {
+                skipped_rows: self.trainer.skipped_rows(),
+                empty_views: held_out.empty,
+                scene: prepared.scene.skipped.clone(),
+            },
+            views: held_out.views,
+            memory: Memory {
+                estimated_bytes: *estimated_bytes,
+                peak_bytes: device.memory_used().1,
+                limit_bytes: device.memory_limit(),
+            },
+        };
+        results.write(output)?;
+        Ok(results)
+    }
+}
+
+/// The iterations whose responses are averaged.
+fn averaged(config: &RunConfig) -> Range<u32> {
+    match &config.prune {
+        Some(p) if p.responses == Responses::Average => {
+            let length = config.schedule.iterations;
+            let from = (f64::from(length) * p.average_from).round() as u32 + 1;
+            from..p.iterations(length).last().copied().unwrap_or(0) + 1
+        }
+        _ => 0..0,
+    }
+}
+
+/// The loss once the model has been pruned.
+fn fine_tuning(config: &RunConfig) -> Weights {
+    let l2 = config.prune.as_ref().map_or(0.0, |p| p.l2 as f32);
+    Weights { l2, ..Weights::default() }
+}
