@@ -267,3 +267,60 @@ fn eval_refuses_what_it_cannot_score() {
     refused(2, "name another folder", &[model.as_ref(), scene.as_ref(), o, run.as_ref()]);
     refused(3, "nowhere", &[model.as_ref(), folder.path().join("nowhere").as_ref()]);
 }
+
+/// The paper's choices end to end; a gradual schedule prunes four times.
+#[test]
+fn presets_and_schedules_prune() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let metrics = |out: &Path| -> serde_json::Value {
+        serde_json::from_str(&std::fs::read_to_string(out.join("metrics.json")).unwrap()).unwrap()
+    };
+    let (paper, gradual) = (folder.path().join("paper"), folder.path().join("gradual"));
+    works(&mut command(&scene, &paper, &["--preset", "paper"]));
+    let pruned = metrics(&paper);
+    assert_eq!(pruned["prunes"].as_array().unwrap().len(), 1);
+    assert_eq!(pruned["prunes"][0]["iteration"], 120);
+    // The voxel is 0.03 world units whatever the scene: here most blocks hold one Gaussian, which stays.
+    assert_eq!(
+        (&pruned["prunes"][0]["selector"], &pruned["prunes"][0]["before"]),
+        (&"gnso".into(), &pruned["gaussians"]["dense"])
+    );
+
+    works(&mut command(&scene, &gradual, &["--schedule", "gradual", "--target-count", "77", "--merge"]));
+    let pruned = metrics(&gradual);
+    let iterations: Vec<_> = pruned["prunes"].as_array().unwrap().iter().map(|p| p["iteration"].clone()).collect();
+    assert_eq!(iterations, [104, 120, 136, 160]);
+    assert_eq!(pruned["gaussians"]["final"], 77);
+}
+
+/// Arms part from one checkpoint: equal counts, one dense model, and what was finished is taken over.
+#[test]
+fn arms_are_compared_at_equal_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("compared");
+    let compare = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+        command.arg("compare").arg(&scene).arg("-o").arg(&out).args(["--iterations", "160", "--json"]).args(more);
+        let output = works(&mut command);
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).expect("one JSON document")
+    };
+    let first = compare(&["--arms", "default,importance,random:global,dense", "--keep", "0.3"]);
+    let arms = first["arms"].as_array().unwrap();
+    let names: Vec<_> = arms.iter().map(|a| a["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["default", "importance", "random:global", "dense"]);
+    let n = first["gaussians"].as_u64().unwrap();
+    let kept = (n * 3 + 5) / 10;
+    let counts: Vec<_> = arms.iter().map(|a| a["gaussians"].as_u64().unwrap()).collect();
+    assert_eq!(counts, [kept, kept, kept, n]);
+    assert!(arms.iter().all(|a| a["psnr"].as_f64().is_some() && a["fps"].as_f64().unwrap() > 0.0));
+    let table = std::fs::read_to_string(out.join("compare.csv")).unwrap();
+    assert_eq!(table.lines().count(), 5);
+
+    let model = |name: &str| std::fs::metadata(out.join("arms").join(name).join("model.ply")).unwrap().modified();
+    let before = model("importance").unwrap();
+    let again = compare(&["--arms", "importance,dense", "--keep", "0.3", "--resume"]);
+    assert_eq!(again["arms"][0]["psnr"], first["arms"][1]["psnr"]);
+    assert_eq!(model("importance").unwrap(), before, "not trained again");
+}

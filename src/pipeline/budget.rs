@@ -44,7 +44,8 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
     let degree = config.sh_degree.max(start.degree());
     let needed = |gaussians: usize| {
         let photos = photos.clone();
-        let demand = Demand { gaussians, pairs: pairs(gaussians), size, photos, degree, grows };
+        let demand =
+            Demand { gaussians, pairs: pairs(gaussians), size, photos, degree, grows, prunes: config.prune.is_some() };
         Trainer::bytes(device, &demand) + Evaluator::bytes(device, gaussians, size)
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };

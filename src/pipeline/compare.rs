@@ -84,6 +84,11 @@ impl Arm {
         Ok(Self { name, compression: Some(compression) })
     }
 
+    /// Its folder's name, which every file system allows.
+    fn folder(name: &str) -> String {
+        name.replace([':', '@'], "-")
+    }
+
     /// The arm's run: the shared one's, but for how it prunes.
     fn configuration(&self, shared: &RunConfig) -> RunConfig {
         let prune = match (&self.compression, &shared.prune) {
@@ -183,7 +188,14 @@ pub fn compare(
     let mut results = Vec::new();
     for arm in arms {
         watcher.note(&format!("{} ({} of {})", arm.name, results.len() + 1, arms.len()));
-        results.push(finish(&stage, arm, shared, &fork, &output.folder().join("arms").join(&arm.name), resume)?);
+        results.push(finish(
+            &stage,
+            arm,
+            shared,
+            &fork,
+            &output.folder().join("arms").join(Arm::folder(&arm.name)),
+            resume,
+        )?);
     }
     frame_rates(&stage, shared, &mut results, folder)?;
     Ok(Compared {
@@ -263,7 +275,7 @@ fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmResult], fo
     let mut rates: Vec<Vec<f64>> = vec![Vec::new(); arms.len()];
     for _ in 0..ROUNDS {
         for (arm, rates) in arms.iter().zip(&mut rates) {
-            let file = Output::new(&folder.join("arms").join(&arm.name))?.model();
+            let file = Output::new(&folder.join("arms").join(Arm::folder(&arm.name)))?.model();
             let model = Resident::upload(stage.device, &formats::read(&file)?.gaussians)?;
             rates.extend(evaluator.frames_per_second(&model, &stage.prepared)?);
         }

@@ -8,7 +8,7 @@ use crate::gpu::{Buffer, Device, Error, Landing, Reading, Recording, Result, Tim
 use std::ops::Range;
 
 /// Members of a batch at most: 64 bytes of axes each stay well within what a kernel can bind.
-const MOST_MEMBERS: usize = 1 << 19;
+pub(super) const MOST_MEMBERS: usize = 1 << 19;
 /// Rows and columns of a tile's corner share a word.
 const LARGEST_BLOCK: usize = 1 << 15;
 

@@ -7,6 +7,7 @@ use super::trainer::Trainer;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, staging_bytes};
+use crate::qirf::study;
 use crate::render::{AdamState, Renderer};
 
 /// What a run's memory depends on.
@@ -24,6 +25,8 @@ pub struct Demand {
     pub degree: usize,
     /// Whether density control acts: it holds the old model and the new at once, as the renderer does when it grows.
     pub grows: bool,
+    /// Whether it prunes.
+    pub prunes: bool,
 }
 
 impl Trainer {
@@ -36,6 +39,8 @@ impl Trainer {
         let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
         // The widest array is what downloads stage; its moments are twice as wide.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
-        model + renderer + pictures + growth.max(staging_bytes(widest)) + Buffer::<u32>::bytes_of(2)
+        let pruning = if demand.prunes { study::bytes(n) } else { 0 };
+        let passing = growth.max(pruning).max(staging_bytes(widest));
+        model + renderer + pictures + passing + Buffer::<u32>::bytes_of(2)
     }
 }

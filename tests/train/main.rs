@@ -10,4 +10,5 @@ mod density;
 mod initialise;
 mod loss;
 mod memory;
+mod prune;
 mod runs;

@@ -95,7 +95,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
     }
     assert_eq!(trainer.model().degree, degree);
     trainer.download().unwrap();
-    let demand = Demand { gaussians: n, pairs, size, photos, degree, grows };
+    let demand = Demand { gaussians: n, pairs, size, photos, degree, grows, prunes: false };
     let (peak, expected) = (device.memory_used().1, Trainer::bytes(device, &demand));
     println!("{first} -> {} of {n}, degree {degree}: peak {peak}, expected {expected}", trainer.len());
     finish(device);

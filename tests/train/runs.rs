@@ -16,15 +16,15 @@ use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Error, Options, Progress, Trainer};
 use std::sync::OnceLock;
 
-struct Capture {
-    train: Vec<TrainView>,
+pub(super) struct Capture {
+    pub(super) train: Vec<TrainView>,
     test: Vec<TrainView>,
     start: Gaussians,
-    extent: f64,
+    pub(super) extent: f64,
 }
 
 /// Eight photos of 64 x 48, of which seven are trained on, made once.
-fn capture() -> &'static Capture {
+pub(super) fn capture() -> &'static Capture {
     static MADE: OnceLock<Capture> = OnceLock::new();
     MADE.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
@@ -54,7 +54,7 @@ fn capture() -> &'static Capture {
 
 const ITERATIONS: u32 = 110;
 
-fn options() -> Options {
+pub(super) fn options() -> Options {
     let schedule = Schedule {
         iterations: ITERATIONS,
         densify_from: 0.1,
@@ -77,13 +77,13 @@ fn options() -> Options {
     }
 }
 
-fn trainer(device: &Device, options: Options) -> Trainer {
+pub(super) fn trainer(device: &Device, options: Options) -> Trainer {
     let c = capture();
     Trainer::new(device, &c.start, c.train.clone(), c.extent, options).unwrap()
 }
 
 /// Trains to `until`; every call must get somewhere, if only by growing a buffer.
-fn train(trainer: &mut Trainer, until: u32) -> Vec<Progress> {
+pub(super) fn train(trainer: &mut Trainer, until: u32) -> Vec<Progress> {
     let mut seen = Vec::new();
     while trainer.iteration() < until {
         seen.push(trainer.advance(until).unwrap());
@@ -98,7 +98,7 @@ fn run(device: &Device, options: Options) -> Gaussians {
     trainer.download().unwrap()
 }
 
-fn bits(model: &Gaussians) -> Vec<u32> {
+pub(super) fn bits(model: &Gaussians) -> Vec<u32> {
     let main = [model.means.as_flattened(), model.log_scales.as_flattened(), model.rotations.as_flattened()];
     let all = main.into_iter().chain([&model.opacity_logits[..]]).chain(model.sh.iter().map(Vec::as_slice));
     all.flatten().map(|v| v.to_bits()).collect()
