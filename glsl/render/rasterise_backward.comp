@@ -28,9 +28,9 @@ layout(binding = 5, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 6, std430) readonly buffer Colour { vec2 colour[]; };
 layout(binding = 7, std430) readonly buffer Image { vec4 image[]; };
 layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[]; }; // by red, green, blue, alpha
-layout(binding = 9, std430) writeonly buffer MomentsA { vec4 moments_a[]; }; // by slot: 1, u, v, sum of T alpha
-layout(binding = 10, std430) writeonly buffer MomentsB { vec4 moments_b[]; }; // uu, uv, vv, sum of alpha
-layout(binding = 11, std430) writeonly buffer MomentsC { vec4 moments_c[]; }; // red, green, blue, sum of T alpha x residual
+layout(binding = 9, std430) writeonly buffer MomentsA { vec4 moments_a[]; }; // by slot: 1, u, v; where RESIDUAL, sum of T alpha
+layout(binding = 10, std430) writeonly buffer MomentsB { vec4 moments_b[]; }; // uu, uv, vv; where RESIDUAL, sum of alpha
+layout(binding = 11, std430) writeonly buffer MomentsC { vec4 moments_c[]; }; // red, green, blue; where RESIDUAL, sum of T alpha x residual
 
 const float ONE_MINUS_ALPHA_FLOOR = 1e-6;
 
@@ -47,6 +47,12 @@ vec4 lane_sum(vec4 x) {
     vec4 sum = subgroupBroadcast(x, 0);
     [[unroll]] for (uint l = 1; l < 8; l++) sum += subgroupBroadcast(x, l);
     return sum;
+}
+
+bool done() {
+    bool all = true;
+    [[unroll]] for (uint p = 0; p < PIXELS; p++) all = all && transmittance[p] <= 0;
+    return all;
 }
 
 void main() {
@@ -68,7 +74,8 @@ void main() {
     }
     uint start = starts[tile], end = starts[tile + 1];
     // As many splats as there are lanes at a time: each lane reads one and, in the end, writes its sums.
-    for (uint first = start; first < end; first += SUBGROUP) {
+    uint first = start;
+    for (; first < end && !subgroupAll(done()); first += SUBGROUP) {
         uint length = min(SUBGROUP, end - first);
         uint slot = slots[min(first + lane, end - 1)];
         uint i = owners[slot];
@@ -98,8 +105,8 @@ void main() {
                 float by_alpha = t * q - r / max(1 - alpha, ONE_MINUS_ALPHA_FLOOR);
                 float h = live && free < ALPHA_MAX ? alpha * by_alpha : 0;
                 float hu = h * u, hv = h * v;
-                a += vec4(h, hu, hv, w);
-                b += vec4(hu * u, hu * v, hv * v, live ? alpha : 0);
+                a += vec4(h, hu, hv, RESIDUAL ? w : 0);
+                b += vec4(hu * u, hu * v, hv * v, RESIDUAL && live ? alpha : 0);
                 c += w * vec4(gradient[p].rgb, RESIDUAL ? gradient[p].a : 0);
                 transmittance[p] = live ? next : drawn ? 0 : t;
             }
@@ -116,5 +123,12 @@ void main() {
             moments_b[slot] = my_b;
             moments_c[slot] = my_c;
         }
+    }
+    // Nothing behind the last pixel's end is drawn, but its slots are summed.
+    for (uint n = first + lane; n < end; n += SUBGROUP) {
+        uint slot = slots[n];
+        moments_a[slot] = vec4(0);
+        moments_b[slot] = vec4(0);
+        moments_c[slot] = vec4(0);
     }
 }

@@ -32,11 +32,11 @@ pub struct Compression {
 impl Default for Compression {
     fn default() -> Self {
         Self {
-            selector: Selector::Gnso,
+            selector: Selector::Css,
             budget: Budget::Hybrid,
             keep: Keep::Share(0.28),
             detail: 0.05,
-            merge: false,
+            merge: true,
             basis: Basis::default(),
         }
     }
@@ -46,7 +46,9 @@ impl Compression {
     /// Every choice as the paper has it.
     pub fn paper() -> Self {
         Self {
+            selector: Selector::Gnso,
             budget: Budget::PerBlock,
+            merge: false,
             keep: Keep::Paper { kappa: 0.22 },
             basis: Basis { partition: Partition::PAPER, ..Basis::default() },
             ..Self::default()
