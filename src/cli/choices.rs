@@ -31,8 +31,8 @@ pub(super) struct Choices {
     /// Let the kept Gaussians take over colour and opacity of the dropped ones that they overlap
     #[arg(long)]
     merge: bool,
-    /// Blocks: adaptive, paper, or an edge in world units [default: adaptive]
-    #[arg(long, value_name = "adaptive|paper|EDGE", value_parser = values::partition)]
+    /// Blocks: adaptive, of so many members at most, paper, or an edge in world units [default: adaptive]
+    #[arg(long, value_name = "adaptive[:MOST]|paper|EDGE", value_parser = values::partition)]
     partition: Option<Partition>,
     /// Metric: normalised, or raw as in the paper's literal text [default: normalised]
     #[arg(long, value_name = "NAME", value_parser = values::named::<Overlap>)]

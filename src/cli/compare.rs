@@ -8,6 +8,7 @@ use super::training::{Means, Training};
 use crate::error::Error;
 use crate::metrics::Networks;
 use crate::pipeline::compare::{Arm, Compared, compare};
+use crate::pipeline::compression::{Compression, Pruning};
 use crate::pipeline::{Output, budget};
 use std::path::PathBuf;
 
@@ -56,7 +57,6 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
-        let mut config = self.training.configuration(self.scene.clone());
         let pruning = self.training.pruning(&self.choices);
         let asked = self.arms.as_deref().unwrap_or(if self.ablation { ABLATION } else { ARMS });
         let arms: Vec<Arm> = asked
@@ -67,7 +67,11 @@ impl Arguments {
         if let Some(twice) = (1..arms.len()).find(|i| arms[..*i].iter().any(|a| a.name == arms[*i].name)) {
             return Err(Error::Usage(format!("--arms: {} is there twice", arms[twice].name)));
         }
-        config.prune = Some(pruning);
+        // What the arms share ends where they part: another choice of arms goes on from the same checkpoint.
+        let config = self
+            .training
+            .configuration(self.scene.clone())
+            .pruned(Pruning { compression: Compression::default(), ..pruning });
         let networks = Networks::find(self.means.lpips_weights.as_deref())?;
         if let Some(note) = networks.note() {
             console.note(note);

@@ -74,9 +74,8 @@ impl Arguments {
         if let Some(path) = &self.config {
             return values::run_config(path);
         }
-        let mut config = self.training.configuration(self.scene.clone().unwrap_or_default());
-        config.prune = (!self.no_prune).then(|| self.training.pruning(&self.choices));
-        Ok(config)
+        let config = self.training.configuration(self.scene.clone().unwrap_or_default());
+        Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)) })
     }
 
     fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {

@@ -69,16 +69,18 @@ pub(super) fn named<T: DeserializeOwned>(text: &str) -> Result<T, String> {
     T::deserialize(IntoDeserializer::<serde::de::value::Error>::into_deserializer(text)).map_err(|e| e.to_string())
 }
 
-/// `adaptive`, `paper`, or an edge of voxels in world units.
+/// `adaptive`, `adaptive:MOST` members a block, `paper`, or an edge of voxels in world units.
 pub(super) fn partition(text: &str) -> Result<Partition, String> {
     let edge = || text.parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
+    let most = text.strip_prefix("adaptive:").and_then(|n| n.parse::<usize>().ok()).filter(|n| (16..=8000).contains(n));
     match (text, Partition::PAPER) {
         ("adaptive", _) => Ok(Partition::ADAPTIVE),
+        _ if most.is_some() => Ok(Partition::Adaptive { mean: 48, least: 8, most: most.unwrap_or_default() }),
         ("paper", paper) => Ok(paper),
         (_, Partition::Paper { cap, .. }) if edge().is_some() => {
             Ok(Partition::Paper { voxel: edge().unwrap_or_default(), cap })
         }
-        _ => Err("write adaptive, paper, or an edge in world units, such as 0.03".to_owned()),
+        _ => Err("write adaptive, adaptive:128 (members a block, 16 to 8000), paper, or an edge in world units, such as 0.03".into()),
     }
 }
 

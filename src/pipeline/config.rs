@@ -116,6 +116,16 @@ impl RunConfig {
         toml::to_string(self).map_err(|e| Error::Usage(format!("the configuration cannot be written: {e}")))
     }
 
+    /// The same run, pruned: nothing grows any more once the first prune is due.
+    #[must_use]
+    pub fn pruned(mut self, pruning: Pruning) -> Self {
+        if let Some(first) = pruning.at.first() {
+            self.schedule.densify_until = self.schedule.densify_until.min(*first);
+        }
+        self.prune = Some(pruning);
+        self
+    }
+
     /// The pictures that the run is of.
     pub fn selection(&self) -> Selection {
         Selection {
