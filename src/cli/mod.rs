@@ -84,7 +84,7 @@ const GROUPS: [(&str, &[&str]); 4] = [
 ];
 
 const EXAMPLES: &str = "Examples:
-  qirf-vk run capture -o trained --no-prune --preset quick --resolution 256
+  qirf-vk run capture -o trained --preset quick --resolution 256
   qirf-vk eval trained/model.ply --config trained/config.toml
   qirf-vk render flowers.ply --orbit 8 -o pictures
   qirf-vk render model.spz --scene capture --resolution /2 -o pictures

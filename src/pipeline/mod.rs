@@ -5,6 +5,7 @@ pub mod compression;
 pub mod config;
 pub mod eval;
 pub mod evaluate;
+pub mod gallery;
 pub mod output;
 pub mod pictures;
 pub mod prepare;

@@ -4,6 +4,7 @@ use super::budget;
 use super::compression::{Responses, prune};
 use super::config::RunConfig;
 use super::evaluate::Evaluator;
+use super::gallery;
 use super::output::Output;
 use super::prepare::{Prepared, Start, initialise, open};
 use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Pruned, Results, Times, TrainScores};
@@ -72,6 +73,7 @@ pub fn run(
         Ok(())
     })?;
     held_out.warn(watcher);
+    gallery::photos(&prepared, &output.renders())?;
     let train_psnr = evaluator.psnr(resident, prepared.train.iter())?;
     let frames_per_second = evaluator.frames_per_second(resident, &prepared)?;
     let results = Results {
@@ -222,7 +224,7 @@ impl Job {
         while self.trainer.iteration() < last {
             let now = self.trainer.iteration();
             if let Some(at) = prunes.get(self.prunes.len()).filter(|at| **at <= now) {
-                self.prune(config, prepared, (*at).max(now), prunes.len(), watcher)?;
+                self.prune(config, prepared, output, (*at).max(now), prunes.len(), watcher)?;
             }
             let pause = prunes.get(self.prunes.len()).copied().unwrap_or(last);
             let next = |every: u32| now.checked_div(every).map_or(last, |passed| (passed + 1) * every);
@@ -250,12 +252,16 @@ impl Job {
         &mut self,
         config: &RunConfig,
         prepared: &Prepared,
+        output: &Output,
         iteration: u32,
         steps: usize,
         watcher: &dyn Watcher,
     ) -> Result<(), Error> {
         let Some(pruning) = &config.prune else { return Ok(()) };
         let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
+        if self.prunes.is_empty() {
+            gallery::dense(&mut self.evaluator, self.trainer.model(), prepared, &output.renders())?;
+        }
         let keep = pruning.keep(self.prunes.len(), steps, self.trainer.len());
         let device = &self.device;
         let mut pruned = prune(device, &mut self.trainer, &pruning.compression, keep, pruning.responses, config.seed)?;
