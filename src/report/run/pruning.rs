@@ -49,16 +49,9 @@ fn number(v: f64) -> String {
 }
 
 fn occupancy(prune: &Pruned) -> Markup {
-    let name = |bin: usize| {
-        let first = 1_usize << bin.min(40);
-        match bin {
-            0 => "1".to_owned(),
-            1..=5 => format!("{first}–{}", 2 * first - 1),
-            _ => format!("≥ {}", short(first as f64)),
-        }
-    };
+    let name = |bin: usize| (1_usize << bin.min(40)).to_string();
     let bins: Vec<(String, f64)> = prune.occupancy.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
-    let (x, y) = ("Gaussians in a block", Axis::from_zero("blocks"));
+    let (x, y) = ("Gaussians in a block, from this number to below the next", Axis::from_zero("blocks"));
     Columns { title: "Block occupancy", x, y, bins: &bins, text: number }.draw()
 }
 
