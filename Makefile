@@ -17,8 +17,8 @@ help: ## these lines
 setup: ## install what building and running needs (Debian, Ubuntu); says what it does
 	@tools/setup
 
-# MODEL=file: an orbit of that model. Else: this machine's device checked, a synthetic capture made and trained.
-run: setup ## the demo; MODEL=file.ply renders an orbit of that model
+# MODEL=file: an orbit of that model. Else: this machine's device checked, a synthetic capture made, trained and pruned.
+run: setup ## the demo, up to its report; MODEL=file.ply renders an orbit of that model
 	@echo "building (the first time takes some minutes)"
 	@cargo build --release --locked
 ifdef MODEL
@@ -26,10 +26,11 @@ ifdef MODEL
 else
 	$(QIRF) selftest
 	$(QIRF) synth "$(OUT)/demo"
-	$(QIRF) run "$(OUT)/demo" -o "$(OUT)/trained" --no-prune --preset quick
+	$(QIRF) run "$(OUT)/demo" -o "$(OUT)/trained" --preset quick
 	$(QIRF) render "$(OUT)/trained/model.ply" --orbit 8 -o "$(OUT)/orbit"
 	@echo
-	@echo "The trained model lies in $(OUT)/trained, its figures in metrics.json there, pictures in renders/ and $(OUT)/orbit."
+	@echo "The compressed model lies in $(OUT)/trained, an orbit of it in $(OUT)/orbit."
+	@echo "All of it on one page: $(OUT)/trained/report.html"
 endif
 
 test: setup ## all tests, on this machine's Vulkan device

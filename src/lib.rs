@@ -22,4 +22,5 @@ pub mod train;
 pub mod cli;
 pub mod error;
 pub mod pipeline;
+pub mod report;
 pub mod selftest;

@@ -11,6 +11,7 @@ use crate::metrics::Networks;
 use crate::pipeline::results::Results;
 use crate::pipeline::{Output, RunConfig};
 use crate::pipeline::{budget, run};
+use crate::report;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
@@ -20,7 +21,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o dense --no-prune
   qirf-vk run --config trained/config.toml -o again
 
-The folder holds model.ply, metrics.json, renders/ and config.toml, which reproduces the run.";
+The folder holds model.ply, report.html, metrics.json, renders/ and config.toml, which reproduces the run.";
 
 /// Train a scene: photos with poses to a 3DGS model, its pictures and its figures.
 #[derive(Debug, clap::Args)]
@@ -67,7 +68,8 @@ impl Arguments {
         let output = Output::new(&self.output)?;
         let results =
             run::run(&device, &config, &output, &networks, budget::host(self.means.memory_budget), self.resume, &show)?;
-        self.report(console, &results)
+        report::write(&results, &output)?;
+        self.report(console, &results, &output)
     }
 
     fn configuration(&self) -> Result<RunConfig, Error> {
@@ -78,7 +80,7 @@ impl Arguments {
         Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)) })
     }
 
-    fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {
+    fn report(&self, console: &Console, results: &Results, output: &Output) -> Result<(), Error> {
         if self.json {
             return console.json(&serde_json::to_value(results).unwrap_or_default());
         }
@@ -107,6 +109,7 @@ impl Arguments {
             results.time.evaluate_s,
             results.memory.peak_bytes as f64 / 1e6,
         ))?;
-        console.print(format_args!("        {}", self.output.join("model.ply").display()))
+        console.print(format_args!("       {}", output.model().display()))?;
+        console.print(format_args!("report {}", output.report().display()))
     }
 }

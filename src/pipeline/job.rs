@@ -5,6 +5,7 @@ use super::budget;
 use super::compression::{Responses, prune};
 use super::config::RunConfig;
 use super::evaluate::Evaluator;
+use super::gallery;
 use super::output::Output;
 use super::prepare::{Opened, Prepared, Start, initialise};
 use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Pruned, Results, Times, TrainScores};
@@ -194,6 +195,9 @@ impl<'a> Job<'a> {
         let Some(pruning) = &self.config.prune else { return Ok(()) };
         let Stage { device, prepared, watcher, .. } = self.stage;
         let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
+        if self.prunes.is_empty() {
+            gallery::dense(&mut self.evaluator, self.trainer.model(), prepared, &self.output.renders())?;
+        }
         let keep = pruning.keep(self.prunes.len(), steps, self.trainer.len());
         let (compression, seed) = (&pruning.compression, self.config.seed);
         let mut pruned = prune(device, &mut self.trainer, compression, keep, pruning.responses, seed)?;
@@ -250,6 +254,7 @@ impl<'a> Job<'a> {
             Ok(())
         })?;
         held_out.warn(*watcher);
+        gallery::photos(prepared, &output.renders())?;
         let train_psnr = evaluator.psnr(resident, prepared.train.iter())?;
         let frames_per_second = evaluator.frames_per_second(resident, prepared)?;
         let results = Results {

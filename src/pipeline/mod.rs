@@ -6,6 +6,7 @@ pub mod compression;
 pub mod config;
 pub mod eval;
 pub mod evaluate;
+pub mod gallery;
 pub mod job;
 pub mod output;
 pub mod pictures;

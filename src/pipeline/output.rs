@@ -42,6 +42,11 @@ impl Output {
         self.0.join("metrics.json")
     }
 
+    /// The page of it all.
+    pub fn report(&self) -> PathBuf {
+        self.0.join("report.html")
+    }
+
     /// The folder of pictures.
     pub fn renders(&self) -> PathBuf {
         self.0.join("renders")

@@ -1,0 +1,103 @@
+//! Pictures kept for the report: a few held-out views, each as its photo and as the dense model showed it.
+
+use super::evaluate::{Evaluator, truth};
+use super::pictures::{self, Format};
+use super::prepare::Prepared;
+use crate::error::Error;
+use crate::gaussians::resident::Resident;
+use crate::render::Image;
+use std::path::{Path, PathBuf};
+
+/// Most views shown.
+const SHOWN: usize = 4;
+
+/// A held-out view that is shown, and where its pictures lie below `renders/`; some may be absent.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Exhibit {
+    /// Position in the list of held-out views.
+    pub view: usize,
+    /// The view's name.
+    pub name: String,
+    /// The photo at the size worked at, over the background.
+    pub photo: PathBuf,
+    /// The model before its first prune.
+    pub dense: PathBuf,
+    /// The model at the end: as every held-out view is written.
+    pub last: PathBuf,
+}
+
+/// The views shown of held-out views of these names: up to four, spread evenly over the list.
+pub fn exhibits(names: &[&str]) -> Vec<Exhibit> {
+    let n = names.len();
+    let shown = n.min(SHOWN);
+    // Midpoints of equal parts of the list.
+    let views: Vec<usize> = (0..shown).map(|k| (2 * k + 1) * n / (2 * shown)).collect();
+    let below = |folder: &str| views.iter().map(|v| format!("{folder}/{}", names[*v])).collect::<Vec<_>>();
+    let (photos, dense) = (below("photos"), below("dense"));
+    // One list of all, so that no picture takes the place of another whose view is called the same.
+    let all = names.iter().copied().chain(photos.iter().chain(&dense).map(String::as_str));
+    let files = pictures::names(all, Format::Png.extension());
+    let exhibit = |(k, &view): (usize, &usize)| Exhibit {
+        view,
+        name: names[view].to_owned(),
+        photo: files[n + k].clone(),
+        dense: files[n + shown + k].clone(),
+        last: files[view].clone(),
+    };
+    views.iter().enumerate().map(exhibit).collect()
+}
+
+fn of(prepared: &Prepared) -> Vec<Exhibit> {
+    exhibits(&prepared.test.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>())
+}
+
+/// Writes the photos of the views shown below the folder `renders`.
+///
+/// # Errors
+/// Photos in a file that cannot be read; pictures that cannot be written.
+pub fn photos(prepared: &Prepared, renders: &Path) -> Result<(), Error> {
+    for exhibit in of(prepared) {
+        let view = &prepared.test[exhibit.view].1;
+        let colours = truth(view, prepared.background)?;
+        let pixels = colours.as_chunks::<3>().0.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
+        let image = Image { width: view.camera.width, height: view.camera.height, pixels };
+        pictures::write(&renders.join(exhibit.photo), &image, Format::Png, false)?;
+    }
+    Ok(())
+}
+
+/// Renders the views shown as the dense model has them, below the folder `renders`: from there a resumed run's report
+/// has them too.
+///
+/// # Errors
+/// Device errors; pictures that cannot be written.
+pub fn dense(evaluator: &mut Evaluator, model: &Resident, prepared: &Prepared, renders: &Path) -> Result<(), Error> {
+    for exhibit in of(prepared) {
+        let image = evaluator.render(model, &prepared.test[exhibit.view].1)?;
+        pictures::write(&renders.join(exhibit.dense), &image, Format::Png, false)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_are_spread_and_their_files_never_meet() {
+        assert!(exhibits(&[]).is_empty());
+        assert_eq!(exhibits(&["one"])[0].photo, Path::new("photos/one.png"));
+        let names: Vec<String> = (0..20).map(|i| format!("{i}.jpg")).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        assert_eq!(exhibits(&names).iter().map(|e| e.view).collect::<Vec<_>>(), [2, 7, 12, 17]);
+
+        let awkward = ["a.jpg", "dense/a.jpg", "photos/a.png"];
+        let shown = exhibits(&awkward);
+        let mut files: Vec<_> = shown.iter().flat_map(|e| [&e.photo, &e.dense, &e.last]).collect();
+        assert_eq!((shown.len(), files.len()), (3, 9));
+        files.sort();
+        files.dedup();
+        assert_eq!(files.len(), 9);
+        assert_eq!(shown[1].last, Path::new("dense/a.png"), "as every held-out view is written");
+    }
+}

@@ -1,0 +1,70 @@
+//! Pictures of one view on top of each other, with a slider between any two of them.
+
+use maud::{Markup, html};
+
+/// A picture with what it is of.
+pub struct Layer {
+    /// Which of the choices it is.
+    pub choice: usize,
+    /// The picture as a `data:` URI.
+    pub uri: String,
+}
+
+/// Pictures of one view, all of one size.
+pub struct Stack {
+    /// The view's name.
+    pub name: String,
+    /// What is said of it.
+    pub note: String,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// The pictures.
+    pub layers: Vec<Layer>,
+}
+
+/// Stacks under one row of choices a side; `at_first` are those shown left and right of the slider before one is made.
+/// Choices that no stack has are left out.
+pub fn compare(choices: &[&str], at_first: [usize; 2], stacks: &[Stack]) -> Markup {
+    let there = |choice: usize| stacks.iter().any(|s| s.layers.iter().any(|l| l.choice == choice));
+    let offered: Vec<usize> = (0..choices.len()).filter(|c| there(*c)).collect();
+    let [left, right] = at_first.map(|c| if there(c) { c } else { offered.first().copied().unwrap_or(0) });
+    let row = |side: &str, shown: usize| {
+        html! {
+            div class="choices" role="group" aria-label={ (side) " of the slider" } {
+                span { (side) }
+                @for &c in &offered {
+                    button type="button" data-side=(side) data-choice=(c) aria-pressed=(c == shown) { (choices[c]) }
+                }
+            }
+        }
+    };
+    let class = |choice: usize| match (choice == left, choice == right) {
+        (true, true) => "left right",
+        (true, false) => "left",
+        (false, true) => "right",
+        _ => "",
+    };
+    html! {
+        div class="compare" {
+            div class="controls" { (row("left", left)) (row("right", right)) }
+            div class="grid" {
+                @for stack in stacks {
+                    figure {
+                        div class="stack" style={ "aspect-ratio:" (stack.size[0]) "/" (stack.size[1]) } {
+                            @for layer in &stack.layers {
+                                img class=(class(layer.choice)) data-choice=(layer.choice) src=(layer.uri)
+                                    alt={ (stack.name) ": " (choices[layer.choice]) };
+                            }
+                            span class="line" {}
+                            span class="tag" data-side="left" { (choices[left]) }
+                            span class="tag" data-side="right" { (choices[right]) }
+                            input type="range" min="0" max="100" step="0.1" value="50"
+                                aria-label={ (stack.name) ": share shown of the left picture" };
+                        }
+                        figcaption { (stack.name) " " span class="note" { (stack.note) } }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! Floor 8: pages for people. Each is one file that loads nothing: style, script, pictures and plots lie within it.
+//!
+//! [`page`] (shell, tables), [`plot`] and [`compare`] are what pages are made of. `maud` escapes every text that comes in.
+
+pub mod compare;
+pub mod format;
+pub mod page;
+pub mod picture;
+pub mod plot;
+mod run;
+
+use crate::error::Error;
+use crate::pipeline::Output;
+use crate::pipeline::results::Results;
+
+/// Writes `report.html` of a run into its folder, from its results and from the pictures and `config.toml` there; what
+/// is absent is left out.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn write(results: &Results, output: &Output) -> Result<(), Error> {
+    Output::text(&output.report(), &of_run(results, output))
+}
+
+/// The page of a run.
+pub fn of_run(results: &Results, output: &Output) -> String {
+    let config = std::fs::read_to_string(output.config()).unwrap_or_default();
+    run::page(results, &run::stacks(results, &output.renders()), &config)
+}

@@ -1,0 +1,136 @@
+//! The shell of every page: style, script, headings; and what sections are made of: tiles, tables, lists.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+/// Nothing but what the page itself holds is ever loaded.
+const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
+
+/// A part of a page under a heading.
+pub struct Section {
+    /// What links name it by.
+    pub id: &'static str,
+    /// Its heading.
+    pub title: &'static str,
+    /// What is there.
+    pub body: Markup,
+}
+
+impl Section {
+    /// A section.
+    pub fn new(id: &'static str, title: &'static str, body: Markup) -> Self {
+        Self { id, title, body }
+    }
+}
+
+/// A whole page in one file: neither style, script nor pictures lie elsewhere.
+pub fn page(title: &str, subtitle: &str, sections: &[Section]) -> String {
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta http-equiv="Content-Security-Policy" content=(POLICY);
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                title { (title) }
+                style { (PreEscaped(include_str!("style.css"))) }
+            }
+            body {
+                header {
+                    h1 { (title) }
+                    p { (subtitle) }
+                    nav { @for s in sections { a href={ "#" (s.id) } { (s.title) } " " } }
+                }
+                main {
+                    @for s in sections {
+                        section id=(s.id) {
+                            h2 { (s.title) }
+                            (s.body)
+                        }
+                    }
+                }
+                script { (PreEscaped(include_str!("script.js"))) }
+            }
+        }
+    }
+    .into_string()
+}
+
+/// A figure to be seen from afar.
+pub struct Tile {
+    /// What it is.
+    pub label: &'static str,
+    /// The figure with its unit.
+    pub value: String,
+    /// What to hold against it.
+    pub note: String,
+}
+
+/// Tiles side by side.
+pub fn tiles(tiles: &[Tile]) -> Markup {
+    html! {
+        div class="tiles" {
+            @for tile in tiles {
+                div class="tile" {
+                    div class="label" { (tile.label) }
+                    div class="value" { (tile.value) }
+                    div class="note" { (tile.note) }
+                }
+            }
+        }
+    }
+}
+
+/// A column of a table.
+#[derive(Clone, Copy)]
+pub enum Column<'a> {
+    /// Text, aligned left.
+    Text(&'a str),
+    /// Numbers, aligned right.
+    Number(&'a str),
+}
+
+impl Column<'_> {
+    fn title(&self) -> &str {
+        match self {
+            Self::Text(title) | Self::Number(title) => title,
+        }
+    }
+
+    fn class(&self) -> Option<&'static str> {
+        matches!(self, Self::Number(_)).then_some("number")
+    }
+}
+
+/// A table; `foot` is a last row of another kind, such as means. Long ones scroll.
+pub fn table(columns: &[Column<'_>], rows: &[Vec<String>], foot: Option<&[String]>) -> Markup {
+    let cells = |row: &[String]| {
+        html! { tr { @for (cell, column) in row.iter().zip(columns) { td class=[column.class()] { (cell) } } } }
+    };
+    html! {
+        div class="table" {
+            table {
+                thead { tr { @for column in columns { th scope="col" class=[column.class()] { (column.title()) } } } }
+                tbody { @for row in rows { (cells(row)) } }
+                @if let Some(row) = foot { tfoot { (cells(row)) } }
+            }
+        }
+    }
+}
+
+/// Names with what belongs to each.
+pub fn facts(facts: &[(&str, String)]) -> Markup {
+    html! {
+        dl class="facts" { @for (name, value) in facts { div { dt { (name) } dd { (value) } } } }
+    }
+}
+
+/// Plots or other blocks side by side where there is room.
+pub fn side_by_side(blocks: &[Markup]) -> Markup {
+    html! { div class="grid" { @for block in blocks { (block) } } }
+}
+
+/// A sentence in the place of what is not there.
+pub fn absent(sentence: &str) -> Markup {
+    html! { p class="absent" { (sentence) } }
+}

@@ -1,0 +1,99 @@
+//! Bars that lie, one a row; and columns that stand, one a bin.
+
+use super::frame::{Frame, SIZE};
+use super::scale::Axis;
+use super::{figure, px};
+use crate::report::format::short;
+use maud::{Markup, html};
+
+/// Width of a plot of bars, and where bars begin and end.
+const WIDTH: f64 = 540.0;
+const BEGIN: f64 = 176.0;
+const END: f64 = 430.0;
+/// Height of a row and of its bar.
+const ROW: f64 = 24.0;
+const THICK: f64 = 15.0;
+/// Characters of a name that fit before the bars.
+const NAME: usize = 26;
+/// Columns that have room for their values above them.
+const NUMBERED: usize = 12;
+
+/// A named length.
+pub struct Bar {
+    /// What it is of.
+    pub name: String,
+    /// Its length, from zero.
+    pub value: f64,
+    /// What is written at its end.
+    pub text: String,
+}
+
+/// Bars below each other, in the order given; the longest takes the room there is.
+pub fn bars(title: &str, bars: &[Bar]) -> Markup {
+    let positive = |v: f64| if v.is_finite() { v.max(0.0) } else { 0.0 };
+    let longest = bars.iter().map(|b| positive(b.value)).fold(0.0, f64::max);
+    let drawing = html! {
+        @for (k, bar) in bars.iter().enumerate() {
+            @let top = k as f64 * ROW + 4.0;
+            @let length = if longest > 0.0 { positive(bar.value) / longest * (END - BEGIN) } else { 0.0 };
+            @let base = px(top + THICK / 2.0 + 4.0);
+            text class="mark end" x=(px(BEGIN - 8.0)) y=(base) { title { (bar.name) } (cut(&bar.name)) }
+            rect class="bar c0" x=(px(BEGIN)) y=(px(top)) width=(px(length)) height=(px(THICK)) rx="2" {}
+            text class="label" x=(px(BEGIN + length + 7.0)) y=(base) { (bar.text) }
+        }
+    };
+    figure(title, &[], [WIDTH, bars.len().max(1) as f64 * ROW + 6.0], &drawing)
+}
+
+/// A name that fits, its end cut off where it is too long.
+fn cut(name: &str) -> String {
+    if name.chars().count() <= NAME {
+        return name.to_owned();
+    }
+    name.chars().take(NAME - 1).chain(['…']).collect()
+}
+
+/// Columns over bins: a histogram where the values are counts.
+pub struct Columns<'a> {
+    /// What is shown.
+    pub title: &'a str,
+    /// Title below.
+    pub x: &'a str,
+    /// At the left; values without a place on it have no column.
+    pub y: Axis<'a>,
+    /// Each bin's name and value.
+    pub bins: &'a [(String, f64)],
+    /// What is written above a column.
+    pub text: fn(f64) -> String,
+}
+
+impl Columns<'_> {
+    /// The plot.
+    pub fn draw(&self) -> Markup {
+        let x = Axis::new(self.x);
+        let frame = Frame::new(&x, &self.y, std::iter::empty(), self.bins.iter().map(|(_, v)| *v));
+        let [left, right] = Frame::across();
+        let width = (right - left) / self.bins.len().max(1) as f64;
+        let middle = |k: usize| left + (k as f64 + 0.5) * width;
+        // So many as have room for their names.
+        let stride = self.bins.len().div_ceil(NUMBERED).max(1);
+        let names: Vec<(f64, &str)> =
+            self.bins.iter().enumerate().step_by(stride).map(|(k, (name, _))| (middle(k), name.as_str())).collect();
+        let drawing = html! {
+            (frame.draw(Some(&names)))
+            @for (k, (name, value)) in self.bins.iter().enumerate() {
+                @if self.y.shows(*value) && *value != 0.0 {
+                    @let top = frame.y.at(*value);
+                    rect class="bar c0" x=(px(middle(k) - 0.41 * width)) width=(px(0.82 * width)) y=(px(top))
+                        height=(px((frame.y.start() - top).max(0.5))) rx="2" {
+                        title { (name) ": " (short(*value)) }
+                    }
+                    @if self.bins.len() <= NUMBERED {
+                        text class="above middle" x=(px(middle(k))) y=(px(top - 4.0)) { ((self.text)(*value)) }
+                    }
+                }
+            }
+        };
+        figure(self.title, &[], SIZE, &drawing)
+    }
+}

@@ -1,0 +1,123 @@
+//! Lines and labelled spots between two axes.
+
+use super::frame::{Frame, SIZE};
+use super::scale::Axis;
+use super::{colour, figure, px};
+use crate::report::format::short;
+use maud::{Markup, html};
+
+/// A named row of points.
+pub struct Line<'a> {
+    /// Its name in the legend.
+    pub name: &'a str,
+    /// x and y of each point; those without a place on the axes are left out.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// An upright line at some x.
+pub struct Mark {
+    /// Where.
+    pub x: f64,
+    /// What happened there.
+    pub label: String,
+}
+
+/// Lines through points.
+pub struct Lines<'a> {
+    /// What is shown.
+    pub title: &'a str,
+    /// Below.
+    pub x: Axis<'a>,
+    /// At the left.
+    pub y: Axis<'a>,
+    /// The lines.
+    pub lines: Vec<Line<'a>>,
+    /// Upright lines; the first is labelled, the others tell when pointed at.
+    pub marks: Vec<Mark>,
+}
+
+impl Lines<'_> {
+    /// The plot.
+    pub fn draw(&self) -> Markup {
+        let shown = |p: &&[f64; 2]| self.x.shows(p[0]) && self.y.shows(p[1]);
+        let points = || self.lines.iter().flat_map(|l| l.points.iter().filter(shown));
+        let frame = Frame::new(&self.x, &self.y, points().map(|p| p[0]), points().map(|p| p[1]));
+        let marks: Vec<&Mark> = self.marks.iter().filter(|m| self.x.shows(m.x)).collect();
+        let [upper, lower] = Frame::along();
+        let [left, right] = Frame::across();
+        let drawing = html! {
+            (frame.draw(None))
+            @for (k, mark) in marks.iter().enumerate() {
+                @let at = frame.x.at(mark.x);
+                @let beyond_middle = at > f64::midpoint(left, right);
+                line class="event" x1=(px(at)) x2=(px(at)) y1=(px(upper)) y2=(px(lower)) { title { (mark.label) } }
+                @if k == 0 {
+                    text class={ "event" @if beyond_middle { " end" } } y=(px(upper - 5.0))
+                        x=(px(if beyond_middle { at + 4.0 } else { at - 4.0 })) { (mark.label) }
+                }
+            }
+            @for (k, line) in self.lines.iter().enumerate() {
+                @let places: Vec<(&[f64; 2], [f64; 2])> = line.points.iter().filter(shown)
+                    .map(|p| (p, [frame.x.at(p[0]), frame.y.at(p[1])])).collect();
+                polyline class={ "line " (colour(k)) } points=(path(&places)) {}
+                @for (p, at) in &places {
+                    circle class={ "dot " (colour(k)) } cx=(px(at[0])) cy=(px(at[1])) r="3" {
+                        title { (line.name) ": " (short(p[1])) " at " (short(p[0])) }
+                    }
+                }
+            }
+        };
+        let names: Vec<&str> = self.lines.iter().map(|l| l.name).collect();
+        figure(self.title, &names, SIZE, &drawing)
+    }
+}
+
+fn path(places: &[(&[f64; 2], [f64; 2])]) -> String {
+    places.iter().map(|(_, [x, y])| format!("{},{}", px(*x), px(*y))).collect::<Vec<_>>().join(" ")
+}
+
+/// A labelled point.
+pub struct Spot {
+    /// What stands beside it.
+    pub label: String,
+    /// Number of the group that gives its colour.
+    pub group: usize,
+    /// x and y.
+    pub at: [f64; 2],
+}
+
+/// Labelled points between two axes.
+pub struct Scatter<'a> {
+    /// What is shown.
+    pub title: &'a str,
+    /// Below.
+    pub x: Axis<'a>,
+    /// At the left.
+    pub y: Axis<'a>,
+    /// Names of the groups.
+    pub groups: &'a [&'a str],
+    /// The points; those without a place on the axes are left out.
+    pub spots: Vec<Spot>,
+}
+
+impl Scatter<'_> {
+    /// The plot.
+    pub fn draw(&self) -> Markup {
+        let spots: Vec<&Spot> = self.spots.iter().filter(|s| self.x.shows(s.at[0]) && self.y.shows(s.at[1])).collect();
+        let frame = Frame::new(&self.x, &self.y, spots.iter().map(|s| s.at[0]), spots.iter().map(|s| s.at[1]));
+        let [left, right] = Frame::across();
+        let drawing = html! {
+            (frame.draw(None))
+            @for spot in &spots {
+                @let [x, y] = [frame.x.at(spot.at[0]), frame.y.at(spot.at[1])];
+                @let at_right = x < left + 0.7 * (right - left);
+                circle class={ "dot " (colour(spot.group)) } cx=(px(x)) cy=(px(y)) r="4.5" {
+                    title { (spot.label) ": " (short(spot.at[0])) ", " (short(spot.at[1])) }
+                }
+                text class={ "label" @if !at_right { " end" } } y=(px(y + 4.0))
+                    x=(px(if at_right { x + 8.0 } else { x - 8.0 })) { (spot.label) }
+            }
+        };
+        figure(self.title, self.groups, SIZE, &drawing)
+    }
+}

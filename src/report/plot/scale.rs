@@ -1,0 +1,157 @@
+//! From values to places along an axis, and the round numbers that mark it.
+
+use crate::report::format::short;
+
+/// Marks aimed at along an axis.
+const MARKS: f64 = 5.0;
+/// Most powers of ten that are marked.
+const MOST_DECADES: i32 = 6;
+/// Values beyond this are not drawn: their differences would overflow.
+const FAR: f64 = 1e30;
+
+/// What an axis shows.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Axis<'a> {
+    /// Its title with the unit.
+    pub title: &'a str,
+    /// Whether equal steps are equal ratios.
+    pub log: bool,
+    /// Whether zero is shown; always is not, on a logarithmic axis.
+    pub zero: bool,
+}
+
+impl<'a> Axis<'a> {
+    /// A linear axis round its values.
+    pub fn new(title: &'a str) -> Self {
+        Self { title, log: false, zero: false }
+    }
+
+    /// A linear axis from zero.
+    pub fn from_zero(title: &'a str) -> Self {
+        Self { zero: true, ..Self::new(title) }
+    }
+
+    /// A logarithmic axis.
+    pub fn log(title: &'a str) -> Self {
+        Self { log: true, ..Self::new(title) }
+    }
+
+    /// Whether a value has a place on it.
+    pub fn shows(&self, value: f64) -> bool {
+        value.is_finite() && value.abs() < FAR && (!self.log || value > 0.0)
+    }
+}
+
+/// An axis with its range, laid between two places in pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct Scale {
+    low: f64,
+    high: f64,
+    step: f64,
+    log: bool,
+    pixels: [f64; 2],
+}
+
+impl Scale {
+    /// A range of round numbers that holds all values that the axis shows.
+    pub fn new(axis: &Axis<'_>, values: impl Iterator<Item = f64>, pixels: [f64; 2]) -> Self {
+        let at = |v: f64| if axis.log { v.log10() } else { v };
+        let zero = (axis.zero && !axis.log).then_some(0.0);
+        let shown = values.filter(|v| axis.shows(*v)).map(at).chain(zero);
+        let (mut low, mut high) = shown.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
+        if low > high {
+            (low, high) = (0.0, 1.0);
+        }
+        if high - low < 1e-9 * high.abs().max(1e-9) {
+            let half = if axis.log { 0.5 } else { (0.05 * high.abs()).max(0.5) };
+            (low, high) = (if zero.is_some() && low >= 0.0 { low } else { low - half }, high + half);
+        }
+        let step = if axis.log { 1.0 } else { round_step((high - low) / MARKS) };
+        let (low, high) = ((low / step + 1e-9).floor() * step, (high / step - 1e-9).ceil() * step);
+        Self { low, high, step, log: axis.log, pixels }
+    }
+
+    /// The place of a value; at an end where it lies beyond it.
+    pub fn at(&self, value: f64) -> f64 {
+        let value = if self.log { value.max(f64::MIN_POSITIVE).log10() } else { value };
+        let share = ((value - self.low) / (self.high - self.low)).clamp(0.0, 1.0);
+        let [from, to] = self.pixels;
+        let place = from + share * (to - from);
+        if place.is_finite() { place } else { from }
+    }
+
+    /// The place where the axis begins.
+    pub fn start(&self) -> f64 {
+        self.pixels[0]
+    }
+
+    /// Marks: their places and what is written there.
+    pub fn marks(&self) -> Vec<(f64, String)> {
+        let steps = ((self.high - self.low) / self.step).round() as i32;
+        let stride = if self.log { steps / MOST_DECADES + 1 } else { 1 };
+        (0..=steps)
+            .step_by(stride.max(1) as usize)
+            .map(|k| {
+                let v = self.low + f64::from(k) * self.step;
+                // Zero is zero, whatever its rounding.
+                let v = if v.abs() < 1e-9 * self.step { 0.0 } else { v };
+                let text = if self.log { power(v.round() as i32) } else { short(v) };
+                (self.at(if self.log { 10_f64.powf(v) } else { v }), text)
+            })
+            .collect()
+    }
+}
+
+/// 1, 2 or 5 times a power of ten, not less than `rough`.
+fn round_step(rough: f64) -> f64 {
+    let unit = 10_f64.powf(rough.max(1e-30).log10().floor());
+    [1.0, 2.0, 5.0, 10.0].into_iter().map(|k| k * unit).find(|s| *s >= rough * (1.0 - 1e-9)).unwrap_or(10.0 * unit)
+}
+
+/// A power of ten, as such where it is far from one.
+fn power(exponent: i32) -> String {
+    if (-3..=4).contains(&exponent) {
+        return if exponent < 0 {
+            format!("{:.*}", exponent.unsigned_abs() as usize, 10_f64.powi(exponent))
+        } else {
+            short(10_f64.powi(exponent))
+        };
+    }
+    let raised = |c: char| "⁻⁰¹²³⁴⁵⁶⁷⁸⁹".chars().nth("-0123456789".find(c).unwrap_or(0)).unwrap_or(c);
+    format!("10{}", exponent.to_string().chars().map(raised).collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(axis: Axis<'_>, values: &[f64]) -> Vec<String> {
+        Scale::new(&axis, values.iter().copied(), [0.0, 100.0]).marks().into_iter().map(|(_, text)| text).collect()
+    }
+
+    #[test]
+    fn marks_are_round_and_hold_the_values() {
+        assert_eq!(labels(Axis::new(""), &[17.3, 27.9]), ["16", "18", "20", "22", "24", "26", "28"]);
+        assert_eq!(labels(Axis::from_zero(""), &[0.0, 10.0]), ["0", "2", "4", "6", "8", "10"]);
+        assert_eq!(labels(Axis::log(""), &[0.0, 0.00002, 0.9]), ["10⁻⁵", "10⁻⁴", "0.001", "0.01", "0.1", "1"]);
+        assert_eq!(labels(Axis::new(""), &[]), ["0", "0.2", "0.4", "0.6", "0.8", "1"]);
+    }
+
+    #[test]
+    fn whatever_comes_places_are_finite_and_within() {
+        let wild = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0, 1e300, -1e29, 1e29, 5e-324, 1.0];
+        for axis in [Axis::new(""), Axis::from_zero(""), Axis::log("")] {
+            for n in 0..=wild.len() {
+                for skip in 0..n {
+                    let scale = Scale::new(&axis, wild[skip..n].iter().copied(), [90.0, 10.0]);
+                    for v in wild {
+                        assert!((10.0..=90.0).contains(&scale.at(v)), "{axis:?} {:?} {v}", &wild[skip..n]);
+                    }
+                    let marks = scale.marks();
+                    assert!((1..=12).contains(&marks.len()), "{marks:?} of {:?}", &wild[skip..n]);
+                    assert!(marks.iter().all(|(at, text)| (10.0..=90.0).contains(at) && !text.contains("NaN")));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! Tables and lists: what the figures stand on.
+
+use crate::metrics::Scores;
+use crate::pipeline::results::Results;
+use crate::report::format::{NONE, bytes, count, decimals};
+use crate::report::page::{Column, absent, facts, table};
+use crate::scene::Names;
+use maud::{Markup, html};
+
+/// The scores of each held-out view.
+pub fn views(results: &Results) -> Markup {
+    if results.views.is_empty() {
+        return absent("No view is held out.");
+    }
+    let networks = ["LPIPS (VGG)", "LPIPS (VGG, normalised)", "LPIPS (AlexNet)"];
+    let distances = |s: &Scores| [s.lpips_vgg, s.lpips_vgg_normalized, s.lpips_alex];
+    let known = |k: &usize| results.views.iter().any(|v| distances(&v.scores)[*k].is_some());
+    let lpips: Vec<usize> = (0..networks.len()).filter(known).collect();
+    let row = |name: String, scores: &Scores| -> Vec<String> {
+        // Equal pictures have no finite PSNR.
+        let psnr = scores.psnr.map_or("∞".to_owned(), |v| decimals(v, 2));
+        let others = lpips.iter().map(|k| decimals(distances(scores)[*k], 4));
+        [name, psnr, decimals(scores.ssim, 4)].into_iter().chain(others).collect()
+    };
+    let mut columns = vec![Column::Text("view"), Column::Number("PSNR / dB"), Column::Number("SSIM")];
+    columns.extend(lpips.iter().map(|k| Column::Number(networks[*k])));
+    let rows: Vec<Vec<String>> = results.views.iter().map(|v| row(v.name.clone(), &v.scores)).collect();
+    let mean = results.test.as_ref().map(|t| row(format!("mean of {}", rows.len()), t));
+    let notes = results.test.iter().flat_map(|t| &t.notes);
+    html! {
+        (table(&columns, &rows, mean.as_deref()))
+        @for note in notes { p class="hint" { (note) } }
+    }
+}
+
+/// How the figures came about.
+pub fn protocol(results: &Results) -> Markup {
+    let p = &results.protocol;
+    let [w, h] = p.image_size;
+    let number = |n: Option<u32>| n.map_or(NONE.to_owned(), |n| count(n as usize));
+    facts(&[
+        ("held out", p.test_split.clone()),
+        ("training views", count(p.train_views)),
+        ("held-out views", count(p.test_views)),
+        ("largest picture", format!("{w} × {h} pixels")),
+        ("photos", p.downscaling.to_owned()),
+        ("background", p.background.map(|c| decimals(f64::from(c), 2)).join(", ")),
+        ("LPIPS", p.lpips.clone()),
+        ("scores", "of pictures rounded to 8 bits".to_owned()),
+        ("iterations", number(p.iterations)),
+        ("seed", p.seed.map_or(NONE.to_owned(), |n| n.to_string())),
+        ("device", format!("{} ({}), Vulkan {}", results.device.name, results.device.driver, results.device.api)),
+        ("program", format!("qirf-vk {}", results.version)),
+    ])
+}
+
+/// What of the cameras was simulated.
+pub fn effects(results: &Results) -> Markup {
+    if results.effects.is_empty() {
+        return absent("None simulated.");
+    }
+    html! { ul { @for effect in &results.effects { li { (effect) } } } }
+}
+
+fn some(n: usize) -> String {
+    if n == 0 { "none".to_owned() } else { count(n) }
+}
+
+/// What was repaired, skipped or left out.
+pub fn guards(results: &Results) -> Markup {
+    let (g, s) = (&results.guards, &results.guards.scene);
+    let names = |names: &Names| {
+        let more = if names.count > names.examples.len() { ", …" } else { "" };
+        names.examples.join(", ") + more
+    };
+    let row = |what: &str, n: usize, which: String| vec![what.to_owned(), some(n), which];
+    let plain = |what: &str, n: usize| row(what, n, String::new());
+    let named = |what: &str, n: &Names| row(what, n.count, names(n));
+    let mut rows = vec![
+        named("photos listed but absent", &s.missing_images),
+        named("photos of another shape than their camera", &s.mismatched_images),
+        named("photos damaged", &s.damaged_images),
+        named("views without a usable pose", &s.bad_poses),
+        named("views listed twice", &s.repeated_views),
+        plain("points not finite", s.bad_points),
+        plain("track entries without a view", s.track_entries),
+        plain("updates skipped for gradients that were not finite", g.skipped_rows as usize),
+        plain("held-out views that rendered empty", g.empty_views),
+    ];
+    for (k, prune) in results.prunes.iter().enumerate() {
+        let which = if results.prunes.len() > 1 { format!("prune {}", k + 1) } else { String::new() };
+        let mut add = |what: &str, n: usize| rows.push(row(what, n, which.clone()));
+        add("blocks whose metric was not positive definite", prune.guards.canonical_blocks);
+        add("blocks without any response", prune.guards.unseen_blocks);
+        add("overlaps and responses that were not finite", prune.guards.repaired_values);
+    }
+    table(
+        &[Column::Text("repaired, skipped or left out"), Column::Number("how many"), Column::Text("which")],
+        &rows,
+        None,
+    )
+}
+
+/// Device memory.
+pub fn memory(results: &Results) -> Markup {
+    let m = results.memory;
+    facts(&[
+        ("most in use at a time", bytes(m.peak_bytes)),
+        ("expected before the start", bytes(m.estimated_bytes)),
+        ("allowed", bytes(m.limit_bytes)),
+    ])
+}
+
+/// What reproduces the run.
+pub fn configuration(config: &str) -> Markup {
+    if config.is_empty() {
+        return absent("config.toml is absent.");
+    }
+    html! {
+        details {
+            summary { "config.toml, which reproduces the run: qirf-vk run --config config.toml" }
+            pre { (config) }
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! `report.html` of a run: its sections in order.
+
+mod details;
+mod pictures;
+mod pruning;
+mod quality;
+mod summary;
+mod time;
+
+pub use pictures::stacks;
+
+use super::compare::Stack;
+use super::page::{self, Section};
+use crate::pipeline::results::Results;
+
+/// The page of a run with these pictures, trained as `config` (the text of config.toml) says.
+pub fn page(results: &Results, stacks: &[Stack], config: &str) -> String {
+    let sections = [
+        Section::new("summary", "Summary", summary::body(results)),
+        Section::new("pictures", "Pictures", pictures::body(results, stacks)),
+        Section::new("quality", "Quality against time", quality::body(results)),
+        Section::new("pruning", "What was pruned", pruning::body(results)),
+        Section::new("time", "Time by stage", time::body(results)),
+        Section::new("views", "Held-out views", details::views(results)),
+        Section::new("protocol", "Protocol", details::protocol(results)),
+        Section::new("effects", "Effects", details::effects(results)),
+        Section::new("guards", "Guards", details::guards(results)),
+        Section::new("memory", "Memory", details::memory(results)),
+        Section::new("configuration", "Configuration", details::configuration(config)),
+    ];
+    let [w, h] = results.protocol.image_size;
+    let subtitle = format!(
+        "qirf-vk {} on {}; {} training and {} held-out views of up to {w} × {h} pixels",
+        results.version, results.device.name, results.protocol.train_views, results.protocol.test_views
+    );
+    page::page("Report of a run", &subtitle, &sections)
+}

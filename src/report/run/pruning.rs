@@ -1,0 +1,100 @@
+//! Each prune: how many went, and what the blocks told.
+
+use crate::pipeline::results::{PruneSeconds, Pruned, Results};
+use crate::qirf::select::Selector;
+use crate::report::format::{count, decimals, percent, seconds, short};
+use crate::report::page::{absent, facts, side_by_side};
+use crate::report::plot::{Axis, Bar, Columns, bars};
+use maud::{Markup, html};
+
+pub fn body(results: &Results) -> Markup {
+    if results.prunes.is_empty() {
+        return absent("Nothing was pruned: the model is dense.");
+    }
+    html! {
+        @for (k, prune) in results.prunes.iter().enumerate() {
+            @if results.prunes.len() > 1 {
+                h3 { "Prune " (k + 1) " of " (results.prunes.len()) ", after iteration " (count(prune.iteration as usize)) }
+            }
+            (one(prune))
+        }
+    }
+}
+
+fn one(prune: &Pruned) -> Markup {
+    let selector = Selector::NAMES.iter().find(|(s, _)| *s == prune.selector).map_or("", |(_, name)| name);
+    let removed = prune.before.saturating_sub(prune.after);
+    let mut known = vec![
+        ("after iteration", count(prune.iteration as usize)),
+        ("ranked by", selector.to_owned()),
+        ("Gaussians before", count(prune.before)),
+        ("kept", format!("{} ({})", count(prune.after), percent(prune.after as f64, prune.before as f64))),
+        ("of these by the detail safeguard", count(prune.detail)),
+        ("removed", count(removed)),
+        ("blocks", count(prune.blocks)),
+        ("mean members of a block", decimals(prune.before as f64 / prune.blocks as f64, 1)),
+        ("edge of the finest voxels", format!("{} world units", short(prune.voxel))),
+    ];
+    if let Some(merged) = prune.merged {
+        known.push(("blocks merged", format!("{}, {} left", count(merged.accepted), count(merged.refused))));
+    }
+    html! {
+        (facts(&known))
+        (side_by_side(&[occupancy(prune), kept_shares(prune), spectrum(prune), modes(prune), times(&prune.seconds)]))
+    }
+}
+
+fn number(v: f64) -> String {
+    short(v)
+}
+
+fn occupancy(prune: &Pruned) -> Markup {
+    let name = |bin: usize| (1_usize << bin.min(40)).to_string();
+    let bins: Vec<(String, f64)> = prune.occupancy.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
+    let (x, y) = ("Gaussians in a block, from this number to below the next", Axis::from_zero("blocks"));
+    Columns { title: "Block occupancy", x, y, bins: &bins, text: number }.draw()
+}
+
+fn kept_shares(prune: &Pruned) -> Markup {
+    let name = |bin: usize| format!("{}–{}", 10 * bin, 10 * bin + 10);
+    let bins: Vec<(String, f64)> = prune.kept_shares.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
+    let (x, y) = ("share of a block that was kept / %", Axis::from_zero("blocks"));
+    Columns { title: "Kept share", x, y, bins: &bins, text: number }.draw()
+}
+
+fn spectrum(prune: &Pruned) -> Markup {
+    if prune.spectrum.iter().all(|l| *l == 0.0) {
+        return html! { figure class="plot" { figcaption { "Eigenvalue spectrum" } (unsolved()) } };
+    }
+    let bins: Vec<(String, f64)> = prune.spectrum.iter().enumerate().map(|(k, l)| ((k + 1).to_string(), *l)).collect();
+    let title = "Eigenvalue spectrum, mean over blocks";
+    let (x, y) = ("eigenvalue, largest first", Axis::log("share of a block's sum"));
+    let text = |l: f64| if l >= 0.001 { percent(l, 1.0) } else { short(l) };
+    Columns { title, x, y, bins: &bins, text }.draw()
+}
+
+fn modes(prune: &Pruned) -> Markup {
+    if prune.modes.iter().all(|n| *n == 0) {
+        return html! { figure class="plot" { figcaption { "Modes" } (unsolved()) } };
+    }
+    let bins: Vec<(String, f64)> =
+        prune.modes.iter().enumerate().map(|(k, n)| ((k + 1).to_string(), *n as f64)).collect();
+    let (x, y) = ("eigenvalues that make up the block's energy", Axis::from_zero("blocks"));
+    Columns { title: "Modes", x, y, bins: &bins, text: number }.draw()
+}
+
+fn unsolved() -> Markup {
+    absent("This selector solves no eigenproblem.")
+}
+
+fn times(s: &PruneSeconds) -> Markup {
+    let named = [
+        ("responses", s.responses),
+        ("partition", s.partition),
+        ("overlaps and solution", s.assemble_and_solve),
+        ("selection", s.select),
+        ("merging, compaction", s.merge),
+    ];
+    let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };
+    bars(&format!("Time of the prune: {}", seconds(s.total)), &named.map(bar))
+}

@@ -1,0 +1,77 @@
+//! How the scores and the number of Gaussians went.
+
+use crate::pipeline::results::{CurvePoint, Pruned, Results};
+use crate::report::format::percent;
+use crate::report::page::{absent, side_by_side};
+use crate::report::plot::{Axis, Line, Lines, Mark};
+use maud::Markup;
+
+pub fn body(results: &Results) -> Markup {
+    let curve = &results.curve;
+    if curve.is_empty() {
+        return absent("No view is held out, so quality was not followed.");
+    }
+    let label = |p: &Pruned| {
+        let removed = p.before.saturating_sub(p.after);
+        format!("prune: −{}", percent(removed as f64, p.before as f64))
+    };
+    let marks = |x: &dyn Fn(&Pruned) -> f64| -> Vec<Mark> {
+        results.prunes.iter().map(|p| Mark { x: x(p), label: label(p) }).collect()
+    };
+    let psnr = Lines {
+        title: "PSNR of the held-out views",
+        x: Axis::from_zero("seconds of training and pruning"),
+        y: Axis::new("PSNR / dB"),
+        lines: vec![Line { name: "PSNR / dB", points: curve.iter().map(|p| [p.seconds, p.psnr]).collect() }],
+        marks: marks(&|p| seconds(curve, p.iteration)),
+    };
+    let gaussians = Lines {
+        title: "Gaussians",
+        x: Axis::from_zero("iterations"),
+        y: Axis::from_zero("Gaussians"),
+        lines: vec![Line { name: "Gaussians", points: gaussians(results) }],
+        marks: marks(&|p| f64::from(p.iteration)),
+    };
+    side_by_side(&[psnr.draw(), gaussians.draw()])
+}
+
+/// When an iteration was done, between the points of the curve in proportion.
+fn seconds(curve: &[CurvePoint], iteration: u32) -> f64 {
+    let (mut before, mut at) = ((0, 0.0), f64::NAN);
+    for point in curve {
+        if point.iteration >= iteration {
+            let share = f64::from(iteration - before.0) / f64::from((point.iteration - before.0).max(1));
+            at = before.1 + share * (point.seconds - before.1);
+            break;
+        }
+        before = (point.iteration, point.seconds);
+        at = point.seconds;
+    }
+    at
+}
+
+/// The start, the curve's points and both sides of each prune, by iteration.
+fn gaussians(results: &Results) -> Vec<[f64; 2]> {
+    let start = results.gaussians.initial.map(|n| (0, n));
+    let mut points: Vec<(u32, usize)> =
+        start.into_iter().chain(results.curve.iter().map(|p| (p.iteration, p.gaussians))).collect();
+    for prune in &results.prunes {
+        // Of the curve's points at that iteration, the one that is there was taken before the prune.
+        let at = points.partition_point(|(iteration, _)| *iteration <= prune.iteration);
+        points.splice(at..at, [(prune.iteration, prune.before), (prune.iteration, prune.after)]);
+    }
+    points.into_iter().map(|(iteration, n)| [f64::from(iteration), n as f64]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prune_is_found_in_time() {
+        let point = |iteration, seconds| CurvePoint { iteration, seconds, psnr: 20.0, gaussians: 5 };
+        let curve = [point(100, 10.0), point(200, 30.0)];
+        assert_eq!([0, 50, 100, 150, 200, 250].map(|i| seconds(&curve, i)), [0.0, 5.0, 10.0, 20.0, 30.0, 30.0]);
+        assert!(seconds(&[], 5).is_nan(), "and is not drawn");
+    }
+}

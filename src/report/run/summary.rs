@@ -1,0 +1,62 @@
+//! The figures to be seen first.
+
+use crate::pipeline::results::Results;
+use crate::report::format::{NONE, bytes, count, decimals, percent, seconds};
+use crate::report::page::{Tile, tiles};
+use maud::Markup;
+
+pub fn body(results: &Results) -> Markup {
+    let test = results.test.as_ref();
+    let decibels = |v: Option<f64>| match v {
+        Some(v) => format!("{} dB", decimals(v, 2)),
+        None => NONE.to_owned(),
+    };
+    let test_psnr = match test {
+        Some(t) if t.psnr.is_none() => "∞".to_owned(),
+        _ => decibels(test.and_then(|t| t.psnr)),
+    };
+    let views = match results.protocol.test_views {
+        0 => "no view is held out".to_owned(),
+        1 => "of one held-out view".to_owned(),
+        n => format!("mean of {n} held-out views"),
+    };
+    let tile = |label, value: String, note: String| Tile { label, value, note };
+    tiles(&[
+        tile("PSNR", test_psnr, format!("training views {}", decibels(results.train.psnr))),
+        tile("SSIM", decimals(test.map(|t| t.ssim), 4), views),
+        tile("LPIPS", decimals(test.and_then(|t| t.lpips_vgg), 4), results.protocol.lpips.clone()),
+        gaussians(results),
+        tile("Model", bytes(results.model_bytes), "model.ply".to_owned()),
+        frames(results),
+        tile("Time", seconds(results.time.total_s), format!("training and pruning {}", seconds(results.time.train_s))),
+        tile("Device", results.device.name.clone(), format!("{}; {}", results.device.kind, results.device.driver)),
+    ])
+}
+
+fn gaussians(results: &Results) -> Tile {
+    let n = results.gaussians;
+    let note = match n.dense {
+        Some(_) if results.prunes.is_empty() => {
+            n.initial.map_or("not pruned".to_owned(), |first| format!("{} at the start; not pruned", count(first)))
+        }
+        Some(dense) => {
+            let removed = dense.saturating_sub(n.last);
+            format!("of {} dense: {} removed", count(dense), percent(removed as f64, dense as f64))
+        }
+        None => String::new(),
+    };
+    Tile { label: "Gaussians", value: count(n.last), note }
+}
+
+fn frames(results: &Results) -> Tile {
+    let now = results.frames_per_second;
+    let places = |v: f64| decimals(v, usize::from(v < 99.5));
+    let before = results.prunes.first().and_then(|p| p.frames_per_second_before);
+    let note = match (before, now) {
+        (Some(before), Some(now)) if before > 0.0 => {
+            format!("{} before the first prune: × {}", places(before), decimals(now / before, 2))
+        }
+        _ => "rendering alone, at the views' size".to_owned(),
+    };
+    Tile { label: "Frames a second", value: now.map_or(NONE.to_owned(), places), note }
+}

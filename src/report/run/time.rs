@@ -1,0 +1,37 @@
+//! Where the time went.
+
+use crate::pipeline::results::Results;
+use crate::report::format::{percent, seconds};
+use crate::report::page::{absent, side_by_side};
+use crate::report::plot::{Bar, bars};
+use maud::{Markup, html};
+
+pub fn body(results: &Results) -> Markup {
+    let t = &results.time;
+    // Training's seconds hold those of pruning; those of a resumed run hold its earlier parts too.
+    let parts = [
+        ("photos", t.load_s),
+        ("training", (t.train_s - t.prune_s).max(0.0)),
+        ("pruning", t.prune_s),
+        ("evaluation", t.evaluate_s),
+    ];
+    let known: f64 = parts.iter().map(|(_, s)| s).sum();
+    let rest = ("quality curve, other", (t.total_s - known).max(0.0));
+    let whole: Vec<(&str, f64)> = parts.into_iter().chain([rest]).collect();
+    let mut stages: Vec<(&str, f64)> = t.stages_s.iter().map(|(name, s)| (*name, *s)).collect();
+    stages.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let device = if stages.is_empty() {
+        html! {
+            figure class="plot" { figcaption { "Training on the device" } (absent("This device measures no times.")) }
+        }
+    } else {
+        bars("Training on the device, since the last start", &shares(&stages))
+    };
+    side_by_side(&[bars("The whole run", &shares(&whole)), device])
+}
+
+fn shares(named: &[(&str, f64)]) -> Vec<Bar> {
+    let sum: f64 = named.iter().map(|(_, s)| s).sum();
+    let text = |s: f64| format!("{}, {}", percent(s, sum), seconds(s));
+    named.iter().map(|&(name, s)| Bar { name: name.to_owned(), value: s, text: text(s) }).collect()
+}
