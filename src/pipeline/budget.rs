@@ -3,9 +3,14 @@
 use super::config::{Init, RunConfig};
 use super::evaluate::Evaluator;
 use super::prepare::{Opened, Start};
+use super::virtual_views;
 use crate::error::Error;
+use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
+use crate::qirf::assemble::{self, Assembly};
+use crate::qirf::response::Responses;
+use crate::qirf::score::Scores;
 use crate::train::{Demand, Trainer};
 
 /// Pairs a Gaussian that room is made for: at first in training, and in estimates.
@@ -70,6 +75,47 @@ pub fn for_eval(device: &Device, opened: &Opened, gaussians: usize, degree: usiz
     let model = Resident::bytes(gaussians, degree);
     let needed = model + staging_bytes(model) + Evaluator::bytes(device, gaussians, size);
     check(device, "the evaluation", gaussians, size, needed, "")
+}
+
+/// Bytes of device memory that a compression will need: what its widest stage takes besides the model.
+///
+/// `photos` are the bytes of each training photo; none where the model's own pictures stand for them.
+///
+/// # Errors
+/// As [`for_run`].
+pub fn for_compress(
+    device: &Device,
+    size: [u32; 2],
+    model: &Gaussians,
+    photos: Option<Vec<u64>>,
+    fine_tunes: bool,
+) -> Result<u64, Error> {
+    let (gaussians, degree) = (model.len(), model.degree());
+    let resident = Resident::bytes(gaussians, degree) + staging_bytes(Resident::bytes(gaussians, degree));
+    let pairs = most_pairs(device, gaussians);
+    let evaluates = resident + Evaluator::bytes(device, gaussians, size);
+    let studies = resident + Assembly::bytes(gaussians, &assemble::Options::default());
+    let own = photos.is_none();
+    let trains = if fine_tunes || !own {
+        let demand = Demand { gaussians, pairs, size, photos: photos.unwrap_or_default(), degree, grows: false };
+        Trainer::bytes(device, &demand) + Responses::bytes(gaussians) + Scores::bytes(gaussians)
+    } else {
+        0
+    };
+    let responds = if own { resident + virtual_views::bytes(device, gaussians, size, pairs) } else { 0 };
+    let needed = evaluates.max(studies).max(trains).max(responds);
+    check(device, "the compression", gaussians, size, needed, if own { " a smaller --size," } else { "" })
+}
+
+/// Room for pairs that a model which is there begins with: more is made where a view needs it.
+pub fn few_pairs(device: &Device, gaussians: usize) -> u32 {
+    most_pairs(device, gaussians / 4)
+}
+
+/// Pairs expected at most: no kernel can bind more.
+fn most_pairs(device: &Device, gaussians: usize) -> u32 {
+    let bound = device.info().max_buffer_bytes / size_of::<[f32; 4]>() as u64;
+    pairs(gaussians).min(u32::try_from(bound).unwrap_or(u32::MAX))
 }
 
 /// Bytes of the host's memory that decoded photos may take: a quarter of it, or the budget given, if that is less.
