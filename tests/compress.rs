@@ -34,7 +34,7 @@ fn ball() -> Gaussians {
         let around = (1.0 - height * height).sqrt();
         let radius = if clone == 0 { 1.0 } else { 0.8 - 0.03 * clone as f32 };
         model.means[i] = [around * angle.cos(), height, around * angle.sin()].map(|x| x * radius);
-        model.log_scales[i] = [if clone == 0 { 0.12_f32 } else { 0.06 }.ln(); 3];
+        model.log_scales[i] = [if clone == 0 { 0.2_f32 } else { 0.06 }.ln(); 3];
         model.rotations[i] = [1.0, 0.0, 0.0, 0.0];
         model.opacity_logits[i] = 4.0 - clone as f32 * 0.1;
         for c in 0..3 {
@@ -132,10 +132,11 @@ fn what_the_pictures_need_is_kept_not_what_chance_picks() {
         psnr(&figures, "pruned")
     };
     let chance = score("random", &[]);
-    for name in ["gnso", "importance", "css"] {
+    // Not gnso: where what is seen overlaps, the literal rule drops it (docs/method.md), here half a decibel below chance.
+    for name in ["importance", "css", "lowdin", "ordinary"] {
         let chosen = score(name, &[]);
         println!("{name} {chosen:.2} dB, random {chance:.2} dB");
-        assert!(chosen > chance + 3.0, "{name}: {chosen} against {chance}");
+        assert!(chosen > chance + 10.0, "{name}: {chosen} against {chance}");
     }
 }
 
@@ -164,7 +165,7 @@ fn photos_give_evidence_scores_and_fine_tuning() {
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let out = folder.path().join("small.ply");
     let scene = scene.to_str().unwrap();
-    let more = ["--scene", scene, "--keep", "0.4", "--fine-tune", "80", "--eval-every", "3", "--json"];
+    let more = ["--scene", scene, "--keep", "0.1", "--fine-tune", "80", "--eval-every", "3", "--json"];
     let figures = figures(compressed(&trained.join("model.ply"), &out, &more));
     let [before, pruned, tuned] = ["before", "pruned", "fine_tuned"].map(|stage| psnr(&figures, stage));
     println!("{before:.2} dB, pruned {pruned:.2} dB, fine-tuned {tuned:.2} dB");
@@ -222,7 +223,9 @@ fn what_cannot_be_is_refused_before_any_work() {
     };
     refused(2, ".spz", &folder.path().join("out.txt"), &[]);
     refused(2, "input file itself", &model, &[]);
-    refused(2, "is a folder", folder.path(), &[]);
+    let taken = tempfile::tempdir().unwrap();
+    std::fs::create_dir(taken.path().join("out.ply")).unwrap();
+    refused(2, "is a folder", &taken.path().join("out.ply"), &[]);
     refused(2, "--target-count", &out, &["--keep", "0.5", "--target-count", "3"]);
     refused(2, "--views", &out, &["--scene", "nowhere", "--views", "9"]);
     refused(2, "--resolution", &out, &["--resolution", "/2"]);

@@ -161,16 +161,17 @@ impl Arguments {
 
 fn report(console: &Console, figures: &Compressed) -> Result<(), Error> {
     let Compressed { input, output, time, test, protocol, prune, .. } = figures;
-    let times = |before: f64, after: f64| if after > 0.0 { before / after } else { 1.0 };
     console.print(format_args!(
         "Gaussians  {} of {} kept ({} in {} blocks)",
         output.gaussians, input.gaussians, prune.selector, prune.blocks
     ))?;
+    // Another format may well be larger: 28 % of a SOG model as PLY.
+    let [before, after] = [input.bytes, output.bytes].map(|bytes| bytes.max(1) as f64);
+    let (ratio, what) = if after <= before { (before / after, "smaller") } else { (after / before, "larger") };
     console.print(format_args!(
-        "file       {:.2} MB of {:.2} MB, {:.1} times smaller",
-        output.bytes as f64 / 1e6,
-        input.bytes as f64 / 1e6,
-        times(input.bytes as f64, output.bytes as f64)
+        "file       {:.2} MB of {:.2} MB, {ratio:.1} times {what}",
+        after / 1e6,
+        before / 1e6
     ))?;
     let truth = match protocol.truth {
         Truth::Photos => "photos",

@@ -227,9 +227,9 @@ impl Views {
             };
             let view = TrainView { camera, pixels };
             if held_out {
-                test.push((format!("virtual_{i:03}"), view))
+                test.push((format!("virtual_{i:03}"), view));
             } else {
-                train.push(view)
+                train.push(view);
             }
             unless_stopped(watcher)?;
         }
