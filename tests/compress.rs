@@ -59,10 +59,10 @@ fn compressed(model: &Path, out: &Path, more: &[&str]) -> Output {
 
 /// Few, small virtual views.
 fn small(model: &Path, out: &Path, more: &[&str]) -> Value {
-    figures(compressed(model, out, &[&["--views", "16", "--size", "64x64", "--json"], more].concat()))
+    figures(&compressed(model, out, &[&["--views", "16", "--size", "64x64", "--json"], more].concat()))
 }
 
-fn figures(output: Output) -> Value {
+fn figures(output: &Output) -> Value {
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
     assert!(!said.contains("panicked"), "{said}");
@@ -150,6 +150,8 @@ fn fine_tuning_on_the_models_own_pictures_raises_the_score() {
     println!("{pruned:.2} dB, fine-tuned {tuned:.2} dB");
     assert!(tuned > pruned + 0.3);
     assert_eq!(count(&figures, "output"), 120);
+    let memory = |key: &str| figures["memory"][key].as_u64().unwrap_or_else(|| panic!("{key}"));
+    assert!(memory("peak_bytes") <= memory("estimated_bytes"), "{}", figures["memory"]);
 }
 
 #[test]
@@ -166,7 +168,7 @@ fn photos_give_evidence_scores_and_fine_tuning() {
     let out = folder.path().join("small.ply");
     let scene = scene.to_str().unwrap();
     let more = ["--scene", scene, "--keep", "0.1", "--fine-tune", "80", "--eval-every", "3", "--json"];
-    let figures = figures(compressed(&trained.join("model.ply"), &out, &more));
+    let figures = figures(&compressed(&trained.join("model.ply"), &out, &more));
     let [before, pruned, tuned] = ["before", "pruned", "fine_tuned"].map(|stage| psnr(&figures, stage));
     println!("{before:.2} dB, pruned {pruned:.2} dB, fine-tuned {tuned:.2} dB");
     assert!(tuned > pruned && before > pruned);

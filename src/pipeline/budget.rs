@@ -77,34 +77,38 @@ pub fn for_eval(device: &Device, opened: &Opened, gaussians: usize, degree: usiz
     check(device, "the evaluation", gaussians, size, needed, "")
 }
 
-/// Bytes of device memory that a compression will need: what its widest stage takes besides the model.
-///
-/// `photos` are the bytes of each training photo; none where the model's own pictures stand for them.
+/// What a compression's memory depends on besides the model.
+#[derive(Clone, Debug)]
+pub struct Compressing {
+    /// Width and height that every picture fits in.
+    pub size: [u32; 2],
+    /// Whether the model's own pictures stand for photos.
+    pub own_pictures: bool,
+    /// Bytes of each photo that is trained on.
+    pub photos: Vec<u64>,
+    /// Gaussians that a trainer holds at most, for evidence or for fine-tuning.
+    pub trained: usize,
+}
+
+/// Bytes of device memory that a compression will need: what its widest stage takes.
 ///
 /// # Errors
 /// As [`for_run`].
-pub fn for_compress(
-    device: &Device,
-    size: [u32; 2],
-    model: &Gaussians,
-    photos: Option<Vec<u64>>,
-    fine_tunes: bool,
-) -> Result<u64, Error> {
+pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> Result<u64, Error> {
+    let Compressing { size, own_pictures, photos, trained } = demand;
     let (gaussians, degree) = (model.len(), model.degree());
-    let resident = Resident::bytes(gaussians, degree) + staging_bytes(Resident::bytes(gaussians, degree));
+    let resident = Resident::bytes(gaussians, degree);
+    let resident = resident + staging_bytes(resident);
     let pairs = most_pairs(device, gaussians);
     let evaluates = resident + Evaluator::bytes(device, gaussians, size);
     let studies = resident + Assembly::bytes(gaussians, &assemble::Options::default());
-    let own = photos.is_none();
-    let trains = if fine_tunes || !own {
-        let demand = Demand { gaussians, pairs, size, photos: photos.unwrap_or_default(), degree, grows: false };
-        Trainer::bytes(device, &demand) + Responses::bytes(gaussians) + Scores::bytes(gaussians)
-    } else {
-        0
-    };
-    let responds = if own { resident + virtual_views::bytes(device, gaussians, size, pairs) } else { 0 };
-    let needed = evaluates.max(studies).max(trains).max(responds);
-    check(device, "the compression", gaussians, size, needed, if own { " a smaller --size," } else { "" })
+    let responds = resident + virtual_views::bytes(device, gaussians, size, pairs);
+    let demand = Demand { gaussians: trained, pairs: most_pairs(device, trained), size, photos, degree, grows: false };
+    let rows = Responses::bytes(trained) + Scores::bytes(trained);
+    let trains = if trained > 0 { Trainer::bytes(device, &demand) + rows } else { 0 };
+    let needed = evaluates.max(studies).max(trains).max(if own_pictures { responds } else { 0 });
+    let smaller = if own_pictures { " a smaller --size," } else { "" };
+    check(device, "the compression", gaussians, size, needed, smaller)
 }
 
 /// Room for pairs that a model which is there begins with: more is made where a view needs it.

@@ -1,6 +1,6 @@
 //! `qirf-vk compress`: from a model that is there to a smaller one.
 
-use super::budget;
+use super::budget::{self, Compressing};
 use super::compressed::{Compressed, ModelFile, Protocol, Stages, Times, Truth, View};
 use super::compression::{Compression, Decision, decide};
 use super::config::Selection;
@@ -149,6 +149,15 @@ fn at_least_one(keep: Keep, gaussians: usize) -> Keep {
     }
 }
 
+/// Gaussians that are kept at most.
+fn most_kept(keep: Keep, gaussians: usize) -> usize {
+    match keep {
+        Keep::Share(share) => (share * gaussians as f64).ceil() as usize,
+        Keep::Count(count) => count.min(gaussians),
+        Keep::Paper { .. } => gaussians,
+    }
+}
+
 /// What a model is judged by, ready.
 struct Views {
     truth: Truth,
@@ -185,8 +194,13 @@ impl Views {
         watcher: &(dyn Watcher + Sync),
     ) -> Result<(Self, u64), Error> {
         let opened = open(selection)?;
-        let photos = opened.train_pixels().iter().map(|pixels| 4 * pixels).collect();
-        let estimated = budget::for_compress(device, opened.size(), model, Some(photos), job.fine_tune > 0)?;
+        let demand = Compressing {
+            size: opened.size(),
+            own_pictures: false,
+            photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
+            trained: model.len(),
+        };
+        let estimated = budget::for_compress(device, model, demand)?;
         let prepared = opened.load((host_bytes, &std::env::temp_dir()), &|done, total| watcher.loading(done, total))?;
         for line in prepared.scene.skipped.summary() {
             watcher.note(&line);
@@ -209,7 +223,10 @@ impl Views {
         watcher: &dyn Watcher,
     ) -> Result<(Self, u64), Error> {
         let size = [around.size.0, around.size.1];
-        let estimated = budget::for_compress(device, size, model, None, job.fine_tune > 0)?;
+        let trained = if job.fine_tune > 0 { most_kept(job.compression.keep, model.len()) } else { 0 };
+        let photos = vec![4 * u64::from(size[0]) * u64::from(size[1]); around.views as usize];
+        let demand = Compressing { size, own_pictures: true, photos, trained };
+        let estimated = budget::for_compress(device, model, demand)?;
         let (cameras, near) = around.cameras(model);
         let settings = Settings::default();
         // A model in small units must not fall before the near plane.
