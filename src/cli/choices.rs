@@ -28,9 +28,9 @@ pub(super) struct Choices {
     /// Share of the Gaussians that small, visible detail keeps [default: 0.05]
     #[arg(long, value_name = "SHARE", value_parser = values::share_or_none)]
     detail: Option<f64>,
-    /// Let the kept Gaussians take over colour and opacity of the dropped ones that they overlap
-    #[arg(long)]
-    merge: bool,
+    /// Let the kept Gaussians take over colour and opacity of the dropped ones that they overlap [default: true]
+    #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    merge: Option<bool>,
     /// Blocks: adaptive, of so many members at most, paper, or an edge in world units [default: adaptive]
     #[arg(long, value_name = "adaptive[:MOST]|paper|EDGE", value_parser = values::partition)]
     partition: Option<Partition>,
@@ -59,7 +59,7 @@ impl Choices {
         set(&mut preset.selector, self.selector);
         set(&mut preset.budget, self.budget);
         set(&mut preset.detail, self.detail);
-        preset.merge |= self.merge;
+        set(&mut preset.merge, self.merge);
         set(&mut preset.basis.partition, self.partition);
         set(&mut preset.basis.overlap, self.overlap);
         set(&mut preset.basis.dilate, self.dilate);

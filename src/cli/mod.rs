@@ -3,13 +3,13 @@
 mod choices;
 mod compare;
 mod completions;
+mod compress;
 mod console;
 mod convert;
 mod device;
 mod eval;
 mod inspect;
 mod interrupt;
-mod orbit;
 mod render;
 mod run;
 mod selftest;
@@ -63,6 +63,8 @@ enum Command {
     Compare(compare::Arguments),
     /// Score a model of any format against a scene's held-out photos
     Eval(eval::Arguments),
+    /// Prune a model that is there: keep the Gaussians that its pictures need
+    Compress(compress::Arguments),
     /// Render a model's pictures: from a scene's cameras, or on a circle round it
     Render(render::Arguments),
     /// Convert a model between file formats
@@ -81,7 +83,7 @@ enum Command {
 
 /// The top help's groups of commands.
 const GROUPS: [(&str, &[&str]); 4] = [
-    ("Training", &["run", "compare", "eval"]),
+    ("Training and compression", &["run", "compress", "compare", "eval"]),
     ("Models and pictures", &["render", "convert", "inspect"]),
     ("Data", &["synth"]),
     ("This machine", &["device", "selftest", "completions"]),
@@ -91,6 +93,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --preset quick --resolution 256
   qirf-vk compare capture -o compared --arms default,importance,dense
   qirf-vk eval trained/model.ply --config trained/config.toml
+  qirf-vk compress flowers.ply -o small.ply --keep 0.28
   qirf-vk render flowers.ply --orbit 8 -o pictures
   qirf-vk render model.spz --scene capture --resolution /2 -o pictures
   qirf-vk inspect capture
@@ -150,6 +153,7 @@ impl Cli {
             Command::Run(a) => a.run(console, &self.global),
             Command::Compare(a) => a.run(console, &self.global),
             Command::Eval(a) => a.run(console, &self.global),
+            Command::Compress(a) => a.run(console, &self.global),
             Command::Render(a) => a.run(console, &self.global),
             Command::Convert(a) => a.run(console),
             Command::Inspect(a) => a.run(console),

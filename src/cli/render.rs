@@ -4,11 +4,11 @@ use super::Global;
 use super::console::Console;
 use super::inspect::read_model;
 use super::interrupt::Watch;
-use super::orbit::{self, Look, Subject};
 use super::values::{self, Up};
 use crate::error::Error;
 use crate::gaussians::formats::Loaded;
 use crate::gaussians::resident::Resident;
+use crate::pipeline::orbit::{Look, Subject};
 use crate::pipeline::pictures::{self, Format};
 use crate::render::{Renderer, Settings};
 use crate::scene::camera::Camera;
@@ -127,7 +127,7 @@ impl Arguments {
             elevation: self.elevation.unwrap_or(15.0).to_radians(),
             size: self.size.unwrap_or((1280, 720)),
         };
-        let up = orbit::up(self.up.unwrap_or(Up::Auto));
+        let up = self.up.unwrap_or(Up::Auto).direction();
         let subject = Subject::of(&loaded.gaussians, up);
         let (height, distance) = subject.framing(&look);
         tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", subject.centre);

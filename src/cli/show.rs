@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 pub(super) struct Show<'a> {
     console: &'a Console,
     watch: Watch,
-    bars: [OnceLock<ProgressBar>; 3],
+    bars: [OnceLock<ProgressBar>; 4],
 }
 
 impl<'a> Show<'a> {
@@ -24,7 +24,8 @@ impl<'a> Show<'a> {
         let bar = self.bars[stage].get_or_init(|| match stage {
             0 => self.console.bar(total, "photos"),
             1 => self.console.training_bar(total),
-            _ => self.console.bar(total, "scores"),
+            2 => self.console.bar(total, "scores"),
+            _ => self.console.bar(total, "responses"),
         });
         bar.set_position(done);
         if done == total {
@@ -42,6 +43,10 @@ impl Watcher for Show<'_> {
     fn training(&self, progress: &Progress, until: u32) {
         let bar = self.step(1, u64::from(progress.iteration), u64::from(until));
         bar.set_message(format!("loss {:.4}  {} Gaussians", progress.loss, progress.gaussians));
+    }
+
+    fn responding(&self, done: usize, total: usize) {
+        self.step(3, done as u64, total as u64);
     }
 
     fn evaluating(&self, done: usize, total: usize) {

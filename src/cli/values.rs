@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::pipeline::RunConfig;
+use crate::pipeline::orbit::UP;
 use crate::qirf::partition::Partition;
 use crate::scene::Resize;
 use glam::DVec3;
@@ -106,6 +107,16 @@ pub(super) enum Up {
     Auto,
     /// This one.
     Axis(DVec3),
+}
+
+impl Up {
+    /// The direction that is up.
+    pub fn direction(self) -> DVec3 {
+        match self {
+            Self::Axis(axis) => axis,
+            Self::Auto => UP,
+        }
+    }
 }
 
 /// `x`, `-y`, `auto` and the like.

@@ -3,9 +3,14 @@
 use super::config::{Init, RunConfig};
 use super::evaluate::Evaluator;
 use super::prepare::{Opened, Start};
+use super::virtual_views;
 use crate::error::Error;
+use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
+use crate::qirf::assemble::{self, Assembly};
+use crate::qirf::response::Responses;
+use crate::qirf::score::Scores;
 use crate::train::{Demand, Trainer};
 
 /// Pairs a Gaussian that room is made for: at first in training, and in estimates.
@@ -71,6 +76,59 @@ pub fn for_eval(device: &Device, opened: &Opened, gaussians: usize, degree: usiz
     let model = Resident::bytes(gaussians, degree);
     let needed = model + staging_bytes(model) + Evaluator::bytes(device, gaussians, size);
     check(device, "the evaluation", gaussians, size, needed, "")
+}
+
+/// What a compression's memory depends on besides the model.
+#[derive(Clone, Debug)]
+pub struct Compressing {
+    /// Width and height that every picture fits in.
+    pub size: [u32; 2],
+    /// Whether the model's own pictures stand for photos.
+    pub own_pictures: bool,
+    /// Bytes of each photo that is trained on.
+    pub photos: Vec<u64>,
+    /// Gaussians that a trainer holds at most, for evidence or for fine-tuning.
+    pub trained: usize,
+}
+
+/// Bytes of device memory that a compression will need: what its widest stage takes.
+///
+/// # Errors
+/// As [`for_run`].
+pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> Result<u64, Error> {
+    let Compressing { size, own_pictures, photos, trained } = demand;
+    let (gaussians, degree) = (model.len(), model.degree());
+    let resident = Resident::bytes(gaussians, degree);
+    let resident = resident + staging_bytes(resident);
+    let pairs = most_pairs(device, gaussians);
+    let evaluates = resident + Evaluator::bytes(device, gaussians, size);
+    let studies = resident + Assembly::bytes(gaussians, &assemble::Options::default());
+    let responds = resident + virtual_views::bytes(device, gaussians, size, pairs);
+    let demand = Demand {
+        gaussians: trained,
+        pairs: most_pairs(device, trained),
+        size,
+        photos,
+        degree,
+        grows: false,
+        prunes: true,
+    };
+    let rows = Responses::bytes(trained) + Scores::bytes(trained);
+    let trains = if trained > 0 { Trainer::bytes(device, &demand) + rows } else { 0 };
+    let needed = evaluates.max(studies).max(trains).max(if own_pictures { responds } else { 0 });
+    let smaller = if own_pictures { " a smaller --size," } else { "" };
+    check(device, "the compression", gaussians, size, needed, smaller)
+}
+
+/// Room for pairs that a model which is there begins with: more is made where a view needs it.
+pub fn few_pairs(device: &Device, gaussians: usize) -> u32 {
+    most_pairs(device, gaussians / 4)
+}
+
+/// Pairs expected at most: no kernel can bind more.
+fn most_pairs(device: &Device, gaussians: usize) -> u32 {
+    let bound = device.info().max_buffer_bytes / size_of::<[f32; 4]>() as u64;
+    pairs(gaussians).min(u32::try_from(bound).unwrap_or(u32::MAX))
 }
 
 /// Bytes of the host's memory that decoded photos may take: a quarter of it, or the budget given, if that is less.

@@ -2,6 +2,8 @@
 
 use super::results::Pruned;
 use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
@@ -79,6 +81,8 @@ pub struct Pruning {
     pub average_from: f64,
     /// Weight of the mean squared error in the loss of the fine-tuning.
     pub l2: f64,
+    /// What multiplies the positions' learning rate in the fine-tuning.
+    pub position_rate: f64,
     /// How Gaussians are chosen.
     pub compression: Compression,
 }
@@ -90,6 +94,7 @@ impl Default for Pruning {
             responses: Responses::default(),
             average_from: 13.0 / 30.0,
             l2: 2.0,
+            position_rate: 1.0,
             compression: Compression::default(),
         }
     }
@@ -165,23 +170,57 @@ pub fn prune_by(
     seed: u32,
 ) -> Result<Pruned, Error> {
     let begun = Instant::now();
-    let mut model = trainer.download()?;
-    let selector = compression.selector;
-    let resident = trainer.model();
-    let study = Study::new(device, (resident, &model), evidence, &compression.basis, &[selector], seed)?;
-    let choosing = Instant::now();
-    let choice = study.choose(selector, compression.budget, keep, compression.detail);
-    let select_s = choosing.elapsed().as_secs_f64();
-    let merging = Instant::now();
-    let mut merge = || study.merge(device, resident, &mut model, &choice.keep);
-    let merged = if compression.merge { Some(merge()?) } else { None };
-    let mut pruned = Pruned::new(trainer.iteration(), selector, &study, &choice);
-    pruned.merged = merged;
-    trainer.keep(&choice.keep, merged.map(|_| &model))?;
-    pruned.seconds.select = select_s;
-    pruned.seconds.merge = merging.elapsed().as_secs_f64();
+    let model = trainer.download()?;
+    let Decision { mut pruned, keep, model } =
+        decide(device, (trainer.model(), model), compression, keep, evidence, seed)?;
+    let compacting = Instant::now();
+    trainer.keep(&keep, pruned.merged.map(|_| &model))?;
+    pruned.iteration = trainer.iteration();
+    pruned.seconds.merge += compacting.elapsed().as_secs_f64();
     pruned.seconds.total = begun.elapsed().as_secs_f64();
     Ok(pruned)
+}
+
+/// What to keep of a model.
+pub struct Decision {
+    /// What the study of it told, and how long that took.
+    pub pruned: Pruned,
+    /// Whether each Gaussian is kept, n.
+    pub keep: Vec<bool>,
+    /// The model, all n; where it was asked for, the kept stand for the dropped too.
+    pub model: Gaussians,
+}
+
+/// Decides what to keep of `model`, which is what `resident` holds, and lets the kept stand for the dropped where asked to.
+///
+/// # Errors
+/// Device memory; device errors.
+pub fn decide(
+    device: &Device,
+    (resident, mut model): (&Resident, Gaussians),
+    compression: &Compression,
+    keep: Keep,
+    evidence: &Evidence,
+    seed: u32,
+) -> Result<Decision, Error> {
+    let begun = Instant::now();
+    let selector = compression.selector;
+    // Where blocks are solved anyway, the paper's eigenproblem comes with them: it tells how many modes they have.
+    let asked = [selector, Selector::Gnso];
+    let asked = if selector.of_blocks().is_some() && selector != Selector::Gnso { &asked[..] } else { &asked[..1] };
+    let study = Study::new(device, (resident, &model), evidence, &compression.basis, asked, seed)?;
+    let choosing = Instant::now();
+    let choice = study.choose(selector, compression.budget, keep, compression.detail);
+    let select = choosing.elapsed().as_secs_f64();
+    let mut pruned = Pruned::new(0, selector, &study, &choice);
+    let merging = Instant::now();
+    if compression.merge {
+        pruned.merged = Some(study.merge(device, resident, &mut model, &choice.keep)?);
+        pruned.seconds.merge = merging.elapsed().as_secs_f64();
+    }
+    pruned.seconds.select = select;
+    pruned.seconds.total = begun.elapsed().as_secs_f64();
+    Ok(Decision { pruned, keep: choice.keep, model })
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use super::config::Selection;
 use super::evaluate::Evaluator;
 use super::output::Output;
 use super::prepare::open;
-use super::results::{Counts, Guards, Memory, Protocol, Results, Times, TrainScores};
+use super::results::{Counts, Guards, Memory, Protocol, Results, Times, TrainScores, bytes};
 use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
@@ -101,13 +101,4 @@ pub fn eval(
         results.write(output)?;
     }
     Ok(results)
-}
-
-/// Bytes of a model's file, or of all files in its folder.
-fn bytes(path: &Path) -> u64 {
-    let file = |p: &Path| std::fs::metadata(p).map_or(0, |m| m.len());
-    match std::fs::read_dir(path) {
-        Ok(entries) => entries.flatten().map(|e| file(&e.path())).sum(),
-        Err(_) => file(path),
-    }
 }

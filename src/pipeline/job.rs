@@ -100,7 +100,7 @@ impl<'a> Job<'a> {
             pairs: budget::pairs(gaussians),
         };
         let views = prepared.train.clone();
-        let (mut trainer, initial, seconds, curve, prunes) = if let Start::Resumed(s) = start {
+        let (trainer, initial, seconds, curve, prunes) = if let Start::Resumed(s) = start {
             let options = options(s.model.len());
             let note = |key: &str| s.notes.get(key).cloned().unwrap_or_default();
             let trainer = Trainer::resume(device, &s, views, prepared.extent, options)?;
@@ -113,11 +113,8 @@ impl<'a> Job<'a> {
             let trainer = Trainer::new(device, &model, views, prepared.extent, options(n))?;
             (trainer, n, 0.0, Vec::new(), Vec::new())
         };
-        if !prunes.is_empty() {
-            trainer.weigh(fine_tuning(config));
-        }
         let evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
-        Ok(Self {
+        let mut job = Self {
             stage,
             config,
             output,
@@ -128,7 +125,11 @@ impl<'a> Job<'a> {
             seconds,
             curve,
             prunes,
-        })
+        };
+        if !job.prunes.is_empty() {
+            job.fine_tune();
+        }
+        Ok(job)
     }
 
     /// Trains until `until` iterations are done, pruning and keeping checkpoints on the way. A prune due after the last of
@@ -179,7 +180,9 @@ impl<'a> Job<'a> {
 
     /// Goes on with the loss of fine-tuning.
     pub fn fine_tune(&mut self) {
-        self.trainer.weigh(fine_tuning(self.config));
+        if let Some(pruning) = &self.config.prune {
+            self.trainer.fine_tune(Weights { l2: pruning.l2 as f32, ..Weights::default() }, pruning.position_rate);
+        }
     }
 
     /// Mean PSNR of the held-out views as the model stands, in dB.
@@ -313,10 +316,4 @@ fn averaged(config: &RunConfig) -> Range<u32> {
         }
         _ => 0..0,
     }
-}
-
-/// The loss once the model has been pruned.
-fn fine_tuning(config: &RunConfig) -> Weights {
-    let l2 = config.prune.as_ref().map_or(0.0, |p| p.l2 as f32);
-    Weights { l2, ..Weights::default() }
 }

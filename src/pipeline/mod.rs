@@ -2,17 +2,21 @@
 
 pub mod budget;
 pub mod compare;
+pub mod compress;
+pub mod compressed;
 pub mod compression;
 pub mod config;
 pub mod eval;
 pub mod evaluate;
 pub mod gallery;
 pub mod job;
+pub mod orbit;
 pub mod output;
 pub mod pictures;
 pub mod prepare;
 pub mod results;
 pub mod run;
+pub mod virtual_views;
 pub mod watcher;
 
 pub use config::{Init, Preset, RunConfig, Selection};

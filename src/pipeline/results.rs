@@ -14,6 +14,7 @@ use crate::scene::Skipped;
 use crate::scene::camera::Camera;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// The whole of `metrics.json`.
 #[derive(Clone, Debug, Serialize)]
@@ -300,4 +301,13 @@ pub struct Memory {
     pub peak_bytes: u64,
     /// Allowed.
     pub limit_bytes: u64,
+}
+
+/// Bytes of a model's file, or of all files in its folder.
+pub fn bytes(path: &Path) -> u64 {
+    let file = |p: &Path| std::fs::metadata(p).map_or(0, |m| m.len());
+    match std::fs::read_dir(path) {
+        Ok(entries) => entries.flatten().map(|e| file(&e.path())).sum(),
+        Err(_) => file(path),
+    }
 }

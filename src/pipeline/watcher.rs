@@ -8,6 +8,8 @@ pub trait Watcher {
     fn loading(&self, done: usize, total: usize);
     /// Where training stands.
     fn training(&self, progress: &Progress, until: u32);
+    /// Views that gave their responses so far, of how many.
+    fn responding(&self, _done: usize, _total: usize) {}
     /// Held-out views scored so far, of how many.
     fn evaluating(&self, done: usize, total: usize);
     /// A line worth reading.

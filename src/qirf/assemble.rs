@@ -155,6 +155,16 @@ impl Assembled<'_> {
 }
 
 impl<'a> Assembly<'a> {
+    /// Bytes of N's assembly at most, with the host memory that its batches come back to, whatever the partition.
+    pub fn bytes(gaussians: usize, options: &Options) -> u64 {
+        // At worst each member is a block; four tiles a member are what blocks of 4,096 come to where tiles are 8 x 64.
+        let lists = Buffer::<u32>::bytes_of(gaussians) + Buffer::<[u32; 4]>::bytes_of(gaussians);
+        let tiles = Buffer::<[u32; 2]>::bytes_of(4 * gaussians);
+        let axes = Buffer::<[f32; 4]>::bytes_of(4 * gaussians.min(MOST_MEMBERS));
+        let batch = (4 * triangle(gaussians.min(LARGEST_BLOCK)) as u64).min(options.batch_bytes as u64);
+        lists + tiles + axes + 3 * batch
+    }
+
     /// Makes room for the batches of a partition: block `b` has the Gaussians `members[starts[b]..starts[b + 1]]`.
     ///
     /// `h` holds the rows of H, normalised over the scene, with the weights sqrt(eta) and sqrt(1 - eta) in them; where only N

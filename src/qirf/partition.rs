@@ -83,7 +83,7 @@ impl Partition {
     /// The paper's figures.
     pub const PAPER: Self = Self::Paper { voxel: 0.03, cap: 4096 };
     /// What measurements chose.
-    pub const ADAPTIVE: Self = Self::Adaptive { mean: 48, least: 8, most: 512 };
+    pub const ADAPTIVE: Self = Self::Adaptive { mean: 48, least: 8, most: 128 };
 }
 
 impl Default for Partition {

@@ -52,6 +52,11 @@ pub struct Responses {
 }
 
 impl Responses {
+    /// Bytes of the responses of so many Gaussians.
+    pub fn bytes(gaussians: usize) -> u64 {
+        Buffer::<f32>::bytes_of(CHANNELS * gaussians) + Buffer::<u32>::bytes_of(gaussians)
+    }
+
     /// No response yet.
     ///
     /// # Errors
@@ -153,6 +158,11 @@ pub struct HighPass {
 }
 
 impl HighPass {
+    /// Bytes of [`HighPass::new`].
+    pub fn bytes(pixels: usize) -> u64 {
+        Buffer::<f32>::bytes_of(3 * pixels)
+    }
+
     /// Scratch for pictures of up to `pixels`.
     ///
     /// # Errors

@@ -15,6 +15,11 @@ pub struct Scores {
 }
 
 impl Scores {
+    /// Bytes of the scores of so many Gaussians.
+    pub fn bytes(gaussians: usize) -> u64 {
+        Buffer::<[f32; 4]>::bytes_of(gaussians)
+    }
+
     /// No view yet.
     ///
     /// # Errors

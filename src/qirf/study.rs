@@ -21,7 +21,7 @@ use std::time::Instant;
 /// Bytes of overlaps that are on their way at a time, twice: enough to keep every core busy, little beside a model.
 const BATCH_BYTES: usize = 16 << 20;
 /// Members of a block that memory is reckoned with: the most of the default partition.
-const MEMBERS: usize = 512;
+const MEMBERS: usize = 128;
 
 /// Bytes of device memory that evidence and study of `n` Gaussians take at most, in blocks of the default partition.
 pub fn bytes(n: usize) -> u64 {

@@ -34,4 +34,4 @@ pub enum Error {
 }
 
 /// Results of this floor.
-pub type Result<T> = std::result::Result<T, Error>;
+pub type Result<T, E = Error> = std::result::Result<T, E>;

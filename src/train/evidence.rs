@@ -2,9 +2,11 @@
 
 use super::density::compact;
 use super::error::Result;
+use super::loss::Weights;
 use super::trainer::Trainer;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
+use crate::gpu;
 use crate::qirf::response::{self, Gather, record_residual};
 use crate::qirf::score::Scores;
 use crate::qirf::study::Evidence;
@@ -15,6 +17,17 @@ impl Trainer {
     /// # Errors
     /// Device memory; device errors; photos that cannot be read.
     pub fn evidence(&mut self) -> Result<Evidence> {
+        self.evidence_with(|_| Ok(()))
+    }
+
+    /// As [`Trainer::evidence`]; `follow` hears how many views were seen, and may end it.
+    ///
+    /// # Errors
+    /// As [`Trainer::evidence`]; what `follow` says.
+    pub fn evidence_with<E>(&mut self, mut follow: impl FnMut(usize) -> Result<(), E>) -> Result<Evidence, E>
+    where
+        E: From<gpu::Error> + From<super::Error>,
+    {
         let gather = Gather::Mean { views: self.views.len() as u32 };
         let scores = Scores::zeros(&self.device, self.model.len)?;
         let cameras: Vec<_> = self.views.iter().map(|v| v.camera.clone()).collect();
@@ -29,7 +42,8 @@ impl Trainer {
             &cameras,
             gradient,
             Some(&scores),
-            |recording, v, image| -> Result<()> {
+            |recording, v, image| -> Result<(), E> {
+                follow(v)?;
                 let size = [cameras[v].width, cameras[v].height];
                 let photo = photos.get(device, views, v, (v + 1) % cameras.len())?;
                 loss.record(recording, image, photo, size, transparent, background, weights);
@@ -37,6 +51,7 @@ impl Trainer {
                 Ok(())
             },
         )?;
+        follow(cameras.len())?;
         Ok(Evidence { responses: responses.read(device, gather)?, scores: scores.values.read(device)? })
     }
 
@@ -76,8 +91,9 @@ impl Trainer {
         Ok(())
     }
 
-    /// Weights of the loss from now on.
-    pub fn weigh(&mut self, weights: super::loss::Weights) {
+    /// From now on the loss has these weights, and positions learn `position` times as fast as the schedule says.
+    pub fn fine_tune(&mut self, weights: Weights, position: f64) {
         self.options.weights = weights;
+        self.position = position;
     }
 }

@@ -131,6 +131,20 @@ fn finish(parsed: Parsed) -> Loaded {
     Loaded { gaussians, format, repairs }
 }
 
+/// Refuses a `path` whose extension no writer knows, before the work that would end there.
+///
+/// # Errors
+/// [`Error::Unsupported`].
+pub fn check_output(path: &Path) -> Result<(), Error> {
+    match path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase().as_str() {
+        "ply" | "spz" => Ok(()),
+        _ => Err(Error::Unsupported {
+            path: path.to_owned(),
+            what: "models are written as .ply or .spz; give the output one of these extensions".into(),
+        }),
+    }
+}
+
 /// Writes `gaussians` to `path` as its extension says: `.ply` (bit-exact) or `.spz` (quantised), whole or not at all.
 ///
 /// Call [`refuse_overwrite`] first where the model came from a file.
@@ -139,16 +153,11 @@ fn finish(parsed: Parsed) -> Loaded {
 /// [`Error::Unsupported`] for another extension or for what SPZ cannot hold, [`Error::Inconsistent`], [`Error::Io`].
 pub fn write(path: &Path, gaussians: &Gaussians) -> Result<(), Error> {
     gaussians.validate()?;
+    check_output(path)?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    match extension.as_str() {
-        "ply" => write_atomically(path, |out| ply::write(out, gaussians)),
-        "spz" => {
-            let packed = spz::pack(gaussians).map_err(|fault| fault.at(path))?;
-            write_atomically(path, |out| out.write_all(&packed))
-        }
-        _ => Err(Error::Unsupported {
-            path: path.to_owned(),
-            what: "models are written as .ply or .spz; give the output one of these extensions".into(),
-        }),
+    if extension == "spz" {
+        let packed = spz::pack(gaussians).map_err(|fault| fault.at(path))?;
+        return write_atomically(path, |out| out.write_all(&packed));
     }
+    write_atomically(path, |out| ply::write(out, gaussians))
 }

@@ -1,6 +1,5 @@
 //! Cameras on a circle round a model, near enough to fill the picture and far enough to show the whole.
 
-use super::values::Up;
 use crate::gaussians::Gaussians;
 use crate::scene::camera::Camera;
 use glam::DVec3;
@@ -17,7 +16,7 @@ const FILL: f64 = 0.92;
 
 /// Where a model stands, outliers ignored.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Subject {
+pub struct Subject {
     /// Middle of its box.
     pub centre: DVec3,
     /// Up in the world.
@@ -28,7 +27,7 @@ pub(super) struct Subject {
 
 /// How to look at it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Look {
+pub struct Look {
     /// Vertical field of view in radians.
     pub fov: f64,
     /// Height of the camera above the horizon in radians.
@@ -37,13 +36,8 @@ pub(super) struct Look {
     pub size: (u32, u32),
 }
 
-/// The direction that is up: -y unless asked otherwise, since captures keep COLMAP's axes, y down, in every file format.
-pub(super) fn up(asked: Up) -> DVec3 {
-    match asked {
-        Up::Axis(axis) => axis,
-        Up::Auto => DVec3::NEG_Y,
-    }
-}
+/// Up where nothing else is said: captures keep COLMAP's axes, y down, in every file format.
+pub const UP: DVec3 = DVec3::NEG_Y;
 
 impl Subject {
     /// Finds a model's middle and size by quantiles weighted with opacity: floaters and far background count little.
@@ -141,18 +135,23 @@ impl Subject {
 
     /// `count` cameras at even steps round the subject, the first in front (towards -z, or -y where z is up).
     pub fn cameras(&self, count: u32, look: &Look) -> Vec<Camera> {
+        let framing = self.framing(look);
+        (0..count).map(|i| self.camera_at(f64::from(i) / f64::from(count), look, framing)).collect()
+    }
+
+    /// A camera after so many turns round the subject, from the front.
+    pub fn camera(&self, turns: f64, look: &Look) -> Camera {
+        self.camera_at(turns, look, self.framing(look))
+    }
+
+    fn camera_at(&self, turns: f64, look: &Look, (height, distance): (f64, f64)) -> Camera {
         let front = if self.up.z.abs() > 0.5 { DVec3::NEG_Y } else { DVec3::NEG_Z };
         let side = self.up.cross(front);
-        let (height, distance) = self.framing(look);
         let target = self.centre + self.up * height;
-        (0..count)
-            .map(|i| {
-                let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
-                let level = front * cos + side * sin;
-                let eye = target + (level * look.elevation.cos() + self.up * look.elevation.sin()) * distance;
-                Camera::look_at(eye, target, self.up, look.fov, look.size.0, look.size.1)
-            })
-            .collect()
+        let (sin, cos) = (std::f64::consts::TAU * turns).sin_cos();
+        let level = front * cos + side * sin;
+        let eye = target + (level * look.elevation.cos() + self.up * look.elevation.sin()) * distance;
+        Camera::look_at(eye, target, self.up, look.fov, look.size.0, look.size.1)
     }
 }
 

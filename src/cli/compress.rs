@@ -1,0 +1,199 @@
+//! `qirf-vk compress MODEL -o OUT`.
+
+use super::Global;
+use super::choices::Choices;
+use super::console::Console;
+use super::inspect::read_model;
+use super::show::Show;
+use super::values::{self, Up};
+use crate::error::Error;
+use crate::gaussians::formats;
+use crate::metrics::Scores;
+use crate::pipeline::compress::{self, Input, Job, Sight};
+use crate::pipeline::compressed::{Compressed, Truth};
+use crate::pipeline::compression::Compression;
+use crate::pipeline::virtual_views::Around;
+use crate::pipeline::{Output, Selection, budget};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk compress flowers.ply -o small.spz
+  qirf-vk compress flowers.ply -o small.ply --target-count 20000 --fine-tune 500
+  qirf-vk compress model.ply -o small.ply --scene capture --resolution /4 --fine-tune 3000
+  qirf-vk compress model.ply -o small.ply --selector importance --budget per-block --json
+
+Without photos the model's own pictures, from all round it, tell which Gaussians they need. Where a capture is at hand,
+--scene is the better choice, and for rooms and landscapes, which surround their cameras, the only good one.";
+
+/// Prune a model that is there: keep the Gaussians that its pictures need.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
+    model: PathBuf,
+    /// Model to write: .ply or .spz
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Iterations of training after the prune, on the photos or on the original's pictures
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    fine_tune: u32,
+    /// Write the figures as JSON to this file
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Print the figures as JSON on standard output
+    #[arg(long)]
+    json: bool,
+    /// Named choice: standard, or paper with every figure as published
+    #[arg(long, value_name = "standard|paper", default_value = "standard", help_heading = "Compression")]
+    preset: Preset,
+    #[command(flatten)]
+    choices: Choices,
+    /// Key of all random numbers: the same seed on the same device gives the same bytes
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Compression")]
+    seed: u32,
+    /// Virtual cameras round the model, every eighth held out for the scores [default: 48]
+    #[arg(long, value_name = "N", help_heading = "Without photos", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    views: Option<u32>,
+    /// Picture size of virtual cameras [default: 400x400]
+    #[arg(long, value_name = "WxH", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::size)]
+    size: Option<(u32, u32)>,
+    /// Which way is up: x, y, z, -x, -y, -z, or auto (as captures have it: -y) [default: auto]
+    #[arg(long, value_name = "AXIS", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::up, allow_hyphen_values = true)]
+    up: Option<Up>,
+    /// Scene whose photos are what counts: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    #[arg(long, value_name = "SCENE", help_heading = "Photos")]
+    scene: Option<PathBuf>,
+    /// Photo folder (such as images_4)
+    #[arg(long, value_name = "DIR", help_heading = "Photos", requires = "scene")]
+    images: Option<PathBuf>,
+    /// Picture size as width, or as a divisor of the photos' size
+    #[arg(long, value_name = "W|/K", help_heading = "Photos", requires = "scene", value_parser = values::resolution_text)]
+    resolution: Option<String>,
+    /// Hold every N-th photo out for the scores; 0 holds none out [default: 8]
+    #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene")]
+    eval_every: Option<usize>,
+    /// Keep each Gaussian's energy where it is smaller than a pixel (models trained with anti-aliasing)
+    #[arg(long, help_heading = "Rendering")]
+    antialias: bool,
+    /// Colour behind the Gaussians [default: white for photos with alpha, else black]
+    #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
+    background: Option<[f32; 3]>,
+    /// Device memory that may be used, such as 2G or 800M [default: the device's]
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Rendering")]
+    memory_budget: Option<u64>,
+}
+
+/// A named choice of everything under "Compression".
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Preset {
+    /// What measurements chose
+    Standard,
+    /// The QIRF paper's figures
+    Paper,
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        self.check_outputs()?;
+        let reading = Instant::now();
+        let loaded = read_model(&self.model, console)?;
+        let read_s = reading.elapsed().as_secs_f64();
+        let device = global.open_with(self.memory_budget)?;
+        let input = Input { path: &self.model, model: loaded.gaussians, read_s };
+        let host = budget::host(self.memory_budget);
+        let figures = compress::compress(&device, input, &self.job(), &self.output, host, &Show::new(console))?;
+        let json = serde_json::to_value(&figures).unwrap_or_default();
+        if let Some(path) = &self.report {
+            Output::text(path, &format!("{json:#}\n"))?;
+        }
+        if self.json { console.json(&json) } else { report(console, &figures) }
+    }
+
+    /// Refuses outputs that could not be written in the end, or that would hide the input, before any work.
+    fn check_outputs(&self) -> Result<(), Error> {
+        formats::check_output(&self.output).map_err(Error::writing)?;
+        for path in [Some(&self.output), self.report.as_ref()].into_iter().flatten() {
+            formats::refuse_overwrite(&self.model, path).map_err(Error::writing)?;
+            if path.is_dir() {
+                return Err(Error::Usage(format!("{} is a folder; name a file", path.display())));
+            }
+            let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            std::fs::metadata(folder).map_err(|source| Error::Write { path: path.clone(), source })?;
+        }
+        if self.report.as_ref() == Some(&self.output) {
+            return Err(Error::Usage(format!("{} cannot hold model and report", self.output.display())));
+        }
+        Ok(())
+    }
+
+    fn job(&self) -> Job {
+        let preset = match self.preset {
+            Preset::Standard => Compression::default(),
+            Preset::Paper => Compression::paper(),
+        };
+        let sight = match &self.scene {
+            Some(scene) => Sight::Photos(Selection {
+                scene: scene.clone(),
+                images: self.images.clone(),
+                resolution: self.resolution.clone(),
+                eval_every: self.eval_every.unwrap_or(8),
+                background: self.background,
+            }),
+            None => Sight::OwnPictures(
+                Around {
+                    views: self.views.unwrap_or(48),
+                    size: self.size.unwrap_or((400, 400)),
+                    up: self.up.unwrap_or(Up::Auto).direction(),
+                },
+                self.background.unwrap_or([0.0; 3]),
+            ),
+        };
+        Job {
+            compression: self.choices.over(preset),
+            sight,
+            antialias: self.antialias,
+            fine_tune: self.fine_tune,
+            seed: self.seed,
+        }
+    }
+}
+
+fn report(console: &Console, figures: &Compressed) -> Result<(), Error> {
+    let Compressed { input, output, time, test, protocol, prune, .. } = figures;
+    console.print(format_args!(
+        "Gaussians  {} of {} kept ({} in {} blocks)",
+        output.gaussians, input.gaussians, prune.selector, prune.blocks
+    ))?;
+    // Another format may well be larger: 28 % of a SOG model as PLY.
+    let [before, after] = [input.bytes, output.bytes].map(|bytes| bytes.max(1) as f64);
+    let (ratio, what) = if after <= before { (before / after, "smaller") } else { (after / before, "larger") };
+    console.print(format_args!(
+        "file       {:.2} MB of {:.2} MB, {ratio:.1} times {what}",
+        after / 1e6,
+        before / 1e6
+    ))?;
+    let truth = match protocol.truth {
+        Truth::Photos => "photos",
+        Truth::OwnPictures => "the original's pictures",
+    };
+    let score = |name: &str, scores: &Option<Scores>| match scores {
+        Some(s) => {
+            // Equal pictures have no PSNR.
+            let psnr = s.psnr.map_or_else(|| "equal".to_owned(), |v| format!("{v:.2} dB"));
+            console.print(format_args!("{name:<10} PSNR {psnr}, SSIM {:.4}", s.ssim))
+        }
+        None => Ok(()),
+    };
+    score("before", &test.before)?;
+    score("pruned", &test.pruned)?;
+    score("fine-tuned", &test.fine_tuned)?;
+    if test.pruned.is_some() {
+        console.note(format_args!("scores are of {} held-out views against {truth}", protocol.test_views));
+    }
+    console.print(format_args!(
+        "time       {:.1} s: responses {:.1}, partition to keep mask {:.2}, fine-tuning {:.1}",
+        time.total_s, time.responses_s, time.keep_mask_s, time.fine_tune_s
+    ))?;
+    console.print(format_args!("           {}", output.path.display()))
+}

@@ -1,0 +1,373 @@
+//! `qirf-vk compress`: from a model that is there to a smaller one.
+
+use super::budget::{self, Compressing};
+use super::compressed::{Compressed, ModelFile, Protocol, Stages, Times, Truth, View};
+use super::compression::{Compression, Decision, decide};
+use super::config::Selection;
+use super::evaluate::Evaluator;
+use super::prepare::{Prepared, open};
+use super::results::Memory;
+use super::virtual_views::{self, Around};
+use super::watcher::Watcher;
+use crate::error::Error;
+use crate::gaussians::resident::Resident;
+use crate::gaussians::{Gaussians, formats};
+use crate::gpu::Device;
+use crate::metrics::{Networks, Scores};
+use crate::qirf::select::budget::Keep;
+use crate::qirf::study::Evidence;
+use crate::render::{Renderer, Settings};
+use crate::scene::camera::Camera;
+use crate::train::loss::Weights;
+use crate::train::photos::TrainView;
+use crate::train::pixels::Pixels;
+use crate::train::schedule::Schedule;
+use crate::train::{Options, Trainer};
+use std::path::Path;
+use std::time::Instant;
+
+/// Of virtual views, every so many-th is held out, as of photos.
+const HOLD_OUT: usize = 8;
+/// Weight of the mean squared error in the loss of fine-tuning.
+const L2: f32 = 2.0;
+
+/// What to do with a model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Job {
+    /// How Gaussians are chosen.
+    pub compression: Compression,
+    /// What they are judged by.
+    pub sight: Sight,
+    /// Whether Gaussians smaller than a pixel keep their energy: as the model was trained.
+    pub antialias: bool,
+    /// Iterations of training after the prune.
+    pub fine_tune: u32,
+    /// Key of all random numbers.
+    pub seed: u32,
+}
+
+/// What a model is judged by.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Sight {
+    /// A scene's photos.
+    Photos(Selection),
+    /// Its own pictures, over a background.
+    OwnPictures(Around, [f32; 3]),
+}
+
+/// A model and where it was read from, in how many seconds.
+pub struct Input<'a> {
+    /// Where it lies.
+    pub path: &'a Path,
+    /// The model.
+    pub model: Gaussians,
+    /// Seconds that reading it took.
+    pub read_s: f64,
+}
+
+/// Compresses a model and writes it to `output`, whose extension decides the format. Photos take no more than `host_bytes`
+/// of the host's memory.
+///
+/// # Errors
+/// Anything from scene to disk; [`Error::Interrupted`], with nothing written.
+pub fn compress(
+    device: &Device,
+    input: Input<'_>,
+    job: &Job,
+    output: &Path,
+    host_bytes: u64,
+    watcher: &(dyn Watcher + Sync),
+) -> Result<Compressed, Error> {
+    let begun = Instant::now();
+    let Input { path, model, read_s } = input;
+    let input = ModelFile::new(path, &model);
+    let mut time = Times { read_s, ..Times::default() };
+    let keep = at_least_one(job.compression.keep, model.len());
+    let (views, estimated_bytes) = Views::new(device, &model, job, host_bytes, watcher)?;
+    time.truth_s = seconds(begun);
+
+    let mut judge = Judge { device, views: &views, watcher, rounds: views.rounds(job), done: 0, seconds: 0.0 };
+    let before = if views.truth == Truth::Photos { judge.scores(&model)? } else { Vec::new() };
+    let responding = Instant::now();
+    let evidence = evidence(device, &model, &views, job, watcher)?;
+    time.responses_s = seconds(responding);
+
+    let resident = Resident::upload(device, &model)?;
+    let decided = decide(device, (&resident, model), &job.compression, keep, &evidence, job.seed)?;
+    let Decision { pruned, keep, model } = decided;
+    drop((resident, evidence));
+    time.merge_s = pruned.seconds.merge;
+    time.keep_mask_s = pruned.seconds.total - pruned.seconds.merge;
+    unless_stopped(watcher)?;
+    let kept: Vec<usize> = (0..keep.len()).filter(|i| keep[*i]).collect();
+    let mut model = model.select(&kept);
+    let after = judge.scores(&model)?;
+
+    let tuning = Instant::now();
+    let mut tuned = Vec::new();
+    if job.fine_tune > 0 {
+        model = fine_tune(device, &model, &views, job, watcher)?;
+        time.fine_tune_s = seconds(tuning);
+        tuned = judge.scores(&model)?;
+    }
+    time.evaluate_s = judge.seconds;
+    unless_stopped(watcher)?;
+    let writing = Instant::now();
+    formats::write(output, &model).map_err(Error::writing)?;
+    time.write_s = seconds(writing);
+    time.total_s = read_s + seconds(begun);
+
+    let test = views.tell([before, after, tuned]);
+    Ok(Compressed {
+        schema: 1,
+        version: env!("CARGO_PKG_VERSION"),
+        device: device.info().clone(),
+        protocol: views.protocol(job),
+        input,
+        output: ModelFile::new(output, &model),
+        prune: pruned,
+        test: Stages::mean(&test),
+        views: test,
+        time,
+        memory: Memory { estimated_bytes, peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
+    })
+}
+
+fn seconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64()
+}
+
+fn unless_stopped(watcher: &dyn Watcher) -> Result<(), Error> {
+    if watcher.stop() { Err(Error::Interrupted) } else { Ok(()) }
+}
+
+/// A share of few Gaussians rounds to none, which is no model.
+fn at_least_one(keep: Keep, gaussians: usize) -> Keep {
+    match keep {
+        Keep::Share(share) if share * (gaussians as f64) < 1.0 => Keep::Count(1),
+        keep => keep,
+    }
+}
+
+/// Gaussians that are kept at most.
+fn most_kept(keep: Keep, gaussians: usize) -> usize {
+    match keep {
+        Keep::Share(share) => (share * gaussians as f64).ceil() as usize,
+        Keep::Count(count) => count.min(gaussians),
+        Keep::Paper { .. } => gaussians,
+    }
+}
+
+/// What a model is judged by, ready.
+struct Views {
+    truth: Truth,
+    /// Views of evidence and fine-tuning; without photos they have pixels only where there is fine-tuning.
+    train: Vec<TrainView>,
+    test: Vec<(String, TrainView)>,
+    /// Of positions' learning rate.
+    extent: f64,
+    transparent: bool,
+    settings: Settings,
+}
+
+impl Views {
+    /// Views of a model, and the bytes of device memory that the job will need.
+    fn new(
+        device: &Device,
+        model: &Gaussians,
+        job: &Job,
+        host_bytes: u64,
+        watcher: &(dyn Watcher + Sync),
+    ) -> Result<(Self, u64), Error> {
+        match &job.sight {
+            Sight::Photos(selection) => Self::of_photos(device, model, selection, job, host_bytes, watcher),
+            Sight::OwnPictures(around, background) => Self::of_itself(device, model, around, *background, job, watcher),
+        }
+    }
+
+    fn of_photos(
+        device: &Device,
+        model: &Gaussians,
+        selection: &Selection,
+        job: &Job,
+        host_bytes: u64,
+        watcher: &(dyn Watcher + Sync),
+    ) -> Result<(Self, u64), Error> {
+        let opened = open(selection)?;
+        let demand = Compressing {
+            size: opened.size(),
+            own_pictures: false,
+            photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
+            trained: model.len(),
+        };
+        let estimated = budget::for_compress(device, model, demand)?;
+        let prepared = opened.load((host_bytes, &std::env::temp_dir()), &|done, total| watcher.loading(done, total))?;
+        for line in prepared.scene.skipped.summary() {
+            watcher.note(&line);
+        }
+        if prepared.train.is_empty() {
+            let scene = selection.scene.display();
+            return Err(Error::Usage(format!("{scene}: no photo is left to train on; use a larger --eval-every")));
+        }
+        let settings = Settings { background: prepared.background, antialias: job.antialias, ..Settings::default() };
+        let Prepared { train, test, extent, transparent, .. } = prepared;
+        Ok((Self { truth: Truth::Photos, train, test, extent, transparent, settings }, estimated))
+    }
+
+    fn of_itself(
+        device: &Device,
+        model: &Gaussians,
+        around: &Around,
+        background: [f32; 3],
+        job: &Job,
+        watcher: &dyn Watcher,
+    ) -> Result<(Self, u64), Error> {
+        let size = [around.size.0, around.size.1];
+        let trained = if job.fine_tune > 0 { most_kept(job.compression.keep, model.len()) } else { 0 };
+        let photos = vec![4 * u64::from(size[0]) * u64::from(size[1]); around.views as usize];
+        let demand = Compressing { size, own_pictures: true, photos, trained };
+        let estimated = budget::for_compress(device, model, demand)?;
+        let (cameras, near) = around.cameras(model);
+        let settings = Settings::default();
+        // A model in small units must not fall before the near plane.
+        let near = settings.near.min(near as f32);
+        let settings = Settings { background, antialias: job.antialias, near, ..settings };
+        let resident = Resident::upload(device, model)?;
+        let mut renderer = Renderer::new(device, settings, model.len(), size[0], size[1])?;
+        let (mut train, mut test) = (Vec::new(), Vec::new());
+        for (i, camera) in cameras.into_iter().enumerate() {
+            let held_out = i.is_multiple_of(HOLD_OUT);
+            let pixels = if held_out || job.fine_tune > 0 {
+                virtual_views::photo(&renderer.render(&resident, &camera)?)
+            } else {
+                Pixels::from(Vec::new())
+            };
+            let view = TrainView { camera, pixels };
+            if held_out {
+                test.push((format!("virtual_{i:03}"), view));
+            } else {
+                train.push(view);
+            }
+            unless_stopped(watcher)?;
+        }
+        let extent = virtual_views::extent(&train);
+        Ok((Self { truth: Truth::OwnPictures, train, test, extent, transparent: false, settings }, estimated))
+    }
+
+    /// How often the held-out views are scored.
+    fn rounds(&self, job: &Job) -> usize {
+        1 + usize::from(self.truth == Truth::Photos) + usize::from(job.fine_tune > 0)
+    }
+
+    fn protocol(&self, job: &Job) -> Protocol {
+        let views = self.train.iter().chain(self.test.iter().map(|(_, view)| view));
+        Protocol {
+            truth: self.truth,
+            train_views: self.train.len(),
+            test_views: self.test.len(),
+            image_size: views.fold([0, 0], |[w, h], v| [w.max(v.camera.width), h.max(v.camera.height)]),
+            background: self.settings.background,
+            antialias: self.settings.antialias,
+            fine_tune: job.fine_tune,
+            seed: job.seed,
+            compression: job.compression.clone(),
+        }
+    }
+
+    /// The held-out views with their scores before, after the prune and after fine-tuning, each absent or one a view.
+    fn tell(&self, stages: [Vec<Scores>; 3]) -> Vec<View> {
+        let [mut before, mut pruned, mut fine_tuned] = stages.map(Vec::into_iter);
+        let mut stages = || Stages { before: before.next(), pruned: pruned.next(), fine_tuned: fine_tuned.next() };
+        self.test.iter().map(|(name, _)| View { name: name.clone(), scores: stages() }).collect()
+    }
+}
+
+/// Scores models by the held-out views.
+struct Judge<'a> {
+    device: &'a Device,
+    views: &'a Views,
+    watcher: &'a dyn Watcher,
+    rounds: usize,
+    done: usize,
+    seconds: f64,
+}
+
+impl Judge<'_> {
+    fn scores(&mut self, model: &Gaussians) -> Result<Vec<Scores>, Error> {
+        let begun = Instant::now();
+        let test = &self.views.test;
+        let resident = Resident::upload(self.device, model)?;
+        let of_test = test.iter().map(|(_, view)| view);
+        let mut evaluator = Evaluator::new(self.device, self.views.settings, model.len(), of_test)?;
+        let mut scores = Vec::with_capacity(test.len());
+        for (_, view) in test {
+            let image = evaluator.render(&resident, view)?;
+            scores.push(evaluator.score(&image, view, &Networks::default())?);
+            self.done += 1;
+            self.watcher.evaluating(self.done, self.rounds * test.len());
+            unless_stopped(self.watcher)?;
+        }
+        self.seconds += seconds(begun);
+        Ok(scores)
+    }
+}
+
+/// How strongly the training views depend on each Gaussian.
+fn evidence(
+    device: &Device,
+    model: &Gaussians,
+    views: &Views,
+    job: &Job,
+    watcher: &dyn Watcher,
+) -> Result<Evidence, Error> {
+    let follow = |done: usize| {
+        watcher.responding(done, views.train.len());
+        unless_stopped(watcher)
+    };
+    if views.truth == Truth::Photos {
+        return trainer(device, model, views, job)?.evidence_with(follow);
+    }
+    let cameras: Vec<Camera> = views.train.iter().map(|v| v.camera.clone()).collect();
+    let resident = Resident::upload(device, model)?;
+    let pairs = budget::few_pairs(device, model.len());
+    virtual_views::evidence(device, &resident, &cameras, views.settings, pairs, follow)
+}
+
+fn trainer(device: &Device, model: &Gaussians, views: &Views, job: &Job) -> Result<Trainer, Error> {
+    let end = Schedule::default().position_rate_end;
+    let options = Options {
+        // A model that is there is where training ends: positions move as slowly, and its number is settled.
+        schedule: Schedule {
+            iterations: job.fine_tune,
+            position_rate: end,
+            position_rate_end: end,
+            densify_until: 0.0,
+            ..Schedule::default()
+        },
+        settings: views.settings,
+        seed: job.seed,
+        degree: model.degree(),
+        most: model.len(),
+        transparent: views.transparent,
+        weights: Weights { l2: L2, ..Weights::default() },
+        averaged: 0..0,
+        pairs: budget::few_pairs(device, model.len()),
+    };
+    Ok(Trainer::new(device, model, views.train.clone(), views.extent, options)?)
+}
+
+fn fine_tune(
+    device: &Device,
+    model: &Gaussians,
+    views: &Views,
+    job: &Job,
+    watcher: &dyn Watcher,
+) -> Result<Gaussians, Error> {
+    let mut trainer = trainer(device, model, views, job)?;
+    while trainer.iteration() < job.fine_tune {
+        let progress = trainer.advance(job.fine_tune)?;
+        watcher.training(&progress, job.fine_tune);
+        unless_stopped(watcher)?;
+    }
+    Ok(trainer.download()?)
+}

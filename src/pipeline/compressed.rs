@@ -1,0 +1,143 @@
+//! What a compression measured: its JSON, schema 1 (docs/metrics.md).
+
+use super::compression::Compression;
+use super::results::{Memory, Pruned, bytes};
+use crate::gaussians::Gaussians;
+use crate::gpu::DeviceInfo;
+use crate::metrics::{Scores, mean};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// All that `qirf-vk compress` tells.
+#[derive(Clone, Debug, Serialize)]
+pub struct Compressed {
+    /// Version of this layout.
+    pub schema: u32,
+    /// Version of the program.
+    pub version: &'static str,
+    /// The device.
+    pub device: DeviceInfo,
+    /// How the figures came about.
+    pub protocol: Protocol,
+    /// The model as it was.
+    pub input: ModelFile,
+    /// The model as it is now.
+    pub output: ModelFile,
+    /// What was chosen, and what the blocks told.
+    pub prune: Pruned,
+    /// Mean scores of the held-out views.
+    pub test: Stages,
+    /// Each held-out view.
+    pub views: Vec<View>,
+    /// Seconds.
+    pub time: Times,
+    /// Device memory in bytes.
+    pub memory: Memory,
+}
+
+/// How the figures came about.
+#[derive(Clone, Debug, Serialize)]
+pub struct Protocol {
+    /// What pictures were compared with.
+    pub truth: Truth,
+    /// Views that gave evidence, and that fine-tuning saw.
+    pub train_views: usize,
+    /// Views held out.
+    pub test_views: usize,
+    /// Largest picture, width and height.
+    pub image_size: [u32; 2],
+    /// Colour behind everything.
+    pub background: [f32; 3],
+    /// Whether Gaussians smaller than a pixel keep their energy.
+    pub antialias: bool,
+    /// Iterations of fine-tuning.
+    pub fine_tune: u32,
+    /// Key of all random numbers.
+    pub seed: u32,
+    /// How Gaussians were chosen.
+    pub compression: Compression,
+}
+
+/// What pictures were compared with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Truth {
+    /// A scene's photos.
+    Photos,
+    /// The original model's own pictures.
+    OwnPictures,
+}
+
+/// A model on disk.
+#[derive(Clone, Debug, Serialize)]
+pub struct ModelFile {
+    /// Where it lies.
+    pub path: PathBuf,
+    /// Bytes there.
+    pub bytes: u64,
+    /// Gaussians.
+    pub gaussians: usize,
+    /// Degree of the spherical harmonics.
+    pub sh_degree: usize,
+}
+
+impl ModelFile {
+    /// A model that lies at this path: a file, or a folder of files.
+    pub fn new(path: &Path, model: &Gaussians) -> Self {
+        Self { path: path.to_owned(), bytes: bytes(path), gaussians: model.len(), sh_degree: model.degree() }
+    }
+}
+
+/// One figure at each stage.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Stages {
+    /// Of the original model; null where its own pictures are the truth, and without held-out views.
+    pub before: Option<Scores>,
+    /// After the prune; null without held-out views.
+    pub pruned: Option<Scores>,
+    /// After fine-tuning; null where there was none.
+    pub fine_tuned: Option<Scores>,
+}
+
+impl Stages {
+    /// The means of the views' scores.
+    pub fn mean(views: &[View]) -> Self {
+        let over = |stage: fn(&Stages) -> &Option<Scores>| {
+            mean(&views.iter().filter_map(|v| stage(&v.scores).clone()).collect::<Vec<_>>())
+        };
+        Self { before: over(|s| &s.before), pruned: over(|s| &s.pruned), fine_tuned: over(|s| &s.fine_tuned) }
+    }
+}
+
+/// A held-out view.
+#[derive(Clone, Debug, Serialize)]
+pub struct View {
+    /// Its name.
+    pub name: String,
+    /// Its scores.
+    #[serde(flatten)]
+    pub scores: Stages,
+}
+
+/// Seconds.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Times {
+    /// All of it.
+    pub total_s: f64,
+    /// Reading the model.
+    pub read_s: f64,
+    /// Reading photos, or drawing the original's own pictures.
+    pub truth_s: f64,
+    /// The pass over the views that gives responses.
+    pub responses_s: f64,
+    /// From partition to keep mask.
+    pub keep_mask_s: f64,
+    /// Letting the kept stand for the dropped.
+    pub merge_s: f64,
+    /// Fine-tuning.
+    pub fine_tune_s: f64,
+    /// Scoring held-out views.
+    pub evaluate_s: f64,
+    /// Writing the model.
+    pub write_s: f64,
+}

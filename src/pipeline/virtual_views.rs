@@ -1,0 +1,150 @@
+//! Views of a model that has no photos: cameras all round it, and its own pictures as what is true.
+
+use super::evaluate::rgb;
+use super::orbit::{Look, Subject};
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Buffer, Device};
+use crate::qirf::response::{Gather, HighPass, Responses, full_pass};
+use crate::qirf::score::Scores;
+use crate::qirf::study::Evidence;
+use crate::render::{Image, Renderer, Settings};
+use crate::scene::camera::Camera;
+use crate::train::photos::TrainView;
+use crate::train::pixels::Pixels;
+use glam::DVec3;
+use std::ops::RangeInclusive;
+
+/// Heights of the cameras above the horizon, in radians: captures look level or down, seldom from below.
+const ELEVATIONS: RangeInclusive<f64> = -0.35..=1.22;
+/// Vertical field of view in radians.
+const FIELD_OF_VIEW: f64 = 0.7;
+/// From one camera to the next, in turns: the golden angle, which never repeats a direction.
+const TURN: f64 = 0.381_966_011_250_105;
+/// Nearest depth that is drawn, as a share of the camera's distance.
+const NEAR: f64 = 0.02;
+
+/// Views asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Around {
+    /// How many, those held out among them.
+    pub views: u32,
+    /// Width and height in pixels.
+    pub size: (u32, u32),
+    /// Up in the world.
+    pub up: DVec3,
+}
+
+impl Around {
+    /// Cameras spread evenly over a band of a sphere round the model, each near enough to fill its picture; and the near
+    /// plane that suits them.
+    pub fn cameras(&self, model: &Gaussians) -> (Vec<Camera>, f64) {
+        let subject = Subject::of(model, self.up);
+        let mut nearest = f64::INFINITY;
+        let (low, high) = (ELEVATIONS.start().sin(), ELEVATIONS.end().sin());
+        let cameras = (0..self.views)
+            .map(|i| {
+                // Equal steps of the sine are equal areas of the sphere.
+                let share = (f64::from(i) + 0.5) / f64::from(self.views);
+                let elevation = (low + (high - low) * share).asin();
+                let look = Look { fov: FIELD_OF_VIEW, elevation, size: self.size };
+                let camera = subject.camera(f64::from(i) * TURN, &look);
+                nearest = nearest.min(camera.centre().distance(subject.centre));
+                camera
+            })
+            .collect();
+        (cameras, NEAR * nearest)
+    }
+}
+
+/// A picture as a photo: opaque, 8 bits a channel.
+pub fn photo(image: &Image) -> Pixels {
+    let byte = |v: &f32| (v * 255.0 + 0.5) as u8;
+    rgb(image).chunks_exact(3).flat_map(|p| [byte(&p[0]), byte(&p[1]), byte(&p[2]), 255]).collect()
+}
+
+/// 1.1 times the largest distance of a camera from their mean, as a scene's.
+pub fn extent(views: &[TrainView]) -> f64 {
+    let centre = views.iter().map(|v| v.camera.centre()).sum::<DVec3>() / views.len().max(1) as f64;
+    1.1 * views.iter().map(|v| v.camera.centre().distance(centre)).fold(0.0, f64::max)
+}
+
+/// Responses of a model to its own pictures, and other methods' scores: a pass over the cameras. `follow` hears how many
+/// views were seen, and may end it.
+///
+/// # Errors
+/// Device memory; device errors; what `follow` says.
+pub fn evidence(
+    device: &Device,
+    model: &Resident,
+    cameras: &[Camera],
+    settings: Settings,
+    pairs: u32,
+    mut follow: impl FnMut(usize) -> Result<(), Error>,
+) -> Result<Evidence, Error> {
+    let most = |side: fn(&Camera) -> u32| cameras.iter().map(side).max().unwrap_or(1);
+    let size = [most(|c| c.width), most(|c| c.height)];
+    let pixels = size[0] as usize * size[1] as usize;
+    let mut renderer = Renderer::for_training(device, settings, model.len, size, pairs)?;
+    let gradient = device.buffer("image gradient", pixels)?;
+    let high_pass = HighPass::new(device, pixels)?;
+    let scores = Scores::zeros(device, model.len)?;
+    let responses = full_pass(
+        device,
+        &mut renderer,
+        model,
+        cameras,
+        &gradient,
+        Some(&scores),
+        |recording, v, image| -> Result<(), Error> {
+            follow(v)?;
+            high_pass.record(recording, image, &gradient, [cameras[v].width, cameras[v].height]);
+            Ok(())
+        },
+    )?;
+    follow(cameras.len())?;
+    let gather = Gather::Mean { views: cameras.len() as u32 };
+    Ok(Evidence { responses: responses.read(device, gather)?, scores: scores.values.read(device)? })
+}
+
+/// Bytes of device memory that [`evidence`] takes besides the model.
+pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], pairs: u32) -> u64 {
+    let pixels = size[0] as usize * size[1] as usize;
+    let pictures = Buffer::<[f32; 4]>::bytes_of(pixels) + HighPass::bytes(pixels);
+    let rows = Responses::bytes(gaussians) + Scores::bytes(gaussians);
+    Renderer::bytes(device, gaussians, size, pairs, true) + pictures + rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_stand_all_round_and_look_at_the_model() {
+        let mut model = Gaussians::zeroed(200, 0);
+        for (i, mean) in model.means.iter_mut().enumerate() {
+            let a = i as f32;
+            *mean = [3.0 + a.cos(), (i % 7) as f32 * 0.1, -2.0 + a.sin()];
+        }
+        for up in [DVec3::NEG_Y, DVec3::Z] {
+            let around = Around { views: 48, size: (80, 60), up };
+            let (cameras, near) = around.cameras(&model);
+            assert!(cameras.len() == 48 && near > 0.0);
+            let centre = DVec3::new(3.0, 0.3, -2.0);
+            let directions: Vec<DVec3> = cameras.iter().map(|c| (c.centre() - centre).normalize()).collect();
+            let mean: DVec3 = directions.iter().sum::<DVec3>() / 48.0;
+            assert!(mean.reject_from(up).length() < 0.1, "no side is preferred: {mean}");
+            for (i, a) in directions.iter().enumerate() {
+                let next = directions.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, b)| a.angle_between(*b));
+                let next = next.fold(f64::INFINITY, f64::min);
+                assert!((0.15..0.6).contains(&next), "{i}: {next}");
+            }
+            for camera in &cameras {
+                let seen = camera.rotation * centre + camera.translation;
+                let pixel = seen.truncate() / seen.z * camera.focal;
+                assert!(seen.z > near && pixel.length() < 20.0, "{pixel}");
+            }
+        }
+    }
+}
