@@ -3,6 +3,7 @@
 use super::config::{Init, RunConfig};
 use super::evaluate::Evaluator;
 use super::prepare::{Opened, Start};
+use crate::effects::Effect;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
@@ -44,7 +45,10 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
     let degree = config.sh_degree.max(start.degree());
     let needed = |gaussians: usize| {
         let photos = photos.clone();
-        let demand = Demand { gaussians, pairs: pairs(gaussians), size, photos, degree, grows };
+        // Whether the scene calls for exposures is not known yet.
+        let exposure = config.effects.forced(Effect::Exposure) != Some(false);
+        let masked = opened.scene.views.iter().any(|v| v.mask.is_some());
+        let demand = Demand { gaussians, pairs: pairs(gaussians), size, photos, degree, exposure, masked, grows };
         Trainer::bytes(device, &demand) + Evaluator::bytes(device, gaussians, size)
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };

@@ -3,8 +3,10 @@
 pub mod budget;
 pub mod compression;
 pub mod config;
+pub mod effects;
 pub mod eval;
 pub mod evaluate;
+pub mod exposed;
 pub mod output;
 pub mod pictures;
 pub mod prepare;

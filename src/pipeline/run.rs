@@ -3,6 +3,7 @@
 use super::budget;
 use super::compression::{Responses, prune};
 use super::config::RunConfig;
+use super::effects;
 use super::evaluate::Evaluator;
 use super::output::Output;
 use super::prepare::{Prepared, Start, initialise, open};
@@ -36,16 +37,14 @@ pub fn run(
     watcher: &(dyn Watcher + Sync),
 ) -> Result<Results, Error> {
     let begun = Instant::now();
-    let written =
-        toml::to_string(config).map_err(|e| Error::Usage(format!("the configuration cannot be written: {e}")))?;
-    let snapshot = found(output, &written, resume, watcher)?;
+    let snapshot = found(output, resume, watcher)?;
+    let going_on = snapshot.as_ref().map(|s| s.notes.get("config").cloned());
     let opened = open(&config.selection())?;
     let start = match snapshot {
         Some(s) => Start::Resumed(Box::new(s)),
         None => Start::of(config, &opened)?,
     };
     let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
-    Output::text(&output.config(), &written)?;
     let prepared = opened.load((host_bytes, output.folder()), &|done, total| watcher.loading(done, total))?;
     for line in prepared.scene.skipped.summary() {
         watcher.note(&line);
@@ -56,6 +55,19 @@ pub fn run(
             config.scene.display()
         )));
     }
+    let decisions = effects::decide(&prepared, config)?;
+    watcher.note(&effects::summary(&decisions));
+    let config = &config.decided(&decisions);
+    let written =
+        toml::to_string(config).map_err(|e| Error::Usage(format!("the configuration cannot be written: {e}")))?;
+    if going_on.is_some_and(|of| of.as_deref() != Some(written.as_str())) {
+        return Err(Error::Usage(format!(
+            "{} is of a run with other options: give those it had ({}), or start without --resume",
+            output.checkpoint().display(),
+            output.config().display()
+        )));
+    }
+    Output::text(&output.config(), &written)?;
     let load_s = begun.elapsed().as_secs_f64();
     let settings = Settings { background: prepared.background, antialias: config.antialias, ..Settings::default() };
 
@@ -72,6 +84,14 @@ pub fn run(
         Ok(())
     })?;
     held_out.warn(watcher);
+    let unfitted_psnr = if config.exposure {
+        evaluator.compare_as(false, prepared.masked);
+        let psnr = evaluator.psnr(resident, prepared.test.iter().map(|(_, view)| view))?;
+        evaluator.compare_as(true, prepared.masked);
+        psnr
+    } else {
+        None
+    };
     let train_psnr = evaluator.psnr(resident, prepared.train.iter())?;
     let frames_per_second = evaluator.frames_per_second(resident, &prepared)?;
     let results = Results {
@@ -81,6 +101,7 @@ pub fn run(
         protocol: Protocol {
             iterations: Some(config.schedule.iterations),
             seed: Some(config.seed),
+            exposure: Protocol::exposure(config.exposure),
             ..Protocol::new(&config.selection(), &prepared, networks)
         },
         gaussians: Counts {
@@ -89,6 +110,7 @@ pub fn run(
             last: model.len(),
         },
         test: held_out.mean(),
+        unfitted_psnr,
         train: TrainScores { psnr: train_psnr },
         frames_per_second,
         model_bytes: std::fs::metadata(output.model()).map_or(0, |m| m.len()),
@@ -102,7 +124,7 @@ pub fn run(
             evaluate_s: evaluating.elapsed().as_secs_f64(),
             stages_s: Times::stages(job.trainer.timings()),
         },
-        effects: Vec::new(),
+        effects: effects::timed(decisions, job.trainer.timings()),
         guards: Guards {
             skipped_rows: job.trainer.skipped_rows(),
             empty_views: held_out.empty,
@@ -117,8 +139,8 @@ pub fn run(
     Ok(results)
 }
 
-/// The snapshot to go on from, if that is asked for and there is one of this very run.
-fn found(output: &Output, config: &str, resume: bool, watcher: &dyn Watcher) -> Result<Option<Snapshot>, Error> {
+/// The snapshot to go on from, if that is asked for and there is one.
+fn found(output: &Output, resume: bool, watcher: &dyn Watcher) -> Result<Option<Snapshot>, Error> {
     if !resume {
         return Ok(None);
     }
@@ -128,13 +150,6 @@ fn found(output: &Output, config: &str, resume: bool, watcher: &dyn Watcher) -> 
         return Ok(None);
     }
     let snapshot = Snapshot::read(&path)?;
-    if snapshot.notes.get("config").map(String::as_str) != Some(config) {
-        return Err(Error::Usage(format!(
-            "{} is of a run with other options: give those it had ({}), or start without --resume",
-            path.display(),
-            output.config().display()
-        )));
-    }
     watcher.note(&format!("going on after iteration {}", snapshot.iteration));
     Ok(Some(snapshot))
 }
@@ -183,6 +198,8 @@ impl Job {
             degree: config.sh_degree,
             most: config.max_gaussians,
             transparent: prepared.transparent,
+            masked: prepared.masked,
+            exposure: config.exposure,
             weights: Weights::default(),
             averaged: averaged(config),
             pairs: budget::pairs(gaussians),
@@ -203,7 +220,8 @@ impl Job {
         if !prunes.is_empty() {
             trainer.weigh(fine_tuning(config));
         }
-        let evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
+        let mut evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
+        evaluator.compare_as(config.exposure, prepared.masked);
         Ok(Self { device: device.clone(), trainer, evaluator, initial, seconds, curve, prunes })
     }
 
