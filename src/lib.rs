@@ -9,6 +9,7 @@ pub mod kernels;
 
 pub mod primitives;
 
+pub mod effects;
 pub mod gaussians;
 pub mod metrics;
 pub mod qirf;

@@ -218,10 +218,12 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
         init_count: Some(900),
         background: None,
         antialias: false,
+        exposure: false,
         max_gaussians: 5000,
         checkpoint_every: 0,
         schedule: Preset::Quick.schedule(Some(60)),
         prune: Some(Preset::Quick.pruning()),
+        effects: qirf_vk::effects::Overrides::default(),
     };
     let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
     let mut results = Vec::new();

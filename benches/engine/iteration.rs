@@ -51,6 +51,8 @@ pub fn iteration(criterion: &mut Criterion) {
         degree: 3,
         most: GAUSSIANS,
         transparent: false,
+        masked: false,
+        exposure: false,
         weights: Weights::default(),
         averaged: 0..0,
         pairs: 1 << 20,

@@ -6,6 +6,7 @@ use super::console::Console;
 use super::inspect::read_model;
 use super::show::Show;
 use super::values::{self, Up};
+use crate::effects::Overrides;
 use crate::error::Error;
 use crate::gaussians::formats;
 use crate::metrics::Scores;
@@ -139,6 +140,7 @@ impl Arguments {
                 resolution: self.resolution.clone(),
                 eval_every: self.eval_every.unwrap_or(8),
                 background: self.background,
+                effects: Overrides::default(),
             }),
             None => Sight::OwnPictures(
                 Around {

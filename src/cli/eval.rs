@@ -96,6 +96,7 @@ impl Arguments {
     fn evaluation(&self) -> Result<Evaluation, Error> {
         let file = self.config.as_deref().map(values::run_config).transpose()?;
         let antialias = self.antialias || file.as_ref().is_some_and(|c| c.antialias);
+        let exposure = file.as_ref().is_some_and(|c| c.exposure);
         let base = file.map(|c| c.selection());
         // A scene of one's own has photos of its own.
         let of_scene = base.as_ref().filter(|_| self.scene.is_none());
@@ -105,8 +106,9 @@ impl Arguments {
             resolution: self.resolution.clone().or(base.as_ref().and_then(|b| b.resolution.clone())),
             eval_every: self.eval_every.or(base.as_ref().map(|b| b.eval_every)).unwrap_or(8),
             background: self.background.or(base.as_ref().and_then(|b| b.background)),
+            effects: base.map(|b| b.effects).unwrap_or_default(),
         };
-        Ok(Evaluation { selection, antialias })
+        Ok(Evaluation { selection, antialias, exposure })
     }
 
     fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {

@@ -2,6 +2,7 @@
 
 use super::choices::Choices;
 use super::values;
+use crate::effects::{Choice, Effect, Overrides};
 use crate::pipeline::compression::Pruning;
 use crate::pipeline::{Init, Preset, RunConfig};
 use clap::Args;
@@ -19,9 +20,9 @@ pub(super) struct Training {
     /// Length of the run; the schedule's milestones scale with it
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
-    /// Highest degree of the spherical harmonics
-    #[arg(long, value_name = "L", default_value_t = 3, help_heading = "Training", value_parser = clap::value_parser!(u8).range(0..=3))]
-    sh_degree: u8,
+    /// Degree of the spherical harmonics [default: as the scene calls for, up to 3]
+    #[arg(long, value_name = "L", help_heading = "Effects", value_parser = clap::value_parser!(u8).range(0..=3))]
+    sh_degree: Option<u8>,
     /// Key of all random numbers: the same seed on the same device gives the same bytes
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Training")]
     seed: u32,
@@ -35,8 +36,12 @@ pub(super) struct Training {
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training")]
     max_gaussians: usize,
     /// Keep each Gaussian's energy where it is smaller than a pixel
-    #[arg(long, help_heading = "Training")]
+    #[arg(long, help_heading = "Effects")]
     antialias: bool,
+    /// Simulate an effect or not, whatever the scene calls for: view_dependence, exposure, antialias, distortion,
+    /// transparency or masks; repeat it for others (`qirf-vk inspect SCENE` tells what a scene calls for)
+    #[arg(long, value_name = "NAME=on|off|auto", value_parser = Overrides::parse, help_heading = "Effects")]
+    effect: Vec<(Effect, Choice)>,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Training")]
     background: Option<[f32; 3]>,
@@ -102,15 +107,31 @@ impl Training {
             resolution: self.resolution.clone(),
             seed: self.seed,
             eval_every: self.eval_every,
-            sh_degree: usize::from(self.sh_degree),
+            sh_degree: usize::from(self.sh_degree.unwrap_or(3)),
             init: init(&self.init),
             init_count: self.init_count.map(|n| n as usize),
             background: self.background,
-            antialias: self.antialias,
+            antialias: false,
+            exposure: false,
             max_gaussians: self.max_gaussians,
             checkpoint_every: self.checkpoint_every,
             schedule: self.preset.schedule(self.iterations),
             prune: None,
+            effects: self.overrides(),
         }
+    }
+
+    fn overrides(&self) -> Overrides {
+        let mut out = self.preset.effects();
+        if self.antialias {
+            out.set(Effect::Antialias, Choice::On);
+        }
+        if let Some(degree) = self.sh_degree {
+            out.set(Effect::ViewDependence, if degree > 0 { Choice::On } else { Choice::Off });
+        }
+        for (effect, choice) in &self.effect {
+            out.set(*effect, *choice);
+        }
+        out
     }
 }

@@ -4,6 +4,7 @@ use super::config::{Init, RunConfig};
 use super::evaluate::Evaluator;
 use super::prepare::{Opened, Start};
 use super::virtual_views;
+use crate::effects::Effect;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
@@ -49,8 +50,11 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
     let degree = config.sh_degree.max(start.degree());
     let needed = |gaussians: usize| {
         let photos = photos.clone();
-        let demand =
-            Demand { gaussians, pairs: pairs(gaussians), size, photos, degree, grows, prunes: config.prune.is_some() };
+        // Whether the scene calls for exposures is not known yet.
+        let exposure = config.effects.forced(Effect::Exposure) != Some(false);
+        let masked = opened.scene.views.iter().any(|v| v.mask.is_some());
+        let (pairs, prunes) = (pairs(gaussians), config.prune.is_some());
+        let demand = Demand { gaussians, pairs, size, photos, degree, exposure, masked, grows, prunes };
         Trainer::bytes(device, &demand) + Evaluator::bytes(device, gaussians, size)
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
@@ -87,6 +91,8 @@ pub struct Compressing {
     pub own_pictures: bool,
     /// Bytes of each photo that is trained on.
     pub photos: Vec<u64>,
+    /// Whether the photos have masks.
+    pub masked: bool,
     /// Gaussians that a trainer holds at most, for evidence or for fine-tuning.
     pub trained: usize,
 }
@@ -96,7 +102,7 @@ pub struct Compressing {
 /// # Errors
 /// As [`for_run`].
 pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> Result<u64, Error> {
-    let Compressing { size, own_pictures, photos, trained } = demand;
+    let Compressing { size, own_pictures, photos, masked, trained } = demand;
     let (gaussians, degree) = (model.len(), model.degree());
     let resident = Resident::bytes(gaussians, degree);
     let resident = resident + staging_bytes(resident);
@@ -110,6 +116,8 @@ pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> 
         size,
         photos,
         degree,
+        exposure: false,
+        masked,
         grows: false,
         prunes: true,
     };

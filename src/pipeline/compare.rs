@@ -167,15 +167,18 @@ pub fn compare(
     let begun = Instant::now();
     let output = Output::new(folder)?;
     let opened = open(&shared.selection())?;
-    let written = shared.written()?;
-    let fork = run::found(&output, &written, resume, watcher)?;
+    let fork = run::found(&output, resume, watcher)?;
+    let of = fork.as_ref().map(|s| s.notes.get("config").cloned().unwrap_or_default());
     let start = match fork {
         Some(s) => Start::Resumed(Box::new(s)),
         None => Start::of(shared, &opened)?,
     };
     let estimated_bytes = budget::for_run(device, shared, &opened, &start)?;
+    let means = (host_bytes, &output);
+    let (stage, shared) = Stage::load(device, (opened, shared), means, networks, watcher, (begun, estimated_bytes))?;
+    let (shared, written) = (&shared, shared.written()?);
+    run::same_run(&output, of, &written)?;
     Output::text(&output.config(), &written)?;
-    let stage = Stage::load(device, opened, (host_bytes, &output), networks, watcher, (begun, estimated_bytes))?;
     let at = shared.prune.as_ref().and_then(|p| p.iterations(shared.schedule.iterations).first().copied());
     let at = at.unwrap_or(shared.schedule.iterations);
     let fork = {
@@ -272,6 +275,7 @@ fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmResult], fo
         Settings { background: stage.prepared.background, antialias: shared.antialias, ..Settings::default() };
     let most = arms.iter().map(|a| a.gaussians).max().unwrap_or(0);
     let mut evaluator = Evaluator::new(stage.device, settings, most, stage.prepared.views())?;
+    evaluator.compare_as(shared.exposure, stage.prepared.masked);
     let mut rates: Vec<Vec<f64>> = vec![Vec::new(); arms.len()];
     for _ in 0..ROUNDS {
         for (arm, rates) in arms.iter().zip(&mut rates) {

@@ -167,6 +167,8 @@ struct Views {
     /// Of positions' learning rate.
     extent: f64,
     transparent: bool,
+    /// Whether the photos' fourth byte says how much of a pixel counts.
+    masked: bool,
     settings: Settings,
 }
 
@@ -198,6 +200,7 @@ impl Views {
             size: opened.size(),
             own_pictures: false,
             photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
+            masked: opened.scene.views.iter().any(|v| v.mask.is_some()),
             trained: model.len(),
         };
         let estimated = budget::for_compress(device, model, demand)?;
@@ -210,8 +213,8 @@ impl Views {
             return Err(Error::Usage(format!("{scene}: no photo is left to train on; use a larger --eval-every")));
         }
         let settings = Settings { background: prepared.background, antialias: job.antialias, ..Settings::default() };
-        let Prepared { train, test, extent, transparent, .. } = prepared;
-        Ok((Self { truth: Truth::Photos, train, test, extent, transparent, settings }, estimated))
+        let Prepared { train, test, extent, transparent, masked, .. } = prepared;
+        Ok((Self { truth: Truth::Photos, train, test, extent, transparent, masked, settings }, estimated))
     }
 
     fn of_itself(
@@ -225,7 +228,7 @@ impl Views {
         let size = [around.size.0, around.size.1];
         let trained = if job.fine_tune > 0 { most_kept(job.compression.keep, model.len()) } else { 0 };
         let photos = vec![4 * u64::from(size[0]) * u64::from(size[1]); around.views as usize];
-        let demand = Compressing { size, own_pictures: true, photos, trained };
+        let demand = Compressing { size, own_pictures: true, photos, masked: false, trained };
         let estimated = budget::for_compress(device, model, demand)?;
         let (cameras, near) = around.cameras(model);
         let settings = Settings::default();
@@ -251,7 +254,10 @@ impl Views {
             unless_stopped(watcher)?;
         }
         let extent = virtual_views::extent(&train);
-        Ok((Self { truth: Truth::OwnPictures, train, test, extent, transparent: false, settings }, estimated))
+        Ok((
+            Self { truth: Truth::OwnPictures, train, test, extent, transparent: false, masked: false, settings },
+            estimated,
+        ))
     }
 
     /// How often the held-out views are scored.
@@ -299,6 +305,7 @@ impl Judge<'_> {
         let resident = Resident::upload(self.device, model)?;
         let of_test = test.iter().map(|(_, view)| view);
         let mut evaluator = Evaluator::new(self.device, self.views.settings, model.len(), of_test)?;
+        evaluator.compare_as(false, self.views.masked);
         let mut scores = Vec::with_capacity(test.len());
         for (_, view) in test {
             let image = evaluator.render(&resident, view)?;
@@ -349,6 +356,8 @@ fn trainer(device: &Device, model: &Gaussians, views: &Views, job: &Job) -> Resu
         degree: model.degree(),
         most: model.len(),
         transparent: views.transparent,
+        masked: views.masked,
+        exposure: false,
         weights: Weights { l2: L2, ..Weights::default() },
         averaged: 0..0,
         pairs: budget::few_pairs(device, model.len()),

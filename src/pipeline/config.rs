@@ -1,6 +1,7 @@
 //! All that a run depends on: what `config.toml` holds, and what reproduces the run.
 
 use super::compression::Pruning;
+use crate::effects::{Choice, Effect, Overrides};
 use crate::error::Error;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
@@ -26,6 +27,17 @@ impl Preset {
             Self::Paper => Pruning::paper(),
             Self::Standard | Self::Quick => Pruning::default(),
         }
+    }
+
+    /// What the preset decides on effects: the paper's figures are of fixed image formation.
+    pub fn effects(self) -> Overrides {
+        let mut out = Overrides::default();
+        if self == Self::Paper {
+            out.set(Effect::ViewDependence, Choice::On);
+            out.set(Effect::Exposure, Choice::Off);
+            out.set(Effect::Antialias, Choice::Off);
+        }
+        out
     }
 
     /// The preset's schedule, its milestones scaled to another length where one is asked for.
@@ -69,7 +81,7 @@ pub struct RunConfig {
     pub seed: u32,
     /// Every how many-th photo is held out; 0 holds none out.
     pub eval_every: usize,
-    /// Highest SH degree.
+    /// Highest SH degree; lower where the scene does not call for it.
     pub sh_degree: usize,
     /// Where training begins.
     pub init: Init,
@@ -79,8 +91,11 @@ pub struct RunConfig {
     /// Colour behind everything; white for photos with alpha and black for others where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub background: Option<[f32; 3]>,
-    /// Whether Gaussians smaller than a pixel keep their energy.
+    /// Whether Gaussians smaller than a pixel keep their energy: what was decided, where that is left to the scene.
     pub antialias: bool,
+    /// Whether each photo gets an exposure of its own: what was decided, where that is left to the scene.
+    #[serde(default)]
+    pub exposure: bool,
     /// No more Gaussians than this.
     pub max_gaussians: usize,
     /// Iterations between checkpoints; 0 for none but when interrupted.
@@ -90,6 +105,9 @@ pub struct RunConfig {
     /// When and how it prunes; never where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prune: Option<Pruning>,
+    /// What the user decided on effects; the scene decides on all others.
+    #[serde(default, skip_serializing_if = "Overrides::is_empty")]
+    pub effects: Overrides,
 }
 
 /// Which pictures of which scene.
@@ -105,6 +123,8 @@ pub struct Selection {
     pub eval_every: usize,
     /// Colour behind everything; by the photos where absent.
     pub background: Option<[f32; 3]>,
+    /// What the user decided on effects: on undistortion, transparency and masks.
+    pub effects: Overrides,
 }
 
 impl RunConfig {
@@ -134,6 +154,7 @@ impl RunConfig {
             resolution: self.resolution.clone(),
             eval_every: self.eval_every,
             background: self.background,
+            effects: self.effects.clone(),
         }
     }
 }

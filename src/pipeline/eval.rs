@@ -24,6 +24,8 @@ pub struct Evaluation {
     pub selection: Selection,
     /// Whether Gaussians smaller than a pixel keep their energy: as the model was trained.
     pub antialias: bool,
+    /// Whether photos have exposures of their own: fitted before scoring, as a run does it.
+    pub exposure: bool,
 }
 
 /// Renders and scores the held-out views of a scene as a run of the same selection does; figures and pictures are
@@ -63,6 +65,7 @@ pub fn eval(
     let evaluating = Instant::now();
     let resident = Resident::upload(device, model)?;
     let mut evaluator = Evaluator::new(device, settings, model.len(), prepared.views())?;
+    evaluator.compare_as(evaluation.exposure, prepared.masked);
     let renders = output.map(Output::renders);
     let mut follow = |done: usize| {
         watcher.evaluating(done, prepared.test.len());
@@ -70,15 +73,27 @@ pub fn eval(
     };
     let held_out = evaluator.held_out(&resident, &prepared, renders.as_deref(), networks, &mut follow)?;
     held_out.warn(watcher);
+    let unfitted_psnr = if evaluation.exposure {
+        evaluator.compare_as(false, prepared.masked);
+        let psnr = evaluator.psnr(&resident, prepared.test.iter().map(|(_, view)| view))?;
+        evaluator.compare_as(true, prepared.masked);
+        psnr
+    } else {
+        None
+    };
     let train_psnr = evaluator.psnr(&resident, prepared.train.iter())?;
     let frames_per_second = evaluator.frames_per_second(&resident, &prepared)?;
     let results = Results {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         device: device.info().clone(),
-        protocol: Protocol::new(selection, &prepared, networks),
+        protocol: Protocol {
+            exposure: Protocol::exposure(evaluation.exposure),
+            ..Protocol::new(selection, &prepared, networks)
+        },
         gaussians: Counts { initial: None, dense: None, last: model.len() },
         test: held_out.mean(),
+        unfitted_psnr,
         train: TrainScores { psnr: train_psnr },
         guards: Guards { skipped_rows: 0, empty_views: held_out.empty, scene: prepared.scene.skipped.clone() },
         views: held_out.views,

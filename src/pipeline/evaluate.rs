@@ -1,6 +1,7 @@
 //! Held-out views: rendered, scored, and written as pictures.
 
 use super::budget;
+use super::exposed;
 use super::pictures::{self, Format};
 use super::prepare::Prepared;
 use super::results::ViewScores;
@@ -63,10 +64,15 @@ impl HeldOut {
     }
 }
 
+/// Width and height, and red, green, blue in [0, 1] of a rendered picture and of its photo.
+type Compared = ([usize; 2], Vec<f32>, Vec<f32>);
+
 /// Renders views of a model one after the other.
 pub struct Evaluator {
     renderer: Renderer,
     background: [f32; 3],
+    exposed: bool,
+    masked: bool,
 }
 
 impl Evaluator {
@@ -82,7 +88,33 @@ impl Evaluator {
     ) -> Result<Self, Error> {
         let (width, height) = views.fold((1, 1), |(w, h), v| (w.max(v.camera.width), h.max(v.camera.height)));
         let renderer = Renderer::new(device, settings, gaussians, width, height)?;
-        Ok(Self { renderer, background: settings.background })
+        Ok(Self { renderer, background: settings.background, exposed: false, masked: false })
+    }
+
+    /// Whether photos have exposures of their own, and are scored by the protocol of [`exposed`](super::exposed); whether
+    /// their fourth byte says how much of a pixel counts.
+    pub fn compare_as(&mut self, exposed: bool, masked: bool) {
+        (self.exposed, self.masked) = (exposed, masked);
+    }
+
+    /// A rendered view and its photo as they are compared.
+    fn compared(&self, image: &Image, view: &TrainView) -> Result<Compared, Error> {
+        let (mut rendered, photo) = (rgb(image), truth(view, self.background)?);
+        if self.masked {
+            let bytes = view.pixels.read().map_err(train::Error::Photos)?;
+            for (x, p) in rendered.chunks_exact_mut(3).zip(bytes.chunks_exact(4)) {
+                let counts = f32::from(p[3]) / 255.0;
+                for c in 0..3 {
+                    x[c] = x[c] * counts + self.background[c] * (1.0 - counts);
+                }
+            }
+        }
+        let (w, h) = (image.width as usize, image.height as usize);
+        if !self.exposed {
+            return Ok(([w, h], rendered, photo));
+        }
+        let (w, rendered, photo) = exposed::right_halves(&rendered, &photo, w);
+        Ok(([w, h], rendered, photo))
     }
 
     /// Bytes of an evaluator for views of at most this size, and of a picture's way back.
@@ -113,8 +145,7 @@ impl Evaluator {
     /// # Errors
     /// Networks that do not fit the picture are noted in the scores, not errors; sizes always agree here.
     pub fn score(&self, image: &Image, view: &TrainView, networks: &Networks) -> Result<Scores, Error> {
-        let (rendered, photo) = (rgb(image), truth(view, self.background)?);
-        let (w, h) = (image.width as usize, image.height as usize);
+        let ([w, h], rendered, photo) = self.compared(image, view)?;
         let rendered = metrics::Image::new(w, h, &rendered)?;
         let photo = metrics::Image::new(w, h, &photo)?;
         Ok(metrics::evaluate(&rendered, &photo, networks)?)
@@ -132,9 +163,8 @@ impl Evaluator {
         let (mut sum, mut n) = (0.0, 0);
         for view in views {
             let image = self.render(model, view)?;
-            let (rendered, photo) = (metrics::round_trip_8bit(&rgb(&image)), truth(view, self.background)?);
-            let photo = metrics::round_trip_8bit(&photo);
-            let (w, h) = (image.width as usize, image.height as usize);
+            let ([w, h], rendered, photo) = self.compared(&image, view)?;
+            let (rendered, photo) = (metrics::round_trip_8bit(&rendered), metrics::round_trip_8bit(&photo));
             sum += metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?;
             n += 1;
         }

@@ -4,12 +4,14 @@
 use super::budget;
 use super::compression::{Responses, prune};
 use super::config::RunConfig;
+use super::effects;
 use super::evaluate::Evaluator;
 use super::gallery;
 use super::output::Output;
 use super::prepare::{Opened, Prepared, Start, initialise};
 use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Pruned, Results, Times, TrainScores};
 use super::watcher::Watcher;
+use crate::effects::Decision;
 use crate::error::Error;
 use crate::gaussians::formats;
 use crate::gpu::Device;
@@ -36,23 +38,26 @@ pub struct Stage<'a> {
     pub watcher: &'a dyn Watcher,
     /// Device memory that was expected before the start.
     pub estimated_bytes: u64,
+    /// What was decided on each effect.
+    pub decisions: Vec<Decision>,
     /// When it began, and the seconds until the photos were there.
     pub begun: (Instant, f64),
 }
 
 impl<'a> Stage<'a> {
-    /// Decodes the photos of an opened scene; they take no more than `host_bytes` of the host's memory.
+    /// Decodes the photos of an opened scene, which take no more than `host_bytes` of the host's memory, and decides on its
+    /// effects; also gives the configuration with what was decided.
     ///
     /// # Errors
     /// No photo that can be decoded; none to train on; a disk that is full.
     pub fn load(
         device: &'a Device,
-        opened: Opened,
+        (opened, config): (Opened, &RunConfig),
         (host_bytes, output): (u64, &Output),
         networks: &'a Networks,
         watcher: &'a (dyn Watcher + Sync),
         (begun, estimated_bytes): (Instant, u64),
-    ) -> Result<Self, Error> {
+    ) -> Result<(Self, RunConfig), Error> {
         let prepared = opened.load((host_bytes, output.folder()), &|done, total| watcher.loading(done, total))?;
         for line in prepared.scene.skipped.summary() {
             watcher.note(&line);
@@ -61,7 +66,11 @@ impl<'a> Stage<'a> {
             let scene = prepared.scene.source.display();
             return Err(Error::Usage(format!("{scene}: no photo is left to train on; use a larger --eval-every")));
         }
-        Ok(Self { device, prepared, networks, watcher, estimated_bytes, begun: (begun, begun.elapsed().as_secs_f64()) })
+        let decisions = effects::decide(&prepared, config)?;
+        watcher.note(&effects::summary(&decisions));
+        let config = config.decided(&decisions);
+        let begun = (begun, begun.elapsed().as_secs_f64());
+        Ok((Self { device, prepared, networks, watcher, estimated_bytes, decisions, begun }, config))
     }
 }
 
@@ -95,6 +104,8 @@ impl<'a> Job<'a> {
             degree: config.sh_degree,
             most: config.max_gaussians,
             transparent: prepared.transparent,
+            masked: prepared.masked,
+            exposure: config.exposure,
             weights: Weights::default(),
             averaged: averaged(config),
             pairs: budget::pairs(gaussians),
@@ -113,7 +124,8 @@ impl<'a> Job<'a> {
             let trainer = Trainer::new(device, &model, views, prepared.extent, options(n))?;
             (trainer, n, 0.0, Vec::new(), Vec::new())
         };
-        let evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
+        let mut evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
+        evaluator.compare_as(config.exposure, prepared.masked);
         let mut job = Self {
             stage,
             config,
@@ -246,7 +258,7 @@ impl<'a> Job<'a> {
     /// # Errors
     /// Device errors; a disk that is full.
     pub fn finish(mut self) -> Result<Results, Error> {
-        let Stage { device, prepared, networks, watcher, estimated_bytes, begun } = self.stage;
+        let Stage { device, prepared, networks, watcher, estimated_bytes, begun, decisions } = self.stage;
         let (config, output) = (self.config, self.output);
         let evaluating = Instant::now();
         let model = self.trainer.download()?;
@@ -258,6 +270,14 @@ impl<'a> Job<'a> {
         })?;
         held_out.warn(*watcher);
         gallery::photos(prepared, &output.renders())?;
+        let unfitted_psnr = if config.exposure {
+            evaluator.compare_as(false, prepared.masked);
+            let psnr = evaluator.psnr(resident, prepared.test.iter().map(|(_, view)| view))?;
+            evaluator.compare_as(true, prepared.masked);
+            psnr
+        } else {
+            None
+        };
         let train_psnr = evaluator.psnr(resident, prepared.train.iter())?;
         let frames_per_second = evaluator.frames_per_second(resident, prepared)?;
         let results = Results {
@@ -267,6 +287,7 @@ impl<'a> Job<'a> {
             protocol: Protocol {
                 iterations: Some(config.schedule.iterations),
                 seed: Some(config.seed),
+                exposure: Protocol::exposure(config.exposure),
                 ..Protocol::new(&config.selection(), prepared, networks)
             },
             gaussians: Counts {
@@ -275,6 +296,7 @@ impl<'a> Job<'a> {
                 last: model.len(),
             },
             test: held_out.mean(),
+            unfitted_psnr,
             train: TrainScores { psnr: train_psnr },
             frames_per_second,
             model_bytes: std::fs::metadata(output.model()).map_or(0, |m| m.len()),
@@ -288,7 +310,7 @@ impl<'a> Job<'a> {
             },
             prunes: self.prunes,
             curve: self.curve,
-            effects: Vec::new(),
+            effects: effects::timed(decisions.clone(), self.trainer.timings()),
             guards: Guards {
                 skipped_rows: self.trainer.skipped_rows(),
                 empty_views: held_out.empty,

@@ -1,11 +1,12 @@
 //! From a scene on disk to views in memory, and to the Gaussians that training begins with.
 
 use super::config::{Init, RunConfig, Selection};
+use crate::effects::Effect;
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
 use crate::scene::camera::Camera;
 use crate::scene::photo::Photo;
-use crate::scene::{self, OpenOptions, Resize, Scene, SceneKind};
+use crate::scene::{self, OpenOptions, Resize, Scene, SceneKind, View};
 use crate::train::checkpoint::Snapshot;
 use crate::train::initialise::{self, Seed};
 use crate::train::photos::TrainView;
@@ -31,6 +32,8 @@ pub struct Prepared {
     pub extent: f64,
     /// Whether any photo carries alpha.
     pub transparent: bool,
+    /// Whether the photos' fourth byte says how much of a pixel counts.
+    pub masked: bool,
     /// Colour behind everything.
     pub background: [f32; 3],
 }
@@ -72,7 +75,9 @@ pub fn open(selection: &Selection) -> Result<Opened, Error> {
         Some(text) => resolution(text).map_err(Error::Usage)?,
         None => Resize::Full,
     };
-    let options = OpenOptions { images: selection.images.clone(), undistort: None };
+    selection.effects.check().map_err(Error::Usage)?;
+    let undistort = selection.effects.forced(Effect::Distortion);
+    let options = OpenOptions { images: selection.images.clone(), undistort };
     let mut scene = Scene::open(&selection.scene, &options)?;
     scene.require_photos()?;
     Ok(Opened { scene, resize, selection: selection.clone() })
@@ -127,13 +132,18 @@ impl Opened {
             };
             Ok((pixels, photo.has_alpha))
         };
+        // Where the user wants no transparency, alpha is not looked at.
+        let opaque = selection.effects.forced(Effect::Transparency) == Some(false);
+        let masked = selection.effects.forced(Effect::Masks) != Some(false)
+            && scene.views.iter().any(|v| v.mask.is_some())
+            && (opaque || !scene.views.par_iter().any(View::announces_alpha));
         let (done, total) = (AtomicUsize::new(0), scene.views.len());
         let photos: Vec<Result<(Pixels, bool), scene::Error>> = scene
             .views
             .par_iter()
             .zip(&ends)
             .map(|(view, end)| {
-                let photo = view.load_photo(resize);
+                let photo = view.load_photo(resize).map(|photo| fourth(photo, opaque, masked));
                 progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
                 // A damaged photo fails alone; a full disk ends it all.
                 Ok(match photo {
@@ -144,15 +154,27 @@ impl Opened {
             .collect::<Result<_, Error>>()?;
         let photos = scene.keep_loaded(photos)?;
         let split = scene.split(selection.eval_every);
-        let transparent = photos.iter().any(|(_, has_alpha)| *has_alpha);
+        let transparent = !masked && photos.iter().any(|(_, has_alpha)| *has_alpha);
         let view = |i: usize| TrainView { camera: scene.views[i].camera_at(resize), pixels: photos[i].0.clone() };
         let train = split.train.iter().map(|i| view(*i)).collect();
         let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), view(*i))).collect();
         let extent = scene.extent(&split.train);
         // The field trains and scores Blender scenes on white.
         let background = selection.background.unwrap_or(if transparent { [1.0; 3] } else { [0.0; 3] });
-        Ok(Prepared { scene, train, test, extent, transparent, background })
+        Ok(Prepared { scene, train, test, extent, transparent, masked, background })
     }
+}
+
+/// The photo with what its fourth byte is to mean.
+fn fourth(mut photo: Photo, opaque: bool, masked: bool) -> Photo {
+    if opaque && photo.has_alpha {
+        photo.has_alpha = false;
+        photo.pixels.iter_mut().skip(3).step_by(4).for_each(|a| *a = 255);
+    }
+    if masked {
+        photo.fold_mask();
+    }
+    photo
 }
 
 /// What training begins with, before any photo is looked at.

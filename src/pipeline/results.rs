@@ -3,6 +3,7 @@
 use super::config::Selection;
 use super::output::Output;
 use super::prepare::Prepared;
+use crate::effects::Decision;
 use crate::error::Error;
 use crate::gpu::{DeviceInfo, Timings};
 use crate::metrics::{Networks, Scores};
@@ -31,6 +32,10 @@ pub struct Results {
     pub gaussians: Counts,
     /// Mean scores of the held-out views; null without any.
     pub test: Option<Scores>,
+    /// Mean PSNR of the held-out views as they are rendered, whole and without fitted exposures, in dB; null where
+    /// `test` is of that already.
+    #[serde(rename = "test_unfitted_psnr")]
+    pub unfitted_psnr: Option<f64>,
     /// Mean PSNR of the training views, in dB.
     pub train: TrainScores,
     /// Scores of each held-out view.
@@ -46,8 +51,8 @@ pub struct Results {
     pub curve: Vec<CurvePoint>,
     /// Seconds.
     pub time: Times,
-    /// Effects that this run simulated; none are detected yet.
-    pub effects: Vec<String>,
+    /// What was decided on each effect, with the evidence; empty from an evaluation.
+    pub effects: Vec<Decision>,
     /// What was repaired, skipped or left out on the way.
     pub guards: Guards,
     /// Device memory in bytes.
@@ -82,6 +87,8 @@ pub struct Protocol {
     pub background: [f32; 3],
     /// What LPIPS was computed with.
     pub lpips: String,
+    /// How exposures of held-out photos were dealt with.
+    pub exposure: &'static str,
     /// Iterations; null where nothing was trained.
     pub iterations: Option<u32>,
     /// Seed; null where nothing was trained.
@@ -100,9 +107,15 @@ impl Protocol {
             downscaling: "exact area average of the 8-bit photos; distorted photos resampled once to an ideal pinhole",
             background: prepared.background,
             lpips: networks.note().unwrap_or("VGG16, inputs in [0, 1]").to_owned(),
+            exposure: Self::exposure(false),
             iterations: None,
             seed: None,
         }
+    }
+
+    /// How photos' exposures are dealt with where they have their own, and where not.
+    pub fn exposure(own: bool) -> &'static str {
+        if own { super::exposed::PROTOCOL } else { "none: pictures are scored as they are rendered" }
     }
 }
 

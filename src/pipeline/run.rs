@@ -29,17 +29,20 @@ pub fn run(
     watcher: &(dyn Watcher + Sync),
 ) -> Result<Results, Error> {
     let begun = Instant::now();
-    let written = config.written()?;
-    let snapshot = found(output, &written, resume, watcher)?;
+    let snapshot = found(output, resume, watcher)?;
+    let of = snapshot.as_ref().map(|s| s.notes.get("config").cloned().unwrap_or_default());
     let opened = open(&config.selection())?;
     let start = match snapshot {
         Some(s) => Start::Resumed(Box::new(s)),
         None => Start::of(config, &opened)?,
     };
     let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
+    let means = (host_bytes, output);
+    let (stage, config) = Stage::load(device, (opened, config), means, networks, watcher, (begun, estimated_bytes))?;
+    let written = config.written()?;
+    same_run(output, of, &written)?;
     Output::text(&output.config(), &written)?;
-    let stage = Stage::load(device, opened, (host_bytes, output), networks, watcher, (begun, estimated_bytes))?;
-    let mut job = Job::start(&stage, config, output, start)?;
+    let mut job = Job::start(&stage, &config, output, start)?;
     job.train(config.schedule.iterations)?;
     let results = job.finish()?;
     // The run is whole: nothing is left to go on from.
@@ -47,13 +50,8 @@ pub fn run(
     Ok(results)
 }
 
-/// The snapshot to go on from, if that is asked for and there is one of this very run.
-pub(super) fn found(
-    output: &Output,
-    config: &str,
-    resume: bool,
-    watcher: &dyn Watcher,
-) -> Result<Option<Snapshot>, Error> {
+/// The snapshot to go on from, if that is asked for and there is one.
+pub(super) fn found(output: &Output, resume: bool, watcher: &dyn Watcher) -> Result<Option<Snapshot>, Error> {
     if !resume {
         return Ok(None);
     }
@@ -63,13 +61,18 @@ pub(super) fn found(
         return Ok(None);
     }
     let snapshot = Snapshot::read(&path)?;
-    if snapshot.notes.get("config").map(String::as_str) != Some(config) {
-        return Err(Error::Usage(format!(
-            "{} is of a run with other options: give those it had ({}), or start without --resume",
-            path.display(),
-            output.config().display()
-        )));
-    }
     watcher.note(&format!("going on after iteration {}", snapshot.iteration));
     Ok(Some(snapshot))
+}
+
+/// Refuses to go on from a checkpoint `of` another configuration than `written`.
+pub(super) fn same_run(output: &Output, of: Option<String>, written: &str) -> Result<(), Error> {
+    if of.is_none_or(|of| of == written) {
+        return Ok(());
+    }
+    Err(Error::Usage(format!(
+        "{} is of a run with other options: give those it had ({}), or start without --resume",
+        output.checkpoint().display(),
+        output.config().display()
+    )))
 }

@@ -4,6 +4,7 @@
 
 pub mod adam;
 pub mod bin;
+pub mod exposure;
 pub mod frame;
 pub mod loss;
 pub mod overlap;

@@ -8,7 +8,7 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use image::{DynamicImage, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageReader};
 use rayon::prelude::*;
 
 use super::resample::{Raster, area_average, undistort};
@@ -67,6 +67,12 @@ impl View {
         Ok(Photo { width, height, pixels, has_alpha, mask })
     }
 
+    /// Whether the photo's header announces an alpha channel.
+    pub fn announces_alpha(&self) -> bool {
+        let reader = ImageReader::open(&self.image).and_then(ImageReader::with_guessed_format).ok();
+        reader.and_then(|r| r.into_decoder().ok()).is_some_and(|d| d.color_type().has_alpha())
+    }
+
     fn resample<const C: usize>(&self, source: Raster<C>, resize: Resize, alpha: bool) -> Raster<C> {
         let camera = self.camera_at(resize);
         if self.undistorts() {
@@ -75,6 +81,16 @@ impl View {
             source
         } else {
             area_average(&source, camera.width, camera.height, alpha)
+        }
+    }
+}
+
+impl Photo {
+    /// Puts the mask into the fourth byte, which then says how much of a pixel counts; all of it without a mask.
+    pub fn fold_mask(&mut self) {
+        let mask = self.mask.take();
+        for (i, pixel) in self.pixels.chunks_exact_mut(4).enumerate() {
+            pixel[3] = mask.as_ref().and_then(|m| m.get(i).copied()).unwrap_or(255);
         }
     }
 }

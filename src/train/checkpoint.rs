@@ -1,6 +1,7 @@
 //! A run's whole state on disk: model, moments, density sums, iteration. Written whole or not at all.
 
 use super::error::Result;
+use super::exposure::{self, Exposure};
 use super::photos::TrainView;
 use super::trainer::{Options, Trainer};
 use crate::gaussians::formats::write_atomically;
@@ -29,6 +30,8 @@ pub struct Snapshot {
     pub growth: Vec<f32>,
     /// Averaged responses, eight a Gaussian, and the iterations that last showed each; empty where there are none.
     pub responses: (Vec<f32>, Vec<u32>),
+    /// Exposures, twelve numbers a photo, and their moments, first and second interleaved; empty where there are none.
+    pub exposures: (Vec<f32>, Vec<f32>),
     /// What the caller wants to find again, such as its configuration: any text by name.
     pub notes: HashMap<String, String>,
 }
@@ -54,6 +57,10 @@ impl Trainer {
             growth: read(&self.growth)?,
             responses: match &self.responses {
                 Some(r) => (r.values.read(&self.device)?, r.seen.read(&self.device)?),
+                None => Default::default(),
+            },
+            exposures: match &self.exposure {
+                Some(e) => (e.affine.read(&self.device)?, read(&e.moments)?),
                 None => Default::default(),
             },
             notes: HashMap::new(),
@@ -90,6 +97,13 @@ impl Trainer {
             let (values, seen) = (device.upload("responses", values)?, device.upload("responses' iterations", seen)?);
             trainer.responses = Some(Responses { values, seen });
         }
+        let (affine, moments) = &snapshot.exposures;
+        if let Some(e) = &trainer.exposure
+            && affine.len() == e.affine.len()
+        {
+            let pixels = e.image.len();
+            trainer.exposure = Some(Exposure::with(device, affine, moments, pixels)?);
+        }
         trainer.iteration = snapshot.iteration;
         trainer.skipped_rows = snapshot.skipped_rows;
         Ok(trainer)
@@ -124,6 +138,10 @@ impl Snapshot {
             add("responses".to_owned(), &self.responses.0);
             // Whole numbers, stored bit by bit.
             add("responses.seen".to_owned(), bytemuck::cast_slice(&self.responses.1));
+        }
+        if !self.exposures.0.is_empty() {
+            add("exposures".to_owned(), &self.exposures.0);
+            add("exposures.moments".to_owned(), &self.exposures.1);
         }
         let mut notes = self.notes.clone();
         notes.insert("iteration".into(), self.iteration.to_string());
@@ -194,7 +212,14 @@ impl Snapshot {
         if !responses.0.is_empty() && (responses.0.len() != CHANNELS * n || responses.1.len() != n) {
             return Err(bad("responses", format!("its length is not that of {n} Gaussians")));
         }
+        let exposures = match file.tensor("exposures") {
+            Ok(_) => (floats("exposures")?, floats("exposures.moments")?),
+            Err(_) => Default::default(),
+        };
+        if exposures.0.len() % exposure::SIZE != 0 || exposures.1.len() != 2 * exposures.0.len() {
+            return Err(bad("exposures", "their lengths do not agree".into()));
+        }
         let (iteration, skipped_rows) = (number("iteration")? as u32, number("skipped_rows")?);
-        Ok(Self { iteration, skipped_rows, model, moments, growth, responses, notes })
+        Ok(Self { iteration, skipped_rows, model, moments, growth, responses, exposures, notes })
     }
 }

@@ -32,9 +32,10 @@ impl Trainer {
         let scores = Scores::zeros(&self.device, self.model.len)?;
         let cameras: Vec<_> = self.views.iter().map(|v| v.camera.clone()).collect();
         let (device, views, photos, loss) = (&self.device, &self.views, &mut self.photos, &self.loss);
-        let (transparent, weights) = (self.options.transparent, self.options.weights);
+        let (over, weights) = (self.options.transparent || self.options.masked, self.options.weights);
         let background = self.options.settings.background;
         let (renderer, model, gradient) = (&mut self.renderer, &self.model, &loss.gradient);
+        let (exposure, mask) = (&self.exposure, &self.mask);
         let responses = response::full_pass(
             device,
             renderer,
@@ -46,8 +47,23 @@ impl Trainer {
                 follow(v)?;
                 let size = [cameras[v].width, cameras[v].height];
                 let photo = photos.get(device, views, v, (v + 1) % cameras.len())?;
-                loss.record(recording, image, photo, size, transparent, background, weights);
-                record_residual(recording, image, photo, gradient, size, transparent, background);
+                let pixels = size[0] * size[1];
+                let mut seen = exposure.as_ref().map_or(image, |e| {
+                    e.apply(recording, v, image, pixels);
+                    &e.image
+                });
+                if let Some(mask) = mask {
+                    mask.apply(recording, photo, seen, pixels);
+                    seen = &mask.image;
+                }
+                loss.record(recording, seen, photo, size, over, background, weights);
+                if let Some(mask) = mask {
+                    mask.backward(recording, photo, gradient, pixels);
+                }
+                if let Some(e) = exposure {
+                    e.backward(recording, v, image, gradient, pixels, None);
+                }
+                record_residual(recording, seen, photo, gradient, size, over, background);
                 Ok(())
             },
         )?;

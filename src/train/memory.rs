@@ -1,7 +1,9 @@
 //! What a training run will need of the device's memory, before it begins.
 
 use super::density;
+use super::exposure::Exposure;
 use super::loss::Loss;
+use super::mask::Mask;
 use super::photos::Photos;
 use super::trainer::Trainer;
 use crate::gaussians::Gaussians;
@@ -23,6 +25,10 @@ pub struct Demand {
     pub photos: Vec<u64>,
     /// Highest SH degree.
     pub degree: usize,
+    /// Whether photos get exposures of their own.
+    pub exposure: bool,
+    /// Whether photos have masks.
+    pub masked: bool,
     /// Whether density control acts: it holds the old model and the new at once, as the renderer does when it grows.
     pub grows: bool,
     /// Whether it prunes.
@@ -36,6 +42,9 @@ impl Trainer {
         let model = Resident::bytes(n, degree) + AdamState::bytes(n, degree) + Buffer::<[f32; 2]>::bytes_of(n);
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, true);
         let pictures = Photos::bytes(&demand.photos, device.memory_limit()) + Loss::bytes(size[0], size[1]);
+        let pixels = size[0] as usize * size[1] as usize;
+        let exposures = if demand.exposure { Exposure::bytes(demand.photos.len(), pixels) } else { 0 };
+        let pictures = pictures + exposures + if demand.masked { Mask::bytes(pixels) } else { 0 };
         let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
         // The widest array is what downloads stage; its moments are twice as wide.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;

@@ -3,7 +3,9 @@
 
 use super::density::{self, Step, densify};
 use super::error::{Error, Result};
+use super::exposure::{self, Exposure};
 use super::loss::{Loss, Weights};
+use super::mask::Mask;
 use super::photos::{Photos, TrainView};
 use super::schedule::Schedule;
 use crate::gaussians::resident::Resident;
@@ -37,6 +39,10 @@ pub struct Options {
     pub most: usize,
     /// Whether the photos' alpha is opacity over the background.
     pub transparent: bool,
+    /// Whether the photos' fourth byte says how much of a pixel counts.
+    pub masked: bool,
+    /// Whether each photo gets an exposure of its own.
+    pub exposure: bool,
     /// Weights of the loss.
     pub weights: Weights,
     /// Iterations, after the last density step, whose responses are averaged for [`Trainer::averages`]; none where empty.
@@ -63,6 +69,10 @@ pub struct Trainer {
     pub(super) model: Resident,
     pub(super) state: AdamState,
     pub(super) growth: Buffer<[f32; 2]>,
+    /// Exposures of the photos, where they have any.
+    pub(super) exposure: Option<Exposure>,
+    /// What hides parts of photos, where they have masks.
+    pub(super) mask: Option<Mask>,
     /// Averaged responses, while there are any.
     pub(super) responses: Option<Responses>,
     pub(super) iteration: u32,
@@ -115,6 +125,10 @@ impl Trainer {
         let (width, height) = (size(|v| v.camera.width), size(|v| v.camera.height));
         let renderer =
             Renderer::for_training(device, options.settings, model.len * 5 / 4, [width, height], options.pairs)?;
+        let pixels = width as usize * height as usize;
+        let exposure = options.exposure.then(|| Exposure::new(device, views.len(), pixels)).transpose()?;
+        let background = options.settings.background;
+        let mask = options.masked.then(|| Mask::new(device, pixels, background)).transpose()?;
         let centres: glam::DVec3 = views.iter().map(|v| v.camera.centre()).sum();
         Ok(Self {
             cameras: (centres / views.len().max(1) as f64).as_vec3().to_array(),
@@ -125,6 +139,8 @@ impl Trainer {
             model,
             state,
             growth,
+            exposure,
+            mask,
             responses: None,
             iteration: 0,
             position: 1.0,
@@ -284,6 +300,19 @@ impl Trainer {
     }
 
     fn submit(&mut self, iteration: u32, with_value: bool) -> Result<Ticket> {
+        let recording = self.record(iteration, with_value)?;
+        Ok(self.device.submit(recording)?)
+    }
+
+    /// Names of the kernels that the next iteration runs, in order: what tests of effects that are off look at.
+    ///
+    /// # Errors
+    /// Photos that cannot be read.
+    pub fn kernels(&mut self) -> Result<Vec<&'static str>> {
+        Ok(self.record(self.iteration + 1, false)?.kernels())
+    }
+
+    fn record(&mut self, iteration: u32, with_value: bool) -> Result<Recording> {
         let (next, at) = (self.view_of(iteration + 1), self.view_of(iteration));
         let size = self.size_of(at);
         let photo = self.photos.get(&self.device, &self.views, at, next)?;
@@ -291,14 +320,37 @@ impl Trainer {
         let (options, model) = (&self.options, &self.model);
         let mut recording = Recording::new();
         self.renderer.record(&mut recording, model, camera);
+        let (rendered, pixels) = (self.renderer.image(), size[0] * size[1]);
+        if let Some(exposure) = &self.exposure {
+            exposure.apply(&mut recording, at, rendered, pixels);
+        }
+        let mut image = self.exposure.as_ref().map_or(rendered, |e| &e.image);
+        if let Some(mask) = &self.mask {
+            mask.apply(&mut recording, photo, image, pixels);
+            image = &mask.image;
+        }
+        let over = options.transparent || options.masked;
         recording.scope("loss", |r| {
             let background = options.settings.background;
-            let image = self.renderer.image();
-            self.loss.record(r, image, photo, size, options.transparent, background, options.weights);
+            self.loss.record(r, image, photo, size, over, background, options.weights);
             if with_value {
                 self.loss.record_value(r, size);
             }
         });
+        if let Some(mask) = &self.mask {
+            mask.backward(&mut recording, photo, &self.loss.gradient, pixels);
+        }
+        if let Some(exposure) = &self.exposure {
+            let slots = self.renderer.slots(camera);
+            let step = exposure::Step {
+                pairs: slots.pairs,
+                limit: slots.limit,
+                // Each photo is drawn once a round.
+                number: (iteration - 1) / self.views.len() as u32 + 1,
+                rate: exposure::rate(iteration, options.schedule.iterations, self.views.len()),
+            };
+            exposure.backward(&mut recording, at, rendered, &self.loss.gradient, pixels, Some(step));
+        }
         let update = Update {
             state: &self.state,
             growth: &self.growth,
@@ -310,14 +362,14 @@ impl Trainer {
         let (renderer, gradient) = (&self.renderer, &self.loss.gradient);
         match &self.responses {
             Some(responses) if options.averaged.contains(&iteration) => {
-                let (image, background) = (renderer.image(), options.settings.background);
-                record_residual(&mut recording, image, photo, gradient, size, options.transparent, background);
+                let background = options.settings.background;
+                record_residual(&mut recording, image, photo, gradient, size, over, background);
                 renderer.record_backward_with_residual(&mut recording, model, camera, gradient, &update);
                 responses.record(&mut recording, renderer, model, camera, Gather::Average { iteration });
             }
             _ => renderer.record_backward(&mut recording, model, camera, gradient, &update),
         }
-        Ok(self.device.submit(recording)?)
+        Ok(recording)
     }
 
     /// Density control and opacity reset, where the schedule has them after this iteration.

@@ -84,6 +84,8 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
         degree,
         most: n,
         transparent: false,
+        masked: false,
+        exposure: false,
         weights: Weights::default(),
         averaged: 0..0,
         pairs,
@@ -95,7 +97,8 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
     }
     assert_eq!(trainer.model().degree, degree);
     trainer.download().unwrap();
-    let demand = Demand { gaussians: n, pairs, size, photos, degree, grows, prunes: false };
+    let demand =
+        Demand { gaussians: n, pairs, size, photos, degree, exposure: false, masked: false, grows, prunes: false };
     let (peak, expected) = (device.memory_used().1, Trainer::bytes(device, &demand));
     println!("{first} -> {} of {n}, degree {degree}: peak {peak}, expected {expected}", trainer.len());
     finish(device);

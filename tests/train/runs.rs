@@ -71,6 +71,8 @@ pub(super) fn options() -> Options {
         degree: 2,
         most: 500,
         transparent: false,
+        masked: false,
+        exposure: false,
         weights: Weights::default(),
         averaged: 0..0,
         pairs: 1 << 16,

@@ -74,6 +74,10 @@ const LIST_LINES: usize = 6;
 /// Prints a JSON document for people: a line a field, lists of objects below one another.
 fn print(console: &Console, document: &Value) -> Result<(), Error> {
     for (name, field) in document.as_object().into_iter().flatten() {
+        if name == "effects" {
+            effects(console, field)?;
+            continue;
+        }
         let label = name.replace('_', " ");
         let lines: Vec<String> = match field {
             Value::Array(items) if items.iter().any(|i| !i.is_number()) => items.iter().map(line).collect(),
@@ -85,6 +89,23 @@ fn print(console: &Console, document: &Value) -> Result<(), Error> {
         if lines.len() > LIST_LINES {
             console.print(format_args!("{:<26} and {} more (--json tells all)", "", lines.len() - LIST_LINES))?;
         }
+    }
+    Ok(())
+}
+
+/// Prints what was decided on each effect, and why.
+fn effects(console: &Console, decisions: &Value) -> Result<(), Error> {
+    for (i, d) in decisions.as_array().into_iter().flatten().enumerate() {
+        let text = |key: &str| d[key].as_str().unwrap_or_default();
+        let switch = match (d["on"].as_bool(), d["degree"].as_u64()) {
+            (Some(true), Some(degree)) => format!("on, {degree}"),
+            (Some(true), None) => "on".to_owned(),
+            _ => "off".to_owned(),
+        };
+        let near = if d["near_threshold"].as_bool() == Some(true) { " (near the threshold)" } else { "" };
+        let label = if i == 0 { "effects" } else { "" };
+        let name = text("name").replace('_', " ");
+        console.print(format_args!("{label:<26} {name:<16} {switch:<6} {}{near}", text("evidence")))?;
     }
     Ok(())
 }

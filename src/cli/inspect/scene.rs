@@ -1,14 +1,14 @@
 //! What a scene holds: views, cameras, points, what was left out, and the split.
 
 use crate::error::Error;
+use crate::pipeline::effects;
 use crate::scene::{EVAL_EVERY, OpenOptions, Scene, View};
-use image::{ImageDecoder, ImageReader};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The scene as one document; photos are read no further than their headers.
+/// The scene as one document; training photos are looked at for the effects that they call for.
 pub(super) fn describe(path: &Path, images: Option<PathBuf>) -> Result<Value, Error> {
     let scene = Scene::open(path, &OpenOptions { images, undistort: None })?;
     let mut sizes: BTreeMap<(u32, u32), usize> = BTreeMap::new();
@@ -17,7 +17,7 @@ pub(super) fn describe(path: &Path, images: Option<PathBuf>) -> Result<Value, Er
         *sizes.entry((view.lens.width, view.lens.height)).or_default() += 1;
         cameras.entry(view.camera_id).or_insert((view, 0)).1 += 1;
     }
-    let alpha = scene.views.par_iter().filter(|v| has_alpha(&v.image)).count();
+    let alpha = scene.views.par_iter().filter(|v| v.announces_alpha()).count();
     let split = scene.split(EVAL_EVERY);
     let errors: Vec<f32> = scene.points.iter().map(|p| p.error).filter(|e| *e > 0.0).collect();
     let tracks: usize = scene.points.iter().map(|p| p.track.len()).sum();
@@ -38,6 +38,7 @@ pub(super) fn describe(path: &Path, images: Option<PathBuf>) -> Result<Value, Er
         "train_views": split.train.len(),
         "test_views": split.test.len(),
         "skipped": scene.skipped.summary(),
+        "effects": effects::of_scene(&scene),
     }))
 }
 
@@ -57,10 +58,4 @@ fn camera(id: u32, view: &View, views: usize) -> Value {
 
 fn mean(sum: f64, count: usize) -> Value {
     if count == 0 { Value::Null } else { json!(sum / count as f64) }
-}
-
-/// Whether a photo's header announces an alpha channel.
-fn has_alpha(path: &Path) -> bool {
-    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format).ok();
-    reader.and_then(|r| r.into_decoder().ok()).is_some_and(|d| d.color_type().has_alpha())
 }

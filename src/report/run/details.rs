@@ -59,7 +59,17 @@ pub fn effects(results: &Results) -> Markup {
     if results.effects.is_empty() {
         return absent("None simulated.");
     }
-    html! { ul { @for effect in &results.effects { li { (effect) } } } }
+    let rows: Vec<Vec<String>> = results
+        .effects
+        .iter()
+        .map(|d| {
+            let state = if d.on { "on" } else { "off" };
+            let by = if d.forced { ", as asked for" } else { "" };
+            let near = if d.near_threshold { "; near its threshold" } else { "" };
+            vec![d.name.name().to_owned(), format!("{state}{by}"), d.evidence.clone() + near]
+        })
+        .collect();
+    table(&[Column::Text("effect"), Column::Text("simulated"), Column::Text("evidence")], &rows, None)
 }
 
 fn some(n: usize) -> String {

@@ -1,0 +1,105 @@
+// A photo's own exposure: a 3 x 4 affine of the rendered colours before the loss, its gradient, and its Adam step.
+// Sums run in a fixed order: strided over pixels, a tree within a workgroup, then workgroup after workgroup.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+#include "lib/dispatch.glsl"
+
+// 0 applies it, 1 takes the gradient through it and sums that of its parameters, 2 updates them (one workgroup)
+layout(constant_id = 2) const uint PHASE = 0;
+
+layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the most ever needed
+layout(binding = 1, std430) readonly buffer Image { vec4 image[]; };
+layout(binding = 2, std430) writeonly buffer Exposed { vec4 exposed[]; };
+layout(binding = 3, std430) buffer Gradient { vec4 gradient[]; };  // by the exposed colours, then by the rendered ones
+layout(binding = 4, std430) buffer Partials { float partials[]; }; // workgroup x 12
+layout(binding = 5, std430) buffer Affine { float affine[]; };     // photo x 3 rows x (red, green, blue, constant)
+layout(binding = 6, std430) buffer Moments { vec2 moments[]; };    // first and second of each
+layout(push_constant) uniform Push {
+    uint photo;
+    uint pixels;
+    uint groups; // of phase 1
+    uint pair_limit;
+    float rate;
+    float correction1; // 1 / (1 - beta1^step)
+    float correction2; // 1 / sqrt(1 - beta2^step)
+};
+
+const uint SIZE = 12;
+const float BETA1 = 0.9;
+const float BETA2 = 0.999;
+const float EPSILON = 1e-15;
+// Beyond this a second moment is not finite.
+const float GREATEST = 1e18;
+
+shared float sums[SIZE * WORKGROUP];
+
+void apply() {
+    uint p = global_index();
+    if (p >= pixels) return;
+    vec4 x = image[p];
+    vec3 y;
+    [[unroll]] for (uint r = 0; r < 3; r++) {
+        uint row = SIZE * photo + 4 * r;
+        y[r] = affine[row] * x.r + affine[row + 1] * x.g + affine[row + 2] * x.b + affine[row + 3];
+    }
+    exposed[p] = vec4(y, x.a);
+}
+
+void backward() {
+    uint lane = gl_LocalInvocationID.x;
+    float own[SIZE];
+    [[unroll]] for (uint k = 0; k < SIZE; k++) own[k] = 0;
+    for (uint p = global_index(); p < pixels; p += groups * WORKGROUP) {
+        vec4 x = image[p], g = gradient[p];
+        vec3 through = vec3(0);
+        [[unroll]] for (uint r = 0; r < 3; r++) {
+            uint row = SIZE * photo + 4 * r;
+            through += g[r] * vec3(affine[row], affine[row + 1], affine[row + 2]);
+            own[4 * r] += g[r] * x.r;
+            own[4 * r + 1] += g[r] * x.g;
+            own[4 * r + 2] += g[r] * x.b;
+            own[4 * r + 3] += g[r];
+        }
+        gradient[p] = vec4(through, g.a);
+    }
+    [[unroll]] for (uint k = 0; k < SIZE; k++) sums[k * WORKGROUP + lane] = own[k];
+    for (uint step = WORKGROUP / 2; step > 0; step /= 2) {
+        barrier();
+        if (lane < step) {
+            [[unroll]] for (uint k = 0; k < SIZE; k++) sums[k * WORKGROUP + lane] += sums[k * WORKGROUP + lane + step];
+        }
+    }
+    if (lane == 0) {
+        [[unroll]] for (uint k = 0; k < SIZE; k++) partials[SIZE * group_index() + k] = sums[k * WORKGROUP];
+    }
+}
+
+void update() {
+    uint lane = gl_LocalInvocationID.x;
+    if (lane < SIZE) {
+        float sum = 0;
+        for (uint g = 0; g < groups; g++) sum += partials[SIZE * g + lane];
+        sums[lane] = sum;
+    }
+    barrier();
+    // Pairs that did not fit: this iteration does not count.
+    if (lane >= SIZE || pairs[1] > pair_limit) return;
+    bool good = true;
+    // Every comparison with a NaN is false.
+    for (uint k = 0; k < SIZE; k++) good = good && abs(sums[k]) <= GREATEST;
+    if (!good) return;
+    uint at = SIZE * photo + lane;
+    float slope = sums[lane];
+    vec2 moment = moments[at];
+    moment.x = BETA1 * moment.x + (1 - BETA1) * slope;
+    moment.y = BETA2 * moment.y + (1 - BETA2) * slope * slope;
+    moments[at] = moment;
+    affine[at] -= rate * (moment.x * correction1) / (sqrt(moment.y) * correction2 + EPSILON);
+}
+
+void main() {
+    if (PHASE == 0) apply();
+    else if (PHASE == 1) backward();
+    else update();
+}

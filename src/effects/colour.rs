@@ -1,0 +1,232 @@
+//! Effects that the colours of points tell of: exposure, and dependence on the direction of view.
+
+use super::tracks::Observation;
+use super::{Decision, Effect, quantile};
+use crate::gaussians::MAX_SH_DEGREE;
+use crate::reference::sh::basis;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Spread of the photos' log-gains from which each gets its own exposure.
+pub const GAINS: f64 = 0.02;
+/// Deviation of a point's colours from which they depend on the view: beyond the noise of photos made small.
+pub const DEVIATION: f64 = 0.005;
+/// Share of points, the smoothest, whose colours are looked at for it: others change with the texture round them.
+const SMOOTH: f64 = 0.1;
+/// A higher degree is taken while the held-back error is no more than this times the least.
+const AS_GOOD: f64 = 1.005;
+/// Channels in this range are neither lost in noise nor clipped.
+const EXPOSED: (f64, f64) = (0.06, 0.94);
+/// Rounds of fitting gains to points and points to gains.
+const ROUNDS: usize = 8;
+/// Photos that must show points in common before gains are believed, and common colours of each.
+const COMMON: (usize, usize) = (3, 20);
+/// Observations that a point must have to show how its colour turns.
+const OBSERVED: usize = 8;
+/// Parts that a point's observations are held back in, one after the other.
+const FOLDS: usize = 4;
+/// Pull of SH coefficients towards 0, in observations.
+const RIDGE: f64 = 1.0;
+/// Coefficients up to degree 3.
+const TERMS: usize = 16;
+
+/// How bright each photo is against the others.
+#[derive(Clone, Debug, Default)]
+pub struct Gains {
+    /// By photo: log-gains of red, green and blue; their mean over photos is 0.
+    pub log: Vec<DVec3>,
+    /// Standard deviation of the log-gains, less what the measurement's own error explains.
+    pub spread: f64,
+    /// Photos that share enough points with others.
+    pub photos: usize,
+}
+
+/// Fits gains to the colours of points that photos share: log colour = point + gain, by medians in turn.
+pub fn gains(tracks: &[Vec<Observation>], shots: usize) -> Gains {
+    let fits: Vec<(Vec<f64>, Vec<f64>)> = (0..3).into_par_iter().map(|c| channel(tracks, shots, c)).collect();
+    let log: Vec<DVec3> = (0..shots).map(|s| DVec3::new(fits[0].0[s], fits[1].0[s], fits[2].0[s])).collect();
+    let (mut sum, mut noise, mut n) = (0.0, 0.0, 0.0);
+    for (values, errors) in &fits {
+        for (value, error) in values.iter().zip(errors).filter(|(_, e)| e.is_finite()) {
+            sum += value * value;
+            noise += error * error;
+            n += 1.0;
+        }
+    }
+    let spread = ((sum - noise).max(0.0) / f64::max(n, 1.0)).sqrt();
+    let photos = fits[0].1.iter().filter(|e| e.is_finite()).count();
+    if photos < COMMON.0 {
+        return Gains { log: vec![DVec3::ZERO; shots], spread: 0.0, photos: 0 };
+    }
+    Gains { log, spread, photos }
+}
+
+/// Log-gains of one channel by photo, and their standard errors; infinite where there is too little to tell.
+fn channel(tracks: &[Vec<Observation>], shots: usize, c: usize) -> (Vec<f64>, Vec<f64>) {
+    let usable = |o: &&Observation| o.colour[c] > EXPOSED.0 && o.colour[c] < EXPOSED.1;
+    let logs: Vec<Vec<(usize, f64)>> = tracks
+        .iter()
+        .map(|seen| seen.iter().filter(usable).map(|o| (o.shot, o.colour[c].ln())).collect())
+        .filter(|seen: &Vec<_>| seen.len() >= 3)
+        .collect();
+    let (mut gains, mut errors) = (vec![0.0; shots], vec![f64::INFINITY; shots]);
+    for _ in 0..ROUNDS {
+        let mut by_shot = vec![Vec::new(); shots];
+        for seen in &logs {
+            let mut left: Vec<f64> = seen.iter().map(|(s, l)| l - gains[*s]).collect();
+            let point = quantile(&mut left, 0.5);
+            for (s, l) in seen {
+                by_shot[*s].push(l - point);
+            }
+        }
+        for (s, values) in by_shot.iter_mut().enumerate().filter(|(_, v)| v.len() >= COMMON.1) {
+            gains[s] = quantile(values, 0.5);
+            let mut deviations: Vec<f64> = values.iter().map(|v| (v - gains[s]).abs()).collect();
+            // Of a median of normal values, its scale from the median deviation.
+            errors[s] = 1.2533 * 1.4826 * quantile(&mut deviations, 0.5) / (values.len() as f64).sqrt();
+        }
+        let known = || errors.iter().zip(&gains).filter(|(e, _)| e.is_finite()).map(|(_, g)| *g);
+        let mean = known().sum::<f64>() / known().count().max(1) as f64;
+        for (g, _) in gains.iter_mut().zip(&errors).filter(|(_, e)| e.is_finite()) {
+            *g -= mean;
+        }
+    }
+    (gains, errors)
+}
+
+/// Whether photos call for exposures of their own.
+pub fn exposure(tracks: &[Vec<Observation>], gains: &Gains) -> Decision {
+    if gains.photos == 0 {
+        let why = match tracks.len() {
+            0 => "the scene has no points with tracks: photos cannot be compared",
+            _ => "photos share too few points to be compared",
+        };
+        return Decision::plain(Effect::Exposure, false, why.to_owned());
+    }
+    let bounds = gains.log.iter().map(|g| g.element_sum() / 3.0);
+    let (low, high) = bounds.fold((0.0_f64, 0.0_f64), |(l, h), g| (l.min(g), h.max(g)));
+    let percent = |g: f64| 100.0 * (g.exp() - 1.0);
+    let evidence = format!(
+        "brightness of {} photos spreads by {:.1} % ({:+.1} to {:+.1} %) on {} points that they share",
+        gains.photos,
+        100.0 * gains.spread,
+        percent(low),
+        percent(high),
+        tracks.len()
+    );
+    Decision::by(Effect::Exposure, gains.spread, GAINS, evidence)
+}
+
+/// Which SH degree the colours of points call for; with none to tell, the highest allowed.
+pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) -> Decision {
+    let most = most.min(MAX_SH_DEGREE);
+    let even = gains.spread <= GAINS;
+    let corrected = |seen: &Vec<Observation>| -> Vec<Observation> {
+        let gain = |s: usize| if even { DVec3::ONE } else { gains.log[s].exp() };
+        seen.iter().map(|o| Observation { colour: o.colour / gain(o.shot), ..*o }).collect()
+    };
+    let long: Vec<Vec<Observation>> = tracks.iter().filter(|t| t.len() >= OBSERVED).map(corrected).collect();
+    if long.is_empty() || most == 0 {
+        let why = match (most, tracks.len()) {
+            (0, _) => "no SH degree above 0 is allowed".to_owned(),
+            (_, 0) => format!("the scene has no points with tracks to tell by: up to degree {most}"),
+            _ => format!("no point is seen by {OBSERVED} photos to tell by: up to degree {most}"),
+        };
+        return Decision { degree: Some(most), ..Decision::plain(Effect::ViewDependence, most > 0, why) };
+    }
+    let errors = long
+        .par_iter()
+        .map(|seen| held_back(seen))
+        .reduce(|| [0.0; MAX_SH_DEGREE + 1], |a, b| std::array::from_fn(|l| a[l] + b[l]));
+    let mut order: Vec<(f64, usize)> = long.iter().map(|seen| contrast(seen)).zip(0..).collect();
+    order.sort_unstable_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+    order.truncate(((long.len() as f64 * SMOOTH) as usize).max(10));
+    let mut deviations: Vec<f64> = order.iter().map(|(_, i)| deviation(&long[*i])).collect();
+    let deviation = quantile(&mut deviations, 0.5);
+    let least = errors[..=most].iter().copied().fold(f64::INFINITY, f64::min);
+    let best = (1..=most).rev().find(|l| errors[*l] <= AS_GOOD * least).unwrap_or(1);
+    let explained = |l: usize| 100.0 * (1.0 - errors[l] / errors[0].max(f64::MIN_POSITIVE));
+    let list: Vec<_> = (1..=most).map(|l| format!("{l}: {:.1} %", explained(l))).collect();
+    let evidence = format!(
+        "colours of smooth points differ by {:.2} % between photos (median of {}); held-back error of {} points falls by \
+         SH degree, {}",
+        100.0 * deviation,
+        order.len(),
+        long.len(),
+        list.join(", ")
+    );
+    let decision = Decision::by(Effect::ViewDependence, deviation, DEVIATION, evidence);
+    Decision { degree: Some(if decision.on { best } else { 0 }), ..decision }
+}
+
+/// Mean contrast of a point's surroundings.
+fn contrast(seen: &[Observation]) -> f64 {
+    seen.iter().map(|o| o.contrast).sum::<f64>() / seen.len().max(1) as f64
+}
+
+/// Root mean square of a point's colours about their mean.
+fn deviation(seen: &[Observation]) -> f64 {
+    let mean = seen.iter().map(|o| o.colour).sum::<DVec3>() / seen.len() as f64;
+    (seen.iter().map(|o| (o.colour - mean).length_squared()).sum::<f64>() / (3 * seen.len()) as f64).sqrt()
+}
+
+/// By SH degree: mean absolute error of a point's colours, each foretold from those of other photos.
+fn held_back(seen: &[Observation]) -> [f64; MAX_SH_DEGREE + 1] {
+    let mut errors = [0.0; MAX_SH_DEGREE + 1];
+    for fold in 0..FOLDS {
+        // Neighbours in the list are often neighbours in space: they go into different parts.
+        let (held, fitted): (Vec<_>, Vec<_>) = seen.iter().enumerate().partition(|(i, _)| i % FOLDS == fold);
+        for (degree, error) in errors.iter_mut().enumerate() {
+            let terms = (degree + 1) * (degree + 1);
+            let coefficients = fit(&fitted, terms);
+            for (_, o) in &held {
+                let foretold: DVec3 =
+                    terms_of(o.direction).into_iter().zip(coefficients).take(terms).map(|(b, c)| c * b).sum();
+                *error += (o.colour - foretold).abs().element_sum() / (3 * seen.len()) as f64;
+            }
+        }
+    }
+    errors
+}
+
+/// The basis with its constant term 1.
+fn terms_of(direction: DVec3) -> [f64; TERMS] {
+    let mut terms = basis(direction);
+    terms[0] = 1.0;
+    terms
+}
+
+/// Ridge regression of colours on the first `terms` functions; the constant one is free.
+fn fit(seen: &[(usize, &Observation)], terms: usize) -> [DVec3; TERMS] {
+    let mut a = [[0.0; TERMS]; TERMS];
+    let mut b = [DVec3::ZERO; TERMS];
+    for (_, o) in seen {
+        let x = terms_of(o.direction);
+        for i in 0..terms {
+            for j in 0..terms {
+                a[i][j] += x[i] * x[j];
+            }
+            b[i] += o.colour * x[i];
+        }
+    }
+    for (i, row) in a.iter_mut().enumerate().take(terms) {
+        row[i] += if i == 0 { 1e-9 } else { RIDGE };
+    }
+    // Gauss's elimination: the matrix is positive definite, so that no pivot vanishes.
+    for i in 0..terms {
+        for k in i + 1..terms {
+            let share = a[k][i] / a[i][i];
+            for j in i..terms {
+                a[k][j] -= share * a[i][j];
+            }
+            let above = b[i];
+            b[k] -= above * share;
+        }
+    }
+    let mut out = [DVec3::ZERO; TERMS];
+    for i in (0..terms).rev() {
+        let known: DVec3 = (i + 1..terms).map(|j| out[j] * a[i][j]).sum();
+        out[i] = (b[i] - known) / a[i][i];
+    }
+    out
+}

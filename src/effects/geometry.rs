@@ -1,0 +1,168 @@
+//! Effects that cameras and the photos' fourth channel tell of.
+
+use super::{Decision, Effect, Subject, quantile};
+use crate::scene::lens::VISIBLE_DISPLACEMENT;
+use crate::scene::{SceneKind, View};
+use glam::DVec3;
+use std::collections::BTreeSet;
+
+/// Ratio of a point's pixel footprints from which filters by pixel size are called for.
+pub const FOOTPRINTS: f64 = 1.5;
+/// Points whose footprints are compared.
+const POINTS: usize = 4000;
+/// Views that must see a point.
+const SEEN_BY: usize = 3;
+/// Share of pixels below which transparency or masks may as well be flaws of the photos.
+const FEW: f64 = 1e-3;
+
+/// How differently large the same thing is in the photos.
+pub fn antialias(subject: &Subject<'_>) -> Decision {
+    let mut ratios = footprint_ratios(subject);
+    if ratios.is_empty() {
+        let why = "no point is seen by three photos: footprints cannot be compared".to_owned();
+        return Decision::plain(Effect::Antialias, false, why);
+    }
+    let (low, middle, high) = (quantile(&mut ratios, 0.05), quantile(&mut ratios, 0.5), quantile(&mut ratios, 0.95));
+    let evidence = format!(
+        "a pixel covers up to {middle:.2} times as much of a point in one photo as in another (median of {} points; \
+         {low:.2} to {high:.2} for nine tenths of them)",
+        ratios.len()
+    );
+    Decision::by(Effect::Antialias, middle, FOOTPRINTS, evidence)
+}
+
+/// By point: the 95th over the 5th percentile of its footprints (depth over focal length).
+fn footprint_ratios(subject: &Subject<'_>) -> Vec<f64> {
+    let points: Vec<(DVec3, Option<&[u32]>)> = if subject.scene.points.iter().any(|p| !p.track.is_empty()) {
+        subject.scene.points.iter().map(|p| (p.position, Some(p.track.as_slice()))).collect()
+    } else {
+        middle_of(subject).into_iter().map(|p| (p, None)).collect()
+    };
+    let count = points.len().min(POINTS);
+    let mut trains = vec![false; subject.scene.views.len()];
+    for view in subject.train {
+        trains[*view] = true;
+    }
+    let ratio = |k: usize| {
+        let (position, track) = points[k * points.len() / count];
+        let sees = |i: &usize| track.is_none_or(|t| t.binary_search(&(*i as u32)).is_ok());
+        let views = subject.train.iter().filter(|i| sees(i)).map(|i| &subject.scene.views[*i]);
+        let mut footprints: Vec<f64> = views.filter_map(|v| footprint(v, position)).collect();
+        let enough = footprints.len() >= SEEN_BY.min(subject.train.len()).max(2);
+        enough.then(|| quantile(&mut footprints, 0.95) / quantile(&mut footprints, 0.05))
+    };
+    (0..count).filter_map(ratio).filter(|r| r.is_finite()).collect()
+}
+
+/// World units that a pixel covers at a point's depth; none where the view does not show it.
+fn footprint(view: &View, position: DVec3) -> Option<f64> {
+    let camera = &view.camera;
+    let p = camera.rotation * position + camera.translation;
+    if p.z <= 0.0 {
+        return None;
+    }
+    let at = p.truncate() / p.z * camera.focal + camera.principal;
+    let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < f64::from(camera.width) && at.y < f64::from(camera.height);
+    inside.then(|| p.z / camera.focal.element_product().sqrt())
+}
+
+/// Stands for points where a scene has none: a ball round where the cameras look, half as wide as they stand away
+/// (Blender scenes: within the reference's cube's inner ball).
+fn middle_of(subject: &Subject<'_>) -> Vec<DVec3> {
+    let cameras: Vec<_> = subject.train.iter().map(|i| &subject.scene.views[*i].camera).collect();
+    let n = cameras.len().max(1) as f64;
+    let centre = cameras.iter().map(|c| c.centre()).sum::<DVec3>() / n;
+    let forward = cameras.iter().map(|c| c.rotation.row(2)).sum::<DVec3>() / n;
+    let blender = subject.scene.kind == SceneKind::Blender;
+    let spread = cameras.iter().map(|c| c.centre().distance(centre)).fold(0.0, f64::max);
+    let (middle, radius) = if blender { (DVec3::ZERO, 1.0) } else { (centre + forward * spread, 0.5 * spread) };
+    // A spiral over spheres: even enough, and the same each time.
+    let at = |k: usize| {
+        let (t, turn) = ((k as f64 + 0.5) / 256.0, k as f64 * 2.399963229728653);
+        let z = 1.0 - 2.0 * t;
+        let side = (1.0 - z * z).sqrt();
+        middle + DVec3::new(side * turn.cos(), side * turn.sin(), z) * radius * ((k % 16) as f64 + 1.0) / 16.0
+    };
+    (0..256).map(at).collect()
+}
+
+/// How far a lens moves pixels.
+pub fn distortion(subject: &Subject<'_>) -> Decision {
+    let views = subject.train.iter().map(|i| &subject.scene.views[*i]);
+    let moved = views.clone().map(|v| v.lens.max_displacement()).fold(0.0, f64::max);
+    let undistorted = views.filter(|v| v.undistorts()).count();
+    let evidence = if moved == 0.0 {
+        "every lens is an ideal pinhole".to_owned()
+    } else {
+        format!("a lens moves some pixel by {moved:.2} px; {undistorted} photos are resampled once to a pinhole")
+    };
+    Decision::by(Effect::Distortion, moved, VISIBLE_DISPLACEMENT, evidence)
+}
+
+/// Share of the photos' pixels whose fourth byte is not full, among photos that `masked` says it of.
+fn share(subject: &Subject<'_>, masked: bool) -> (usize, f64) {
+    let (mut photos, mut missing, mut pixels) = (0, 0.0, 0_usize);
+    for shot in subject.shots {
+        pixels += shot.pixels.len() / 4;
+        if shot.masked == masked {
+            let own: f64 = shot.pixels.iter().skip(3).step_by(4).map(|a| 1.0 - f64::from(*a) / 255.0).sum();
+            photos += usize::from(own > 0.0);
+            missing += own;
+        }
+    }
+    (photos, missing / pixels.max(1) as f64)
+}
+
+/// Whether photos have transparent pixels.
+pub fn transparency(subject: &Subject<'_>) -> Decision {
+    let (photos, share) = share(subject, false);
+    let evidence = match photos {
+        0 => "no photo has a transparent pixel".to_owned(),
+        n => format!("{n} photos have transparent pixels, {:.1} % of all pixels", 100.0 * share),
+    };
+    let decision = Decision::plain(Effect::Transparency, photos > 0, evidence);
+    Decision { near_threshold: photos > 0 && share < FEW, measured: Some(share), threshold: Some(0.0), ..decision }
+}
+
+/// Whether photos have masks.
+pub fn masks(subject: &Subject<'_>) -> Decision {
+    let listed = subject.train.iter().filter(|i| subject.scene.views[**i].mask.is_some()).count();
+    let (photos, share) = share(subject, true);
+    let evidence = match (listed, photos) {
+        (0, _) => "no photo has a mask".to_owned(),
+        (n, 0) => format!("{n} photos have masks, which hide nothing or are not used"),
+        (n, _) => format!("{n} photos have masks, which hide {:.1} % of all pixels", 100.0 * share),
+    };
+    let decision = Decision::plain(Effect::Masks, photos > 0, evidence);
+    Decision { near_threshold: photos > 0 && share < FEW, measured: Some(share), threshold: Some(0.0), ..decision }
+}
+
+/// How many different cameras there are.
+pub fn cameras(subject: &Subject<'_>) -> Decision {
+    let kind = |i: &usize| {
+        let lens = &subject.scene.views[*i].lens;
+        let bits = |v: f64| v.to_bits();
+        (
+            lens.width,
+            lens.height,
+            bits(lens.focal.x),
+            bits(lens.focal.y),
+            bits(lens.principal.x),
+            bits(lens.principal.y),
+        )
+    };
+    let kinds: BTreeSet<_> = subject.train.iter().map(kind).collect();
+    let sizes: BTreeSet<_> = kinds.iter().map(|k| (k.0, k.1)).collect();
+    let list: Vec<_> = sizes.iter().take(4).map(|(w, h)| format!("{w}x{h}")).collect();
+    let more = if sizes.len() > list.len() { ", ..." } else { "" };
+    let evidence = match kinds.len() {
+        0 => "no photo is trained on".to_owned(),
+        1 => format!("one camera, {}", list.join("")),
+        n => format!("{n} different intrinsics, sizes {}{more}", list.join(", ")),
+    };
+    Decision {
+        measured: Some(kinds.len() as f64),
+        threshold: Some(1.0),
+        ..Decision::plain(Effect::Cameras, kinds.len() > 1, evidence)
+    }
+}

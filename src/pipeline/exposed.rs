@@ -1,0 +1,94 @@
+//! How pictures are scored where photos have exposures of their own, which no model can foretell for those held out: an
+//! affine of the rendered colours is fitted by least squares on the left half of the photo, the right half is scored.
+
+/// What `protocol.exposure` says of it.
+pub const PROTOCOL: &str =
+    "a 3x4 affine of the colours fitted by least squares on each photo's left half, its right half scored";
+/// Unknowns of a row: red, green, blue, constant.
+const TERMS: usize = 4;
+/// Pull towards the affine that changes nothing, in pixels: decides where a picture leaves the affine open.
+const RIDGE: f64 = 1e-3;
+
+/// The right half of a rendered picture, as the photo is exposed, clamped to [0, 1], and of the photo; row by row, red,
+/// green, blue in [0, 1]. A picture one pixel wide is compared whole.
+pub fn right_halves(rendered: &[f32], photo: &[f32], width: usize) -> (usize, Vec<f32>, Vec<f32>) {
+    let middle = width / 2;
+    let affine = fit(rendered, photo, width, 0..middle);
+    let half = |picture: &[f32]| -> Vec<f32> {
+        picture.chunks_exact(3 * width).flat_map(|row| row[3 * middle..].iter().copied()).collect()
+    };
+    let exposed = half(rendered)
+        .chunks_exact(3)
+        .flat_map(|x| {
+            affine.map(|row| {
+                let y = row[3] + (0..3).map(|c| row[c] * f64::from(x[c])).sum::<f64>();
+                (y as f32).clamp(0.0, 1.0)
+            })
+        })
+        .collect();
+    (width - middle, exposed, half(photo))
+}
+
+/// Three rows: the affine that brings the rendered colours of some columns nearest to the photo's.
+fn fit(rendered: &[f32], photo: &[f32], width: usize, columns: std::ops::Range<usize>) -> [[f64; TERMS]; 3] {
+    let mut a = [[0.0; TERMS]; TERMS];
+    let mut b = [[0.0; TERMS]; 3];
+    for (i, row) in a.iter_mut().enumerate() {
+        row[i] = RIDGE;
+    }
+    for (c, row) in b.iter_mut().enumerate() {
+        row[c] = RIDGE;
+    }
+    let rows = rendered.chunks_exact(3 * width).zip(photo.chunks_exact(3 * width));
+    for (x, y) in rows.flat_map(|(x, y)| columns.clone().map(move |k| (&x[3 * k..3 * k + 3], &y[3 * k..3 * k + 3]))) {
+        let x = [f64::from(x[0]), f64::from(x[1]), f64::from(x[2]), 1.0];
+        for i in 0..TERMS {
+            for j in 0..TERMS {
+                a[i][j] += x[i] * x[j];
+            }
+            for c in 0..3 {
+                b[c][i] += f64::from(y[c]) * x[i];
+            }
+        }
+    }
+    // Gauss's elimination: the matrix is positive definite, so that no pivot vanishes.
+    for i in 0..TERMS {
+        for k in i + 1..TERMS {
+            let share = a[k][i] / a[i][i];
+            for j in i..TERMS {
+                a[k][j] -= share * a[i][j];
+            }
+            for row in &mut b {
+                row[k] -= share * row[i];
+            }
+        }
+    }
+    b.map(|mut row| {
+        for i in (0..TERMS).rev() {
+            let known: f64 = (i + 1..TERMS).map(|j| row[j] * a[i][j]).sum();
+            row[i] = (row[i] - known) / a[i][i];
+        }
+        row
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_affine_is_found_on_the_left_and_applied_on_the_right() {
+        let (width, height) = (9, 7);
+        let value = |n: usize| ((n * 37 % 101) as f32 / 101.0) * 0.5;
+        let photo: Vec<f32> = (0..3 * width * height).map(value).collect();
+        let dim: Vec<f32> =
+            photo.chunks_exact(3).flat_map(|p| [0.8 * p[0] + 0.1, 0.7 * p[1], 0.9 * p[2] + 0.05]).collect();
+        let (w, exposed, right) = right_halves(&dim, &photo, width);
+        assert_eq!((w, exposed.len(), right.len()), (5, 3 * 5 * height, 3 * 5 * height));
+        assert!(exposed.iter().zip(&right).all(|(a, b)| (a - b).abs() < 2e-3));
+        // Nothing to fit on: nothing changes, and nothing breaks.
+        assert_eq!(right_halves(&photo[..3], &photo[..3], 1).1, photo[..3]);
+        let flat = vec![0.5; 3 * width * height];
+        assert!(right_halves(&flat, &photo, width).1.iter().all(|v| v.is_finite()));
+    }
+}

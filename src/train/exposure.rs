@@ -1,0 +1,145 @@
+//! Exposures of photos: a 3 x 4 affine of the rendered colours of each, learnt beside the model and used in training only.
+
+use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::train::{Exposure as Kernel, ExposurePush, ExposureSpec};
+use crate::primitives::WORKGROUP;
+
+/// Numbers of an affine: three rows of red, green, blue and a constant.
+pub const SIZE: usize = 12;
+/// The affine that changes nothing.
+pub const IDENTITY: [f32; SIZE] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+/// Learning rate at the beginning: the 3DGS reference's, and faster where photos are drawn less than a hundred times.
+const RATE: (f64, f64) = (0.01, 0.05);
+/// Share of it that is left at the end.
+const LEFT: f64 = 0.1;
+/// Workgroups that sum gradients at most.
+const GROUPS: u32 = 64;
+/// The profiler's scope.
+const SCOPE: &str = "exposure";
+
+/// Affines of all photos with their moments, and a picture's exposed colours.
+pub struct Exposure {
+    /// Photo x 12.
+    pub affine: Buffer<f32>,
+    /// First and second moment of each.
+    pub moments: Buffer<[f32; 2]>,
+    /// The picture as the loss sees it.
+    pub image: Buffer<[f32; 4]>,
+    partials: Buffer<f32>,
+}
+
+/// The step of a photo's affine.
+#[derive(Clone, Copy)]
+pub struct Step<'a> {
+    /// Word 1: the most (tile, Gaussian) pairs ever needed; beyond `limit` nothing is updated.
+    pub pairs: &'a Buffer<u32>,
+    /// Pairs that there is room for.
+    pub limit: u32,
+    /// Steps of this photo with this one.
+    pub number: u32,
+    /// Learning rate.
+    pub rate: f32,
+}
+
+/// Learning rate of an iteration of a run of this length on so many photos.
+pub fn rate(iteration: u32, length: u32, photos: usize) -> f32 {
+    let rounds = f64::from(length.max(1)) / photos.max(1) as f64;
+    let t = f64::from(iteration) / f64::from(length.max(1));
+    ((1.0 / rounds).clamp(RATE.0, RATE.1) * LEFT.powf(t)) as f32
+}
+
+impl Exposure {
+    /// Bytes of exposures of so many photos of at most `pixels`.
+    pub fn bytes(photos: usize, pixels: usize) -> u64 {
+        let affine = Buffer::<f32>::bytes_of(SIZE * photos) + Buffer::<[f32; 2]>::bytes_of(SIZE * photos);
+        affine + Buffer::<[f32; 4]>::bytes_of(pixels) + Buffer::<f32>::bytes_of(SIZE * GROUPS as usize)
+    }
+
+    /// Photos that are exposed alike.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn new(device: &Device, photos: usize, pixels: usize) -> Result<Self> {
+        let affine = IDENTITY.repeat(photos);
+        Self::with(device, &affine, &vec![0.0; 2 * affine.len()], pixels)
+    }
+
+    /// These affines (photo x 12) with these moments (first and second interleaved).
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn with(device: &Device, affine: &[f32], moments: &[f32], pixels: usize) -> Result<Self> {
+        Ok(Self {
+            affine: device.upload("exposures", affine)?,
+            moments: device.upload::<f32>("exposures' moments", moments)?.cast(),
+            image: device.buffer("exposed image", pixels)?,
+            partials: device.buffer("exposure sums", SIZE * GROUPS as usize)?,
+        })
+    }
+
+    /// Records `image` as this photo shows it, into [`Exposure::image`].
+    pub fn apply(&self, recording: &mut Recording, photo: usize, image: &Buffer<[f32; 4]>, pixels: u32) {
+        let step = Step { pairs: &self.partials.cast(), limit: 0, number: 1, rate: 0.0 };
+        let groups = pixels.div_ceil(WORKGROUP);
+        recording.scope(SCOPE, |r| self.phase(r, 0, photo, image, image, pixels, step, groups));
+    }
+
+    /// Records the way back: `gradient`, by the exposed colours, becomes that by `image`; `step` updates the affine,
+    /// none leaves it.
+    pub fn backward(
+        &self,
+        recording: &mut Recording,
+        photo: usize,
+        image: &Buffer<[f32; 4]>,
+        gradient: &Buffer<[f32; 4]>,
+        pixels: u32,
+        step: Option<Step<'_>>,
+    ) {
+        recording.scope(SCOPE, |r| {
+            let idle = self.partials.cast();
+            let none = Step { pairs: &idle, limit: 0, number: 1, rate: 0.0 };
+            self.phase(r, 1, photo, image, gradient, pixels, step.unwrap_or(none), Self::groups(pixels));
+            if let Some(step) = step {
+                self.phase(r, 2, photo, image, gradient, pixels, step, 1);
+            }
+        });
+    }
+
+    fn groups(pixels: u32) -> u32 {
+        pixels.div_ceil(WORKGROUP).clamp(1, GROUPS)
+    }
+
+    fn phase(
+        &self,
+        recording: &mut Recording,
+        phase: u32,
+        photo: usize,
+        image: &Buffer<[f32; 4]>,
+        gradient: &Buffer<[f32; 4]>,
+        pixels: u32,
+        step: Step<'_>,
+        groups: u32,
+    ) {
+        let correction = |beta: f64| 1.0 - beta.powf(f64::from(step.number));
+        let kernel = Kernel {
+            pairs: step.pairs,
+            image,
+            exposed: &self.image,
+            gradient,
+            partials: &self.partials,
+            affine: &self.affine,
+            moments: &self.moments,
+            push: ExposurePush {
+                photo: photo as u32,
+                pixels,
+                groups: Self::groups(pixels),
+                pair_limit: step.limit,
+                rate: step.rate,
+                correction1: (1.0 / correction(0.9)) as f32,
+                correction2: (1.0 / correction(0.999).sqrt()) as f32,
+            },
+            spec: ExposureSpec { workgroup: WORKGROUP, phase },
+        };
+        recording.dispatch(&kernel, Groups::Count(groups));
+    }
+}

@@ -1,0 +1,58 @@
+//! Masks: parts of photos that add nothing to the loss.
+
+use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::train::{Mask as Kernel, MaskPush, MaskSpec};
+use crate::primitives::WORKGROUP;
+
+/// The picture with its hidden parts as background.
+pub struct Mask {
+    /// The picture as the loss sees it.
+    pub image: Buffer<[f32; 4]>,
+    background: [f32; 3],
+}
+
+impl Mask {
+    /// Bytes of [`Mask::new`].
+    pub fn bytes(pixels: usize) -> u64 {
+        Buffer::<[f32; 4]>::bytes_of(pixels)
+    }
+
+    /// For pictures of at most `pixels`.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, pixels: usize, background: [f32; 3]) -> Result<Self> {
+        Ok(Self { image: device.buffer("masked image", pixels)?, background })
+    }
+
+    /// Records `image` with what the photo's fourth byte hides as background, into [`Mask::image`].
+    pub fn apply(&self, recording: &mut Recording, photo: &Buffer<u32>, image: &Buffer<[f32; 4]>, pixels: u32) {
+        self.phase(recording, 0, photo, image, image, pixels);
+    }
+
+    /// Records the way back of `gradient`.
+    pub fn backward(&self, recording: &mut Recording, photo: &Buffer<u32>, gradient: &Buffer<[f32; 4]>, pixels: u32) {
+        self.phase(recording, 1, photo, gradient, gradient, pixels);
+    }
+
+    fn phase(
+        &self,
+        recording: &mut Recording,
+        phase: u32,
+        photo: &Buffer<u32>,
+        image: &Buffer<[f32; 4]>,
+        gradient: &Buffer<[f32; 4]>,
+        pixels: u32,
+    ) {
+        let [r, g, b] = self.background;
+        let kernel = Kernel {
+            photo,
+            image,
+            masked: &self.image,
+            gradient,
+            push: MaskPush { background: [r, g, b, 0.0], pixels },
+            spec: MaskSpec { workgroup: WORKGROUP, phase },
+        };
+        recording.scope("masks", |r| r.dispatch(&kernel, Groups::Count(pixels.div_ceil(WORKGROUP))));
+    }
+}

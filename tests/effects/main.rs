@@ -1,0 +1,6 @@
+//! Effects: what scenes call for, that those which are off cost nothing, and that those which are on help.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod detectors;
+mod exposure;
