@@ -6,7 +6,7 @@ use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::eval::{Evaluation, eval};
-use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Watcher, prepare, run};
+use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Selection, Watcher, prepare, run};
 use qirf_vk::reference::exposure as twin;
 use qirf_vk::render::Settings;
 use qirf_vk::synth::{self, SynthOptions, write};
@@ -117,7 +117,7 @@ fn capture(folder: &Path, effects: &[synth::Effect], views: usize, width: u32) {
         views,
         width,
         height: width * 3 / 4,
-        points: 700,
+        points: 30 * views,
         effects: effects.to_vec(),
         ..Default::default()
     };
@@ -205,14 +205,21 @@ fn exposures_are_kept_in_checkpoints() {
     finish(&device);
 }
 
-/// Held-out PSNR, in dB, with an effect off and on, scored alike: with exposures fitted or as rendered.
-fn off_and_on(made: &[synth::Effect], effect: Effect, iterations: u32, width: u32, fitted: bool) -> [f64; 2] {
+/// Held-out PSNR, in dB, with an effect off and on, scored alike: with exposures fitted or not, at a resolution.
+fn off_and_on(
+    made: &[synth::Effect],
+    effect: Effect,
+    iterations: u32,
+    fitted: bool,
+    resolution: Option<&str>,
+) -> [f64; 2] {
     let device = device();
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
-    capture(&scene, made, 24, width);
+    capture(&scene, made, 48, 64);
     let psnr = [Choice::Off, Choice::On].map(|choice| {
         let mut config = config(&scene, iterations);
+        config.sh_degree = if effect == Effect::ViewDependence { 3 } else { 1 };
         config.effects.set(effect, choice);
         let output = Output::new(&folder.path().join(format!("{choice:?}"))).unwrap();
         let results = run::run(&device, &config, &output, &Networks::default(), u64::MAX, false, &Silent).unwrap();
@@ -223,7 +230,8 @@ fn off_and_on(made: &[synth::Effect], effect: Effect, iterations: u32, width: u3
         let again: RunConfig = toml::from_str(&written).unwrap();
         assert_eq!(again.effects, config.effects);
         let model = formats::read(&output.folder().join("model.ply")).unwrap().gaussians;
-        let evaluation = Evaluation { selection: again.selection(), antialias: again.antialias, exposure: fitted };
+        let selection = Selection { resolution: resolution.map(str::to_owned), ..again.selection() };
+        let evaluation = Evaluation { selection, antialias: again.antialias, exposure: fitted };
         let from = (Path::new("model.ply"), &model);
         let scored = eval(&device, from, &evaluation, None, &Networks::default(), u64::MAX, &Silent).unwrap();
         scored.test.unwrap().psnr.unwrap()
@@ -235,6 +243,20 @@ fn off_and_on(made: &[synth::Effect], effect: Effect, iterations: u32, width: u3
 
 #[test]
 fn exposure_helps_where_it_is_called_for() {
-    let [off, on] = off_and_on(&[synth::Effect::Exposure], Effect::Exposure, 1000, 64, true);
+    let [off, on] = off_and_on(&[synth::Effect::Exposure], Effect::Exposure, 1500, true, None);
+    assert!(on > off + 0.5, "{off} {on}");
+}
+
+/// Where every surface reflects, colours that turn with the view are worth half a decibel at least.
+#[test]
+fn view_dependence_helps_where_it_is_called_for() {
+    let [off, on] = off_and_on(&[synth::Effect::Glossy], Effect::ViewDependence, 1000, false, None);
+    assert!(on > off + 0.5, "{off} {on}");
+}
+
+/// Where cameras stand near and far, a model keeps its looks at a resolution that it was not trained at.
+#[test]
+fn antialias_helps_at_a_second_resolution() {
+    let [off, on] = off_and_on(&[synth::Effect::Scales], Effect::Antialias, 1000, false, Some("/2"));
     assert!(on > off + 0.5, "{off} {on}");
 }
