@@ -318,6 +318,11 @@ fn arms_are_compared_at_equal_counts() {
     let counts: Vec<_> = arms.iter().map(|a| a["gaussians"].as_u64().unwrap()).collect();
     assert_eq!(counts, [kept, kept, kept, n]);
     assert!(arms.iter().all(|a| a["psnr"].as_f64().is_some() && a["fps"].as_f64().unwrap() > 0.0));
+    let page = std::fs::read_to_string(out.join("compare.html")).unwrap();
+    assert!(
+        page.contains("random:global") && page.matches("<img").count() == 2 * 2 * 5,
+        "photo and arms, whole and cut"
+    );
     let table = std::fs::read_to_string(out.join("compare.csv")).unwrap();
     assert_eq!(table.lines().count(), 5);
 

@@ -10,6 +10,7 @@ use crate::metrics::Networks;
 use crate::pipeline::compare::{Arm, Compared, compare};
 use crate::pipeline::compression::{Compression, Pruning};
 use crate::pipeline::{Output, budget};
+use crate::report;
 use std::path::PathBuf;
 
 const ARMS: &str =
@@ -24,7 +25,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --ablation
 
 An arm is dense, default, paper, or a selector's name with any of :BUDGET, +merge, -detail and @SHARE after it, in this
-order. The folder holds compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
+order. The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
 /// Compare ways of pruning a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]
@@ -83,6 +84,7 @@ impl Arguments {
         let json = serde_json::to_string_pretty(&compared).map_err(|e| Error::Usage(format!("compare.json: {e}")))?;
         Output::text(&self.output.join("compare.json"), &json)?;
         Output::text(&self.output.join("compare.csv"), &compared.csv())?;
+        report::write_comparison(&compared, &self.output)?;
         if self.json { console.print(json) } else { self.report(console, &compared) }
     }
 
@@ -106,7 +108,6 @@ impl Arguments {
                 arm.seconds,
             ))?;
         }
-        console.note(format_args!("tables, models and pictures in {}", self.output.display()));
-        Ok(())
+        console.print(format_args!("report {}", self.output.join("compare.html").display()))
     }
 }

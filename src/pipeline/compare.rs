@@ -85,7 +85,8 @@ impl Arm {
     }
 
     /// Its folder's name, which every file system allows.
-    fn folder(name: &str) -> String {
+    #[must_use]
+    pub fn folder(name: &str) -> String {
         name.replace([':', '@'], "-")
     }
 

@@ -2,6 +2,7 @@
 //!
 //! [`page`] (shell, tables), [`plot`] and [`compare`] are what pages are made of. `maud` escapes every text that comes in.
 
+mod arms;
 pub mod compare;
 pub mod format;
 pub mod page;
@@ -11,7 +12,9 @@ mod run;
 
 use crate::error::Error;
 use crate::pipeline::Output;
+use crate::pipeline::compare::Compared;
 use crate::pipeline::results::Results;
+use std::path::Path;
 
 /// Writes `report.html` of a run into its folder, from its results and from the pictures and `config.toml` there; what
 /// is absent is left out.
@@ -20,6 +23,14 @@ use crate::pipeline::results::Results;
 /// [`Error::Write`].
 pub fn write(results: &Results, output: &Output) -> Result<(), Error> {
     Output::text(&output.report(), &of_run(results, output))
+}
+
+/// Writes `compare.html` of a comparison into its folder.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn write_comparison(compared: &Compared, folder: &Path) -> Result<(), Error> {
+    Output::text(&folder.join("compare.html"), &arms::page(compared, folder))
 }
 
 /// The page of a run.
