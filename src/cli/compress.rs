@@ -15,6 +15,7 @@ use crate::pipeline::compressed::{Compressed, Truth};
 use crate::pipeline::compression::Compression;
 use crate::pipeline::virtual_views::Around;
 use crate::pipeline::{Output, Selection, budget};
+use crate::qirf::select::budget::Budget;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -130,6 +131,10 @@ impl Arguments {
 
     fn job(&self) -> Job {
         let preset = match self.preset {
+            // Without training after it, what each block loses stays lost: every block keeps its share.
+            Preset::Standard if self.fine_tune == 0 => {
+                Compression { budget: Budget::PerBlock, ..Compression::default() }
+            }
             Preset::Standard => Compression::default(),
             Preset::Paper => Compression::paper(),
         };

@@ -91,7 +91,7 @@ impl Evaluator {
         Ok(Self { renderer, background: settings.background, exposed: false, masked: false })
     }
 
-    /// Whether photos have exposures of their own, and are scored by the protocol of [`exposed`](super::exposed); whether
+    /// Whether photos have exposures of their own, and are scored by the protocol of [`super::exposed`]; whether
     /// their fourth byte says how much of a pixel counts.
     pub fn compare_as(&mut self, exposed: bool, masked: bool) {
         (self.exposed, self.masked) = (exposed, masked);
