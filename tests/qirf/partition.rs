@@ -80,7 +80,7 @@ fn a_full_voxel_is_split_and_counted() {
 #[test]
 fn coincident_points_are_split_by_index() {
     let made = check(&vec![[1.5_f32, -2.0, 0.25]; 100_000], Partition::ADAPTIVE);
-    assert_eq!(made.blocks.len(), 256);
+    assert_eq!(made.blocks.len(), 1024);
     assert!(made.blocks.iter().all(|b| *b.last().unwrap() as usize - b[0] as usize == b.len() - 1));
 }
 
