@@ -20,7 +20,7 @@ pub(super) struct Training {
     /// Length of the run; the schedule's milestones scale with it
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     iterations: Option<u32>,
-    /// Degree of the spherical harmonics [default: as the scene calls for, up to 3]
+    /// Degree of the spherical harmonics [default: 3]
     #[arg(long, value_name = "L", help_heading = "Effects", value_parser = clap::value_parser!(u8).range(0..=3))]
     sh_degree: Option<u8>,
     /// Key of all random numbers: the same seed on the same device gives the same bytes

@@ -29,15 +29,13 @@ impl Preset {
         }
     }
 
-    /// What the preset decides on effects: the paper's figures are of fixed image formation. Exposures and
-    /// anti-aliasing wait to be asked for (docs/decisions.md, 31).
+    /// What every preset decides on effects: degree 3, no exposures and no anti-aliasing, as the field's figures are taken.
+    /// What the scene calls for is measured, and waits to be asked for (docs/decisions.md, 31).
     pub fn effects(self) -> Overrides {
         let mut out = Overrides::default();
+        out.set(Effect::ViewDependence, Choice::On);
         out.set(Effect::Exposure, Choice::Off);
         out.set(Effect::Antialias, Choice::Off);
-        if self == Self::Paper {
-            out.set(Effect::ViewDependence, Choice::On);
-        }
         out
     }
 
