@@ -14,8 +14,8 @@ use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, formats};
 use crate::gpu::Device;
 use crate::metrics::{Networks, Scores};
+use crate::qirf::response::Evidence;
 use crate::qirf::select::budget::Keep;
-use crate::qirf::study::Evidence;
 use crate::render::{Renderer, Settings};
 use crate::scene::camera::Camera;
 use crate::train::loss::Weights;
@@ -331,13 +331,14 @@ fn evidence(
         watcher.responding(done, views.train.len());
         unless_stopped(watcher)
     };
+    let with_scores = job.compression.selector.reads_scores();
     if views.truth == Truth::Photos {
-        return trainer(device, model, views, job)?.evidence_with(follow);
+        return trainer(device, model, views, job)?.evidence_with(with_scores, follow);
     }
     let cameras: Vec<Camera> = views.train.iter().map(|v| v.camera.clone()).collect();
     let resident = Resident::upload(device, model)?;
     let pairs = budget::few_pairs(device, model.len());
-    virtual_views::evidence(device, &resident, &cameras, views.settings, pairs, follow)
+    virtual_views::evidence(device, &resident, &cameras, views.settings, (pairs, with_scores), follow)
 }
 
 fn trainer(device: &Device, model: &Gaussians, views: &Views, job: &Job) -> Result<Trainer, Error> {

@@ -6,9 +6,10 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::qirf::partition::Partition;
+use crate::qirf::response::Evidence;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
-use crate::qirf::study::{Basis, Evidence, Study};
+use crate::qirf::study::{Basis, Study};
 use crate::train::Trainer;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -146,9 +147,10 @@ pub fn prune(
     let begun = Instant::now();
     let averages = if responses == Responses::Average { trainer.averages()? } else { None };
     // Only selectors of other methods read scores, which averages lack.
+    let with_scores = compression.selector.reads_scores();
     let evidence = match averages {
-        Some(averages) if !compression.selector.reads_scores() => averages,
-        _ => trainer.evidence()?,
+        Some(averages) if !with_scores => averages,
+        _ => trainer.evidence(with_scores)?,
     };
     let responses_s = begun.elapsed().as_secs_f64();
     let mut pruned = prune_by(device, trainer, compression, keep, &evidence, seed)?;

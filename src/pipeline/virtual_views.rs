@@ -5,10 +5,9 @@ use super::orbit::{Look, Subject};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Buffer, Device};
-use crate::qirf::response::{Gather, HighPass, Responses, full_pass};
+use crate::gpu::{Buffer, Device, Recording};
+use crate::qirf::response::{Evidence, HighPass, Responses, full_pass};
 use crate::qirf::score::Scores;
-use crate::qirf::study::Evidence;
 use crate::render::{Image, Renderer, Settings};
 use crate::scene::camera::Camera;
 use crate::train::photos::TrainView;
@@ -70,8 +69,8 @@ pub fn extent(views: &[TrainView]) -> f64 {
     1.1 * views.iter().map(|v| v.camera.centre().distance(centre)).fold(0.0, f64::max)
 }
 
-/// Responses of a model to its own pictures, and other methods' scores: a pass over the cameras. `follow` hears how many
-/// views were seen, and may end it.
+/// Responses of a model to its own pictures, and where asked for other methods' scores: a pass over the cameras. `follow`
+/// hears how many views were seen, and may end it.
 ///
 /// # Errors
 /// Device memory; device errors; what `follow` says.
@@ -80,7 +79,7 @@ pub fn evidence(
     model: &Resident,
     cameras: &[Camera],
     settings: Settings,
-    pairs: u32,
+    (pairs, with_scores): (u32, bool),
     mut follow: impl FnMut(usize) -> Result<(), Error>,
 ) -> Result<Evidence, Error> {
     let most = |side: fn(&Camera) -> u32| cameras.iter().map(side).max().unwrap_or(1);
@@ -89,23 +88,14 @@ pub fn evidence(
     let mut renderer = Renderer::for_training(device, settings, model.len, size, pairs)?;
     let gradient = device.buffer("image gradient", pixels)?;
     let high_pass = HighPass::new(device, pixels)?;
-    let scores = Scores::zeros(device, model.len)?;
-    let responses = full_pass(
-        device,
-        &mut renderer,
-        model,
-        cameras,
-        &gradient,
-        Some(&scores),
-        |recording, v, image| -> Result<(), Error> {
-            follow(v)?;
-            high_pass.record(recording, image, &gradient, [cameras[v].width, cameras[v].height]);
-            Ok(())
-        },
-    )?;
+    let loss = |recording: &mut Recording, v: usize, image: &Buffer<[f32; 4]>| -> Result<(), Error> {
+        follow(v)?;
+        high_pass.record(recording, image, &gradient, [cameras[v].width, cameras[v].height]);
+        Ok(())
+    };
+    let evidence = full_pass(device, &mut renderer, model, cameras, &gradient, with_scores, loss)?;
     follow(cameras.len())?;
-    let gather = Gather::Mean { views: cameras.len() as u32 };
-    Ok(Evidence { responses: responses.read(device, gather)?, scores: scores.values.read(device)? })
+    Ok(evidence)
 }
 
 /// Bytes of device memory that [`evidence`] takes besides the model.

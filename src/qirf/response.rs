@@ -43,6 +43,15 @@ pub enum Gather {
     },
 }
 
+/// How strongly the pictures depend on each Gaussian.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Evidence {
+    /// Responses, n.
+    pub responses: Vec<[f32; CHANNELS]>,
+    /// Sum of T alpha, largest T alpha, hits, sum of opacity x T (see [`super::score`]), n; or none, where no selector asked reads them.
+    pub scores: Vec<[f32; 4]>,
+}
+
 /// Responses of all Gaussians, in device memory. Both arrays together are its whole state.
 pub struct Responses {
     /// n x 8: as of the iteration that last showed the Gaussian, since averages decay lazily.
@@ -210,10 +219,11 @@ pub fn full_pass<E: From<Error>>(
     model: &Resident,
     cameras: &[Camera],
     image_gradient: &Buffer<[f32; 4]>,
-    scores: Option<&Scores>,
+    with_scores: bool,
     mut loss: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>) -> std::result::Result<(), E>,
-) -> std::result::Result<Responses, E> {
+) -> std::result::Result<Evidence, E> {
     let responses = Responses::zeros(device, model.len)?;
+    let scores = with_scores.then(|| Scores::zeros(device, model.len)).transpose()?;
     let scoring = Scoring::new(device)?;
     let update = scoring.update();
     let gather = Gather::Mean { views: cameras.len() as u32 };
@@ -226,7 +236,7 @@ pub fn full_pass<E: From<Error>>(
             loss(&mut recording, v, renderer.image())?;
             renderer.record_backward_with_residual(&mut recording, model, camera, image_gradient, &update);
             responses.record(&mut recording, renderer, model, camera, gather);
-            if let Some(scores) = scores {
+            if let Some(scores) = &scores {
                 scores.record(&mut recording, renderer, model, camera);
             }
             device.run(recording)?;
@@ -236,5 +246,6 @@ pub fn full_pass<E: From<Error>>(
             }
         }
     }
-    Ok(responses)
+    let scores = scores.map(|s| s.values.read(device)).transpose()?;
+    Ok(Evidence { responses: responses.read(device, gather)?, scores: scores.unwrap_or_default() })
 }

@@ -5,6 +5,7 @@ use super::assemble::{Assembly, MOST_MEMBERS, Options, unpack_symmetric};
 use super::batch::{Block, BlockSelector, Collected, Solver, self_overlap};
 use super::overlap::Metric;
 use super::partition::{Blocks, Partition, Partitioned};
+use super::response::Evidence;
 use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
 use super::select::detail::{self, Exponents, Inputs};
 use super::select::merge::{Functions, merge};
@@ -75,15 +76,6 @@ impl Default for Basis {
             eta,
         }
     }
-}
-
-/// How strongly the pictures depend on each Gaussian.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Evidence {
-    /// Responses (see [`super::response`]), n.
-    pub responses: Vec<[f32; CHANNELS]>,
-    /// Sum of T alpha, largest T alpha, hits, sum of opacity x T (see [`super::score`]), n; or none, where no selector asked reads them.
-    pub scores: Vec<[f32; 4]>,
 }
 
 /// Seconds of a study.

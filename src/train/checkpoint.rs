@@ -59,7 +59,7 @@ impl Trainer {
                 Some(r) => (r.values.read(&self.device)?, r.seen.read(&self.device)?),
                 None => Default::default(),
             },
-            exposures: match &self.exposure {
+            exposures: match &self.objective.exposure {
                 Some(e) => (e.affine.read(&self.device)?, read(&e.moments)?),
                 None => Default::default(),
             },
@@ -98,11 +98,11 @@ impl Trainer {
             trainer.responses = Some(Responses { values, seen });
         }
         let (affine, moments) = &snapshot.exposures;
-        if let Some(e) = &trainer.exposure
+        if let Some(e) = &trainer.objective.exposure
             && affine.len() == e.affine.len()
         {
             let pixels = e.image.len();
-            trainer.exposure = Some(Exposure::with(device, affine, moments, pixels)?);
+            trainer.objective.exposure = Some(Exposure::with(device, affine, moments, pixels)?);
         }
         trainer.iteration = snapshot.iteration;
         trainer.skipped_rows = snapshot.skipped_rows;

@@ -3,72 +3,56 @@
 use super::density::compact;
 use super::error::Result;
 use super::loss::Weights;
+use super::objective::Target;
 use super::trainer::Trainer;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu;
-use crate::qirf::response::{self, Gather, record_residual};
-use crate::qirf::score::Scores;
-use crate::qirf::study::Evidence;
+use crate::qirf::response::{self, Evidence, Gather};
 
 impl Trainer {
-    /// Responses and other methods' scores by a pass over all training views; neither model nor moments change.
+    /// Responses, and where asked for other methods' scores, by a pass over all training views; neither model nor moments
+    /// change.
     ///
     /// # Errors
     /// Device memory; device errors; photos that cannot be read.
-    pub fn evidence(&mut self) -> Result<Evidence> {
-        self.evidence_with(|_| Ok(()))
+    pub fn evidence(&mut self, with_scores: bool) -> Result<Evidence> {
+        self.evidence_with(with_scores, |_| Ok(()))
     }
 
     /// As [`Trainer::evidence`]; `follow` hears how many views were seen, and may end it.
     ///
     /// # Errors
     /// As [`Trainer::evidence`]; what `follow` says.
-    pub fn evidence_with<E>(&mut self, mut follow: impl FnMut(usize) -> Result<(), E>) -> Result<Evidence, E>
+    pub fn evidence_with<E>(
+        &mut self,
+        with_scores: bool,
+        mut follow: impl FnMut(usize) -> Result<(), E>,
+    ) -> Result<Evidence, E>
     where
         E: From<gpu::Error> + From<super::Error>,
     {
-        let gather = Gather::Mean { views: self.views.len() as u32 };
-        let scores = Scores::zeros(&self.device, self.model.len)?;
         let cameras: Vec<_> = self.views.iter().map(|v| v.camera.clone()).collect();
-        let (device, views, photos, loss) = (&self.device, &self.views, &mut self.photos, &self.loss);
-        let (over, weights) = (self.options.transparent || self.options.masked, self.options.weights);
-        let background = self.options.settings.background;
-        let (renderer, model, gradient) = (&mut self.renderer, &self.model, &loss.gradient);
-        let (exposure, mask) = (&self.exposure, &self.mask);
-        let responses = response::full_pass(
+        let (device, views, photos) = (&self.device, &self.views, &mut self.photos);
+        let (objective, options) = (&self.objective, &self.options);
+        let evidence = response::full_pass(
             device,
-            renderer,
-            model,
+            &mut self.renderer,
+            &self.model,
             &cameras,
-            gradient,
-            Some(&scores),
+            &objective.loss.gradient,
+            with_scores,
             |recording, v, image| -> Result<(), E> {
                 follow(v)?;
-                let size = [cameras[v].width, cameras[v].height];
                 let photo = photos.get(device, views, v, (v + 1) % cameras.len())?;
-                let pixels = size[0] * size[1];
-                let mut seen = exposure.as_ref().map_or(image, |e| {
-                    e.apply(recording, v, image, pixels);
-                    &e.image
-                });
-                if let Some(mask) = mask {
-                    mask.apply(recording, photo, seen, pixels);
-                    seen = &mask.image;
-                }
-                loss.record(recording, seen, photo, size, over, background, weights);
-                if let Some(mask) = mask {
-                    mask.backward(recording, photo, gradient, pixels);
-                }
-                if let Some(e) = exposure {
-                    e.backward(recording, v, image, gradient, pixels, None);
-                }
-                record_residual(recording, seen, photo, gradient, size, over, background);
+                let target = Target { view: v, photo, size: [cameras[v].width, cameras[v].height] };
+                let seen = objective.record(recording, image, target, options, false, None);
+                objective.record_residual(recording, seen, target, options);
                 Ok(())
             },
         )?;
         follow(cameras.len())?;
-        Ok(Evidence { responses: responses.read(device, gather)?, scores: scores.values.read(device)? })
+        Ok(evidence)
     }
 
     /// The responses averaged over [`super::Options::averaged`], decayed to the last iteration done; none before.

@@ -9,6 +9,7 @@ pub mod initialise;
 pub mod loss;
 pub mod mask;
 mod memory;
+mod objective;
 pub mod photos;
 pub mod pixels;
 pub mod schedule;

@@ -3,15 +3,15 @@
 
 use super::density::{self, Step, densify};
 use super::error::{Error, Result};
-use super::exposure::{self, Exposure};
-use super::loss::{Loss, Weights};
-use super::mask::Mask;
+use super::exposure;
+use super::loss::Weights;
+use super::objective::{Objective, Target};
 use super::photos::{Photos, TrainView};
 use super::schedule::Schedule;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
-use crate::qirf::response::{Gather, Responses, record_residual};
+use crate::qirf::response::{Gather, Responses};
 use crate::random::permutation;
 use crate::render::{AdamState, Form, Renderer, Settings, Update};
 use std::collections::VecDeque;
@@ -51,6 +51,13 @@ pub struct Options {
     pub pairs: u32,
 }
 
+impl Options {
+    /// Whether the photos' fourth byte is a share over the background: opacity, or how much of a pixel counts.
+    pub(super) fn over(&self) -> bool {
+        self.transparent || self.masked
+    }
+}
+
 /// Where a run stands.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
@@ -69,10 +76,6 @@ pub struct Trainer {
     pub(super) model: Resident,
     pub(super) state: AdamState,
     pub(super) growth: Buffer<[f32; 2]>,
-    /// Exposures of the photos, where they have any.
-    pub(super) exposure: Option<Exposure>,
-    /// What hides parts of photos, where they have masks.
-    pub(super) mask: Option<Mask>,
     /// Averaged responses, while there are any.
     pub(super) responses: Option<Responses>,
     pub(super) iteration: u32,
@@ -87,7 +90,7 @@ pub struct Trainer {
     cameras: [f32; 3],
     guards: Buffer<u32>,
     pub(super) renderer: Renderer,
-    pub(super) loss: Loss,
+    pub(super) objective: Objective,
     order: (u32, Vec<usize>),
     timings: Timings,
 }
@@ -125,22 +128,19 @@ impl Trainer {
         let (width, height) = (size(|v| v.camera.width), size(|v| v.camera.height));
         let renderer =
             Renderer::for_training(device, options.settings, model.len * 5 / 4, [width, height], options.pairs)?;
-        let pixels = width as usize * height as usize;
-        let exposure = options.exposure.then(|| Exposure::new(device, views.len(), pixels)).transpose()?;
-        let background = options.settings.background;
-        let mask = options.masked.then(|| Mask::new(device, pixels, background)).transpose()?;
+        // Photos first: what brings them to the device is gone before the loss's pictures are made.
+        let photos = Photos::new(device, &views)?;
+        let objective = Objective::new(device, views.len(), [width, height], &options)?;
         let centres: glam::DVec3 = views.iter().map(|v| v.camera.centre()).sum();
         Ok(Self {
             cameras: (centres / views.len().max(1) as f64).as_vec3().to_array(),
-            photos: Photos::new(device, &views)?,
+            photos,
             guards: device.upload("guards", &[0, 0])?,
-            loss: Loss::new(device, width, height)?,
+            objective,
             device: device.clone(),
             model,
             state,
             growth,
-            exposure,
-            mask,
             responses: None,
             iteration: 0,
             position: 1.0,
@@ -235,7 +235,7 @@ impl Trainer {
         if self.iteration == last {
             let view = self.view_of(last);
             let size = self.size_of(view);
-            self.last_loss = self.loss.value(&self.device, size, self.options.weights)?;
+            self.last_loss = self.objective.loss.value(&self.device, size, self.options.weights)?;
             self.after(last)?;
         }
         Ok(self.progress())
@@ -320,37 +320,17 @@ impl Trainer {
         let (options, model) = (&self.options, &self.model);
         let mut recording = Recording::new();
         self.renderer.record(&mut recording, model, camera);
-        let (rendered, pixels) = (self.renderer.image(), size[0] * size[1]);
-        if let Some(exposure) = &self.exposure {
-            exposure.apply(&mut recording, at, rendered, pixels);
-        }
-        let mut image = self.exposure.as_ref().map_or(rendered, |e| &e.image);
-        if let Some(mask) = &self.mask {
-            mask.apply(&mut recording, photo, image, pixels);
-            image = &mask.image;
-        }
-        let over = options.transparent || options.masked;
-        recording.scope("loss", |r| {
-            let background = options.settings.background;
-            self.loss.record(r, image, photo, size, over, background, options.weights);
-            if with_value {
-                self.loss.record_value(r, size);
-            }
-        });
-        if let Some(mask) = &self.mask {
-            mask.backward(&mut recording, photo, &self.loss.gradient, pixels);
-        }
-        if let Some(exposure) = &self.exposure {
-            let slots = self.renderer.slots(camera);
-            let step = exposure::Step {
-                pairs: slots.pairs,
-                limit: slots.limit,
-                // Each photo is drawn once a round.
-                number: (iteration - 1) / self.views.len() as u32 + 1,
-                rate: exposure::rate(iteration, options.schedule.iterations, self.views.len()),
-            };
-            exposure.backward(&mut recording, at, rendered, &self.loss.gradient, pixels, Some(step));
-        }
+        let slots = self.renderer.slots(camera);
+        let step = exposure::Step {
+            pairs: slots.pairs,
+            limit: slots.limit,
+            // Each photo is drawn once a round.
+            number: (iteration - 1) / self.views.len() as u32 + 1,
+            rate: exposure::rate(iteration, options.schedule.iterations, self.views.len()),
+        };
+        let target = Target { view: at, photo, size };
+        let (objective, rendered) = (&self.objective, self.renderer.image());
+        let seen = objective.record(&mut recording, rendered, target, options, with_value, Some(step));
         let update = Update {
             state: &self.state,
             growth: &self.growth,
@@ -359,11 +339,10 @@ impl Trainer {
             rates: options.schedule.rates(iteration, self.extent * self.position),
             form: Form::Adam(iteration),
         };
-        let (renderer, gradient) = (&self.renderer, &self.loss.gradient);
+        let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
         match &self.responses {
             Some(responses) if options.averaged.contains(&iteration) => {
-                let background = options.settings.background;
-                record_residual(&mut recording, image, photo, gradient, size, over, background);
+                objective.record_residual(&mut recording, seen, target, options);
                 renderer.record_backward_with_residual(&mut recording, model, camera, gradient, &update);
                 responses.record(&mut recording, renderer, model, camera, Gather::Average { iteration });
             }

@@ -46,16 +46,14 @@ fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<[
     let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), SIZE, pairs).unwrap();
     let weights: Vec<Buffer<[f32; 4]>> = (0..2).map(|v| device.upload("weights", &image_weights(v)).unwrap()).collect();
     let gradient = device.buffer("image gradient", image_weights(0).len()).unwrap();
-    let scores = Scores::zeros(device, model.len()).unwrap();
     let loss = |r: &mut Recording, v: usize, _: &Buffer<[f32; 4]>| {
         r.copy(&weights[v], &gradient, gradient.len());
         Ok::<(), Error>(())
     };
-    let responses = full_pass(device, &mut renderer, &resident, &cameras, &gradient, Some(&scores), loss).unwrap();
+    let evidence = full_pass(device, &mut renderer, &resident, &cameras, &gradient, true, loss).unwrap();
     let after = resident.download(device).unwrap();
     assert_eq!(&after, model, "the model does not change");
-    let values = responses.read(device, Gather::Mean { views: 2 }).unwrap();
-    (values, scores.values.read(device).unwrap())
+    (evidence.responses, evidence.scores)
 }
 
 fn twin(model: &Gaussians, v: usize) -> reference::response::Responded {

@@ -3,9 +3,10 @@
 use super::common::{device, finish};
 use super::runs::{bits, options, train, trainer};
 use qirf_vk::pipeline::compression::{Compression, prune_by};
+use qirf_vk::qirf::response::Evidence;
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};
-use qirf_vk::qirf::study::{Basis, Evidence, Study};
+use qirf_vk::qirf::study::{Basis, Study};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::{Options, Trainer};
 
@@ -17,9 +18,9 @@ fn evidence_changes_nothing() {
     train(&mut one, 60);
     train(&mut other, 60);
     let before = one.snapshot().unwrap();
-    let evidence = one.evidence().unwrap();
+    let evidence = one.evidence(true).unwrap();
     assert!(before == one.snapshot().unwrap());
-    assert!(evidence == other.evidence().unwrap(), "a pair buffer that began too small");
+    assert!(evidence == other.evidence(true).unwrap(), "a pair buffer that began too small");
     let n = one.len();
     assert_eq!((evidence.responses.len(), evidence.scores.len()), (n, n));
     let seen = evidence.responses.iter().filter(|r| r[0] > 0.0).count();
@@ -58,7 +59,7 @@ fn counts_are_exact() {
     let device = device();
     let mut trained = trainer(&device, options());
     train(&mut trained, 60);
-    let evidence = trained.evidence().unwrap();
+    let evidence = trained.evidence(true).unwrap();
     let model = trained.download().unwrap();
     let selectors: Vec<Selector> = Selector::NAMES.iter().map(|(s, _)| *s).collect();
     let resident = trained.model();
