@@ -9,6 +9,7 @@ mod culling;
 mod flowers;
 mod frame;
 mod iteration;
+mod loss;
 mod overlap;
 mod primitives;
 mod scenes;
@@ -68,6 +69,7 @@ criterion_group!(
     frame::frame,
     cost::cost,
     culling::culling,
+    loss::loss,
     iteration::iteration,
     overlap::overlap,
     overlap::low_rank,

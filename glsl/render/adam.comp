@@ -1,4 +1,4 @@
-// Adam on one attribute, one element an invocation. Every row is updated, seen or not, as the reference does.
+// Adam on one attribute. Every row is updated, seen or not, as the reference does.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -13,6 +13,9 @@ layout(constant_id = 3) const uint OFFSET = 0; // of the attribute in a gradient
 layout(constant_id = 4) const uint BAND = 4;
 // 0 updates; 1 writes the gradient into the first moment instead (tests)
 layout(constant_id = 5) const uint FORM = 0;
+// Elements an invocation owns: 1, so that neighbouring lanes touch neighbouring words; or WIDTH, a Gaussian's, so that what
+// they share is read once.
+layout(constant_id = 6) const uint RUN = 1;
 
 layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the most ever needed
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -49,25 +52,31 @@ float basis(uint m, vec3 d) {
 }
 
 void main() {
-    uint at = global_index();
+    uint first = global_index() * RUN;
     // Pairs that did not fit: this iteration does not count, nor does any after it until the host has made room.
-    if (pairs[1] > pair_limit || at >= count[0] * WIDTH) return;
-    uint row = at / WIDTH * ROW, c = at % WIDTH;
+    if (pairs[1] > pair_limit || first >= count[0] * WIDTH) return;
+    uint row = first / WIDTH * ROW;
     if (rows[row + ROW_GOOD] == 0) return;
-    float gradient;
-    if (BAND == 4) {
-        gradient = rows[row + OFFSET + c];
-    } else {
-        vec3 d = vec3(rows[row + ROW_DIRECTION], rows[row + ROW_DIRECTION + 1], rows[row + ROW_DIRECTION + 2]);
-        gradient = basis(c / 3, d) * rows[row + ROW_COLOUR + c % 3];
+    vec3 colour = vec3(0), direction = vec3(0);
+    if (BAND < 4) {
+        colour = vec3(rows[row + ROW_COLOUR], rows[row + ROW_COLOUR + 1], rows[row + ROW_COLOUR + 2]);
+        if (BAND > 0) direction = vec3(rows[row + ROW_DIRECTION], rows[row + ROW_DIRECTION + 1], rows[row + ROW_DIRECTION + 2]);
     }
-    if (FORM == 1) {
-        moments[at] = vec2(gradient, 0);
-        return;
+    // One step is a coefficient's channels, or all of another attribute.
+    const uint STEP = BAND == 4 ? RUN : min(RUN, 3);
+    [[dont_unroll]] for (uint step = 0; step < RUN; step += STEP) {
+        [[unroll]] for (uint k = 0; k < STEP; k++) {
+            uint at = first + step + k, c = RUN == 1 ? at % WIDTH : step + k, channel = RUN == 1 ? c % 3 : k;
+            float gradient = BAND == 4 ? rows[row + OFFSET + c] : basis(c / 3, direction) * colour[channel];
+            if (FORM == 1) {
+                moments[at] = vec2(gradient, 0);
+                continue;
+            }
+            vec2 moment = moments[at];
+            moment.x = BETA1 * moment.x + (1 - BETA1) * gradient;
+            moment.y = BETA2 * moment.y + (1 - BETA2) * gradient * gradient;
+            moments[at] = moment;
+            values[at] -= rate * (moment.x * correction1) / (sqrt(moment.y) * correction2 + EPSILON);
+        }
     }
-    vec2 moment = moments[at];
-    moment.x = BETA1 * moment.x + (1 - BETA1) * gradient;
-    moment.y = BETA2 * moment.y + (1 - BETA2) * gradient * gradient;
-    moments[at] = moment;
-    values[at] -= rate * (moment.x * correction1) / (sqrt(moment.y) * correction2 + EPSILON);
 }

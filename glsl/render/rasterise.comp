@@ -78,7 +78,7 @@ void main() {
             vec4 my_geometry = geometry[i], my_shape = shape[i];
             vec2 my_colour = colour[i];
             for (uint n = 0; n < length; n++) {
-                blend(subgroupBroadcast(my_geometry, n), subgroupBroadcast(my_shape, n), subgroupBroadcast(my_colour, n));
+                blend(subgroupShuffle(my_geometry, n), subgroupShuffle(my_shape, n), subgroupShuffle(my_colour, n));
             }
         }
     } else {

@@ -44,9 +44,9 @@ float worth(vec4 g, vec4 c) { return RESIDUAL ? dot(g.rgb, c.rgb) : dot(g, c); }
 // subgroupAdd; lane by lane where the subgroup is small, since CPU devices run the built-in as a loop with a branch a lane.
 vec4 lane_sum(vec4 x) {
     if (SUBGROUP != 8) return subgroupAdd(x);
-    vec4 sum = subgroupBroadcast(x, 0);
-    [[unroll]] for (uint l = 1; l < 8; l++) sum += subgroupBroadcast(x, l);
-    return sum;
+    x += subgroupShuffleXor(x, 1);
+    x += subgroupShuffleXor(x, 2);
+    return x + subgroupShuffleXor(x, 4);
 }
 
 bool done() {
@@ -83,8 +83,8 @@ void main() {
         vec2 my_colour = colour[i];
         vec4 my_a = vec4(0), my_b = vec4(0), my_c = vec4(0);
         for (uint n = 0; n < length; n++) {
-            vec4 g = subgroupBroadcast(my_geometry, n), s = subgroupBroadcast(my_shape, n);
-            vec4 rgb1 = vec4(s.w, subgroupBroadcast(my_colour, n), 1);
+            vec4 g = subgroupShuffle(my_geometry, n), s = subgroupShuffle(my_shape, n);
+            vec4 rgb1 = vec4(s.w, subgroupShuffle(my_colour, n), 1);
             vec3 k = vec3(g.zw, s.x);
             vec4 a = vec4(0), b = vec4(0), c = vec4(0);
             [[unroll]] for (uint p = 0; p < PIXELS; p++) {

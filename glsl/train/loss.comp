@@ -1,25 +1,30 @@
-// L1 + SSIM (+ L2) of a picture against its photo, and the gradient by the picture. The window is separable and its sums
-// run along columns, then rows, then once more for the gradient: an invocation owns a run of RUN outputs of one channel, so
-// that each value read serves up to RUN sums out of registers.
+// L1 + SSIM (+ L2) of a picture against its photo, and the gradient by the picture. The window is separable: an invocation
+// walks a run of one line of one channel with the last TAPS values in registers, so that each is read once a run.
 //
-// With m = E[x], e = E[xx], c = E[xy] under the window, SSIM's map s(m, e, c) gives
-//   d(sum s)/dx = W(ds/dm) + 2 x W(ds/de) + y W(ds/dc), W being the same window, which is symmetric.
+// With m = E[x], r = E[(x - y)^2], c = E[xy] under the window and n = E[y], SSIM's map is s = AB / ED of
+//   A = 2 m n + C1, E = A + (m - n)^2, B = 2 (c - m n) + C2, D = B + r - (m - n)^2,
+// the usual quotient, in which what two equal pictures lack is not the difference of large numbers: 1 - s and its slopes
+// are exact where training ends.
+//   d(sum s)/dx = W(ds/dm) + 2 (x - y) W(ds/dr) + y W(ds/dc), W being the same window, which is symmetric.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 
-// 0 columns of the five means, 1 rows of them and the map, 2 columns of the three partial derivatives, 3 rows and the gradient
+// 0 columns of the four means, 1 rows of them, the map and rows of its partial derivatives, 2 columns of those and the gradient
 layout(constant_id = 2) const uint PHASE = 0;
 // What a photo's fourth byte means: 0 nothing, 1 opacity, the photo lying over the background.
 layout(constant_id = 3) const uint ALPHA = 0;
 
+// Length of a run, in rounds of TAPS steps.
+layout(constant_id = 4) const uint ROUNDS = 4;
+
 layout(binding = 0, std430) readonly buffer Image { float image[]; }; // RGBA
 layout(binding = 1, std430) readonly buffer Photo { uint photo[]; }; // RGBA, 8 bits each
-layout(binding = 2, std430) buffer Means { float means[]; };       // 5 planes of 3 channels
-layout(binding = 3, std430) buffer Partials { float partials[]; }; // 6 planes of 3 channels: partials, then their columns
+layout(binding = 2, std430) buffer Means { float means[]; };       // m, n, r, c: 4 planes of 3 channels
+layout(binding = 3, std430) buffer Partials { float partials[]; }; // rows of those by m, r, c: 3 planes of 3 channels
 layout(binding = 4, std430) writeonly buffer Gradient { float gradient[]; }; // by RGBA
-layout(binding = 5, std430) buffer Terms { vec4 terms[]; };        // by run: sums of |x - y|, s, (x - y)^2, 0
+layout(binding = 5, std430) buffer Terms { vec4 terms[]; };        // sums of |x - y|, s, (x - y)^2, 0: runs of phase 1, then of 2
 layout(push_constant) uniform Push {
     vec4 background;
     uint width;
@@ -27,21 +32,29 @@ layout(push_constant) uniform Push {
     float l1;   // weights of the three terms, each over the number of values
     float ssim;
     float l2;
+    uint row_runs; // runs of phase 1
 };
 
-const uint RUN = 8;
+const uint TAPS = 11;
 const uint RADIUS = 5;
 const float C1 = 1e-4;
 const float C2 = 9e-4;
 // Gaussian of sigma 1.5 over 11 samples, normalised.
-const float WINDOW[11] = float[](0.0010283801, 0.0075987581, 0.0360007721, 0.1093606895, 0.2130055377, 0.2660117249,
-                                 0.2130055377, 0.1093606895, 0.0360007721, 0.0075987581, 0.0010283801);
+const float WINDOW[TAPS] = float[](0.0010283801, 0.0075987581, 0.0360007721, 0.1093606895, 0.2130055377, 0.2660117249,
+                                   0.2130055377, 0.1093606895, 0.0360007721, 0.0075987581, 0.0010283801);
+
+// Sum under the window of a ring whose oldest value lies at `first`. Rings are indexed by constants once loops are unrolled.
+#define TAP(ring, first, k) WINDOW[k] * ring[((first) + (k)) % TAPS]
+#define WINDOWED(ring, first)                                                                                             \
+    (TAP(ring, first, 0) + TAP(ring, first, 1) + TAP(ring, first, 2) + TAP(ring, first, 3) + TAP(ring, first, 4)          \
+     + TAP(ring, first, 5) + TAP(ring, first, 6) + TAP(ring, first, 7) + TAP(ring, first, 8) + TAP(ring, first, 9)        \
+     + TAP(ring, first, 10))
 
 float rendered(uint pixel, uint channel) { return image[4 * pixel + channel]; }
 
 float truth(uint pixel, uint channel) {
     uint word = photo[pixel];
-    float value = float((word >> (8 * channel)) & 255u) / 255.0;
+    float value = float((word >> (8 * channel)) & 255u) * (1 / 255.0);
     if (ALPHA == 1) {
         float opacity = float(word >> 24) / 255.0;
         value = value * opacity + background[channel] * (1 - opacity);
@@ -49,136 +62,135 @@ float truth(uint pixel, uint channel) {
     return value;
 }
 
-// Lanes of a subgroup take neighbouring lines, a line being a column in phases 0 and 2, a row in 1 and 3.
+// Lanes of a subgroup take neighbouring lines, a line being a row in phase 1, else a column.
 struct Run {
     uint line;
-    uint start;
+    int start;
     uint channel;
-    bool there;
 };
-
-Run run_of(uint index, uint lines, uint length) {
-    uint runs = (length + RUN - 1) / RUN;
-    Run r;
-    r.line = index % lines;
-    r.start = index / lines % runs * RUN;
-    r.channel = index / lines / runs;
-    r.there = r.channel < 3;
-    return r;
-}
 
 uint plane(uint p, uint channel) { return (p * 3 + channel) * width * height; }
 
-void columns_of_means(Run r) {
-    float sums[5][RUN];
-    [[unroll]] for (uint o = 0; o < RUN; o++) [[unroll]] for (uint m = 0; m < 5; m++) sums[m][o] = 0;
-    [[unroll]] for (uint k = 0; k < RUN + 2 * RADIUS; k++) {
-        int row = int(r.start + k) - int(RADIUS);
-        bool inside = row >= 0 && row < int(height);
-        uint pixel = inside ? uint(row) * width + r.line : 0;
-        float x = inside ? rendered(pixel, r.channel) : 0;
-        float y = inside ? truth(pixel, r.channel) : 0;
-        float values[5] = float[](x, y, x * x, y * y, x * y);
-        [[unroll]] for (uint o = 0; o < RUN; o++) {
-            if (k >= o && k - o <= 2 * RADIUS) [[unroll]] for (uint m = 0; m < 5; m++) sums[m][o] += WINDOW[k - o] * values[m];
-        }
+void columns_of_means(Run run) {
+    float x[TAPS], y[TAPS], r[TAPS], c[TAPS];
+    uint pixels = width * height;
+    int at = run.start - int(RADIUS);
+    uint pixel = uint(at) * width + run.line; // wraps above the picture, where nothing is read
+#define READ_PAIR(slot)                                                                                                   \
+    bool inside = at >= 0 && at < int(height);                                                                            \
+    x[slot] = inside ? rendered(pixel, run.channel) : 0;                                                                    \
+    y[slot] = inside ? truth(pixel, run.channel) : 0;                                                                       \
+    r[slot] = (x[slot] - y[slot]) * (x[slot] - y[slot]);                                                                      \
+    c[slot] = x[slot] * y[slot];                                                                                          \
+    at++;                                                                                                                 \
+    pixel += width;
+    [[unroll]] for (uint k = 0; k < TAPS - 1; k++) {
+        READ_PAIR(k)
     }
-    [[unroll]] for (uint o = 0; o < RUN; o++) {
-        if (r.start + o < height) {
-            [[unroll]] for (uint m = 0; m < 5; m++) means[plane(m, r.channel) + (r.start + o) * width + r.line] = sums[m][o];
+    uint written = plane(0, run.channel) + uint(run.start) * width + run.line;
+    for (uint round = 0; round < ROUNDS && at < int(height + RADIUS); round++) {
+        [[unroll]] for (uint s = 0; s < TAPS; s++) {
+            READ_PAIR((s + TAPS - 1) % TAPS)
+            if (at <= int(height + RADIUS)) {
+                means[written] = WINDOWED(x, s);
+                means[written + 3 * pixels] = WINDOWED(y, s);
+                means[written + 6 * pixels] = WINDOWED(r, s);
+                means[written + 9 * pixels] = WINDOWED(c, s);
+            }
+            written += width;
         }
     }
 }
 
-void rows_and_map(Run r, uint index) {
-    float sums[5][RUN];
-    [[unroll]] for (uint o = 0; o < RUN; o++) [[unroll]] for (uint m = 0; m < 5; m++) sums[m][o] = 0;
-    [[unroll]] for (uint k = 0; k < RUN + 2 * RADIUS; k++) {
-        int column = int(r.start + k) - int(RADIUS);
-        bool inside = column >= 0 && column < int(width);
-        uint at = r.line * width + (inside ? uint(column) : 0);
-        [[unroll]] for (uint m = 0; m < 5; m++) {
-            float value = inside ? means[plane(m, r.channel) + at] : 0;
-            [[unroll]] for (uint o = 0; o < RUN; o++) {
-                if (k >= o && k - o <= 2 * RADIUS) sums[m][o] += WINDOW[k - o] * value;
+void rows_and_map(Run run, uint index) {
+    float m[TAPS], n[TAPS], r[TAPS], c[TAPS]; // columns of means
+    float by_m[TAPS], by_r[TAPS], by_c[TAPS]; // partial derivatives
+    uint pixels = width * height;
+    int at = run.start - 2 * int(RADIUS);
+    uint base = plane(0, run.channel) + run.line * width;
+#define READ_MEANS(slot)                                                                                                  \
+    bool inside = at >= 0 && at < int(width);                                                                             \
+    uint read = base + uint(at);                                                                                          \
+    m[slot] = inside ? means[read] : 0;                                                                                   \
+    n[slot] = inside ? means[read + 3 * pixels] : 0;                                                                      \
+    r[slot] = inside ? means[read + 6 * pixels] : 0;                                                                      \
+    c[slot] = inside ? means[read + 9 * pixels] : 0;                                                                      \
+    at++;
+    [[unroll]] for (uint k = 0; k < TAPS - 1; k++) {
+        READ_MEANS(k)
+        by_m[k + 1] = by_r[k + 1] = by_c[k + 1] = 0;
+    }
+    float total = 0;
+    int last = min(run.start + int(TAPS * (ROUNDS - 1)) + 1, int(width)); // of this run's outputs, one past
+    for (uint round = 0; round < ROUNDS && at < int(width) + 2 * int(RADIUS); round++) {
+        [[unroll]] for (uint s = 0; s < TAPS; s++) {
+            READ_MEANS((s + TAPS - 1) % TAPS)
+            int centre = at - 1 - int(RADIUS);
+            float mean = WINDOWED(m, s), photo_mean = WINDOWED(n, s), apart = mean - photo_mean;
+            float a = 2 * mean * photo_mean + C1, e = a + apart * apart;
+            float b = 2 * (WINDOWED(c, s) - mean * photo_mean) + C2, excess = WINDOWED(r, s) - apart * apart, d = b + excess;
+            float share = 1 / (e * d), map = a * b * share;
+            float missing = (a * excess + apart * apart * d) * share; // 1 - map
+            bool there = centre >= 0 && centre < int(width);
+            by_m[s] = there ? 2 * share * ((b - a) * (photo_mean * missing - apart * map) - mean * map * (excess - apart * apart)) : 0;
+            by_r[s] = there ? -map / d : 0;
+            by_c[s] = there ? 2 * a * excess * share / d : 0;
+            if (centre >= run.start && centre < last) total += map;
+            int output_at = centre - int(RADIUS);
+            if (output_at >= run.start && output_at < last) {
+                uint written = base + uint(output_at);
+                partials[written] = WINDOWED(by_m, s + 1);
+                partials[written + 3 * pixels] = WINDOWED(by_r, s + 1);
+                partials[written + 6 * pixels] = WINDOWED(by_c, s + 1);
             }
         }
     }
-    vec4 total = vec4(0);
-    [[unroll]] for (uint o = 0; o < RUN; o++) {
-        if (r.start + o < width) {
-            uint pixel = r.line * width + r.start + o;
-            float mx = sums[0][o], my = sums[1][o];
-            float vx = sums[2][o] - mx * mx, vy = sums[3][o] - my * my, cov = sums[4][o] - mx * my;
-            float a = 2 * mx * my + C1, b = 2 * cov + C2;
-            float c = mx * mx + my * my + C1, d = vx + vy + C2;
-            float s = a * b / (c * d);
-            // By m with the variances' own dependence on it, by e, by c.
-            partials[plane(0, r.channel) + pixel] = (2 * my * (b - a) + 2 * mx * s * (c - d)) / (c * d);
-            partials[plane(1, r.channel) + pixel] = -s / d;
-            partials[plane(2, r.channel) + pixel] = 2 * a / (c * d);
-            float difference = rendered(pixel, r.channel) - truth(pixel, r.channel);
-            total += vec4(abs(difference), s, difference * difference, 0);
-        }
-    }
-    terms[index] = total;
+    terms[index] = vec4(0, total, 0, 0);
 }
 
-void columns_of_partials(Run r) {
-    float sums[3][RUN];
-    [[unroll]] for (uint o = 0; o < RUN; o++) [[unroll]] for (uint m = 0; m < 3; m++) sums[m][o] = 0;
-    [[unroll]] for (uint k = 0; k < RUN + 2 * RADIUS; k++) {
-        int row = int(r.start + k) - int(RADIUS);
-        bool inside = row >= 0 && row < int(height);
-        uint at = (inside ? uint(row) : 0) * width + r.line;
-        [[unroll]] for (uint m = 0; m < 3; m++) {
-            float value = inside ? partials[plane(m, r.channel) + at] : 0;
-            [[unroll]] for (uint o = 0; o < RUN; o++) {
-                if (k >= o && k - o <= 2 * RADIUS) sums[m][o] += WINDOW[k - o] * value;
+void columns_and_gradient(Run run, uint index) {
+    float by_m[TAPS], by_r[TAPS], by_c[TAPS];
+    uint pixels = width * height;
+    int at = run.start - int(RADIUS);
+    uint read = plane(0, run.channel) + uint(at) * width + run.line;
+#define READ_PARTIALS(slot)                                                                                               \
+    bool inside = at >= 0 && at < int(height);                                                                            \
+    by_m[slot] = inside ? partials[read] : 0;                                                                             \
+    by_r[slot] = inside ? partials[read + 3 * pixels] : 0;                                                                \
+    by_c[slot] = inside ? partials[read + 6 * pixels] : 0;                                                                \
+    at++;                                                                                                                 \
+    read += width;
+    [[unroll]] for (uint k = 0; k < TAPS - 1; k++) {
+        READ_PARTIALS(k)
+    }
+    vec2 total = vec2(0);
+    uint pixel = uint(run.start) * width + run.line;
+    for (uint round = 0; round < ROUNDS && at < int(height + RADIUS); round++) {
+        [[unroll]] for (uint s = 0; s < TAPS; s++) {
+            READ_PARTIALS((s + TAPS - 1) % TAPS)
+            if (at <= int(height + RADIUS)) {
+                float x = rendered(pixel, run.channel), y = truth(pixel, run.channel);
+                float by_ssim = WINDOWED(by_m, s) + 2 * (x - y) * WINDOWED(by_r, s) + y * WINDOWED(by_c, s);
+                gradient[4 * pixel + run.channel] = l1 * sign(x - y) - ssim * by_ssim + 2 * l2 * (x - y);
+                if (run.channel == 0) gradient[4 * pixel + 3] = 0;
+                total += vec2(abs(x - y), (x - y) * (x - y));
             }
+            pixel += width;
         }
     }
-    [[unroll]] for (uint o = 0; o < RUN; o++) {
-        if (r.start + o < height) {
-            [[unroll]] for (uint m = 0; m < 3; m++) {
-                partials[plane(3 + m, r.channel) + (r.start + o) * width + r.line] = sums[m][o];
-            }
-        }
-    }
-}
-
-void rows_and_gradient(Run r) {
-    float sums[3][RUN];
-    [[unroll]] for (uint o = 0; o < RUN; o++) [[unroll]] for (uint m = 0; m < 3; m++) sums[m][o] = 0;
-    [[unroll]] for (uint k = 0; k < RUN + 2 * RADIUS; k++) {
-        int column = int(r.start + k) - int(RADIUS);
-        bool inside = column >= 0 && column < int(width);
-        uint at = r.line * width + (inside ? uint(column) : 0);
-        [[unroll]] for (uint m = 0; m < 3; m++) {
-            float value = inside ? partials[plane(3 + m, r.channel) + at] : 0;
-            [[unroll]] for (uint o = 0; o < RUN; o++) {
-                if (k >= o && k - o <= 2 * RADIUS) sums[m][o] += WINDOW[k - o] * value;
-            }
-        }
-    }
-    [[unroll]] for (uint o = 0; o < RUN; o++) {
-        if (r.start + o < width) {
-            uint pixel = r.line * width + r.start + o;
-            float x = rendered(pixel, r.channel), y = truth(pixel, r.channel);
-            float by_ssim = sums[0][o] + 2 * x * sums[1][o] + y * sums[2][o];
-            gradient[4 * pixel + r.channel] = l1 * sign(x - y) - ssim * by_ssim + 2 * l2 * (x - y);
-            if (r.channel == 0) gradient[4 * pixel + 3] = 0;
-        }
-    }
+    terms[row_runs + index] = vec4(total.x, 0, total.y, 0);
 }
 
 void main() {
     uint index = global_index();
-    bool columns = PHASE == 0 || PHASE == 2;
-    Run r = run_of(index, columns ? width : height, columns ? height : width);
-    if (!r.there) return;
-    if (PHASE == 0) columns_of_means(r);
-    else if (PHASE == 1) rows_and_map(r, index);
-    else if (PHASE == 2) columns_of_partials(r);
-    else rows_and_gradient(r);
+    bool rows = PHASE == 1;
+    uint lines = rows ? height : width, length_of_line = rows ? width : height;
+    // The map's partial derivatives reach a window further than the runs that they are summed over.
+    uint length_of_run = rows ? TAPS * (ROUNDS - 1) + 1 : TAPS * ROUNDS;
+    uint runs = (length_of_line + length_of_run - 1) / length_of_run;
+    Run run = Run(index % lines, int(index / lines % runs * length_of_run), index / lines / runs);
+    if (run.channel >= 3) return;
+    if (PHASE == 0) columns_of_means(run);
+    else if (PHASE == 1) rows_and_map(run, index);
+    else columns_and_gradient(run, index);
 }

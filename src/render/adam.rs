@@ -1,6 +1,6 @@
 //! Adam, attribute by attribute, from the gradient rows that projection's backward pass leaves.
 
-use super::frame::Frame;
+use super::frame::{Frame, Shape};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
@@ -143,7 +143,7 @@ impl Scoring {
 /// Marks an attribute whose gradient stands in the row itself.
 const NO_BAND: u32 = 4;
 
-pub(super) fn record(recording: &mut Recording, frame: &Frame, model: &Resident, update: &Update<'_>) {
+pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, model: &Resident, update: &Update<'_>) {
     let (state, rates) = (update.state, update.rates);
     // Offsets are those of lib/gradient_row.glsl.
     let attributes = [
@@ -153,17 +153,18 @@ pub(super) fn record(recording: &mut Recording, frame: &Frame, model: &Resident,
         (&model.opacity_logits, &state.opacity_logits, 1, 10, rates.opacity),
     ];
     for (values, moments, width, offset, rate) in attributes {
-        attribute(recording, frame, model, update, values, moments, [width, offset, NO_BAND], rate);
+        attribute(recording, shape.cpu, frame, model, update, values, moments, [width, offset, NO_BAND], rate);
     }
     for l in 0..=model.degree {
         let width = Gaussians::band_width(l) as u32;
         let rate = if l == 0 { rates.dc } else { rates.rest };
-        attribute(recording, frame, model, update, &model.sh[l], &state.sh[l], [width, 0, l as u32], rate);
+        attribute(recording, shape.cpu, frame, model, update, &model.sh[l], &state.sh[l], [width, 0, l as u32], rate);
     }
 }
 
 fn attribute(
     recording: &mut Recording,
+    cpu: bool,
     frame: &Frame,
     model: &Resident,
     update: &Update<'_>,
@@ -177,6 +178,8 @@ fn attribute(
         Form::Gradients { .. } | Form::Rows => (1, 1),
     };
     let correction = |beta: f64| 1.0 - beta.powf(f64::from(step));
+    // On a GPU neighbouring lanes touch neighbouring words; on a CPU what a Gaussian's elements share is read once.
+    let run = if cpu { width } else { 1 };
     let kernel = Adam {
         pairs: &frame.pairs.count.value,
         count: &model.count.value,
@@ -189,8 +192,8 @@ fn attribute(
             correction2: (1.0 / correction(0.999).sqrt()) as f32,
             pair_limit: frame.pairs.count.limit(),
         },
-        spec: AdamSpec { workgroup: WORKGROUP, width, offset, band, form },
+        spec: AdamSpec { workgroup: WORKGROUP, width, offset, band, form, run },
     };
-    let elements = model.len as u32 * width;
-    recording.dispatch(&kernel, Groups::Count(elements.div_ceil(WORKGROUP)));
+    let runs = model.len as u32 * (width / run);
+    recording.dispatch(&kernel, Groups::Count(runs.div_ceil(WORKGROUP)));
 }

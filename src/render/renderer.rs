@@ -237,7 +237,7 @@ impl Renderer {
         });
         recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, moments, model, update));
         if update.form != Form::Rows {
-            recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, frame, model, update));
+            recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, shape, frame, model, update));
         }
     }
 

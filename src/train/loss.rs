@@ -4,8 +4,20 @@ use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::train::{Loss as Kernel, LossPush, LossSpec};
 use crate::primitives::{WORKGROUP, reduce};
 
-/// Outputs that one invocation owns; see `loss.comp`.
-const RUN: u32 = 8;
+/// Samples of SSIM's window, steps of a round; see `loss.comp`.
+const TAPS: u32 = 11;
+
+/// Rounds of an invocation's run: long runs read each value less often, short ones occupy a GPU.
+fn rounds(device: &Device) -> u32 {
+    if device.info().kind == "cpu" { 4 } else { FEWEST_ROUNDS }
+}
+
+const FEWEST_ROUNDS: u32 = 2;
+
+/// Runs of the rows phase and of a columns phase.
+fn runs([width, height]: [u32; 2], rounds: u32) -> [u32; 2] {
+    [3 * height * width.div_ceil(TAPS * (rounds - 1) + 1), 3 * width * height.div_ceil(TAPS * rounds)]
+}
 
 /// Weights of the loss's terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,6 +38,7 @@ impl Default for Weights {
 
 /// Scratch of the loss for pictures of up to a number of pixels.
 pub struct Loss {
+    rounds: u32,
     means: Buffer<f32>,
     partials: Buffer<f32>,
     terms: Buffer<[f32; 4]>,
@@ -37,15 +50,15 @@ pub struct Loss {
 impl Loss {
     /// Bytes of [`Loss::new`].
     pub fn bytes(width: u32, height: u32) -> u64 {
-        let (pixels, runs) = (width as usize * height as usize, Self::runs(width, height));
-        let planes = Buffer::<f32>::bytes_of(15 * pixels) + Buffer::<f32>::bytes_of(18 * pixels);
+        let pixels = width as usize * height as usize;
+        let planes = Buffer::<f32>::bytes_of(12 * pixels) + Buffer::<f32>::bytes_of(9 * pixels);
         let of = Buffer::<[f32; 4]>::bytes_of;
-        planes + of(runs) + of(1) + of(pixels)
+        planes + of(Self::terms(width, height)) + of(1) + of(pixels)
     }
 
-    /// Invocations that a picture of this size, or lying on its side, takes at most.
-    fn runs(width: u32, height: u32) -> usize {
-        3 * width.max(height) as usize * width.max(height).div_ceil(RUN) as usize
+    /// Terms of a picture of this size, or of one that fits in it, at most.
+    fn terms(width: u32, height: u32) -> usize {
+        runs([width, height], FEWEST_ROUNDS).iter().map(|r| *r as usize).sum()
     }
 
     /// Scratch for pictures of at most `width` x `height`.
@@ -54,11 +67,11 @@ impl Loss {
     /// Device memory.
     pub fn new(device: &Device, width: u32, height: u32) -> Result<Self> {
         let pixels = width as usize * height as usize;
-        let runs = Self::runs(width, height);
         Ok(Self {
-            means: device.buffer("window means", 15 * pixels)?,
-            partials: device.buffer("SSIM partials", 18 * pixels)?,
-            terms: device.buffer("loss terms", runs)?,
+            rounds: rounds(device),
+            means: device.buffer("window means", 12 * pixels)?,
+            partials: device.buffer("SSIM partials", 9 * pixels)?,
+            terms: device.buffer("loss terms", Self::terms(width, height))?,
             sums: device.buffer("loss sums", 1)?,
             gradient: device.buffer("image gradient", pixels)?,
         })
@@ -79,8 +92,8 @@ impl Loss {
     ) {
         let share = 1.0 / (3.0 * width as f32 * height as f32);
         let [r, g, b] = background;
-        for phase in 0..4 {
-            let (lines, length) = if phase % 2 == 0 { (width, height) } else { (height, width) };
+        let [row_runs, column_runs] = runs([width, height], self.rounds);
+        for (phase, runs) in [column_runs, row_runs, column_runs].into_iter().enumerate() {
             let kernel = Kernel {
                 image: &image.cast(),
                 photo,
@@ -95,18 +108,22 @@ impl Loss {
                     l1: weights.l1 * share,
                     ssim: weights.ssim * share,
                     l2: weights.l2 * share,
+                    row_runs,
                 },
-                spec: LossSpec { workgroup: WORKGROUP, phase, alpha: u32::from(transparent) },
+                spec: LossSpec {
+                    workgroup: WORKGROUP,
+                    phase: phase as u32,
+                    alpha: u32::from(transparent),
+                    rounds: self.rounds,
+                },
             };
-            let runs = 3 * lines * length.div_ceil(RUN);
             recording.dispatch(&kernel, Groups::Count(runs.div_ceil(WORKGROUP)));
         }
     }
 
     /// Records the sums that [`Loss::value`] reads: only iterations that someone looks at pay for them.
-    pub fn record_value(&self, recording: &mut Recording, [width, height]: [u32; 2]) {
-        let runs = 3 * height * width.div_ceil(RUN);
-        reduce(recording, &self.terms, runs, &self.sums);
+    pub fn record_value(&self, recording: &mut Recording, size: [u32; 2]) {
+        reduce(recording, &self.terms, runs(size, self.rounds).iter().sum(), &self.sums);
     }
 
     /// The value of the loss recorded last with its sums.

@@ -1,0 +1,42 @@
+//! `loss`: L1 + SSIM and its gradient by picture size; its cost is linear in pixels.
+
+use super::{device, group, time_of};
+use criterion::{BenchmarkId, Criterion, Throughput};
+use qirf_vk::gpu::{Recording, Timings};
+use qirf_vk::train::loss::{Loss, Weights};
+use std::time::{Duration, Instant};
+
+/// Pictures of noise against photos of noise.
+pub fn loss(criterion: &mut Criterion) {
+    let device = device();
+    let mut group = group(criterion, "loss");
+    for [width, height] in [[144, 256], [288, 512], [576, 1024]] {
+        let pixels = width as usize * height as usize;
+        let noise = |i: usize| (i as u32).wrapping_mul(2_654_435_761) >> 8;
+        let image: Vec<[f32; 4]> =
+            (0..pixels).map(|i| [0, 1, 2, 3].map(|c| noise(4 * i + c) as f32 / 16_777_216.0)).collect();
+        let photo: Vec<u32> = (0..pixels).map(|i| noise(i + 77) | 0xff00_0000).collect();
+        let (image, photo) = (device.upload("image", &image).unwrap(), device.upload("photo", &photo).unwrap());
+        let loss = Loss::new(device, width, height).unwrap();
+        let once = || -> Timings {
+            let mut recording = Recording::new();
+            recording.scope("loss", |r| {
+                loss.record(r, &image, &photo, [width, height], false, [0.0; 3], Weights::default());
+            });
+            device.run(recording).unwrap()
+        };
+        once();
+        group.throughput(Throughput::Elements(pixels as u64));
+        group.bench_function(BenchmarkId::from_parameter(format!("{width}x{height}")), |b| {
+            b.iter_custom(|iterations| {
+                (0..iterations)
+                    .map(|_| {
+                        let start = Instant::now();
+                        time_of(&once(), "loss", start)
+                    })
+                    .sum::<Duration>()
+            });
+        });
+    }
+    group.finish();
+}
