@@ -212,7 +212,7 @@ fn models_are_converted_and_never_over_themselves() {
     let before = house.content();
     house.fails(2, &["convert", "model.ply", "model.ply"], &["model.ply", "another name"]);
     house.fails(2, &["convert", "model.ply", "./scene/../model.ply"], &["another name"]);
-    house.fails(2, &["convert", "model.ply", "model.obj"], &["model.obj", ".ply or .spz"]);
+    house.fails(2, &["convert", "model.ply", "model.obj"], &["model.obj", ".ply, .spz or .sog"]);
     house.fails(2, &["convert", "model.ply", "scene"], &["scene", "folder"]);
     house.fails(3, &["convert", "absent.ply", "out.ply"], &["absent.ply", "check"]);
     house.fails(5, &["convert", "model.ply", "absent/out.ply"], &["absent"]);

@@ -114,11 +114,13 @@ fn the_kept_are_the_originals_and_as_many_as_asked_for() {
     small(&model, &again, &exact);
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&again).unwrap(), "one input, one output");
 
-    let spz = folder.path().join("c.spz");
-    let figures = small(&model, &spz, &["--keep", "0.5", "--merge"]);
-    let loaded = formats::read(&spz).unwrap();
-    assert_eq!((loaded.format, loaded.gaussians.len() as u64), (formats::Format::Spz, n / 2));
-    assert!(figures["prune"]["merged"].is_object());
+    for (name, format) in [("c.spz", formats::Format::Spz), ("c.sog", formats::Format::Sog)] {
+        let path = folder.path().join(name);
+        let figures = small(&model, &path, &["--keep", "0.5", "--merge"]);
+        let loaded = formats::read(&path).unwrap();
+        assert_eq!((loaded.format, loaded.gaussians.len() as u64), (format, n / 2));
+        assert!(figures["prune"]["merged"].is_object());
+    }
 }
 
 #[test]

@@ -34,7 +34,7 @@ Without photos the model's own pictures, from all round it, tell which Gaussians
 pub(super) struct Arguments {
     /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
     model: PathBuf,
-    /// Model to write: .ply or .spz
+    /// Model to write: .ply, .spz or .sog
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Iterations of training after the prune, on the photos or on the original's pictures

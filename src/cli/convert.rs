@@ -10,7 +10,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk convert model.ply model.spz
   qirf-vk convert playbot-sog/ playbot.ply
 
-Read: PLY (binary, text, compressed), SPZ 1-4, splat, ksplat, SOG. Written: PLY (bit-exact), SPZ (quantised).";
+Read: PLY (binary, text, compressed), SPZ 1-4, splat, ksplat, SOG. Written: PLY (bit-exact), SPZ and SOG (quantised).";
 
 /// Convert a model between file formats.
 #[derive(Debug, clap::Args)]
@@ -19,7 +19,7 @@ pub(super) struct Arguments {
     /// Model to read
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// Model to write: .ply or .spz
+    /// Model to write: .ply, .spz or .sog
     #[arg(value_name = "OUT")]
     output: PathBuf,
 }
@@ -28,7 +28,7 @@ impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         formats::refuse_overwrite(&self.input, &self.output).map_err(Error::writing)?;
         if self.output.is_dir() {
-            let what = format!("{} is a folder; name a .ply or .spz file", self.output.display());
+            let what = format!("{} is a folder; name a .ply, .spz or .sog file", self.output.display());
             return Err(Error::Usage(what));
         }
         let loaded = read_model(&self.input, console)?;

@@ -107,6 +107,70 @@ fn spz_fits_tiny_and_wide_models_and_refuses_what_it_would_ruin() {
     assert!(fs::read(&path).unwrap() == before, "a refused write leaves the old file");
 }
 
+/// Rows of a model, nearest first: SOG does not keep their order.
+fn matched(a: &Gaussians, b: &Gaussians) -> Vec<(usize, usize)> {
+    let distance = |i: usize, j: usize| (0..3).map(|k| (a.means[i][k] - b.means[j][k]).abs()).fold(0.0, f32::max);
+    (0..a.len())
+        .map(|i| (i, (0..b.len()).min_by(|j, k| distance(i, *j).total_cmp(&distance(i, *k))).unwrap()))
+        .collect()
+}
+
+/// Random attributes are the worst that codebooks can meet; SH of few kinds, as scenes have, come back well.
+#[test]
+fn sog_round_trip_stays_within_its_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.sog");
+    for degree in 0..=3 {
+        let mut model = make::model(1000, degree);
+        for l in 1..=degree {
+            let width = Gaussians::band_width(l);
+            for i in 0..model.len() {
+                let like = i % 37 * width;
+                model.sh[l].copy_within(like..like + width, i * width);
+            }
+        }
+        formats::write(&path, &model).unwrap();
+        let loaded = formats::read(&path).unwrap();
+        assert_eq!((loaded.format, loaded.repairs.any()), (formats::Format::Sog, false));
+        let back = loaded.gaussians;
+        assert_eq!((back.len(), back.degree()), (model.len(), degree));
+        let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
+        for (i, j) in matched(&model, &back) {
+            for k in 0..3 {
+                // Half a step of 2 ln 4 / 65,535, four times as long at 3 units.
+                assert!((model.means[i][k] - back.means[j][k]).abs() < 9e-5, "mean {i}");
+                // 3,000 values over 4 units in 256 entries: some lie between two a step of 1/64 apart.
+                assert!((model.log_scales[i][k] - back.log_scales[j][k]).abs() < 0.02, "scale {i}");
+                assert!((model.sh[0][3 * i + k] - back.sh[0][3 * j + k]).abs() < 0.01, "colour {i}");
+            }
+            let (p, q) = (sigmoid(model.opacity_logits[i]), sigmoid(back.opacity_logits[j]));
+            assert!((p - q).abs() <= 0.5 / 255.0 + 1e-5, "opacity {i}: {p} {q}");
+            // Half a step of sqrt(2)/255 in each of three components, and what the fourth makes of it; a turn is twice that.
+            assert!(angle(model.rotations[i], back.rotations[j]) < 0.026, "rotation {i}");
+            for l in 1..=degree {
+                let width = Gaussians::band_width(l);
+                for k in 0..width {
+                    let (x, y) = (model.sh[l][i * width + k], back.sh[l][j * width + k]);
+                    assert!((x - y).abs() < 0.01, "band {l} of {i}: {x} {y}");
+                }
+            }
+        }
+        let first = fs::read(&path).unwrap();
+        formats::write(&path, &model).unwrap();
+        assert!(fs::read(&path).unwrap() == first, "one model, one file");
+    }
+}
+
+#[test]
+fn sog_refuses_what_it_would_ruin() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.sog");
+    let mut model = make::model(500, 0);
+    model.log_scales.iter_mut().flatten().for_each(|x| *x -= 12.0);
+    let text = formats::write(&path, &model).unwrap_err().to_string();
+    assert!(text.contains("16 bits") && text.contains("write .ply") && !path.exists(), "{text}");
+}
+
 #[test]
 fn odd_values_are_written_without_panic() {
     let folder = tempfile::tempdir().unwrap();
@@ -118,10 +182,11 @@ fn odd_values_are_written_without_panic() {
     model.log_scales[4] = [f32::NEG_INFINITY, f32::INFINITY, f32::NAN];
     model.sh[2][7] = f32::NAN;
     model.sh[1][3] = 1e30;
-    formats::write(&folder.path().join("a.spz"), &model).unwrap();
-    formats::write(&folder.path().join("a.ply"), &model).unwrap();
+    for name in ["a.ply", "a.spz", "a.sog"] {
+        formats::write(&folder.path().join(name), &model).unwrap();
+    }
     for empty in [Gaussians::default(), Gaussians::zeroed(0, 3)] {
-        for name in ["e.ply", "e.spz"] {
+        for name in ["e.ply", "e.spz", "e.sog"] {
             formats::write(&folder.path().join(name), &empty).unwrap();
             assert!(formats::read(&folder.path().join(name)).unwrap().gaussians.is_empty());
         }

@@ -1,7 +1,7 @@
 //! Readers and writers of model files.
 //!
 //! Read: standard 3DGS PLY, PlayCanvas compressed PLY, SPZ 1 to 4, antimatter15 `.splat`, mkkellogg `.ksplat`, SOG 1
-//! and 2 (folder or bundle). Written: PLY and SPZ. Every reader sees one slice of bytes, checks counts against its
+//! and 2 (folder or bundle). Written: PLY, SPZ and SOG. Every reader sees one slice of bytes, checks counts against its
 //! length before it allocates, and never panics.
 
 mod bytes;
@@ -137,27 +137,30 @@ fn finish(parsed: Parsed) -> Loaded {
 /// [`Error::Unsupported`].
 pub fn check_output(path: &Path) -> Result<(), Error> {
     match path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase().as_str() {
-        "ply" | "spz" => Ok(()),
+        "ply" | "spz" | "sog" => Ok(()),
         _ => Err(Error::Unsupported {
             path: path.to_owned(),
-            what: "models are written as .ply or .spz; give the output one of these extensions".into(),
+            what: "models are written as .ply, .spz or .sog; give the output one of these extensions".into(),
         }),
     }
 }
 
-/// Writes `gaussians` to `path` as its extension says: `.ply` (bit-exact) or `.spz` (quantised), whole or not at all.
+/// Writes `gaussians` to `path` as its extension says: `.ply` (bit-exact), `.spz` or `.sog` (both quantised), whole or
+/// not at all. SOG does not keep the order of the Gaussians.
 ///
 /// Call [`refuse_overwrite`] first where the model came from a file.
 ///
 /// # Errors
-/// [`Error::Unsupported`] for another extension or for what SPZ cannot hold, [`Error::Inconsistent`], [`Error::Io`].
+/// [`Error::Unsupported`] for another extension or for what SPZ or SOG cannot hold, [`Error::Inconsistent`], [`Error::Io`].
 pub fn write(path: &Path, gaussians: &Gaussians) -> Result<(), Error> {
     gaussians.validate()?;
     check_output(path)?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    if extension == "spz" {
-        let packed = spz::pack(gaussians).map_err(|fault| fault.at(path))?;
-        return write_atomically(path, |out| out.write_all(&packed));
-    }
-    write_atomically(path, |out| ply::write(out, gaussians))
+    let pack = match extension.as_str() {
+        "spz" => spz::pack,
+        "sog" => sog::pack,
+        _ => return write_atomically(path, |out| ply::write(out, gaussians)),
+    };
+    let packed = pack(gaussians).map_err(|fault| fault.at(path))?;
+    write_atomically(path, |out| out.write_all(&packed))
 }

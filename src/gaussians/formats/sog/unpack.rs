@@ -1,9 +1,4 @@
-//! PlayCanvas SOG, versions 1 and 2: `meta.json` and lossless WebP textures, one texel a Gaussian, row by row.
-//!
-//! Means: low and high bytes of 16 bits between limits, of sign(x) ln(|x| + 1). Quaternions: three smaller components
-//! over +-sqrt(1/2), alpha 252 + index of the greatest of (w, x, y, z). Scales, colours and SH: bytes into codebooks
-//! (version 2) or between limits (version 1). SH: labels into a palette of 64 entries a row
-//! (developer.playcanvas.com, github.com/playcanvas/splat-transform).
+//! Reading SOG, versions 1 and 2.
 
 use std::borrow::Cow;
 use std::io::{Cursor, Read};
@@ -14,9 +9,10 @@ use image::{DynamicImage, ImageDecoder, RgbaImage};
 use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::bytes::{from_smallest_three, logit_of_byte};
-use super::fault::{Fault, malformed};
-use super::{Format, Gaussians, Parsed};
+use super::super::bytes::{from_smallest_three, logit_of_byte};
+use super::super::fault::{Fault, malformed};
+use super::super::{Format, Gaussians, Parsed};
+use super::GREATEST;
 
 const AGAIN: &str = "fetch or export the model again";
 
@@ -65,7 +61,7 @@ struct Rest {
 type Lookup = [f32; 256];
 
 /// Reads `meta.json` and the textures beside it.
-pub(super) fn read_folder(folder: &Path) -> Result<Parsed, Fault> {
+pub(in super::super) fn read_folder(folder: &Path) -> Result<Parsed, Fault> {
     read(|name| {
         let path = folder.join(name);
         std::fs::read(&path).map_err(|source| Fault::Io { path, source })
@@ -73,7 +69,7 @@ pub(super) fn read_folder(folder: &Path) -> Result<Parsed, Fault> {
 }
 
 /// Reads a `.sog` bundle: the same files in a zip archive.
-pub(super) fn read_bundle(bytes: &[u8]) -> Result<Parsed, Fault> {
+pub(in super::super) fn read_bundle(bytes: &[u8]) -> Result<Parsed, Fault> {
     let damaged = |what: String| malformed("zip archive", format!("{what}; {AGAIN}"));
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).map_err(|error| damaged(error.to_string()))?;
     let names = archive.file_names().filter_map(Result::ok);
@@ -206,7 +202,7 @@ fn rest_bands(model: &mut Gaussians, rest: &Rest, palette: &RgbaImage, labels: &
 fn rotation([a, b, c, tag]: [u8; 4]) -> [f32; 4] {
     let component = |byte: u8| (f32::from(byte) / 255.0 * 2.0 - 1.0) * std::f32::consts::FRAC_1_SQRT_2;
     match tag {
-        252.. => from_smallest_three([a, b, c].map(component), usize::from(tag - 252)),
+        GREATEST.. => from_smallest_three([a, b, c].map(component), usize::from(tag - GREATEST)),
         _ => [0.0; 4],
     }
 }
