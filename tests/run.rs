@@ -229,7 +229,7 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
     let mut results = Vec::new();
     for (name, host_bytes) in [("memory", u64::MAX), ("file", 0)] {
         let opened = prepare::open(&config.selection()).unwrap();
-        let prepared = opened.load((host_bytes, folder.path()), &|_, _| ()).unwrap();
+        let prepared = opened.load((host_bytes, folder.path()), &Silent).unwrap();
         assert!(prepared.views().all(|v| matches!(v.pixels, Pixels::Filed { .. }) == (host_bytes == 0)));
         let output = qirf_vk::pipeline::Output::new(&folder.path().join(name)).unwrap();
         let networks = Networks::default();

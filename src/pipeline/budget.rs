@@ -9,9 +9,9 @@ use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
-use crate::qirf::assemble::{self, Assembly};
 use crate::qirf::response::Responses;
 use crate::qirf::score::Scores;
+use crate::qirf::study;
 use crate::train::{Demand, Trainer};
 
 /// Pairs a Gaussian that room is made for: at first in training, and in estimates.
@@ -108,7 +108,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> 
     let resident = resident + staging_bytes(resident);
     let pairs = most_pairs(device, gaussians);
     let evaluates = resident + Evaluator::bytes(device, gaussians, size);
-    let studies = resident + Assembly::bytes(gaussians, &assemble::Options::default());
+    let studies = resident + study::bytes(gaussians);
     let responds = resident + virtual_views::bytes(device, gaussians, size, pairs);
     let demand = Demand {
         gaussians: trained,

@@ -2,7 +2,7 @@
 
 use super::budget::{self, Compressing};
 use super::compressed::{Compressed, ModelFile, Protocol, Stages, Times, Truth, View};
-use super::compression::{Compression, Decision, decide};
+use super::compression::{Compression, Decision, Pruning, decide};
 use super::config::Selection;
 use super::evaluate::Evaluator;
 use super::prepare::{Prepared, open};
@@ -28,8 +28,6 @@ use std::time::Instant;
 
 /// Of virtual views, every so many-th is held out, as of photos.
 const HOLD_OUT: usize = 8;
-/// Weight of the mean squared error in the loss of fine-tuning.
-const L2: f32 = 2.0;
 
 /// What to do with a model.
 #[derive(Clone, Debug, PartialEq)]
@@ -204,14 +202,7 @@ impl Views {
             trained: model.len(),
         };
         let estimated = budget::for_compress(device, model, demand)?;
-        let prepared = opened.load((host_bytes, &std::env::temp_dir()), &|done, total| watcher.loading(done, total))?;
-        for line in prepared.scene.skipped.summary() {
-            watcher.note(&line);
-        }
-        if prepared.train.is_empty() {
-            let scene = selection.scene.display();
-            return Err(Error::Usage(format!("{scene}: no photo is left to train on; use a larger --eval-every")));
-        }
+        let prepared = opened.load_to_train((host_bytes, &std::env::temp_dir()), watcher)?;
         let settings = Settings { background: prepared.background, antialias: job.antialias, ..Settings::default() };
         let Prepared { train, test, extent, transparent, masked, .. } = prepared;
         Ok((Self { truth: Truth::Photos, train, test, extent, transparent, masked, settings }, estimated))
@@ -359,7 +350,7 @@ fn trainer(device: &Device, model: &Gaussians, views: &Views, job: &Job) -> Resu
         transparent: views.transparent,
         masked: views.masked,
         exposure: false,
-        weights: Weights { l2: L2, ..Weights::default() },
+        weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,
         pairs: budget::few_pairs(device, model.len()),
     };

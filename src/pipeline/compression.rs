@@ -88,13 +88,18 @@ pub struct Pruning {
     pub compression: Compression,
 }
 
+impl Pruning {
+    /// Weight of the mean squared error in the fine-tuning's loss, as in the paper.
+    pub const L2: f64 = 2.0;
+}
+
 impl Default for Pruning {
     fn default() -> Self {
         Self {
             at: vec![0.5],
             responses: Responses::default(),
             average_from: 13.0 / 30.0,
-            l2: 2.0,
+            l2: Self::L2,
             position_rate: 1.0,
             compression: Compression::default(),
         }

@@ -49,10 +49,7 @@ pub fn eval(
     let estimated_bytes = budget::for_eval(device, &opened, model.len(), model.degree())?;
     let elsewhere = std::env::temp_dir();
     let folder = output.map_or(elsewhere.as_path(), Output::folder);
-    let prepared = opened.load((host_bytes, folder), &|done, total| watcher.loading(done, total))?;
-    for line in prepared.scene.skipped.summary() {
-        watcher.note(&line);
-    }
+    let prepared = opened.load((host_bytes, folder), watcher)?;
     if prepared.test.is_empty() {
         return Err(Error::Usage(format!(
             "{}: no view is held out; give --eval-every 1 to score all of them",

@@ -58,14 +58,7 @@ impl<'a> Stage<'a> {
         watcher: &'a (dyn Watcher + Sync),
         (begun, estimated_bytes): (Instant, u64),
     ) -> Result<(Self, RunConfig), Error> {
-        let prepared = opened.load((host_bytes, output.folder()), &|done, total| watcher.loading(done, total))?;
-        for line in prepared.scene.skipped.summary() {
-            watcher.note(&line);
-        }
-        if prepared.train.is_empty() {
-            let scene = prepared.scene.source.display();
-            return Err(Error::Usage(format!("{scene}: no photo is left to train on; use a larger --eval-every")));
-        }
+        let prepared = opened.load_to_train((host_bytes, output.folder()), watcher)?;
         let decisions = effects::decide(&prepared, config)?;
         watcher.note(&effects::summary(&decisions));
         let config = config.decided(&decisions);

@@ -1,6 +1,7 @@
 //! From a scene on disk to views in memory, and to the Gaussians that training begins with.
 
 use super::config::{Init, RunConfig, Selection};
+use super::watcher::Watcher;
 use crate::effects::Effect;
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
@@ -99,16 +100,25 @@ impl Opened {
         self.scene.split(self.selection.eval_every).train.iter().map(pixels).collect()
     }
 
+    /// As [`Opened::load`], where photos to train on are needed.
+    ///
+    /// # Errors
+    /// As [`Opened::load`]; none to train on.
+    pub fn load_to_train(self, room: (u64, &Path), watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
+        let prepared = self.load(room, watcher)?;
+        if prepared.train.is_empty() {
+            let scene = prepared.scene.source.display();
+            return Err(Error::Usage(format!("{scene}: no photo is left to train on; use a larger --eval-every")));
+        }
+        Ok(prepared)
+    }
+
     /// Decodes the photos in parallel. Where they would take more than `room` bytes of the host's memory, they go to a
-    /// temporary file in `folder` as they are decoded.
+    /// temporary file in `folder` as they are decoded. What was skipped is told to `watcher`.
     ///
     /// # Errors
     /// No photo can be decoded; a file that cannot be written.
-    pub fn load(
-        self,
-        (room, folder): (u64, &Path),
-        progress: &(dyn Fn(usize, usize) + Sync),
-    ) -> Result<Prepared, Error> {
+    pub fn load(self, (room, folder): (u64, &Path), watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
         let Self { mut scene, resize, selection } = self;
         let ends: Vec<u64> = scene
             .views
@@ -144,7 +154,7 @@ impl Opened {
             .zip(&ends)
             .map(|(view, end)| {
                 let photo = view.load_photo(resize).map(|photo| fourth(photo, opaque, masked));
-                progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
+                watcher.loading(done.fetch_add(1, Ordering::Relaxed) + 1, total);
                 // A damaged photo fails alone; a full disk ends it all.
                 Ok(match photo {
                     Ok(photo) => Ok(store(photo, *end)?),
@@ -153,6 +163,9 @@ impl Opened {
             })
             .collect::<Result<_, Error>>()?;
         let photos = scene.keep_loaded(photos)?;
+        for line in scene.skipped.summary() {
+            watcher.note(&line);
+        }
         let split = scene.split(selection.eval_every);
         let transparent = !masked && photos.iter().any(|(_, has_alpha)| *has_alpha);
         let view = |i: usize| TrainView { camera: scene.views[i].camera_at(resize), pixels: photos[i].0.clone() };

@@ -277,9 +277,9 @@ pub struct Times {
     pub total_s: f64,
     /// Reading the scene and its photos.
     pub load_s: f64,
-    /// Training alone, resumed parts included.
+    /// Training and pruning, resumed parts included; evaluations on the way are not.
     pub train_s: f64,
-    /// Pruning.
+    /// Pruning, a part of `train_s`.
     pub prune_s: f64,
     /// Evaluation.
     pub evaluate_s: f64,

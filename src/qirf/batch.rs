@@ -1,7 +1,5 @@
 //! A batch of blocks to ranks and gains, in parallel over blocks: what runs while the device assembles the next batch.
 
-use std::ops::Range;
-
 use rayon::prelude::*;
 
 use super::normalise::within_block;
@@ -34,21 +32,6 @@ pub struct Block<'a> {
     pub opacity: &'a [f32],
     /// S_ii of its members, m (see [`self_overlap`]), for the raw overlap; else none.
     pub self_overlaps: Option<&'a [f64]>,
-}
-
-/// What the blocks' members are looked up in, n each.
-#[derive(Clone, Copy, Debug)]
-pub struct Scene<'a> {
-    /// Rows of H.
-    pub rows: &'a [[f32; CHANNELS]],
-    /// Opacities or their logits.
-    pub opacity: &'a [f32],
-    /// S_ii (see [`self_overlap`]) for the raw overlap; else none.
-    pub self_overlaps: Option<&'a [f64]>,
-}
-
-fn gather<T: Copy>(values: &[T], members: &[u32]) -> Vec<T> {
-    members.iter().map(|&i| values[i as usize]).collect()
 }
 
 /// S_ii = pi^(3/2) s1 s2 s3 of a Gaussian with these logarithms of scales.
@@ -87,20 +70,11 @@ impl Default for Solver {
     }
 }
 
-/// One block's order under one selector.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Ranked {
-    /// Each member's place in the block, 0 the first to keep, m.
-    pub rank: Vec<u32>,
-    /// What each member is worth across blocks, m.
-    pub gain: Vec<f64>,
-}
-
 /// What a block gives.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solved {
     /// One for each of the solver's selectors, in their order.
-    pub ranked: Vec<Ranked>,
+    pub ranked: Vec<Ranking>,
     /// The eight largest eigenvalues; zero if the paper's problem was not asked for.
     pub spectrum: [f64; CHANNELS],
     /// The fewest eigenvalues that reach tau; 1 if the paper's problem was not asked for.
@@ -117,36 +91,6 @@ impl Solver {
     /// Solves each block on its own, in parallel; the result does not depend on the number of threads.
     pub fn solve(&self, batch: &[Block<'_>]) -> Vec<Solved> {
         batch.par_iter().with_max_len(1).map(|block| self.solve_one(block)).collect()
-    }
-
-    /// Solves blocks `range` of a scene; `overlaps` holds their N one after the other, m x m each.
-    ///
-    /// # Panics
-    /// If `overlaps` or the scene's arrays are shorter than the blocks need.
-    pub fn solve_range(
-        &self,
-        blocks: &Blocks,
-        range: Range<usize>,
-        overlaps: &[f32],
-        scene: &Scene<'_>,
-    ) -> Vec<Solved> {
-        let mut at = 0;
-        let mut parts = Vec::with_capacity(range.len());
-        for b in range {
-            let members = blocks.block(b);
-            parts.push((members, &overlaps[at..at + members.len() * members.len()]));
-            at += members.len() * members.len();
-        }
-        let solve = |&(members, overlap): &(&[u32], &[f32])| {
-            let own = scene.self_overlaps.map(|own| gather(own, members));
-            self.solve_one(&Block {
-                overlap,
-                rows: &gather(scene.rows, members),
-                opacity: &gather(scene.opacity, members),
-                self_overlaps: own.as_deref(),
-            })
-        };
-        parts.par_iter().with_max_len(1).map(solve).collect()
     }
 
     /// Solves one block.
@@ -172,7 +116,7 @@ impl Solver {
         };
         if solved.unseen {
             let opacity: Vec<f64> = block.opacity.iter().map(|&o| f64::from(o)).collect();
-            let ranked = Ranked { rank: rank(&opacity), gain: vec![0.0; m] };
+            let ranked = Ranking { rank: rank(&opacity), gain: vec![0.0; m] };
             solved.ranked = vec![ranked; self.selectors.len()];
             return solved;
         }
@@ -186,7 +130,7 @@ impl Solver {
                 BlockSelector::Lowdin => {
                     let [local, gain]: [Vec<f64>; 2] =
                         lowdin(&metric, &[&w, &h]).try_into().unwrap_or_else(|_| [vec![0.0; m], vec![0.0; m]]);
-                    Ranked { rank: rank(&local), gain }
+                    Ranking { rank: rank(&local), gain }
                 }
                 BlockSelector::Css => {
                     let weights: Vec<f64> = h.iter().map(norm).collect();
@@ -200,14 +144,14 @@ impl Solver {
     }
 
     /// Ranks by q of W, gains by q of H; the spectrum is that of the last selector of this kind, the paper's first.
-    fn participation(&self, factor: &Factor, w: &[Row], h: &[Row], solved: &mut Solved) -> Ranked {
+    fn participation(&self, factor: &Factor, w: &[Row], h: &[Row], solved: &mut Solved) -> Ranking {
         let Participation { spectrum, r, q, canonical } = factor.participation(w, self.tau);
         let paper = !matches!(factor, Factor::Identity);
         if paper || solved.spectrum[0] == 0.0 {
             (solved.spectrum, solved.r) = (spectrum, r as u32);
         }
         solved.canonical |= canonical;
-        Ranked { rank: rank(&q), gain: factor.participation(h, self.tau).q }
+        Ranking { rank: rank(&q), gain: factor.participation(h, self.tau).q }
     }
 }
 

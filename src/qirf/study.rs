@@ -1,11 +1,12 @@
 //! A scene studied: its blocks, and the order that each selector gives them. The device assembles one batch of blocks
 //! while LAPACK solves the batch before on all cores.
 
-use super::assemble::{Assembly, MOST_MEMBERS, Options, unpack_symmetric};
+use super::assemble::{Assembly, Options, unpack_symmetric};
 use super::batch::{Block, BlockSelector, Collected, Solver, self_overlap};
 use super::overlap::Metric;
 use super::partition::{Blocks, Partition, Partitioned};
-use super::response::Evidence;
+use super::response::{Evidence, Responses};
+use super::score::Scores;
 use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
 use super::select::detail::{self, Exponents, Inputs};
 use super::select::merge::{Functions, merge};
@@ -14,22 +15,17 @@ use super::solve::Rung;
 use super::{CHANNELS, normalise};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
-use crate::gpu::{Buffer, Device, Result, Timings};
+use crate::gpu::{Device, Result, Timings};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
 /// Bytes of overlaps that are on their way at a time, twice: enough to keep every core busy, little beside a model.
 const BATCH_BYTES: usize = 16 << 20;
-/// Members of a block that memory is reckoned with: the most of the default partition.
-const MEMBERS: usize = 128;
-
-/// Bytes of device memory that evidence and study of `n` Gaussians take at most, in blocks of the default partition.
+/// Bytes of device memory that evidence and study of `n` Gaussians take at most.
 pub fn bytes(n: usize) -> u64 {
-    let of = Buffer::<f32>::bytes_of;
-    let batch = (n * MEMBERS / 2).min(BATCH_BYTES / size_of::<f32>());
-    let blocks = of(6 * n) + 3 * of(batch) + of(16 * n.min(MOST_MEMBERS));
-    blocks.max(of(CHANNELS * n) + of(n) + of(4 * n))
+    let batches = Options { batch_bytes: BATCH_BYTES, ..Options::default() };
+    Assembly::bytes(n, &batches).max(Responses::bytes(n) + Scores::bytes(n))
 }
 
 /// Which overlaps are the metric.

@@ -126,7 +126,7 @@ fn capture(folder: &Path, effects: &[synth::Effect], views: usize, width: u32) {
 
 fn trainer(device: &Device, scene: &Path, exposure: bool, masked: bool) -> Trainer {
     let config = config(scene, 60);
-    let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, scene), &|_, _| ()).unwrap();
+    let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, scene), &Silent).unwrap();
     let colour = |c: [u8; 3]| glam::DVec3::from(c.map(f64::from)) / 255.0;
     let seeds: Vec<_> =
         prepared.scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p.colour) }).collect();
@@ -193,7 +193,7 @@ fn exposures_are_kept_in_checkpoints() {
     let file = folder.path().join("checkpoint");
     broken.snapshot().unwrap().write(&file).unwrap();
     let config = config(folder.path(), 60);
-    let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, folder.path()), &|_, _| ()).unwrap();
+    let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, folder.path()), &Silent).unwrap();
     let snapshot = Snapshot::read(&file).unwrap();
     assert_eq!(snapshot.exposures.0.len(), 7 * SIZE);
     let mut resumed =

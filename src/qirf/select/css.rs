@@ -4,8 +4,8 @@
 //! formed: R = N - C C^T with one column of C a pick, and with c that column and t = w^2 c
 //!   g_i -= 2 c_i (R t)_i - c_i^2 (t . c).
 
+use super::Ranking;
 use super::rounded;
-use crate::qirf::batch::Ranked;
 
 /// Functions of which less than this is left are explained by those picked.
 const EXHAUSTED: f64 = 1e-4;
@@ -15,7 +15,7 @@ const NOTHING: f64 = 1e-7;
 /// Order of a block by greedy column subset of `overlap` (m x m) with weights `w` (m), after `picks` by what is left.
 ///
 /// Gains are those at the pick, never above an earlier one's; explained functions follow by their weights.
-pub fn order(overlap: &[f32], w: &[f64], picks: usize) -> Ranked {
+pub fn order(overlap: &[f32], w: &[f64], picks: usize) -> Ranking {
     let m = w.len();
     let finite = |n: f32| if n.is_finite() { f64::from(n) } else { 0.0 };
     let n: Vec<f64> = overlap.iter().map(|&x| finite(x)).collect();
@@ -56,7 +56,7 @@ pub fn order(overlap: &[f32], w: &[f64], picks: usize) -> Ranked {
 }
 
 /// Ranks of those picked, then of the rest: by what they would gain now, then, if explained, by weight.
-fn finish(picked: Vec<(u32, f64)>, g: &[f64], left: &[f64], w: &[f64], open: &[bool], last: f64) -> Ranked {
+fn finish(picked: Vec<(u32, f64)>, g: &[f64], left: &[f64], w: &[f64], open: &[bool], last: f64) -> Ranking {
     let m = w.len();
     let ceiling = if last.is_finite() { last } else { f64::MAX };
     let rest = |explained: bool| {
@@ -69,7 +69,7 @@ fn finish(picked: Vec<(u32, f64)>, g: &[f64], left: &[f64], w: &[f64], open: &[b
         rest.sort_by(|a, b| b.1.total_cmp(&a.1));
         rest.into_iter().map(|(i, _, worth)| (i, worth))
     };
-    let mut ranked = Ranked { rank: vec![0; m], gain: vec![0.0; m] };
+    let mut ranked = Ranking { rank: vec![0; m], gain: vec![0.0; m] };
     for ((i, gain), place) in picked.into_iter().chain(rest(false)).chain(rest(true)).zip(0..) {
         ranked.rank[i as usize] = place;
         ranked.gain[i as usize] = gain;

@@ -14,7 +14,7 @@ pub use selector::{Selector, Statistics};
 
 use super::partition::Blocks;
 
-/// A selector's order over the scene, n each.
+/// A selector's order over a block or the scene, n each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ranking {
     /// Place of each Gaussian in its block, 0 the first to keep.
