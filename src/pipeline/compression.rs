@@ -82,8 +82,6 @@ pub struct Pruning {
     pub average_from: f64,
     /// Weight of the mean squared error in the loss of the fine-tuning.
     pub l2: f64,
-    /// What multiplies the positions' learning rate in the fine-tuning.
-    pub position_rate: f64,
     /// How Gaussians are chosen.
     pub compression: Compression,
 }
@@ -100,7 +98,6 @@ impl Default for Pruning {
             responses: Responses::default(),
             average_from: 13.0 / 30.0,
             l2: Self::L2,
-            position_rate: 1.0,
             compression: Compression::default(),
         }
     }

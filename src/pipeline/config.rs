@@ -39,16 +39,18 @@ impl Preset {
         out
     }
 
-    /// The preset's schedule, its milestones scaled to another length where one is asked for.
+    /// The preset's schedule, scaled to another length where one is asked for.
     pub fn schedule(self, iterations: Option<u32>) -> Schedule {
-        let mut schedule = Schedule::default();
+        let whole = Schedule::default();
         match self {
-            Self::Paper => schedule.densify_until = 13.0 / 30.0,
-            Self::Standard => {}
-            Self::Quick => schedule.iterations = 2000,
+            // The rates that were published, whatever the length.
+            Self::Paper => {
+                let iterations = iterations.unwrap_or(whole.iterations);
+                Schedule { iterations, densify_until: 13.0 / 30.0, ..whole }
+            }
+            Self::Standard => Schedule::of(iterations.unwrap_or(whole.iterations)),
+            Self::Quick => Schedule::of(iterations.unwrap_or(2000)),
         }
-        schedule.iterations = iterations.unwrap_or(schedule.iterations);
-        schedule
     }
 }
 

@@ -186,7 +186,7 @@ impl<'a> Job<'a> {
     /// Goes on with the loss of fine-tuning.
     pub fn fine_tune(&mut self) {
         if let Some(pruning) = &self.config.prune {
-            self.trainer.fine_tune(Weights { l2: pruning.l2 as f32, ..Weights::default() }, pruning.position_rate);
+            self.trainer.fine_tune(Weights { l2: pruning.l2 as f32, ..Weights::default() });
         }
     }
 

@@ -91,9 +91,8 @@ impl Trainer {
         Ok(())
     }
 
-    /// From now on the loss has these weights, and positions learn `position` times as fast as the schedule says.
-    pub fn fine_tune(&mut self, weights: Weights, position: f64) {
+    /// From now on the loss has these weights.
+    pub fn fine_tune(&mut self, weights: Weights) {
         self.options.weights = weights;
-        self.position = position;
     }
 }

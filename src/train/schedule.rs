@@ -72,7 +72,23 @@ impl Default for Schedule {
     }
 }
 
+/// Iterations that the reference's rates are for.
+const REFERENCE: f64 = 30_000.0;
+
 impl Schedule {
+    /// The reference's course in `iterations`. Positions that have fewer steps take longer ones: what they cannot reach
+    /// before their rate has fallen, nothing else makes up for.
+    pub fn of(iterations: u32) -> Self {
+        let shorter = (REFERENCE / f64::from(iterations.max(1))).max(1.0);
+        let whole = Self::default();
+        Self {
+            iterations,
+            position_rate: whole.position_rate * shorter.powf(0.4),
+            position_rate_end: whole.position_rate_end * shorter.powf(0.7),
+            ..whole
+        }
+    }
+
     fn at(&self, share: f64) -> u32 {
         (f64::from(self.iterations) * share).round() as u32
     }
@@ -143,6 +159,18 @@ mod tests {
         assert_eq!(*when(&s, Schedule::gathers).last().unwrap(), 15_000);
         assert_eq!([1, 999, 1000, 1999, 2000, 3000, 30_000].map(|i| s.degree(i, 3)), [0, 0, 1, 1, 2, 3, 3]);
         assert_eq!(s.degree(30_000, 1), 1);
+    }
+
+    /// Short runs move in longer steps; the published length, and longer ones, in the published.
+    #[test]
+    fn rates_scale_with_the_length() {
+        assert_eq!(Schedule::of(30_000), Schedule::default());
+        assert_eq!(Schedule::of(60_000), of(60_000));
+        let short = Schedule::of(1000);
+        let share = |a: f64, b: f64| (a / b * 10.0).round() / 10.0;
+        assert_eq!(share(short.position_rate, 1.6e-4), 3.9);
+        assert_eq!(share(short.position_rate_end, 1.6e-6), 10.8);
+        assert!(Schedule::of(0).position_rate.is_finite());
     }
 
     /// Milestones scale with the run; intervals do not.

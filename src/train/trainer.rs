@@ -79,8 +79,6 @@ pub struct Trainer {
     /// Averaged responses, while there are any.
     pub(super) responses: Option<Responses>,
     pub(super) iteration: u32,
-    /// Multiplies the positions' learning rate.
-    pub(super) position: f64,
     /// Rows skipped for gradients that were not finite, so far.
     pub(super) skipped_rows: u64,
     last_loss: f32,
@@ -143,7 +141,6 @@ impl Trainer {
             growth,
             responses: None,
             iteration: 0,
-            position: 1.0,
             skipped_rows: 0,
             last_loss: f32::NAN,
             views,
@@ -336,7 +333,7 @@ impl Trainer {
             growth: &self.growth,
             statistics: options.schedule.gathers(iteration),
             guards: &self.guards,
-            rates: options.schedule.rates(iteration, self.extent * self.position),
+            rates: options.schedule.rates(iteration, self.extent),
             form: Form::Adam(iteration),
         };
         let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
