@@ -12,6 +12,9 @@ pub const IDENTITY: [f32; SIZE] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 
 const RATE: (f64, f64) = (0.01, 0.05);
 /// Share of it that is left at the end.
 const LEFT: f64 = 0.1;
+/// Pull of each affine towards the one that changes nothing, in learning rates a step. What all photos have in common no
+/// loss can tell from the model's own colours: without it both drift apart for good.
+pub const PULL: f32 = 1.0;
 /// Workgroups that sum gradients at most.
 const GROUPS: u32 = 64;
 /// The profiler's scope.
@@ -137,6 +140,7 @@ impl Exposure {
                 rate: step.rate,
                 correction1: (1.0 / correction(0.9)) as f32,
                 correction2: (1.0 / correction(0.999).sqrt()) as f32,
+                pull: PULL,
             },
             spec: ExposureSpec { workgroup: WORKGROUP, phase },
         };

@@ -11,7 +11,7 @@ use qirf_vk::reference::exposure as twin;
 use qirf_vk::render::Settings;
 use qirf_vk::synth::{self, SynthOptions, write};
 use qirf_vk::train::checkpoint::Snapshot;
-use qirf_vk::train::exposure::{Exposure, SIZE, Step};
+use qirf_vk::train::exposure::{Exposure, PULL, SIZE, Step};
 use qirf_vk::train::initialise::{Seed, from_points};
 use qirf_vk::train::loss::Weights;
 use qirf_vk::train::mask::Mask;
@@ -74,9 +74,11 @@ fn the_kernel_is_its_twin() {
             let mine = k / SIZE == photo;
             let slope = if mine { by_affine[k % SIZE] } else { 0.0 };
             assert!((10.0 * f64::from(moments[k][0]) - slope).abs() < 1e-5 * scale, "{k}: {} {slope}", moments[k][0]);
-            // The first step of Adam is the rate against the sign.
+            // The first step of Adam is the rate against the sign; the pull is towards the identity.
             let moved = f64::from(after[k]) - f64::from(affine[k]);
-            assert!((moved + if mine { 0.01 * slope.signum() } else { 0.0 }).abs() < 1e-5, "{k}: {moved} {slope}");
+            let pulled = f64::from(PULL) * (f64::from(affine[k]) - twin::IDENTITY[k % SIZE]);
+            let right = if mine { -0.01 * (slope.signum() + pulled) } else { 0.0 };
+            assert!((moved - right).abs() < 1e-5, "{k}: {moved} {slope}");
         }
         // An iteration whose pairs did not fit, and a gradient that is no number, change nothing.
         for (limit, slope) in [(4, 1.0), (5, f32::NAN)] {
