@@ -1,0 +1,256 @@
+//! Full disks, folders that cannot be written, outputs that are inputs, too little device memory: exit codes and messages
+//! that name the cause, and nothing that was there is lost.
+//!
+//! Without privileges a disk that is full is a limit on the size of files (`ulimit -f`). Where the system lets its users
+//! have namespaces, a small tmpfs and a read-only mount are tried as well.
+
+use crate::house::{behind, content, end, program, run, scene, start, undisturbed, whole, works};
+use qirf_vk::gaussians::formats;
+use qirf_vk::gpu::{Device, DeviceOptions};
+use qirf_vk::train::checkpoint::Snapshot;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// Whether mounts of one's own can be made; said where not.
+fn mounts() -> bool {
+    let made = Command::new("unshare").args(["-rm", "mount", "-t", "tmpfs", "tmpfs", "/mnt"]).output();
+    let can = made.is_ok_and(|o| o.status.success());
+    if !can {
+        println!("skipped: no mounts of one's own here");
+    }
+    can
+}
+
+#[test]
+fn a_checkpoint_that_does_not_fit_leaves_the_one_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, checkpoint) = (folder.path(), folder.path().join("checkpoint.safetensors"));
+    let mut child = start(&mut run(out, &[]));
+    child.until(|| checkpoint.exists());
+    child.signal("KILL");
+    let before = fs::read(&checkpoint).unwrap();
+    // 16 blocks of 512 bytes: the configuration fits, a checkpoint does not.
+    let ended = end(&mut behind("ulimit -f 16 && exec \"$@\"", &run(out, &["--resume"])));
+    ended.with(5, &["cannot write", "checkpoint.safetensors", "File too large", "free some space"]);
+    assert!(fs::read(&checkpoint).unwrap() == before);
+    whole(out);
+    works(&mut run(out, &["--resume"]));
+    assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
+}
+
+#[test]
+fn outputs_that_do_not_fit_leave_those_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    fs::write(path("model.ply"), undisturbed()).unwrap();
+    fs::write(path("small.ply"), b"earlier").unwrap();
+    fs::write(path("figures.json"), b"earlier").unwrap();
+    let limited = |arguments: &[&str], names: &str| {
+        let before = content(folder.path());
+        let mut command = program();
+        command.args(arguments);
+        let mut command = behind("ulimit -f 2 && exec \"$@\"", &command);
+        end(command.current_dir(folder.path())).with(5, &["cannot write", names, "File too large"]);
+        assert!(content(folder.path()) == before, "{arguments:?}");
+    };
+    let views = ["--views", "4", "--size", "40x30"];
+    limited(&[&["compress", "model.ply", "-o", "small.ply"], &views[..]].concat(), "small.ply");
+    limited(&["convert", "model.ply", "small.ply"], "small.ply");
+    limited(&["render", "model.ply", "--orbit", "1", "--size", "100x80", "-o", "."], "orbit_000.png");
+}
+
+/// Disks of several sizes, full at several files of a run; what fits is whole, and a larger disk lets it go on.
+#[test]
+fn a_full_disk_keeps_what_is_whole() {
+    if !mounts() {
+        return;
+    }
+    let size = undisturbed().len() / 1024;
+    for kilobytes in [16, size / 2, 2 * size, 7 * size] {
+        let folder = tempfile::tempdir().unwrap();
+        let (disk, saved) = (folder.path().join("disk"), folder.path().join("saved"));
+        fs::create_dir(&disk).unwrap();
+        let shell = format!(
+            "mount -t tmpfs -o size={kilobytes}k tmpfs '{0}' || exit 99; \"$@\"; code=$?; cp -r '{0}' '{1}'; exit $code",
+            disk.display(),
+            saved.display()
+        );
+        let inside = behind(&shell, &run(&disk.join("out"), &[]));
+        let mut command = Command::new("unshare");
+        command.arg("-rm").arg(inside.get_program()).args(inside.get_args());
+        let ended = end(&mut command).with(5, &["cannot write", "No space left on device"]);
+        println!("{kilobytes} KiB: {}", ended.said.lines().last().unwrap_or_default());
+        whole(&saved);
+        works(&mut run(&saved.join("out"), &["--resume"]));
+        assert!(undisturbed() == fs::read(saved.join("out/model.ply")).unwrap());
+    }
+}
+
+#[test]
+fn folders_that_cannot_be_written_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("model.ply");
+    fs::write(&model, undisturbed()).unwrap();
+    let fails = |out: &Path, names: &str| {
+        end(&mut run(out, &[])).with(5, &["cannot write", names]);
+        let model = model.as_os_str();
+        let small = out.join("small.ply");
+        end(program().arg("compress").arg(model).arg("-o").arg(&small)).with(5, &["cannot write", names]);
+        end(program().arg("convert").arg(model).arg(&small)).with(5, &["cannot write", names]);
+        end(program().arg("eval").arg(model).arg(scene()).arg("-o").arg(out)).with(5, &["cannot write", names]);
+    };
+    // A file in the place of a folder, which holds for root as well.
+    fails(&model.join("out"), "model.ply");
+    // A system folder in which nobody makes files.
+    if Path::new("/proc/self").exists() {
+        fails(Path::new("/proc/qirf"), "/proc/qirf");
+    }
+    assert!(fs::read(&model).unwrap() == undisturbed());
+}
+
+#[test]
+fn a_read_only_folder_is_named_and_keeps_its_run() {
+    if !mounts() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (out, checkpoint) = (folder.path().join("out"), folder.path().join("out/checkpoint.safetensors"));
+    let mut child = start(&mut run(&out, &[]));
+    child.until(|| checkpoint.exists());
+    child.signal("KILL");
+    let before = content(&out);
+    let shell = format!("mount --bind '{0}' '{0}' && mount -o remount,bind,ro '{0}' || exit 99; \"$@\"", out.display());
+    let inside = behind(&shell, &run(&out, &["--resume"]));
+    let mut command = Command::new("unshare");
+    command.arg("-rm").arg(inside.get_program()).args(inside.get_args());
+    end(&mut command).with(5, &["cannot write", "out", "Read-only file system"]);
+    let same = |name: &str| {
+        content(&out).iter().filter(|(p, _)| p.ends_with(name)).eq(before.iter().filter(|(p, _)| p.ends_with(name)))
+    };
+    assert!(same("checkpoint.safetensors") && same("config.toml"));
+    works(&mut run(&out, &["--resume"]));
+    assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
+}
+
+#[test]
+fn output_never_takes_the_place_of_its_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    fs::create_dir(path("out")).unwrap();
+    fs::write(path("out/model.ply"), undisturbed()).unwrap();
+    std::os::unix::fs::symlink(path("out"), path("link")).unwrap();
+    fs::hard_link(path("out/model.ply"), path("hard.ply")).unwrap();
+    let before = content(folder.path());
+    // A run that begins on a model does not write its own over it.
+    for init in ["out/model.ply", "link/model.ply", "hard.ply"] {
+        let init = path(init);
+        end(&mut run(&path("out"), &["--init", init.to_str().unwrap()])).with(2, &["model.ply", "another name"]);
+    }
+    for (model, out) in
+        [("out/model.ply", "link/model.ply"), ("hard.ply", "out/model.ply"), ("out/model.ply", "hard.ply")]
+    {
+        for command in [["compress", "-o"].as_slice(), &["convert"]] {
+            let mut refused = program();
+            refused.arg(command[0]).arg(path(model)).args(&command[1..]).arg(path(out));
+            end(&mut refused).with(2, &["another name"]);
+        }
+    }
+    let mut reported = program();
+    reported.arg("compress").arg(path("hard.ply")).arg("-o").arg(path("small.ply"));
+    end(reported.arg("--report").arg(path("out/model.ply"))).with(2, &["another name"]);
+    assert!(content(folder.path()) == before);
+}
+
+#[test]
+fn too_little_device_memory_says_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, out) = (folder.path().join("model.ply"), folder.path().join("small.ply"));
+    fs::write(&model, undisturbed()).unwrap();
+    let words = ["bytes of device memory", "--memory-budget", "give"];
+    let compress = |more: &[&str]| {
+        let mut command = program();
+        command.arg("compress").arg(&model).arg("-o").arg(&out).args(["--memory-budget", "100k"]).args(more);
+        end(&mut command).with(5, &words);
+    };
+    compress(&[]);
+    compress(&["--fine-tune", "10", "--scene", scene().to_str().unwrap()]);
+    let mut compare = program();
+    compare.arg("compare").arg(scene()).arg("-o").arg(folder.path().join("compared"));
+    end(compare.args(["--iterations", "60", "--memory-budget", "100k"])).with(5, &words);
+    end(&mut run(&folder.path().join("run"), &["--memory-budget", "100k"])).with(5, &words);
+    assert!(!out.exists() && !folder.path().join("run/config.toml").exists());
+    // More than anybody has.
+    end(&mut run(&folder.path().join("run"), &["--max-gaussians", "18446744073709551615"]))
+        .with(2, &["--max-gaussians"]);
+}
+
+/// Memory that runs out in the middle of the work is an error with the buffer's name, and all of it comes back.
+#[test]
+fn device_memory_that_runs_out_comes_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = folder.path().join("model.ply");
+    fs::write(&model, undisturbed()).unwrap();
+    let gaussians = formats::read(&model).unwrap().gaussians;
+    let mut refused = 0;
+    for kilobytes in (8..=512).step_by(24) {
+        let options =
+            DeviceOptions { memory_limit: Some(kilobytes << 10), validation: true, ..DeviceOptions::default() };
+        let device = Device::open(&options).unwrap();
+        let resident = qirf_vk::gaussians::resident::Resident::upload(&device, &gaussians);
+        let made = resident.and_then(|resident| {
+            let settings = qirf_vk::render::Settings::default();
+            let mut renderer = qirf_vk::render::Renderer::new(&device, settings, gaussians.len(), 64, 48)?;
+            let up = glam::DVec3::NEG_Y;
+            let camera =
+                qirf_vk::scene::camera::Camera::look_at(3.0 * glam::DVec3::Z, glam::DVec3::ZERO, up, 0.8, 64, 48);
+            renderer.render(&resident, &camera)
+        });
+        if let Err(e) = made {
+            refused += 1;
+            let said = e.to_string();
+            assert!(
+                e.is_resources() && said.contains("out of memory") && said.contains("use fewer Gaussians"),
+                "{said}"
+            );
+        }
+        assert_eq!(device.memory_used().0, 0, "at {kilobytes} KiB");
+        assert_eq!(Device::validation_messages(), 0);
+    }
+    println!("{refused} of 22 budgets too small");
+    assert!((1..22).contains(&refused));
+}
+
+/// Numbers that no run can mean, in a file.
+#[test]
+fn configurations_are_refused_by_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut child = start(&mut run(&out, &[]));
+    child.until(|| out.join("config.toml").exists());
+    child.signal("KILL");
+    let text = fs::read_to_string(out.join("config.toml")).unwrap();
+    let edited = folder.path().join("edited.toml");
+    let begin = || {
+        let mut command = program();
+        command.arg("run").arg("--config").arg(&edited).arg("-o").arg(folder.path().join("new"));
+        command
+    };
+    for (field, old, new) in [
+        ("schedule.iterations", "iterations = 200", "iterations = 4000000000"),
+        ("prune.average_from", "average_from = 0.43333333333333335", "average_from = 1e10"),
+        ("max_gaussians", "max_gaussians = 4000000", "max_gaussians = 9223372036854775807"),
+        ("sh_degree", "sh_degree = 3", "sh_degree = 10"),
+        ("unknown field", "seed = 1", "sead = 1"),
+    ] {
+        assert!(text.contains(old), "{old} in {text}");
+        fs::write(&edited, text.replace(old, new)).unwrap();
+        end(&mut begin()).with(2, &["edited.toml", field]);
+    }
+    fs::write(&edited, text.as_bytes().iter().rev().copied().collect::<Vec<u8>>()).unwrap();
+    end(&mut begin()).with(2, &["edited.toml"]);
+    fs::write(&edited, [0xff, 0xfe, 0]).unwrap();
+    end(&mut begin()).with(3, &["edited.toml"]);
+    assert!(!folder.path().join("new/config.toml").exists());
+    assert!(Snapshot::read(&out.join("config.toml")).is_err());
+}
