@@ -8,11 +8,11 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Options of every run here: four prunes with fine-tuning between, all in some two seconds.
-const RUN: [&str; 4] = ["--iterations", "200", "--schedule", "gradual"];
+/// Options of every run here: four prunes with fine-tuning between, all in a second or two.
+const RUN: [&str; 4] = ["--iterations", "120", "--schedule", "gradual"];
 
 /// The iteration of the first prune of such a run.
-pub const FIRST_PRUNE: u32 = 87;
+pub const FIRST_PRUNE: u32 = 52;
 
 /// Nine photos of 48 x 36, made once.
 pub fn scene() -> &'static Path {
@@ -103,6 +103,12 @@ pub fn start(command: &mut Command) -> UnderWay {
     UnderWay(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts"))
 }
 
+/// The same; what it says goes to a file.
+pub fn start_telling(command: &mut Command, file: &Path) -> UnderWay {
+    let file = fs::File::create(file).unwrap();
+    UnderWay(command.stdout(Stdio::null()).stderr(file).spawn().expect("the program starts"))
+}
+
 impl UnderWay {
     /// Waits until something is so; false where the program ends first.
     pub fn until(&mut self, so: impl Fn() -> bool) -> bool {
@@ -145,6 +151,9 @@ pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 pub fn whole(folder: &Path) {
     for (path, bytes) in content(folder) {
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if name.starts_with('.') && path.parent().is_some_and(|p| p != folder) {
+            continue; // a picture that a killed writer had begun
+        }
         let good = match path.extension().and_then(|e| e.to_str()) {
             Some("ply") => qirf_vk::gaussians::formats::read(&path).is_ok(),
             Some("safetensors") => qirf_vk::train::checkpoint::Snapshot::read(&path).is_ok(),

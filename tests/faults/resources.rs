@@ -1,16 +1,18 @@
 //! Full disks, folders that cannot be written, outputs that are inputs, too little device memory: exit codes and messages
 //! that name the cause, and nothing that was there is lost.
 //!
-//! Without privileges a disk that is full is a limit on the size of files (`ulimit -f`). Where the system lets its users
-//! have namespaces, a small tmpfs and a read-only mount are tried as well.
+//! A full disk is a small tmpfs in a namespace of the test's own, which needs no privileges where the system lets its users
+//! have them; where it does not, only the limit on the size of files (`ulimit -f`) is tried, on a command without a device:
+//! software devices keep their memory in files, which the limit would hit first.
 
-use crate::house::{behind, content, end, program, run, scene, start, undisturbed, whole, works};
+use crate::house::{Ended, behind, content, end, program, run, scene, start, undisturbed, whole, works};
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::train::checkpoint::Snapshot;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
+use tempfile::TempDir;
 
 /// Whether mounts of one's own can be made; said where not.
 fn mounts() -> bool {
@@ -22,68 +24,119 @@ fn mounts() -> bool {
     can
 }
 
+/// Runs a command on a disk of this size that begins as a copy of the folder `from`; gives the end, and a copy of the disk.
+fn on_a_disk(kilobytes: usize, from: &Path, command: impl Fn(&Path) -> Command) -> (Ended, TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let (disk, saved) = (folder.path().join("disk"), folder.path().join("saved"));
+    fs::create_dir(&disk).unwrap();
+    let shell = format!(
+        "mount -t tmpfs -o size={kilobytes}k tmpfs '{0}' && cp -r '{2}/.' '{0}' || exit 99; \"$@\"; code=$?; \
+         cp -r '{0}' '{1}'; exit $code",
+        disk.display(),
+        saved.display(),
+        from.display()
+    );
+    let inside = behind(&shell, &command(&disk));
+    let mut command = Command::new("unshare");
+    command.arg("-rm").arg(inside.get_program()).args(inside.get_args()).env("QIRF_VALIDATION", "1");
+    (end(&mut command), folder)
+}
+
 #[test]
 fn a_checkpoint_that_does_not_fit_leaves_the_one_before() {
+    if !mounts() {
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let (out, checkpoint) = (folder.path(), folder.path().join("checkpoint.safetensors"));
     let mut child = start(&mut run(out, &[]));
     child.until(|| checkpoint.exists());
     child.signal("KILL");
     let before = fs::read(&checkpoint).unwrap();
-    // 16 blocks of 512 bytes: the configuration fits, a checkpoint does not.
-    let ended = end(&mut behind("ulimit -f 16 && exec \"$@\"", &run(out, &["--resume"])));
-    ended.with(5, &["cannot write", "checkpoint.safetensors", "File too large", "free some space"]);
-    assert!(fs::read(&checkpoint).unwrap() == before);
-    whole(out);
-    works(&mut run(out, &["--resume"]));
-    assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
+    let kilobytes = before.len() / 1024 + 40;
+    let (ended, disk) = on_a_disk(kilobytes, out, |disk| run(disk, &["--resume"]));
+    ended.with(5, &["cannot write", "checkpoint.safetensors", "No space left on device", "free some space"]);
+    let saved = disk.path().join("saved");
+    assert!(fs::read(saved.join("checkpoint.safetensors")).unwrap() == before);
+    whole(&saved);
+    works(&mut run(&saved, &["--resume"]));
+    assert!(undisturbed() == fs::read(saved.join("model.ply")).unwrap());
+}
+
+/// A folder with a model, and an earlier output.
+fn with_earlier_output() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("model.ply"), undisturbed()).unwrap();
+    fs::write(folder.path().join("small.ply"), b"earlier").unwrap();
+    folder
 }
 
 #[test]
 fn outputs_that_do_not_fit_leave_those_before() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    fs::write(path("model.ply"), undisturbed()).unwrap();
-    fs::write(path("small.ply"), b"earlier").unwrap();
-    fs::write(path("figures.json"), b"earlier").unwrap();
-    let limited = |arguments: &[&str], names: &str| {
-        let before = content(folder.path());
-        let mut command = program();
-        command.args(arguments);
-        let mut command = behind("ulimit -f 2 && exec \"$@\"", &command);
-        end(command.current_dir(folder.path())).with(5, &["cannot write", names, "File too large"]);
-        assert!(content(folder.path()) == before, "{arguments:?}");
-    };
-    let views = ["--views", "4", "--size", "40x30"];
-    limited(&[&["compress", "model.ply", "-o", "small.ply"], &views[..]].concat(), "small.ply");
-    limited(&["convert", "model.ply", "small.ply"], "small.ply");
-    limited(&["render", "model.ply", "--orbit", "1", "--size", "100x80", "-o", "."], "orbit_000.png");
+    let folder = with_earlier_output();
+    let before = content(folder.path());
+    let mut command = program();
+    command.args(["convert", "model.ply", "small.ply"]);
+    let mut command = behind("ulimit -f 2 && exec \"$@\"", &command);
+    end(command.current_dir(folder.path())).with(5, &["cannot write", "small.ply", "File too large"]);
+    assert!(content(folder.path()) == before);
+    if !mounts() {
+        return;
+    }
+    let views = ["--views", "4", "--size", "40x30", "--keep", "0.9"];
+    let cases: [(&[&str], &str); 2] = [
+        (&["compress", "-o", "small.ply"], "small.ply"),
+        (&["render", "--orbit", "4", "--size", "99x80", "-o", "new"], "new"),
+    ];
+    for (arguments, names) in cases {
+        let kilobytes = undisturbed().len() / 1024 + 16;
+        let (ended, disk) = on_a_disk(kilobytes, folder.path(), |disk| {
+            let mut command = program();
+            command.args(&arguments[..1]).arg(disk.join("model.ply"));
+            for argument in &arguments[1..] {
+                let is_file = *argument == names;
+                if is_file {
+                    command.arg(disk.join(argument))
+                } else {
+                    command.arg(argument)
+                };
+            }
+            command.args(if arguments[0] == "compress" { &views[..] } else { &[] });
+            command
+        });
+        ended.with(5, &["cannot write", names, "No space left on device"]);
+        let saved = disk.path().join("saved");
+        assert!(fs::read(saved.join("small.ply")).unwrap() == b"earlier", "{arguments:?}");
+        assert!(fs::read(saved.join("model.ply")).unwrap() == undisturbed());
+        fs::remove_file(saved.join("small.ply")).unwrap();
+        whole(&saved);
+    }
 }
 
-/// Disks of several sizes, full at several files of a run; what fits is whole, and a larger disk lets it go on.
+/// Disks of several sizes, full at several files of a run; what fits is whole.
 #[test]
 fn a_full_disk_keeps_what_is_whole() {
     if !mounts() {
         return;
     }
-    let size = undisturbed().len() / 1024;
-    for kilobytes in [16, size / 2, 2 * size, 7 * size] {
-        let folder = tempfile::tempdir().unwrap();
-        let (disk, saved) = (folder.path().join("disk"), folder.path().join("saved"));
-        fs::create_dir(&disk).unwrap();
-        let shell = format!(
-            "mount -t tmpfs -o size={kilobytes}k tmpfs '{0}' || exit 99; \"$@\"; code=$?; cp -r '{0}' '{1}'; exit $code",
-            disk.display(),
-            saved.display()
-        );
-        let inside = behind(&shell, &run(&disk.join("out"), &[]));
-        let mut command = Command::new("unshare");
-        command.arg("-rm").arg(inside.get_program()).args(inside.get_args());
-        let ended = end(&mut command).with(5, &["cannot write", "No space left on device"]);
-        println!("{kilobytes} KiB: {}", ended.said.lines().last().unwrap_or_default());
-        whole(&saved);
-        works(&mut run(&saved.join("out"), &["--resume"]));
-        assert!(undisturbed() == fs::read(saved.join("out/model.ply")).unwrap());
+    // KiB of the disk, iterations between checkpoints, the file that does not fit.
+    let cases = [
+        (8, "0", "renders"),
+        (20, "0", "model.ply"),
+        (40, "0", "renders"),
+        (60, "0", "metrics.json"),
+        (100, "0", "report.html"),
+        (150, "7", "checkpoint.safetensors"),
+    ];
+    for (kilobytes, every, file) in cases {
+        let empty = tempfile::tempdir().unwrap();
+        let on = |disk: &Path| run(&disk.join("out"), &["--checkpoint-every", every]);
+        let (ended, disk) = on_a_disk(kilobytes, empty.path(), on);
+        let ended = ended.with(5, &["cannot write", "No space left on device"]);
+        let said = ended.said.lines().last().unwrap_or_default();
+        println!("{kilobytes} KiB: {said}");
+        assert!(said.contains(file), "{file}: {said}");
+        whole(&disk.path().join("saved"));
     }
 }
 
@@ -193,7 +246,7 @@ fn device_memory_that_runs_out_comes_back() {
     fs::write(&model, undisturbed()).unwrap();
     let gaussians = formats::read(&model).unwrap().gaussians;
     let mut refused = 0;
-    for kilobytes in (8..=512).step_by(24) {
+    for kilobytes in (8..=4096).step_by(186) {
         let options =
             DeviceOptions { memory_limit: Some(kilobytes << 10), validation: true, ..DeviceOptions::default() };
         let device = Device::open(&options).unwrap();
@@ -237,7 +290,7 @@ fn configurations_are_refused_by_field() {
         command
     };
     for (field, old, new) in [
-        ("schedule.iterations", "iterations = 200", "iterations = 4000000000"),
+        ("schedule.iterations", "iterations = 120", "iterations = 4000000000"),
         ("prune.average_from", "average_from = 0.43333333333333335", "average_from = 1e10"),
         ("max_gaussians", "max_gaussians = 4000000", "max_gaussians = 9223372036854775807"),
         ("sh_degree", "sh_degree = 3", "sh_degree = 10"),
