@@ -1,6 +1,6 @@
 # Two commands do everything on a fresh machine: `make run` and `make test`. The rest are their parts.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check shaders bench bench-quick
+.PHONY: help setup run test faults soak fuzz check shaders bench bench-quick
 
 # Where rustup puts cargo, for shells that have not read its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -35,6 +35,19 @@ endif
 
 test: setup ## all tests, on this machine's Vulkan device
 	cargo test --locked
+
+faults: ## 10,000 damaged files of every format, in some minutes; kills, full disks and the rest are part of `make test`
+	cargo test --locked --test faults -- --ignored --exact mutations::ten_thousand_mutations --nocapture
+
+soak: ## 20,000 iterations of runs, prunes, resumes and compressions in one process: memory must stay flat
+	cargo test --locked --test soak -- --ignored --nocapture
+
+# Needs `rustup toolchain install nightly` and `cargo install cargo-fuzz`. Targets: fuzz/targets.
+TARGET ?= ply
+SECONDS_OF_FUZZ ?= 60
+fuzz: ## coverage-guided fuzzing of one reader for a minute; TARGET=name, SECONDS_OF_FUZZ=n
+	QIRF_FUZZ_CORPUS="$(CURDIR)/fuzz/corpus" cargo test --locked --test faults -- --ignored --exact mutations::seeds
+	cd fuzz && cargo +nightly fuzz run --fuzz-dir . $(TARGET) -- -max_total_time=$(SECONDS_OF_FUZZ) -rss_limit_mb=2048 -timeout=20
 
 check: ## formatting, lints, shaders, documentation
 	cargo fmt --check

@@ -10,7 +10,7 @@ use crate::metrics::{Networks, Scores};
 use crate::pipeline::budget;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::results::Results;
-use crate::pipeline::{Output, Selection};
+use crate::pipeline::{Output, RunConfig, Selection};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
@@ -94,7 +94,7 @@ impl Arguments {
     }
 
     fn evaluation(&self) -> Result<Evaluation, Error> {
-        let file = self.config.as_deref().map(values::run_config).transpose()?;
+        let file = self.config.as_deref().map(RunConfig::read).transpose()?;
         let antialias = self.antialias || file.as_ref().is_some_and(|c| c.antialias);
         let exposure = file.as_ref().is_some_and(|c| c.exposure);
         let base = file.map(|c| c.selection());

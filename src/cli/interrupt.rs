@@ -29,3 +29,12 @@ impl Watch {
         if self.0.load(Ordering::SeqCst) { Err(Error::Interrupted) } else { Ok(()) }
     }
 }
+
+/// Makes a write beyond the process's file-size limit an error, which tells file and cause, where the system would end the
+/// program in its place.
+pub(super) fn outlive_the_file_size_limit() {
+    #[cfg(unix)]
+    if let Err(e) = flag::register(signal_hook::consts::SIGXFSZ, Arc::default()) {
+        tracing::debug!("a write beyond the file-size limit will end the program at once: {e}");
+    }
+}

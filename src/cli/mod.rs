@@ -136,6 +136,7 @@ pub fn main() -> ExitCode {
     };
     let console = Console { quiet: cli.global.quiet, colour: cli.global.color };
     log(&cli.global);
+    interrupt::outlive_the_file_size_limit();
     match cli.run(&console) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Error::Print(e)) if e.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,

@@ -5,7 +5,6 @@ use super::choices::Choices;
 use super::console::Console;
 use super::show::Show;
 use super::training::{Means, Training};
-use super::values;
 use crate::error::Error;
 use crate::metrics::Networks;
 use crate::pipeline::results::Results;
@@ -74,7 +73,7 @@ impl Arguments {
 
     fn configuration(&self) -> Result<RunConfig, Error> {
         if let Some(path) = &self.config {
-            return values::run_config(path);
+            return RunConfig::read(path);
         }
         let config = self.training.configuration(self.scene.clone().unwrap_or_default());
         Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)) })

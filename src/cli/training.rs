@@ -4,6 +4,7 @@ use super::choices::Choices;
 use super::values;
 use crate::effects::{Choice, Effect, Overrides};
 use crate::pipeline::compression::Pruning;
+use crate::pipeline::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::pipeline::{Init, Preset, RunConfig};
 use clap::Args;
 use std::path::PathBuf;
@@ -18,7 +19,7 @@ pub(super) struct Training {
     #[arg(long, value_name = "one-shot|gradual", default_value = "one-shot", help_heading = "Compression")]
     schedule: Steps,
     /// Length of the run; the schedule's milestones scale with it
-    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_ITERATIONS)))]
     iterations: Option<u32>,
     /// Degree of the spherical harmonics [default: 3]
     #[arg(long, value_name = "L", help_heading = "Effects", value_parser = clap::value_parser!(u8).range(0..=3))]
@@ -33,8 +34,8 @@ pub(super) struct Training {
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..))]
     init_count: Option<u32>,
     /// Never more Gaussians than this
-    #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training")]
-    max_gaussians: usize,
+    #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
+    max_gaussians: u32,
     /// Keep each Gaussian's energy where it is smaller than a pixel
     #[arg(long, help_heading = "Effects")]
     antialias: bool,
@@ -113,7 +114,7 @@ impl Training {
             background: self.background,
             antialias: false,
             exposure: false,
-            max_gaussians: self.max_gaussians,
+            max_gaussians: self.max_gaussians as usize,
             checkpoint_every: self.checkpoint_every,
             schedule: self.preset.schedule(self.iterations),
             prune: None,

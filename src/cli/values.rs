@@ -1,13 +1,10 @@
 //! Values on the command line: sizes, colours, resolutions, directions.
 
-use crate::error::Error;
-use crate::pipeline::RunConfig;
 use crate::pipeline::orbit::UP;
 use crate::qirf::partition::Partition;
 use crate::scene::Resize;
 use glam::DVec3;
 use serde::de::{DeserializeOwned, IntoDeserializer};
-use std::path::Path;
 
 /// Largest side of a picture in pixels.
 const LARGEST_SIDE: u32 = 65_535;
@@ -39,12 +36,6 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     };
     let parsed = digits.parse::<u64>().ok().and_then(|n| n.checked_mul(unit)).filter(|n| *n > 0);
     parsed.ok_or_else(|| "write a number of bytes, such as 2G, 800M or 1000000".to_owned())
-}
-
-/// The `config.toml` of a run.
-pub(super) fn run_config(path: &Path) -> Result<RunConfig, Error> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
-    toml::from_str(&text).map_err(|e| Error::Usage(format!("{}: {e}", path.display())))
 }
 
 /// A share above 0, up to 1.

@@ -247,6 +247,7 @@ impl Context {
             .and_then(|()| std::fs::write(&temporary, &data))
             .and_then(|()| std::fs::rename(&temporary, file));
         if let Err(e) = saved {
+            let _ = std::fs::remove_file(&temporary);
             tracing::debug!("the pipeline cache was not saved: {e}");
         }
     }

@@ -1,11 +1,12 @@
 //! All that a run depends on: what `config.toml` holds, and what reproduces the run.
 
 use super::compression::Pruning;
+use super::ranges;
 use crate::effects::{Choice, Effect, Overrides};
 use crate::error::Error;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A named choice of schedule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -129,6 +130,18 @@ pub struct Selection {
 }
 
 impl RunConfig {
+    /// Reads a `config.toml`.
+    ///
+    /// # Errors
+    /// [`Error::Read`]; [`Error::Usage`] with the file and the line or the field that cannot be.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+        let wrong = |what: String| Error::Usage(format!("{}: {what}", path.display()));
+        let config: Self = toml::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+        ranges::check(&config).map_err(wrong)?;
+        Ok(config)
+    }
+
     /// The text of `config.toml`.
     ///
     /// # Errors

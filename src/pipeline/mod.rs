@@ -16,6 +16,7 @@ pub mod orbit;
 pub mod output;
 pub mod pictures;
 pub mod prepare;
+pub mod ranges;
 pub mod results;
 pub mod run;
 pub mod virtual_views;

@@ -8,13 +8,17 @@ use std::path::{Path, PathBuf};
 pub struct Output(PathBuf);
 
 impl Output {
-    /// A folder, made where it is absent.
+    /// A folder, made where it is absent. What a killed program had begun to write there goes: nobody else would remove it.
     ///
     /// # Errors
     /// [`Error::Write`].
     pub fn new(folder: &Path) -> Result<Self, Error> {
         std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
-        Ok(Self(folder.to_owned()))
+        let output = Self(folder.to_owned());
+        for file in [output.checkpoint(), output.config(), output.model(), output.metrics(), output.report()] {
+            formats::remove_leftovers(&file);
+        }
+        Ok(output)
     }
 
     /// The folder itself.

@@ -215,7 +215,9 @@ impl Start {
             Init::Points | Init::Random => {
                 let pixels = opened.train_pixels().into_iter().max().unwrap_or(0) as f64;
                 let count = (pixels * POINTS_PER_PIXEL) as usize;
-                Self::Random(config.init_count.unwrap_or(count.clamp(POINTS.0, POINTS.1)))
+                let count = config.init_count.unwrap_or(count.clamp(POINTS.0, POINTS.1));
+                // More would be drawn only to be thinned.
+                Self::Random(count.min(config.max_gaussians))
             }
         })
     }

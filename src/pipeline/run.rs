@@ -1,13 +1,14 @@
 //! `qirf-vk run`: from photos to a trained model, its pictures and its figures.
 
 use super::budget;
-use super::config::RunConfig;
+use super::config::{Init, RunConfig};
 use super::job::{Job, Stage};
 use super::output::Output;
 use super::prepare::{Start, open};
 use super::results::Results;
 use super::watcher::Watcher;
 use crate::error::Error;
+use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::train::checkpoint::Snapshot;
@@ -29,6 +30,9 @@ pub fn run(
     watcher: &(dyn Watcher + Sync),
 ) -> Result<Results, Error> {
     let begun = Instant::now();
+    if let Init::Model(model) = &config.init {
+        formats::refuse_overwrite(model, &output.model()).map_err(Error::writing)?;
+    }
     let snapshot = found(output, resume, watcher)?;
     let of = snapshot.as_ref().map(|s| s.notes.get("config").cloned().unwrap_or_default());
     let opened = open(&config.selection())?;

@@ -110,6 +110,22 @@ impl Trainer {
     }
 }
 
+/// The note that holds the checksum of all else.
+const CHECKSUM: &str = "crc32";
+
+/// CRC-32 of tensors and notes with their names, in the names' order.
+fn checksum<'a>(tensors: impl Iterator<Item = (&'a str, &'a [u8])>, notes: &'a HashMap<String, String>) -> u32 {
+    let notes = notes.iter().filter(|(key, _)| *key != CHECKSUM).map(|(key, text)| (key.as_str(), text.as_bytes()));
+    let mut parts: Vec<(&str, &[u8])> = tensors.chain(notes).collect();
+    parts.sort_unstable();
+    let mut crc = flate2::Crc::new();
+    for (name, bytes) in parts {
+        crc.update(name.as_bytes());
+        crc.update(bytes);
+    }
+    crc.sum()
+}
+
 const NAMES: [&str; 8] = ["means", "log_scales", "rotations", "opacity_logits", "sh0", "sh1", "sh2", "sh3"];
 
 impl Snapshot {
@@ -146,6 +162,8 @@ impl Snapshot {
         let mut notes = self.notes.clone();
         notes.insert("iteration".into(), self.iteration.to_string());
         notes.insert("skipped_rows".into(), self.skipped_rows.to_string());
+        let sum = checksum(tensors.iter().map(|(name, _, bytes)| (name.as_str(), bytes.as_slice())), &notes);
+        notes.insert(CHECKSUM.into(), sum.to_string());
         let views: std::result::Result<Vec<_>, _> = tensors
             .iter()
             .map(|(name, len, bytes)| TensorView::new(Dtype::F32, vec![*len], bytes).map(|view| (name.clone(), view)))
@@ -220,6 +238,11 @@ impl Snapshot {
             return Err(bad("exposures", "their lengths do not agree".into()));
         }
         let (iteration, skipped_rows) = (number("iteration")? as u32, number("skipped_rows")?);
+        // A run that went on from a flipped bit would end elsewhere, and nobody would know.
+        let all = file.tensors();
+        if number(CHECKSUM)? != u64::from(checksum(all.iter().map(|(name, t)| (name.as_str(), t.data())), &notes)) {
+            return Err(bad(CHECKSUM, "it is not that of the content: the file is damaged".into()));
+        }
         Ok(Self { iteration, skipped_rows, model, moments, growth, responses, exposures, notes })
     }
 }

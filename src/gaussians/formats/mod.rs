@@ -22,7 +22,7 @@ use serde::Serialize;
 
 use super::{Error, Gaussians};
 use fault::Fault;
-pub use output::{refuse_overwrite, write_atomically};
+pub use output::{refuse_overwrite, remove_leftovers, write_atomically};
 pub use repairs::{LOG_SCALE_FLOOR, OPACITY_LOGIT_LIMIT, Repairs};
 
 /// The kinds of model file that can be read.

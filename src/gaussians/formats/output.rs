@@ -1,5 +1,6 @@
 //! Files written whole or not at all, and never over their own input.
 
+use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -59,14 +60,39 @@ pub fn write_atomically(path: &Path, body: impl FnOnce(&mut dyn Write) -> io::Re
     attempt().map_err(|source| Error::Io { path: path.to_owned(), source })
 }
 
+/// The end of a temporary file's name; before it stand a dot, the file's own name, the writer's process and a number.
+const TEMPORARY: &str = ".tmp";
+
+fn hidden_prefix(name: &OsStr) -> OsString {
+    let mut hidden = OsString::from(".");
+    hidden.push(name);
+    hidden.push(".");
+    hidden
+}
+
+/// Removes the temporary files of [`write_atomically`] that writers of `path` left when they were killed. No other writer of
+/// `path` may be at work.
+pub fn remove_leftovers(path: &Path) {
+    let (Some(name), Some(folder)) = (path.file_name(), path.parent()) else { return };
+    let prefix = hidden_prefix(name).to_string_lossy().into_owned();
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let found = entry.file_name();
+        let found = found.to_string_lossy();
+        let middle = found.strip_prefix(&prefix).and_then(|rest| rest.strip_suffix(TEMPORARY));
+        if middle.is_some_and(|m| !m.is_empty() && m.chars().all(|c| c.is_ascii_digit() || c == '-')) {
+            // One that stays costs some room and nothing else.
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
 /// A new file in the folder of `path` that no other writer holds.
 fn create_beside(path: &Path) -> io::Result<(PathBuf, File)> {
     let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
     let mut attempt = 0u32;
     loop {
-        let mut hidden = std::ffi::OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{}-{attempt}.tmp", std::process::id()));
+        let mut hidden = hidden_prefix(name);
+        hidden.push(format!("{}-{attempt}{TEMPORARY}", std::process::id()));
         let temporary = path.with_file_name(hidden);
         match OpenOptions::new().write(true).create_new(true).open(&temporary) {
             Ok(file) => return Ok((temporary, file)),
@@ -106,6 +132,18 @@ mod tests {
         assert!(failed.unwrap_err().to_string().contains("disk full"));
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn leftovers_of_one_file_go_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = [".a.ply.123-0.tmp", ".a.ply.9-12.tmp", ".a.ply.tmp", ".a.ply.x-1.tmp", ".b.ply.1-0.tmp", "a.ply"];
+        for name in names {
+            fs::write(folder.path().join(name), b"").unwrap();
+        }
+        remove_leftovers(&folder.path().join("a.ply"));
+        let left: Vec<bool> = names.iter().map(|name| folder.path().join(name).exists()).collect();
+        assert_eq!(left, [false, false, true, true, true, true]);
     }
 
     #[test]

@@ -194,10 +194,17 @@ fn read_streams(header: &Header, bytes: &[u8]) -> Result<Parsed, Fault> {
         .map(|(attribute, frame, at)| {
             let size = sizes[attribute];
             let damaged = |what: String| malformed(format!("{} stream, byte {at}", NAMES[attribute]), what);
-            let plain = zstd::bulk::decompress(frame, size)
+            // Room grows with what comes out: a claimed size alone must not cost memory.
+            let mut plain = Vec::new();
+            zstd::Decoder::with_buffer(frame)
+                .and_then(|decoder| decoder.take(size as u64 + 1).read_to_end(&mut plain))
                 .map_err(|error| damaged(format!("damaged zstd data ({error}); {AGAIN}")))?;
             if plain.len() != size {
-                return Err(damaged(format!("{} bytes after decompression, {size} expected; {AGAIN}", plain.len())));
+                let more = if plain.len() > size { " or more" } else { "" };
+                return Err(damaged(format!(
+                    "{}{more} bytes after decompression, {size} expected; {AGAIN}",
+                    plain.len()
+                )));
             }
             Ok((attribute, plain))
         })

@@ -1,0 +1,2 @@
+#![no_main]
+faults::reader!("blender: transforms_train.json");

@@ -1,0 +1,184 @@
+//! What the numbers of a `config.toml` may be: the same as on the command line, and finite. A file that was edited or
+//! damaged is refused by field, before any work.
+
+use super::compression::{Compression, Pruning};
+use super::config::RunConfig;
+use crate::gaussians::MAX_SH_DEGREE;
+use crate::qirf::partition::Partition;
+use crate::qirf::select::budget::Keep;
+use crate::train::schedule::Schedule;
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+
+/// Longest run.
+pub const MOST_ITERATIONS: u32 = 1_000_000;
+/// Most Gaussians: they are counted in 32 bits, and moments of SH bands hold 42 numbers of each.
+pub const MOST_GAUSSIANS: usize = 100_000_000;
+/// Members of the largest block: its matrix is square.
+const BLOCK: RangeInclusive<usize> = 16..=8000;
+/// Learning rates, weights, gradients and scales.
+const POSITIVE: RangeInclusive<f64> = 1e-30..=1e6;
+const SHARE: RangeInclusive<f64> = 0.0..=1.0;
+/// Numbers of 0 or more.
+const WEIGHT: RangeInclusive<f64> = 0.0..=1e6;
+
+/// Refuses a value outside its range; NaN lies in none.
+fn within<T: Copy + PartialOrd + Display>(field: &str, value: T, range: &RangeInclusive<T>) -> Result<(), String> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    Err(format!("{field} = {value}: write a number from {} to {}", range.start(), range.end()))
+}
+
+/// Checks every number of a configuration.
+///
+/// # Errors
+/// The field, its value, and what it may be.
+pub fn check(config: &RunConfig) -> Result<(), String> {
+    within("sh_degree", config.sh_degree, &(0..=MAX_SH_DEGREE))?;
+    within("max_gaussians", config.max_gaussians, &(1..=MOST_GAUSSIANS))?;
+    if let Some(count) = config.init_count {
+        within("init_count", count, &(1..=MOST_GAUSSIANS))?;
+    }
+    for channel in config.background.into_iter().flatten() {
+        within("background", f64::from(channel), &SHARE)?;
+    }
+    schedule(&config.schedule)?;
+    config.prune.as_ref().map_or(Ok(()), pruning)
+}
+
+fn schedule(s: &Schedule) -> Result<(), String> {
+    within("schedule.iterations", s.iterations, &(1..=MOST_ITERATIONS))?;
+    for (field, value) in [
+        ("position_rate", s.position_rate),
+        ("position_rate_end", s.position_rate_end),
+        ("densify_gradient", s.densify_gradient),
+        ("clone_scale", s.clone_scale),
+        ("prune_scale", s.prune_scale),
+    ] {
+        within(&format!("schedule.{field}"), value, &POSITIVE)?;
+    }
+    for (field, value) in [
+        ("dc_rate", s.dc_rate),
+        ("rest_rate", s.rest_rate),
+        ("opacity_rate", s.opacity_rate),
+        ("scale_rate", s.scale_rate),
+        ("rotation_rate", s.rotation_rate),
+    ] {
+        within(&format!("schedule.{field}"), value, &WEIGHT)?;
+    }
+    // Beyond 1 means never.
+    for (field, value) in [
+        ("densify_from", s.densify_from),
+        ("densify_until", s.densify_until),
+        ("prune_opacity", s.prune_opacity),
+        ("prune_scale_from", s.prune_scale_from),
+        ("degree_every", s.degree_every),
+    ] {
+        within(&format!("schedule.{field}"), value, &(0.0..=1000.0))?;
+    }
+    Ok(())
+}
+
+fn pruning(p: &Pruning) -> Result<(), String> {
+    let mut before = 0.0;
+    for &at in &p.at {
+        within("prune.at (rising shares of the run)", at, &(before..=1.0))?;
+        before = at;
+    }
+    within("prune.average_from", p.average_from, &SHARE)?;
+    within("prune.l2", p.l2, &WEIGHT)?;
+    within("prune.position_rate", p.position_rate, &WEIGHT)?;
+    compression(&p.compression)
+}
+
+fn compression(c: &Compression) -> Result<(), String> {
+    match c.keep {
+        Keep::Paper { kappa } => within("prune.compression.keep.paper.kappa", kappa, &SHARE)?,
+        Keep::Share(share) => within("prune.compression.keep.share", share, &(f64::MIN_POSITIVE..=1.0))?,
+        Keep::Count(count) => within("prune.compression.keep.count", count, &(1..=MOST_GAUSSIANS))?,
+    }
+    within("prune.compression.detail", c.detail, &SHARE)?;
+    let b = &c.basis;
+    for (field, value, range) in [
+        ("dilate", b.dilate, &WEIGHT),
+        ("epsilon", b.epsilon, &WEIGHT),
+        ("tau", b.tau, &SHARE),
+        ("eta", b.eta, &WEIGHT),
+    ] {
+        within(&format!("prune.compression.basis.{field}"), value, range)?;
+    }
+    let field = "prune.compression.basis.partition";
+    match b.partition {
+        Partition::Paper { voxel, cap } => {
+            within(&format!("{field}.paper.voxel"), voxel, &POSITIVE)?;
+            within(&format!("{field}.paper.cap"), cap, &BLOCK)
+        }
+        Partition::Adaptive { mean, least, most } => {
+            within(&format!("{field}.adaptive.mean"), mean, &(1..=MOST_GAUSSIANS))?;
+            within(&format!("{field}.adaptive.least"), least, &(0..=MOST_GAUSSIANS))?;
+            within(&format!("{field}.adaptive.most"), most, &BLOCK)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::{Init, Preset};
+
+    fn config() -> RunConfig {
+        RunConfig {
+            scene: "capture".into(),
+            images: None,
+            resolution: None,
+            seed: 1,
+            eval_every: 8,
+            sh_degree: 3,
+            init: Init::Points,
+            init_count: None,
+            background: None,
+            antialias: false,
+            exposure: false,
+            max_gaussians: 4_000_000,
+            checkpoint_every: 5000,
+            schedule: Preset::Standard.schedule(None),
+            prune: None,
+            effects: Preset::Standard.effects(),
+        }
+    }
+
+    #[test]
+    fn every_preset_passes() {
+        for preset in [Preset::Paper, Preset::Standard, Preset::Quick] {
+            let run = RunConfig { schedule: preset.schedule(None), ..config() }.pruned(preset.pruning());
+            assert_eq!(check(&run), Ok(()));
+            let gradual = Pruning { at: Pruning::GRADUAL.to_vec(), ..preset.pruning() };
+            assert_eq!(check(&run.pruned(gradual)), Ok(()));
+        }
+    }
+
+    #[test]
+    fn what_no_run_can_mean_is_refused_by_field() {
+        let with = |f: &dyn Fn(&mut RunConfig)| {
+            let mut config = config().pruned(Pruning::default());
+            f(&mut config);
+            check(&config).expect_err("must be refused")
+        };
+        let pruned = |f: fn(&mut Pruning)| with(&|c| c.prune.iter_mut().for_each(f));
+        // The share's iteration + 1 left 32 bits.
+        assert!(pruned(|p| p.average_from = 1e9).starts_with("prune.average_from = 1000000000:"));
+        assert!(pruned(|p| p.at = vec![0.4, 0.2]).contains("from 0.4 to 1"));
+        assert!(pruned(|p| p.at = vec![f64::NAN]).contains("prune.at"));
+        assert!(pruned(|p| p.compression.keep = Keep::Share(0.0)).contains("keep.share"));
+        assert!(pruned(|p| p.compression.basis.tau = f64::INFINITY).contains("tau = inf"));
+        let most = 1_000_000;
+        let partition = Partition::Adaptive { mean: 48, least: 8, most };
+        assert!(with(&|c| c.prune.iter_mut().for_each(|p| p.compression.basis.partition = partition)).contains("8000"));
+        assert!(with(&|c| c.schedule.iterations = 0).contains("schedule.iterations = 0: write a number from 1"));
+        assert!(with(&|c| c.schedule.position_rate = -1.0).contains("position_rate = -1"));
+        assert!(with(&|c| c.max_gaussians = usize::MAX).contains("max_gaussians"));
+        assert!(with(&|c| c.sh_degree = 4).contains("from 0 to 3"));
+        assert!(with(&|c| c.background = Some([0.0, f32::NAN, 0.0])).contains("background = NaN"));
+    }
+}

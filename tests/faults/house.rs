@@ -1,0 +1,168 @@
+//! The real program on a small scene, and ways to disturb it.
+
+use qirf_vk::synth::{SynthOptions, write};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Options of every run here: four prunes with fine-tuning between, all in a second or two.
+const RUN: [&str; 4] = ["--iterations", "120", "--schedule", "gradual"];
+
+/// The iteration of the first prune of such a run.
+pub const FIRST_PRUNE: u32 = 52;
+
+/// Nine photos of 48 x 36, made once.
+pub fn scene() -> &'static Path {
+    static MADE: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
+    let made = MADE.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene");
+        let options = SynthOptions { views: 9, width: 48, height: 36, points: 300, ..SynthOptions::default() };
+        write(&scene, &options, &|_| ()).expect("a synthetic scene");
+        (folder, scene)
+    });
+    &made.1
+}
+
+/// The program.
+pub fn program() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    command.env("QIRF_VALIDATION", "1");
+    command
+}
+
+/// The program behind a line of shell, as `"$@"`.
+pub fn behind(shell: &str, command: &Command) -> Command {
+    let mut wrapped = Command::new("sh");
+    wrapped.args(["-c", shell, "sh"]).arg(command.get_program()).args(command.get_args()).env("QIRF_VALIDATION", "1");
+    wrapped
+}
+
+/// A run of the scene into `out`.
+pub fn run(out: &Path, more: &[&str]) -> Command {
+    let mut command = program();
+    command.arg("run").arg(scene()).arg("-o").arg(out).args(RUN).args(more);
+    if !more.contains(&"--checkpoint-every") {
+        command.args(["--checkpoint-every", "7"]);
+    }
+    command
+}
+
+/// What became of the program.
+pub struct Ended {
+    pub code: Option<i32>,
+    pub said: String,
+}
+
+impl Ended {
+    fn of(output: &Output) -> Self {
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!said.contains("panicked") && !said.contains("validation:"), "{said}");
+        Self { code: output.status.code(), said }
+    }
+
+    /// It ended with this code and said all of `words`.
+    #[track_caller]
+    pub fn with(self, code: i32, words: &[&str]) -> Self {
+        assert_eq!(self.code, Some(code), "{}", self.said);
+        for word in words {
+            assert!(self.said.contains(word), "should say {word:?}: {}", self.said);
+        }
+        self
+    }
+}
+
+/// Runs to the end.
+pub fn end(command: &mut Command) -> Ended {
+    Ended::of(&command.output().expect("the program starts"))
+}
+
+/// Runs to its good end.
+#[track_caller]
+pub fn works(command: &mut Command) -> Ended {
+    end(command).with(0, &[])
+}
+
+/// The model that an undisturbed run ends with, made once.
+pub fn undisturbed() -> &'static [u8] {
+    static MADE: OnceLock<Vec<u8>> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        works(&mut run(folder.path(), &[]));
+        fs::read(folder.path().join("model.ply")).unwrap()
+    })
+}
+
+/// The program under way.
+pub struct UnderWay(Child);
+
+pub fn start(command: &mut Command) -> UnderWay {
+    UnderWay(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts"))
+}
+
+/// The same; what it says goes to a file.
+pub fn start_telling(command: &mut Command, file: &Path) -> UnderWay {
+    let file = fs::File::create(file).unwrap();
+    UnderWay(command.stdout(Stdio::null()).stderr(file).spawn().expect("the program starts"))
+}
+
+impl UnderWay {
+    /// Waits until something is so; false where the program ends first.
+    pub fn until(&mut self, so: impl Fn() -> bool) -> bool {
+        let begun = Instant::now();
+        while !so() {
+            assert!(begun.elapsed() < Duration::from_secs(120), "nothing happens");
+            if self.0.try_wait().unwrap().is_some() {
+                return false;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        true
+    }
+
+    /// Sends a signal, unless it ended before, and waits for the end.
+    pub fn signal(mut self, name: &str) -> Ended {
+        if self.0.try_wait().unwrap().is_none() {
+            let _ = Command::new("kill").args(["-s", name, &self.0.id().to_string()]).status();
+        }
+        Ended::of(&self.0.wait_with_output().unwrap())
+    }
+}
+
+/// Every file below a folder with its content; none where there is no folder.
+pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            if path.is_dir() { folders.push(path) } else { found.push((path.clone(), fs::read(path).unwrap())) }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Whether every file is what its name says, and whole.
+#[track_caller]
+pub fn whole(folder: &Path) {
+    for (path, bytes) in content(folder) {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if name.starts_with('.') && path.parent().is_some_and(|p| p != folder) {
+            continue; // a picture that a killed writer had begun
+        }
+        let good = match path.extension().and_then(|e| e.to_str()) {
+            Some("ply") => qirf_vk::gaussians::formats::read(&path).is_ok(),
+            Some("safetensors") => qirf_vk::train::checkpoint::Snapshot::read(&path).is_ok(),
+            Some("toml") => qirf_vk::pipeline::RunConfig::read(&path).is_ok(),
+            Some("json") => serde_json::from_slice::<serde_json::Value>(&bytes).is_ok(),
+            Some("png") => image::load_from_memory(&bytes).is_ok(),
+            Some("html") => bytes.ends_with(b"</html>") || bytes.ends_with(b"</html>\n"),
+            _ => false,
+        };
+        assert!(good, "{name} of {} bytes is not whole", bytes.len());
+    }
+}

@@ -1,0 +1,16 @@
+//! Faults: damaged files, kills, full disks, too little memory. Errors name the cause, and what was there stays whole.
+#![cfg(unix)] // limits and signals are the system's
+
+#[path = "../formats/make.rs"]
+#[allow(dead_code)] // this program uses its own part
+mod make;
+#[path = "../scenes/writers.rs"]
+#[allow(dead_code)]
+mod writers;
+
+mod corpus;
+mod house;
+mod killed;
+mod mutate;
+mod mutations;
+mod resources;

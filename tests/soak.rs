@@ -1,0 +1,145 @@
+//! A long life in one process: runs that prune, break off, resume and compress, over and over. Memory stays flat, every
+//! round ends with the same bytes, and the validation layers say nothing. `make soak`; `QIRF_SOAK_ITERATIONS` shortens it.
+
+use qirf_vk::error::Error;
+use qirf_vk::gaussians::formats;
+use qirf_vk::gpu::{Device, DeviceOptions};
+use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::compress::{Input, Job, Sight};
+use qirf_vk::pipeline::compression::{Compression, Pruning};
+use qirf_vk::pipeline::virtual_views::Around;
+use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Watcher, compress, run};
+use qirf_vk::qirf::select::budget::Keep;
+use qirf_vk::random;
+use qirf_vk::synth::{SynthOptions, write};
+use qirf_vk::train::Progress;
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Instant;
+
+/// Iterations of a round.
+const ROUND: u32 = 400;
+/// Rounds after which memory must not grow: pools and caches have found their sizes.
+const WARM: usize = 3;
+
+/// Stops each run at a given iteration.
+struct Stopper(AtomicU32, AtomicU32);
+
+impl Watcher for Stopper {
+    fn loading(&self, _: usize, _: usize) {}
+    fn training(&self, progress: &Progress, _: u32) {
+        self.1.store(progress.iteration, Ordering::Relaxed);
+    }
+    fn evaluating(&self, _: usize, _: usize) {}
+    fn note(&self, _: &str) {}
+    fn stop(&self) -> bool {
+        self.1.load(Ordering::Relaxed) >= self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Bytes of this process in memory; 0 where the system does not tell.
+fn resident() -> u64 {
+    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = text.lines().find_map(|l| l.strip_prefix("VmRSS:"));
+    line.and_then(|l| l.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()).unwrap_or(0) << 10
+}
+
+fn config(scene: &Path) -> RunConfig {
+    let mut schedule = Preset::Quick.schedule(Some(ROUND));
+    schedule.densify_every = 20;
+    let config = RunConfig {
+        scene: scene.to_owned(),
+        images: None,
+        resolution: None,
+        seed: 3,
+        eval_every: 4,
+        sh_degree: 2,
+        init: Init::Points,
+        init_count: None,
+        background: None,
+        antialias: false,
+        exposure: false,
+        max_gaussians: 2000,
+        checkpoint_every: 90,
+        schedule,
+        prune: None,
+        effects: Preset::Quick.effects(),
+    };
+    config.pruned(Pruning { at: Pruning::GRADUAL.to_vec(), ..Pruning::default() })
+}
+
+#[test]
+#[ignore = "minutes: make soak"]
+fn twenty_thousand_iterations_leave_memory_flat() {
+    let total: u32 = std::env::var("QIRF_SOAK_ITERATIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(20_000);
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    let options = SynthOptions { views: 8, width: 48, height: 36, points: 300, ..SynthOptions::default() };
+    write(&scene, &options, &|_| ()).unwrap();
+    let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
+    assert!(device.validates(), "the validation layers are installed (tools/setup)");
+    let (config, networks) = (config(&scene), Networks::default());
+    let begun = Instant::now();
+    let mut first: Option<[Vec<u8>; 2]> = None;
+    let mut memory: Vec<[u64; 3]> = Vec::new();
+    for round in 0..total.div_ceil(ROUND).max(1) {
+        let output = Output::new(&folder.path().join("out")).unwrap();
+        // Two stops at moments of the round's own, then to the end.
+        let draw = |k: u64| 1 + (random::bits(&[17, u64::from(round), k]) % u64::from(ROUND - 1)) as u32;
+        let mut stops = [draw(0), draw(1), u32::MAX];
+        stops.sort_unstable();
+        for (k, stop) in stops.into_iter().enumerate() {
+            let watcher = Stopper(AtomicU32::new(stop), AtomicU32::new(0));
+            let ended = run::run(&device, &config, &output, &networks, u64::MAX, k > 0, &watcher);
+            match ended {
+                Ok(results) => assert!(results.prunes.len() == 4 && output.model().exists()),
+                Err(e) => assert!(matches!(e, Error::Interrupted) && output.checkpoint().exists(), "{e}"),
+            }
+            if output.model().exists() {
+                break;
+            }
+        }
+        let small = folder.path().join("small.ply");
+        let gaussians = formats::read(&output.model()).unwrap().gaussians;
+        let path = output.model();
+        let input = Input { path: &path, model: gaussians, read_s: 0.0 };
+        let around = Around { views: 6, size: (40, 30), up: qirf_vk::pipeline::orbit::UP };
+        let job = Job {
+            compression: Compression { keep: Keep::Share(0.5), ..Compression::default() },
+            sight: Sight::OwnPictures(around, [0.0; 3]),
+            antialias: false,
+            fine_tune: 20,
+            seed: 5,
+        };
+        let never = Stopper(AtomicU32::new(u32::MAX), AtomicU32::new(0));
+        compress::compress(&device, input, &job, &small, u64::MAX, &never).unwrap();
+        let files = [&path, &small].map(|p| std::fs::read(p).unwrap());
+        match &first {
+            None => first = Some(files),
+            Some(right) => assert!(*right == files, "round {round} ends elsewhere"),
+        }
+        std::fs::remove_dir_all(output.folder()).unwrap();
+        let (used, peak) = device.memory_used();
+        memory.push([resident(), used, peak]);
+        if round % 5 == 0 {
+            let seconds = begun.elapsed().as_secs_f64();
+            println!("round {round}, {seconds:.0} s: RSS {} KiB, device {used} bytes, peak {peak}", resident() >> 10);
+        }
+        assert_eq!(Device::validation_messages(), 0, "round {round}: messages are printed above");
+    }
+    let [last_rss, used, peak] = memory[memory.len() - 1];
+    let [warm_rss, _, warm_peak] = memory[WARM.min(memory.len() - 1)];
+    println!(
+        "{} rounds of {ROUND} iterations in {:.0} s: RSS {} KiB after round {WARM}, {} KiB at the end; device {used} bytes \
+         in use, peak {warm_peak} then, {peak} at the end",
+        memory.len(),
+        begun.elapsed().as_secs_f64(),
+        warm_rss >> 10,
+        last_rss >> 10,
+    );
+    assert_eq!(used, 0, "every buffer came back");
+    // Each round's stops decide what is held at once, to some KiB.
+    assert!(peak <= warm_peak + warm_peak / 50, "the device's peak grew from {warm_peak} to {peak}");
+    // A heap breathes; a leak of one buffer a round would show.
+    assert!(last_rss <= warm_rss + warm_rss / 10 + (16 << 20), "{warm_rss} grew to {last_rss}");
+}
