@@ -88,7 +88,6 @@ fn pruning(p: &Pruning) -> Result<(), String> {
     }
     within("prune.average_from", p.average_from, &SHARE)?;
     within("prune.l2", p.l2, &WEIGHT)?;
-    within("prune.position_rate", p.position_rate, &WEIGHT)?;
     compression(&p.compression)
 }
 

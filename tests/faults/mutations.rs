@@ -158,7 +158,7 @@ fn damaged(case: u64, input: &Input, inputs: &[Input]) -> Vec<u8> {
 #[ignore = "started by make fuzz"]
 fn seeds() {
     let Some(corpus) = std::env::var_os("QIRF_FUZZ_CORPUS") else { return };
-    let targets = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/targets");
+    let targets = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/targets");
     for entry in fs::read_dir(targets).unwrap().flatten() {
         let text = fs::read_to_string(entry.path()).unwrap();
         let Some((_, name)) = text.split_once("reader!(\"") else { continue };

@@ -1,11 +1,11 @@
 //! What the fuzz targets share with tests/faults: a good file of every format, its reader, and what must hold.
 
-#[path = "../tests/faults/corpus.rs"]
+#[path = "../faults/corpus.rs"]
 pub mod corpus;
-#[path = "../tests/formats/make.rs"]
+#[path = "../formats/make.rs"]
 #[allow(dead_code)]
 mod make;
-#[path = "../tests/scenes/writers.rs"]
+#[path = "../scenes/writers.rs"]
 #[allow(dead_code)]
 mod writers;
 
