@@ -5,6 +5,7 @@
 mod common;
 mod guards;
 mod naive;
+mod overlap;
 mod project;
 mod random;
 mod rooms;
