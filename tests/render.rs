@@ -128,7 +128,9 @@ fn the_twin_agrees_at_any_size() {
         let got = image.pixels.iter().flat_map(|p| p[..3].to_vec());
         let (mean, share, largest) = errors(got, expected.image.as_flattened());
         println!("{width}x{height}: mean {mean:.1e}, beyond 1e-4 {share:.1e}, largest {largest:.1e}");
-        assert!(mean < 5e-6 && largest < 8e-3, "{width}x{height}");
+        // A contribution that float32 puts on the other side of 1/255 moves a pixel by that times its colour, up to 2 here;
+        // among a million pixels there may be two such in one.
+        assert!(mean < 5e-6 && largest < 1.6e-2, "{width}x{height}");
     }
     finish(&device);
 }

@@ -109,7 +109,8 @@ fn ewa_backward(
 fn axes_backward(geometry: &Geometry, whitened: &Whitened) -> (DVec3, [f64; 4]) {
     let (w, e, s) = (whitened.w, whitened.e, geometry.scale);
     let log_scale = e[0] * w[0] + e[1] * w[1];
-    let spin = (e[0] * s).cross(w[0] / s) + (e[1] * s).cross(w[1] / s);
+    let least = s.max(DVec3::splat(f64::MIN_POSITIVE)); // an axis of no length has none to turn
+    let spin = (e[0] * s).cross(w[0] / least) + (e[1] * s).cross(w[1] / least);
     let [real, x, y, z] = geometry.quaternion;
     let imaginary = DVec3::new(x, y, z);
     let by_unit = (real * spin + imaginary.cross(spin)).to_array();
