@@ -16,6 +16,5 @@ pub fn device() -> Device {
 pub fn finish(device: &Device) {
     assert!(device.validates(), "the validation layers are installed (tools/setup)");
     assert_eq!(Device::validation_messages(), 0, "validation messages are printed above");
-    assert!(device.guards(), "the device under test guards its buffers");
     assert_eq!(device.broken_fences(), Vec::<String>::new(), "kernels wrote behind these buffers");
 }
