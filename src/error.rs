@@ -71,13 +71,15 @@ pub enum Error {
     Metrics(#[from] crate::metrics::Error),
     /// The device computes wrong numbers: exit code 4.
     #[error(
-        "{failed} of {checks} checks failed on {device} ({driver}): update the driver, or choose another device with --device"
+        "{failed} of {checks} checks failed on {device} ({driver}), in {rooms}: its results are not to be trusted. Update the driver (known bad: Mesa before 23, which ends shader loops after 65,535 iterations), or choose another device with --device"
     )]
     SelfTest {
         /// Checks that failed.
         failed: usize,
         /// Checks made.
         checks: usize,
+        /// The parts of the engine that they were of.
+        rooms: String,
         /// The device's name.
         device: String,
         /// Its driver.

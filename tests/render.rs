@@ -120,15 +120,17 @@ fn the_twin_agrees_at_any_size() {
     let device = device();
     let model = crowd(400, 5);
     let params = reference::Params::from(&model);
-    for (width, height) in [(1, 1), (17, 3), (90, 61), (4096, 16), (65_537 * 8, 1)] {
+    for (width, height) in [(1, 1), (17, 3), (90, 61), (4096, 16), (1_048_592, 1)] {
         let camera = camera(width, height);
-        // The widest has more tiles than a dispatch has groups in one dimension; only its ends are compared.
+        // The widest has more tiles of 16, let alone of 8, than a dispatch has groups in one dimension.
         let image = render(&device, &model, &camera, Settings::default());
         let expected = reference::render(&params, &camera, &reference::Settings::default()).composite;
         let got = image.pixels.iter().flat_map(|p| p[..3].to_vec());
         let (mean, share, largest) = errors(got, expected.image.as_flattened());
         println!("{width}x{height}: mean {mean:.1e}, beyond 1e-4 {share:.1e}, largest {largest:.1e}");
-        assert!(mean < 5e-6 && largest < 8e-3, "{width}x{height}");
+        // A contribution that float32 puts on the other side of 1/255 moves a pixel by that times its colour, up to 2 here;
+        // among a million pixels there may be two such in one.
+        assert!(mean < 5e-6 && largest < 1.6e-2, "{width}x{height}");
     }
     finish(&device);
 }

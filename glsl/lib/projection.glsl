@@ -6,8 +6,9 @@ struct Projection {
     vec2 mean;       // pixels
     float depth;
     vec3 covariance; // a, b, c with the dilation, square pixels
-    float det0;      // determinant without the dilation
-    float det;       // with it
+    float det0;      // determinant without the dilation, times shrink^4
+    float det;       // with it, times shrink^4
+    float shrink;    // 1, or so small that a Gaussian of any size keeps products of four lengths within float32
     // What the backward pass goes through again.
     vec3 position;   // camera axes
     vec2 slope;      // x/z and y/z, clamped
@@ -15,6 +16,7 @@ struct Projection {
     vec3 scale;
     vec3 row_x;      // Jacobian times scaled axes
     vec3 row_y;
+    vec3 normal;     // their cross product, times shrink^2
     vec4 unit;       // quaternion, normalised
     float norm;      // of the stored one
 };
@@ -36,6 +38,9 @@ bool rotation_of(vec4 stored, out mat3 r, out vec4 q, out float norm) {
     return true;
 }
 
+const float LARGE = 1e16;                      // square pixels
+const float SHRINK = 2.3283064365386963e-10;   // 2^-32: rounds nothing
+
 mat3 world_to_camera(View v) { return transpose(mat3(v.rotation[0].xyz, v.rotation[1].xyz, v.rotation[2].xyz)); }
 
 Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
@@ -55,11 +60,13 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
     vec2 f = v.focal / t.z;
     vec3 row_x = f.x * (vec3(axes[0].x, axes[1].x, axes[2].x) - clamped.x * vec3(axes[0].z, axes[1].z, axes[2].z)) * p.scale;
     vec3 row_y = f.y * (vec3(axes[0].y, axes[1].y, axes[2].y) - clamped.y * vec3(axes[0].z, axes[1].z, axes[2].z)) * p.scale;
-    vec3 normal = cross(row_x, row_y);
     float a0 = dot(row_x, row_x), c0 = dot(row_y, row_y);
+    p.shrink = a0 + c0 > LARGE ? SHRINK : 1.0;
+    float shrunk = DILATION * p.shrink * p.shrink;
+    p.normal = cross(row_x * p.shrink, row_y * p.shrink);
     p.covariance = vec3(a0 + DILATION, dot(row_x, row_y), c0 + DILATION);
-    p.det0 = dot(normal, normal);
-    p.det = p.det0 + DILATION * (a0 + c0) + DILATION * DILATION;
+    p.det0 = dot(p.normal, p.normal);
+    p.det = p.det0 + shrunk * ((a0 + c0) * p.shrink * p.shrink) + shrunk * shrunk;
     p.mean = v.focal * (t.xy / t.z) + v.principal;
     p.depth = t.z;
     p.position = t;
@@ -75,6 +82,6 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
 vec3 splat_factor(Projection p) {
     float root = sqrt(0.5 * LOG2_E);
     float c = p.covariance.z;
-    float along = root * sqrt(c / p.det);
+    float along = root * p.shrink * sqrt(c * p.shrink * p.shrink / p.det);
     return vec3(along, -(p.covariance.y / c) * along, root / sqrt(c));
 }

@@ -44,6 +44,7 @@ layout(binding = 19, std430) buffer Guards { uint guards[]; }; // 0: rows skippe
 layout(push_constant) uniform Push { uint pair_limit; };
 
 const float GREATEST_GRADIENT = 1e18; // its square still fits the second moment
+const float LEAST_SCALE = 1e-30;      // below it an axis has no width to turn
 const float LN_2 = 0.6931471805599453;
 
 bool sane(vec3 g) { return all(lessThanEqual(abs(g), vec3(GREATEST_GRADIENT))); }
@@ -58,26 +59,36 @@ struct Gradient {
     vec2 mean2d;    // pixels
 };
 
-// d(symmetric matrix): xx, xy, yy.
-vec3 covariance_gradient(Projection p, vec3 k, float zeroth, vec3 second) {
-    vec3 g = 0.5 * vec3(k.x * k.x * second.x, k.x * (k.y * second.x + k.z * second.y),
-                        k.y * k.y * second.x + 2 * k.y * k.z * second.y + k.z * k.z * second.z);
+// With K = (k.x k.y; 0 k.z), K^T K being the inverse covariance, T = (row_x; row_y) and W = K T, whose columns are no longer
+// than 1, dL/dT = K^T E for E = S W, S the second moments. Neither W nor E cancels, however long the needle: dL/dcovariance
+// times T, which is the same, loses the square of a needle's length in pixels.
+struct Whitened {
+    vec3 w_x, w_y;
+    vec3 e_x, e_y;
+};
+
+Whitened whitened(Projection p, vec3 k, float zeroth, vec3 second) {
+    Whitened w;
+    float c = p.covariance.z;
+    // row_x - (b / c) row_y, since row_y x (row_x x row_y) = (row_y . row_y) row_x - (row_x . row_y) row_y.
+    vec3 across = cross(p.row_y, p.normal);
+    w.w_x = k.x * (across / (c * p.shrink * p.shrink) + (DILATION / c) * p.row_x);
+    w.w_y = k.z * p.row_y;
+    w.e_x = second.x * w.w_x + second.y * w.w_y;
+    w.e_y = second.y * w.w_x + second.z * w.w_y;
     if (ANTIALIAS && p.det0 > MIN_ANTIALIAS * p.det) {
-        vec3 q = vec3(k.x * k.x, k.x * k.y, k.y * k.y + k.z * k.z);
-        vec3 q0 = vec3(dot(p.row_y, p.row_y), -dot(p.row_x, p.row_y), dot(p.row_x, p.row_x)) / p.det0;
-        g += 0.5 * zeroth * (q0 - q);
+        // d ln(det0 / det) / 2 = (Q0 - Q) / 2 = DILATION Q Q0 / 2, Q0 T being the pseudo-inverse of T, transposed.
+        float share = DILATION * zeroth * p.shrink * p.shrink / p.det0;
+        vec3 inverse_x = across, inverse_y = cross(p.normal, p.row_x);
+        w.e_x += share * (k.x * inverse_x + k.y * inverse_y);
+        w.e_y += share * (k.z * inverse_y);
     }
-    return g;
+    return w;
 }
 
-vec4 quaternion_gradient(mat3 d, vec4 unit, float norm) {
-    float w = unit.x, x = unit.y, y = unit.z, z = unit.w;
-    vec4 by_unit = vec4(
-        2 * (x * (d[1].z - d[2].y) + y * (d[2].x - d[0].z) + z * (d[0].y - d[1].x)),
-        2 * (w * (d[1].z - d[2].y) + y * (d[1].x + d[0].y) + z * (d[2].x + d[0].z)) - 4 * x * (d[1].y + d[2].z),
-        2 * (w * (d[2].x - d[0].z) + x * (d[1].x + d[0].y) + z * (d[2].y + d[1].z)) - 4 * y * (d[0].x + d[2].z),
-        2 * (w * (d[0].y - d[1].x) + x * (d[2].x + d[0].z) + y * (d[2].y + d[1].z)) - 4 * z * (d[0].x + d[1].y));
-    return (by_unit - unit * dot(unit, by_unit)) / norm;
+// By the stored quaternion, of a rotation vector in the Gaussian's own axes: 2 q (0, spin), which is tangent to the sphere.
+vec4 quaternion_gradient(vec3 spin, vec4 unit, float norm) {
+    return 2 * vec4(-dot(unit.yzw, spin), unit.x * spin + cross(unit.yzw, spin)) / norm;
 }
 
 vec3 sh_at(uint band, uint at) {
@@ -122,29 +133,24 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
     vec2 m1 = a.yz * unit;
     vec3 m2 = b.xyz * (2 * LN_2);
     g.mean2d = vec2(k.x * m1.x, k.y * m1.x + k.z * m1.y);
-    vec3 by_covariance = covariance_gradient(p, k, a.x, m2);
+    Whitened w = whitened(p, k, a.x, m2);
 
-    // Through the Jacobian and the axes.
-    vec3 e_x = 2 * (by_covariance.x * p.row_x + by_covariance.y * p.row_y);
-    vec3 e_y = 2 * (by_covariance.y * p.row_x + by_covariance.z * p.row_y);
+    g.log_scale = w.e_x * w.w_x + w.e_y * w.w_y;
+    // dL/d(turn of the axes) = sum over rows of (s_k E_k) x (W_k / s_k).
+    vec3 inverse = 1 / max(p.scale, vec3(LEAST_SCALE));
+    vec3 spin = cross(w.e_x * p.scale, w.w_x * inverse) + cross(w.e_y * p.scale, w.w_y * inverse);
+    g.rotation = quaternion_gradient(spin, p.unit, p.norm);
+
+    // Through the Jacobian.
     float z = p.position.z;
-    vec2 zoom = v.focal / z;
-    vec3 f_x = zoom.x * e_x, f_y = zoom.y * e_y;
-    mat3 camera = world_to_camera(v);
     vec3 depth_row = vec3(dot(v.rotation[2].xyz, p.rotation[0]), dot(v.rotation[2].xyz, p.rotation[1]),
                           dot(v.rotation[2].xyz, p.rotation[2])) * p.scale;
+    float along_x = dot(w.e_x, depth_row), along_y = dot(w.e_y, depth_row);
     vec2 slope = p.position.xy / z;
     vec2 free = vec2(lessThanEqual(abs(slope), v.tangent_limit));
-    vec2 by_slope = v.focal * g.mean2d - free * vec2(dot(f_x, depth_row), dot(f_y, depth_row));
-    float by_z = -(dot(slope, by_slope) + dot(e_x, p.row_x) + dot(e_y, p.row_y)) / z;
-    g.mean = vec3(by_slope / z, by_z) * camera;
-    // dL/dM = camera^T dL/dV, whose rows are f_x, f_y and the depth row's; column k belongs to axis k.
-    vec3 f_z = -(p.slope.x * f_x + p.slope.y * f_y);
-    mat3 by_axes = transpose(camera) * transpose(mat3(f_x, f_y, f_z));
-    mat3 scaled = mat3(p.rotation[0] * p.scale.x, p.rotation[1] * p.scale.y, p.rotation[2] * p.scale.z);
-    g.log_scale = vec3(dot(scaled[0], by_axes[0]), dot(scaled[1], by_axes[1]), dot(scaled[2], by_axes[2]));
-    by_axes = mat3(by_axes[0] * p.scale.x, by_axes[1] * p.scale.y, by_axes[2] * p.scale.z);
-    g.rotation = quaternion_gradient(by_axes, p.unit, p.norm);
+    vec2 by_slope = v.focal * (g.mean2d - free * vec2(k.x * along_x, k.y * along_x + k.z * along_y) / z);
+    float by_z = -(dot(slope, by_slope) + g.log_scale.x + g.log_scale.y + g.log_scale.z) / z;
+    g.mean = vec3(by_slope / z, by_z) * world_to_camera(v);
     g.logit = a.x / (1 + exp(logits[i]));
 
     g.direction = p.direction;

@@ -1,6 +1,6 @@
 //! Whole-model helpers: allocation, selection, bounds, consistency.
 
-use super::{Error, Gaussians, MAX_SH_DEGREE};
+use super::{Error, Gaussians, LEAST_QUATERNION, MAX_SH_DEGREE};
 
 impl Gaussians {
     /// A model of `n` Gaussians of SH degree `degree`, every stored value zero.
@@ -54,6 +54,25 @@ impl Gaussians {
         }))
     }
 
+    /// Gaussians that no picture shows, because the projection's guards leave them out: a value that is not finite (but for
+    /// an opacity logit of either infinity), or a quaternion whose largest component is below [`LEAST_QUATERNION`].
+    pub fn undrawable(&self) -> usize {
+        let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
+        let bands = |i: usize| {
+            let row = |(l, band): (usize, &Vec<f32>)| {
+                let width = Self::band_width(l);
+                band.get(i * width..(i + 1) * width).is_none_or(finite)
+            };
+            self.sh.iter().enumerate().all(row)
+        };
+        let drawable = |&i: &usize| {
+            let turned = self.rotations[i].iter().fold(0.0_f32, |m, q| m.max(q.abs())) >= LEAST_QUATERNION;
+            let shaped = finite(&self.means[i]) && finite(&self.log_scales[i]) && finite(&self.rotations[i]);
+            turned && shaped && !self.opacity_logits[i].is_nan() && bands(i)
+        };
+        self.len() - (0..self.len()).filter(drawable).count()
+    }
+
     /// Checks that all arrays have one length and that the SH degree is at most [`MAX_SH_DEGREE`].
     ///
     /// # Errors
@@ -91,6 +110,21 @@ impl Gaussians {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_the_projection_leaves_out_is_counted() {
+        let mut model = Gaussians::zeroed(8, 1);
+        model.rotations.fill([0.0, 0.0, -1e-3, 0.0]);
+        model.opacity_logits[0] = f32::INFINITY;
+        assert_eq!(model.undrawable(), 0);
+        model.rotations[1] = [0.0; 4];
+        model.rotations[2] = [1e-20; 4];
+        model.means[3][2] = f32::NAN;
+        model.log_scales[4][0] = f32::INFINITY;
+        model.sh[1][5 * 9 + 8] = f32::NAN;
+        model.opacity_logits[6] = f32::NAN;
+        assert_eq!(model.undrawable(), 6);
+    }
 
     fn three() -> Gaussians {
         let mut model = Gaussians::zeroed(3, 1);

@@ -10,6 +10,9 @@ pub use error::Error;
 /// Highest spherical-harmonics degree that the engine knows.
 pub const MAX_SH_DEGREE: usize = 3;
 
+/// A quaternion whose largest component is below this is no rotation, and its Gaussian is not drawn.
+pub const LEAST_QUATERNION: f32 = 1e-6;
+
 /// A 3DGS model as stored: one array per attribute, all of the same length `n`.
 ///
 /// Stored values are what the optimiser sees: scales are logarithms, opacities are logits, quaternions are (w, x, y, z)

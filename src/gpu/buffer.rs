@@ -33,6 +33,9 @@ pub(super) struct Storage {
     pub raw: vk::Buffer,
     pub number: u64,
     pub bytes: u64,
+    /// Bytes behind them that no kernel may touch; 0 without guards.
+    pub fence: u64,
+    pub name: String,
     allocation: Option<Allocation>,
     context: Arc<Context>,
 }
@@ -55,9 +58,14 @@ impl RawBuffer {
             });
         }
         context.reserve(name, size)?;
-        let made = Self::allocate(context, name, size, usage, location);
-        if made.is_err() {
-            context.release(size);
+        let guarded = usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && context.guards.is_some();
+        // The host writes and reads what it guards.
+        let (fence, location) = if guarded { (context.fence(), MemoryLocation::GpuToCpu) } else { (0, location) };
+        let mut made = Self::allocate(context, name, size, fence, usage, location);
+        match (&mut made, &context.guards) {
+            (Err(_), _) => context.release(size),
+            (Ok(buffer), Some(guards)) if guarded => guards.watch(buffer),
+            _ => {}
         }
         made
     }
@@ -66,10 +74,11 @@ impl RawBuffer {
         context: &Arc<Context>,
         name: &str,
         size: u64,
+        fence: u64,
         usage: vk::BufferUsageFlags,
         location: MemoryLocation,
     ) -> Result<Self, Error> {
-        let info = vk::BufferCreateInfo::default().size(size).usage(usage);
+        let info = vk::BufferCreateInfo::default().size(size + fence).usage(usage);
         // SAFETY: the device is alive and `info` is complete.
         let raw = unsafe { context.raw.create_buffer(&info, None) }.during("create buffer")?;
         // SAFETY: `raw` was just made by this device.
@@ -95,8 +104,9 @@ impl RawBuffer {
             Ok(allocation) => {
                 context.name_object(raw, name);
                 let number = NEXT.fetch_add(1, Ordering::Relaxed);
+                let (name, context) = (name.to_owned(), Arc::clone(context));
                 let allocation = Some(allocation);
-                Ok(Self(Arc::new(Storage { raw, number, bytes: size, allocation, context: Arc::clone(context) })))
+                Ok(Self(Arc::new(Storage { raw, number, bytes: size, fence, name, allocation, context })))
             }
             Err(e) => {
                 // SAFETY: no work was ever submitted that uses the buffer.
@@ -120,12 +130,18 @@ impl RawBuffer {
     }
 
     pub(super) fn mapped(&self) -> &[u8] {
-        self.0.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or_default()
+        self.0.mapped()
     }
 
-    fn mapped_mut(&mut self) -> &mut [u8] {
+    pub(super) fn mapped_mut(&mut self) -> &mut [u8] {
         let storage = Arc::get_mut(&mut self.0);
         storage.and_then(|s| s.allocation.as_mut()).and_then(Allocation::mapped_slice_mut).unwrap_or_default()
+    }
+}
+
+impl Storage {
+    pub fn mapped(&self) -> &[u8] {
+        self.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or_default()
     }
 }
 
@@ -138,6 +154,9 @@ impl Clone for RawBuffer {
 impl Drop for Storage {
     fn drop(&mut self) {
         self.context.forget(self.number);
+        if let Some(guards) = self.context.guards.as_ref().filter(|_| self.fence > 0) {
+            guards.leave(self);
+        }
         // SAFETY: submitted work holds its own reference until its fence was waited for, so none uses the buffer now.
         unsafe { self.context.raw.destroy_buffer(self.raw, None) };
         if let Some(allocation) = self.allocation.take() {

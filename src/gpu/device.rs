@@ -1,6 +1,7 @@
 //! A logical device with its queue, allocator, pipelines and pipeline cache.
 
 use super::error::{During, Error};
+use super::guard::Guards;
 use super::hazards::Hazards;
 use super::instance::{self, Instance};
 use super::kernel::{Pipeline, PipelineKey, Shader};
@@ -25,6 +26,8 @@ pub struct DeviceOptions {
     pub validation: bool,
     /// Bytes of device memory that this program may use; the device's own size where absent.
     pub memory_limit: Option<u64>,
+    /// Fill new buffers with NaN and fence them (tests): see [`Device::broken_fences`].
+    pub guarded: bool,
 }
 
 /// A Vulkan device, ready to run kernels; clones share it.
@@ -42,6 +45,7 @@ pub(super) struct Context {
     pub pipeline_cache: vk::PipelineCache,
     pub hazards: Mutex<Hazards>,
     pub frames: Mutex<Vec<Frame>>,
+    pub guards: Option<Guards>,
     pipelines: Mutex<HashMap<PipelineKey, Arc<Pipeline>>>,
     allocator: ManuallyDrop<Mutex<Allocator>>,
     cache_file: Option<PathBuf>,
@@ -67,7 +71,7 @@ impl Device {
         let from_environment = std::env::var("QIRF_DEVICE").ok().filter(|s| !s.is_empty());
         let wanted = options.device.clone().or(from_environment);
         let candidate = select::choose(select::candidates(&instance)?, wanted.as_deref())?;
-        let device = Self(Arc::new(Context::new(instance, candidate, options.memory_limit)?));
+        let device = Self(Arc::new(Context::new(instance, candidate, options)?));
         if device.info().kind == "cpu" {
             probe::check(&device)?;
         }
@@ -105,7 +109,7 @@ impl Device {
 }
 
 impl Context {
-    fn new(instance: Instance, candidate: Candidate, limit: Option<u64>) -> Result<Self, Error> {
+    fn new(instance: Instance, candidate: Candidate, options: &DeviceOptions) -> Result<Self, Error> {
         let mut extensions = vec![khr::push_descriptor::NAME.as_ptr()];
         if candidate.subgroup_control {
             extensions.push(ext::subgroup_size_control::NAME.as_ptr());
@@ -147,7 +151,7 @@ impl Context {
         let cache_info = vk::PipelineCacheCreateInfo::default().initial_data(&cached);
         // SAFETY: Vulkan checks the data's header and ignores what is not its own.
         let pipeline_cache = unsafe { raw.create_pipeline_cache(&cache_info, None) }.during("create pipeline cache")?;
-        let limit = limit.unwrap_or(candidate.info.memory_bytes);
+        let limit = options.memory_limit.unwrap_or(candidate.info.memory_bytes);
         Ok(Self {
             push: khr::push_descriptor::Device::new(&instance.raw, &raw),
             debug: instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
@@ -159,6 +163,7 @@ impl Context {
             pipelines: Mutex::default(),
             hazards: Mutex::default(),
             frames: Mutex::default(),
+            guards: options.guarded.then(Guards::default),
             used: AtomicU64::new(0),
             peak: AtomicU64::new(0),
             pipeline_cache,

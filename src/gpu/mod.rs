@@ -4,6 +4,7 @@
 mod buffer;
 mod device;
 mod error;
+mod guard;
 mod hazards;
 mod instance;
 mod kernel;

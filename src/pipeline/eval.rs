@@ -92,7 +92,12 @@ pub fn eval(
         test: held_out.mean(),
         unfitted_psnr,
         train: TrainScores { psnr: train_psnr },
-        guards: Guards { skipped_rows: 0, empty_views: held_out.empty, scene: prepared.scene.skipped.clone() },
+        guards: Guards {
+            skipped_rows: 0,
+            undrawable: model.undrawable(),
+            empty_views: held_out.empty,
+            scene: prepared.scene.skipped.clone(),
+        },
         views: held_out.views,
         frames_per_second,
         model_bytes: bytes(file),

@@ -306,6 +306,7 @@ impl<'a> Job<'a> {
             effects: effects::timed(decisions.clone(), self.trainer.timings()),
             guards: Guards {
                 skipped_rows: self.trainer.skipped_rows(),
+                undrawable: model.undrawable(),
                 empty_views: held_out.empty,
                 scene: prepared.scene.skipped.clone(),
             },

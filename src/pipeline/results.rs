@@ -299,6 +299,8 @@ impl Times {
 pub struct Guards {
     /// Updates skipped for gradients that were not finite.
     pub skipped_rows: u64,
+    /// Gaussians of the final model that no picture shows: see [`crate::gaussians::Gaussians::undrawable`].
+    pub undrawable: usize,
     /// Held-out views that rendered empty.
     pub empty_views: usize,
     /// What the scene's readers left out.

@@ -5,16 +5,21 @@
 //! the second term because the factor is rho = sqrt(det0 / det), alpha is proportional to rho, so dL/d ln rho = sum h, and
 //! ln rho = 1/2 (ln det0 - ln det) with d ln det X / dX = X^-1; Q0 is the inverse without blur, and the term is absent where
 //! det0/det sits on its floor, which also keeps Q0 = adj / det0 in range.
-//! Then e = dL/dT = 2 G T (rows e0, e1), and since t0 = fx/z (V_0 - ux V_2), t1 = fy/z (V_1 - uy V_2):
-//!   dL/dV_0 = fx/z e0,  dL/dV_1 = fy/z e1,  dL/dV_2 = -(fx/z ux e0 + fy/z uy e1),
-//!   dL/dux = -fx/z e0 . V_2,  dL/duy = -fy/z e1 . V_2,  dL/dz at fixed ux, uy = -(e0 . t0 + e1 . t1) / z.
+//!
+//! dL/dT = 2 G T, but Q T of a needle cancels: its error is the square of the needle's length in pixels. With Q = K^T K,
+//! K = (kx ky; 0 kz) = (sqrt(yy/det), -xy/yy sqrt(yy/det); 0, 1/sqrt(yy)), and W = K T, whose columns are no longer than 1,
+//!   dL/dT = K^T E,  E = (K S K^T) W   [+ 0.3 (sum h) K Q0 T],   since Q0 - Q = Q (0.3 I) Q0,
+//!   W_0 = kx (t1 x (t0 x t1) + 0.3 t0) / yy,  W_1 = kz t1,  Q0 T = (t1 x n; n x t0) / det0 with n = t0 x t1.
+//! Of column k, dL/d ln s_k = E_k . W_k; a turn w of the axes in their own frame has dL/dw = sum over rows of (s E) x (W / s),
+//! and the quaternion's gradient is 2 q (0, dL/dw). Since t0 = fx/z (V_0 - ux V_2), t1 = fy/z (V_1 - uy V_2):
+//!   dL/dux = -fx/z e0 . V_2,  dL/duy = -fy/z e1 . V_2,  dL/dz at fixed ux, uy = -(sum of dL/d ln s_k) / z,  e = K^T E.
 //! A clamped ux is a constant: x gets nothing through it, while z keeps the last term.
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 
 use super::{
     Params, Settings,
-    project::{self, Geometry},
+    project::{self, BLUR, Geometry},
     rasterise_backward::Moments,
     sh,
 };
@@ -35,9 +40,9 @@ pub fn project_backward(
         return DVec2::ZERO;
     };
     let dl_dmean2d = moments.mean(geometry.projected.conic);
-    let g = covariance_gradient(&geometry, settings, moments);
-    let (dl_dposition, dl_daxes) = ewa_backward(&geometry, camera, dl_dmean2d, g);
-    let (dl_dlog_scale, dl_dquaternion) = axes_backward(&geometry, dl_daxes);
+    let whitened = whiten(&geometry, settings, moments);
+    let (dl_dlog_scale, dl_dquaternion) = axes_backward(&geometry, &whitened);
+    let dl_dposition = ewa_backward(&geometry, camera, dl_dmean2d, &whitened, dl_dlog_scale);
     let dl_ddirection = colour_backward(params, i, settings, &geometry, moments.colour, out);
 
     let mut dl_dmean = camera.rotation.transpose() * dl_dposition;
@@ -52,69 +57,65 @@ pub fn project_backward(
     dl_dmean2d
 }
 
-/// G = dL/dcovariance2D as a symmetric matrix: xx, xy (each of the two), yy.
-fn covariance_gradient(geometry: &Geometry, settings: &Settings, moments: &Moments) -> [f64; 3] {
-    let q = geometry.projected.conic;
-    let s = moments.second;
-    // Q S, then half of (Q S) Q.
-    let qs = [
-        [q[0] * s[0] + q[1] * s[1], q[0] * s[1] + q[1] * s[2]],
-        [q[1] * s[0] + q[2] * s[1], q[1] * s[1] + q[2] * s[2]],
-    ];
-    let mut g = [
-        0.5 * (qs[0][0] * q[0] + qs[0][1] * q[1]),
-        0.5 * (qs[0][0] * q[1] + qs[0][1] * q[2]),
-        0.5 * (qs[1][0] * q[1] + qs[1][1] * q[2]),
-    ];
-    if settings.antialias && geometry.factor_free {
-        let [t0, t1] = geometry.rows;
-        let q0 = [t1.length_squared(), -t0.dot(t1), t0.length_squared()].map(|v| v / geometry.det0);
-        for k in 0..3 {
-            g[k] += 0.5 * moments.zeroth * (q0[k] - q[k]);
-        }
-    }
-    g
+/// K, and the rows of W and E.
+struct Whitened {
+    k: [f64; 3],
+    w: [DVec3; 2],
+    e: [DVec3; 2],
 }
 
-/// Gradients by the camera-space position and by M = R diag(s).
-fn ewa_backward(geometry: &Geometry, camera: &Camera, dl_dmean2d: DVec2, g: [f64; 3]) -> (DVec3, DMat3) {
+fn whiten(geometry: &Geometry, settings: &Settings, moments: &Moments) -> Whitened {
     let [t0, t1] = geometry.rows;
-    let (e0, e1) = (2.0 * (g[0] * t0 + g[1] * t1), 2.0 * (g[1] * t0 + g[2] * t1));
-    let z = geometry.position.z;
-    let zoom = camera.focal / z;
-    let (f0, f1) = (zoom.x * e0, zoom.y * e1);
-    let dl_dv2 = -(geometry.slope.x * f0 + geometry.slope.y * f1);
-    let dl_dv = DMat3::from_cols(f0, f1, dl_dv2).transpose();
+    let [xx, xy, yy] = geometry.projected.covariance;
+    let det = geometry.det0 + BLUR * (xx - BLUR + yy - BLUR) + BLUR * BLUR;
+    let kx = (yy / det).sqrt();
+    let [ky, kz] = [-(xy / yy) * kx, yy.sqrt().recip()];
+    let normal = t0.cross(t1);
+    let w = [kx * (t1.cross(normal) + BLUR * t0) / yy, kz * t1];
+    // K S, then (K S) K^T.
+    let s = moments.second;
+    let ks = [kx * s[0] + ky * s[1], kx * s[1] + ky * s[2], kz * s[1], kz * s[2]];
+    let second = [kx * ks[0] + ky * ks[1], kz * ks[1], kz * ks[3]];
+    let mut e = [second[0] * w[0] + second[1] * w[1], second[1] * w[0] + second[2] * w[1]];
+    if settings.antialias && geometry.factor_free {
+        let inverse = [t1.cross(normal) / geometry.det0, normal.cross(t0) / geometry.det0];
+        e[0] += BLUR * moments.zeroth * (kx * inverse[0] + ky * inverse[1]);
+        e[1] += BLUR * moments.zeroth * kz * inverse[1];
+    }
+    Whitened { k: [kx, ky, kz], w, e }
+}
 
+/// Gradient by the camera-space position.
+fn ewa_backward(
+    geometry: &Geometry,
+    camera: &Camera,
+    dl_dmean2d: DVec2,
+    whitened: &Whitened,
+    dl_dlog_scale: DVec3,
+) -> DVec3 {
+    let Whitened { k: [kx, ky, kz], e, .. } = whitened;
+    let z = geometry.position.z;
+    let along = e.map(|row| row.dot(geometry.depth_row));
     // By x/z and y/z: through the image position always, through the Jacobian where it is not clamped.
     let free = DVec2::new(f64::from(u8::from(geometry.free[0])), f64::from(u8::from(geometry.free[1])));
-    let through_jacobian = -DVec2::new(f0.dot(geometry.depth_row), f1.dot(geometry.depth_row));
-    let dl_dslope = camera.focal * dl_dmean2d + free * through_jacobian;
+    let through_jacobian = -DVec2::new(kx * along[0], ky * along[0] + kz * along[1]) / z;
+    let dl_dslope = camera.focal * (dl_dmean2d + free * through_jacobian);
     let slope = geometry.position.truncate() / z;
-    let dl_dz = -(slope.dot(dl_dslope) + e0.dot(t0) + e1.dot(t1)) / z;
-    ((dl_dslope / z).extend(dl_dz), camera.rotation.transpose() * dl_dv)
+    let dl_dz = -(slope.dot(dl_dslope) + dl_dlog_scale.element_sum()) / z;
+    (dl_dslope / z).extend(dl_dz)
 }
 
-/// Gradients by the log scales and the stored quaternion, from those by M's columns m_k = s_k r_k.
-fn axes_backward(geometry: &Geometry, dl_daxes: DMat3) -> (DVec3, [f64; 4]) {
-    let log_scale = DVec3::new(
-        geometry.axes.x_axis.dot(dl_daxes.x_axis),
-        geometry.axes.y_axis.dot(dl_daxes.y_axis),
-        geometry.axes.z_axis.dot(dl_daxes.z_axis),
-    );
-    let d = dl_daxes * DMat3::from_diagonal(geometry.scale); // by the rotation matrix; d.col(j)[i] is row i, column j
-    let (c0, c1, c2) = (d.x_axis, d.y_axis, d.z_axis);
-    let unit = geometry.quaternion;
-    let [w, x, y, z] = unit;
-    let by_unit = [
-        2.0 * (x * (c1.z - c2.y) + y * (c2.x - c0.z) + z * (c0.y - c1.x)),
-        2.0 * (w * (c1.z - c2.y) + y * (c1.x + c0.y) + z * (c2.x + c0.z)) - 4.0 * x * (c1.y + c2.z),
-        2.0 * (w * (c2.x - c0.z) + x * (c1.x + c0.y) + z * (c2.y + c1.z)) - 4.0 * y * (c0.x + c2.z),
-        2.0 * (w * (c0.y - c1.x) + x * (c2.x + c0.z) + y * (c2.y + c1.z)) - 4.0 * z * (c0.x + c1.y),
-    ];
-    let radial: f64 = (0..4).map(|k| unit[k] * by_unit[k]).sum();
-    let stored = std::array::from_fn(|k| (by_unit[k] - unit[k] * radial) / geometry.quaternion_length);
-    (log_scale, stored)
+/// Gradients by the log scales and the stored quaternion.
+fn axes_backward(geometry: &Geometry, whitened: &Whitened) -> (DVec3, [f64; 4]) {
+    let (w, e, s) = (whitened.w, whitened.e, geometry.scale);
+    let log_scale = e[0] * w[0] + e[1] * w[1];
+    let least = s.max(DVec3::splat(f64::MIN_POSITIVE)); // an axis of no length has none to turn
+    let spin = (e[0] * s).cross(w[0] / least) + (e[1] * s).cross(w[1] / least);
+    let [real, x, y, z] = geometry.quaternion;
+    let imaginary = DVec3::new(x, y, z);
+    let by_unit = (real * spin + imaginary.cross(spin)).to_array();
+    let quaternion = [-imaginary.dot(spin), by_unit[0], by_unit[1], by_unit[2]];
+    (log_scale, quaternion.map(|g| 2.0 * g / geometry.quaternion_length))
 }
 
 /// Adds the gradients by all SH coefficients; returns the one by the view direction.

@@ -2,9 +2,16 @@
 //! differ. Each room adds its cases to [`cases`]; a case computes something on the device and on the host, and says how
 //! far they are apart and how far they may be.
 
+mod adam;
+pub mod backward;
+pub mod hard;
+mod loss;
+pub mod overlap;
 mod primitives;
+pub mod project;
 mod random;
 mod render;
+mod solve;
 
 use crate::gpu::{self, Device, Groups, Recording};
 use crate::kernels::probe::{Loop, LoopPush, LoopSpec};
@@ -45,6 +52,11 @@ pub struct Case {
 }
 
 impl Case {
+    /// The part of the engine that it is of.
+    pub fn room(&self) -> &'static str {
+        self.room
+    }
+
     /// Runs the case; a device error is a failed check with its reason.
     pub fn run(&self, device: &Device) -> Vec<Check> {
         let check = |name, seen: Option<f64>, allowed, problem| Check { room: self.room, name, seen, allowed, problem };
@@ -79,16 +91,40 @@ const CASES: &[Case] = &[
     full("sort", "1,000,003 pairs", primitives::sort_large),
     quick("compact", "sizes up to 65,537", primitives::compaction),
     quick("sum", "segments of 0 to 199 rows", primitives::segments),
+    quick("overlap", "known pairs", overlap::known),
+    quick("overlap", "500 random pairs", overlap::random_few),
+    full("overlap", "10,000 random pairs", overlap::random_many),
+    quick("solve", "dsygvd", solve::dsygvd),
+    quick("solve", "low-rank", solve::low_rank),
+    quick("solve", "low-rank-f32", solve::low_rank_f32),
+    quick("solve", "device", solve::on_device),
+    quick("solve", "no Gram matrix", solve::indefinite),
+    quick("project", "near plane to 1e6 away", project::all_places),
+    full("project", "scales e^-30 to e^20", project::all_scales),
+    full("project", "quaternions of any length", project::all_rotations),
+    full("project", "opacity logits to infinity", project::all_logits),
     quick("rasterise", "mild, SH 3", render::mild),
     full("rasterise", "needles", render::needles),
     full("rasterise", "flat discs", render::flat),
     full("rasterise", "saturated", render::saturated),
     full("rasterise", "anti-aliased dust", render::antialiased),
     full("rasterise", "odd sizes", render::odd_sizes),
-    full("rasterise", "20,000 layers", render::deep),
-    full("rasterise", "10,000 ties", render::ties),
+    full("rasterise", "100,000 layers in a tile", render::deep),
+    full("rasterise", "10,000 coincident", render::ties),
     quick("rasterise", "same again", render::repeat),
     quick("rasterise", "culling off and on", render::culling),
+    quick("backward", "mild, SH 3", backward::mild),
+    full("backward", "needles", backward::needles),
+    full("backward", "flat discs", backward::flat),
+    full("backward", "saturated", backward::saturated),
+    full("backward", "anti-aliased dust", backward::antialiased),
+    full("backward", "10,000 coincident", backward::coincident),
+    full("backward", "10,000 layers, no stop", backward::chain),
+    quick("adam", "five steps", adam::ordinary),
+    full("adam", "gradients", adam::extremes),
+    quick("ssim", "noise", loss::noise),
+    full("ssim", "constant", loss::constant),
+    full("ssim", "saturated", loss::saturated),
 ];
 
 /// The cases, all or only the quick ones, in their order.

@@ -9,7 +9,7 @@ use crate::render::{Culling, Image, Renderer, Settings};
 use crate::scene::camera::Camera;
 use glam::DVec3;
 
-const MILD: Kind = Kind {
+pub(super) const MILD: Kind = Kind {
     count: 500,
     seed: 11,
     log_scale: [-3.0, -1.2],
@@ -19,7 +19,7 @@ const MILD: Kind = Kind {
     colour: [-1.0, 1.8],
 };
 
-fn camera(width: u32, height: u32) -> Camera {
+pub(super) fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(DVec3::new(0.5, -0.7, -3.5), DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
 }
 
@@ -28,17 +28,21 @@ fn draw(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings)
     Renderer::new(device, settings, model.len(), camera.width, camera.height)?.render(&resident, camera)
 }
 
-/// Errors of the device's picture, red, green, blue and alpha: mean, share beyond 1e-4, largest.
-fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<[f64; 3]> {
-    let image = draw(device, model, camera, settings)?;
-    let twin = reference::Settings {
+/// The same settings for the twin.
+pub(super) fn twin(settings: Settings) -> reference::Settings {
+    reference::Settings {
         background: settings.background.map(f64::from),
         antialias: settings.antialias,
         transmittance_stop: f64::from(settings.stop),
         near: f64::from(settings.near),
         ..reference::Settings::default()
-    };
-    let expected = reference::render(&reference::Params::from(model), camera, &twin).composite;
+    }
+}
+
+/// Errors of the device's picture, red, green, blue and alpha: mean, share beyond 1e-4, largest.
+fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<[f64; 3]> {
+    let image = draw(device, model, camera, settings)?;
+    let expected = reference::render(&reference::Params::from(model), camera, &twin(settings)).composite;
     let (mut sum, mut beyond, mut largest, mut count) = (0.0, 0, 0.0_f64, 0);
     for (pixel, (rgb, alpha)) in image.pixels.iter().zip(expected.image.iter().zip(&expected.alpha)) {
         for (got, wanted) in pixel.iter().zip([rgb[0], rgb[1], rgb[2], *alpha]) {
@@ -97,7 +101,7 @@ pub(super) fn odd_sizes(device: &Device) -> Result<Vec<Measure>> {
 }
 
 /// `count` layers before one small tile.
-fn stack(count: usize, depth: f32, logit: f32) -> Gaussians {
+pub(super) fn stack(count: usize, depth: f32, logit: f32) -> Gaussians {
     Gaussians {
         means: (0..count).map(|i| [0.0, 0.0, 2.0 + i as f32 * depth]).collect(),
         log_scales: vec![[-1.0; 3]; count],
@@ -107,13 +111,13 @@ fn stack(count: usize, depth: f32, logit: f32) -> Gaussians {
     }
 }
 
-fn straight_on() -> Camera {
+pub(super) fn straight_on() -> Camera {
     Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.5, 8, 8)
 }
 
 pub(super) fn deep(device: &Device) -> Result<Vec<Measure>> {
     let settings = Settings { stop: 0.0, ..Settings::default() };
-    let [_, _, largest] = errors(device, &stack(20_000, 1e-5, -5.4), &straight_on(), settings)?;
+    let [_, _, largest] = errors(device, &stack(100_000, 1e-5, -5.5), &straight_on(), settings)?;
     Ok(vec![("largest", largest, 1e-4)])
 }
 

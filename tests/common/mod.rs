@@ -7,13 +7,14 @@ pub use shared::shared;
 
 use qirf_vk::gpu::{Device, DeviceOptions};
 
-/// The device under test, validation layers on.
+/// The device under test: validation layers on, every buffer born full of NaN and fenced.
 pub fn device() -> Device {
-    Device::open(&DeviceOptions { validation: true, ..Default::default() }).expect("a Vulkan device")
+    Device::open(&DeviceOptions { validation: true, guarded: true, ..Default::default() }).expect("a Vulkan device")
 }
 
-/// Fails the test when the validation layers said anything.
+/// Fails the test when the validation layers said anything, or a kernel wrote behind a buffer's end.
 pub fn finish(device: &Device) {
     assert!(device.validates(), "the validation layers are installed (tools/setup)");
     assert_eq!(Device::validation_messages(), 0, "validation messages are printed above");
+    assert_eq!(device.broken_fences(), Vec::<String>::new(), "kernels wrote behind these buffers");
 }

@@ -1,69 +1,16 @@
 //! The design's hard cases: `hard-cases.json` holds 12 pairs with overlaps of 60-digit arithmetic, and 10 blocks.
 
-use qirf_vk::qirf::Row;
 use qirf_vk::qirf::select::{css, rank};
 use qirf_vk::qirf::solve::{Factor, Metric, Rung, norm};
 use qirf_vk::reference::overlap::{Form, Primitive, overlap, overlap_as};
-use serde::Deserialize;
-use std::collections::BTreeMap;
+use qirf_vk::selftest::hard::{Block, Pair, blocks, pairs as figures};
 
-#[derive(Deserialize)]
-#[serde(tag = "kind", rename_all = "lowercase")]
-enum Case {
-    Pair(Pair),
-    Block(Block),
-}
-
-#[derive(Deserialize)]
-struct Pair {
-    p1: [f64; 3],
-    s1: [f64; 3],
-    q1: [f64; 4],
-    p2: [f64; 3],
-    s2: [f64; 3],
-    q2: [f64; 4],
-    #[serde(rename = "N_ref")]
-    expected: f64,
-    abs_tol_f32: f64,
-}
-
-#[derive(Deserialize)]
-struct Block {
-    m: usize,
-    #[serde(rename = "N")]
-    n: Vec<Vec<f32>>,
-    #[serde(rename = "W")]
-    w: Vec<Vec<f64>>,
-    eps: f64,
-    lam: Vec<f64>,
-    r: usize,
-    q: Vec<f64>,
-    k: usize,
-    paper_topk: Vec<u32>,
-    css_order: Vec<u32>,
-}
-
-fn cases() -> BTreeMap<String, Case> {
-    serde_json::from_str(include_str!("hard-cases.json")).unwrap()
-}
-
-fn pairs() -> impl Iterator<Item = (String, Pair, Primitive, Primitive)> {
-    cases().into_iter().filter_map(|(name, case)| {
-        let Case::Pair(pair) = case else { return None };
+fn pairs() -> impl Iterator<Item = (&'static str, Pair, Primitive, Primitive)> {
+    figures().map(|(name, pair)| {
         let a = Primitive { position: pair.p1, scales: pair.s1, quaternion: pair.q1 };
         let b = Primitive { position: pair.p2, scales: pair.s2, quaternion: pair.q2 };
-        Some((name, pair, a, b))
+        (name, pair, a, b)
     })
-}
-
-fn blocks() -> impl Iterator<Item = (String, Block)> {
-    cases()
-        .into_iter()
-        .filter_map(|(name, case)| if let Case::Block(block) = case { Some((name, block)) } else { None })
-}
-
-fn rows(w: &[Vec<f64>]) -> Vec<Row> {
-    w.iter().map(|row| std::array::from_fn(|c| row.get(c).copied().unwrap_or(0.0))).collect()
 }
 
 /// The first `k` of a ranking, ascending.
@@ -103,9 +50,9 @@ fn the_other_forms_agree_in_float64_where_they_hold() {
 
 #[test]
 fn float32_breaks_the_forms_that_make_the_sum() {
-    let (_, _, a, b) = pairs().find(|(name, ..)| name == "P9_huge_scene_2^40").unwrap();
+    let (_, _, a, b) = pairs().find(|(name, ..)| *name == "P9_huge_scene_2^40").unwrap();
     assert!(overlap_as::<f32>(Form::Determinant, &a, &b).is_nan());
-    let (_, _, a, b) = pairs().find(|(name, ..)| name == "P1_identical_disc_1e-6").unwrap();
+    let (_, _, a, b) = pairs().find(|(name, ..)| *name == "P1_identical_disc_1e-6").unwrap();
     let n = overlap_as::<f32>(Form::Cholesky, &a, &b);
     assert!(n.is_nan() || (n - 1.0).abs() > 1e-3, "{n}");
 }
@@ -115,15 +62,10 @@ fn every_rung_solves_the_blocks() {
     assert_eq!(blocks().count(), 10);
     for (name, block) in blocks() {
         let metric = Metric::new(block.m, &block.n.concat(), None, block.eps);
-        let w = rows(&block.w);
+        let w = block.rows();
         for rung in Rung::ALL {
             let solved = Factor::new(&metric, rung).participation(&w, 0.95);
-            // Nearly dependent functions divide float32's rounding, of N itself to begin with, by epsilon.
-            let tolerance = match (name.as_str(), rung) {
-                ("B4_32_copies" | "B9_dense_line_64", Rung::LowRankF32) => 2e-2,
-                ("B9_dense_line_64" | "B3_noisy_duplicates_rank1" | "B4_32_copies", _) | (_, Rung::LowRankF32) => 2e-3,
-                _ => 1e-6,
-            };
+            let tolerance = Block::tolerance(name, rung == Rung::LowRankF32);
             let most = block.lam[0].max(1e-12);
             for (got, expected) in solved.spectrum.iter().zip(&block.lam) {
                 assert!((got - expected).abs() <= tolerance * most, "{name} {rung}: lambda {got} for {expected}");
@@ -142,7 +84,7 @@ fn every_rung_solves_the_blocks() {
 #[test]
 fn the_column_subset_of_the_blocks() {
     for (name, block) in blocks() {
-        let weights: Vec<f64> = rows(&block.w).iter().map(norm).collect();
+        let weights: Vec<f64> = block.rows().iter().map(norm).collect();
         let ranked = css::order(&block.n.concat(), &weights, block.k);
         let mut order = vec![0; block.m];
         ranked.rank.iter().zip(0..).for_each(|(&place, i)| order[place as usize] = i);

@@ -79,9 +79,28 @@ fn a_full_voxel_is_split_and_counted() {
 
 #[test]
 fn coincident_points_are_split_by_index() {
-    let made = check(&vec![[1.5_f32, -2.0, 0.25]; 100_000], Partition::ADAPTIVE);
-    assert_eq!(made.blocks.len(), 1024);
-    assert!(made.blocks.iter().all(|b| *b.last().unwrap() as usize - b[0] as usize == b.len() - 1));
+    let positions = vec![[1.5_f32, -2.0, 0.25]; 1_000_000];
+    // 128 and 4,096 at most, by halving: 2^13 blocks of 122 or 123, 2^8 of 3,906 or 3,907.
+    for (rule, count) in [(Partition::ADAPTIVE, 8192), (Partition::PAPER, 256)] {
+        let made = check(&positions, rule);
+        assert_eq!((made.blocks.len(), made.split, made.fullest), (count, 1, 1_000_000));
+        assert!(made.blocks.iter().all(|b| *b.last().unwrap() as usize - b[0] as usize == b.len() - 1));
+    }
+}
+
+/// Blocks are made on the host alone, so that every device has the same; nor does the number of threads matter.
+#[test]
+fn one_thread_makes_the_same_blocks_as_many() {
+    let mut positions = shell(60_000);
+    positions.extend(vec![[0.5; 3]; 40_000]);
+    positions.extend(cloud(5000, 3).into_iter().map(|p| p.map(|x| (x * 20.0).round() * 0.03)));
+    positions.push([1e7; 3]);
+    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for rule in [Partition::ADAPTIVE, Partition::PAPER] {
+        let made = check(&positions, rule);
+        assert_eq!(made, alone.install(|| rule.of(&positions)));
+        assert_eq!(made, rule.of(&positions));
+    }
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use proptest::prelude::*;
 use qirf_vk::qirf::CHANNELS;
+use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
 use qirf_vk::qirf::select::budget::{Budget, Keep, Safeguard, choose, quotas};
 use qirf_vk::qirf::select::merge::{Functions, merge};
 use qirf_vk::qirf::select::{Ranking, Selector, Statistics, detail, rank, rounded};
@@ -56,6 +57,48 @@ fn ties_go_by_index() {
     assert_eq!(rank(&[1.0, 2.0, 1.0 + 1e-6, f64::NAN, 2.0 - 1e-6]), [2, 0, 3, 4, 1]);
     assert_eq!(rounded(-0.0).to_bits(), 0);
     assert!(rounded(1.0 + 1e-3) > 1.0 && rounded(1.0 + 1e-4) == 1.0);
+}
+
+/// Gaussians that nothing tells apart are ranked by their index, whatever ranks them and however few they are.
+#[test]
+fn equals_are_ranked_by_index_in_blocks_of_any_size() {
+    let selectors = vec![BlockSelector::Gnso, BlockSelector::Ordinary, BlockSelector::Lowdin, BlockSelector::Css];
+    let solver = Solver { selectors, ..Solver::default() };
+    for m in (1..=8).chain([9, 40]) {
+        // All apart, and all overlapping alike; all of the same response, and none.
+        for (across, response) in [(0.0, 1.0), (0.0, 0.0), (0.5, 1.0), (0.5, 0.0)] {
+            let overlap: Vec<f32> = (0..m * m).map(|k| if k % (m + 1) == 0 { 1.0 } else { across }).collect();
+            let (rows, opacity) = (vec![[response; CHANNELS]; m], vec![0.5; m]);
+            let block = Block { overlap: &overlap, rows: &rows, opacity: &opacity, self_overlaps: None };
+            let solved = solver.solve_one(&block);
+            assert_eq!(solved, solver.solve_one(&block), "once more");
+            assert_eq!((solved.unseen, solved.canonical), (response == 0.0, false));
+            assert!(solved.r == 1 && solved.spectrum.iter().all(|l| l.is_finite()));
+            for (ranked, selector) in solved.ranked.iter().zip(&solver.selectors) {
+                let told = format!("{selector:?}, {m} of overlap {across}, response {response}");
+                // The column subset's first of overlapping equals leaves equals behind it: still by index.
+                assert_eq!(ranked.rank, (0..m as u32).collect::<Vec<_>>(), "{told}");
+                assert!(ranked.gain.iter().all(|g| g.is_finite()), "{told}");
+            }
+        }
+    }
+}
+
+/// A block whose metric is no Gram matrix is solved all the same, and counted once.
+#[test]
+fn a_metric_that_is_not_positive_definite_is_counted() {
+    let solver = Solver::default();
+    let sound = [1.0, 0.3, 0.3, 1.0];
+    let broken = [1.0, 1.2, 1.2, 1.0];
+    let rows = [[1.0_f32; CHANNELS], [0.5; CHANNELS]];
+    let block = |overlap| Block { overlap, rows: &rows, opacity: &[0.5, 0.5], self_overlaps: None };
+    let blocks = super::blocks(&[2, 2, 2]);
+    let mut all = Collected::new(&blocks, 1);
+    for (b, solved) in solver.solve(&[block(&sound), block(&broken), block(&sound)]).iter().enumerate() {
+        all.take(&blocks, b, solved);
+    }
+    assert_eq!((all.canonical, all.repaired, all.unseen), (1, 0, 0));
+    assert!(all.spectrum.iter().all(|l| l.is_finite()) && all.r == [1, 1, 1]);
 }
 
 #[test]

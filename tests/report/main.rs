@@ -115,6 +115,7 @@ fn rich() -> Results {
         effects: Vec::new(),
         guards: Guards {
             skipped_rows: 0,
+            undrawable: 3,
             empty_views: 1,
             scene: Skipped {
                 damaged_images: Names { count: 7, examples: vec![EVIL.to_owned()] },

@@ -95,6 +95,7 @@ pub fn guards(results: &Results) -> Markup {
         plain("points not finite", s.bad_points),
         plain("track entries without a view", s.track_entries),
         plain("updates skipped for gradients that were not finite", g.skipped_rows as usize),
+        plain("Gaussians without a rotation or not finite, never drawn", g.undrawable),
         plain("held-out views that rendered empty", g.empty_views),
     ];
     for (k, prune) in results.prunes.iter().enumerate() {

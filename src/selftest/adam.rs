@@ -1,0 +1,125 @@
+//! Adam under ordinary and impossible gradients.
+
+use super::Measure;
+use super::backward::weights;
+use super::overlap::worse;
+use super::random::Kind;
+use super::render::{MILD, camera};
+use crate::gaussians::{Gaussians, resident::Resident};
+use crate::gpu::{Device, Recording, Result};
+use crate::reference::{self, Params};
+use crate::render::{AdamState, Form, Rates, Renderer, Settings, Update};
+
+const RATES: Rates = Rates { mean: 1e-3, scale: 5e-3, rotation: 1e-3, opacity: 0.025, dc: 2.5e-3, rest: 1.25e-4 };
+const STEPS: u32 = 5;
+
+fn model() -> Gaussians {
+    Kind { count: 100, seed: 31, ..MILD }.model()
+}
+
+/// A model after some steps under a constant gradient of its picture, and what the guards counted.
+struct Stepped {
+    params: Params,
+    skipped: u32,
+    /// The device's own gradients before each step, where asked for.
+    gradients: Vec<Params>,
+}
+
+fn steps(device: &Device, by_image: &[[f32; 4]], with_gradients: bool) -> Result<Stepped> {
+    let (model, camera) = (model(), camera(48, 48));
+    let resident = Resident::upload(device, &model)?;
+    let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), [48, 48], 1 << 13)?;
+    renderer.render(&resident, &camera)?;
+    let (state, apart) = (AdamState::zeros(device, &resident)?, AdamState::zeros(device, &resident)?);
+    let growth = device.upload("growth", &vec![[0_f32; 2]; model.len()])?;
+    let (guards, other) = (device.upload("guards", &[0_u32; 2])?, device.upload("guards", &[0_u32; 2])?);
+    let by_image = device.upload("image gradient", by_image)?;
+    let step = |state: &AdamState, guards, form| -> Result<()> {
+        let mut recording = Recording::new();
+        renderer.record(&mut recording, &resident, &camera);
+        let update = Update { state, growth: &growth, statistics: false, guards, rates: RATES, form };
+        renderer.record_backward(&mut recording, &resident, &camera, &by_image, &update);
+        device.run(recording).map(drop)
+    };
+    let mut gradients = Vec::new();
+    for k in 1..=STEPS {
+        if with_gradients {
+            step(&apart, &other, Form::Gradients { through_direction: true })?;
+            gradients.push(super::backward::first_moments(device, &apart, model.degree())?);
+        }
+        step(&state, &guards, Form::Adam(k))?;
+    }
+    let skipped = guards.read(device)?.first().copied().unwrap_or(u32::MAX);
+    Ok(Stepped { params: Params::from(&resident.download(device)?), skipped, gradients })
+}
+
+/// Every parameter after five steps against Adam in float64 on the device's gradients, in units of what is allowed: a
+/// ten-thousandth of the way that the rates allow (1 - 0.999 in float32 makes 1.3e-5 of a step), and a rounding of the
+/// parameter itself each step.
+pub(super) fn ordinary(device: &Device) -> Result<Vec<Measure>> {
+    let mut done = steps(device, &weights(&camera(48, 48), 73), true)?;
+    let mut twin = Params::from(&model());
+    let (mut first, mut second) = (twin.zeros_like(), twin.zeros_like());
+    let rates = [RATES.mean, RATES.scale, RATES.rotation, RATES.opacity, RATES.dc, RATES.rest, RATES.rest, RATES.rest];
+    for (k, gradients) in (1..).zip(&mut done.gradients) {
+        let groups = twin.groups_mut().into_iter().zip(gradients.groups_mut());
+        let moments = first.groups_mut().into_iter().zip(second.groups_mut());
+        for (((values, gradients), (m, v)), rate) in groups.zip(moments).zip(rates) {
+            reference::adam::adam(values.1, gradients.1, m.1, v.1, k, f64::from(rate));
+        }
+    }
+    let mut most = 0.0;
+    for (((_, got), (_, right)), rate) in done.params.groups_mut().into_iter().zip(twin.groups_mut()).zip(rates) {
+        for (g, r) in got.iter().zip(right.iter()) {
+            let allowed = f64::from(STEPS) * (1e-4 * f64::from(rate) + r.abs() * 2_f64.powi(-24));
+            most = worse(most, (g - r).abs() / allowed);
+        }
+    }
+    Ok(vec![("error over its tolerance", most, 1.0), ("rows skipped", f64::from(done.skipped), 0.0)])
+}
+
+/// The furthest that any parameter went, over its attribute's rate and the steps; infinite where one is no number.
+fn furthest(params: &mut Params) -> f64 {
+    let mut start = Params::from(&model());
+    let rates = [RATES.mean, RATES.scale, RATES.rotation, RATES.opacity, RATES.dc, RATES.rest, RATES.rest, RATES.rest];
+    let mut most = 0.0;
+    for (((_, got), (_, start)), rate) in params.groups_mut().into_iter().zip(start.groups_mut()).zip(rates) {
+        for (g, s) in got.iter().zip(start.iter()) {
+            most = worse(most, (g - s).abs() / f64::from(rate) / f64::from(STEPS));
+        }
+    }
+    most
+}
+
+/// A gradient of the picture that is zero, so small that its square is none, so large that its square is infinite, and one
+/// pixel of NaN.
+pub(super) fn extremes(device: &Device) -> Result<Vec<Measure>> {
+    let size = 48 * 48;
+    let mut zero = steps(device, &vec![[0.0; 4]; size], false)?;
+    let mut tiny = steps(device, &vec![[1e-38; 4]; size], false)?;
+    let mut huge = steps(device, &vec![[1e38; 4]; size], false)?;
+    let mut spoilt = vec![[0.5; 4]; size];
+    spoilt[size / 2 + 24] = [f32::NAN; 4];
+    let mut one = steps(device, &spoilt, false)?;
+    // As many rows as lie under that pixel: those stay where they were, and are counted in each step.
+    let mut start = Params::from(&model());
+    let moved = |params: &mut Params, start: &mut Params| -> usize {
+        let (got, was) = (params.clone(), start.clone());
+        (0..got.means.len()).filter(|i| got.means[*i] != was.means[*i]).count()
+    };
+    let seen_and_sound = moved(&mut steps(device, &vec![[0.5; 4]; size], false)?.params, &mut start);
+    let stayed = seen_and_sound - moved(&mut one.params, &mut start).min(seen_and_sound);
+    Ok(vec![
+        ("0: moved", furthest(&mut zero.params), 0.0),
+        ("0: rows skipped", f64::from(zero.skipped), 0.0),
+        // Beside Adam's epsilon of 1e-15 such gradients are nothing.
+        ("1e-38: moved", furthest(&mut tiny.params), 1e-6),
+        ("1e-38: rows skipped", f64::from(tiny.skipped), 0.0),
+        ("1e38: moved", furthest(&mut huge.params), 0.0),
+        ("1e38: skips not counted", f64::from(huge.skipped).min(1.0) - 1.0, 0.0),
+        // A step of Adam's is at most 0.1 / sqrt(0.001) of its rate.
+        ("NaN: furthest, in rates", furthest(&mut one.params), 3.2),
+        ("NaN: skips not counted", (f64::from(one.skipped) / f64::from(STEPS) - stayed as f64).abs(), 0.0),
+        ("NaN: rows that stayed, of the seen", stayed as f64 / seen_and_sound.max(1) as f64, 0.5),
+    ])
+}

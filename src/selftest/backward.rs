@@ -1,0 +1,160 @@
+//! Gradients against the float64 twin.
+
+use super::Measure;
+use super::overlap::worse;
+use super::random::{Kind, Random};
+use super::render::{self, MILD, camera, stack, straight_on};
+use crate::gaussians::{Gaussians, resident::Resident};
+use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::reference::{self, Params};
+use crate::render::{AdamState, Form, Image, Rates, Renderer, Settings, Update};
+use crate::scene::camera::Camera;
+
+/// A picture and what comes back from it.
+pub struct Drawn {
+    /// The picture.
+    pub image: Image,
+    /// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters.
+    pub gradients: Params,
+    /// Rows that were skipped for a gradient that is not finite.
+    pub skipped: u32,
+}
+
+/// Weights of a picture's values, uniform in [-1, 1).
+pub fn weights(camera: &Camera, seed: u64) -> Vec<[f32; 4]> {
+    let mut r = Random(seed);
+    (0..camera.width * camera.height).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect()
+}
+
+/// First moments of every parameter: where [`Form::Gradients`] leaves the gradients.
+pub(super) fn first_moments(device: &Device, state: &AdamState, degree: usize) -> Result<Params> {
+    let read = |buffer: &Buffer<[f32; 2]>| -> Result<Vec<f64>> {
+        Ok(buffer.read(device)?.iter().map(|m| f64::from(m[0])).collect())
+    };
+    let rows3 = |v: Vec<f64>| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+    Ok(Params {
+        means: rows3(read(&state.means)?),
+        log_scales: rows3(read(&state.log_scales)?),
+        rotations: read(&state.rotations)?.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect(),
+        opacity_logits: read(&state.opacity_logits)?,
+        sh: state.sh[..=degree].iter().map(read).collect::<Result<_>>()?,
+    })
+}
+
+/// Draws a model and goes back from the picture.
+///
+/// # Errors
+/// Device memory; device errors.
+pub fn there_and_back(
+    device: &Device,
+    model: &Gaussians,
+    camera: &Camera,
+    settings: Settings,
+    weights: &[[f32; 4]],
+) -> Result<Drawn> {
+    let resident = Resident::upload(device, model)?;
+    let size = [camera.width, camera.height];
+    let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12)?;
+    let image = renderer.render(&resident, camera)?; // and the pairs have room
+    let state = AdamState::zeros(device, &resident)?;
+    let growth = device.upload("growth", &vec![[0_f32; 2]; model.len()])?;
+    let guards = device.upload("guards", &[0_u32; 2])?;
+    let by_image = device.upload("image gradient", weights)?;
+    let (rates, form) = (Rates::default(), Form::Gradients { through_direction: true });
+    let update = Update { state: &state, growth: &growth, statistics: true, guards: &guards, rates, form };
+    let mut recording = Recording::new();
+    renderer.record(&mut recording, &resident, camera);
+    renderer.record_backward(&mut recording, &resident, camera, &by_image, &update);
+    device.run(recording)?;
+    let skipped = guards.read(device)?.first().copied().unwrap_or(u32::MAX);
+    Ok(Drawn { image, gradients: first_moments(device, &state, model.degree())?, skipped })
+}
+
+/// The twin's gradients of the same.
+pub fn expected(model: &Gaussians, camera: &Camera, settings: Settings, weights: &[[f32; 4]]) -> Params {
+    let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
+    let by_alpha: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
+    reference::gradients(&Params::from(model), camera, &render::twin(settings), &by_image, Some(&by_alpha)).params
+}
+
+/// Norm of the difference over the twin's norm, or over `least` where that is larger: the worst of all attributes.
+pub fn relative(got: &mut Params, expected: &mut Params, least: f64) -> f64 {
+    let pairs = got.groups_mut().into_iter().zip(expected.groups_mut());
+    pairs.fold(0.0, |most, ((_, g), (_, e))| {
+        let off: f64 = g.iter().zip(e.iter()).map(|(g, e)| (g - e).powi(2)).sum();
+        let size: f64 = e.iter().map(|e| e * e).sum();
+        worse(most, off.sqrt() / size.sqrt().max(least).max(f64::MIN_POSITIVE))
+    })
+}
+
+/// A millionth of what the weights could make of any parameter: what a gradient of nothing, as of a ball's rotation, is
+/// measured by.
+pub fn least(weights: &[[f32; 4]]) -> f64 {
+    1e-6 * weights.as_flattened().iter().map(|w| f64::from(w.abs())).sum::<f64>()
+}
+
+/// Float32 alone gives 4e-6; a contribution that it puts on the other side of 1/255 gives 1e-4; a wrong clamp 6e-4 and more.
+pub(super) const ALLOWED: f64 = 3e-4;
+
+fn compare(
+    device: &Device,
+    model: &Gaussians,
+    camera: &Camera,
+    settings: Settings,
+    allowed: f64,
+) -> Result<Vec<Measure>> {
+    let weights = weights(camera, 71);
+    let mut drawn = there_and_back(device, model, camera, settings, &weights)?;
+    let least = least(&weights);
+    let seen = relative(&mut drawn.gradients, &mut expected(model, camera, settings, &weights), least);
+    Ok(vec![("relative", seen, allowed), ("rows skipped", f64::from(drawn.skipped), 0.0)])
+}
+
+fn kind(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
+    compare(device, &kind.model(), &camera(64, 48), settings, ALLOWED)
+}
+
+pub(super) fn mild(device: &Device) -> Result<Vec<Measure>> {
+    kind(
+        device,
+        &Kind { count: 200, seed: 21, ..MILD },
+        Settings { background: [0.2, 0.4, 0.6], ..Settings::default() },
+    )
+}
+
+pub(super) fn needles(device: &Device) -> Result<Vec<Measure>> {
+    kind(device, &Kind { count: 200, seed: 22, axes: [1.2, -4.0, -4.0], degree: 1, ..MILD }, Settings::default())
+}
+
+pub(super) fn flat(device: &Device) -> Result<Vec<Measure>> {
+    kind(device, &Kind { count: 200, seed: 23, axes: [0.5, 0.5, -9.0], degree: 2, ..MILD }, Settings::default())
+}
+
+pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
+    let kind_of = Kind { count: 200, seed: 24, logit: [2.0, 20.0], colour: [-3.0, 4.0], degree: 1, ..MILD };
+    kind(device, &kind_of, Settings::default())
+}
+
+pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
+    let kind_of = Kind { count: 1000, seed: 25, log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
+    kind(device, &kind_of, Settings { antialias: true, ..Settings::default() })
+}
+
+/// `count` layers of random colours before one small tile.
+fn layers(count: usize, depth: f32, logit: f32) -> Gaussians {
+    let mut r = Random(26);
+    let mut model = stack(count, depth, logit);
+    model.sh[0].iter_mut().for_each(|v| *v = r.within(-1.5, 1.5) as f32);
+    model
+}
+
+/// Equal depths, one behind the other in the model's order; the transmittance stop ends the pixels.
+pub(super) fn coincident(device: &Device) -> Result<Vec<Measure>> {
+    compare(device, &layers(10_000, 0.0, -3.0), &straight_on(), Settings::default(), ALLOWED)
+}
+
+/// 10,000 layers without a stop: transmittance leaves float32's range on the way. What lies behind a layer is the pixel less
+/// what lies before: its rounding, 1e-7 of the pixel, stays where the thing itself has long vanished.
+pub(super) fn chain(device: &Device) -> Result<Vec<Measure>> {
+    compare(device, &layers(10_000, 1e-5, -3.9), &straight_on(), Settings { stop: 0.0, ..Settings::default() }, ALLOWED)
+}
