@@ -74,7 +74,7 @@ pub(super) fn constant(device: &Device) -> Result<Vec<Measure>> {
     let shades = [(0.0, 0), (1.0, 255), (0.0, 255), (1.0, 0), (0.5, 128), (0.25, 192), (3.0, 255)];
     let cases =
         [(11, 11), (11, 3), (45, 37)].into_iter().flat_map(|(w, h)| shades.map(|(x, y)| Case::flat(w, h, x, y)));
-    worst(device, cases, [3e-4, 3e-4])
+    worst(device, cases, [1e-4, 2e-4])
 }
 
 /// Half of the values at 0 and at 1, as of a photo of a lamp at night.
