@@ -18,6 +18,7 @@ pub mod pictures;
 pub mod prepare;
 pub mod results;
 pub mod run;
+pub mod sweep;
 pub mod virtual_views;
 pub mod watcher;
 

@@ -1,0 +1,144 @@
+//! Times of rungs, taken in turn: whatever else the machine does falls on all of them alike.
+
+use crate::error::Error;
+use crate::gpu::{Device, Timings};
+use crate::pipeline::Watcher;
+use serde::Serialize;
+use std::time::Instant;
+
+/// Rounds at least and at most; the first, which also compiles, is not counted.
+const ROUNDS: (usize, usize) = (3, 15);
+
+/// Seconds of one turn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sample {
+    /// By the device's own timestamps; none where it has none, or did nothing.
+    pub device: Option<f64>,
+    /// By the host's clock.
+    pub wall: f64,
+}
+
+impl Sample {
+    /// What a body that runs on the host took.
+    pub fn host<T>(body: impl FnOnce() -> T) -> (T, Self) {
+        let started = Instant::now();
+        let result = body();
+        (result, Self { device: None, wall: started.elapsed().as_secs_f64() })
+    }
+
+    /// The scopes asked for of a recording that ran since `started`.
+    pub fn of(device: &Device, timings: &Timings, scopes: &[&str], started: Instant) -> Self {
+        let there = device.info().timestamp_period > 0.0;
+        Self {
+            device: there.then(|| scopes.iter().map(|s| timings.seconds(s)).sum()),
+            wall: started.elapsed().as_secs_f64(),
+        }
+    }
+
+    /// Both clocks times a factor.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        Self { device: self.device.map(|d| d * factor), wall: self.wall * factor }
+    }
+}
+
+impl std::ops::AddAssign for Sample {
+    fn add_assign(&mut self, other: Self) {
+        self.device = match (self.device, other.device) {
+            (Some(a), Some(b)) => Some(a + b),
+            (a, b) => a.or(b),
+        };
+        self.wall += other.wall;
+    }
+}
+
+/// Median and quartiles.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Spread {
+    /// The middle.
+    pub median: f64,
+    /// A quarter lies below.
+    pub q1: f64,
+    /// A quarter lies above.
+    pub q3: f64,
+    /// Values that it is of.
+    pub samples: usize,
+}
+
+impl Spread {
+    /// Of at least one value; none for none.
+    pub fn of(mut values: Vec<f64>) -> Option<Self> {
+        values.sort_by(f64::total_cmp);
+        let last = values.len().checked_sub(1)?;
+        let at = |share: f64| {
+            let place = share * last as f64;
+            let below = values[place.floor() as usize];
+            below + (values[place.ceil() as usize] - below) * place.fract()
+        };
+        Some(Self { median: at(0.5), q1: at(0.25), q3: at(0.75), samples: values.len() })
+    }
+}
+
+/// A rung's times.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Timed {
+    /// By the device's timestamps.
+    pub device: Option<Spread>,
+    /// By the host's clock.
+    pub wall: Option<Spread>,
+}
+
+/// Runs `rungs` bodies in turn, round after round: once unmeasured, then as often as fits into about `budget` seconds. Every
+/// other round goes backward, so that a machine that slows down or speeds up favours none.
+///
+/// # Errors
+/// The first of a body; [`Error::Interrupted`].
+pub fn interleaved(
+    rungs: usize,
+    budget: f64,
+    watcher: &dyn Watcher,
+    mut body: impl FnMut(usize) -> Result<Sample, Error>,
+) -> Result<Vec<Timed>, Error> {
+    let mut samples: Vec<Vec<Sample>> = vec![Vec::new(); rungs];
+    let warming = Instant::now();
+    for rung in 0..rungs {
+        body(rung)?;
+        unless_stopped(watcher)?;
+    }
+    let once = warming.elapsed().as_secs_f64().max(1e-6);
+    let rounds = ((budget / once) as usize).clamp(ROUNDS.0, ROUNDS.1);
+    for round in 0..rounds {
+        for k in 0..rungs {
+            let rung = if round % 2 == 0 { k } else { rungs - 1 - k };
+            samples[rung].push(body(rung)?);
+            unless_stopped(watcher)?;
+        }
+    }
+    let timed = |samples: Vec<Sample>| Timed {
+        device: Spread::of(samples.iter().filter_map(|s| s.device).collect()),
+        wall: Spread::of(samples.iter().map(|s| s.wall).collect()),
+    };
+    Ok(samples.into_iter().map(timed).collect())
+}
+
+/// Ends the work where that is wished for.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn unless_stopped(watcher: &dyn Watcher) -> Result<(), Error> {
+    if watcher.stop() { Err(Error::Interrupted) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spreads() {
+        assert_eq!(Spread::of(Vec::new()), None);
+        let of = |values: &[f64]| Spread::of(values.to_vec()).unwrap();
+        assert_eq!(of(&[3.0]), Spread { median: 3.0, q1: 3.0, q3: 3.0, samples: 1 });
+        assert_eq!(of(&[5.0, 1.0, 3.0, 2.0, 4.0]), Spread { median: 3.0, q1: 2.0, q3: 4.0, samples: 5 });
+        assert_eq!(of(&[1.0, 2.0]).median, 1.5);
+    }
+}
