@@ -12,6 +12,7 @@ mod iteration;
 mod overlap;
 mod primitives;
 mod scenes;
+mod solve;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, criterion_group, criterion_main};
@@ -71,6 +72,8 @@ criterion_group!(
     iteration::iteration,
     overlap::overlap,
     overlap::low_rank,
-    overlap::responses
+    overlap::responses,
+    solve::solve,
+    solve::select
 );
 criterion_main!(benches);

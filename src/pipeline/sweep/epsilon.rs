@@ -96,7 +96,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Erro
         rung.figures.insert("largest_condition", most);
         axis.rungs.push(rung);
     }
-    let timed = interleaved(rungs.len(), 0.5 * context.budget, context.watcher, |k| {
+    let timed = interleaved(rungs.len(), (0.5 * context.budget, 5), context.watcher, |k, _| {
         let started = Instant::now();
         let wall = study(context, &resident, &basis(&rungs[k]))?.seconds.wall;
         Ok(Sample { device: None, wall: wall.min(started.elapsed().as_secs_f64()) })

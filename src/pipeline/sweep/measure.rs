@@ -6,8 +6,10 @@ use crate::pipeline::Watcher;
 use serde::Serialize;
 use std::time::Instant;
 
-/// Rounds at least and at most; the first, which also compiles, is not counted.
-const ROUNDS: (usize, usize) = (3, 15);
+/// Rounds at least and at most; the one before them, which also compiles, is not counted.
+const ROUNDS: (usize, usize) = (3, 48);
+/// A rung that takes this many times as long as the middle one sits out once it had the least number of turns.
+const SLOW: f64 = 4.0;
 
 /// Seconds of one turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,16 +44,6 @@ impl Sample {
     }
 }
 
-impl std::ops::AddAssign for Sample {
-    fn add_assign(&mut self, other: Self) {
-        self.device = match (self.device, other.device) {
-            (Some(a), Some(b)) => Some(a + b),
-            (a, b) => a.or(b),
-        };
-        self.wall += other.wall;
-    }
-}
-
 /// Median and quartiles.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
@@ -66,6 +58,11 @@ pub struct Spread {
 }
 
 impl Spread {
+    /// Whether the middle halves of both share a value: what lies between the medians may then be noise.
+    pub fn overlaps(&self, other: &Self) -> bool {
+        self.q1 <= other.q3 && other.q1 <= self.q3
+    }
+
     /// Of at least one value; none for none.
     pub fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
@@ -88,29 +85,39 @@ pub struct Timed {
     pub wall: Option<Spread>,
 }
 
-/// Runs `rungs` bodies in turn, round after round: once unmeasured, then as often as fits into about `budget` seconds. Every
-/// other round goes backward, so that a machine that slows down or speeds up favours none.
+/// Runs `rungs` bodies in turn, round after round: once unmeasured, then as often as fits into about `budget` seconds, but
+/// `least` times at the least. Every other round goes backward, so that a machine that slows down or speeds up favours none.
+/// A body hears which rung it is, and the round's number.
 ///
 /// # Errors
 /// The first of a body; [`Error::Interrupted`].
 pub fn interleaved(
     rungs: usize,
-    budget: f64,
+    (budget, least): (f64, usize),
     watcher: &dyn Watcher,
-    mut body: impl FnMut(usize) -> Result<Sample, Error>,
+    mut body: impl FnMut(usize, usize) -> Result<Sample, Error>,
 ) -> Result<Vec<Timed>, Error> {
     let mut samples: Vec<Vec<Sample>> = vec![Vec::new(); rungs];
-    let warming = Instant::now();
-    for rung in 0..rungs {
-        body(rung)?;
+    let mut once = vec![0.0; rungs];
+    for (rung, once) in once.iter_mut().enumerate() {
+        let begun = Instant::now();
+        body(rung, 0)?;
+        *once = begun.elapsed().as_secs_f64().max(1e-6);
         unless_stopped(watcher)?;
     }
-    let once = warming.elapsed().as_secs_f64().max(1e-6);
-    let rounds = ((budget / once) as usize).clamp(ROUNDS.0, ROUNDS.1);
+    let least = least.max(ROUNDS.0);
+    let middle = Spread::of(once.clone()).map_or(0.0, |s| s.median);
+    let slow: Vec<bool> = once.iter().map(|s| *s > SLOW * middle).collect();
+    let of = |which: bool| once.iter().zip(&slow).filter(|(_, slow)| **slow == which).map(|(s, _)| s).sum::<f64>();
+    let left = (budget - ROUNDS.0 as f64 * of(true)).max(0.0);
+    let rounds = ((left / of(false).max(1e-6)) as usize).clamp(least, ROUNDS.1.max(least));
     for round in 0..rounds {
         for k in 0..rungs {
             let rung = if round % 2 == 0 { k } else { rungs - 1 - k };
-            samples[rung].push(body(rung)?);
+            if slow[rung] && round >= ROUNDS.0 {
+                continue;
+            }
+            samples[rung].push(body(rung, round)?);
             unless_stopped(watcher)?;
         }
     }
@@ -132,6 +139,34 @@ pub fn unless_stopped(watcher: &dyn Watcher) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    struct Nobody;
+
+    impl Watcher for Nobody {
+        fn loading(&self, _: usize, _: usize) {}
+        fn training(&self, _: &crate::train::Progress, _: u32) {}
+        fn evaluating(&self, _: usize, _: usize) {}
+        fn note(&self, _: &str) {}
+        fn stop(&self) -> bool {
+            false
+        }
+    }
+
+    #[test]
+    fn rungs_take_turns_and_slow_ones_sit_out() {
+        let mut turns = Vec::new();
+        let timed = interleaved(3, (0.0, 5), &Nobody, |rung, round| {
+            turns.push((round, rung));
+            if rung == 1 {
+                std::thread::sleep(std::time::Duration::from_millis(30));
+            }
+            Ok(Sample { device: None, wall: rung as f64 })
+        })
+        .unwrap();
+        let samples: Vec<usize> = timed.iter().map(|t| t.wall.unwrap().samples).collect();
+        assert_eq!(samples, [5, 3, 5]);
+        assert_eq!(turns[..9], [(0, 0), (0, 1), (0, 2), (0, 0), (0, 1), (0, 2), (1, 2), (1, 1), (1, 0)]);
+    }
 
     #[test]
     fn spreads() {

@@ -194,8 +194,12 @@ impl AxisResult {
         };
         if self.rungs.len() > 1 {
             let (low, high) = range(self.rungs.iter().filter_map(Rung::seconds).collect());
-            if low > 0.0 && high / low < EQUALLY_FAST {
-                self.flat.push(format!("Times are flat, within {:.0} %: {}", 100.0 * (high / low - 1.0), why[0]));
+            let times: Vec<Spread> = self.rungs.iter().filter_map(|r| r.time).filter(|t| t.samples > 1).collect();
+            let together = times.len() == self.rungs.len() && times.iter().all(|a| times.iter().all(|b| a.overlaps(b)));
+            if low > 0.0 && (high / low < EQUALLY_FAST || together) {
+                let within = 100.0 * (high / low - 1.0);
+                let noise = if together { ", which is less than their spread" } else { "" };
+                self.flat.push(format!("Times are flat, medians within {within:.0} %{noise}: {}", why[0]));
             }
             let bad: Vec<f64> = self.rungs.iter().filter_map(|r| r.badness(better)).collect();
             if bad.len() == self.rungs.len() && bad.iter().all(|b| *b == bad[0]) {
@@ -220,41 +224,45 @@ impl AxisResult {
             // The least step; of equal ones the faster.
             a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1))
         });
-        let from = default.seconds().unwrap_or(f64::NAN);
-        if let Some((rung, (_, time))) = next {
+        if let Some((rung, _)) = next {
             return format!(
-                "The next more exact rung than {}, {}, {}: {} instead of {} {}; {} goes from {} to {}.",
+                "The next more exact rung than {}, {}, {}; {} goes from {} to {}.",
                 default.name,
                 rung.name,
-                change(time / from),
-                figure(time),
-                figure(from),
-                self.time,
+                self.change(rung, default),
                 self.accuracy,
                 self.shown(default),
                 self.shown(rung),
             );
         }
+        let from = default.seconds().unwrap_or(f64::NAN);
         let faster = others().filter(|(_, (_, time))| *time < from).min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
         let rest = match faster {
             None => "none of the others is faster".to_owned(),
-            Some((rung, (_, time))) => format!(
-                "the most exact faster one, {}, {} ({} instead of {} {}), and its {} is {}",
+            Some((rung, _)) => format!(
+                "the most exact faster one, {}, {}, and its {} is {}",
                 rung.name,
-                change(time / from),
-                figure(time),
-                figure(from),
-                self.time,
+                self.change(rung, default),
                 self.accuracy,
                 self.shown(rung)
             ),
         };
-        format!(
-            "No rung is more exact than the default, {} ({}: {}); {rest}.",
-            default.name,
-            self.accuracy,
-            self.shown(default)
-        )
+        let shown = self.shown(default);
+        format!("No rung is more exact than the default, {} ({}: {shown}); {rest}.", default.name, self.accuracy)
+    }
+
+    /// How a rung's time differs from another's, in words and figures.
+    fn change(&self, rung: &Rung, from: &Rung) -> String {
+        let (Some(a), Some(b)) = (rung.time, from.time) else { return "takes a time that was not measured".to_owned() };
+        let figures = format!("{} instead of {} {}", figure(a.median), figure(b.median), self.time);
+        let words = match a.median / b.median {
+            r if (0.97..1.03).contains(&r) => "takes as long".to_owned(),
+            _ if a.samples > 1 && a.overlaps(&b) => "takes as long, as far as the spread can tell".to_owned(),
+            r if r >= 2.0 => format!("takes {r:.1} times as long"),
+            r if r > 1.0 => format!("takes {:.0} % longer", 100.0 * (r - 1.0)),
+            r => format!("takes {:.0} % less time", 100.0 * (1.0 - r)),
+        };
+        format!("{words}: {figures}")
     }
 
     /// A rung's accuracy as it is read.
@@ -264,17 +272,6 @@ impl AxisResult {
             None if rung.exact => "exact".to_owned(),
             None => "unknown".to_owned(),
         }
-    }
-}
-
-/// A factor of time in words.
-fn change(ratio: f64) -> String {
-    match ratio {
-        r if !r.is_finite() => "takes a time that was not measured".to_owned(),
-        r if (0.97..1.03).contains(&r) => "takes as long".to_owned(),
-        r if r >= 2.0 => format!("takes {r:.1} times as long"),
-        r if r > 1.0 => format!("takes {:.0} % longer", 100.0 * (r - 1.0)),
-        r => format!("takes {:.0} % less time", 100.0 * (1.0 - r)),
     }
 }
 
