@@ -100,7 +100,9 @@ fn plot(axis: &AxisResult) -> Markup {
     let mut points: Vec<Point> = axis.rungs.iter().filter_map(point).collect();
     if axis.abscissa.is_some() {
         // The front is of times, which are not shown here.
-        points.iter_mut().for_each(|p| p.front = true);
+        for point in &mut points {
+            point.front = true;
+        }
     }
     let xs: Vec<f64> = points.iter().map(|p| p.at[0]).collect();
     let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's metric");

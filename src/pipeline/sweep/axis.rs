@@ -107,9 +107,8 @@ impl Axis {
         match self {
             Self::Solver => "low-rank",
             Self::Overlap => "qr",
-            Self::Epsilon => "1e-4",
+            Self::Epsilon | Self::Stop => "1e-4",
             Self::Culling => "exact",
-            Self::Stop => "1e-4",
             Self::Storage => "f32",
             Self::Gradients => "ordered",
             Self::Keep => "0.28",

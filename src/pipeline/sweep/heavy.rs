@@ -13,6 +13,7 @@ use crate::pipeline::compression::{Compression, Pruning};
 use crate::pipeline::results::Results;
 use crate::pipeline::run::run;
 use crate::pipeline::{Output, RunConfig, Watcher};
+use crate::qirf::select::budget::Keep;
 
 /// Where and how heavy axes train.
 pub struct Training<'a> {
@@ -32,12 +33,12 @@ fn once(seconds: Option<f64>) -> Timed {
     Timed { device: None, wall: seconds.and_then(|s| Spread::of(vec![s])) }
 }
 
-/// The arm that a rung of keep or selector is.
-fn arm(axis: Axis, rung: &str) -> String {
-    match axis {
-        Axis::Keep if fraction(rung) == Some(1.0) => "dense".to_owned(),
-        Axis::Keep if fraction(rung) == Some(0.28) => "default@0.28".to_owned(),
-        Axis::Keep => format!("default@{rung}"),
+/// The arm that a rung of keep or selector is: one for both where they mean the same.
+fn arm(axis: Axis, rung: &str, given: Keep) -> String {
+    match (axis, rung.parse()) {
+        (Axis::Keep, Ok(1.0)) => "dense".to_owned(),
+        (Axis::Keep, Ok(share)) if given == Keep::Share(share) => "default".to_owned(),
+        (Axis::Keep, _) => format!("default@{rung}"),
         _ => rung.to_owned(),
     }
 }
@@ -51,7 +52,7 @@ pub fn forked(training: &Training<'_>, plan: &Plan<'_>, asked: &[&Asked]) -> Res
     let mut arms: Vec<Arm> = Vec::new();
     for asked in asked {
         for rung in &asked.rungs {
-            let arm = Arm::parse(&arm(asked.axis, rung), given).map_err(Error::Usage)?;
+            let arm = Arm::parse(&arm(asked.axis, rung, given.keep), given).map_err(Error::Usage)?;
             if arms.iter().all(|a| a.name != arm.name) {
                 arms.push(arm);
             }
@@ -82,7 +83,7 @@ pub fn forked(training: &Training<'_>, plan: &Plan<'_>, asked: &[&Asked]) -> Res
         };
         axis.better = Better::Higher;
         for rung in &asked.rungs {
-            let name = arm(asked.axis, rung);
+            let name = arm(asked.axis, rung, given.keep);
             let Some(found) = compared.arms.iter().find(|a| a.name == name) else { continue };
             axis.rungs.push(of_arm(asked.axis, rung, found));
         }

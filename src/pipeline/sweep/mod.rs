@@ -81,7 +81,9 @@ pub fn heavy(training: &heavy::Training<'_>, plan: &Plan<'_>, asked: &[Asked]) -
     if !forked.is_empty() {
         out = heavy::forked(training, plan, &forked)?;
         let seconds = begun.elapsed().as_secs_f64() / out.len() as f64;
-        out.iter_mut().for_each(|axis| axis.seconds = seconds);
+        for axis in &mut out {
+            axis.seconds = seconds;
+        }
     }
     for asked in asked {
         let begun = Instant::now();
