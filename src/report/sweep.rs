@@ -56,7 +56,7 @@ fn body(axis: &AxisResult) -> Markup {
         }
         @for note in &axis.notes { p class="hint" { (note) } }
         @for t in &axis.tables { (details(t)) }
-        p class="hint" { "Accuracy: " (axis.accuracy) ", against " (axis.against) ". Measuring took " (seconds(axis.seconds)) "." }
+        p class="hint" { "Time: " (axis.time) ". Accuracy: " (axis.accuracy) ", against " (axis.against) ". Measuring took " (seconds(axis.seconds)) "." }
     }
 }
 
@@ -98,45 +98,46 @@ fn plot(axis: &AxisResult) -> Markup {
         })
     };
     let mut points: Vec<Point> = axis.rungs.iter().filter_map(point).collect();
+    let mut legend = ["on the Pareto front", "beaten; the default is ringed"];
     if axis.abscissa.is_some() {
-        // The front is of times, which are not shown here.
+        // The front is of times, which are not shown here: the line goes through one metric's epsilons.
+        legend = ["epsilons; the default is ringed", "other metrics: dilations"];
         for point in &mut points {
-            point.front = true;
+            point.front = !point.label.starts_with("t=");
         }
     }
     let xs: Vec<f64> = points.iter().map(|p| p.at[0]).collect();
     let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's metric");
-    let x = if wide(&xs) { Scale::log(title) } else { Scale::from_zero(title) };
+    let x = match axis.abscissa {
+        _ if wide(&xs) => Scale::log(title),
+        Some(_) => Scale::new(title),
+        None => Scale::from_zero(title),
+    };
     let y = if as_ratio { Scale::log(axis.accuracy) } else { Scale::new(axis.accuracy) };
-    Front { title: axis.title, x, y, points }.draw()
+    Front { title: axis.title, x, y, legend, points }.draw()
 }
 
 fn rungs(axis: &AxisResult) -> Markup {
     let columns = [
         Column::Text("rung"),
-        Column::Number(axis.time),
+        Column::Number("time"),
         Column::Number("quartiles"),
-        Column::Number("rounds"),
-        Column::Number("host's clock"),
-        Column::Number(axis.accuracy),
+        Column::Number("accuracy"),
         Column::Text(""),
     ];
     let row = |r: &Rung| {
-        let mut marks = Vec::new();
-        if r.default {
-            marks.push("default");
-        }
-        if r.front {
-            marks.push("front");
-        }
+        let marks = match (r.default, r.front) {
+            (true, true) => "default, front",
+            (true, false) => "default",
+            (false, true) => "front",
+            _ => "",
+        };
         vec![
             r.name.clone(),
             r.time.map_or(NONE.into(), |t| short(t.median)),
             r.time.map_or(NONE.into(), |t| format!("{} to {}", short(t.q1), short(t.q3))),
-            r.time.map_or(NONE.into(), |t| t.samples.to_string()),
-            r.wall.map_or(NONE.into(), |t| short(t.median)),
             axis.shown(r),
-            marks.join(", "),
+            marks.to_owned(),
         ]
     };
     table(&columns, &axis.rungs.iter().map(row).collect::<Vec<_>>(), None)
@@ -147,16 +148,18 @@ fn figures(axis: &AxisResult) -> Markup {
     let mut names: Vec<&str> = axis.rungs.iter().flat_map(|r| r.figures.keys().copied()).collect();
     names.sort_unstable();
     names.dedup();
-    if names.is_empty() {
-        return html! {};
-    }
     let titles: Vec<String> = names.iter().map(|n| n.replace('_', " ")).collect();
     let columns: Vec<Column<'_>> =
-        std::iter::once(Column::Text("rung")).chain(titles.iter().map(|t| Column::Number(t))).collect();
+        [Column::Text("rung"), Column::Number("rounds"), Column::Number("time by the host's clock")]
+            .into_iter()
+            .chain(titles.iter().map(|t| Column::Number(t)))
+            .collect();
     let value = |v: f64| if (0.01..100.0).contains(&v.abs()) { decimals(v, 4) } else { short(v) };
     let row = |r: &Rung| {
         let cells = names.iter().map(|n| r.figures.get(n).map_or(NONE.into(), |v| value(*v)));
-        std::iter::once(r.name.clone()).chain(cells).collect::<Vec<_>>()
+        let rounds = r.time.map_or(NONE.into(), |t| t.samples.to_string());
+        let wall = r.wall.map_or(NONE.into(), |t| short(t.median));
+        [r.name.clone(), rounds, wall].into_iter().chain(cells).collect::<Vec<_>>()
     };
     table(&columns, &axis.rungs.iter().map(row).collect::<Vec<_>>(), None)
 }

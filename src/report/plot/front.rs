@@ -18,7 +18,7 @@ pub struct Point {
     pub at: [f64; 2],
     /// Quartiles of x.
     pub spread: [f64; 2],
-    /// Whether it is on the front.
+    /// Whether the line goes through it: whether it is on the front.
     pub front: bool,
     /// Whether it is what is taken unless asked otherwise.
     pub default: bool,
@@ -32,6 +32,8 @@ pub struct Front<'a> {
     pub x: Axis<'a>,
     /// At the left.
     pub y: Axis<'a>,
+    /// What points on the line are, and what the others.
+    pub legend: [&'a str; 2],
     /// The rungs; those without a place on the axes are left out.
     pub points: Vec<Point>,
 }
@@ -67,7 +69,7 @@ impl Front<'_> {
                     x=(px(if at_right { x + 12.0 } else { x - 12.0 })) { (p.label) }
             }
         };
-        figure(self.title, &["on the Pareto front", "beaten; the default is ringed"], SIZE, &drawing)
+        figure(self.title, &self.legend, SIZE, &drawing)
     }
 }
 
@@ -108,9 +110,10 @@ mod tests {
             default: true,
         };
         let points = vec![point(0.0, 1.0), point(f64::NAN, 0.0), point(3.0, f64::INFINITY), point(2.0, 5.0)];
-        let text = Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), points }.draw().into_string();
+        let text =
+            Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), legend: ["a", "b"], points }.draw().into_string();
         assert!(!text.contains("NaN") && !text.contains("inf") && text.contains("&lt;a&gt;"), "{text}");
-        let none = Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), points: Vec::new() };
+        let none = Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), legend: ["a", "b"], points: Vec::new() };
         assert!(none.draw().into_string().contains("svg"));
     }
 }
