@@ -13,6 +13,7 @@ mod loss;
 mod overlap;
 mod primitives;
 mod scenes;
+mod solve;
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, criterion_group, criterion_main};
@@ -73,6 +74,8 @@ criterion_group!(
     iteration::iteration,
     overlap::overlap,
     overlap::low_rank,
-    overlap::responses
+    overlap::responses,
+    solve::solve,
+    solve::select
 );
 criterion_main!(benches);

@@ -14,6 +14,7 @@ mod render;
 mod run;
 mod selftest;
 mod show;
+mod sweep;
 mod synth;
 mod training;
 mod values;
@@ -61,6 +62,8 @@ enum Command {
     Run(run::Arguments),
     /// Compare ways of pruning a scene, all from one checkpoint
     Compare(compare::Arguments),
+    /// Measure what accuracy costs in time: every axis of the engine, rung by rung
+    Sweep(sweep::Arguments),
     /// Score a model of any format against a scene's held-out photos
     Eval(eval::Arguments),
     /// Prune a model that is there: keep the Gaussians that its pictures need
@@ -83,7 +86,7 @@ enum Command {
 
 /// The top help's groups of commands.
 const GROUPS: [(&str, &[&str]); 4] = [
-    ("Training and compression", &["run", "compress", "compare", "eval"]),
+    ("Training and compression", &["run", "compress", "compare", "sweep", "eval"]),
     ("Models and pictures", &["render", "convert", "inspect"]),
     ("Data", &["synth"]),
     ("This machine", &["device", "selftest", "completions"]),
@@ -92,6 +95,7 @@ const GROUPS: [(&str, &[&str]); 4] = [
 const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --preset quick --resolution 256
   qirf-vk compare capture -o compared --arms default,importance,dense
+  qirf-vk sweep capture -o swept
   qirf-vk eval trained/model.ply --config trained/config.toml
   qirf-vk compress flowers.ply -o small.ply --keep 0.28
   qirf-vk render flowers.ply --orbit 8 -o pictures
@@ -153,6 +157,7 @@ impl Cli {
         match &self.command {
             Command::Run(a) => a.run(console, &self.global),
             Command::Compare(a) => a.run(console, &self.global),
+            Command::Sweep(a) => a.run(console, &self.global),
             Command::Eval(a) => a.run(console, &self.global),
             Command::Compress(a) => a.run(console, &self.global),
             Command::Render(a) => a.run(console, &self.global),

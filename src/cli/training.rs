@@ -122,6 +122,11 @@ impl Training {
         }
     }
 
+    /// The colour asked for behind the Gaussians.
+    pub fn background(&self) -> Option<[f32; 3]> {
+        self.background
+    }
+
     fn overrides(&self) -> Overrides {
         let mut out = self.preset.effects();
         if self.antialias {

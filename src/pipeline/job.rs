@@ -16,6 +16,7 @@ use crate::error::Error;
 use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::metrics::Networks;
+use crate::qirf::response::Evidence;
 use crate::render::Settings;
 use crate::train::checkpoint::Snapshot;
 use crate::train::loss::Weights;
@@ -196,6 +197,14 @@ impl<'a> Job<'a> {
     /// Device errors.
     pub fn psnr(&mut self) -> Result<Option<f64>, Error> {
         self.evaluator.psnr(self.trainer.model(), self.stage.prepared.test.iter().map(|(_, view)| view))
+    }
+
+    /// What the training photos say of the model as it stands.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn evidence(&mut self) -> Result<Evidence, Error> {
+        self.trainer.evidence_with(false, |_| Ok(()))
     }
 
     /// Prune number `self.prunes.len()` of `steps`.

@@ -19,6 +19,7 @@ pub mod prepare;
 pub mod ranges;
 pub mod results;
 pub mod run;
+pub mod sweep;
 pub mod virtual_views;
 pub mod watcher;
 

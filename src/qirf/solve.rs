@@ -87,6 +87,15 @@ impl Metric {
         self.m == 0
     }
 
+    /// Largest over smallest eigenvalue: infinite where the metric is not positive definite, `None` where it is empty or
+    /// LAPACK does not converge.
+    pub fn condition(&self) -> Option<f64> {
+        let mut vectors = self.values.clone();
+        let values = (self.m > 0).then(|| lapack::syevd(self.m, &mut vectors)).flatten()?;
+        let (least, most) = (*values.first()?, *values.last()?);
+        Some(if least > 0.0 { most / least } else { f64::INFINITY })
+    }
+
     /// An orthonormal basis for what the metric can tell apart: columns v_k / sqrt(d_k) of its eigenpairs (d_k, v_k),
     /// those with d_k below `least` dropped (canonical orthogonalisation); m x p, column-major.
     ///

@@ -281,7 +281,7 @@ fn self_overlaps(model: &Gaussians) -> Vec<f64> {
 }
 
 /// `share` of the median over the Gaussians of the largest scale, in world units.
-fn dilation(model: &Gaussians, share: f64) -> f32 {
+pub fn dilation(model: &Gaussians, share: f64) -> f32 {
     let mut largest: Vec<f32> =
         model.log_scales.iter().map(|s| s[0].max(s[1]).max(s[2])).filter(|s| s.is_finite()).collect();
     if share <= 0.0 || largest.is_empty() {

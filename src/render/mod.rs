@@ -7,11 +7,13 @@ mod project;
 mod project_backward;
 mod rasterise;
 mod rasterise_backward;
+mod rasterise_backward_atomic;
 mod renderer;
 mod settings;
 mod slots;
 
 pub use adam::{AdamState, Form, Rates, Scoring, Update};
+pub use rasterise_backward_atomic::AtomicSums;
 pub use renderer::{BACKWARD_STAGES, Image, Renderer, STAGES};
 pub use settings::{Culling, Settings, view};
 pub use slots::Slots;

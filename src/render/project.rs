@@ -30,6 +30,7 @@ pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, mo
             culling: shape.settings.culling as u32,
             antialias: shape.settings.antialias,
             degree: model.degree as u32,
+            half: model.half,
         },
     };
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));

@@ -3,15 +3,22 @@
 use super::adam::{Form, Update};
 use super::frame::{Frame, Moments, Shape};
 use crate::gaussians::resident::Resident;
-use crate::gpu::Recording;
+use crate::gpu::{Buffer, Recording};
 use crate::kernels::render::{ProjectBackward, ProjectBackwardPush, ProjectBackwardSpec};
 use crate::primitives::WORKGROUP;
+
+/// Where a Gaussian's sums lie: `counts` rows of the moments from `first` on.
+pub(super) struct Sums<'a> {
+    pub counts: &'a Buffer<u32>,
+    pub first: &'a Buffer<u32>,
+    pub moments: &'a Moments,
+}
 
 pub(super) fn record(
     recording: &mut Recording,
     shape: &Shape,
     frame: &Frame,
-    moments: &Moments,
+    Sums { counts, first, moments }: &Sums<'_>,
     model: &Resident,
     update: &Update<'_>,
 ) {
@@ -20,8 +27,8 @@ pub(super) fn record(
         view: &frame.view,
         count: &model.count.value,
         pairs: &frame.pairs.count.value,
-        tile_counts: &frame.tile_counts,
-        first_slots: &frame.first_slots,
+        tile_counts: counts,
+        first_slots: first,
         moments_a: &moments.a,
         moments_b: &moments.b,
         moments_c: &moments.c,

@@ -2,6 +2,7 @@
 
 use super::adam::{self, Form, Update};
 use super::frame::{Frame, PairBuffers, Shape};
+use super::rasterise_backward_atomic::AtomicSums;
 use super::settings::{Settings, tile_size, view};
 use super::slots::Slots;
 use super::{bin, project, project_backward, rasterise, rasterise_backward};
@@ -235,7 +236,30 @@ impl Renderer {
         recording.scope(BACKWARD_STAGES[0], |r| {
             rasterise_backward::record(r, shape, frame, sorted, moments, image_gradient, tiles, residual);
         });
-        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, moments, model, update));
+        let sums = project_backward::Sums { counts: &frame.tile_counts, first: &frame.first_slots, moments };
+        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, &sums, model, update));
+        if update.form != Form::Rows {
+            recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, frame, model, update));
+        }
+    }
+
+    /// As [`Renderer::record_backward`], but each Gaussian's gradients are added up by float atomics, in whatever order the
+    /// device's threads come: what the ordered sums are measured against. The slots hold nothing afterwards.
+    pub fn record_backward_by_atomics(
+        &self,
+        recording: &mut Recording,
+        model: &Resident,
+        camera: &Camera,
+        image_gradient: &Buffer<[f32; 4]>,
+        sums: &AtomicSums,
+        update: &Update<'_>,
+    ) {
+        let (shape, frame) = (&self.shape, &self.frame);
+        let tiles = self.tiles(camera) as u32;
+        let sorted = bin::sorted(frame, tiles);
+        recording.scope(BACKWARD_STAGES[0], |r| sums.record(r, shape, frame, sorted, image_gradient, tiles));
+        let of = sums.of(&frame.visible);
+        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, &of, model, update));
         if update.form != Form::Rows {
             recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, shape, frame, model, update));
         }

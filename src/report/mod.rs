@@ -9,11 +9,13 @@ pub mod page;
 pub mod picture;
 pub mod plot;
 mod run;
+mod sweep;
 
 use crate::error::Error;
 use crate::pipeline::Output;
 use crate::pipeline::compare::Compared;
 use crate::pipeline::results::Results;
+use crate::pipeline::sweep::Swept;
 use std::path::Path;
 
 /// Writes `report.html` of a run into its folder, from its results and from the pictures and `config.toml` there; what
@@ -31,6 +33,14 @@ pub fn write(results: &Results, output: &Output) -> Result<(), Error> {
 /// [`Error::Write`].
 pub fn write_comparison(compared: &Compared, folder: &Path) -> Result<(), Error> {
     Output::text(&folder.join("compare.html"), &arms::page(compared, folder))
+}
+
+/// Writes `sweep.html` of a sweep into its folder.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn write_sweep(swept: &Swept, folder: &Path) -> Result<(), Error> {
+    Output::text(&folder.join("sweep.html"), &sweep::page(swept))
 }
 
 /// The page of a run.

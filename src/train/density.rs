@@ -158,7 +158,7 @@ fn gathered(
     let state = rows.moments(model.degree, state)?;
     let rotations = rotations.cast();
     let degree = model.degree;
-    Ok((Resident { count, means, log_scales, rotations, opacity_logits, sh, degree, len: after }, state))
+    Ok((Resident { count, means, log_scales, rotations, opacity_logits, sh, degree, half: false, len: after }, state))
 }
 
 /// Records the opacity reset: no Gaussian keeps more than `opacity`.

@@ -39,7 +39,7 @@ impl Arguments {
 }
 
 /// Folders and JSON files are scenes, save for SOG's `meta.json` and the folder that holds it.
-fn is_scene(path: &Path) -> bool {
+pub(super) fn is_scene(path: &Path) -> bool {
     if path.is_dir() {
         return !path.join("meta.json").is_file();
     }

@@ -2,10 +2,12 @@
 
 mod bars;
 mod frame;
+mod front;
 mod lines;
 mod scale;
 
 pub use bars::{Bar, Columns, bars};
+pub use front::{Front, Point};
 pub use lines::{Line, Lines, Mark, Scatter, Spot};
 pub use scale::Axis;
 

@@ -1,0 +1,180 @@
+//! `qirf-vk sweep SCENE|MODEL`.
+
+use super::Global;
+use super::choices::Choices;
+use super::console::Console;
+use super::inspect::{is_scene, read_model};
+use super::show::Show;
+use super::training::{Means, Training};
+use super::values::{self, Up};
+use crate::error::Error;
+use crate::gpu::Device;
+use crate::metrics::Networks;
+use crate::pipeline::sweep::results::figure;
+use crate::pipeline::sweep::{self, Asked, AxisResult, Context, Described, Plan, Subject, Swept, heavy, subject};
+use crate::pipeline::{Output, Preset, RunConfig, Watcher, budget};
+use crate::report;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk sweep capture -o swept
+  qirf-vk sweep flowers.ply -o swept --axis culling --axis stop=0,1e-4,1e-3
+  qirf-vk sweep capture -o swept --model trained/model.ply
+  qirf-vk sweep capture -o swept --axis keep=0.1,0.28,0.5 --axis selector --preset quick
+
+Light axes: solver, overlap, epsilon, culling, stop, storage, gradients. They look at one model: of a scene, a dense one that is
+trained briefly (--train), or the one that --model names. Of a model file, virtual cameras stand in for photos.
+Heavy axes: keep, selector, iterations, effects. Each rung is a training, as long as --preset or --iterations say; keep and
+selector go on from one checkpoint. They need a scene.
+
+The folder holds sweep.html, sweep.csv and sweep.json.";
+
+/// Measure what accuracy costs in time: every axis of the engine, rung by rung
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Scene (a COLMAP, Blender, instant-ngp or nerfstudio folder) or model file
+    path: PathBuf,
+    /// Folder for the results; made where it is absent
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Axis to climb, all of its rungs or those named; repeat it for others [default: every light axis]
+    #[arg(long, value_name = "NAME[=RUNG,...]", value_parser = Asked::parse)]
+    axis: Vec<Asked>,
+    /// Model that the light axes look at, from the scene's cameras
+    #[arg(long, value_name = "MODEL")]
+    model: Option<PathBuf>,
+    /// Iterations of the brief training that gives a scene's light axes their model
+    #[arg(long, value_name = "N", default_value_t = 600, conflicts_with = "model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    train: u32,
+    /// Seconds for the turns of each light axis; three rounds are taken whatever they cost
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = values::not_negative)]
+    budget_per_axis: f64,
+    /// Picture size of a model's virtual cameras [default: 400x400]
+    #[arg(long, value_name = "WxH", value_parser = values::size)]
+    size: Option<(u32, u32)>,
+    /// Which way is up in a model: x, y, z, -x, -y, -z, or auto (as captures have it: -y) [default: auto]
+    #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true)]
+    up: Option<Up>,
+    #[command(flatten)]
+    choices: Choices,
+    #[command(flatten)]
+    training: Training,
+    #[command(flatten)]
+    means: Means,
+    /// Print the figures as JSON on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        let begun = Instant::now();
+        let asked = if self.axis.is_empty() { Asked::light() } else { self.axis.clone() };
+        if let Some(twice) = (1..asked.len()).find(|i| asked[..*i].iter().any(|a| a.axis == asked[*i].axis)) {
+            return Err(Error::Usage(format!("--axis {} is there twice", asked[twice].axis.name())));
+        }
+        let scene = is_scene(&self.path);
+        if let Some(heavy) = asked.iter().find(|a| a.axis.heavy() && !scene) {
+            return Err(Error::Usage(format!(
+                "axis {} trains, and {} is no scene: name a folder of photos with poses",
+                heavy.axis.name(),
+                self.path.display()
+            )));
+        }
+        if !scene && self.model.is_some() {
+            return Err(Error::Usage("--model goes with a scene, whose cameras it is seen from".to_owned()));
+        }
+        if self.output.exists() && !self.output.is_dir() {
+            return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
+        }
+        let device = global.open_with(self.means.memory_budget)?;
+        Output::new(&self.output)?;
+        let show = Show::new(console);
+        let host_bytes = budget::host(self.means.memory_budget);
+        let plan = Plan { folder: &self.output, host_bytes, budget: self.budget_per_axis };
+        let (described, mut axes) = self.light((&device, console), &plan, &asked, &show)?;
+        if asked.iter().any(|a| a.axis.heavy()) {
+            let networks = Networks::find(self.means.lpips_weights.as_deref())?;
+            if let Some(note) = networks.note() {
+                console.note(note);
+            }
+            let pruning = self.training.pruning(&self.choices);
+            let config = self.training.configuration(self.path.clone());
+            let (networks, watcher) = (&networks, &show);
+            let training = heavy::Training { device: &device, config: &config, pruning: &pruning, networks, watcher };
+            axes.extend(sweep::heavy(&training, &plan, &asked)?);
+        }
+        let place = |axis: &AxisResult| asked.iter().position(|a| a.axis == axis.axis);
+        axes.sort_by_key(place);
+        let swept = Swept {
+            schema: 1,
+            version: env!("CARGO_PKG_VERSION"),
+            device: device.info().clone(),
+            host_threads: rayon::current_num_threads(),
+            subject: described,
+            axes,
+            seconds: begun.elapsed().as_secs_f64(),
+        };
+        let json = serde_json::to_string_pretty(&swept).map_err(|e| Error::Usage(format!("sweep.json: {e}")))?;
+        Output::text(&self.output.join("sweep.json"), &json)?;
+        Output::text(&self.output.join("sweep.csv"), &swept.csv())?;
+        report::write_sweep(&swept, &self.output)?;
+        if self.json { console.print(json) } else { self.report(console, &swept) }
+    }
+
+    /// Climbs the light axes, where any are asked for.
+    fn light(
+        &self,
+        (device, console): (&Device, &Console),
+        plan: &Plan<'_>,
+        asked: &[Asked],
+        watcher: &(dyn Watcher + Sync),
+    ) -> Result<(Described, Vec<AxisResult>), Error> {
+        if asked.iter().all(|a| a.axis.heavy()) {
+            let path = self.path.display().to_string();
+            let origin = "every rung is a training of its own".to_owned();
+            return Ok((Described { path, origin, ..Described::default() }, Vec::new()));
+        }
+        let own_pictures = !is_scene(&self.path);
+        let subject =
+            if own_pictures { self.of_model(device, console, watcher)? } else { self.of_scene(device, plan, watcher)? };
+        let context = Context { device, subject: &subject, own_pictures, budget: plan.budget, watcher };
+        let mut axes = Vec::new();
+        for asked in asked {
+            axes.extend(sweep::light(&context, asked)?);
+        }
+        Ok((subject.described.clone(), axes))
+    }
+
+    fn of_scene(&self, device: &Device, plan: &Plan<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Subject, Error> {
+        let config = self.training.configuration(self.path.clone());
+        let schedule = Preset::Quick.schedule(Some(self.train));
+        let config = RunConfig { schedule, checkpoint_every: 0, ..config };
+        subject::of_scene(device, plan, &config, self.model.as_deref(), watcher)
+    }
+
+    fn of_model(&self, device: &Device, console: &Console, watcher: &dyn Watcher) -> Result<Subject, Error> {
+        let model = read_model(Path::new(&self.path), console)?.gaussians;
+        let up = self.up.unwrap_or(Up::Auto).direction();
+        let background = self.training.background().unwrap_or([0.0; 3]);
+        subject::of_model(device, &self.path, model, (self.size.unwrap_or((400, 400)), up, background), watcher)
+    }
+
+    fn report(&self, console: &Console, swept: &Swept) -> Result<(), Error> {
+        for axis in &swept.axes {
+            console.print(format_args!("{}: {} ({})", axis.axis.name(), axis.accuracy, axis.time))?;
+            for r in &axis.rungs {
+                let mark = match (r.default, r.front) {
+                    (true, _) => "default",
+                    (_, true) => "front",
+                    _ => "",
+                };
+                let time = r.time.map_or_else(|| "-".to_owned(), |t| figure(t.median));
+                console.print(format_args!("  {:<22} {:>10} {:>10}  {mark}", r.name, axis.shown(r), time))?;
+            }
+        }
+        console.print(format_args!("report {}", self.output.join("sweep.html").display()))
+    }
+}

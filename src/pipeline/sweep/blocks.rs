@@ -1,0 +1,91 @@
+//! Blocks of the subject's Gaussians, with all that their eigenproblems need.
+
+use super::Context;
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
+use crate::qirf::assemble::{Assembly, Options, unpack_symmetric};
+use crate::qirf::overlap::Metric;
+use crate::qirf::partition::{Blocks, Partition};
+use crate::qirf::{CHANNELS, Row, normalise};
+
+/// Gaussians whose blocks are measured: blocks are left out evenly where there are more.
+const SAMPLE: usize = 1 << 15;
+
+/// Some blocks of a partition: every so many-th, so that about [`SAMPLE`] Gaussians are in them.
+pub fn sampled(model: &Gaussians, partition: Partition) -> Blocks {
+    let all = partition.of(&model.means).blocks;
+    let step = model.len().div_ceil(SAMPLE).max(1);
+    of((0..all.len()).step_by(step).map(|b| all.block(b).to_vec()))
+}
+
+/// Blocks of exactly `m` Gaussians: the `m` nearest to each of `count` at even steps. None where there are fewer.
+pub fn of_size(model: &Gaussians, m: usize, count: usize) -> Blocks {
+    let n = model.len();
+    let nearest = |k: usize| {
+        let at = model.means[k * n / count];
+        let far = |i: u32| (0..3).map(|c| f64::from(model.means[i as usize][c] - at[c]).powi(2)).sum::<f64>();
+        let mut members: Vec<(f64, u32)> = (0..n as u32).map(|i| (far(i), i)).collect();
+        members.select_nth_unstable_by(m - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut members: Vec<u32> = members[..m].iter().map(|(_, i)| *i).collect();
+        members.sort_unstable();
+        members
+    };
+    of((0..if m <= n { count } else { 0 }).map(nearest))
+}
+
+fn of(blocks: impl Iterator<Item = Vec<u32>>) -> Blocks {
+    let mut out = Blocks { members: Vec::new(), starts: vec![0] };
+    for block in blocks {
+        out.members.extend(block);
+        out.starts.push(out.members.len() as u32);
+    }
+    out
+}
+
+/// One block's eigenproblem.
+pub struct Problem {
+    /// N, m x m, symmetric.
+    pub overlap: Vec<f32>,
+    /// Rows of W, m.
+    pub rows: Vec<Row>,
+}
+
+impl Problem {
+    /// Members.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+}
+
+/// Rows of H of the subject, n.
+pub fn rows(context: &Context<'_>, eta: f64) -> Vec<[f32; CHANNELS]> {
+    normalise::rows(&context.subject.evidence.responses, eta)
+}
+
+/// The eigenproblems of blocks, as the engine's own assembly and normalisation have them.
+///
+/// # Errors
+/// Device memory; device errors.
+pub fn problems(
+    context: &Context<'_>,
+    resident: &Resident,
+    blocks: &Blocks,
+    metric: Metric,
+    (eta, epsilon): (f64, f64),
+) -> Result<Vec<Problem>, Error> {
+    let h = rows(context, eta);
+    let options = Options { metric, ..Options::default() };
+    let assembly = Assembly::new(context.device, resident, &blocks.members, &blocks.starts, &[], options)?;
+    let mut out = Vec::with_capacity(blocks.len());
+    assembly.for_each(|batch| -> Result<(), Error> {
+        for (b, matrices) in batch.iter() {
+            let mut overlap = vec![0.0; matrices.m * matrices.m];
+            unpack_symmetric(matrices.m, matrices.overlap, &mut overlap);
+            let own: Vec<Row> = blocks.block(b).iter().map(|i| h[*i as usize].map(f64::from)).collect();
+            out.push(Problem { overlap, rows: normalise::within_block(&own, eta, epsilon) });
+        }
+        Ok(())
+    })?;
+    Ok(out)
+}

@@ -1,0 +1,224 @@
+//! The axis of gradient sums: in slot order, the same bits run after run, or by float atomics, in the order in which threads come.
+
+use super::Context;
+use super::axis::Axis;
+use super::measure::{Sample, interleaved, unless_stopped};
+use super::results::{AxisResult, Rung, figure};
+use crate::error::Error;
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Buffer, Recording};
+use crate::render::{AdamState, AtomicSums, BACKWARD_STAGES, Form, Image, Rates, Renderer, STAGES, Update};
+use crate::train;
+use crate::train::loss::{Loss, Weights};
+use crate::train::schedule::Schedule;
+use std::time::Instant;
+
+/// Times that each rung's gradients are taken.
+const RUNS: usize = 4;
+/// Steps of the short trainings whose ends are compared.
+const STEPS: u32 = 20;
+
+/// What one rung adds up with; none for the ordered sums.
+struct Way {
+    name: String,
+    sums: Option<AtomicSums>,
+}
+
+/// One training iteration, stage by stage as the trainer has it, on the first views of the subject.
+struct Bench<'a> {
+    context: &'a Context<'a>,
+    renderer: Renderer,
+    loss: Loss,
+    photos: Vec<Buffer<u32>>,
+    guards: Buffer<u32>,
+    growth: Buffer<[f32; 2]>,
+}
+
+impl<'a> Bench<'a> {
+    fn new(context: &'a Context<'a>, model: &Resident) -> Result<Self, Error> {
+        let (device, views) = (context.device, &context.subject.views);
+        let side = |f: fn(&crate::scene::camera::Camera) -> u32| views.iter().map(|v| f(&v.camera)).max().unwrap_or(1);
+        let (width, height) = (side(|c| c.width), side(|c| c.height));
+        let pairs = crate::pipeline::budget::few_pairs(device, model.len);
+        let mut renderer = Renderer::for_training(device, context.subject.settings, model.len, [width, height], pairs)?;
+        let mut photos = Vec::new();
+        for (k, view) in views.iter().enumerate() {
+            // The subject's own pictures have no error: a view learns its neighbour's then.
+            let size = |v: &train::photos::TrainView| (v.camera.width, v.camera.height);
+            let next = &views[(k + 1) % views.len()];
+            let other = context.own_pictures && size(next) == size(view);
+            let bytes = if other { next.pixels.read() } else { view.pixels.read() }.map_err(train::Error::Photos)?;
+            photos.push(device.upload("photo", bytemuck::pod_collect_to_vec::<u8, u32>(&bytes).as_slice())?);
+            // Makes room for the view's pairs.
+            renderer.render(model, &view.camera)?;
+        }
+        Ok(Self {
+            context,
+            renderer,
+            loss: Loss::new(device, width, height)?,
+            photos,
+            guards: device.upload("guards", &[0, 0])?,
+            growth: device.upload("growth", &vec![[0.0; 2]; model.len])?,
+        })
+    }
+
+    /// One iteration on view `v`; its time.
+    fn step(
+        &self,
+        way: &Way,
+        model: &Resident,
+        state: &AdamState,
+        v: usize,
+        (rates, form): (Rates, Form),
+    ) -> Result<Sample, Error> {
+        let subject = self.context.subject;
+        let camera = &subject.views[v].camera;
+        let mut recording = Recording::new();
+        self.renderer.forget_pairs(&mut recording);
+        self.renderer.record(&mut recording, model, camera);
+        let (size, settings) = ([camera.width, camera.height], &subject.settings);
+        recording.scope("loss", |r| {
+            let (image, photo) = (self.renderer.image(), &self.photos[v]);
+            self.loss.record(r, image, photo, size, subject.over, settings.background, Weights::default());
+        });
+        let (growth, guards) = (&self.growth, &self.guards);
+        let update = Update { state, growth, statistics: true, guards, rates, form };
+        let gradient = &self.loss.gradient;
+        match &way.sums {
+            None => self.renderer.record_backward(&mut recording, model, camera, gradient, &update),
+            Some(sums) => {
+                self.renderer.record_backward_by_atomics(&mut recording, model, camera, gradient, sums, &update);
+            }
+        }
+        let started = Instant::now();
+        let timings = self.context.device.run(recording)?;
+        let scopes: Vec<&str> = STAGES.into_iter().chain(["loss"]).chain(BACKWARD_STAGES).collect();
+        Ok(Sample::of(self.context.device, &timings, &scopes, started))
+    }
+
+    /// All gradients by view 0, one attribute after the other.
+    fn gradients(&self, way: &Way, model: &Resident, state: &AdamState) -> Result<Vec<f32>, Error> {
+        self.step(way, model, state, 0, (Rates::default(), Form::Gradients { through_direction: true }))?;
+        let mut out = Vec::new();
+        let all = [&state.means, &state.log_scales, &state.rotations, &state.opacity_logits];
+        for moments in all.into_iter().chain(&state.sh[..=model.degree]) {
+            out.extend(moments.read(self.context.device)?.into_iter().map(|m| m[0]));
+        }
+        Ok(out)
+    }
+
+    /// A short training, and the picture of its end.
+    fn trained(&self, way: &Way) -> Result<Image, Error> {
+        let (device, subject) = (self.context.device, self.context.subject);
+        let model = Resident::upload(device, &subject.model)?;
+        let state = AdamState::zeros(device, &model)?;
+        let schedule = Schedule::default();
+        for step in 1..=STEPS {
+            let v = step as usize % subject.views.len();
+            self.step(way, &model, &state, v, (schedule.rates(step, 1.0), Form::Adam(step)))?;
+            unless_stopped(self.context.watcher)?;
+        }
+        let camera = &subject.views[0].camera;
+        let mut renderer = Renderer::new(device, subject.settings, model.len, camera.width, camera.height)?;
+        Ok(renderer.render(&model, camera)?)
+    }
+}
+
+/// Largest difference of two lists over the largest of the first, and how many differ.
+fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
+    let most = a.iter().fold(0.0_f32, |m, v| m.max(v.abs())).max(f32::MIN_POSITIVE);
+    let far = a.iter().zip(b).fold(0.0_f32, |m, (a, b)| m.max((a - b).abs()));
+    (f64::from(far) / f64::from(most), a.iter().zip(b).filter(|(a, b)| a.to_bits() != b.to_bits()).count())
+}
+
+/// Climbs the axis.
+///
+/// # Errors
+/// Device memory; device errors; [`Error::Interrupted`].
+pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+    let (device, subject) = (context.device, context.subject);
+    let model = Resident::upload(device, &subject.model)?;
+    let state = AdamState::zeros(device, &model)?;
+    let native = AtomicSums::are_native(device);
+    let mut ways = Vec::new();
+    for name in rungs {
+        let sums = match name.as_str() {
+            "ordered" => None,
+            "atomics" if !native => continue,
+            other => Some(AtomicSums::new(device, model.len, other == "atomics")?),
+        };
+        ways.push(Way { name: name.clone(), sums });
+    }
+    let bench = Bench::new(context, &model)?;
+    let mut axis = AxisResult::new(
+        Axis::Gradients,
+        "How a Gaussian's gradients are added up",
+        [
+            "largest difference between two runs, of the largest gradient",
+            "the same gradients computed again",
+            "ms an iteration",
+        ],
+    );
+    let ordered = bench.gradients(&Way { name: String::new(), sums: None }, &model, &state)?;
+    let still = (Rates::default(), Form::Adam(1));
+    for way in &ways {
+        let first = bench.gradients(way, &model, &state)?;
+        let (mut far, mut differing) = (0.0_f64, 0);
+        for _ in 1..RUNS {
+            let (f, n) = apart(&first, &bench.gradients(way, &model, &state)?);
+            (far, differing) = (far.max(f), differing.max(n));
+        }
+        let (one, other) = (bench.trained(way)?, bench.trained(way)?);
+        let (picture, _) = apart(one.pixels.as_flattened(), other.pixels.as_flattened());
+        let mut rung = Rung::new(Axis::Gradients, &way.name);
+        rung.accuracy = Some(far);
+        rung.exact = differing == 0;
+        rung.figures.insert("differing_share", differing as f64 / first.len().max(1) as f64);
+        rung.figures.insert("against_ordered", apart(&ordered, &first).0);
+        rung.figures.insert("picture_after_steps", picture);
+        axis.rungs.push(rung);
+    }
+    let timed = interleaved(ways.len(), (context.budget, 2 * subject.views.len()), context.watcher, |k, round| {
+        bench.step(&ways[k], &model, &state, round % subject.views.len(), still)
+    })?;
+    axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
+    tell(&mut axis, native);
+    Ok(axis.judged([
+        "adding up is a small part of an iteration, in whatever order.",
+        "threads came in the same order every time.",
+    ]))
+}
+
+fn tell(axis: &mut AxisResult, native: bool) {
+    axis.notes.push(if native {
+        "This device has float atomics (VK_EXT_shader_atomic_float); compare-and-swap is what devices without them do.".to_owned()
+    } else {
+        "This device has no float atomics (VK_EXT_shader_atomic_float): the rung 'atomics' is left out, and words are compared and \
+         swapped in its place."
+            .to_owned()
+    });
+    let find = |name: &str| axis.rungs.iter().find(|r| r.name == name);
+    let unordered = find("atomics").or_else(|| find("compare-and-swap"));
+    if let (Some(ordered), Some(other)) = (find("ordered"), unordered)
+        && let (Some(a), Some(b)) = (ordered.time, other.time)
+    {
+        let of = |key: &str| other.figures.get(key).copied().unwrap_or(f64::NAN);
+        let over = 100.0 * (a.median / b.median - 1.0);
+        let cost = match over {
+            _ if a.overlaps(&b) => format!("cost nothing that could be told from noise against {}", other.name),
+            o if o > 0.0 => format!("make an iteration {o:.0} % longer than {} would", other.name),
+            o => {
+                format!("cost nothing: {} would make an iteration {:.0} % longer", other.name, -100.0 * o / (100.0 + o))
+            }
+        };
+        axis.notes.push(format!(
+            "Bit-identical runs {cost}. With {}, {} % of the gradients differ from one run to the \
+             next, by up to {} of the largest; after {STEPS} steps of training two runs' pictures differ by up to {} of the brightest \
+             value. Ordered sums differ nowhere.",
+            other.name,
+            figure(100.0 * of("differing_share")),
+            figure(other.accuracy.unwrap_or(f64::NAN)),
+            figure(of("picture_after_steps")),
+        ));
+    }
+}

@@ -1,0 +1,98 @@
+//! `qirf-vk sweep`: what accuracy costs in time. Each axis of the engine is climbed rung by rung in one process on one device.
+
+pub mod axis;
+mod blocks;
+mod epsilon;
+mod gradients;
+pub mod heavy;
+pub mod measure;
+mod overlap;
+mod pictures;
+pub mod results;
+mod solver;
+pub mod subject;
+
+pub use axis::{Asked, Axis};
+pub use results::{AxisResult, Described, Swept};
+pub use subject::Subject;
+
+use crate::error::Error;
+use crate::gpu::Device;
+use crate::pipeline::Watcher;
+use std::path::Path;
+use std::time::Instant;
+
+/// Where a sweep writes, and what it may use.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan<'a> {
+    /// Its folder.
+    pub folder: &'a Path,
+    /// Bytes of the host's memory that photos may take.
+    pub host_bytes: u64,
+    /// Seconds that the turns of one light axis may take, beyond one round and three counted ones.
+    pub budget: f64,
+}
+
+/// What a light axis is climbed with.
+pub struct Context<'a> {
+    /// The device.
+    pub device: &'a Device,
+    /// What is looked at.
+    pub subject: &'a Subject,
+    /// Whether its views should show the subject's own pictures.
+    pub own_pictures: bool,
+    /// Seconds of an axis's turns.
+    pub budget: f64,
+    /// Who follows, and may end it.
+    pub watcher: &'a dyn Watcher,
+}
+
+/// Climbs one light axis.
+///
+/// # Errors
+/// Device memory; device errors; [`Error::Interrupted`].
+pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisResult>, Error> {
+    let rungs = &asked.rungs;
+    let begun = Instant::now();
+    let result = match asked.axis {
+        Axis::Solver => solver::climb(context, rungs),
+        Axis::Overlap => overlap::climb(context, rungs),
+        Axis::Epsilon => epsilon::climb(context, rungs),
+        Axis::Culling => pictures::cull(context, rungs),
+        Axis::Stop => pictures::stop(context, rungs),
+        Axis::Storage => pictures::storage(context, rungs),
+        Axis::Gradients => gradients::climb(context, rungs),
+        Axis::Keep | Axis::Selector | Axis::Iterations | Axis::Effects => return Ok(None),
+    };
+    let mut axis = result?;
+    axis.seconds = begun.elapsed().as_secs_f64();
+    context.watcher.note(&format!("{}: {:.1} s. {}", asked.axis.name(), axis.seconds, axis.sentence));
+    Ok(Some(axis))
+}
+
+/// Climbs the heavy axes among those asked for, in the order of [`Axis::ALL`].
+///
+/// # Errors
+/// As runs and comparisons.
+pub fn heavy(training: &heavy::Training<'_>, plan: &Plan<'_>, asked: &[Asked]) -> Result<Vec<AxisResult>, Error> {
+    let begun = Instant::now();
+    let mut out = Vec::new();
+    let forked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis, Axis::Keep | Axis::Selector)).collect();
+    if !forked.is_empty() {
+        out = heavy::forked(training, plan, &forked)?;
+        let seconds = begun.elapsed().as_secs_f64() / out.len() as f64;
+        for axis in &mut out {
+            axis.seconds = seconds;
+        }
+    }
+    for asked in asked {
+        let begun = Instant::now();
+        let axis = match asked.axis {
+            Axis::Iterations => heavy::iterations(training, plan, &asked.rungs)?,
+            Axis::Effects => heavy::effects(training, plan, &asked.rungs)?,
+            _ => continue,
+        };
+        out.push(AxisResult { seconds: begun.elapsed().as_secs_f64(), ..axis });
+    }
+    Ok(out)
+}

@@ -1,0 +1,357 @@
+//! What a sweep measured: `sweep.json`, schema 1, and its lines as `sweep.csv`.
+
+use super::axis::Axis;
+use super::measure::{Spread, Timed};
+use crate::gpu::DeviceInfo;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Rungs whose times differ by less than this factor count as equally fast.
+const EQUALLY_FAST: f64 = 1.15;
+
+/// The whole of `sweep.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct Swept {
+    /// Version of this layout.
+    pub schema: u32,
+    /// Version of the program.
+    pub version: &'static str,
+    /// The device.
+    pub device: DeviceInfo,
+    /// Threads that the host's rungs had.
+    pub host_threads: usize,
+    /// What was measured on.
+    pub subject: Described,
+    /// The axes, in the order asked for.
+    pub axes: Vec<AxisResult>,
+    /// Seconds of all of it.
+    pub seconds: f64,
+}
+
+/// What a sweep was measured on.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Described {
+    /// Scene or model, as it was given.
+    pub path: String,
+    /// Where model, views and responses come from, in a sentence.
+    pub origin: String,
+    /// Gaussians of the model that the light axes look at; 0 where none was asked for.
+    pub gaussians: usize,
+    /// SH degree of that model.
+    pub degree: usize,
+    /// Views that pictures were taken from.
+    pub views: usize,
+    /// Largest of these, width and height in pixels.
+    pub size: [u32; 2],
+}
+
+/// Which accuracies are good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Better {
+    /// Errors.
+    Lower,
+    /// Scores.
+    Higher,
+}
+
+/// One step of an axis.
+#[derive(Clone, Debug, Serialize)]
+pub struct Rung {
+    /// Its name: what `--axis NAME=` takes.
+    pub name: String,
+    /// Whether the engine takes it unless asked otherwise.
+    pub default: bool,
+    /// Whether nothing is faster and as accurate, nor as fast and more accurate.
+    pub front: bool,
+    /// By the axis's measure; null where it does not exist, as the PSNR of equal pictures.
+    pub accuracy: Option<f64>,
+    /// Whether it equals what accuracy is measured against.
+    pub exact: bool,
+    /// In the axis's unit: the device's timestamps where it did the work, else the host's clock.
+    pub time: Option<Spread>,
+    /// By the host's clock, in the same unit.
+    pub wall: Option<Spread>,
+    /// What else was measured.
+    pub figures: BTreeMap<&'static str, f64>,
+}
+
+impl Rung {
+    /// A rung without any measure yet.
+    pub fn new(axis: Axis, name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            default: name == axis.default_rung(),
+            front: false,
+            accuracy: None,
+            exact: false,
+            time: None,
+            wall: None,
+            figures: BTreeMap::new(),
+        }
+    }
+
+    /// With times in seconds that become `per_second` of the axis's units.
+    #[must_use]
+    pub fn timed(mut self, timed: &Timed, per_second: f64) -> Self {
+        let unit =
+            |s: Spread| Spread { median: s.median * per_second, q1: s.q1 * per_second, q3: s.q3 * per_second, ..s };
+        self.time = timed.device.or(timed.wall).map(unit);
+        self.wall = timed.wall.map(unit);
+        self
+    }
+
+    /// How far from exact, for comparisons: lower is better.
+    fn badness(&self, better: Better) -> Option<f64> {
+        match (self.accuracy, better) {
+            (Some(a), Better::Lower) => Some(a),
+            (Some(a), Better::Higher) => Some(-a),
+            (None, _) if self.exact => Some(f64::NEG_INFINITY),
+            (None, _) => None,
+        }
+    }
+
+    fn seconds(&self) -> Option<f64> {
+        self.time.map(|t| t.median)
+    }
+}
+
+/// A table beside an axis's plot.
+#[derive(Clone, Debug, Serialize)]
+pub struct Table {
+    /// What it shows.
+    pub title: String,
+    /// Titles of the columns; the first is text.
+    pub columns: Vec<&'static str>,
+    /// Cells, as they are read.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// An axis, climbed.
+#[derive(Clone, Debug, Serialize)]
+pub struct AxisResult {
+    /// Which.
+    pub axis: Axis,
+    /// What is varied.
+    pub title: &'static str,
+    /// What accuracy is, with its unit.
+    pub accuracy: &'static str,
+    /// Which accuracies are good.
+    pub better: Better,
+    /// What accuracy was measured against.
+    pub against: &'static str,
+    /// The unit of times.
+    pub time: &'static str,
+    /// The figure that the plot has in the place of time; none for time.
+    pub abscissa: Option<&'static str>,
+    /// The rungs.
+    pub rungs: Vec<Rung>,
+    /// What the next more exact rung would cost, in a sentence.
+    pub sentence: String,
+    /// Where the axis is flat, and why; empty where it is not.
+    pub flat: Vec<String>,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+    /// More of it.
+    pub tables: Vec<Table>,
+    /// Seconds of measuring.
+    pub seconds: f64,
+}
+
+impl AxisResult {
+    /// An axis without rungs yet, an error as its accuracy.
+    pub fn new(axis: Axis, title: &'static str, [accuracy, against, time]: [&'static str; 3]) -> Self {
+        Self {
+            axis,
+            title,
+            accuracy,
+            better: Better::Lower,
+            against,
+            time,
+            abscissa: None,
+            rungs: Vec::new(),
+            sentence: String::new(),
+            flat: Vec::new(),
+            notes: Vec::new(),
+            tables: Vec::new(),
+            seconds: 0.0,
+        }
+    }
+
+    /// Marks the front, says what exactness costs, and where the axis is flat: `why` for its times, then its accuracies.
+    #[must_use]
+    pub fn judged(mut self, why: [&str; 2]) -> Self {
+        let better = self.better;
+        let points: Vec<Option<[f64; 2]>> =
+            self.rungs.iter().map(|r| Some([r.seconds()?, r.badness(better)?])).collect();
+        for (k, rung) in self.rungs.iter_mut().enumerate() {
+            let Some([time, bad]) = points[k] else { continue };
+            let beats = |o: &[f64; 2]| o[0] <= time && o[1] <= bad && (o[0] < time || o[1] < bad);
+            rung.front = !points.iter().flatten().any(beats);
+        }
+        let range = |values: Vec<f64>| {
+            values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)))
+        };
+        if self.rungs.len() > 1 {
+            let (low, high) = range(self.rungs.iter().filter_map(Rung::seconds).collect());
+            let times: Vec<Spread> = self.rungs.iter().filter_map(|r| r.time).filter(|t| t.samples > 1).collect();
+            let together = times.len() == self.rungs.len() && times.iter().all(|a| times.iter().all(|b| a.overlaps(b)));
+            if low > 0.0 && (high / low < EQUALLY_FAST || together) {
+                let within = 100.0 * (high / low - 1.0);
+                let noise = if together { ", which is less than their spread" } else { "" };
+                self.flat.push(format!("Times are flat, medians within {within:.0} %{noise}: {}", why[0]));
+            }
+            let bad: Vec<f64> = self.rungs.iter().filter_map(|r| r.badness(better)).collect();
+            if bad.len() == self.rungs.len() && bad.iter().all(|b| *b == bad[0]) {
+                self.flat.push(format!("Accuracy is flat, the same on every rung: {}", why[1]));
+            }
+        }
+        self.sentence = self.cost();
+        self
+    }
+
+    /// What the next more exact rung would cost, or that there is none.
+    fn cost(&self) -> String {
+        let Some(default) = self.rungs.iter().find(|r| r.default) else {
+            return format!("The default, {}, was not among the rungs.", self.axis.default_rung());
+        };
+        let Some(own) = default.badness(self.better) else {
+            return format!("The accuracy of the default, {}, could not be measured.", default.name);
+        };
+        let of = |r: &Rung| Some((r.badness(self.better)?, r.seconds()?));
+        let others = || self.rungs.iter().filter(|r| !r.default).filter_map(|r| Some((r, of(r)?)));
+        let next = others().filter(|(_, (bad, _))| *bad < own).max_by(|(_, a), (_, b)| {
+            // The least step; of equal ones the faster.
+            a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1))
+        });
+        if let Some((rung, _)) = next {
+            return format!(
+                "The next more exact rung than {}, {}, {}; {} goes from {} to {}.",
+                default.name,
+                rung.name,
+                self.change(rung, default),
+                self.accuracy,
+                self.shown(default),
+                self.shown(rung),
+            );
+        }
+        let from = default.seconds().unwrap_or(f64::NAN);
+        let faster = others().filter(|(_, (_, time))| *time < from).min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
+        let rest = match faster {
+            None => "none of the others is faster".to_owned(),
+            Some((rung, _)) => format!(
+                "the most exact faster one, {}, {}, and its {} is {}",
+                rung.name,
+                self.change(rung, default),
+                self.accuracy,
+                self.shown(rung)
+            ),
+        };
+        let shown = self.shown(default);
+        format!("No rung is more exact than the default, {} ({}: {shown}); {rest}.", default.name, self.accuracy)
+    }
+
+    /// How a rung's time differs from another's, in words and figures.
+    fn change(&self, rung: &Rung, from: &Rung) -> String {
+        let (Some(a), Some(b)) = (rung.time, from.time) else { return "takes a time that was not measured".to_owned() };
+        let figures = format!("{} instead of {} {}", figure(a.median), figure(b.median), self.time);
+        let words = match a.median / b.median {
+            r if (0.97..1.03).contains(&r) => "takes as long".to_owned(),
+            _ if a.samples > 1 && a.overlaps(&b) => "takes as long, as far as the spread can tell".to_owned(),
+            r if r >= 2.0 => format!("takes {r:.1} times as long"),
+            r if r > 1.0 => format!("takes {:.0} % longer", 100.0 * (r - 1.0)),
+            r => format!("takes {:.0} % less time", 100.0 * (1.0 - r)),
+        };
+        format!("{words}: {figures}")
+    }
+
+    /// A rung's accuracy as it is read.
+    pub fn shown(&self, rung: &Rung) -> String {
+        match rung.accuracy {
+            Some(a) => figure(a),
+            None if rung.exact => "exact".to_owned(),
+            None => "unknown".to_owned(),
+        }
+    }
+}
+
+/// Three digits.
+pub fn figure(v: f64) -> String {
+    let size = v.abs();
+    match size {
+        _ if v == 0.0 => "0".to_owned(),
+        s if !(1e-3..1e6).contains(&s) => format!("{v:.1e}"),
+        s if s >= 100.0 => format!("{v:.0}"),
+        s if s >= 10.0 => format!("{v:.1}"),
+        s if s >= 1.0 => format!("{v:.2}"),
+        _ => format!("{v:.4}"),
+    }
+}
+
+impl Swept {
+    /// A line a rung, comma-separated; what a rung has beyond the columns stands in the last, as NAME=VALUE, by semicolons.
+    pub fn csv(&self) -> String {
+        let mut text = "axis,rung,default,front,accuracy,exact,accuracy_unit,time,time_q1,time_q3,samples,time_unit,wall,figures\n"
+            .to_owned();
+        let cell = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
+        for axis in &self.axes {
+            for r in &axis.rungs {
+                let times = r.time.map(|t| [t.median, t.q1, t.q3]);
+                let at = |k: usize| cell(times.map(|t| t[k]));
+                let samples = r.time.map(|t| t.samples.to_string()).unwrap_or_default();
+                let figures: Vec<String> = r.figures.iter().map(|(k, v)| format!("{k}={v}")).collect();
+                let cells = [
+                    axis.axis.name().to_owned(),
+                    r.name.clone(),
+                    r.default.to_string(),
+                    r.front.to_string(),
+                    cell(r.accuracy),
+                    r.exact.to_string(),
+                    axis.accuracy.replace(',', ";"),
+                    at(0),
+                    at(1),
+                    at(2),
+                    samples,
+                    axis.time.replace(',', ";"),
+                    cell(r.wall.map(|w| w.median)),
+                    figures.join(";"),
+                ];
+                text += &cells.join(",");
+                text.push('\n');
+            }
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(points: &[(&str, f64, f64)]) -> AxisResult {
+        let mut axis = AxisResult::new(Axis::Stop, "", ["error", "", "ms a frame"]);
+        for (name, time, error) in points {
+            let time = Spread { median: *time, q1: *time, q3: *time, samples: 3 };
+            axis.rungs.push(Rung { accuracy: Some(*error), time: Some(time), ..Rung::new(Axis::Stop, name) });
+        }
+        axis.judged(["so it is.", "so it is."])
+    }
+
+    #[test]
+    fn the_front_and_what_exactness_costs() {
+        let axis = axis(&[("0", 9.0, 0.0), ("1e-4", 4.0, 0.1), ("1e-3", 5.0, 0.2), ("1e-2", 3.0, 0.4)]);
+        assert_eq!(axis.rungs.iter().map(|r| r.front).collect::<Vec<_>>(), [true, true, false, true]);
+        let said =
+            "than 1e-4, 0, takes 2.2 times as long: 9.00 instead of 4.00 ms a frame; error goes from 0.1000 to 0";
+        assert!(axis.sentence.contains(said), "{}", axis.sentence);
+        assert!(axis.flat.is_empty());
+    }
+
+    #[test]
+    fn flat_axes_and_exact_defaults_are_said_to_be_so() {
+        let flat = axis(&[("1e-4", 4.0, 0.0), ("1e-3", 4.1, 0.0)]);
+        assert_eq!(flat.flat.len(), 2, "{:?}", flat.flat);
+        assert!(flat.sentence.starts_with("No rung is more exact"), "{}", flat.sentence);
+        assert!(axis(&[("0", 4.0, 0.0)]).sentence.contains("was not among"));
+    }
+}

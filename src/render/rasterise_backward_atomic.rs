@@ -1,0 +1,94 @@
+//! Backward of the rasterisation by float atomics: each Gaussian's sums over all of its tiles, in no order. The engine never
+//! trains with it; it shows what bit-identical runs cost.
+
+use super::frame::{Frame, Moments, Shape};
+use super::project_backward::Sums;
+use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::render::{
+    RasteriseBackwardAtomic, RasteriseBackwardAtomicSpec, RasteriseBackwardCas, RasteriseBackwardCasSpec,
+};
+use crate::primitives::Pairs;
+
+/// Sums by Gaussian, and how they are added to.
+pub struct AtomicSums {
+    native: bool,
+    /// 0, 1, 2, ...: a Gaussian's sums are one row, its own.
+    own: Buffer<u32>,
+    moments: Moments,
+}
+
+impl AtomicSums {
+    /// Bytes of the sums of so many Gaussians.
+    pub fn bytes(gaussians: usize) -> u64 {
+        Buffer::<u32>::bytes_of(gaussians) + 3 * Buffer::<[f32; 4]>::bytes_of(gaussians)
+    }
+
+    /// Whether the device adds floats atomically; all others do it by comparing and swapping words.
+    pub fn are_native(device: &Device) -> bool {
+        device.info().optional.contains(&"float-atomics")
+    }
+
+    /// Room for so many Gaussians; `native` asks for the device's own float atomics, which it must have.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, gaussians: usize, native: bool) -> Result<Self> {
+        let own: Vec<u32> = (0..gaussians as u32).collect();
+        let moments = || -> Result<Moments> {
+            let [a, b, c] = ["atomic sums a", "atomic sums b", "atomic sums c"].map(|s| device.buffer(s, gaussians));
+            Ok(Moments { a: a?, b: b?, c: c? })
+        };
+        Ok(Self { native, own: device.upload("own rows", &own)?, moments: moments()? })
+    }
+
+    /// What projection's backward reads: one row of each visible Gaussian.
+    pub(super) fn of<'a>(&'a self, visible: &'a Buffer<u32>) -> Sums<'a> {
+        Sums { counts: visible, first: &self.own, moments: &self.moments }
+    }
+
+    pub(super) fn record(
+        &self,
+        recording: &mut Recording,
+        shape: &Shape,
+        frame: &Frame,
+        sorted: &Pairs,
+        image_gradient: &Buffer<[f32; 4]>,
+        tiles: u32,
+    ) {
+        let Moments { a, b, c } = &self.moments;
+        for sums in [a, b, c] {
+            recording.fill(sums, 0);
+        }
+        // One body, two shaders: a module that names float atomics is void on a device without them.
+        macro_rules! dispatch {
+            ($kernel:ident, $spec:ident) => {{
+                let kernel = $kernel {
+                    view: &frame.view,
+                    starts: &frame.starts,
+                    slots: &sorted.values,
+                    owners: &frame.pairs.owners,
+                    geometry: &frame.geometry,
+                    shape: &frame.shape,
+                    colour: &frame.colour,
+                    image: &frame.image,
+                    image_gradient,
+                    sums_a: &a.cast(),
+                    sums_b: &b.cast(),
+                    sums_c: &c.cast(),
+                    spec: $spec {
+                        workgroup: shape.subgroup,
+                        tile: shape.tile,
+                        pixels: shape.tile * shape.tile / shape.subgroup,
+                        stop: shape.settings.stop,
+                    },
+                };
+                recording.dispatch(&kernel, Groups::Count(tiles));
+            }};
+        }
+        if self.native {
+            dispatch!(RasteriseBackwardAtomic, RasteriseBackwardAtomicSpec);
+        } else {
+            dispatch!(RasteriseBackwardCas, RasteriseBackwardCasSpec);
+        }
+    }
+}

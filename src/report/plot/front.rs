@@ -1,0 +1,119 @@
+//! Points of time and accuracy: the front drawn through those that nothing beats, the default ringed, spreads as whiskers.
+
+use super::frame::{Frame, SIZE};
+use super::scale::Axis;
+use super::{colour, figure, px};
+use maud::{Markup, html};
+
+/// Least distance of two labels, in pixels.
+const LINE: f64 = 13.0;
+
+/// One rung.
+pub struct Point {
+    /// What stands beside it.
+    pub label: String,
+    /// What it tells when pointed at.
+    pub told: String,
+    /// x and y.
+    pub at: [f64; 2],
+    /// Quartiles of x.
+    pub spread: [f64; 2],
+    /// Whether the line goes through it: whether it is on the front.
+    pub front: bool,
+    /// Whether it is what is taken unless asked otherwise.
+    pub default: bool,
+}
+
+/// Rungs between two axes.
+pub struct Front<'a> {
+    /// What is shown.
+    pub title: &'a str,
+    /// Below.
+    pub x: Axis<'a>,
+    /// At the left.
+    pub y: Axis<'a>,
+    /// What points on the line are, and what the others.
+    pub legend: [&'a str; 2],
+    /// The rungs; those without a place on the axes are left out.
+    pub points: Vec<Point>,
+}
+
+impl Front<'_> {
+    /// The plot.
+    pub fn draw(&self) -> Markup {
+        let mut points: Vec<&Point> =
+            self.points.iter().filter(|p| self.x.shows(p.at[0]) && self.y.shows(p.at[1])).collect();
+        points.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
+        let spreads = points.iter().flat_map(|p| p.spread).filter(|v| self.x.shows(*v));
+        let frame =
+            Frame::new(&self.x, &self.y, points.iter().map(|p| p.at[0]).chain(spreads), points.iter().map(|p| p.at[1]));
+        let [left, right] = Frame::across();
+        let places: Vec<[f64; 2]> = points.iter().map(|p| [frame.x.at(p.at[0]), frame.y.at(p.at[1])]).collect();
+        let front: Vec<String> = points
+            .iter()
+            .zip(&places)
+            .filter(|(p, _)| p.front)
+            .map(|(_, [x, y])| format!("{},{}", px(*x), px(*y)))
+            .collect();
+        let labels = labels(&places, |x| x < left + 0.65 * (right - left));
+        let drawing = html! {
+            (frame.draw(None))
+            @if front.len() > 1 { polyline class={ "line " (colour(0)) } points=(front.join(" ")) {} }
+            @for ((p, [x, y]), label) in points.iter().zip(&places).zip(&labels) {
+                @let [from, to] = p.spread.map(|v| frame.x.at(v));
+                line class="axis" x1=(px(from)) x2=(px(to)) y1=(px(*y)) y2=(px(*y)) {}
+                circle class={ "dot " (colour(usize::from(!p.front))) } cx=(px(*x)) cy=(px(*y)) r="4.5" { title { (p.told) } }
+                @if p.default { circle class="ring" cx=(px(*x)) cy=(px(*y)) r="8" {} }
+                @let at_right = *x < left + 0.65 * (right - left);
+                text class={ "label" @if !at_right { " end" } } y=(px(*label))
+                    x=(px(if at_right { x + 12.0 } else { x - 12.0 })) { (p.label) }
+            }
+        };
+        figure(self.title, &self.legend, SIZE, &drawing)
+    }
+}
+
+/// Heights of labels: those on one side of nearby points stand below one another.
+fn labels(places: &[[f64; 2]], at_right: impl Fn(f64) -> bool) -> Vec<f64> {
+    let mut out: Vec<f64> = places.iter().map(|[_, y]| y + 4.0).collect();
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by(|a, b| places[*a][1].total_cmp(&places[*b][1]).then(a.cmp(b)));
+    for (k, &i) in order.iter().enumerate() {
+        for &j in &order[..k] {
+            let near = (places[i][0] - places[j][0]).abs() < 110.0 && at_right(places[i][0]) == at_right(places[j][0]);
+            if near && (out[i] - out[j]).abs() < LINE {
+                out[i] = out[j] + LINE;
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_do_not_lie_on_each_other() {
+        let out = labels(&[[10.0, 50.0], [12.0, 50.0], [14.0, 51.0], [400.0, 50.0]], |x| x < 200.0);
+        assert_eq!(out, [54.0, 67.0, 80.0, 54.0]);
+    }
+
+    #[test]
+    fn whatever_comes_is_drawn() {
+        let point = |x: f64, y: f64| Point {
+            label: "<a>".into(),
+            told: String::new(),
+            at: [x, y],
+            spread: [x, f64::NAN],
+            front: true,
+            default: true,
+        };
+        let points = vec![point(0.0, 1.0), point(f64::NAN, 0.0), point(3.0, f64::INFINITY), point(2.0, 5.0)];
+        let text =
+            Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), legend: ["a", "b"], points }.draw().into_string();
+        assert!(!text.contains("NaN") && !text.contains("inf") && text.contains("&lt;a&gt;"), "{text}");
+        let none = Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), legend: ["a", "b"], points: Vec::new() };
+        assert!(none.draw().into_string().contains("svg"));
+    }
+}

@@ -1,0 +1,174 @@
+//! `sweep.html`: each axis as accuracy against time, what the next more exact rung costs, and all that was measured.
+
+use super::format::{NONE, count, decimals, seconds, short};
+use super::page::{self, Column, Section, absent, facts, side_by_side, table};
+use super::plot::{Axis as Scale, Front, Point};
+use crate::pipeline::sweep::Swept;
+use crate::pipeline::sweep::results::{AxisResult, Better, Rung, Table};
+use maud::{Markup, html};
+
+/// Values that span more than this factor are shown on a logarithmic axis.
+const WIDE: f64 = 8.0;
+
+/// The page of a sweep.
+pub fn page(swept: &Swept) -> String {
+    let mut sections = vec![Section::new("summary", "What exactness costs", summary(swept))];
+    for axis in &swept.axes {
+        sections.push(Section::new(axis.axis.name(), axis.title, body(axis)));
+    }
+    let subtitle =
+        format!("{}: {}; qirf-vk {} on {}", swept.subject.path, swept.subject.origin, swept.version, swept.device.name);
+    page::page("Accuracy against time", &subtitle, &sections)
+}
+
+fn summary(swept: &Swept) -> Markup {
+    let s = &swept.subject;
+    let mut told = vec![("device", format!("{} ({})", swept.device.name, swept.device.driver))];
+    if s.gaussians > 0 {
+        told.push(("model of the light axes", format!("{} Gaussians, SH of degree {}", count(s.gaussians), s.degree)));
+        told.push(("views", format!("{} of {} x {}", s.views, s.size[0], s.size[1])));
+    }
+    told.push(("threads of the host", swept.host_threads.to_string()));
+    told.push(("the whole sweep", seconds(swept.seconds)));
+    html! {
+        (facts(&told))
+        ul {
+            @for axis in &swept.axes {
+                li { a href={ "#" (axis.axis.name()) } { (axis.axis.name()) } ": " (axis.sentence) }
+            }
+        }
+        p class="hint" {
+            "Rungs of an axis take turns, round after round; the first round, which also compiles, is not counted. Times are medians, \
+             their whiskers the quartiles: the device's own timestamps where it did the work, else the host's clock."
+        }
+    }
+}
+
+fn body(axis: &AxisResult) -> Markup {
+    html! {
+        p { (axis.sentence) }
+        @for flat in &axis.flat { p { (flat) } }
+        @if axis.rungs.is_empty() {
+            (absent("No rung was measured."))
+        } @else {
+            (side_by_side(&[plot(axis), rungs(axis)]))
+            (figures(axis))
+        }
+        @for note in &axis.notes { p class="hint" { (note) } }
+        @for t in &axis.tables { (details(t)) }
+        p class="hint" { "Time: " (axis.time) ". Accuracy: " (axis.accuracy) ", against " (axis.against) ". Measuring took " (seconds(axis.seconds)) "." }
+    }
+}
+
+fn wide(values: &[f64]) -> bool {
+    let positive = values.iter().filter(|v| **v > 0.0);
+    let (low, high) = positive.fold((f64::INFINITY, 0.0_f64), |(l, h), v| (l.min(*v), h.max(*v)));
+    high > WIDE * low
+}
+
+fn plot(axis: &AxisResult) -> Markup {
+    let measured: Vec<f64> = axis.rungs.iter().filter_map(|r| r.accuracy).collect();
+    let least = measured.iter().copied().filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
+    let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let as_ratio = axis.better == Better::Lower && least.is_finite();
+    // What is exact has no place on a logarithmic axis, nor among decibels: it stands a step beyond all others.
+    let beyond = match axis.better {
+        Better::Lower if as_ratio => 0.1 * least,
+        Better::Lower => 0.0,
+        Better::Higher if measured.is_empty() => 0.0,
+        Better::Higher => high + (0.25 * (high - low)).max(1.0),
+    };
+    let y = |r: &Rung| match r.accuracy {
+        Some(a) if as_ratio && a <= 0.0 => Some(beyond),
+        Some(a) => Some(a),
+        None => r.exact.then_some(beyond),
+    };
+    let point = |r: &Rung| {
+        let (at, spread) = match axis.abscissa {
+            Some(figure) => r.figures.get(figure).map(|v| (*v, [*v; 2]))?,
+            None => r.time.map(|t| (t.median, [t.q1, t.q3]))?,
+        };
+        Some(Point {
+            label: r.name.clone(),
+            told: format!("{}: {} at {}", r.name, axis.shown(r), short(at)),
+            at: [at, y(r)?],
+            spread,
+            front: r.front,
+            default: r.default,
+        })
+    };
+    let mut points: Vec<Point> = axis.rungs.iter().filter_map(point).collect();
+    let mut legend = ["on the Pareto front", "beaten; the default is ringed"];
+    if axis.abscissa.is_some() {
+        // The front is of times, which are not shown here: the line goes through one metric's epsilons.
+        legend = ["epsilons; the default is ringed", "other metrics: dilations"];
+        for point in &mut points {
+            point.front = !point.label.starts_with("t=");
+        }
+    }
+    let xs: Vec<f64> = points.iter().map(|p| p.at[0]).collect();
+    let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's metric");
+    let x = match axis.abscissa {
+        _ if wide(&xs) => Scale::log(title),
+        Some(_) => Scale::new(title),
+        None => Scale::from_zero(title),
+    };
+    let y = if as_ratio { Scale::log(axis.accuracy) } else { Scale::new(axis.accuracy) };
+    Front { title: axis.title, x, y, legend, points }.draw()
+}
+
+fn rungs(axis: &AxisResult) -> Markup {
+    let columns = [
+        Column::Text("rung"),
+        Column::Number("time"),
+        Column::Number("quartiles"),
+        Column::Number("accuracy"),
+        Column::Text(""),
+    ];
+    let row = |r: &Rung| {
+        let marks = match (r.default, r.front) {
+            (true, true) => "default, front",
+            (true, false) => "default",
+            (false, true) => "front",
+            _ => "",
+        };
+        vec![
+            r.name.clone(),
+            r.time.map_or(NONE.into(), |t| short(t.median)),
+            r.time.map_or(NONE.into(), |t| format!("{} to {}", short(t.q1), short(t.q3))),
+            axis.shown(r),
+            marks.to_owned(),
+        ]
+    };
+    table(&columns, &axis.rungs.iter().map(row).collect::<Vec<_>>(), None)
+}
+
+/// What else was measured of each rung.
+fn figures(axis: &AxisResult) -> Markup {
+    let mut names: Vec<&str> = axis.rungs.iter().flat_map(|r| r.figures.keys().copied()).collect();
+    names.sort_unstable();
+    names.dedup();
+    let titles: Vec<String> = names.iter().map(|n| n.replace('_', " ")).collect();
+    let columns: Vec<Column<'_>> =
+        [Column::Text("rung"), Column::Number("rounds"), Column::Number("time by the host's clock")]
+            .into_iter()
+            .chain(titles.iter().map(|t| Column::Number(t)))
+            .collect();
+    let value = |v: f64| if (0.01..100.0).contains(&v.abs()) { decimals(v, 4) } else { short(v) };
+    let row = |r: &Rung| {
+        let cells = names.iter().map(|n| r.figures.get(n).map_or(NONE.into(), |v| value(*v)));
+        let rounds = r.time.map_or(NONE.into(), |t| t.samples.to_string());
+        let wall = r.wall.map_or(NONE.into(), |t| short(t.median));
+        [r.name.clone(), rounds, wall].into_iter().chain(cells).collect::<Vec<_>>()
+    };
+    table(&columns, &axis.rungs.iter().map(row).collect::<Vec<_>>(), None)
+}
+
+fn details(t: &Table) -> Markup {
+    let column = |(k, title): (usize, &&'static str)| if k == 0 { Column::Text(title) } else { Column::Number(title) };
+    let columns: Vec<Column<'_>> = t.columns.iter().enumerate().map(column).collect();
+    html! {
+        h3 { (t.title) }
+        (table(&columns, &t.rows, None))
+    }
+}
