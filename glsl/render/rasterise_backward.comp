@@ -1,134 +1,23 @@
-// Gradients of a tile's pixels by its splats. One subgroup walks a tile's list front to back once more, its pixels in
-// registers; each splat's sums over those pixels are reduced across the subgroup and written to the slot that the Gaussian
-// owns. No atomics: the same bits run after run.
-//
-// With q = dL/dC . c and R the part of dL/dC . C that lies behind, dL/dalpha = T q - R / (1 - alpha): one scalar follows the
-// pixel instead of three. With h = alpha dL/dalpha the sums are the moments of h over (u, v) of lib/splat.glsl: 1, u, v,
-// uu, uv, vv; projection's backward turns them into gradients by mean and covariance.
+// Backward of the rasterisation, lib/backward_walk.glsl: a splat's sums go to the slot that the Gaussian owns in this tile. No
+// atomics: the same bits run after run.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
-#include "lib/constants.glsl"
-#include "lib/view.glsl"
-#include "lib/splat.glsl"
 
-layout(constant_id = 2) const uint TILE = 16;
-layout(constant_id = 3) const uint PIXELS = 8; // TILE x TILE / SUBGROUP
-layout(constant_id = 4) const float STOP = TRANSMITTANCE_STOP;
-// The image gradient's fourth component is no dL/dalpha but a residual, which contributions are weighed by.
 layout(constant_id = 5) const bool RESIDUAL = false;
 
-layout(binding = 0, std430) readonly buffer Views { View view[]; };
-layout(binding = 1, std430) readonly buffer Starts { uint starts[]; };
-layout(binding = 2, std430) readonly buffer Slots { uint slots[]; };
-layout(binding = 3, std430) readonly buffer Owners { uint owners[]; };
-layout(binding = 4, std430) readonly buffer Geometry { vec4 geometry[]; };
-layout(binding = 5, std430) readonly buffer Shape { vec4 shape[]; };
-layout(binding = 6, std430) readonly buffer Colour { vec2 colour[]; };
-layout(binding = 7, std430) readonly buffer Image { vec4 image[]; };
-layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[]; }; // by red, green, blue, alpha
 layout(binding = 9, std430) writeonly buffer MomentsA { vec4 moments_a[]; }; // by slot: 1, u, v; where RESIDUAL, sum of T alpha
 layout(binding = 10, std430) writeonly buffer MomentsB { vec4 moments_b[]; }; // uu, uv, vv; where RESIDUAL, sum of alpha
 layout(binding = 11, std430) writeonly buffer MomentsC { vec4 moments_c[]; }; // red, green, blue; where RESIDUAL, sum of T alpha x residual
 
-const float ONE_MINUS_ALPHA_FLOOR = 1e-6;
-
-vec2 centre[PIXELS];
-float transmittance[PIXELS]; // 0 once the pixel is done
-float behind[PIXELS];
-vec4 gradient[PIXELS];
-
-float worth(vec4 g, vec4 c) { return RESIDUAL ? dot(g.rgb, c.rgb) : dot(g, c); }
-
-// subgroupAdd; lane by lane where the subgroup is small, since CPU devices run the built-in as a loop with a branch a lane.
-vec4 lane_sum(vec4 x) {
-    if (SUBGROUP != 8) return subgroupAdd(x);
-    x += subgroupShuffleXor(x, 1);
-    x += subgroupShuffleXor(x, 2);
-    return x + subgroupShuffleXor(x, 4);
+void hand_in(uint slot, uint gaussian, vec4 a, vec4 b, vec4 c) {
+    moments_a[slot] = a;
+    moments_b[slot] = b;
+    moments_c[slot] = c;
 }
 
-bool done() {
-    bool all = true;
-    [[unroll]] for (uint p = 0; p < PIXELS; p++) all = all && transmittance[p] <= 0;
-    return all;
-}
+// The slot is summed whether drawn or not.
+void hand_in_none(uint slot) { hand_in(slot, 0, vec4(0), vec4(0), vec4(0)); }
 
-void main() {
-    uint tile = group_index();
-    uvec2 tiles = view[0].tiles;
-    if (tile >= tiles.x * tiles.y) return;
-    uint lane = gl_SubgroupInvocationID;
-    uvec2 corner = uvec2(tile % tiles.x, tile / tiles.x) * TILE;
-    uvec2 size = view[0].size;
-    [[unroll]] for (uint p = 0; p < PIXELS; p++) {
-        uint n = p * SUBGROUP + lane;
-        uvec2 at = corner + uvec2(n % TILE, n / TILE);
-        bool inside = all(lessThan(at, size));
-        uint pixel = inside ? at.y * size.x + at.x : 0;
-        centre[p] = vec2(at) + 0.5;
-        transmittance[p] = inside ? 1 : 0;
-        gradient[p] = inside ? image_gradient[pixel] : vec4(0);
-        behind[p] = worth(gradient[p], image[pixel]);
-    }
-    uint start = starts[tile], end = starts[tile + 1];
-    // As many splats as there are lanes at a time: each lane reads one and, in the end, writes its sums.
-    uint first = start;
-    for (; first < end && !subgroupAll(done()); first += SUBGROUP) {
-        uint length = min(SUBGROUP, end - first);
-        uint slot = slots[min(first + lane, end - 1)];
-        uint i = owners[slot];
-        vec4 my_geometry = geometry[i], my_shape = shape[i];
-        vec2 my_colour = colour[i];
-        vec4 my_a = vec4(0), my_b = vec4(0), my_c = vec4(0);
-        for (uint n = 0; n < length; n++) {
-            vec4 g = subgroupShuffle(my_geometry, n), s = subgroupShuffle(my_shape, n);
-            vec4 rgb1 = vec4(s.w, subgroupShuffle(my_colour, n), 1);
-            vec3 k = vec3(g.zw, s.x);
-            vec4 a = vec4(0), b = vec4(0), c = vec4(0);
-            [[unroll]] for (uint p = 0; p < PIXELS; p++) {
-                vec2 d = centre[p] - g.xy;
-                float u = k.x * d.x + k.y * d.y;
-                float v = k.z * d.y;
-                float power = u * u + v * v;
-                float t = transmittance[p];
-                float free = exp2(s.y - power);
-                float alpha = min(ALPHA_MAX, free);
-                float next = t * (1 - alpha);
-                bool drawn = power <= s.z && t > 0;
-                bool live = drawn && next >= STOP;
-                float w = live ? t * alpha : 0;
-                float q = worth(gradient[p], rgb1);
-                float r = behind[p] - w * q;
-                behind[p] = r;
-                float by_alpha = t * q - r / max(1 - alpha, ONE_MINUS_ALPHA_FLOOR);
-                float h = live && free < ALPHA_MAX ? alpha * by_alpha : 0;
-                float hu = h * u, hv = h * v;
-                a += vec4(h, hu, hv, RESIDUAL ? w : 0);
-                b += vec4(hu * u, hu * v, hv * v, RESIDUAL && live ? alpha : 0);
-                c += w * vec4(gradient[p].rgb, RESIDUAL ? gradient[p].a : 0);
-                transmittance[p] = live ? next : drawn ? 0 : t;
-            }
-            a = lane_sum(a);
-            b = lane_sum(b);
-            c = lane_sum(c);
-            bool own = lane == n;
-            my_a = own ? a : my_a;
-            my_b = own ? b : my_b;
-            my_c = own ? c : my_c;
-        }
-        if (lane < length) {
-            moments_a[slot] = my_a;
-            moments_b[slot] = my_b;
-            moments_c[slot] = my_c;
-        }
-    }
-    // Nothing behind the last pixel's end is drawn, but its slots are summed.
-    for (uint n = first + lane; n < end; n += SUBGROUP) {
-        uint slot = slots[n];
-        moments_a[slot] = vec4(0);
-        moments_b[slot] = vec4(0);
-        moments_c[slot] = vec4(0);
-    }
-}
+#include "lib/backward_walk.glsl"

@@ -1,5 +1,5 @@
 // rasterise_backward.comp's sums added up by Gaussian on devices without float atomics: words are compared and swapped until
-// nobody came in between. See lib/atomic_backward.glsl.
+// nobody came in between. See lib/backward_walk.glsl.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -32,4 +32,16 @@ void add_c(uint at, float x) {
     }
 }
 
-#include "lib/atomic_backward.glsl"
+const bool RESIDUAL = false;
+
+void hand_in(uint slot, uint gaussian, vec4 a, vec4 b, vec4 c) {
+    [[unroll]] for (uint k = 0; k < 3; k++) {
+        add_a(4 * gaussian + k, a[k]);
+        add_b(4 * gaussian + k, b[k]);
+        add_c(4 * gaussian + k, c[k]);
+    }
+}
+
+void hand_in_none(uint slot) {}
+
+#include "lib/backward_walk.glsl"

@@ -237,9 +237,21 @@ impl Renderer {
             rasterise_backward::record(r, shape, frame, sorted, moments, image_gradient, tiles, residual);
         });
         let sums = project_backward::Sums { counts: &frame.tile_counts, first: &frame.first_slots, moments };
-        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, &sums, model, update));
+        self.update(recording, &sums, model, update);
+    }
+
+    /// From the sums of the pairs to gradient rows, and where asked for to a step of Adam.
+    fn update(
+        &self,
+        recording: &mut Recording,
+        sums: &project_backward::Sums<'_>,
+        model: &Resident,
+        update: &Update<'_>,
+    ) {
+        let (shape, frame) = (&self.shape, &self.frame);
+        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, sums, model, update));
         if update.form != Form::Rows {
-            recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, frame, model, update));
+            recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, shape, frame, model, update));
         }
     }
 
@@ -259,10 +271,7 @@ impl Renderer {
         let sorted = bin::sorted(frame, tiles);
         recording.scope(BACKWARD_STAGES[0], |r| sums.record(r, shape, frame, sorted, image_gradient, tiles));
         let of = sums.of(&frame.visible);
-        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, &of, model, update));
-        if update.form != Form::Rows {
-            recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, shape, frame, model, update));
-        }
+        self.update(recording, &of, model, update);
     }
 
     /// What the passes recorded before leave for each (tile, Gaussian) slot, for kernels of floors above.

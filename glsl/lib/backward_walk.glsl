@@ -1,5 +1,12 @@
-// The walk of rasterise_backward.comp, see there, whose sums are not written to slots but added to their Gaussian's own by
-// add_a, add_b, add_c: one subgroup reduces a tile's pixels, then every lane adds one Gaussian's nine sums.
+// Gradients of a tile's pixels by its splats. One subgroup walks a tile's list front to back once more, its pixels in
+// registers; each splat's sums over those pixels are reduced across the subgroup and handed in by one lane.
+//
+// With q = dL/dC . c and R the part of dL/dC . C that lies behind, dL/dalpha = T q - R / (1 - alpha): one scalar follows the
+// pixel instead of three. With h = alpha dL/dalpha the sums are the moments of h over (u, v) of lib/splat.glsl: 1, u, v,
+// uu, uv, vv; projection's backward turns them into gradients by mean and covariance.
+//
+// Who includes this says where sums go, by hand_in(slot, Gaussian, a, b, c) and hand_in_none(slot), and defines
+// RESIDUAL: whether the image gradient's fourth component is no dL/dalpha but a residual, which contributions are weighed by.
 #include "lib/constants.glsl"
 #include "lib/view.glsl"
 #include "lib/splat.glsl"
@@ -25,11 +32,14 @@ float transmittance[PIXELS]; // 0 once the pixel is done
 float behind[PIXELS];
 vec4 gradient[PIXELS];
 
-vec3 lane_sum(vec3 x) {
+float worth(vec4 g, vec4 c) { return RESIDUAL ? dot(g.rgb, c.rgb) : dot(g, c); }
+
+// subgroupAdd; by shuffles where the subgroup is small, since CPU devices run the built-in as a loop with a branch a lane.
+vec4 lane_sum(vec4 x) {
     if (SUBGROUP != 8) return subgroupAdd(x);
-    vec3 sum = subgroupBroadcast(x, 0);
-    [[unroll]] for (uint l = 1; l < 8; l++) sum += subgroupBroadcast(x, l);
-    return sum;
+    x += subgroupShuffleXor(x, 1);
+    x += subgroupShuffleXor(x, 2);
+    return x + subgroupShuffleXor(x, 4);
 }
 
 bool done() {
@@ -53,20 +63,23 @@ void main() {
         centre[p] = vec2(at) + 0.5;
         transmittance[p] = inside ? 1 : 0;
         gradient[p] = inside ? image_gradient[pixel] : vec4(0);
-        behind[p] = dot(gradient[p], image[pixel]);
+        behind[p] = worth(gradient[p], image[pixel]);
     }
     uint start = starts[tile], end = starts[tile + 1];
-    for (uint first = start; first < end && !subgroupAll(done()); first += SUBGROUP) {
+    // As many splats as there are lanes at a time: each lane reads one and, in the end, writes its sums.
+    uint first = start;
+    for (; first < end && !subgroupAll(done()); first += SUBGROUP) {
         uint length = min(SUBGROUP, end - first);
-        uint i = owners[slots[min(first + lane, end - 1)]];
+        uint slot = slots[min(first + lane, end - 1)];
+        uint i = owners[slot];
         vec4 my_geometry = geometry[i], my_shape = shape[i];
         vec2 my_colour = colour[i];
-        vec3 my_a = vec3(0), my_b = vec3(0), my_c = vec3(0);
+        vec4 my_a = vec4(0), my_b = vec4(0), my_c = vec4(0);
         for (uint n = 0; n < length; n++) {
-            vec4 g = subgroupBroadcast(my_geometry, n), s = subgroupBroadcast(my_shape, n);
-            vec4 rgb1 = vec4(s.w, subgroupBroadcast(my_colour, n), 1);
+            vec4 g = subgroupShuffle(my_geometry, n), s = subgroupShuffle(my_shape, n);
+            vec4 rgb1 = vec4(s.w, subgroupShuffle(my_colour, n), 1);
             vec3 k = vec3(g.zw, s.x);
-            vec3 a = vec3(0), b = vec3(0), c = vec3(0);
+            vec4 a = vec4(0), b = vec4(0), c = vec4(0);
             [[unroll]] for (uint p = 0; p < PIXELS; p++) {
                 vec2 d = centre[p] - g.xy;
                 float u = k.x * d.x + k.y * d.y;
@@ -79,15 +92,15 @@ void main() {
                 bool drawn = power <= s.z && t > 0;
                 bool live = drawn && next >= STOP;
                 float w = live ? t * alpha : 0;
-                float q = dot(gradient[p], rgb1);
+                float q = worth(gradient[p], rgb1);
                 float r = behind[p] - w * q;
                 behind[p] = r;
                 float by_alpha = t * q - r / max(1 - alpha, ONE_MINUS_ALPHA_FLOOR);
                 float h = live && free < ALPHA_MAX ? alpha * by_alpha : 0;
                 float hu = h * u, hv = h * v;
-                a += vec3(h, hu, hv);
-                b += vec3(hu * u, hu * v, hv * v);
-                c += w * gradient[p].rgb;
+                a += vec4(h, hu, hv, RESIDUAL ? w : 0);
+                b += vec4(hu * u, hu * v, hv * v, RESIDUAL && live ? alpha : 0);
+                c += w * vec4(gradient[p].rgb, RESIDUAL ? gradient[p].a : 0);
                 transmittance[p] = live ? next : drawn ? 0 : t;
             }
             a = lane_sum(a);
@@ -98,12 +111,8 @@ void main() {
             my_b = own ? b : my_b;
             my_c = own ? c : my_c;
         }
-        if (lane < length) {
-            [[unroll]] for (uint k = 0; k < 3; k++) {
-                add_a(4 * i + k, my_a[k]);
-                add_b(4 * i + k, my_b[k]);
-                add_c(4 * i + k, my_c[k]);
-            }
-        }
+        if (lane < length) hand_in(slot, i, my_a, my_b, my_c);
     }
+    // Nothing behind the last pixel's end is drawn.
+    for (uint n = first + lane; n < end; n += SUBGROUP) hand_in_none(slots[n]);
 }
