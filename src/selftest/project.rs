@@ -134,7 +134,7 @@ pub fn fare(device: &Device, hard: &Hard, antialias: bool) -> Result<Fared> {
     Ok(Fared { picture, differs, alpha, gradient, skipped: drawn.skipped })
 }
 
-fn all(device: &Device, cases: &[Hard]) -> Result<Vec<Measure>> {
+fn all(device: &Device, cases: &[Hard], allowed: f64) -> Result<Vec<Measure>> {
     let (mut picture, mut gradient, mut differing, mut skipped, mut alpha) = (0.0, 0.0, 0, 0, 0.0_f64);
     for hard in cases {
         for antialias in [false, true] {
@@ -151,23 +151,25 @@ fn all(device: &Device, cases: &[Hard]) -> Result<Vec<Measure>> {
         ("picture, largest", picture, 4e-3),
         ("drawn by one alone", differing as f64, 0.0),
         ("largest alpha", alpha, 0.99 + 1e-6),
-        ("gradients, relative", gradient, ALLOWED),
+        ("gradients, relative", gradient, allowed),
         ("rows skipped", f64::from(skipped), 0.0),
     ])
 }
 
 pub(super) fn all_places(device: &Device) -> Result<Vec<Measure>> {
-    all(device, &places())
+    all(device, &places(), ALLOWED)
 }
 
+/// Of a Gaussian that covers everything the pixels' shares nearly cancel: the order in which a device adds its lanes up
+/// moves the sum by 4e-4 of itself (3e-5 one lane after the other, 4e-4 in pairs, llvmpipe).
 pub(super) fn all_scales(device: &Device) -> Result<Vec<Measure>> {
-    all(device, &scales())
+    all(device, &scales(), 3.0 * ALLOWED)
 }
 
 pub(super) fn all_rotations(device: &Device) -> Result<Vec<Measure>> {
-    all(device, &rotations())
+    all(device, &rotations(), ALLOWED)
 }
 
 pub(super) fn all_logits(device: &Device) -> Result<Vec<Measure>> {
-    all(device, &logits())
+    all(device, &logits(), ALLOWED)
 }

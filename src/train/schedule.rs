@@ -76,8 +76,8 @@ impl Default for Schedule {
 const REFERENCE: f64 = 30_000.0;
 
 impl Schedule {
-    /// The reference's course in `iterations`. Positions and higher SH bands that have fewer steps take longer ones: these
-    /// are the parameters that the published rates do not bring to their place in a short run.
+    /// The reference's course in `iterations`. Positions, shapes and higher SH bands that have fewer steps take longer ones:
+    /// these are the parameters that the published rates do not bring to their place in a short run.
     pub fn of(iterations: u32) -> Self {
         let shorter = (REFERENCE / f64::from(iterations.max(1))).max(1.0);
         let whole = Self::default();
@@ -86,6 +86,8 @@ impl Schedule {
             position_rate: whole.position_rate * shorter.powf(0.4),
             position_rate_end: whole.position_rate_end * shorter.powf(0.7),
             rest_rate: whole.rest_rate * shorter.powf(0.4),
+            scale_rate: whole.scale_rate * shorter.powf(0.25),
+            rotation_rate: whole.rotation_rate * shorter.powf(0.4),
             ..whole
         }
     }

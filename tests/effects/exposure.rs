@@ -259,6 +259,6 @@ fn view_dependence_helps_where_it_is_called_for() {
 /// Where cameras stand near and far, a model keeps its looks at a resolution that it was not trained at.
 #[test]
 fn antialias_helps_at_a_second_resolution() {
-    let [off, on] = off_and_on(&[synth::Effect::Scales], Effect::Antialias, 1000, false, Some("/2"));
+    let [off, on] = off_and_on(&[synth::Effect::Scales], Effect::Antialias, 1000, false, Some("/4"));
     assert!(on > off + 0.5, "{off} {on}");
 }

@@ -193,7 +193,6 @@ at = [0.4, 0.5]
 responses = "average"
 average_from = 0.4
 l2 = 2.0
-position_rate = 1.0
 
 [prune.compression]
 selector = "css"
