@@ -53,8 +53,8 @@ impl Case {
     }
 }
 
-/// Float32's window sums are off by 1e-7 of their terms; E[xx] - E[x]^2 of an even picture is a difference of such, over
-/// C2 = 9e-4: 1e-4 of SSIM times the square of the brightness, and so of value and slope.
+/// Float32's window sums are off by 1e-7 of their terms, and a covariance of such is divided by C2 = 9e-4: 1e-4 of SSIM times
+/// the square of the brightness, and so of value and slope.
 fn worst(device: &Device, cases: impl IntoIterator<Item = Case>, allowed: [f64; 2]) -> Result<Vec<Measure>> {
     let (mut value, mut gradient) = (0.0, 0.0);
     for case in cases {
