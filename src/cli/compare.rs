@@ -1,12 +1,11 @@
 //! `qirf-vk compare SCENE`.
 
-use super::Global;
 use super::choices::Choices;
 use super::console::Console;
 use super::show::Show;
 use super::training::{Means, Training};
+use super::{Global, networks};
 use crate::error::Error;
-use crate::metrics::Networks;
 use crate::pipeline::compare::{Arm, Compared, compare};
 use crate::pipeline::compression::{Compression, Pruning};
 use crate::pipeline::{Output, budget};
@@ -73,10 +72,7 @@ impl Arguments {
             .training
             .configuration(self.scene.clone())
             .pruned(Pruning { compression: Compression::default(), ..pruning });
-        let networks = Networks::find(self.means.lpips_weights.as_deref())?;
-        if let Some(note) = networks.note() {
-            console.note(note);
-        }
+        let networks = networks(self.means.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.means.memory_budget)?;
         let show = Show::new(console);
         let host = budget::host(self.means.memory_budget);

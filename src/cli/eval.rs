@@ -1,12 +1,12 @@
 //! `qirf-vk eval MODEL SCENE`.
 
-use super::Global;
 use super::console::Console;
 use super::inspect::read_model;
 use super::show::Show;
 use super::values;
+use super::{Global, networks};
 use crate::error::Error;
-use crate::metrics::{Networks, Scores};
+use crate::metrics::Scores;
 use crate::pipeline::budget;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::results::Results;
@@ -74,10 +74,7 @@ impl Arguments {
         }
         let evaluation = self.evaluation()?;
         let loaded = read_model(&self.model, console)?;
-        let networks = Networks::find(self.lpips_weights.as_deref())?;
-        if let Some(note) = networks.note() {
-            console.note(note);
-        }
+        let networks = networks(self.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;
         let model = (self.model.as_path(), &loaded.gaussians);

@@ -21,9 +21,11 @@ mod values;
 
 use crate::error::Error;
 use crate::gpu::{Device, DeviceOptions};
+use crate::metrics::Networks;
 use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use console::{Colour, Console};
 use std::io::{self, IsTerminal};
+use std::path::Path;
 use std::process::ExitCode;
 use tracing_subscriber::filter::LevelFilter;
 
@@ -150,6 +152,15 @@ pub fn main() -> ExitCode {
             ExitCode::from(e.exit_code())
         }
     }
+}
+
+/// Networks of LPIPS by their weights, given or found; says what is left out where there are none.
+fn networks(weights: Option<&Path>, console: &Console) -> Result<Networks, Error> {
+    let networks = Networks::find(weights)?;
+    if let Some(note) = networks.note() {
+        console.note(note);
+    }
+    Ok(networks)
 }
 
 impl Cli {

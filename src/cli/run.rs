@@ -1,12 +1,11 @@
 //! `qirf-vk run SCENE`.
 
-use super::Global;
 use super::choices::Choices;
 use super::console::Console;
 use super::show::Show;
 use super::training::{Means, Training};
+use super::{Global, networks};
 use crate::error::Error;
-use crate::metrics::Networks;
 use crate::pipeline::results::Results;
 use crate::pipeline::{Output, RunConfig};
 use crate::pipeline::{budget, run};
@@ -58,10 +57,7 @@ impl Arguments {
             return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
         }
         let config = self.configuration()?;
-        let networks = Networks::find(self.means.lpips_weights.as_deref())?;
-        if let Some(note) = networks.note() {
-            console.note(note);
-        }
+        let networks = networks(self.means.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.means.memory_budget)?;
         let show = Show::new(console);
         let output = Output::new(&self.output)?;

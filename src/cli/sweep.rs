@@ -1,15 +1,14 @@
 //! `qirf-vk sweep SCENE|MODEL`.
 
-use super::Global;
 use super::choices::Choices;
 use super::console::Console;
 use super::inspect::{is_scene, read_model};
 use super::show::Show;
 use super::training::{Means, Training};
 use super::values::{self, Up};
+use super::{Global, networks};
 use crate::error::Error;
 use crate::gpu::Device;
-use crate::metrics::Networks;
 use crate::pipeline::sweep::results::figure;
 use crate::pipeline::sweep::{self, Asked, AxisResult, Context, Described, Plan, Subject, Swept, heavy, subject};
 use crate::pipeline::{Output, Preset, RunConfig, Watcher, budget};
@@ -96,14 +95,13 @@ impl Arguments {
         let plan = Plan { folder: &self.output, host_bytes, budget: self.budget_per_axis };
         let (described, mut axes) = self.light((&device, console), &plan, &asked, &show)?;
         if asked.iter().any(|a| a.axis.heavy()) {
-            let networks = Networks::find(self.means.lpips_weights.as_deref())?;
-            if let Some(note) = networks.note() {
-                console.note(note);
-            }
+            let networks = networks(self.means.lpips_weights.as_deref(), console)?;
             let pruning = self.training.pruning(&self.choices);
             let config = self.training.configuration(self.path.clone());
             let (networks, watcher) = (&networks, &show);
-            let training = heavy::Training { device: &device, config: &config, pruning: &pruning, networks, watcher };
+            let preset = self.training.preset();
+            let training =
+                heavy::Training { device: &device, config: &config, preset, pruning: &pruning, networks, watcher };
             axes.extend(sweep::heavy(&training, &plan, &asked)?);
         }
         let place = |axis: &AxisResult| asked.iter().position(|a| a.axis == axis.axis);

@@ -122,6 +122,11 @@ impl Training {
         }
     }
 
+    /// The named schedule.
+    pub fn preset(&self) -> Preset {
+        self.preset
+    }
+
     /// The colour asked for behind the Gaussians.
     pub fn background(&self) -> Option<[f32; 3]> {
         self.background

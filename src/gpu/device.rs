@@ -72,7 +72,7 @@ impl Device {
         let wanted = options.device.clone().or(from_environment);
         let candidate = select::choose(select::candidates(&instance)?, wanted.as_deref())?;
         let device = Self(Arc::new(Context::new(instance, candidate, options)?));
-        if device.info().kind == "cpu" {
+        if device.info().is_cpu() {
             probe::check(&device)?;
         }
         Ok(device)

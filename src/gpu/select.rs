@@ -39,6 +39,13 @@ pub struct DeviceInfo {
     pub missing: Option<String>,
 }
 
+impl DeviceInfo {
+    /// Whether its lanes are a CPU's: there long runs of work pay, and few of them suffice.
+    pub fn is_cpu(&self) -> bool {
+        self.kind == "cpu"
+    }
+}
+
 pub(super) struct Candidate {
     pub physical: vk::PhysicalDevice,
     pub queue_family: u32,

@@ -277,11 +277,12 @@ fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmResult], fo
     let most = arms.iter().map(|a| a.gaussians).max().unwrap_or(0);
     let mut evaluator = Evaluator::new(stage.device, settings, most, stage.prepared.views())?;
     evaluator.compare_as(shared.exposure, stage.prepared.masked);
+    let model = |arm: &ArmResult| Output::new(&folder.join("arms").join(Arm::folder(&arm.name))).map(|o| o.model());
+    let files: Vec<_> = arms.iter().map(model).collect::<Result<_, _>>()?;
     let mut rates: Vec<Vec<f64>> = vec![Vec::new(); arms.len()];
     for _ in 0..ROUNDS {
-        for (arm, rates) in arms.iter().zip(&mut rates) {
-            let file = Output::new(&folder.join("arms").join(Arm::folder(&arm.name)))?.model();
-            let model = Resident::upload(stage.device, &formats::read(&file)?.gaussians)?;
+        for (file, rates) in files.iter().zip(&mut rates) {
+            let model = Resident::upload(stage.device, &formats::read(file)?.gaussians)?;
             rates.extend(evaluator.frames_per_second(&model, &stage.prepared)?);
         }
     }

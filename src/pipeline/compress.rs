@@ -17,7 +17,7 @@ use crate::metrics::{Networks, Scores};
 use crate::qirf::response::Evidence;
 use crate::qirf::select::budget::Keep;
 use crate::render::{Renderer, Settings};
-use crate::scene::camera::Camera;
+use crate::scene::camera::{self, Camera};
 use crate::train::loss::Weights;
 use crate::train::photos::TrainView;
 use crate::train::pixels::Pixels;
@@ -96,7 +96,7 @@ pub fn compress(
     drop((resident, evidence));
     time.merge_s = pruned.seconds.merge;
     time.keep_mask_s = pruned.seconds.total - pruned.seconds.merge;
-    unless_stopped(watcher)?;
+    watcher.unless_stopped()?;
     let kept: Vec<usize> = (0..keep.len()).filter(|i| keep[*i]).collect();
     let mut model = model.select(&kept);
     let after = judge.scores(&model)?;
@@ -109,7 +109,7 @@ pub fn compress(
         tuned = judge.scores(&model)?;
     }
     time.evaluate_s = judge.seconds;
-    unless_stopped(watcher)?;
+    watcher.unless_stopped()?;
     let writing = Instant::now();
     formats::write(output, &model).map_err(Error::writing)?;
     time.write_s = seconds(writing);
@@ -133,10 +133,6 @@ pub fn compress(
 
 fn seconds(since: Instant) -> f64 {
     since.elapsed().as_secs_f64()
-}
-
-fn unless_stopped(watcher: &dyn Watcher) -> Result<(), Error> {
-    if watcher.stop() { Err(Error::Interrupted) } else { Ok(()) }
 }
 
 /// A share of few Gaussians rounds to none, which is no model.
@@ -242,9 +238,9 @@ impl Views {
             } else {
                 train.push(view);
             }
-            unless_stopped(watcher)?;
+            watcher.unless_stopped()?;
         }
-        let extent = virtual_views::extent(&train);
+        let extent = camera::extent(train.iter().map(|v| &v.camera));
         Ok((
             Self { truth: Truth::OwnPictures, train, test, extent, transparent: false, masked: false, settings },
             estimated,
@@ -262,7 +258,7 @@ impl Views {
             truth: self.truth,
             train_views: self.train.len(),
             test_views: self.test.len(),
-            image_size: views.fold([0, 0], |[w, h], v| [w.max(v.camera.width), h.max(v.camera.height)]),
+            image_size: camera::largest(views.map(|v| &v.camera)),
             background: self.settings.background,
             antialias: self.settings.antialias,
             fine_tune: job.fine_tune,
@@ -303,7 +299,7 @@ impl Judge<'_> {
             scores.push(evaluator.score(&image, view, &Networks::default())?);
             self.done += 1;
             self.watcher.evaluating(self.done, self.rounds * test.len());
-            unless_stopped(self.watcher)?;
+            self.watcher.unless_stopped()?;
         }
         self.seconds += seconds(begun);
         Ok(scores)
@@ -320,7 +316,7 @@ fn evidence(
 ) -> Result<Evidence, Error> {
     let follow = |done: usize| {
         watcher.responding(done, views.train.len());
-        unless_stopped(watcher)
+        watcher.unless_stopped()
     };
     let with_scores = job.compression.selector.reads_scores();
     if views.truth == Truth::Photos {
@@ -368,7 +364,7 @@ fn fine_tune(
     while trainer.iteration() < job.fine_tune {
         let progress = trainer.advance(job.fine_tune)?;
         watcher.training(&progress, job.fine_tune);
-        unless_stopped(watcher)?;
+        watcher.unless_stopped()?;
     }
     Ok(trainer.download()?)
 }

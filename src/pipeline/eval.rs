@@ -66,7 +66,7 @@ pub fn eval(
     let renders = output.map(Output::renders);
     let mut follow = |done: usize| {
         watcher.evaluating(done, prepared.test.len());
-        if watcher.stop() { Err(Error::Interrupted) } else { Ok(()) }
+        watcher.unless_stopped()
     };
     let held_out = evaluator.held_out(&resident, &prepared, renders.as_deref(), networks, &mut follow)?;
     held_out.warn(watcher);

@@ -11,6 +11,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::metrics::{self, Networks, Scores};
 use crate::render::{Image, Renderer, Settings};
+use crate::scene::camera;
 use crate::train;
 use crate::train::photos::TrainView;
 use std::path::Path;
@@ -86,7 +87,7 @@ impl Evaluator {
         gaussians: usize,
         views: impl Iterator<Item = &'a TrainView>,
     ) -> Result<Self, Error> {
-        let (width, height) = views.fold((1, 1), |(w, h), v| (w.max(v.camera.width), h.max(v.camera.height)));
+        let [width, height] = camera::largest(views.map(|v| &v.camera));
         let renderer = Renderer::new(device, settings, gaussians, width, height)?;
         Ok(Self { renderer, background: settings.background, exposed: false, masked: false })
     }

@@ -9,8 +9,7 @@ use crate::gpu::{Buffer, Device, Recording};
 use crate::qirf::response::{Evidence, HighPass, Responses, full_pass};
 use crate::qirf::score::Scores;
 use crate::render::{Image, Renderer, Settings};
-use crate::scene::camera::Camera;
-use crate::train::photos::TrainView;
+use crate::scene::camera::{self, Camera};
 use crate::train::pixels::Pixels;
 use glam::DVec3;
 use std::ops::RangeInclusive;
@@ -63,12 +62,6 @@ pub fn photo(image: &Image) -> Pixels {
     rgb(image).chunks_exact(3).flat_map(|p| [byte(&p[0]), byte(&p[1]), byte(&p[2]), 255]).collect()
 }
 
-/// 1.1 times the largest distance of a camera from their mean, as a scene's.
-pub fn extent(views: &[TrainView]) -> f64 {
-    let centre = views.iter().map(|v| v.camera.centre()).sum::<DVec3>() / views.len().max(1) as f64;
-    1.1 * views.iter().map(|v| v.camera.centre().distance(centre)).fold(0.0, f64::max)
-}
-
 /// Responses of a model to its own pictures, and where asked for other methods' scores: a pass over the cameras. `follow`
 /// hears how many views were seen, and may end it.
 ///
@@ -82,8 +75,7 @@ pub fn evidence(
     (pairs, with_scores): (u32, bool),
     mut follow: impl FnMut(usize) -> Result<(), Error>,
 ) -> Result<Evidence, Error> {
-    let most = |side: fn(&Camera) -> u32| cameras.iter().map(side).max().unwrap_or(1);
-    let size = [most(|c| c.width), most(|c| c.height)];
+    let size = camera::largest(cameras);
     let pixels = size[0] as usize * size[1] as usize;
     let mut renderer = Renderer::for_training(device, settings, model.len, size, pairs)?;
     let gradient = device.buffer("image gradient", pixels)?;

@@ -1,5 +1,6 @@
 //! Who follows a job, and may end it early.
 
+use crate::error::Error;
 use crate::train::Progress;
 
 /// What a job tells while it goes on.
@@ -16,4 +17,12 @@ pub trait Watcher {
     fn note(&self, line: &str);
     /// Whether to end early; training does so after a checkpoint.
     fn stop(&self) -> bool;
+
+    /// Ends work that has nothing to save, where that is wished for.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    fn unless_stopped(&self) -> Result<(), Error> {
+        if self.stop() { Err(Error::Interrupted) } else { Ok(()) }
+    }
 }

@@ -58,5 +58,5 @@ impl Scan {
 /// (workgroup, rows): on a CPU device one subgroup a workgroup, since barriers cost more than lanes there.
 fn shape(device: &Device) -> (u32, u32) {
     let info = device.info();
-    if info.kind == "cpu" { (info.subgroup_size, 2048 / info.subgroup_size) } else { (256.max(info.subgroup_size), 16) }
+    if info.is_cpu() { (info.subgroup_size, 2048 / info.subgroup_size) } else { (256.max(info.subgroup_size), 16) }
 }

@@ -52,7 +52,7 @@ struct Shape {
 impl Shape {
     fn of(device: &Device, capacity: u32) -> Self {
         let info = device.info();
-        if info.kind == "cpu" {
+        if info.is_cpu() {
             // A few long runs: the counters of a block are cleared and scanned once, whatever its length.
             let rows = (capacity / (info.subgroup_size * 16)).clamp(32, 512).next_power_of_two();
             Self { workgroup: info.subgroup_size, rows, serial: true }

@@ -191,7 +191,7 @@ impl<'a> Assembly<'a> {
         let info = device.info();
         let rows = info.subgroup_size;
         // Long tiles read a Gaussian less often; short ones spread over more workgroups.
-        let columns = if info.kind == "cpu" { 64_u32.next_multiple_of(rows) } else { rows };
+        let columns = if info.is_cpu() { 64_u32.next_multiple_of(rows) } else { rows };
         let plan = Plan::new(starts, options.batch_bytes, [rows, columns])?;
         let most = |f: fn(&Batch) -> usize| plan.batches.iter().map(f).max().unwrap_or(0);
         let (entries, room) = (most(|b| b.entries), most(|b| b.members.len()));

@@ -25,7 +25,7 @@ impl Shape {
     pub fn new(device: &Device, settings: Settings) -> Self {
         let info = device.info();
         let tile = tile_size(info);
-        let cpu = info.kind == "cpu";
+        let cpu = info.is_cpu();
         if cpu {
             // One subgroup walks a tile, its pixels in registers: no barriers, and a splat is read once.
             Self { settings, tile, subgroup: info.subgroup_size, workgroup: info.subgroup_size, batch: 0, cpu }

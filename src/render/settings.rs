@@ -42,7 +42,7 @@ impl Default for Settings {
 
 /// Tile side in pixels for a device: small where every lane's work is paid for by a core, the usual 16 on GPUs.
 pub(super) fn tile_size(info: &DeviceInfo) -> u32 {
-    if info.kind == "cpu" { 8 } else { 16 }
+    if info.is_cpu() { 8 } else { 16 }
 }
 
 /// A camera as kernels see it.

@@ -53,3 +53,20 @@ impl Camera {
         }
     }
 }
+
+/// Width and height that the pictures of all cameras fit in; 1 x 1 for none.
+pub fn largest<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> [u32; 2] {
+    cameras.into_iter().fold([1, 1], |[w, h], c| [w.max(c.width), h.max(c.height)])
+}
+
+/// Mean of the cameras' centres, in world units; the origin for none.
+pub fn mean_centre<'a>(cameras: impl Iterator<Item = &'a Camera>) -> DVec3 {
+    let (sum, count) = cameras.fold((DVec3::ZERO, 0), |(sum, n), c| (sum + c.centre(), n + 1));
+    sum / f64::from(count.max(1))
+}
+
+/// Extent of 3DGS: 1.1 times the largest distance of a camera from the mean of all, in world units.
+pub fn extent<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> f64 {
+    let centre = mean_centre(cameras.clone());
+    1.1 * cameras.map(|c| c.centre().distance(centre)).fold(0.0, f64::max)
+}

@@ -207,18 +207,16 @@ impl Scene {
 
     /// Mean of the camera centres of `views` (usually the split's training views), in world units; the origin for none.
     pub fn centre(&self, views: &[usize]) -> DVec3 {
-        let sum: DVec3 = self.chosen(views).map(|v| v.camera.centre()).sum();
-        sum / self.chosen(views).count().max(1) as f64
+        camera::mean_centre(self.chosen(views))
     }
 
     /// Scene extent of 3DGS: 1.1 times the largest distance of a camera of `views` (usually the split's training views)
     /// to their mean, in world units.
     pub fn extent(&self, views: &[usize]) -> f64 {
-        let centre = self.centre(views);
-        1.1 * self.chosen(views).map(|v| v.camera.centre().distance(centre)).fold(0.0, f64::max)
+        camera::extent(self.chosen(views))
     }
 
-    fn chosen<'a>(&'a self, views: &'a [usize]) -> impl Iterator<Item = &'a View> {
-        views.iter().filter_map(|&i| self.views.get(i))
+    fn chosen<'a>(&'a self, views: &'a [usize]) -> impl Iterator<Item = &'a camera::Camera> + Clone {
+        views.iter().filter_map(|&i| self.views.get(i)).map(|v| &v.camera)
     }
 }

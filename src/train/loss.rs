@@ -9,7 +9,7 @@ const TAPS: u32 = 11;
 
 /// Rounds of an invocation's run: long runs read each value less often, short ones occupy a GPU.
 fn rounds(device: &Device) -> u32 {
-    if device.info().kind == "cpu" { 4 } else { FEWEST_ROUNDS }
+    if device.info().is_cpu() { 4 } else { FEWEST_ROUNDS }
 }
 
 const FEWEST_ROUNDS: u32 = 2;

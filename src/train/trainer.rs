@@ -14,6 +14,7 @@ use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
 use crate::qirf::response::{Gather, Responses};
 use crate::random::permutation;
 use crate::render::{AdamState, Form, Renderer, Settings, Update};
+use crate::scene::camera;
 use std::collections::VecDeque;
 use std::ops::Range;
 
@@ -122,16 +123,13 @@ impl Trainer {
         if views.is_empty() {
             return Err(Error::NoViews);
         }
-        let size = |f: fn(&TrainView) -> u32| views.iter().map(f).max().unwrap_or(1);
-        let (width, height) = (size(|v| v.camera.width), size(|v| v.camera.height));
-        let renderer =
-            Renderer::for_training(device, options.settings, model.len * 5 / 4, [width, height], options.pairs)?;
+        let size = camera::largest(views.iter().map(|v| &v.camera));
+        let renderer = Renderer::for_training(device, options.settings, model.len * 5 / 4, size, options.pairs)?;
         // Photos first: what brings them to the device is gone before the loss's pictures are made.
         let photos = Photos::new(device, &views)?;
-        let objective = Objective::new(device, views.len(), [width, height], &options)?;
-        let centres: glam::DVec3 = views.iter().map(|v| v.camera.centre()).sum();
+        let objective = Objective::new(device, views.len(), size, &options)?;
         Ok(Self {
-            cameras: (centres / views.len().max(1) as f64).as_vec3().to_array(),
+            cameras: camera::mean_centre(views.iter().map(|v| &v.camera)).as_vec3().to_array(),
             photos,
             guards: device.upload("guards", &[0, 0])?,
             objective,

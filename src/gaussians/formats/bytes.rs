@@ -65,6 +65,23 @@ pub(super) fn from_smallest_three(smaller: [f32; 3], greatest: usize) -> [f32; 4
     q
 }
 
+/// The way back: a quaternion's three smaller components over its length, the greatest taken positive, and that one's index.
+/// What is no rotation becomes the identity, whose real part stands at `real`.
+pub(super) fn to_smallest_three(q: [f32; 4], real: usize) -> ([f64; 3], usize) {
+    let q = q.map(f64::from);
+    let greatest = (0..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });
+    let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
+    if length == 0.0 || !length.is_finite() {
+        return ([0.0; 3], real);
+    }
+    let mut smaller = [0.0; 3];
+    let rest = q.iter().enumerate().filter(|(i, _)| *i != greatest);
+    for (out, (_, component)) in smaller.iter_mut().zip(rest) {
+        *out = component / length * q[greatest].signum();
+    }
+    (smaller, greatest)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -34,13 +34,21 @@ pub fn of_size(model: &Gaussians, m: usize, count: usize) -> Blocks {
     of((0..if m <= n { count } else { 0 }).map(nearest))
 }
 
-fn of(blocks: impl Iterator<Item = Vec<u32>>) -> Blocks {
+/// Blocks of these members.
+pub fn of(blocks: impl Iterator<Item = Vec<u32>>) -> Blocks {
     let mut out = Blocks { members: Vec::new(), starts: vec![0] };
     for block in blocks {
         out.members.extend(block);
         out.starts.push(out.members.len() as u32);
     }
     out
+}
+
+/// Share of what either of two sets keeps that both keep; 0 where neither keeps any.
+pub fn jaccard(a: &[bool], b: &[bool]) -> f64 {
+    let both = a.iter().zip(b).filter(|(a, b)| **a && **b).count();
+    let either = a.iter().zip(b).filter(|(a, b)| **a || **b).count();
+    both as f64 / either.max(1) as f64
 }
 
 /// One block's eigenproblem.

@@ -2,7 +2,7 @@
 
 use super::Context;
 use super::axis::Axis;
-use super::blocks;
+use super::blocks::{self, jaccard};
 use super::measure::{Sample, interleaved};
 use super::results::{AxisResult, Rung};
 use crate::error::Error;
@@ -42,23 +42,11 @@ fn kept(study: &Study) -> Vec<bool> {
     study.choose(Selector::Gnso, Budget::PerBlock, Keep::Share(KEPT), 0.0).keep
 }
 
-fn jaccard(a: &[bool], b: &[bool]) -> f64 {
-    let both = a.iter().zip(b).filter(|(a, b)| **a && **b).count();
-    let either = a.iter().zip(b).filter(|(a, b)| **a || **b).count();
-    both as f64 / either.max(1) as f64
-}
-
 /// Median and largest condition number of some blocks' metrics.
 fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Result<(f64, f64), Error> {
     let model = &context.subject.model;
-    let mut some = blocks::sampled(model, basis.partition);
-    let step = some.len().div_ceil(CONDITIONED).max(1);
-    let picked: Vec<Vec<u32>> = some.iter().step_by(step).map(<[u32]>::to_vec).collect();
-    (some.members, some.starts) = (Vec::new(), vec![0]);
-    for block in picked {
-        some.members.extend(block);
-        some.starts.push(some.members.len() as u32);
-    }
+    let sampled = blocks::sampled(model, basis.partition);
+    let some = blocks::of(sampled.iter().step_by(sampled.len().div_ceil(CONDITIONED).max(1)).map(<[u32]>::to_vec));
     let metric = Overlaps { dilation: dilation(model, basis.dilate), ..Overlaps::default() };
     let problems = blocks::problems(context, resident, &some, metric, (basis.eta, basis.epsilon))?;
     let condition = |p: &blocks::Problem| Metric::new(p.len(), &p.overlap, None, basis.epsilon).condition();

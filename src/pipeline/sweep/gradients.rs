@@ -2,14 +2,17 @@
 
 use super::Context;
 use super::axis::Axis;
-use super::measure::{Sample, interleaved, unless_stopped};
+use super::measure::{Sample, interleaved};
 use super::results::{AxisResult, Rung, figure};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
+use crate::pipeline::budget;
 use crate::render::{AdamState, AtomicSums, BACKWARD_STAGES, Form, Image, Rates, Renderer, STAGES, Update};
+use crate::scene::camera;
 use crate::train;
 use crate::train::loss::{Loss, Weights};
+use crate::train::photos::TrainView;
 use crate::train::schedule::Schedule;
 use std::time::Instant;
 
@@ -37,14 +40,13 @@ struct Bench<'a> {
 impl<'a> Bench<'a> {
     fn new(context: &'a Context<'a>, model: &Resident) -> Result<Self, Error> {
         let (device, views) = (context.device, &context.subject.views);
-        let side = |f: fn(&crate::scene::camera::Camera) -> u32| views.iter().map(|v| f(&v.camera)).max().unwrap_or(1);
-        let (width, height) = (side(|c| c.width), side(|c| c.height));
-        let pairs = crate::pipeline::budget::few_pairs(device, model.len);
-        let mut renderer = Renderer::for_training(device, context.subject.settings, model.len, [width, height], pairs)?;
+        let size @ [width, height] = camera::largest(views.iter().map(|v| &v.camera));
+        let pairs = budget::few_pairs(device, model.len);
+        let mut renderer = Renderer::for_training(device, context.subject.settings, model.len, size, pairs)?;
         let mut photos = Vec::new();
         for (k, view) in views.iter().enumerate() {
             // The subject's own pictures have no error: a view learns its neighbour's then.
-            let size = |v: &train::photos::TrainView| (v.camera.width, v.camera.height);
+            let size = |v: &TrainView| (v.camera.width, v.camera.height);
             let next = &views[(k + 1) % views.len()];
             let other = context.own_pictures && size(next) == size(view);
             let bytes = if other { next.pixels.read() } else { view.pixels.read() }.map_err(train::Error::Photos)?;
@@ -116,7 +118,7 @@ impl<'a> Bench<'a> {
         for step in 1..=STEPS {
             let v = step as usize % subject.views.len();
             self.step(way, &model, &state, v, (schedule.rates(step, 1.0), Form::Adam(step)))?;
-            unless_stopped(self.context.watcher)?;
+            self.context.watcher.unless_stopped()?;
         }
         let camera = &subject.views[0].camera;
         let mut renderer = Renderer::new(device, subject.settings, model.len, camera.width, camera.height)?;

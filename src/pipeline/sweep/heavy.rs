@@ -2,7 +2,7 @@
 
 use super::Plan;
 use super::axis::{Asked, Axis, fraction};
-use super::measure::{Spread, Timed, unless_stopped};
+use super::measure::{Spread, Timed};
 use super::results::{AxisResult, Better, Rung};
 use crate::effects::{Choice, Effect, Overrides};
 use crate::error::Error;
@@ -12,7 +12,7 @@ use crate::pipeline::compare::{Arm, ArmResult, compare};
 use crate::pipeline::compression::{Compression, Pruning};
 use crate::pipeline::results::Results;
 use crate::pipeline::run::run;
-use crate::pipeline::{Output, RunConfig, Watcher};
+use crate::pipeline::{Output, Preset, RunConfig, Watcher};
 use crate::qirf::select::budget::Keep;
 
 /// Where and how heavy axes train.
@@ -21,6 +21,8 @@ pub struct Training<'a> {
     pub device: &'a Device,
     /// The whole run.
     pub config: &'a RunConfig,
+    /// What its schedule is of, at any length.
+    pub preset: Preset,
     /// When and how it prunes.
     pub pruning: &'a Pruning,
     /// Networks of LPIPS.
@@ -121,7 +123,7 @@ fn of_arm(axis: Axis, name: &str, arm: &ArmResult) -> Rung {
 
 /// One whole run.
 fn whole(training: &Training<'_>, plan: &Plan<'_>, config: &RunConfig, name: &str) -> Result<Results, Error> {
-    unless_stopped(training.watcher)?;
+    training.watcher.unless_stopped()?;
     training.watcher.note(name);
     let output = Output::new(&plan.folder.join("runs").join(name.replace(['/', '='], "-")))?;
     run(training.device, config, &output, training.networks, plan.host_bytes, false, training.watcher)
@@ -150,9 +152,10 @@ pub fn iterations(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) ->
     axis.better = Better::Higher;
     let longest = training.config.schedule.iterations;
     for name in rungs {
-        let mut config = training.config.clone().pruned(training.pruning.clone());
-        config.checkpoint_every = 0;
-        config.schedule.iterations = ((fraction(name).unwrap_or(1.0) * f64::from(longest)).round() as u32).max(1);
+        let length = ((fraction(name).unwrap_or(1.0) * f64::from(longest)).round() as u32).max(1);
+        let schedule = training.preset.schedule(Some(length));
+        let config = RunConfig { checkpoint_every: 0, schedule, ..training.config.clone() };
+        let config = config.pruned(training.pruning.clone());
         let results = whole(training, plan, &config, &format!("iterations-{name}"))?;
         let mut rung = of_run(Axis::Iterations, name, &results, results.time.train_s);
         rung.figures.insert("iterations", f64::from(config.schedule.iterations));

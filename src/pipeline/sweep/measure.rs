@@ -103,7 +103,7 @@ pub fn interleaved(
         let begun = Instant::now();
         body(rung, 0)?;
         *once = begun.elapsed().as_secs_f64().max(1e-6);
-        unless_stopped(watcher)?;
+        watcher.unless_stopped()?;
     }
     let least = least.max(ROUNDS.0);
     let middle = Spread::of(once.clone()).map_or(0.0, |s| s.median);
@@ -118,7 +118,7 @@ pub fn interleaved(
                 continue;
             }
             samples[rung].push(body(rung, round)?);
-            unless_stopped(watcher)?;
+            watcher.unless_stopped()?;
         }
     }
     let timed = |samples: Vec<Sample>| Timed {
@@ -126,14 +126,6 @@ pub fn interleaved(
         wall: Spread::of(samples.iter().map(|s| s.wall).collect()),
     };
     Ok(samples.into_iter().map(timed).collect())
-}
-
-/// Ends the work where that is wished for.
-///
-/// # Errors
-/// [`Error::Interrupted`].
-pub fn unless_stopped(watcher: &dyn Watcher) -> Result<(), Error> {
-    if watcher.stop() { Err(Error::Interrupted) } else { Ok(()) }
 }
 
 #[cfg(test)]

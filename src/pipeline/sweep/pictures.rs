@@ -2,12 +2,12 @@
 
 use super::Context;
 use super::axis::Axis;
-use super::measure::{Sample, interleaved, unless_stopped};
+use super::measure::{Sample, interleaved};
 use super::results::{AxisResult, Better, Rung};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::render::{Culling, Image, Renderer, STAGES, Settings};
-use crate::scene::camera::Camera;
+use crate::scene::camera::{self, Camera};
 use glam::DVec2;
 use std::time::Instant;
 
@@ -52,8 +52,8 @@ impl Far {
 }
 
 fn renderer(context: &Context<'_>, way: &Way<'_>, cameras: &[Camera]) -> Result<Renderer, Error> {
-    let side = |f: fn(&Camera) -> u32| cameras.iter().map(f).max().unwrap_or(1);
-    Ok(Renderer::new(context.device, way.settings, way.model.len, side(|c| c.width), side(|c| c.height))?)
+    let [width, height] = camera::largest(cameras);
+    Ok(Renderer::new(context.device, way.settings, way.model.len, width, height)?)
 }
 
 /// Each way's distance from the pictures of `truth`. Also makes room for every way's pairs, whose renderers come back.
@@ -74,7 +74,7 @@ fn compare(
             let (image, _, pairs) = renderer.render_timed(way.model, camera)?;
             far.add(&image, truth);
             far.pairs += f64::from(pairs) / cameras.len() as f64;
-            unless_stopped(context.watcher)?;
+            context.watcher.unless_stopped()?;
         }
         out.push((renderer, far));
     }

@@ -2,7 +2,7 @@
 
 use super::Context;
 use super::axis::Axis;
-use super::blocks::{self, Problem};
+use super::blocks::{self, Problem, jaccard};
 use super::measure::{Sample, Timed, interleaved};
 use super::results::{AxisResult, Rung, Table, figure};
 use crate::error::Error;
@@ -61,7 +61,7 @@ struct Distance {
 
 fn distance(found: &[Solution], truth: &[Solution]) -> Distance {
     let mut d = Distance { lambda: 0.0, q: 0.0, jaccard: 1.0, failed: 0 };
-    let (mut both, mut either) = (0, 0);
+    let mut sets = [Vec::new(), Vec::new()];
     for (a, b) in found.iter().zip(truth) {
         // A block that failed on the device is solved by the host: it has the host's answer.
         d.failed += usize::from(a.failed);
@@ -70,12 +70,10 @@ fn distance(found: &[Solution], truth: &[Solution]) -> Distance {
         let far = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max) / most(y);
         d.lambda = d.lambda.max(far(&a.lambda, &b.lambda));
         d.q = d.q.max(far(&a.q, &b.q));
-        for (x, y) in kept(&a.q).into_iter().zip(kept(&b.q)) {
-            both += usize::from(x && y);
-            either += usize::from(x || y);
-        }
+        sets[0].extend(kept(&a.q));
+        sets[1].extend(kept(&b.q));
     }
-    d.jaccard = both as f64 / either.max(1) as f64;
+    d.jaccard = jaccard(&sets[0], &sets[1]);
     d
 }
 

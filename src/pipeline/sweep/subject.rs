@@ -13,7 +13,7 @@ use crate::pipeline::virtual_views::{self, Around};
 use crate::pipeline::{Init, Output, RunConfig, Watcher, budget};
 use crate::qirf::response::Evidence;
 use crate::render::{Renderer, Settings};
-use crate::scene::camera::Camera;
+use crate::scene::camera::{self, Camera};
 use crate::train::photos::TrainView;
 use std::path::Path;
 use std::time::Instant;
@@ -46,14 +46,13 @@ impl Subject {
     }
 
     fn told(mut self, path: &Path, origin: String) -> Self {
-        let larger = |[w, h]: [u32; 2], v: &TrainView| [w.max(v.camera.width), h.max(v.camera.height)];
         self.described = Described {
             path: path.display().to_string(),
             origin,
             gaussians: self.model.len(),
             degree: self.model.degree(),
             views: self.views.len(),
-            size: self.views.iter().fold([0, 0], larger),
+            size: camera::largest(self.views.iter().map(|v| &v.camera)),
         };
         self
     }
@@ -134,7 +133,7 @@ pub fn of_model(
     let pairs = budget::few_pairs(device, model.len());
     let evidence = virtual_views::evidence(device, &resident, &cameras, settings, (pairs, false), |done| {
         watcher.responding(done, cameras.len());
-        super::measure::unless_stopped(watcher)
+        watcher.unless_stopped()
     })?;
     let mut renderer = Renderer::new(device, settings, model.len(), size.0, size.1)?;
     let mut views = Vec::new();

@@ -12,6 +12,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use super::super::Gaussians;
+use super::super::bytes::to_smallest_three;
 use super::super::fault::Fault;
 use super::codebook::Codebook;
 use super::{ENTRIES_A_ROW, GREATEST, palette};
@@ -33,7 +34,7 @@ pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
     let order = z_order(model, mins, maxs);
     let by_gaussian = |name: &'static str, texel: &(dyn Fn(usize) -> [u8; 4] + Sync)| Texture {
         name,
-        width: ((order.len() as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4,
+        width: width(order.len()),
         texels: order.par_iter().map(|i| texel(*i as usize)).collect(),
     };
     let mean = |i: usize| [0, 1, 2].map(|axis| fixed(model.means[i][axis], mins[axis], maxs[axis]).to_le_bytes());
@@ -77,6 +78,11 @@ pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
         }
     }
     bundle(&meta, textures).map_err(|what| Fault::Unsupported(format!("SOG cannot be packed ({what}); write .ply")))
+}
+
+/// Width of a texture of a texel a Gaussian: about square, in whole blocks of four.
+fn width(gaussians: usize) -> usize {
+    ((gaussians as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4
 }
 
 /// ln(1 + |x|) with the sign of x.
@@ -137,26 +143,18 @@ fn z_order(model: &Gaussians, mins: [f64; 3], maxs: [f64; 3]) -> Vec<u32> {
 
 /// A rotation's texel; zero becomes the identity.
 fn smallest_three(q: [f32; 4]) -> [u8; 4] {
-    let greatest = (0..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });
-    let length = q.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
-    if length == 0.0 || !length.is_finite() {
-        return smallest_three([1.0, 0.0, 0.0, 0.0]);
-    }
-    let mut texel = [0, 0, 0, GREATEST + greatest as u8];
-    let rest = q.iter().enumerate().filter(|(i, _)| *i != greatest);
-    for (byte, (_, component)) in texel.iter_mut().zip(rest) {
-        let value = f64::from(*component) / length * f64::from(q[greatest].signum());
-        *byte = ((value * std::f64::consts::SQRT_2 * 0.5 + 0.5) * 255.0).round().clamp(0.0, 255.0) as u8;
-    }
-    texel
+    let (smaller, greatest) = to_smallest_three(q, 0);
+    let [a, b, c] =
+        smaller.map(|v| ((v * std::f64::consts::SQRT_2 * 0.5 + 0.5) * 255.0).round().clamp(0.0, 255.0) as u8);
+    [a, b, c, GREATEST + greatest as u8]
 }
 
 /// Bands 1 and up: the palette's texture, the labels' texture and what `meta.json` says of them.
 fn rest_bands(model: &Gaussians, order: &[u32]) -> (Texture, Texture, Value) {
     let per_entry = (model.degree() + 1).pow(2) - 1;
-    let width = 3 * per_entry;
-    let mut vectors = vec![0.0_f32; model.len() * width];
-    vectors.par_chunks_exact_mut(width).zip(order).for_each(|(vector, i)| {
+    let numbers = 3 * per_entry;
+    let mut vectors = vec![0.0_f32; model.len() * numbers];
+    vectors.par_chunks_exact_mut(numbers).zip(order).for_each(|(vector, i)| {
         let mut start = 0;
         for (l, band) in model.sh.iter().enumerate().skip(1) {
             let w = Gaussians::band_width(l);
@@ -165,7 +163,7 @@ fn rest_bands(model: &Gaussians, order: &[u32]) -> (Texture, Texture, Value) {
         }
     });
     let levels = model.len().ilog2().min(MOST_LEVELS);
-    let palette = palette::fit(&vectors, width, levels);
+    let palette = palette::fit(&vectors, numbers, levels);
     let codebook = Codebook::fit(palette.values.iter().copied().filter(|v| v.is_finite()).collect());
     let texel = |rgb: &[f32]| [codebook.byte(rgb[0]), codebook.byte(rgb[1]), codebook.byte(rgb[2]), 255];
     let centroids = Texture {
@@ -176,11 +174,11 @@ fn rest_bands(model: &Gaussians, order: &[u32]) -> (Texture, Texture, Value) {
     let label = |label: &u32| [*label as u8, (*label >> 8) as u8, 0, 255];
     let labels = Texture {
         name: "shN_labels.webp",
-        width: ((order.len() as f64).sqrt() / 4.0).ceil() as usize * 4,
+        width: width(order.len()),
         texels: palette.labels.iter().map(label).collect(),
     };
     let entry = json!({
-        "count": palette.values.len() / width,
+        "count": palette.values.len() / numbers,
         "bands": model.degree(),
         "codebook": codebook.0.as_slice(),
         "files": ["shN_centroids.webp", "shN_labels.webp"],

@@ -9,6 +9,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 
 use super::super::Gaussians;
+use super::super::bytes::to_smallest_three;
 use super::super::fault::Fault;
 use super::{COLOUR_SCALE, MAGIC, RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
 
@@ -95,15 +96,9 @@ fn quantise_sh(value: f32, bucket: i32) -> u8 {
 
 /// The greatest of (x, y, z, w) in 2 bits, then sign and 9 bits each of the others; zero becomes the identity.
 fn smallest_three([w, x, y, z]: [f32; 4]) -> [u8; 4] {
-    let q = [x, y, z, w].map(f64::from);
-    let greatest = (0..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });
-    let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
-    if length == 0.0 || !length.is_finite() {
-        return smallest_three([1.0, 0.0, 0.0, 0.0]);
-    }
+    let (smaller, greatest) = to_smallest_three([x, y, z, w], 3);
     let mut word = greatest as u32;
-    for (_, component) in q.iter().enumerate().filter(|(i, _)| *i != greatest) {
-        let value = component / length * q[greatest].signum();
+    for value in smaller {
         let magnitude = (value.abs() * std::f64::consts::SQRT_2 * 511.0).round().min(511.0) as u32;
         word = word << 10 | u32::from(value < 0.0) << 9 | magnitude;
     }
