@@ -143,6 +143,23 @@ fn what_the_pictures_need_is_kept_not_what_chance_picks() {
     }
 }
 
+/// What any tool made of a model is scored as `compress` scores its own.
+#[test]
+fn models_are_scored_against_their_originals() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, out) = (saved(folder.path(), &ball()), folder.path().join("small.ply"));
+    let compressed = figures(&compressed(&model, &out, &["--json"]));
+    let eval = |more: &[&std::ffi::OsStr]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+        command.arg("eval").arg(&out).arg("--against").arg(&model).args(more).output().expect("the program starts")
+    };
+    let scored = figures(&eval(&["--json".as_ref()]));
+    assert_eq!(scored["test"]["psnr"], compressed["test"]["pruned"]["psnr"]);
+    assert_eq!(scored["gaussians"], serde_json::json!({ "model": 168, "original": 600 }));
+    assert_eq!(scored["views"].as_array().unwrap().len(), 6);
+    assert_eq!(eval(&[folder.path().as_os_str()]).status.code(), Some(2), "a scene and a model are two judges");
+}
+
 #[test]
 fn fine_tuning_on_the_models_own_pictures_raises_the_score() {
     let folder = tempfile::tempdir().unwrap();

@@ -138,6 +138,7 @@ impl Arguments {
             Preset::Standard => Compression::default(),
             Preset::Paper => Compression::paper(),
         };
+        let around = Around::default();
         let sight = match &self.scene {
             Some(scene) => Sight::Photos(Selection {
                 scene: scene.clone(),
@@ -149,8 +150,8 @@ impl Arguments {
             }),
             None => Sight::OwnPictures(
                 Around {
-                    views: self.views.unwrap_or(48),
-                    size: self.size.unwrap_or((400, 400)),
+                    views: self.views.unwrap_or(around.views),
+                    size: self.size.unwrap_or(around.size),
                     up: self.up.unwrap_or(Up::Auto).direction(),
                 },
                 self.background.unwrap_or([0.0; 3]),

@@ -1,4 +1,4 @@
-//! `qirf-vk eval MODEL SCENE`.
+//! `qirf-vk eval MODEL SCENE`, `qirf-vk eval MODEL --against MODEL`.
 
 use super::console::Console;
 use super::inspect::read_model;
@@ -9,29 +9,34 @@ use crate::error::Error;
 use crate::metrics::Scores;
 use crate::pipeline::budget;
 use crate::pipeline::eval::{self, Evaluation};
-use crate::pipeline::results::Results;
+use crate::pipeline::results::{Results, ViewScores};
 use crate::pipeline::{Output, RunConfig, Selection};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
   qirf-vk eval model.ply capture --resolution /4
   qirf-vk eval trained/model.ply --config trained/config.toml
   qirf-vk eval model.spz --config trained/config.toml -o scores
+  qirf-vk eval small.spz --against original.ply
 
-Photos are held out, scaled and scored as `qirf-vk run` does it: a run's model.ply has the run's own scores.";
+Photos are held out, scaled and scored as `qirf-vk run` does it: a run's model.ply has the run's own scores.
+Against a model the judges are that model's pictures, from the views that `qirf-vk compress` holds out.";
 
-/// Score a model of any format against a scene's held-out photos.
+/// Score a model of any format against a scene's held-out photos, or against another model's pictures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
     /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
     model: PathBuf,
     /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
-    #[arg(required_unless_present = "config")]
+    #[arg(required_unless_present_any = ["config", "against"])]
     scene: Option<PathBuf>,
     /// Folder for metrics.json and renders/; made where it is absent
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// The model that this one stands for, before some tool compressed it
+    #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every"])]
+    against: Option<PathBuf>,
     /// Take scene, photos and rendering from a run's config.toml; options given here come first
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -63,6 +68,9 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        if let Some(original) = &self.against {
+            return self.run_against(original, console, global);
+        }
         if let Some(folder) = &self.output {
             if folder.exists() && !folder.is_dir() {
                 return Err(Error::Usage(format!("-o {} is a file; name a folder", folder.display())));
@@ -90,6 +98,23 @@ impl Arguments {
         self.report(console, &results)
     }
 
+    fn run_against(&self, original: &Path, console: &Console, global: &Global) -> Result<(), Error> {
+        let [model, original] = [&self.model, original].map(|path| read_model(path, console));
+        let (model, original) = (model?.gaussians, original?.gaussians);
+        let networks = networks(self.lpips_weights.as_deref(), console)?;
+        let device = global.open_with(self.memory_budget)?;
+        let style = (self.background.unwrap_or([0.0; 3]), self.antialias);
+        let held_out = eval::against(&device, &model, &original, style, &networks, &Show::new(console))?;
+        let (test, views) = (held_out.mean(), &held_out.views);
+        if self.json {
+            let counts = serde_json::json!({ "model": model.len(), "original": original.len() });
+            let schema = 1;
+            return console
+                .json(&serde_json::json!({ "schema": schema, "gaussians": counts, "test": test, "views": views }));
+        }
+        table(console, test.as_ref(), views)
+    }
+
     fn evaluation(&self) -> Result<Evaluation, Error> {
         let file = self.config.as_deref().map(RunConfig::read).transpose()?;
         let antialias = self.antialias || file.as_ref().is_some_and(|c| c.antialias);
@@ -112,27 +137,30 @@ impl Arguments {
         if self.json {
             return console.json(&serde_json::to_value(results).unwrap_or_default());
         }
-        let lpips = results.test.as_ref().is_some_and(|t| t.lpips_vgg.is_some());
-        let row = |name: &str, scores: &Scores| {
-            // Equal pictures have no PSNR.
-            let psnr = scores.psnr.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
-            let mut line = format!("{name:<32} {psnr:>8} {:>8.4}", scores.ssim);
-            if lpips {
-                line += &scores.lpips_vgg.map_or_else(|| format!(" {:>8}", "-"), |v| format!(" {v:>8.4}"));
-            }
-            console.print(line)
-        };
-        let heading = format!("{:<32} {:>8} {:>8}", "view", "PSNR/dB", "SSIM");
-        console.print(if lpips { heading + &format!(" {:>8}", "LPIPS") } else { heading })?;
-        for view in &results.views {
-            row(&view.name, &view.scores)?;
-        }
-        if let Some(mean) = &results.test {
-            row(&format!("mean of {}", results.views.len()), mean)?;
-        }
+        table(console, results.test.as_ref(), &results.views)?;
         if let Some(folder) = &self.output {
             console.note(format_args!("figures and pictures in {}", folder.display()));
         }
         Ok(())
     }
+}
+
+/// Scores view by view, and their mean.
+fn table(console: &Console, test: Option<&Scores>, views: &[ViewScores]) -> Result<(), Error> {
+    let lpips = test.is_some_and(|t| t.lpips_vgg.is_some());
+    let row = |name: &str, scores: &Scores| {
+        // Equal pictures have no PSNR.
+        let psnr = scores.psnr.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+        let mut line = format!("{name:<32} {psnr:>8} {:>8.4}", scores.ssim);
+        if lpips {
+            line += &scores.lpips_vgg.map_or_else(|| format!(" {:>8}", "-"), |v| format!(" {v:>8.4}"));
+        }
+        console.print(line)
+    };
+    let heading = format!("{:<32} {:>8} {:>8}", "view", "PSNR/dB", "SSIM");
+    console.print(if lpips { heading + &format!(" {:>8}", "LPIPS") } else { heading })?;
+    for view in views {
+        row(&view.name, &view.scores)?;
+    }
+    test.map_or(Ok(()), |mean| row(&format!("mean of {}", views.len()), mean))
 }

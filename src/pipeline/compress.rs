@@ -7,7 +7,7 @@ use super::config::Selection;
 use super::evaluate::Evaluator;
 use super::prepare::{Prepared, open};
 use super::results::Memory;
-use super::virtual_views::{self, Around};
+use super::virtual_views::{self, Around, OwnPictures};
 use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
@@ -16,18 +16,14 @@ use crate::gpu::Device;
 use crate::metrics::{Networks, Scores};
 use crate::qirf::response::Evidence;
 use crate::qirf::select::budget::Keep;
-use crate::render::{Renderer, Settings};
+use crate::render::Settings;
 use crate::scene::camera::{self, Camera};
 use crate::train::loss::Weights;
 use crate::train::photos::TrainView;
-use crate::train::pixels::Pixels;
 use crate::train::schedule::Schedule;
 use crate::train::{Options, Trainer};
 use std::path::Path;
 use std::time::Instant;
-
-/// Of virtual views, every so many-th is held out, as of photos.
-const HOLD_OUT: usize = 8;
 
 /// What to do with a model.
 #[derive(Clone, Debug, PartialEq)]
@@ -217,29 +213,9 @@ impl Views {
         let photos = vec![4 * u64::from(size[0]) * u64::from(size[1]); around.views as usize];
         let demand = Compressing { size, own_pictures: true, photos, masked: false, trained };
         let estimated = budget::for_compress(device, model, demand)?;
-        let (cameras, near) = around.cameras(model);
-        let settings = Settings::default();
-        // A model in small units must not fall before the near plane.
-        let near = settings.near.min(near as f32);
-        let settings = Settings { background, antialias: job.antialias, near, ..settings };
-        let resident = Resident::upload(device, model)?;
-        let mut renderer = Renderer::new(device, settings, model.len(), size[0], size[1])?;
-        let (mut train, mut test) = (Vec::new(), Vec::new());
-        for (i, camera) in cameras.into_iter().enumerate() {
-            let held_out = i.is_multiple_of(HOLD_OUT);
-            let pixels = if held_out || job.fine_tune > 0 {
-                virtual_views::photo(&renderer.render(&resident, &camera)?)
-            } else {
-                Pixels::from(Vec::new())
-            };
-            let view = TrainView { camera, pixels };
-            if held_out {
-                test.push((format!("virtual_{i:03}"), view));
-            } else {
-                train.push(view);
-            }
-            watcher.unless_stopped()?;
-        }
+        let (style, with_pixels) = ((background, job.antialias), job.fine_tune > 0);
+        let own = OwnPictures::new(device, model, around, style, with_pixels, watcher)?;
+        let OwnPictures { train, test, settings } = own;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
         Ok((
             Self { truth: Truth::OwnPictures, train, test, extent, transparent: false, masked: false, settings },
@@ -293,16 +269,14 @@ impl Judge<'_> {
         let of_test = test.iter().map(|(_, view)| view);
         let mut evaluator = Evaluator::new(self.device, self.views.settings, model.len(), of_test)?;
         evaluator.compare_as(false, self.views.masked);
-        let mut scores = Vec::with_capacity(test.len());
-        for (_, view) in test {
-            let image = evaluator.render(&resident, view)?;
-            scores.push(evaluator.score(&image, view, &Networks::default())?);
-            self.done += 1;
-            self.watcher.evaluating(self.done, self.rounds * test.len());
-            self.watcher.unless_stopped()?;
-        }
+        let (done, all, watcher) = (self.done, self.rounds * test.len(), self.watcher);
+        let held_out = evaluator.held_out(&resident, test, None, &Networks::default(), &mut |now| {
+            watcher.evaluating(done + now, all);
+            watcher.unless_stopped()
+        })?;
+        self.done += test.len();
         self.seconds += seconds(begun);
-        Ok(scores)
+        Ok(held_out.views.into_iter().map(|v| v.scores).collect())
     }
 }
 

@@ -1,11 +1,12 @@
-//! `qirf-vk eval`: a model of any format against a scene's held-out photos.
+//! `qirf-vk eval`: a model of any format against a scene's held-out photos, or against another model's pictures.
 
 use super::budget;
 use super::config::Selection;
-use super::evaluate::Evaluator;
+use super::evaluate::{Evaluator, HeldOut};
 use super::output::Output;
 use super::prepare::open;
 use super::results::{Counts, Guards, Memory, Protocol, Results, Times, TrainScores, bytes};
+use super::virtual_views::{Around, OwnPictures};
 use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
@@ -68,7 +69,7 @@ pub fn eval(
         watcher.evaluating(done, prepared.test.len());
         watcher.unless_stopped()
     };
-    let held_out = evaluator.held_out(&resident, &prepared, renders.as_deref(), networks, &mut follow)?;
+    let held_out = evaluator.held_out(&resident, &prepared.test, renders.as_deref(), networks, &mut follow)?;
     held_out.warn(watcher);
     let unfitted_psnr = if evaluation.exposure {
         evaluator.compare_as(false, prepared.masked);
@@ -118,4 +119,29 @@ pub fn eval(
         results.write(output)?;
     }
     Ok(results)
+}
+
+/// Scores a model by the held-out views that `qirf-vk compress` would judge `original` by, against its pictures: what a
+/// compression by any tool has lost. `style`: colour behind the Gaussians, and whether both were trained with anti-aliasing.
+///
+/// # Errors
+/// Device memory; device errors; [`Error::Interrupted`].
+pub fn against(
+    device: &Device,
+    model: &Gaussians,
+    original: &Gaussians,
+    style: ([f32; 3], bool),
+    networks: &Networks,
+    watcher: &(dyn Watcher + Sync),
+) -> Result<HeldOut, Error> {
+    let OwnPictures { test, settings, .. } =
+        OwnPictures::new(device, original, &Around::default(), style, false, watcher)?;
+    let resident = Resident::upload(device, model)?;
+    let mut evaluator = Evaluator::new(device, settings, model.len(), test.iter().map(|(_, view)| view))?;
+    let held_out = evaluator.held_out(&resident, &test, None, networks, &mut |done| {
+        watcher.evaluating(done, test.len());
+        watcher.unless_stopped()
+    })?;
+    held_out.warn(watcher);
+    Ok(held_out)
 }

@@ -172,7 +172,7 @@ impl Evaluator {
         Ok((n > 0).then(|| sum / f64::from(n)))
     }
 
-    /// Renders and scores the held-out views; their pictures go to the folder `renders`, where there is one. `follow`
+    /// Renders and scores held-out views, by name; their pictures go to the folder `renders`, where there is one. `follow`
     /// hears how many are done, and may end it.
     ///
     /// # Errors
@@ -180,14 +180,14 @@ impl Evaluator {
     pub fn held_out(
         &mut self,
         model: &Resident,
-        prepared: &Prepared,
+        test: &[(String, TrainView)],
         renders: Option<&Path>,
         networks: &Networks,
         follow: &mut dyn FnMut(usize) -> Result<(), Error>,
     ) -> Result<HeldOut, Error> {
-        let names = pictures::names(prepared.test.iter().map(|(name, _)| name.as_str()), Format::Png.extension());
+        let names = pictures::names(test.iter().map(|(name, _)| name.as_str()), Format::Png.extension());
         let mut out = HeldOut { views: Vec::new(), empty: 0 };
-        for ((name, view), file) in prepared.test.iter().zip(names) {
+        for ((name, view), file) in test.iter().zip(names) {
             let image = self.render(model, view)?;
             out.empty += usize::from(image.pixels.iter().all(|p| p[3] < EMPTY));
             if let Some(folder) = renders {

@@ -266,10 +266,11 @@ impl<'a> Job<'a> {
         let model = self.trainer.download()?;
         formats::write(&output.model(), &model).map_err(Error::writing)?;
         let (evaluator, resident) = (&mut self.evaluator, self.trainer.model());
-        let held_out = evaluator.held_out(resident, prepared, Some(&output.renders()), networks, &mut |done| {
-            watcher.evaluating(done, prepared.test.len());
-            Ok(())
-        })?;
+        let held_out =
+            evaluator.held_out(resident, &prepared.test, Some(&output.renders()), networks, &mut |done| {
+                watcher.evaluating(done, prepared.test.len());
+                Ok(())
+            })?;
         held_out.warn(*watcher);
         gallery::photos(prepared, &output.renders())?;
         let unfitted_psnr = if config.exposure {

@@ -2,6 +2,7 @@
 
 use super::evaluate::rgb;
 use super::orbit::{Look, Subject};
+use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
@@ -10,6 +11,7 @@ use crate::qirf::response::{Evidence, HighPass, Responses, full_pass};
 use crate::qirf::score::Scores;
 use crate::render::{Image, Renderer, Settings};
 use crate::scene::camera::{self, Camera};
+use crate::train::photos::TrainView;
 use crate::train::pixels::Pixels;
 use glam::DVec3;
 use std::ops::RangeInclusive;
@@ -22,6 +24,8 @@ const FIELD_OF_VIEW: f64 = 0.7;
 const TURN: f64 = 0.381_966_011_250_105;
 /// Nearest depth that is drawn, as a share of the camera's distance.
 const NEAR: f64 = 0.02;
+/// Every so many-th view is held out, as of photos.
+const HOLD_OUT: usize = 8;
 
 /// Views asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +36,12 @@ pub struct Around {
     pub size: (u32, u32),
     /// Up in the world.
     pub up: DVec3,
+}
+
+impl Default for Around {
+    fn default() -> Self {
+        Self { views: 48, size: (400, 400), up: DVec3::NEG_Y }
+    }
 }
 
 impl Around {
@@ -53,6 +63,56 @@ impl Around {
             })
             .collect();
         (cameras, NEAR * nearest)
+    }
+}
+
+/// A model's own pictures from all round it.
+pub struct OwnPictures {
+    /// Views to learn from; without pixels where those were not asked for.
+    pub train: Vec<TrainView>,
+    /// Views held out, by name.
+    pub test: Vec<(String, TrainView)>,
+    /// How they were rendered, and how another model is to be compared with them.
+    pub settings: Settings,
+}
+
+impl OwnPictures {
+    /// Renders them.
+    ///
+    /// # Errors
+    /// Device memory; device errors; [`Error::Interrupted`].
+    pub fn new(
+        device: &Device,
+        model: &Gaussians,
+        around: &Around,
+        (background, antialias): ([f32; 3], bool),
+        with_train_pixels: bool,
+        watcher: &dyn Watcher,
+    ) -> Result<Self, Error> {
+        let (cameras, near) = around.cameras(model);
+        let settings = Settings::default();
+        // A model in small units must not fall before the near plane.
+        let near = settings.near.min(near as f32);
+        let settings = Settings { background, antialias, near, ..settings };
+        let resident = Resident::upload(device, model)?;
+        let mut renderer = Renderer::new(device, settings, model.len(), around.size.0, around.size.1)?;
+        let (mut train, mut test) = (Vec::new(), Vec::new());
+        for (i, camera) in cameras.into_iter().enumerate() {
+            let held_out = i.is_multiple_of(HOLD_OUT);
+            let pixels = if held_out || with_train_pixels {
+                photo(&renderer.render(&resident, &camera)?)
+            } else {
+                Pixels::from(Vec::new())
+            };
+            let view = TrainView { camera, pixels };
+            if held_out {
+                test.push((format!("virtual_{i:03}"), view));
+            } else {
+                train.push(view);
+            }
+            watcher.unless_stopped()?;
+        }
+        Ok(Self { train, test, settings })
     }
 }
 
