@@ -74,6 +74,7 @@ fn schedule(s: &Schedule) -> Result<(), String> {
         ("prune_opacity", s.prune_opacity),
         ("prune_scale_from", s.prune_scale_from),
         ("degree_every", s.degree_every),
+        ("half_until", s.half_until),
     ] {
         within(&format!("schedule.{field}"), value, &(0.0..=1000.0))?;
     }

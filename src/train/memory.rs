@@ -2,6 +2,7 @@
 
 use super::density;
 use super::exposure::Exposure;
+use super::halve::Halve;
 use super::loss::Loss;
 use super::mask::Mask;
 use super::photos::Photos;
@@ -29,6 +30,8 @@ pub struct Demand {
     pub exposure: bool,
     /// Whether photos have masks.
     pub masked: bool,
+    /// Whether the run begins with pictures of half their size.
+    pub halves: bool,
     /// Whether density control acts: it holds the old model and the new at once, as the renderer does when it grows.
     pub grows: bool,
     /// Whether it prunes.
@@ -45,6 +48,7 @@ impl Trainer {
         let pixels = size[0] as usize * size[1] as usize;
         let exposures = if demand.exposure { Exposure::bytes(demand.photos.len(), pixels) } else { 0 };
         let pictures = pictures + exposures + if demand.masked { Mask::bytes(pixels) } else { 0 };
+        let pictures = pictures + if demand.halves { Halve::bytes(size) } else { 0 };
         let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
         // The widest array is what downloads stage; its moments are twice as wide.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;

@@ -5,6 +5,7 @@ pub mod density;
 mod error;
 mod evidence;
 pub mod exposure;
+pub mod halve;
 pub mod initialise;
 pub mod loss;
 pub mod mask;

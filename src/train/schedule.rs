@@ -44,6 +44,8 @@ pub struct Schedule {
     pub opacity_reset_every: u32,
     /// Share of the run between steps of the SH degree.
     pub degree_every: f64,
+    /// Share of the run that sees pictures of half their size.
+    pub half_until: f64,
 }
 
 impl Default for Schedule {
@@ -68,6 +70,7 @@ impl Default for Schedule {
             prune_scale_from: 0.1,
             opacity_reset_every: 3000,
             degree_every: 1.0 / 30.0,
+            half_until: 0.0,
         }
     }
 }
@@ -76,7 +79,7 @@ impl Default for Schedule {
 const REFERENCE: f64 = 30_000.0;
 
 impl Schedule {
-    /// The reference's course in `iterations`. Positions, shapes and higher SH bands that have fewer steps take longer ones:
+    /// The reference's course in `iterations`, its first part at a quarter of the pixels. Positions, shapes and higher SH bands that have fewer steps take longer ones:
     /// these are the parameters that the published rates do not bring to their place in a short run.
     pub fn of(iterations: u32) -> Self {
         let shorter = (REFERENCE / f64::from(iterations.max(1))).max(1.0);
@@ -88,6 +91,7 @@ impl Schedule {
             rest_rate: whole.rest_rate * shorter.powf(0.4),
             scale_rate: whole.scale_rate * shorter.powf(0.25),
             rotation_rate: whole.rotation_rate * shorter.powf(0.4),
+            half_until: 0.3,
             ..whole
         }
     }
@@ -108,6 +112,11 @@ impl Schedule {
             dc: self.dc_rate as f32,
             rest: self.rest_rate as f32,
         }
+    }
+
+    /// Whether iteration `iteration` sees pictures of half their size.
+    pub fn halves(&self, iteration: u32) -> bool {
+        iteration <= self.at(self.half_until)
     }
 
     /// SH degree that iteration `iteration` uses, given the highest allowed.
@@ -167,8 +176,9 @@ mod tests {
     /// Short runs move in longer steps; the published length, and longer ones, in the published.
     #[test]
     fn rates_scale_with_the_length() {
-        assert_eq!(Schedule::of(30_000), Schedule::default());
-        assert_eq!(Schedule::of(60_000), of(60_000));
+        for iterations in [30_000, 60_000] {
+            assert_eq!(Schedule { half_until: 0.0, ..Schedule::of(iterations) }, of(iterations));
+        }
         let short = Schedule::of(1000);
         let share = |a: f64, b: f64| (a / b * 10.0).round() / 10.0;
         assert_eq!(share(short.position_rate, 1.6e-4), 3.9);

@@ -4,6 +4,7 @@
 use super::density::{self, Step, densify};
 use super::error::{Error, Result};
 use super::exposure;
+use super::halve::{self, Halve};
 use super::loss::Weights;
 use super::objective::{Objective, Target};
 use super::photos::{Photos, TrainView};
@@ -14,7 +15,7 @@ use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
 use crate::qirf::response::{Gather, Responses};
 use crate::random::permutation;
 use crate::render::{AdamState, Form, Renderer, Settings, Update};
-use crate::scene::camera;
+use crate::scene::camera::{self, Camera};
 use std::collections::VecDeque;
 use std::ops::Range;
 
@@ -90,6 +91,8 @@ pub struct Trainer {
     guards: Buffer<u32>,
     pub(super) renderer: Renderer,
     pub(super) objective: Objective,
+    /// Room for photos at half their size, where the run begins with those.
+    half: Option<Halve>,
     order: (u32, Vec<usize>),
     timings: Timings,
 }
@@ -128,7 +131,9 @@ impl Trainer {
         // Photos first: what brings them to the device is gone before the loss's pictures are made.
         let photos = Photos::new(device, &views)?;
         let objective = Objective::new(device, views.len(), size, &options)?;
+        let half = options.schedule.halves(1).then(|| Halve::new(device, size)).transpose()?;
         Ok(Self {
+            half,
             cameras: camera::mean_centre(views.iter().map(|v| &v.camera)).as_vec3().to_array(),
             photos,
             guards: device.upload("guards", &[0, 0])?,
@@ -229,7 +234,8 @@ impl Trainer {
         }
         if self.iteration == last {
             let view = self.view_of(last);
-            let size = self.size_of(view);
+            let camera = self.camera_of(view, last);
+            let size = [camera.width, camera.height];
             self.last_loss = self.objective.loss.value(&self.device, size, self.options.weights)?;
             self.after(last)?;
         }
@@ -290,8 +296,11 @@ impl Trainer {
         self.order.1[at as usize]
     }
 
-    fn size_of(&self, view: usize) -> [u32; 2] {
-        [self.views[view].camera.width, self.views[view].camera.height]
+    /// The camera of a view as iteration `iteration` sees it.
+    fn camera_of(&self, view: usize, iteration: u32) -> Camera {
+        let camera = &self.views[view].camera;
+        let halved = self.options.schedule.halves(iteration).then(|| halve::camera(camera)).flatten();
+        halved.unwrap_or_else(|| camera.clone())
     }
 
     fn submit(&mut self, iteration: u32, with_value: bool) -> Result<Ticket> {
@@ -309,11 +318,15 @@ impl Trainer {
 
     fn record(&mut self, iteration: u32, with_value: bool) -> Result<Recording> {
         let (next, at) = (self.view_of(iteration + 1), self.view_of(iteration));
-        let size = self.size_of(at);
-        let photo = self.photos.get(&self.device, &self.views, at, next)?;
-        let camera = &self.views[at].camera;
+        let (full, camera) = (self.views[at].camera.clone(), &self.camera_of(at, iteration));
+        let size = [camera.width, camera.height];
+        let mut photo = self.photos.get(&self.device, &self.views, at, next)?;
         let (options, model) = (&self.options, &self.model);
         let mut recording = Recording::new();
+        if let Some(half) = self.half.as_ref().filter(|_| size[0] < full.width) {
+            half.record(&mut recording, photo, [full.width, full.height]);
+            photo = &half.photo;
+        }
         self.renderer.record(&mut recording, model, camera);
         let slots = self.renderer.slots(camera);
         let step = exposure::Step {

@@ -7,6 +7,7 @@ mod synthetic;
 
 mod adam;
 mod density;
+mod halve;
 mod initialise;
 mod loss;
 mod memory;

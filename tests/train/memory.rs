@@ -75,6 +75,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
         densify_every: 10,
         densify_gradient: 0.0,
         degree_every: 0.1,
+        half_until: 0.3,
         ..Schedule::default()
     };
     let options = Options {
@@ -97,8 +98,18 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
     }
     assert_eq!(trainer.model().degree, degree);
     trainer.download().unwrap();
-    let demand =
-        Demand { gaussians: n, pairs, size, photos, degree, exposure: false, masked: false, grows, prunes: false };
+    let demand = Demand {
+        gaussians: n,
+        pairs,
+        size,
+        photos,
+        degree,
+        exposure: false,
+        masked: false,
+        halves: true,
+        grows,
+        prunes: false,
+    };
     let (peak, expected) = (device.memory_used().1, Trainer::bytes(device, &demand));
     println!("{first} -> {} of {n}, degree {degree}: peak {peak}, expected {expected}", trainer.len());
     finish(device);

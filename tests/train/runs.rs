@@ -62,6 +62,7 @@ pub(super) fn options() -> Options {
         densify_every: 20,
         opacity_reset_every: 50,
         degree_every: 0.3,
+        half_until: 0.2, // at 32 x 24
         ..Schedule::default()
     };
     Options {

@@ -1,0 +1,49 @@
+//! Photos at half their size, for a run's first iterations: coarse structure settles at a quarter of the pixels.
+
+use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::train::{Halve as Kernel, HalvePush, HalveSpec};
+use crate::primitives::WORKGROUP;
+use crate::scene::camera::Camera;
+
+/// Pictures are not halved where a side would get shorter than this: two windows of the loss.
+const LEAST: u32 = 22;
+
+/// A view's camera at half its size, pixel for pixel where [`Halve`] puts them; none where that would be too small.
+pub fn camera(camera: &Camera) -> Option<Camera> {
+    let (width, height) = (camera.width / 2, camera.height / 2);
+    let (focal, principal) = (camera.focal / 2.0, camera.principal / 2.0);
+    (width.min(height) >= LEAST).then(|| Camera { focal, principal, width, height, ..camera.clone() })
+}
+
+/// Room for one photo at half its size.
+pub struct Halve {
+    /// Width / 2 x height / 2 x RGBA, 8 bits each.
+    pub photo: Buffer<u32>,
+}
+
+impl Halve {
+    /// Bytes of [`Halve::new`].
+    pub fn bytes(size: [u32; 2]) -> u64 {
+        Buffer::<u32>::bytes_of(pixels(size) as usize)
+    }
+
+    /// For photos that fit in `size`.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, size: [u32; 2]) -> Result<Self> {
+        Ok(Self { photo: device.buffer("half photo", pixels(size) as usize)? })
+    }
+
+    /// Records `photo` of this size at half of it into [`Halve::photo`].
+    pub fn record(&self, recording: &mut Recording, photo: &Buffer<u32>, size: [u32; 2]) {
+        let kernel =
+            Kernel { photo, halved: &self.photo, push: HalvePush { size }, spec: HalveSpec { workgroup: WORKGROUP } };
+        let groups = Groups::Count(pixels(size).div_ceil(WORKGROUP));
+        recording.scope("halve", |r| r.dispatch(&kernel, groups));
+    }
+}
+
+fn pixels([width, height]: [u32; 2]) -> u32 {
+    (width / 2) * (height / 2)
+}
