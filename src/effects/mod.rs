@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | `view_dependence` | colours of a point depend on where it is seen from | [`colour`] | SH bands: arrays, moments, gradients |
 //! | `exposure` | photos differ in brightness by more than 2 % | [`colour`] | `train/exposure`: 12 parameters a photo, its scope "exposure" |
-//! | `antialias` | a point's pixel footprints differ by more than 1.5 | [`geometry`] | ANTIALIAS of `render/project` and its backward |
+//! | `antialias` | a point's pixel footprints differ by more than 1.5 | [`geometry`] | ANTIALIAS of `render/project` and its backward; `train/smoothing`: its cameras, its scope "antialias" |
 //! | `distortion` | a lens moves a pixel by more than 0.5 | [`geometry`] | photos are resampled once as they are loaded |
 //! | `transparency` | photos have transparent pixels | [`geometry`] | ALPHA of `train/loss`, the white background |
 //! | `masks` | photos have masks | [`geometry`] | `train/mask`: its picture, its scope "masks" |
@@ -74,6 +74,8 @@ impl Effect {
         match self {
             Self::Exposure => Some("exposure"),
             Self::Masks => Some("masks"),
+            // The 2D filter is two operations of the projection.
+            Self::Antialias => Some("antialias"),
             _ => None,
         }
     }

@@ -54,8 +54,9 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         let exposure = config.effects.forced(Effect::Exposure) != Some(false);
         let masked = opened.scene.views.iter().any(|v| v.mask.is_some());
         let (pairs, prunes) = (pairs(gaussians), config.prune.is_some());
-        let halves = schedule.halves(1);
-        let demand = Demand { gaussians, pairs, size, photos, degree, exposure, masked, halves, grows, prunes };
+        let (antialias, halves) = (config.effects.forced(Effect::Antialias) != Some(false), schedule.halves(1));
+        let demand =
+            Demand { gaussians, pairs, size, photos, degree, exposure, masked, antialias, halves, grows, prunes };
         Trainer::bytes(device, &demand) + Evaluator::bytes(device, gaussians, size)
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
@@ -119,6 +120,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> 
         degree,
         exposure: false,
         masked,
+        antialias: true,
         halves: false,
         grows: false,
         prunes: true,

@@ -16,6 +16,7 @@ pub mod rasterise_backward;
 pub mod response;
 pub mod rrdm;
 pub mod sh;
+pub mod smoothing;
 
 pub use frame::{Gradients, Rendered, Settings, gradients, render};
 pub use params::Params;

@@ -5,8 +5,8 @@ use crate::kernels::train::{Halve as Kernel, HalvePush, HalveSpec};
 use crate::primitives::WORKGROUP;
 use crate::scene::camera::Camera;
 
-/// Pictures are not halved where a side would get shorter than this: two windows of the loss.
-const LEAST: u32 = 22;
+/// Pictures are not halved where a side would get shorter than this: they cost little, and show little.
+const LEAST: u32 = 64;
 
 /// A view's camera at half its size, pixel for pixel where [`Halve`] puts them; none where that would be too small.
 pub fn camera(camera: &Camera) -> Option<Camera> {

@@ -6,6 +6,7 @@ use super::halve::Halve;
 use super::loss::Loss;
 use super::mask::Mask;
 use super::photos::Photos;
+use super::smoothing::Smoothing;
 use super::trainer::Trainer;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
@@ -30,6 +31,8 @@ pub struct Demand {
     pub exposure: bool,
     /// Whether photos have masks.
     pub masked: bool,
+    /// Whether small Gaussians keep their energy.
+    pub antialias: bool,
     /// Whether the run begins with pictures of half their size.
     pub halves: bool,
     /// Whether density control acts: it holds the old model and the new at once, as the renderer does when it grows.
@@ -49,6 +52,7 @@ impl Trainer {
         let exposures = if demand.exposure { Exposure::bytes(demand.photos.len(), pixels) } else { 0 };
         let pictures = pictures + exposures + if demand.masked { Mask::bytes(pixels) } else { 0 };
         let pictures = pictures + if demand.halves { Halve::bytes(size) } else { 0 };
+        let pictures = pictures + if demand.antialias { Smoothing::bytes(demand.photos.len()) } else { 0 };
         let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
         // The widest array is what downloads stage; its moments are twice as wide.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;

@@ -14,6 +14,7 @@ mod objective;
 pub mod photos;
 pub mod pixels;
 pub mod schedule;
+pub mod smoothing;
 mod trainer;
 
 pub use error::{Error, Result};

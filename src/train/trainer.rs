@@ -9,6 +9,7 @@ use super::loss::Weights;
 use super::objective::{Objective, Target};
 use super::photos::{Photos, TrainView};
 use super::schedule::Schedule;
+use super::smoothing::Smoothing;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
@@ -93,6 +94,8 @@ pub struct Trainer {
     pub(super) objective: Objective,
     /// Room for photos at half their size, where the run begins with those.
     half: Option<Halve>,
+    /// What keeps Gaussians from getting too thin, where small ones keep their energy.
+    smoothing: Option<Smoothing>,
     order: (u32, Vec<usize>),
     timings: Timings,
 }
@@ -132,8 +135,11 @@ impl Trainer {
         let photos = Photos::new(device, &views)?;
         let objective = Objective::new(device, views.len(), size, &options)?;
         let half = options.schedule.halves(1).then(|| Halve::new(device, size)).transpose()?;
+        let antialias = options.settings.antialias;
+        let smoothing = antialias.then(|| Smoothing::new(device, &views, &options.settings)).transpose()?;
         Ok(Self {
             half,
+            smoothing,
             cameras: camera::mean_centre(views.iter().map(|v| &v.camera)).as_vec3().to_array(),
             photos,
             guards: device.upload("guards", &[0, 0])?,
@@ -257,7 +263,9 @@ impl Trainer {
     /// The last iteration that may run before the host must look.
     fn boundary(&self, until: u32) -> u32 {
         let schedule = &self.options.schedule;
-        let acts = |i: u32| schedule.densifies(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1);
+        let smooths = |i: u32| self.smoothing.is_some() && Smoothing::due(i, schedule.iterations);
+        let acts =
+            |i: u32| smooths(i) || schedule.densifies(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1);
         let averages = |i: u32| self.options.averaged.start == i + 1 && !self.options.averaged.is_empty();
         (self.iteration + 1..=until.min(self.iteration + LOOK_EVERY))
             .find(|i| acts(*i) || averages(*i))
@@ -359,7 +367,7 @@ impl Trainer {
         Ok(recording)
     }
 
-    /// Density control and opacity reset, where the schedule has them after this iteration.
+    /// Density control, opacity reset and smoothing, where they are due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
         let schedule = &self.options.schedule;
         if schedule.densifies(iteration) {
@@ -374,6 +382,13 @@ impl Trainer {
             let mut recording = Recording::new();
             density::reset_opacity(&mut recording, &self.model, &self.state, RESET_OPACITY);
             self.device.run(recording)?;
+        }
+        if let Some(smoothing) = &self.smoothing
+            && Smoothing::due(iteration, schedule.iterations)
+        {
+            let mut recording = Recording::new();
+            smoothing.record(&mut recording, &self.model);
+            self.timings.merge(&self.device.submit(recording)?.wait()?);
         }
         Ok(())
     }

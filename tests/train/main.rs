@@ -13,3 +13,4 @@ mod loss;
 mod memory;
 mod prune;
 mod runs;
+mod smoothing;

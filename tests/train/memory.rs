@@ -106,6 +106,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
         degree,
         exposure: false,
         masked: false,
+        antialias: false,
         halves: true,
         grows,
         prunes: false,

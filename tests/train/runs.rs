@@ -19,7 +19,7 @@ use std::sync::OnceLock;
 pub(super) struct Capture {
     pub(super) train: Vec<TrainView>,
     test: Vec<TrainView>,
-    start: Gaussians,
+    pub(super) start: Gaussians,
     pub(super) extent: f64,
 }
 
@@ -62,7 +62,6 @@ pub(super) fn options() -> Options {
         densify_every: 20,
         opacity_reset_every: 50,
         degree_every: 0.3,
-        half_until: 0.2, // at 32 x 24
         ..Schedule::default()
     };
     Options {

@@ -1,0 +1,42 @@
+// 3D smoothing: no Gaussian gets thinner than the photos can tell. What the finest of them samples at intervals of T
+// (depth over focal length) holds no detail below it, so that scales end at sqrt(0.2) T (Mip-Splatting's filter).
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "lib/dispatch.glsl"
+#include "lib/view.glsl"
+
+layout(binding = 0, std430) readonly buffer Views { View view[]; }; // of all training photos
+layout(binding = 1, std430) readonly buffer Count { uint count[]; };
+layout(binding = 2, std430) readonly buffer Means { float means[]; };
+layout(binding = 3, std430) buffer LogScales { float log_scales[]; };
+layout(push_constant) uniform Push {
+    uint views;
+};
+
+const float LOG_WIDTH = -0.8047189562170503; // ln sqrt(0.2), pixels
+const float MARGIN = 0.15;                   // of a photo's size: what lies as far beyond its border counts as seen
+
+void main() {
+    uint i = global_index();
+    if (i >= count[0]) return;
+    vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
+    float interval = 0;
+    bool seen = false;
+    for (uint k = 0; k < views; k++) {
+        View v = view[k];
+        vec3 d = mean - v.centre.xyz;
+        vec3 p = vec3(dot(v.rotation[0].xyz, d), dot(v.rotation[1].xyz, d), dot(v.rotation[2].xyz, d));
+        vec2 pixel = v.focal * p.xy / p.z + v.principal;
+        vec2 size = vec2(v.size), border = MARGIN * size;
+        bool inside = p.z > v.centre.w && all(greaterThanEqual(pixel, -border)) && all(lessThanEqual(pixel, size + border));
+        float here = p.z / max(v.focal.x, v.focal.y);
+        if (inside && (!seen || here < interval)) {
+            interval = here;
+            seen = true;
+        }
+    }
+    if (!seen) return;
+    float least = log(interval) + LOG_WIDTH;
+    for (uint c = 0; c < 3; c++)
+        if (log_scales[3 * i + c] < least) log_scales[3 * i + c] = least;
+}

@@ -1,0 +1,51 @@
+//! 3D smoothing, part of anti-aliasing: no Gaussian gets thinner than the photos can tell.
+
+use super::photos::TrainView;
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::kernels::View;
+use crate::kernels::train::{Smoothing as Kernel, SmoothingPush, SmoothingSpec};
+use crate::primitives::WORKGROUP;
+use crate::render::{Settings, view};
+
+/// Iterations between its turns: scales move by a fifth at most meanwhile.
+const EVERY: u32 = 16;
+
+/// The cameras of all training photos.
+pub struct Smoothing {
+    views: Buffer<View>,
+}
+
+impl Smoothing {
+    /// Bytes of [`Smoothing::new`].
+    pub fn bytes(views: usize) -> u64 {
+        Buffer::<View>::bytes_of(views)
+    }
+
+    /// For these photos.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, views: &[TrainView], settings: &Settings) -> Result<Self> {
+        let cameras: Vec<View> = views.iter().map(|v| view(&v.camera, settings, 0, 1)).collect();
+        Ok(Self { views: device.upload("training cameras", &cameras)? })
+    }
+
+    /// Whether it has its turn after iteration `iteration` of `last`; a run ends with one.
+    pub fn due(iteration: u32, last: u32) -> bool {
+        iteration.is_multiple_of(EVERY) || iteration == last
+    }
+
+    /// Records that scales become no less than [`crate::reference::smoothing::least_scale`].
+    pub fn record(&self, recording: &mut Recording, model: &Resident) {
+        let kernel = Kernel {
+            view: &self.views,
+            count: &model.count.value,
+            means: &model.means,
+            log_scales: &model.log_scales,
+            push: SmoothingPush { views: self.views.len() as u32 },
+            spec: SmoothingSpec { workgroup: WORKGROUP },
+        };
+        recording.scope("antialias", |r| r.dispatch(&kernel, model.count.groups(WORKGROUP)));
+    }
+}
