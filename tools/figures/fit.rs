@@ -53,7 +53,8 @@ fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
     for c in 0..n {
         let pivot = (c..n).max_by(|a, b| rows[*a][c].abs().total_cmp(&rows[*b][c].abs()))?;
         rows.swap(c, pivot);
-        if !(rows[c][c].abs() > 1e-12) {
+        let size = rows[c][c].abs();
+        if size.is_nan() || size <= 1e-12 {
             return None;
         }
         for r in 0..n {

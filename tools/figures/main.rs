@@ -18,7 +18,9 @@ fn main() -> ExitCode {
     let origin = Origin { commit: commit.clone(), command: command.clone() };
     match write(Path::new(criterion), Path::new(sweep), &origin) {
         Ok(written) => {
-            written.iter().for_each(|path| println!("{}", path.display()));
+            for path in written {
+                println!("{}", path.display());
+            }
             ExitCode::SUCCESS
         }
         Err(message) => {

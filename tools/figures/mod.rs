@@ -43,7 +43,7 @@ pub fn made(bench: &Bench, sweep: &Sweep, origin: &Origin) -> Result<[Parts; 3],
     let plots = vec![
         ("exactness.svg", sweep.plot(&["gradients", "overlap", "solver", "culling"], 2)),
         ("sweep.svg", sweep.plot(&["epsilon", "stop", "storage"], 3)),
-        ("frame.svg", pictures::frame_plot(bench)?),
+        ("frame.svg", pictures::frame_plot(bench)),
         ("cost.svg", pictures::cost_plot(bench)?),
         ("iteration.svg", pictures::iteration_plot(bench)?),
     ];

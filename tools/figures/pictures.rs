@@ -71,10 +71,7 @@ pub fn frame(bench: &Bench) -> Result<String, String> {
 }
 
 /// Time by stage against the number of Gaussians.
-///
-/// # Errors
-/// What was not measured.
-pub fn frame_plot(bench: &Bench) -> Result<String, String> {
+pub fn frame_plot(bench: &Bench) -> String {
     let mut lines: Vec<Line<'_>> = Vec::new();
     for name in STAGES.into_iter().chain([WHOLE]) {
         let points = FRAMES.iter().filter_map(|of| bench.get(&format!("frame/{name}/{of}")).ok());
@@ -85,7 +82,7 @@ pub fn frame_plot(bench: &Bench) -> Result<String, String> {
     }
     let (x, y) = (Axis::log("Gaussians"), Axis::log("ms, median"));
     let plot = Lines { title: "A picture of 1280 x 720, by stage", x, y, lines, marks: Vec::new() };
-    Ok(sheet(plot.title, &[plot.drawing()], 1))
+    sheet(plot.title, &[plot.drawing()], 1)
 }
 
 /// The points of an axis of the group `cost`, by rising pixels and pairs.

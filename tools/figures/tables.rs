@@ -48,7 +48,7 @@ pub fn against(m: &Measured, bound: Option<Bound>) -> [String; 4] {
 
 /// Two digits.
 pub fn short_ratio(ratio: f64) -> String {
-    decimals(ratio, if ratio < 9.95 { 1 } else { 0 })
+    decimals(ratio, usize::from(ratio < 9.95))
 }
 
 /// The device, what it can do at best, and how the figures were taken.
