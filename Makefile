@@ -1,6 +1,6 @@
 # Two commands do everything on a fresh machine: `make run` and `make test`. The rest are their parts.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test faults soak fuzz check shaders bench bench-quick
+.PHONY: help setup run test faults soak fuzz check shaders bench bench-quick figures figures-written
 
 # Where rustup puts cargo, for shells that have not read its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -64,3 +64,21 @@ bench: ## benchmarks by stage, on this machine's Vulkan device; BENCH=group for 
 
 bench-quick: ## the same in a few minutes, with wider spread; BENCH=group for one
 	QIRF_BENCH_QUICK=1 cargo bench --locked --bench engine -- $(BENCH)
+
+# All is built before anything is measured. What was measured stays in target/figures until the next time.
+FIGURES := target/figures
+QIRF_BENCH_QUICK ?= 1
+figures: ## measures, then writes docs/figures and the tables of docs/performance.md and README.md (ten minutes)
+	cargo build --release --locked --bin qirf-vk --example figures
+	cargo bench --locked --bench engine --no-run
+	rm -rf "$(FIGURES)"
+	mkdir -p "$(FIGURES)"
+	CRITERION_HOME="$(CURDIR)/$(FIGURES)/criterion" QIRF_BENCH_QUICK="$(QIRF_BENCH_QUICK)" cargo bench --locked --bench engine
+	$(QIRF) synth "$(FIGURES)/demo"
+	$(QIRF) sweep "$(FIGURES)/demo" -o "$(FIGURES)/sweep"
+	@$(MAKE) --no-print-directory figures-written
+
+# The second half alone, from what was measured.
+figures-written:
+	cargo run --release --locked --quiet --example figures -- "$(FIGURES)/criterion" "$(FIGURES)/sweep/sweep.json" \
+		"$$(git describe --always --dirty 2>/dev/null || echo unknown)" "make figures"

@@ -1,7 +1,7 @@
 //! `culling`: pairs and milliseconds a picture by way of culling, over an orbit of `flowers_lod2` at 1280 x 720.
 
 use super::flowers::{self, VIEWS, fewer};
-use super::{device, group, has_timestamps};
+use super::{device, facts, group, has_timestamps};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::render::{Culling, Renderer, STAGES, Settings};
@@ -40,6 +40,15 @@ pub fn culling(criterion: &mut Criterion) {
             renderer.tile(),
             fewer(all_pairs[0], pairs)
         );
+        let each = |all: u64| all as f64 / f64::from(VIEWS);
+        let numbers = [
+            ("gaussians", model.len() as f64),
+            ("pairs", each(pairs)),
+            ("tile", f64::from(renderer.tile())),
+            ("exact_pairs_at_16", each(exact)),
+            ("three_sigma_pairs_at_16", each(three_sigma)),
+        ];
+        facts::note("culling", &[name], &numbers);
         group.bench_function(BenchmarkId::from_parameter(name), |b| {
             b.iter_custom(|iterations| {
                 let mut total = Duration::ZERO;

@@ -1,6 +1,7 @@
 //! `frame`: time by stage of one picture of 1280 x 720, for 10 k, 100 k and 500 k Gaussians.
 
-use super::{device, group, has_timestamps, scenes, thousands};
+use super::bounds::Bound;
+use super::{WHOLE, device, group, has_timestamps, scenes, thousands};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::render::{Renderer, STAGES, Settings};
@@ -15,15 +16,18 @@ pub fn frame(criterion: &mut Criterion) {
     let camera = scenes::camera(width, height);
     let mut group = group(criterion, "frame");
     for n in [10_000, 100_000, 500_000] {
-        let resident = Resident::upload(device, &scenes::crowd(n, 3, 1.0, 1)).unwrap();
+        let model = scenes::crowd(n, 3, 1.0, 1);
+        let resident = Resident::upload(device, &model).unwrap();
         let mut renderer = Renderer::new(device, Settings::default(), n, width, height).unwrap();
         let (_, _, pairs) = renderer.render_timed(&resident, &camera).unwrap();
         let tile = renderer.tile();
         println!("frame/{}: {pairs} pairs an image of {width} x {height}, tiles of {tile} x {tile}", thousands(n));
+        let picture = scenes::picture(&model, &camera, pairs, tile);
         for stage in STAGES.iter().filter(|_| has_timestamps()) {
             // What a stage walks: Gaussians until they are binned, then pairs.
             let elements = if *stage == STAGES[0] || *stage == STAGES[1] { n as u64 } else { u64::from(pairs) };
             group.throughput(Throughput::Elements(elements));
+            picture.stage(stage).note("frame", &[stage, &thousands(n)], &picture.numbers());
             group.bench_function(BenchmarkId::new(*stage, thousands(n)), |b| {
                 b.iter_custom(|iterations| {
                     let seconds = |_| renderer.draw(&resident, &camera).unwrap().seconds(stage);
@@ -32,7 +36,9 @@ pub fn frame(criterion: &mut Criterion) {
             });
         }
         group.throughput(Throughput::Elements(u64::from(pairs)));
-        group.bench_function(BenchmarkId::new("whole, by the host's clock", thousands(n)), |b| {
+        let all: Bound = STAGES.iter().map(|stage| picture.stage(stage)).sum();
+        all.note("frame", &[WHOLE, &thousands(n)], &picture.numbers());
+        group.bench_function(BenchmarkId::new(WHOLE, thousands(n)), |b| {
             b.iter_custom(|iterations| {
                 let start = Instant::now();
                 for _ in 0..iterations {

@@ -1,6 +1,7 @@
 //! `iteration`: one step of training, 10 k Gaussians at 144 x 256, and the share of each stage.
 
-use super::{device, group, has_timestamps, scenes, thousands};
+use super::bounds::Bound;
+use super::{WHOLE, device, group, has_timestamps, scenes, thousands};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::render::{BACKWARD_STAGES, Renderer, STAGES, Settings};
 use qirf_vk::train::{Options, Trainer, loss::Weights, photos::TrainView, schedule::Schedule};
@@ -44,6 +45,11 @@ pub fn iteration(criterion: &mut Criterion) {
     let camera = scenes::camera(SIZE[0], SIZE[1]);
     let view = photo(&scenes::crowd(GAUSSIANS, 3, 1.0, 3), &camera);
     let model = scenes::crowd(GAUSSIANS, 3, 1.0, 4);
+    let mut renderer = Renderer::new(device(), Settings::default(), GAUSSIANS, SIZE[0], SIZE[1]).unwrap();
+    let resident = Resident::upload(device(), &model).unwrap();
+    let (_, _, pairs) = renderer.render_timed(&resident, &camera).unwrap();
+    let picture = scenes::picture(&model, &camera, pairs, renderer.tile());
+    println!("iteration/{}: {pairs} pairs an image of {} x {}", thousands(GAUSSIANS), SIZE[0], SIZE[1]);
     let options = Options {
         schedule: schedule(),
         settings: Settings::default(),
@@ -72,6 +78,7 @@ pub fn iteration(criterion: &mut Criterion) {
     let stages: Vec<_> = STAGES.into_iter().chain(["loss"]).chain(BACKWARD_STAGES).collect();
     let mut group = group(criterion, "iteration");
     for stage in stages.iter().filter(|_| has_timestamps()) {
+        picture.stage(stage).note("iteration", &[stage, &thousands(GAUSSIANS)], &picture.numbers());
         group.bench_function(BenchmarkId::new(*stage, thousands(GAUSSIANS)), |b| {
             b.iter_custom(|iterations| {
                 let (before, after, _) = train(iterations as u32);
@@ -79,7 +86,9 @@ pub fn iteration(criterion: &mut Criterion) {
             });
         });
     }
-    group.bench_function(BenchmarkId::new("whole, by the host's clock", thousands(GAUSSIANS)), |b| {
+    let all: Bound = stages.iter().map(|stage| picture.stage(stage)).sum();
+    all.note("iteration", &[WHOLE, &thousands(GAUSSIANS)], &picture.numbers());
+    group.bench_function(BenchmarkId::new(WHOLE, thousands(GAUSSIANS)), |b| {
         b.iter_custom(|iterations| train(iterations as u32).2);
     });
     group.finish();

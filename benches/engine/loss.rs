@@ -1,5 +1,6 @@
 //! `loss`: L1 + SSIM and its gradient by picture size; its cost is linear in pixels.
 
+use super::bounds::Picture;
 use super::{device, group, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gpu::{Recording, Timings};
@@ -27,7 +28,10 @@ pub fn loss(criterion: &mut Criterion) {
         };
         once();
         group.throughput(Throughput::Elements(pixels as u64));
-        group.bench_function(BenchmarkId::from_parameter(format!("{width}x{height}")), |b| {
+        let id = format!("{width}x{height}");
+        let picture = Picture { size: [width, height], ..Picture::default() };
+        picture.stage("loss").note("loss", &[&id], &[("pixels", pixels as f64)]);
+        group.bench_function(BenchmarkId::from_parameter(id), |b| {
             b.iter_custom(|iterations| {
                 (0..iterations)
                     .map(|_| {

@@ -1,17 +1,21 @@
 //! Benchmarks by stage: `cargo bench --bench engine [-- GROUP]`. Groups and what they show: docs/performance.md.
 //!
 //! Times of stages are the device's own timestamps; where a device has none, only whole submissions are timed, by the
-//! host's clock. `QIRF_BENCH_QUICK=1` takes as few samples as criterion allows.
+//! host's clock. `QIRF_BENCH_QUICK=1` takes as few samples as criterion allows. What each benchmark was of, and what it must
+//! do at least, goes into files beside criterion's.
 #![allow(missing_docs)] // criterion's macros
 
+mod bounds;
 mod cost;
 mod culling;
+mod facts;
 mod flowers;
 mod frame;
 mod iteration;
 mod loss;
 mod overlap;
 mod primitives;
+mod rates;
 mod scenes;
 mod solve;
 
@@ -28,6 +32,7 @@ fn device() -> &'static Device {
         let device = Device::open(&DeviceOptions::default()).expect("a Vulkan device");
         let info = device.info();
         println!("device {} ({}), {}, subgroups of {}", info.name, info.kind, info.driver, info.subgroup_size);
+        facts::note_device(info, quick());
         device
     })
 }
@@ -58,6 +63,9 @@ fn group<'a>(criterion: &'a mut Criterion, name: &str) -> BenchmarkGroup<'a, Wal
     group
 }
 
+/// What all of a picture or an iteration is called.
+const WHOLE: &str = "whole, by the host's clock";
+
 /// 10 k, 100 k, ... as groups and tables call them.
 fn thousands(n: usize) -> String {
     format!("{}k", n / 1000)
@@ -65,6 +73,7 @@ fn thousands(n: usize) -> String {
 
 criterion_group!(
     benches,
+    rates::rates,
     primitives::sort,
     primitives::scan,
     frame::frame,

@@ -1,6 +1,6 @@
 //! `overlap` and `rrdm`: a batch's matrices, in pairs a second; `low rank`: the device's solver; `responses`: what gathering them adds to an iteration.
 
-use super::{device, group, scenes, time_of};
+use super::{bounds, device, group, scenes, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Error, Recording};
@@ -37,7 +37,13 @@ pub fn overlap(criterion: &mut Criterion) {
                     time_of(&timings, stage, start)
                 };
                 run();
-                let pairs = assembly.batches()[0].blocks.len() * (triangle(m) - m);
+                let blocks = assembly.batches()[0].blocks.len();
+                let pairs = blocks * (triangle(m) - m);
+                let bound = match stage {
+                    "overlap" => bounds::overlap(name, blocks as f64, m as f64),
+                    _ => bounds::rrdm(blocks as f64, m as f64),
+                };
+                bound.note(stage, &[name, &m.to_string()], &[("pairs", pairs as f64), ("members", m as f64)]);
                 group.throughput(Throughput::Elements(pairs as u64));
                 group.bench_function(BenchmarkId::new(name, m), |b| {
                     b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
@@ -65,6 +71,8 @@ pub fn low_rank(criterion: &mut Criterion) {
         };
         run();
         group.throughput(Throughput::Elements((FEW / m) as u64));
+        let blocks = (FEW / m) as f64;
+        bounds::low_rank(blocks, m as f64).note("low rank", &[&m.to_string()], &[("blocks", blocks)]);
         group.bench_function(BenchmarkId::from_parameter(m), |b| {
             b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
         });

@@ -1,6 +1,6 @@
 //! `sort` and `scan`: rates in elements a second.
 
-use super::{device, group, has_timestamps, scenes::noise, time_of};
+use super::{bounds, device, group, has_timestamps, scenes::noise, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gpu::Recording;
 use qirf_vk::primitives::{Count, Pairs, Scan, Sort};
@@ -32,6 +32,7 @@ pub fn sort(criterion: &mut Criterion) {
         };
         run();
         group.throughput(Throughput::Elements(u64::from(n)));
+        bounds::sort(f64::from(n)).note("sort", &[&format!("2^{power}")], &[("elements", f64::from(n))]);
         group.bench_function(BenchmarkId::from_parameter(format!("2^{power}")), |b| {
             b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
         });
@@ -61,6 +62,7 @@ pub fn scan(criterion: &mut Criterion) {
         };
         run();
         group.throughput(Throughput::Elements(u64::from(n)));
+        bounds::scan(f64::from(n)).note("scan", &[&format!("2^{power}")], &[("elements", f64::from(n))]);
         group.bench_function(BenchmarkId::from_parameter(format!("2^{power}")), |b| {
             b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
         });

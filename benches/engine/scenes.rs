@@ -1,7 +1,9 @@
 //! Generated scenes: the same on every machine, and of the same cover whatever their number.
 
+use super::bounds::Picture;
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
+use qirf_vk::reference::{self, project};
 use qirf_vk::scene::camera::Camera;
 
 /// A counter-based generator: 32 bits of stream `seed` at `i`.
@@ -40,4 +42,18 @@ pub fn crowd(n: usize, degree: usize, size: f64, seed: u64) -> Gaussians {
 /// A camera that sees the whole ball.
 pub fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(DVec3::new(0.6, -0.8, -4.6), DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
+}
+
+/// What bounds a picture of a model: visible Gaussians are counted by the float64 twin.
+pub fn picture(model: &Gaussians, camera: &Camera, pairs: u32, tile: u32) -> Picture {
+    let settings = reference::Settings { sh_degree: 0, ..reference::Settings::default() };
+    let visible = project::project(&reference::Params::from(model), camera, &settings).iter().flatten().count();
+    Picture {
+        gaussians: model.len() as f64,
+        visible: visible as f64,
+        pairs: f64::from(pairs),
+        size: [camera.width, camera.height],
+        tile,
+        degree: model.sh.len() - 1,
+    }
 }

@@ -11,6 +11,7 @@ mod kernel;
 mod landing;
 mod probe;
 mod profiler;
+pub mod rates;
 mod recording;
 mod select;
 mod submit;

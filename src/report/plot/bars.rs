@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
-use super::{figure, px};
+use super::{Drawing, px};
 use crate::report::format::short;
 use maud::{Markup, html};
 
@@ -30,6 +30,11 @@ pub struct Bar {
 
 /// Bars below each other, in the order given; the longest takes the room there is.
 pub fn bars(title: &str, bars: &[Bar]) -> Markup {
+    drawing_of_bars(title, bars).figure()
+}
+
+/// The same, for a page or a sheet.
+pub fn drawing_of_bars(title: &str, bars: &[Bar]) -> Drawing {
     let positive = |v: f64| if v.is_finite() { v.max(0.0) } else { 0.0 };
     let longest = bars.iter().map(|b| positive(b.value)).fold(0.0, f64::max);
     let drawing = html! {
@@ -42,7 +47,7 @@ pub fn bars(title: &str, bars: &[Bar]) -> Markup {
             text class="label" x=(px(BEGIN + length + 7.0)) y=(base) { (bar.text) }
         }
     };
-    figure(title, &[], [WIDTH, bars.len().max(1) as f64 * ROW + 6.0], &drawing)
+    Drawing::new(title, &[], [WIDTH, bars.len().max(1) as f64 * ROW + 6.0], drawing)
 }
 
 /// A name that fits, its end cut off where it is too long.
@@ -94,6 +99,6 @@ impl Columns<'_> {
                 }
             }
         };
-        figure(self.title, &[], SIZE, &drawing)
+        Drawing::new(self.title, &[], SIZE, drawing).figure()
     }
 }

@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
-use super::{colour, figure, px};
+use super::{Drawing, colour, px};
 use maud::{Markup, html};
 
 /// Least distance of two labels, in pixels.
@@ -41,6 +41,11 @@ pub struct Front<'a> {
 impl Front<'_> {
     /// The plot.
     pub fn draw(&self) -> Markup {
+        self.drawing().figure()
+    }
+
+    /// The plot, for a page or a sheet.
+    pub fn drawing(&self) -> Drawing {
         let mut points: Vec<&Point> =
             self.points.iter().filter(|p| self.x.shows(p.at[0]) && self.y.shows(p.at[1])).collect();
         points.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
@@ -69,7 +74,7 @@ impl Front<'_> {
                     x=(px(if at_right { x + 12.0 } else { x - 12.0 })) { (p.label) }
             }
         };
-        figure(self.title, &self.legend, SIZE, &drawing)
+        Drawing::new(self.title, &self.legend, SIZE, drawing)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
-use super::{colour, figure, px};
+use super::{Drawing, colour, px};
 use crate::report::format::short;
 use maud::{Markup, html};
 
@@ -39,6 +39,11 @@ pub struct Lines<'a> {
 impl Lines<'_> {
     /// The plot.
     pub fn draw(&self) -> Markup {
+        self.drawing().figure()
+    }
+
+    /// The plot, for a page or a sheet.
+    pub fn drawing(&self) -> Drawing {
         let shown = |p: &&[f64; 2]| self.x.shows(p[0]) && self.y.shows(p[1]);
         let points = || self.lines.iter().flat_map(|l| l.points.iter().filter(shown));
         let frame = Frame::new(&self.x, &self.y, points().map(|p| p[0]), points().map(|p| p[1]));
@@ -68,7 +73,7 @@ impl Lines<'_> {
             }
         };
         let names: Vec<&str> = self.lines.iter().map(|l| l.name).collect();
-        figure(self.title, &names, SIZE, &drawing)
+        Drawing::new(self.title, &names, SIZE, drawing)
     }
 }
 
@@ -118,6 +123,6 @@ impl Scatter<'_> {
                     x=(px(if at_right { x + 8.0 } else { x - 8.0 })) { (spot.label) }
             }
         };
-        figure(self.title, self.groups, SIZE, &drawing)
+        Drawing::new(self.title, self.groups, SIZE, drawing).figure()
     }
 }

@@ -1,0 +1,179 @@
+//! The least that a stage must do, whatever its code: bytes between memory and device, float32 operations. Held against the
+//! rates of the group `device` they give the time below which no code of this algorithm goes on that device.
+//!
+//! Bytes: a kernel's inputs are read once and its outputs written once, however often it really touches them; what one kernel
+//! hands to the next counts as both. Gathers count the bytes asked for, not the cache lines that they come in. A Gaussian that
+//! is not visible counts as its mean alone. Operations are counted from the shaders by hand, low where in doubt: an addition,
+//! multiplication, division, root, exponential or logarithm is one; comparisons, selections, integers and what moves between
+//! lanes are none. Rates of operations are those of multiply-adds, two each, so that roots and exponentials flatter the bound.
+
+use super::facts;
+
+/// Bytes and operations.
+#[derive(Clone, Copy, Default)]
+pub struct Bound {
+    /// Read and written.
+    pub bytes: f64,
+    /// In float32.
+    pub operations: f64,
+}
+
+impl Bound {
+    /// Notes this as the bound of a benchmark, with other numbers of it.
+    pub fn note(self, group: &str, rest: &[&str], others: &[(&str, f64)]) {
+        let own = [("bytes", self.bytes), ("operations", self.operations)];
+        facts::note(group, rest, &[&own, others].concat());
+    }
+}
+
+impl std::iter::Sum for Bound {
+    fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
+        parts.fold(Self::default(), |a, b| Self { bytes: a.bytes + b.bytes, operations: a.operations + b.operations })
+    }
+}
+
+/// Bytes of a pair's key and value, read and written, and of its key read once more to count digits: one pass of a sort.
+const PASS: f64 = 20.0;
+/// Bytes of a scanned word: read to sum blocks, read and written to apply them.
+const SCANNED: f64 = 12.0;
+/// Bytes of a projected Gaussian: `geometry`, `shape`, `colour`.
+const SPLAT: f64 = 40.0;
+/// Bytes of mean, log scales, rotation and opacity.
+const FORM: f64 = 44.0;
+/// Floats of a row of lib/gradient_row.glsl.
+const ROW: f64 = 18.0;
+
+/// Operations of render/project.comp for a visible Gaussian, its colour left out.
+const PROJECT: f64 = 248.0;
+/// Of the SH basis, by degree.
+const BASIS: [f64; 4] = [0.0, 3.0, 15.0, 40.0];
+/// Of `blend` in render/rasterise.comp: distance 9, exponential 2, blending 9.
+const BLEND: f64 = 20.0;
+/// Of the innermost loop of lib/backward_walk.glsl, without the sums over lanes.
+const WALK: f64 = 44.0;
+/// Of render/project_backward.comp, the SH's left out; and those by degree.
+const PROJECT_BACKWARD: f64 = 400.0;
+const DIRECTION: [f64; 4] = [0.0, 20.0, 70.0, 135.0];
+/// Of render/adam.comp for a parameter: moments 7, step 8.
+const ADAM: f64 = 15.0;
+/// Of train/loss.comp for a pixel's channel: windows of 11 taps 4 + 4 + 3 + 3 times 21, map and gradient 50.
+const LOSS: f64 = 344.0;
+/// Bytes of train/loss.comp for a pixel: picture and photo read twice, 12 means and 9 partials written and read, gradient.
+const LOSS_BYTES: f64 = 2.0 * (16.0 + 4.0) + 2.0 * 4.0 * (12.0 + 9.0) + 16.0;
+
+/// What the stages of a picture, and of an iteration, are bounded by.
+#[derive(Clone, Copy, Default)]
+pub struct Picture {
+    /// All.
+    pub gaussians: f64,
+    /// Those drawn.
+    pub visible: f64,
+    /// (tile, Gaussian) pairs.
+    pub pairs: f64,
+    /// Width and height.
+    pub size: [u32; 2],
+    /// Side of a tile.
+    pub tile: u32,
+    /// SH degree.
+    pub degree: usize,
+}
+
+impl Picture {
+    fn pixels(self) -> f64 {
+        f64::from(self.size[0]) * f64::from(self.size[1])
+    }
+
+    fn tiles(self) -> u32 {
+        self.size[0].div_ceil(self.tile) * self.size[1].div_ceil(self.tile)
+    }
+
+    /// Pixels of all tiles' lists: what the rasteriser walks. Pixels that are done early walk less, in no bench by much.
+    fn pair_pixels(self) -> f64 {
+        self.pairs * f64::from(self.tile * self.tile)
+    }
+
+    /// SH coefficients of a Gaussian.
+    fn sh(self) -> f64 {
+        3.0 * ((self.degree + 1) * (self.degree + 1)) as f64
+    }
+
+    /// A stage's bound, by its scope's name; none is known of others.
+    pub fn stage(self, stage: &str) -> Bound {
+        let (n, v, p) = (self.gaussians, self.visible, self.pairs);
+        let colour = BASIS[self.degree] + 2.0 * self.sh() + 3.0;
+        let (bytes, operations) = match stage {
+            // Written of all: whether visible, and in how many tiles; of the visible also the splat and its depth.
+            "project" => (n * (12.0 + 8.0) + v * (FORM - 12.0 + 4.0 * self.sh() + SPLAT + 4.0), v * (PROJECT + colour)),
+            // Scan of the flags, compaction (flags and offsets), gathering of the depths, four passes.
+            "depth sort" => (n * (SCANNED + 8.0) + v * (4.0 + 12.0 + 4.0 * PASS), 0.0),
+            // Gathering of the counts, their scan; order, offset, count, most of the splat and the first slot; three words a pair.
+            "bin" => (v * (12.0 + SCANNED + 12.0 + 32.0 + 4.0) + 12.0 * p, 0.0),
+            "tile sort" => {
+                let bits = 32 - self.tiles().leading_zeros();
+                (p * PASS * f64::from(bits.div_ceil(8)) + 4.0 * f64::from(self.tiles()), 0.0)
+            }
+            "rasterise" => (8.0 * p + SPLAT * v + 16.0 * self.pixels(), BLEND * self.pair_pixels()),
+            "loss" => (LOSS_BYTES * self.pixels(), 3.0 * LOSS * self.pixels()),
+            // The picture, its gradient; three sums of four floats to every pair's slot.
+            "rasterise backward" => ((8.0 + 48.0) * p + SPLAT * v + 32.0 * self.pixels(), WALK * self.pair_pixels()),
+            // Slots, counts, colour, parameters; rows, statistics read and written.
+            "project backward" => {
+                let parameters = FORM + 4.0 * (self.sh() - 3.0);
+                let bytes = 48.0 * p + n * (8.0 + 4.0 * ROW + 16.0) + v * (24.0 + parameters);
+                (bytes, v * (PROJECT_BACKWARD + DIRECTION[self.degree]) + 10.0 * p)
+            }
+            // Rows; value and two moments of every parameter, read and written.
+            "adam" => {
+                let parameters = 11.0 + self.sh();
+                (n * (4.0 * ROW + 24.0 * parameters), n * (ADAM * parameters + self.sh()))
+            }
+            _ => (0.0, 0.0),
+        };
+        Bound { bytes, operations }
+    }
+
+    /// What tables name beside a time.
+    pub fn numbers(self) -> [(&'static str, f64); 5] {
+        [
+            ("gaussians", self.gaussians),
+            ("visible", self.visible),
+            ("pairs", self.pairs),
+            ("pixels", self.pixels()),
+            ("tile", f64::from(self.tile)),
+        ]
+    }
+}
+
+/// Four passes over pairs of 32 bits.
+pub fn sort(n: f64) -> Bound {
+    Bound { bytes: 4.0 * PASS * n, operations: 0.0 }
+}
+
+/// An exclusive prefix sum.
+pub fn scan(n: f64) -> Bound {
+    Bound { bytes: SCANNED * n, operations: 0.0 }
+}
+
+/// Overlaps of `blocks` of `m` members: four vectors a member read, a lower triangle written.
+pub fn overlap(method: &str, blocks: f64, m: f64) -> Bound {
+    let each = match method {
+        "qr" => 182.0,
+        "cholesky" => 147.0,
+        _ => 160.0,
+    };
+    let triangle = 0.5 * m * (m + 1.0);
+    Bound { bytes: blocks * (64.0 * m + 4.0 * triangle), operations: blocks * each * (triangle - m) }
+}
+
+/// The same of density matrices: eight responses a member, their factor written and read, sums of eight products.
+pub fn rrdm(blocks: f64, m: f64) -> Bound {
+    let triangle = 0.5 * m * (m + 1.0);
+    Bound { bytes: blocks * (96.0 * m + 4.0 * triangle), operations: blocks * 15.0 * triangle }
+}
+
+/// Eigenproblems of rank 8: Cholesky of the triangle (m^3 / 3), B and X by substitution (8 m^2 each), B^T B and X^2.
+pub fn low_rank(blocks: f64, m: f64) -> Bound {
+    let triangle = 0.5 * m * (m + 1.0);
+    let operations = m * m * m / 3.0 + 16.0 * m * m + 144.0 * m;
+    Bound { bytes: blocks * (8.0 * triangle + 36.0 * m), operations: blocks * operations }
+}

@@ -1,0 +1,49 @@
+//! `device`: what the device can do at best; the bounds of all other groups are made of these rates.
+
+use super::{device, facts, group, time_of};
+use criterion::{BenchmarkId, Criterion, Throughput};
+use qirf_vk::gpu::Recording;
+use qirf_vk::gpu::rates::{By, Copy, MultiplyAdd};
+use std::time::{Duration, Instant};
+
+/// MiB of each of two buffers: within a core's cache, within a shared one, and in memory. The largest is what every device
+/// of Vulkan 1.2 can bind.
+const SIZES: [usize; 4] = [1, 8, 32, 128];
+
+/// Bytes copied, read and written ones both counted, and float32 operations, two a multiply-add.
+pub fn rates(criterion: &mut Criterion) {
+    let device = device();
+    let mut group = group(criterion, "device");
+    for mib in SIZES {
+        for (by, name) in [(By::Kernel, "copy by a kernel"), (By::Command, "copy by command")] {
+            let copy = Copy::new(device, mib << 18, by).unwrap();
+            let run = || {
+                let mut recording = Recording::new();
+                recording.scope("copy", |r| copy.record(r));
+                let start = Instant::now();
+                time_of(&device.run(recording).unwrap(), "copy", start)
+            };
+            run();
+            let id = format!("2 x {mib} MiB");
+            facts::note("device", &[name, &id], &[("bytes", copy.moved() as f64), ("buffers", (mib << 21) as f64)]);
+            group.throughput(Throughput::Bytes(copy.moved()));
+            group.bench_function(BenchmarkId::new(name, id), |b| {
+                b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
+            });
+        }
+    }
+    let multiply_add = MultiplyAdd::new(device).unwrap();
+    let run = || {
+        let mut recording = Recording::new();
+        recording.scope("multiply-add", |r| multiply_add.record(r));
+        let start = Instant::now();
+        time_of(&device.run(recording).unwrap(), "multiply-add", start)
+    };
+    run();
+    facts::note("device", &["multiply-add"], &[("operations", multiply_add.operations() as f64)]);
+    group.throughput(Throughput::Elements(multiply_add.operations()));
+    group.bench_function("multiply-add", |b| {
+        b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
+    });
+    group.finish();
+}

@@ -1,0 +1,25 @@
+// Multiply-adds and nothing else: CHAINS of them side by side, each waiting only for itself, so that the units are full.
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+#include "lib/dispatch.glsl"
+
+layout(constant_id = 2) const uint CHAINS = 12;
+const uint UNROLLED = 8; // steps of every chain before the loop's own work
+
+layout(binding = 0, std430) writeonly buffer Sums { float sums[]; };
+layout(push_constant) uniform Push { uint rounds; float factor; float term; };
+
+void main() {
+    float chain[CHAINS];
+    [[unroll]] for (uint k = 0; k < CHAINS; k++) chain[k] = float(gl_LocalInvocationID.x + k);
+    for (uint round = 0; round < rounds; round++) {
+        [[unroll]] for (uint step = 0; step < UNROLLED; step++) {
+            [[unroll]] for (uint k = 0; k < CHAINS; k++) chain[k] = fma(chain[k], factor, term);
+        }
+    }
+    // Written, so that no compiler leaves it out.
+    float sum = 0;
+    [[unroll]] for (uint k = 0; k < CHAINS; k++) sum += chain[k];
+    sums[global_index()] = sum;
+}

@@ -1,0 +1,138 @@
+//! What a device can do at best: bytes that it copies and float32 operations that it does in a second. The times of stages
+//! are held against them.
+
+use super::buffer::Buffer;
+use super::device::Device;
+use super::error::Error;
+use super::recording::{Groups, Recording};
+use crate::kernels::rates::{
+    Copy as CopyKernel, CopyPush, CopySpec, MultiplyAdd as Kernel, MultiplyAddPush, MultiplyAddSpec,
+};
+
+/// Invocations of a workgroup.
+const WORKGROUP: u32 = 256;
+/// Bytes that a measure of copying moves at least, small buffers again and again: starting a dispatch is then nothing.
+const MOVED: u64 = 64 << 20;
+/// Dependent chains an invocation: as many as hide the latency of two units, and fit the 16 registers of AVX2.
+const CHAINS: u32 = 12;
+/// Steps of every chain in a round of the shader: its UNROLLED.
+const UNROLLED: u64 = 8;
+
+/// How words are copied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum By {
+    /// A kernel, neighbouring lanes taking neighbouring words.
+    Kernel,
+    /// The device's own copy command.
+    Command,
+}
+
+/// A copy from one buffer into another.
+pub struct Copy {
+    from: Buffer<f32>,
+    to: Buffer<f32>,
+    by: By,
+    times: u64,
+    /// Invocations of a workgroup, and words that each copies.
+    shape: [u32; 2],
+}
+
+impl Copy {
+    /// Two buffers of so many words, each at most the device's largest.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn new(device: &Device, words: usize, by: By) -> Result<Self, Error> {
+        let (from, to) = (device.buffer("rates: from", words)?, device.buffer("rates: to", words)?);
+        let mut recording = Recording::new();
+        // Pages that nobody wrote may all be the same one.
+        recording.fill(&from, 1.0_f32.to_bits());
+        recording.fill(&to, 0);
+        device.run(recording)?;
+        let times = MOVED.div_ceil(2 * from.raw().bytes()).max(1);
+        // On a CPU one subgroup a workgroup, and few long runs: starting one costs as much as copying hundreds of words.
+        let info = device.info();
+        let shape =
+            if info.kind == "cpu" { [info.subgroup_size, 1024] } else { [WORKGROUP.max(info.subgroup_size), 4] };
+        Ok(Self { from, to, by, times, shape })
+    }
+
+    /// Bytes of [`Copy::new`].
+    pub const fn bytes(words: usize) -> u64 {
+        2 * Buffer::<f32>::bytes_of(words)
+    }
+
+    /// Bytes read and written by what [`Copy::record`] records.
+    pub fn moved(&self) -> u64 {
+        self.times * 2 * self.from.raw().bytes()
+    }
+
+    /// What is copied into: ones, once it was.
+    pub fn target(&self) -> &Buffer<f32> {
+        &self.to
+    }
+
+    /// Records the copy, small ones several times.
+    pub fn record(&self, recording: &mut Recording) {
+        let count = self.from.len() as u32;
+        let [workgroup, rows] = self.shape;
+        let kernel = CopyKernel {
+            source: &self.from,
+            target: &self.to,
+            push: CopyPush { count },
+            spec: CopySpec { workgroup, rows },
+        };
+        for _ in 0..self.times {
+            match self.by {
+                By::Kernel => recording.dispatch(&kernel, Groups::Count(count.div_ceil(workgroup * rows))),
+                By::Command => recording.copy(&self.from, &self.to, count as usize),
+            }
+        }
+    }
+}
+
+/// Multiply-adds in registers.
+pub struct MultiplyAdd {
+    sums: Buffer<f32>,
+    rounds: u32,
+}
+
+impl MultiplyAdd {
+    /// So much work that starting it is nothing: billions of operations on a CPU, a hundred times as many on others.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device) -> Result<Self, Error> {
+        let (groups, rounds) = if device.info().kind == "cpu" { (64, 512) } else { (4096, 1024) };
+        Ok(Self { sums: device.buffer("rates: sums", (groups * WORKGROUP) as usize)?, rounds })
+    }
+
+    /// Bytes of [`MultiplyAdd::new`].
+    pub fn bytes(&self) -> u64 {
+        self.sums.raw().bytes()
+    }
+
+    /// Operations, two a multiply-add, of what [`MultiplyAdd::record`] records.
+    pub fn operations(&self) -> u64 {
+        self.sums.len() as u64 * u64::from(self.rounds) * UNROLLED * u64::from(CHAINS) * 2
+    }
+
+    /// Records the multiply-adds.
+    pub fn record(&self, recording: &mut Recording) {
+        let kernel = Kernel {
+            sums: &self.sums,
+            // Towards 1, so that no chain ever holds a number that is slow to compute with.
+            push: MultiplyAddPush { rounds: self.rounds, factor: 0.5, term: 0.5 },
+            spec: MultiplyAddSpec { workgroup: WORKGROUP, chains: CHAINS },
+        };
+        recording.dispatch(&kernel, Groups::Count(self.sums.len() as u32 / WORKGROUP));
+    }
+
+    /// The sums, all of them `CHAINS` once the chains have settled.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn sums(&self, device: &Device) -> Result<Vec<f32>, Error> {
+        self.sums.read(device)
+    }
+}

@@ -1,0 +1,60 @@
+//! Times that a device cannot go below: bytes over its bandwidth, operations over its rate, both measured on it.
+
+use super::measured::{Bench, Measured};
+
+/// What a device did at best.
+pub struct Rates {
+    /// Bytes of both buffers of a copy and bytes it moved in a second, by rising bytes.
+    copies: Vec<[f64; 2]>,
+    /// float32 operations a second.
+    pub operations: f64,
+}
+
+/// A bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bound {
+    /// Milliseconds.
+    pub ms: f64,
+    /// What binds.
+    pub by: &'static str,
+}
+
+impl Rates {
+    /// From the group `device`: its fastest samples, since a bound should not be too long.
+    ///
+    /// # Errors
+    /// The name of what was not measured.
+    pub fn of(bench: &Bench) -> Result<Self, String> {
+        let rate = |m: &Measured, name: &str| m.number(name) / (1e-3 * m.ms[0]);
+        let multiply_add = bench.get("device/multiply-add")?;
+        let mut copies: Vec<[f64; 2]> = bench
+            .group("device")
+            .filter(|(name, _)| name.starts_with("copy"))
+            .map(|(_, m)| [m.number("buffers"), rate(m, "bytes")])
+            .collect();
+        if copies.is_empty() {
+            return Err("no copy of the group 'device' was measured; run all groups: make figures".to_owned());
+        }
+        copies.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        Ok(Self { copies, operations: rate(multiply_add, "operations") })
+    }
+
+    /// Bytes a second at best where so many are moved: of copies of as many or more, since fewer may stay in a cache.
+    pub fn bandwidth(&self, bytes: f64) -> f64 {
+        let most = self.copies.iter().map(|c| c[0]).fold(0.0, f64::max);
+        let alike = self.copies.iter().filter(|c| c[0] >= bytes.min(most));
+        alike.map(|c| c[1]).fold(0.0, f64::max)
+    }
+
+    /// A benchmark's bound; none where nothing is known of it. A sum of stages is bounded as one.
+    pub fn bound(&self, m: &Measured) -> Option<Bound> {
+        let (bytes, operations) = (m.number("bytes"), m.number("operations"));
+        let [moving, computing] = [bytes / self.bandwidth(bytes), operations / self.operations].map(|s| 1e3 * s);
+        let bound = if moving >= computing {
+            Bound { ms: moving, by: "bytes" }
+        } else {
+            Bound { ms: computing, by: "operations" }
+        };
+        (bound.ms.is_finite() && bound.ms > 0.0).then_some(bound)
+    }
+}

@@ -1,0 +1,46 @@
+//! Kernels that are measured by themselves, over several sizes.
+
+use super::bound::Rates;
+use super::measured::Bench;
+use super::tables::{AGAINST, against, table};
+use qirf_vk::report::format::{count, short};
+
+/// Group, what it is a table of, and what its rates count.
+const GROUPS: [(&str, &str); 4] = [("loss", "pixels"), ("overlap", "pairs"), ("rrdm", "pairs"), ("low rank", "blocks")];
+
+/// Loss, overlaps, density matrices, and the device's eigensolver.
+///
+/// # Errors
+/// What was not measured.
+pub fn kernels(bench: &Bench) -> Result<String, String> {
+    let rates = Rates::of(bench)?;
+    let mut rows = Vec::new();
+    for (group, of) in GROUPS {
+        let mut all: Vec<_> = bench.group(group).map(|(name, m)| (sizes(name), name, m)).collect();
+        all.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.cmp(b.1)));
+        if all.is_empty() {
+            return Err(format!("group '{group}' was not measured; run all groups: make figures"));
+        }
+        for (_, name, m) in all {
+            let amount = m.number(of);
+            // Density matrices have no methods, whatever the benchmark is called.
+            let name = if group == "rrdm" { name.trim_start_matches("qr/") } else { name };
+            let what = match name.split_once('/') {
+                Some((method, m)) => format!("{method}, m = {m}"),
+                None if group == "loss" => name.to_owned(),
+                None => format!("m = {name}"),
+            };
+            let mut row =
+                vec![group.to_owned(), what, format!("{} {of}", count(amount as usize)), short(1e3 * amount / m.ms[1])];
+            row.extend(against(m, rates.bound(m)));
+            rows.push(row);
+        }
+    }
+    let columns = [&["", "", "of", "of them a second"][..], &AGAINST].concat();
+    Ok(table(&columns, 2, &rows))
+}
+
+/// The numbers in a name: what it is put in order by.
+fn sizes(name: &str) -> Vec<u64> {
+    name.split(|c: char| !c.is_ascii_digit()).filter_map(|digits| digits.parse().ok()).collect()
+}

@@ -1,0 +1,239 @@
+//! What `qirf-vk sweep` found, from its `sweep.json`: a table, plots, and what exactness costs in four lines.
+
+use super::Origin;
+use super::measured::json;
+use super::tables::{digits, table};
+use qirf_vk::pipeline::sweep::results::figure;
+use qirf_vk::report::format::{NONE, count, decimals};
+use qirf_vk::report::plot::{Axis as Scale, Front, Point, sheet};
+use serde_json::Value;
+use std::path::Path;
+
+/// The version of `sweep.json` that this reads.
+const SCHEMA: u64 = 1;
+/// Values that span more than this factor are shown on a logarithmic axis.
+const WIDE: f64 = 8.0;
+/// Times within this share of each other count as equal.
+const EQUAL: f64 = 0.03;
+
+/// A `sweep.json`.
+pub struct Sweep(Value);
+
+impl Sweep {
+    /// Reads the file.
+    ///
+    /// # Errors
+    /// A file that is absent, not JSON, of another schema, or without axes.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        let value = json(path)?;
+        if value["schema"].as_u64() != Some(SCHEMA) {
+            return Err(format!("{}: schema {}, {SCHEMA} is read; sweep again", path.display(), value["schema"]));
+        }
+        if value["axes"].as_array().is_none_or(Vec::is_empty) {
+            return Err(format!("{}: no axes were climbed; sweep without --axis", path.display()));
+        }
+        Ok(Self(value))
+    }
+
+    fn axes(&self) -> &[Value] {
+        rows(&self.0["axes"])
+    }
+
+    fn axis(&self, name: &str) -> Option<&Value> {
+        self.axes().iter().find(|a| a["axis"] == name)
+    }
+
+    fn rung(&self, axis: &str, rung: &str) -> Option<&Value> {
+        rows(&self.axis(axis)?["rungs"]).iter().find(|r| r["name"] == rung)
+    }
+
+    /// Every rung, what the next more exact one would cost, and what it was all measured on.
+    pub fn table(&self) -> String {
+        let subject = &self.0["subject"];
+        let mut out = format!(
+            "{} Gaussians, SH of degree {}: {}. {} views of {} x {}; {}; {} s in all.\n\n",
+            count(subject["gaussians"].as_u64().unwrap_or(0) as usize),
+            subject["degree"],
+            text(&subject["origin"]).trim_end_matches('.'),
+            subject["views"],
+            subject["size"][0],
+            subject["size"][1],
+            text(&self.0["device"]["name"]),
+            decimals(self.0["seconds"].as_f64(), 0),
+        );
+        let mut lines = Vec::new();
+        for axis in self.axes() {
+            let mut name = format!("**{}**", text(&axis["axis"]));
+            let mut unit = format!("{}; {}", text(&axis["time"]), text(&axis["accuracy"]));
+            for rung in rows(&axis["rungs"]) {
+                let quartiles =
+                    ["median", "q1", "q3"].map(|k| rung["time"][k].as_f64().map_or(NONE.to_owned(), digits));
+                let [median, q1, q3] = quartiles;
+                let mark = |on: &str| if rung[on] == true { "yes" } else { "" };
+                lines.push(vec![
+                    std::mem::take(&mut name),
+                    std::mem::take(&mut unit),
+                    if rung["default"] == true {
+                        format!("**{}**", text(&rung["name"]))
+                    } else {
+                        text(&rung["name"]).to_owned()
+                    },
+                    mark("front").to_owned(),
+                    format!("{median} [{q1}..{q3}]"),
+                    shown(rung),
+                ]);
+            }
+        }
+        out += &table(&["axis", "time; accuracy", "rung", "on the front", "time", "accuracy"], 4, &lines);
+        out.push('\n');
+        for axis in self.axes() {
+            out += &format!("* {}: {}\n", text(&axis["axis"]), text(&axis["sentence"]));
+        }
+        if let Some(rung) = self.rung("solver", "low-rank") {
+            let of = |name: &str| rung["figures"][name].as_f64();
+            out += &format!(
+                "\nAt m = 256 low-rank is {} times as fast as dsygvd; the Jaccard index of the sets kept is {}.\n",
+                decimals(of("speedup_m256"), 1),
+                decimals(of("kept_jaccard_m256"), 4)
+            );
+        }
+        out + "\n![Accuracy against time](figures/sweep.svg)\n"
+    }
+
+    /// What exactness costs, in four lines; those that this device has no rungs for are left out.
+    pub fn lines(&self, origin: &Origin) -> String {
+        let mut out = format!(
+            "The demo scene on {}, {} threads, commit {}, by `qirf-vk sweep` ([all of it](docs/performance.md#sweep)):\n\n",
+            text(&self.0["device"]["name"]),
+            self.0["host_threads"],
+            origin.commit
+        );
+        let told = [self.gradients(), self.overlaps(), self.solver(), self.culling()];
+        out += &told.into_iter().flatten().map(|line| format!("* {line}")).collect::<Vec<_>>().join(";\n");
+        out + ".\n\n![Accuracy against time on four axes](docs/figures/exactness.svg)\n"
+    }
+
+    fn time(&self, axis: &str, rung: &str) -> Option<f64> {
+        self.rung(axis, rung)?["time"]["median"].as_f64()
+    }
+
+    fn gradients(&self) -> Option<String> {
+        let (ordered, atomic) = (self.time("gradients", "ordered")?, self.time("gradients", "atomics")?);
+        Some(format!(
+            "the same bits run after run: {} ms an iteration, {} float atomics' {}",
+            digits(ordered),
+            compared(ordered, atomic),
+            digits(atomic)
+        ))
+    }
+
+    fn overlaps(&self) -> Option<String> {
+        let [qr, other] = ["qr", "determinant"].map(|name| self.rung("overlap", name));
+        let flat = other?["figures"]["flat_nan_share"].as_f64().unwrap_or(0.0);
+        Some(format!(
+            "overlaps by QR take {} by the determinant, and are {} off for {}{}",
+            compared(self.time("overlap", "qr")?, self.time("overlap", "determinant")?),
+            shown(qr?),
+            shown(other?),
+            if flat > 0.0 { ", and right where that is NaN" } else { "" }
+        ))
+    }
+
+    fn solver(&self) -> Option<String> {
+        let own = self.time("solver", "low-rank")?;
+        let same = self.rung("solver", "low-rank")?["figures"]["kept_jaccard"] == 1.0;
+        Some(format!(
+            "eigenproblems in float64 take {} in float32, and LAPACK's general solver {} times as long{}",
+            compared(own, self.time("solver", "low-rank-f32")?),
+            decimals(self.time("solver", "dsygvd")? / own, 1),
+            if same { " to keep the same Gaussians" } else { "" }
+        ))
+    }
+
+    fn culling(&self) -> Option<String> {
+        let exact = self.rung("culling", "exact")?["accuracy"] == 0.0;
+        Some(format!(
+            "exact ellipses against tiles: a frame in {} ms for {} with boxes of three sigma{}",
+            digits(self.time("culling", "exact")?),
+            digits(self.time("culling", "3-sigma")?),
+            if exact { ", and not a pixel lost" } else { "" }
+        ))
+    }
+
+    /// Accuracy against time on these axes, those that there are, side by side.
+    pub fn plot(&self, names: &[&str], columns: usize) -> String {
+        let drawings: Vec<_> =
+            names.iter().filter_map(|name| self.axis(name)).map(|axis| front(axis).drawing()).collect();
+        sheet(&format!("Accuracy against time: {}", names.join(", ")), &drawings, columns)
+    }
+}
+
+fn rows(value: &Value) -> &[Value] {
+    value.as_array().map_or(&[], Vec::as_slice)
+}
+
+fn text(value: &Value) -> &str {
+    value.as_str().unwrap_or(NONE)
+}
+
+/// A rung's accuracy.
+fn shown(rung: &Value) -> String {
+    match rung["accuracy"].as_f64() {
+        Some(a) => figure(a),
+        None if rung["exact"] == true => "exact".to_owned(),
+        None => NONE.to_owned(),
+    }
+}
+
+/// A time beside another, up to the name of what took that.
+fn compared(time: f64, other: f64) -> String {
+    match time / other - 1.0 {
+        d if d.abs() < EQUAL => "as long as".to_owned(),
+        d if d > 0.0 => format!("{:.0} % longer than", 100.0 * d),
+        d => format!("{:.0} % less time than", -100.0 * d),
+    }
+}
+
+/// As the sweep's own page draws it: what is exact stands a step beyond all others.
+fn front(axis: &Value) -> Front<'_> {
+    let rungs = rows(&axis["rungs"]);
+    let lower = axis["better"] == "lower";
+    let measured: Vec<f64> = rungs.iter().filter_map(|r| r["accuracy"].as_f64()).collect();
+    let least = measured.iter().copied().filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
+    let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let as_ratio = lower && least.is_finite();
+    let beyond = match () {
+        () if as_ratio => 0.1 * least,
+        () if lower || measured.is_empty() => 0.0,
+        () => high + (0.25 * (high - low)).max(1.0),
+    };
+    let point = |rung: &Value| {
+        let y = match rung["accuracy"].as_f64() {
+            Some(a) if as_ratio && a <= 0.0 => beyond,
+            Some(a) => a,
+            None if rung["exact"] == true => beyond,
+            None => return None,
+        };
+        let of = |name: &str| rung["time"][name].as_f64();
+        // These stand where no value does.
+        let equal = y == beyond;
+        Some(Point {
+            label: format!("{}{}", text(&rung["name"]), if equal { " (exact)" } else { "" }),
+            told: format!("{}: {}", text(&rung["name"]), shown(rung)),
+            at: [of("median")?, y],
+            spread: [of("q1")?, of("q3")?],
+            front: rung["front"] == true,
+            default: rung["default"] == true,
+        })
+    };
+    let points: Vec<Point> = rungs.iter().filter_map(point).collect();
+    let times = points.iter().map(|p| p.at[0]).filter(|v| *v > 0.0);
+    let (least, most) = times.fold((f64::INFINITY, 0.0_f64), |(l, h), v| (l.min(v), h.max(v)));
+    Front {
+        title: text(&axis["title"]),
+        x: if most > WIDE * least { Scale::log(text(&axis["time"])) } else { Scale::from_zero(text(&axis["time"])) },
+        y: if as_ratio { Scale::log(text(&axis["accuracy"])) } else { Scale::new(text(&axis["accuracy"])) },
+        legend: ["on the Pareto front", "beaten; the default is ringed"],
+        points,
+    }
+}
