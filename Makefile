@@ -42,12 +42,13 @@ faults: ## 10,000 damaged files of every format, in some minutes; kills, full di
 soak: ## 20,000 iterations of runs, prunes, resumes and compressions in one process: memory must stay flat
 	cargo test --locked --test soak -- --ignored --nocapture
 
-# Needs `rustup toolchain install nightly` and `cargo install cargo-fuzz`. Targets: tests/fuzz/targets.
+# Needs `cargo install cargo-fuzz`; RUSTC_BOOTSTRAP lets the toolchain at hand take its flags. Readers are safe Rust, so that
+# no sanitizer is asked for. Targets: tests/fuzz/targets.
 TARGET ?= ply
 SECONDS_OF_FUZZ ?= 60
 fuzz: ## coverage-guided fuzzing of one reader for a minute; TARGET=name, SECONDS_OF_FUZZ=n
 	QIRF_FUZZ_CORPUS="$(CURDIR)/tests/fuzz/corpus" cargo test --locked --test faults -- --ignored --exact mutations::seeds
-	cd tests/fuzz && cargo +nightly fuzz run --fuzz-dir . $(TARGET) -- -max_total_time=$(SECONDS_OF_FUZZ) -rss_limit_mb=2048 -timeout=20
+	cd tests/fuzz && RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir . -s none $(TARGET) -- -max_total_time=$(SECONDS_OF_FUZZ) -rss_limit_mb=2048 -timeout=20
 
 check: ## formatting, lints, shaders, documentation
 	cargo fmt --check
