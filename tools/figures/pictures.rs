@@ -252,6 +252,6 @@ pub fn iteration_plot(bench: &Bench) -> Result<String, String> {
             Bar { name: stage.to_owned(), value: m.ms[1], text: format!("{} ms{times}", digits(m.ms[1])) }
         })
         .collect();
-    let title = "An iteration of 10,000 Gaussians at 144 x 256, and how many times its bound";
+    let title = "An iteration by stage; in brackets, times its bound";
     Ok(sheet(title, &[drawing_of_bars(title, &bars)], 1))
 }

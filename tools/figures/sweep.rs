@@ -216,7 +216,7 @@ fn front(axis: &Value) -> Front<'_> {
         };
         let of = |name: &str| rung["time"][name].as_f64();
         // These stand where no value does.
-        let equal = y == beyond;
+        let equal = y == beyond && rung["name"] != "exact";
         Some(Point {
             label: format!("{}{}", text(&rung["name"]), if equal { " (exact)" } else { "" }),
             told: format!("{}: {}", text(&rung["name"]), shown(rung)),

@@ -73,9 +73,9 @@ fn style() -> String {
     let colours = |dark: bool| {
         let of = |name: &str| page_colour(name, dark);
         let mut text = format!(
-            ".card{{fill:{};stroke:{rule}}}text{{fill:{text}}}.rule{{stroke:{rule}}}.axis{{stroke:{muted}}}\
+            ".card{{fill:{card};stroke:{rule}}}.label{{stroke:{card}}}text{{fill:{text}}}.rule{{stroke:{rule}}}.axis{{stroke:{muted}}}\
              .mark,.title,.above{{fill:{muted}}}.ring{{stroke:{text}}}line.event{{stroke:{event}}}text.event{{fill:{event}}}",
-            of("card"),
+            card = of("card"),
             rule = of("rule"),
             text = of("text"),
             muted = of("muted"),
@@ -90,7 +90,7 @@ fn style() -> String {
     format!(
         "text{{font:12px system-ui,\"Segoe UI\",Roboto,\"DejaVu Sans\",sans-serif}}.name{{font-size:14px;font-weight:600}}\
          .above{{font-size:10.5px}}.end{{text-anchor:end}}.middle{{text-anchor:middle}}.ring{{fill:none;stroke-width:1.5}}\
-         line.event{{stroke-dasharray:4 3}}{}@media(prefers-color-scheme:dark){{{}}}\
+         .label{{paint-order:stroke;stroke-width:3px;stroke-linejoin:round}}line.event{{stroke-dasharray:4 3}}{}@media(prefers-color-scheme:dark){{{}}}\
          .line[class]{{fill:none;stroke-width:2;stroke-linejoin:round}}",
         colours(false),
         colours(true)
