@@ -64,11 +64,13 @@ impl Front<'_> {
         let drawing = html! {
             (frame.draw(None))
             @if front.len() > 1 { polyline class={ "line " (colour(0)) } points=(front.join(" ")) {} }
-            @for ((p, [x, y]), label) in points.iter().zip(&places).zip(&labels) {
+            @for (p, [x, y]) in points.iter().zip(&places) {
                 @let [from, to] = p.spread.map(|v| frame.x.at(v));
                 line class="axis" x1=(px(from)) x2=(px(to)) y1=(px(*y)) y2=(px(*y)) {}
                 circle class={ "dot " (colour(usize::from(!p.front))) } cx=(px(*x)) cy=(px(*y)) r="4.5" { title { (p.told) } }
                 @if p.default { circle class="ring" cx=(px(*x)) cy=(px(*y)) r="8" {} }
+            }
+            @for ((p, [x, _]), label) in points.iter().zip(&places).zip(&labels) {
                 @let at_right = *x < left + 0.65 * (right - left);
                 text class={ "label" @if !at_right { " end" } } y=(px(*label))
                     x=(px(if at_right { x + 12.0 } else { x - 12.0 })) { (p.label) }
