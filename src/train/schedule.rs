@@ -91,7 +91,7 @@ impl Schedule {
             rest_rate: whole.rest_rate * shorter.powf(0.4),
             scale_rate: whole.scale_rate * shorter.powf(0.25),
             rotation_rate: whole.rotation_rate * shorter.powf(0.4),
-            half_until: 0.3,
+            half_until: 0.4,
             ..whole
         }
     }
