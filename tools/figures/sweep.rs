@@ -47,7 +47,7 @@ impl Sweep {
         rows(&self.axis(axis)?["rungs"]).iter().find(|r| r["name"] == rung)
     }
 
-    /// Every rung, what the next more exact one would cost, and what it was all measured on.
+    /// Every rung, what the next more exact one would cost, why an axis is flat, and what it was all measured on.
     pub fn table(&self) -> String {
         let subject = &self.0["subject"];
         let mut out = format!(
@@ -87,7 +87,9 @@ impl Sweep {
         out += &table(&["axis", "time; accuracy", "rung", "on the front", "time", "accuracy"], 4, &lines);
         out.push('\n');
         for axis in self.axes() {
-            out += &format!("* {}: {}\n", text(&axis["axis"]), text(&axis["sentence"]));
+            let told = [&axis["sentence"]].into_iter().chain(rows(&axis["flat"])).chain(rows(&axis["notes"]));
+            let told: Vec<&str> = told.map(text).collect();
+            out += &format!("* {}: {}\n", text(&axis["axis"]), told.join(" "));
         }
         if let Some(rung) = self.rung("solver", "low-rank") {
             let of = |name: &str| rung["figures"][name].as_f64();
