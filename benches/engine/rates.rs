@@ -19,12 +19,7 @@ pub fn rates(criterion: &mut Criterion) {
     for mib in SIZES {
         for (by, name) in [(By::Kernel, "copy by a kernel"), (By::Command, "copy by command")] {
             let copy = Copy::new(device, mib << 18, by).unwrap();
-            let run = || {
-                let mut recording = Recording::new();
-                recording.scope("copy", |r| copy.record(r));
-                let start = Instant::now();
-                time_of(&device.run(recording).unwrap(), "copy", start)
-            };
+            let run = || timed("copy", |r| copy.record(r));
             run();
             let id = format!("2 x {mib} MiB");
             facts::note("device", &[name, &id], &[("bytes", copy.moved() as f64), ("buffers", (mib << 21) as f64)]);
@@ -35,12 +30,7 @@ pub fn rates(criterion: &mut Criterion) {
         }
     }
     let multiply_add = MultiplyAdd::new(device).unwrap();
-    let run = || {
-        let mut recording = Recording::new();
-        recording.scope("multiply-add", |r| multiply_add.record(r));
-        let start = Instant::now();
-        time_of(&device.run(recording).unwrap(), "multiply-add", start)
-    };
+    let run = || timed("multiply-add", |r| multiply_add.record(r));
     run();
     facts::note("device", &["multiply-add"], &[("operations", multiply_add.operations() as f64)]);
     group.throughput(Throughput::Elements(multiply_add.operations()));
@@ -48,4 +38,12 @@ pub fn rates(criterion: &mut Criterion) {
         b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
     });
     group.finish();
+}
+
+/// The time of what `record` records under this name.
+fn timed(scope: &'static str, record: impl FnOnce(&mut Recording)) -> Duration {
+    let mut recording = Recording::new();
+    recording.scope(scope, record);
+    let start = Instant::now();
+    time_of(&device().run(recording).unwrap(), scope, start)
 }

@@ -41,8 +41,6 @@ bool rotation_of(vec4 stored, out mat3 r, out vec4 q, out float norm) {
 const float LARGE = 1e16;                      // square pixels
 const float SHRINK = 2.3283064365386963e-10;   // 2^-32: rounds nothing
 
-mat3 world_to_camera(View v) { return transpose(mat3(v.rotation[0].xyz, v.rotation[1].xyz, v.rotation[2].xyz)); }
-
 Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
     Projection p;
     p.there = false;

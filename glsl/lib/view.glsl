@@ -11,3 +11,5 @@ struct View {
     uint degree;        // SH degree in use
     uint padding;
 };
+
+mat3 world_to_camera(View v) { return transpose(mat3(v.rotation[0].xyz, v.rotation[1].xyz, v.rotation[2].xyz)); }

@@ -24,8 +24,7 @@ void main() {
     bool seen = false;
     for (uint k = 0; k < views; k++) {
         View v = view[k];
-        vec3 d = mean - v.centre.xyz;
-        vec3 p = vec3(dot(v.rotation[0].xyz, d), dot(v.rotation[1].xyz, d), dot(v.rotation[2].xyz, d));
+        vec3 p = world_to_camera(v) * (mean - v.centre.xyz);
         vec2 pixel = v.focal * p.xy / p.z + v.principal;
         vec2 size = vec2(v.size), border = MARGIN * size;
         bool inside = p.z > v.centre.w && all(greaterThanEqual(pixel, -border)) && all(lessThanEqual(pixel, size + border));

@@ -108,9 +108,8 @@ impl Arguments {
         let (test, views) = (held_out.mean(), &held_out.views);
         if self.json {
             let counts = serde_json::json!({ "model": model.len(), "original": original.len() });
-            let schema = 1;
             return console
-                .json(&serde_json::json!({ "schema": schema, "gaussians": counts, "test": test, "views": views }));
+                .json(&serde_json::json!({ "schema": 1, "gaussians": counts, "test": test, "views": views }));
         }
         table(console, test.as_ref(), views)
     }

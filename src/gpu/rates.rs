@@ -52,8 +52,7 @@ impl Copy {
         let times = MOVED.div_ceil(2 * from.raw().bytes()).max(1);
         // On a CPU one subgroup a workgroup, and few long runs: starting one costs as much as copying hundreds of words.
         let info = device.info();
-        let shape =
-            if info.kind == "cpu" { [info.subgroup_size, 1024] } else { [WORKGROUP.max(info.subgroup_size), 4] };
+        let shape = if info.is_cpu() { [info.subgroup_size, 1024] } else { [WORKGROUP.max(info.subgroup_size), 4] };
         Ok(Self { from, to, by, times, shape })
     }
 
@@ -103,7 +102,7 @@ impl MultiplyAdd {
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device) -> Result<Self, Error> {
-        let (groups, rounds) = if device.info().kind == "cpu" { (64, 512) } else { (4096, 1024) };
+        let (groups, rounds) = if device.info().is_cpu() { (64, 512) } else { (4096, 1024) };
         Ok(Self { sums: device.buffer("rates: sums", (groups * WORKGROUP) as usize)?, rounds })
     }
 

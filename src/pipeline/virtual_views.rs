@@ -45,9 +45,18 @@ impl Default for Around {
 }
 
 impl Around {
+    /// Cameras all round the model, and how it is rendered from there: over a background, anti-aliased or not.
+    pub fn views(&self, model: &Gaussians, (background, antialias): ([f32; 3], bool)) -> (Vec<Camera>, Settings) {
+        let (cameras, near) = self.cameras(model);
+        let settings = Settings::default();
+        // A model in small units must not fall before the near plane.
+        let near = settings.near.min(near as f32);
+        (cameras, Settings { background, antialias, near, ..settings })
+    }
+
     /// Cameras spread evenly over a band of a sphere round the model, each near enough to fill its picture; and the near
     /// plane that suits them.
-    pub fn cameras(&self, model: &Gaussians) -> (Vec<Camera>, f64) {
+    fn cameras(&self, model: &Gaussians) -> (Vec<Camera>, f64) {
         let subject = Subject::of(model, self.up);
         let mut nearest = f64::INFINITY;
         let (low, high) = (ELEVATIONS.start().sin(), ELEVATIONS.end().sin());
@@ -77,7 +86,7 @@ pub struct OwnPictures {
 }
 
 impl OwnPictures {
-    /// Renders them.
+    /// Renders them in the `style` of [`Around::views`].
     ///
     /// # Errors
     /// Device memory; device errors; [`Error::Interrupted`].
@@ -85,15 +94,11 @@ impl OwnPictures {
         device: &Device,
         model: &Gaussians,
         around: &Around,
-        (background, antialias): ([f32; 3], bool),
+        style: ([f32; 3], bool),
         with_train_pixels: bool,
         watcher: &dyn Watcher,
     ) -> Result<Self, Error> {
-        let (cameras, near) = around.cameras(model);
-        let settings = Settings::default();
-        // A model in small units must not fall before the near plane.
-        let near = settings.near.min(near as f32);
-        let settings = Settings { background, antialias, near, ..settings };
+        let (cameras, settings) = around.views(model, style);
         let resident = Resident::upload(device, model)?;
         let mut renderer = Renderer::new(device, settings, model.len(), around.size.0, around.size.1)?;
         let (mut train, mut test) = (Vec::new(), Vec::new());

@@ -2,13 +2,10 @@
 
 use super::format::{NONE, count, decimals, seconds, short};
 use super::page::{self, Column, Section, absent, facts, side_by_side, table};
-use super::plot::{Axis as Scale, Front, Point};
+use super::plot::{Accuracies, Axis as Scale, Front, Point};
 use crate::pipeline::sweep::Swept;
 use crate::pipeline::sweep::results::{AxisResult, Better, Rung, Table};
 use maud::{Markup, html};
-
-/// Values that span more than this factor are shown on a logarithmic axis.
-const WIDE: f64 = 8.0;
 
 /// The page of a sweep.
 pub fn page(swept: &Swept) -> String {
@@ -60,29 +57,9 @@ fn body(axis: &AxisResult) -> Markup {
     }
 }
 
-fn wide(values: &[f64]) -> bool {
-    let positive = values.iter().filter(|v| **v > 0.0);
-    let (low, high) = positive.fold((f64::INFINITY, 0.0_f64), |(l, h), v| (l.min(*v), h.max(*v)));
-    high > WIDE * low
-}
-
 fn plot(axis: &AxisResult) -> Markup {
     let measured: Vec<f64> = axis.rungs.iter().filter_map(|r| r.accuracy).collect();
-    let least = measured.iter().copied().filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
-    let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    let as_ratio = axis.better == Better::Lower && least.is_finite();
-    // What is exact has no place on a logarithmic axis, nor among decibels: it stands a step beyond all others.
-    let beyond = match axis.better {
-        Better::Lower if as_ratio => 0.1 * least,
-        Better::Lower => 0.0,
-        Better::Higher if measured.is_empty() => 0.0,
-        Better::Higher => high + (0.25 * (high - low)).max(1.0),
-    };
-    let y = |r: &Rung| match r.accuracy {
-        Some(a) if as_ratio && a <= 0.0 => Some(beyond),
-        Some(a) => Some(a),
-        None => r.exact.then_some(beyond),
-    };
+    let accuracies = Accuracies::new(&measured, axis.better == Better::Lower);
     let point = |r: &Rung| {
         let (at, spread) = match axis.abscissa {
             Some(figure) => r.figures.get(figure).map(|v| (*v, [*v; 2]))?,
@@ -91,7 +68,7 @@ fn plot(axis: &AxisResult) -> Markup {
         Some(Point {
             label: r.name.clone(),
             told: format!("{}: {} at {}", r.name, axis.shown(r), short(at)),
-            at: [at, y(r)?],
+            at: [at, accuracies.place(r.accuracy, r.exact)?],
             spread,
             front: r.front,
             default: r.default,
@@ -108,12 +85,8 @@ fn plot(axis: &AxisResult) -> Markup {
     }
     let xs: Vec<f64> = points.iter().map(|p| p.at[0]).collect();
     let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's metric");
-    let x = match axis.abscissa {
-        _ if wide(&xs) => Scale::log(title),
-        Some(_) => Scale::new(title),
-        None => Scale::from_zero(title),
-    };
-    let y = if as_ratio { Scale::log(axis.accuracy) } else { Scale::new(axis.accuracy) };
+    let x = if axis.abscissa.is_some() { Scale::new(title) } else { Scale::from_zero(title) };
+    let (x, y) = (x.or_log(&xs), accuracies.axis(axis.accuracy));
     Front { title: axis.title, x, y, legend, points }.draw()
 }
 

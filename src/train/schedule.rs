@@ -79,8 +79,9 @@ impl Default for Schedule {
 const REFERENCE: f64 = 30_000.0;
 
 impl Schedule {
-    /// The reference's course in `iterations`, its first part at a quarter of the pixels. Positions, shapes and higher SH bands that have fewer steps take longer ones:
-    /// these are the parameters that the published rates do not bring to their place in a short run.
+    /// The reference's course in `iterations`, its first part at a quarter of the pixels. Positions, shapes and higher SH
+    /// bands that have fewer steps take longer ones: these are the parameters that the published rates do not bring to
+    /// their place in a short run.
     pub fn of(iterations: u32) -> Self {
         let shorter = (REFERENCE / f64::from(iterations.max(1))).max(1.0);
         let whole = Self::default();

@@ -240,9 +240,9 @@ impl Trainer {
         }
         if self.iteration == last {
             let view = self.view_of(last);
-            let camera = self.camera_of(view, last);
-            let size = [camera.width, camera.height];
-            self.last_loss = self.objective.loss.value(&self.device, size, self.options.weights)?;
+            let halved = self.halved(view, last);
+            let Camera { width, height, .. } = *halved.as_ref().unwrap_or(&self.views[view].camera);
+            self.last_loss = self.objective.loss.value(&self.device, [width, height], self.options.weights)?;
             self.after(last)?;
         }
         Ok(self.progress())
@@ -263,9 +263,8 @@ impl Trainer {
     /// The last iteration that may run before the host must look.
     fn boundary(&self, until: u32) -> u32 {
         let schedule = &self.options.schedule;
-        let smooths = |i: u32| self.smoothing.is_some() && Smoothing::due(i, schedule.iterations);
-        let acts =
-            |i: u32| smooths(i) || schedule.densifies(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1);
+        let grows = |i: u32| schedule.densifies(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1);
+        let acts = |i: u32| grows(i) || self.smoothing_after(i).is_some();
         let averages = |i: u32| self.options.averaged.start == i + 1 && !self.options.averaged.is_empty();
         (self.iteration + 1..=until.min(self.iteration + LOOK_EVERY))
             .find(|i| acts(*i) || averages(*i))
@@ -304,11 +303,14 @@ impl Trainer {
         self.order.1[at as usize]
     }
 
-    /// The camera of a view as iteration `iteration` sees it.
-    fn camera_of(&self, view: usize, iteration: u32) -> Camera {
-        let camera = &self.views[view].camera;
-        let halved = self.options.schedule.halves(iteration).then(|| halve::camera(camera)).flatten();
-        halved.unwrap_or_else(|| camera.clone())
+    /// The camera of a view at half its size, where iteration `iteration` sees it so.
+    fn halved(&self, view: usize, iteration: u32) -> Option<Camera> {
+        self.options.schedule.halves(iteration).then(|| halve::camera(&self.views[view].camera)).flatten()
+    }
+
+    /// What smooths after iteration `iteration`, where that is due.
+    fn smoothing_after(&self, iteration: u32) -> Option<&Smoothing> {
+        self.smoothing.as_ref().filter(|_| Smoothing::due(iteration, self.options.schedule.iterations))
     }
 
     fn submit(&mut self, iteration: u32, with_value: bool) -> Result<Ticket> {
@@ -326,15 +328,16 @@ impl Trainer {
 
     fn record(&mut self, iteration: u32, with_value: bool) -> Result<Recording> {
         let (next, at) = (self.view_of(iteration + 1), self.view_of(iteration));
-        let (full, camera) = (self.views[at].camera.clone(), &self.camera_of(at, iteration));
-        let size = [camera.width, camera.height];
+        let halved = self.halved(at, iteration);
         let mut photo = self.photos.get(&self.device, &self.views, at, next)?;
         let (options, model) = (&self.options, &self.model);
         let mut recording = Recording::new();
-        if let Some(half) = self.half.as_ref().filter(|_| size[0] < full.width) {
-            half.record(&mut recording, photo, [full.width, full.height]);
-            photo = &half.photo;
+        let mut camera = &self.views[at].camera;
+        if let (Some(half), Some(halved)) = (&self.half, &halved) {
+            half.record(&mut recording, photo, [camera.width, camera.height]);
+            (photo, camera) = (&half.photo, halved);
         }
+        let size = [camera.width, camera.height];
         self.renderer.record(&mut recording, model, camera);
         let slots = self.renderer.slots(camera);
         let step = exposure::Step {
@@ -383,9 +386,7 @@ impl Trainer {
             density::reset_opacity(&mut recording, &self.model, &self.state, RESET_OPACITY);
             self.device.run(recording)?;
         }
-        if let Some(smoothing) = &self.smoothing
-            && Smoothing::due(iteration, schedule.iterations)
-        {
+        if let Some(smoothing) = self.smoothing_after(iteration) {
             let mut recording = Recording::new();
             smoothing.record(&mut recording, &self.model);
             self.timings.merge(&self.device.submit(recording)?.wait()?);

@@ -4,7 +4,7 @@ use super::measured::{Bench, Measured};
 
 /// What a device did at best.
 pub struct Rates {
-    /// Bytes of both buffers of a copy and bytes it moved in a second, by rising bytes.
+    /// Bytes of both buffers of a copy, and bytes it moved in a second.
     copies: Vec<[f64; 2]>,
     /// float32 operations a second.
     pub operations: f64,
@@ -27,7 +27,7 @@ impl Rates {
     pub fn of(bench: &Bench) -> Result<Self, String> {
         let rate = |m: &Measured, name: &str| m.number(name) / (1e-3 * m.ms[0]);
         let multiply_add = bench.get("device/multiply-add")?;
-        let mut copies: Vec<[f64; 2]> = bench
+        let copies: Vec<[f64; 2]> = bench
             .group("device")
             .filter(|(name, _)| name.starts_with("copy"))
             .map(|(_, m)| [m.number("buffers"), rate(m, "bytes")])
@@ -35,7 +35,6 @@ impl Rates {
         if copies.is_empty() {
             return Err("no copy of the group 'device' was measured; run all groups: make figures".to_owned());
         }
-        copies.sort_by(|a, b| a[0].total_cmp(&b[0]));
         Ok(Self { copies, operations: rate(multiply_add, "operations") })
     }
 

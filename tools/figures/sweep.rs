@@ -5,14 +5,12 @@ use super::measured::json;
 use super::tables::{digits, table};
 use qirf_vk::pipeline::sweep::results::figure;
 use qirf_vk::report::format::{NONE, count, decimals};
-use qirf_vk::report::plot::{Axis as Scale, Front, Point, sheet};
+use qirf_vk::report::plot::{Accuracies, Axis as Scale, Front, Point, sheet};
 use serde_json::Value;
 use std::path::Path;
 
 /// The version of `sweep.json` that this reads.
 const SCHEMA: u64 = 1;
-/// Values that span more than this factor are shown on a logarithmic axis.
-const WIDE: f64 = 8.0;
 /// Times within this share of each other count as equal.
 const EQUAL: f64 = 0.03;
 
@@ -196,29 +194,16 @@ fn compared(time: f64, other: f64) -> String {
     }
 }
 
-/// As the sweep's own page draws it: what is exact stands a step beyond all others.
+/// As the sweep's own page draws it.
 fn front(axis: &Value) -> Front<'_> {
     let rungs = rows(&axis["rungs"]);
-    let lower = axis["better"] == "lower";
     let measured: Vec<f64> = rungs.iter().filter_map(|r| r["accuracy"].as_f64()).collect();
-    let least = measured.iter().copied().filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
-    let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    let as_ratio = lower && least.is_finite();
-    let beyond = match () {
-        () if as_ratio => 0.1 * least,
-        () if lower || measured.is_empty() => 0.0,
-        () => high + (0.25 * (high - low)).max(1.0),
-    };
+    let accuracies = Accuracies::new(&measured, axis["better"] == "lower");
     let point = |rung: &Value| {
-        let y = match rung["accuracy"].as_f64() {
-            Some(a) if as_ratio && a <= 0.0 => beyond,
-            Some(a) => a,
-            None if rung["exact"] == true => beyond,
-            None => return None,
-        };
+        let y = accuracies.place(rung["accuracy"].as_f64(), rung["exact"] == true)?;
         let of = |name: &str| rung["time"][name].as_f64();
         // These stand where no value does.
-        let equal = y == beyond && rung["name"] != "exact";
+        let equal = y == accuracies.beyond && rung["name"] != "exact";
         Some(Point {
             label: format!("{}{}", text(&rung["name"]), if equal { " (exact)" } else { "" }),
             told: format!("{}: {}", text(&rung["name"]), shown(rung)),
@@ -229,12 +214,11 @@ fn front(axis: &Value) -> Front<'_> {
         })
     };
     let points: Vec<Point> = rungs.iter().filter_map(point).collect();
-    let times = points.iter().map(|p| p.at[0]).filter(|v| *v > 0.0);
-    let (least, most) = times.fold((f64::INFINITY, 0.0_f64), |(l, h), v| (l.min(v), h.max(v)));
+    let times: Vec<f64> = points.iter().map(|p| p.at[0]).collect();
     Front {
         title: text(&axis["title"]),
-        x: if most > WIDE * least { Scale::log(text(&axis["time"])) } else { Scale::from_zero(text(&axis["time"])) },
-        y: if as_ratio { Scale::log(text(&axis["accuracy"])) } else { Scale::new(text(&axis["accuracy"])) },
+        x: Scale::from_zero(text(&axis["time"])).or_log(&times),
+        y: accuracies.axis(text(&axis["accuracy"])),
         legend: ["on the Pareto front", "beaten; the default is ringed"],
         points,
     }

@@ -126,9 +126,7 @@ pub fn of_model(
     if model.is_empty() {
         return Err(Error::Usage(format!("{}: it holds no Gaussian: there is nothing to measure", path.display())));
     }
-    let (cameras, near) = Around { views: AROUND, size, up }.cameras(&model);
-    let settings = Settings::default();
-    let settings = Settings { background, near: settings.near.min(near as f32), ..settings };
+    let (cameras, settings) = Around { views: AROUND, size, up }.views(&model, (background, false));
     let resident = Resident::upload(device, &model)?;
     let pairs = budget::few_pairs(device, model.len());
     let evidence = virtual_views::evidence(device, &resident, &cameras, settings, (pairs, false), |done| {

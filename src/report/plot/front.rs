@@ -24,6 +24,44 @@ pub struct Point {
     pub default: bool,
 }
 
+/// Where accuracies stand on the axis at the left. What is exact has no place on a logarithmic axis, nor among decibels: it
+/// stands a step beyond all others.
+#[derive(Clone, Copy, Debug)]
+pub struct Accuracies {
+    log: bool,
+    /// Where what is exact stands.
+    pub beyond: f64,
+}
+
+impl Accuracies {
+    /// Of these, measured; `lower` ones are better or worse.
+    pub fn new(measured: &[f64], lower: bool) -> Self {
+        let least = measured.iter().copied().filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
+        let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        let log = lower && least.is_finite();
+        let beyond = match () {
+            () if log => 0.1 * least,
+            () if lower || measured.is_empty() => 0.0,
+            () => high + (0.25 * (high - low)).max(1.0),
+        };
+        Self { log, beyond }
+    }
+
+    /// A rung's place; none where it is neither measured nor exact.
+    pub fn place(self, accuracy: Option<f64>, exact: bool) -> Option<f64> {
+        match accuracy {
+            Some(a) if self.log && a <= 0.0 => Some(self.beyond),
+            Some(a) => Some(a),
+            None => exact.then_some(self.beyond),
+        }
+    }
+
+    /// Their axis.
+    pub fn axis(self, title: &str) -> Axis<'_> {
+        if self.log { Axis::log(title) } else { Axis::new(title) }
+    }
+}
+
 /// Rungs between two axes.
 pub struct Front<'a> {
     /// What is shown.

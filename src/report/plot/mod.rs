@@ -9,7 +9,7 @@ mod scale;
 mod sheet;
 
 pub use bars::{Bar, Columns, bars, drawing_of_bars};
-pub use front::{Front, Point};
+pub use front::{Accuracies, Front, Point};
 pub use lines::{Line, Lines, Mark, Scatter, Spot};
 pub use scale::Axis;
 pub use sheet::sheet;

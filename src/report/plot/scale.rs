@@ -6,6 +6,8 @@ use crate::report::format::short;
 const MARKS: f64 = 5.0;
 /// Most powers of ten that are marked.
 const MOST_DECADES: i32 = 6;
+/// Values that span more than this factor ask for a logarithmic axis.
+const WIDE: f64 = 8.0;
 /// Values beyond this are not drawn: their differences would overflow.
 const FAR: f64 = 1e30;
 
@@ -34,6 +36,14 @@ impl<'a> Axis<'a> {
     /// A logarithmic axis.
     pub fn log(title: &'a str) -> Self {
         Self { log: true, ..Self::new(title) }
+    }
+
+    /// This axis, or a logarithmic one of that title where the values span much.
+    #[must_use]
+    pub fn or_log(self, values: &[f64]) -> Self {
+        let positive = values.iter().filter(|v| **v > 0.0);
+        let (low, high) = positive.fold((f64::INFINITY, 0.0_f64), |(l, h), v| (l.min(*v), h.max(*v)));
+        if high > WIDE * low { Self::log(self.title) } else { self }
     }
 
     /// Whether a value has a place on it.
