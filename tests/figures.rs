@@ -86,6 +86,7 @@ fn tables_say_what_was_measured() {
         ("frame", &["| 10,000 (58,699 pairs) | project |", "rasterise", "operations"]),
         ("cost", &["R²", "along pixels", "along pairs", "a million pixels +"]),
         ("culling", &["| exact has fewer than 3-sigma by | 32.5 % | 46.3 % |"]),
+        ("effects", &["| all off, again |", "| 1.310 | 1.300 to 1.330 |\n| exposure |"]),
         ("iteration", &["**19,159 pairs an image**", "50 ms or less", "| adam |"]),
         ("kernels", &["| low rank | m = 48 | 64 blocks |", "| loss | 144x256 | 36,864 pixels |"]),
         ("sweep", &["**exact**", "| determinant |", "* gradients: "]),
@@ -154,7 +155,7 @@ fn what_is_missing_is_said() {
     let mut recorded = recorded();
     recorded["benchmarks"].as_array_mut().unwrap().retain(|b| !b["id"].as_str().unwrap().starts_with("culling/"));
     assert!(part(&all_of(&recorded).unwrap()[0], "culling").contains("Not measured"));
-    for group in ["device/multiply-add", "scan/", "frame/", "cost/pairs", "iteration/whole", "rrdm/"] {
+    for group in ["device/multiply-add", "scan/", "frame/", "cost/pairs", "effects/", "iteration/whole", "rrdm/"] {
         let mut less = recorded.clone();
         less["benchmarks"].as_array_mut().unwrap().retain(|b| !b["id"].as_str().unwrap().starts_with(group));
         let error = all_of(&less).map(|_| ()).expect_err(group);

@@ -40,40 +40,55 @@ fn schedule() -> Schedule {
     }
 }
 
-/// SH of degree 3 from the first iteration, statistics gathered.
-pub fn iteration(criterion: &mut Criterion) {
+/// All effects off, SH of this degree from the first iteration, statistics gathered.
+pub fn options(degree: usize) -> Options {
+    Options {
+        schedule: schedule(),
+        settings: Settings::default(),
+        seed: 1,
+        degree,
+        most: GAUSSIANS,
+        transparent: false,
+        masked: false,
+        exposure: None,
+        weights: Weights::default(),
+        averaged: 0..0,
+        pairs: 1 << 20,
+    }
+}
+
+/// A model of SH of this degree and a camera, with the photo that it learns there.
+pub fn scene(degree: usize) -> (Gaussians, Camera, TrainView) {
     let camera = scenes::camera(SIZE[0], SIZE[1]);
-    let view = photo(&scenes::crowd(GAUSSIANS, 3, 1.0, 3), &camera);
-    let model = scenes::crowd(GAUSSIANS, 3, 1.0, 4);
+    let view = photo(&scenes::crowd(GAUSSIANS, degree, 1.0, 3), &camera);
+    (scenes::crowd(GAUSSIANS, degree, 1.0, 4), camera, view)
+}
+
+/// Trains so many iterations more; gives the time by the host's clock.
+pub fn train(trainer: &mut Trainer, iterations: u32) -> Duration {
+    let until = trainer.iteration() + iterations;
+    let start = Instant::now();
+    while trainer.iteration() < until {
+        trainer.advance(until).unwrap();
+    }
+    start.elapsed()
+}
+
+/// SH of degree 3.
+pub fn iteration(criterion: &mut Criterion) {
+    let (model, camera, view) = scene(3);
     let mut renderer = Renderer::new(device(), Settings::default(), GAUSSIANS, SIZE[0], SIZE[1]).unwrap();
     let resident = Resident::upload(device(), &model).unwrap();
     let (_, _, pairs) = renderer.render_timed(&resident, &camera).unwrap();
     let picture = scenes::picture(&model, &camera, pairs, renderer.tile());
     println!("iteration/{}: {pairs} pairs an image of {} x {}", thousands(GAUSSIANS), SIZE[0], SIZE[1]);
-    let options = Options {
-        schedule: schedule(),
-        settings: Settings::default(),
-        seed: 1,
-        degree: 3,
-        most: GAUSSIANS,
-        transparent: false,
-        masked: false,
-        exposure: false,
-        weights: Weights::default(),
-        averaged: 0..0,
-        pairs: 1 << 20,
-    };
-    let mut trainer = Trainer::new(device(), &model, vec![view], 1.0, options).unwrap();
-    let mut train = |iterations: u32| {
-        let until = trainer.iteration() + iterations;
+    let mut trainer = Trainer::new(device(), &model, vec![view], 1.0, options(3)).unwrap();
+    let mut timed = |iterations: u32| {
         let before = trainer.timings().clone();
-        let start = Instant::now();
-        while trainer.iteration() < until {
-            trainer.advance(until).unwrap();
-        }
-        (before, trainer.timings().clone(), start.elapsed())
+        let elapsed = train(&mut trainer, iterations);
+        (before, trainer.timings().clone(), elapsed)
     };
-    train(16);
+    timed(16);
 
     let stages: Vec<_> = STAGES.into_iter().chain(["loss"]).chain(BACKWARD_STAGES).collect();
     let mut group = group(criterion, "iteration");
@@ -81,7 +96,7 @@ pub fn iteration(criterion: &mut Criterion) {
         picture.stage(stage).note("iteration", &[stage, &thousands(GAUSSIANS)], &picture.numbers());
         group.bench_function(BenchmarkId::new(*stage, thousands(GAUSSIANS)), |b| {
             b.iter_custom(|iterations| {
-                let (before, after, _) = train(iterations as u32);
+                let (before, after, _) = timed(iterations as u32);
                 Duration::from_secs_f64(after.seconds(stage) - before.seconds(stage))
             });
         });
@@ -89,11 +104,11 @@ pub fn iteration(criterion: &mut Criterion) {
     let all: Bound = stages.iter().map(|stage| picture.stage(stage)).sum();
     all.note("iteration", &[WHOLE, &thousands(GAUSSIANS)], &picture.numbers());
     group.bench_function(BenchmarkId::new(WHOLE, thousands(GAUSSIANS)), |b| {
-        b.iter_custom(|iterations| train(iterations as u32).2);
+        b.iter_custom(|iterations| timed(iterations as u32).2);
     });
     group.finish();
 
-    let (_, timings, _) = train(16);
+    let (_, timings, _) = timed(16);
     let total: f64 = stages.iter().map(|s| timings.seconds(s)).sum();
     for stage in stages.iter().filter(|_| total > 0.0) {
         println!("iteration/{stage}: {:.1} % of device time", 100.0 * timings.seconds(stage) / total);

@@ -8,6 +8,7 @@
 mod bounds;
 mod cost;
 mod culling;
+mod effects;
 mod facts;
 mod flowers;
 mod frame;
@@ -78,6 +79,7 @@ criterion_group!(
     primitives::scan,
     frame::frame,
     cost::cost,
+    effects::effects,
     culling::culling,
     loss::loss,
     iteration::iteration,

@@ -15,6 +15,7 @@ layout(binding = 3, std430) buffer Gradient { vec4 gradient[]; };  // by the exp
 layout(binding = 4, std430) buffer Partials { float partials[]; }; // workgroup x 12
 layout(binding = 5, std430) buffer Affine { float affine[]; };     // photo x 3 rows x (red, green, blue, constant)
 layout(binding = 6, std430) buffer Moments { vec2 moments[]; };    // first and second of each
+layout(binding = 7, std430) readonly buffer Gains { float gains[]; }; // photo x (red, green, blue): what was measured
 layout(push_constant) uniform Push {
     uint photo;
     uint pixels;
@@ -23,7 +24,7 @@ layout(push_constant) uniform Push {
     float rate;
     float correction1; // 1 / (1 - beta1^step)
     float correction2; // 1 / sqrt(1 - beta2^step)
-    float pull;        // towards the affine that changes nothing
+    float pull;        // towards the measured gains
 };
 
 const uint SIZE = 12;
@@ -96,7 +97,7 @@ void update() {
     moment.x = BETA1 * moment.x + (1 - BETA1) * slope;
     moment.y = BETA2 * moment.y + (1 - BETA2) * slope * slope;
     moments[at] = moment;
-    float apart = affine[at] - (lane % 5 == 0 ? 1 : 0); // the identity's ones stand at 0, 5 and 10
+    float apart = affine[at] - (lane % 5 == 0 ? gains[3 * photo + lane / 5] : 0); // the diagonal stands at 0, 5 and 10
     affine[at] -= rate * ((moment.x * correction1) / (sqrt(moment.y) * correction2 + EPSILON) + pull * apart);
 }
 

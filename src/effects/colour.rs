@@ -35,16 +35,36 @@ const TERMS: usize = 16;
 pub struct Gains {
     /// By photo: log-gains of red, green and blue; their mean over photos is 0.
     pub log: Vec<DVec3>,
+    /// By photo: their standard errors; infinite where there is too little to tell.
+    pub errors: Vec<DVec3>,
     /// Standard deviation of the log-gains, less what the measurement's own error explains.
     pub spread: f64,
     /// Photos that share enough points with others.
     pub photos: usize,
 }
 
+impl Gains {
+    /// By photo: gains of red, green and blue, each drawn to 1 as far as its error is large against the spread of all; none
+    /// where photos share too little to be compared.
+    pub fn believed(&self) -> Vec<[f32; 3]> {
+        if self.photos == 0 {
+            return Vec::new();
+        }
+        let variance = self.spread * self.spread;
+        let believe = |(log, error): (&DVec3, &DVec3)| {
+            let share = |e: f64| if variance > 0.0 { variance / (variance + e * e) } else { 0.0 };
+            (*log * DVec3::from(error.to_array().map(share))).exp().as_vec3().to_array()
+        };
+        self.log.iter().zip(&self.errors).map(believe).collect()
+    }
+}
+
 /// Fits gains to the colours of points that photos share: log colour = point + gain, by medians in turn.
 pub fn gains(tracks: &[Vec<Observation>], shots: usize) -> Gains {
     let fits: Vec<(Vec<f64>, Vec<f64>)> = (0..3).into_par_iter().map(|c| channel(tracks, shots, c)).collect();
-    let log: Vec<DVec3> = (0..shots).map(|s| DVec3::new(fits[0].0[s], fits[1].0[s], fits[2].0[s])).collect();
+    let channels = |of: &dyn Fn(usize) -> f64| DVec3::new(of(0), of(1), of(2));
+    let log: Vec<DVec3> = (0..shots).map(|s| channels(&|c| fits[c].0[s])).collect();
+    let errors: Vec<DVec3> = (0..shots).map(|s| channels(&|c| fits[c].1[s])).collect();
     let (mut sum, mut noise, mut n) = (0.0, 0.0, 0.0);
     for (values, errors) in &fits {
         for (value, error) in values.iter().zip(errors).filter(|(_, e)| e.is_finite()) {
@@ -56,9 +76,9 @@ pub fn gains(tracks: &[Vec<Observation>], shots: usize) -> Gains {
     let spread = ((sum - noise).max(0.0) / f64::max(n, 1.0)).sqrt();
     let photos = fits[0].1.iter().filter(|e| e.is_finite()).count();
     if photos < COMMON.0 {
-        return Gains { log: vec![DVec3::ZERO; shots], spread: 0.0, photos: 0 };
+        return Gains { log: vec![DVec3::ZERO; shots], errors, spread: 0.0, photos: 0 };
     }
-    Gains { log, spread, photos }
+    Gains { log, errors, spread, photos }
 }
 
 /// Log-gains of one channel by photo, and their standard errors; infinite where there is too little to tell.

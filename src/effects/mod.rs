@@ -17,6 +17,7 @@ mod tracks;
 
 use crate::scene::Scene;
 use crate::scene::camera::Camera;
+use colour::Gains;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -246,8 +247,8 @@ pub struct Subject<'a> {
 
 /// Decides on every effect, in the order of [`Effect::ALL`]. `most` is the highest SH degree allowed.
 ///
-/// Whatever the user decided, the evidence is the scene's.
-pub fn decide(subject: &Subject<'_>, overrides: &Overrides, most: usize) -> Vec<Decision> {
+/// Whatever the user decided, the evidence is the scene's. Also gives the photos' gains.
+pub fn decide(subject: &Subject<'_>, overrides: &Overrides, most: usize) -> (Vec<Decision>, Gains) {
     let tracks = tracks::observations(subject);
     let gains = colour::gains(&tracks, subject.shots.len());
     let mut decisions = vec![
@@ -267,7 +268,7 @@ pub fn decide(subject: &Subject<'_>, overrides: &Overrides, most: usize) -> Vec<
             d.degree = Some(if on { most.max(1) } else { 0 });
         }
     }
-    decisions
+    (decisions, gains)
 }
 
 /// Whether an effect is on among decisions.

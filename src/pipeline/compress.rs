@@ -319,7 +319,7 @@ fn trainer(device: &Device, model: &Gaussians, views: &Views, job: &Job) -> Resu
         most: model.len(),
         transparent: views.transparent,
         masked: views.masked,
-        exposure: false,
+        exposure: None,
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,
         pairs: budget::few_pairs(device, model.len()),

@@ -14,16 +14,18 @@ use rayon::prelude::*;
 /// Width that photos are looked at with, at most.
 const LOOKED_AT: u32 = 480;
 
-/// Decides on the effects of a prepared scene, from its training views alone.
+/// Decides on the effects of a prepared scene, from its training views alone; also gives the gains of those views, red,
+/// green and blue, against each other.
 ///
 /// # Errors
 /// Photos in a file that cannot be read.
-pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<Vec<Decision>, Error> {
+pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>, Vec<[f32; 3]>), Error> {
     let split = prepared.scene.split(config.eval_every);
     let shots: Vec<Shot> =
         prepared.train.par_iter().map(|view| shot(view, prepared.masked)).collect::<Result<_, Error>>()?;
     let subject = Subject { scene: &prepared.scene, train: &split.train, shots: &shots };
-    Ok(effects::decide(&subject, &config.effects, config.sh_degree))
+    let (decisions, gains) = effects::decide(&subject, &config.effects, config.sh_degree);
+    Ok((decisions, gains.believed()))
 }
 
 /// What a scene on disk calls for; photos that are absent or damaged are left out.
@@ -53,10 +55,11 @@ pub fn of_scene(scene: &Scene) -> Vec<Decision> {
             &Subject { scene: &scene, train: &train, shots: &shots },
             &Overrides::default(),
             MAX_SH_DEGREE,
-        );
+        )
+        .0;
     }
     let train: Vec<usize> = scene.split(EVAL_EVERY).train;
-    effects::decide(&Subject { scene: &scene, train: &train, shots: &shots }, &Overrides::default(), MAX_SH_DEGREE)
+    effects::decide(&Subject { scene: &scene, train: &train, shots: &shots }, &Overrides::default(), MAX_SH_DEGREE).0
 }
 
 /// A photo made small by averaging squares of pixels.

@@ -41,6 +41,8 @@ pub struct Stage<'a> {
     pub estimated_bytes: u64,
     /// What was decided on each effect.
     pub decisions: Vec<Decision>,
+    /// By training view: gains of red, green and blue against the others, as measured.
+    pub gains: Vec<[f32; 3]>,
     /// When it began, and the seconds until the photos were there.
     pub begun: (Instant, f64),
 }
@@ -60,11 +62,11 @@ impl<'a> Stage<'a> {
         (begun, estimated_bytes): (Instant, u64),
     ) -> Result<(Self, RunConfig), Error> {
         let prepared = opened.load_to_train((host_bytes, output.folder()), watcher)?;
-        let decisions = effects::decide(&prepared, config)?;
+        let (decisions, gains) = effects::decide(&prepared, config)?;
         watcher.note(&effects::summary(&decisions));
         let config = config.decided(&decisions);
         let begun = (begun, begun.elapsed().as_secs_f64());
-        Ok((Self { device, prepared, networks, watcher, estimated_bytes, decisions, begun }, config))
+        Ok((Self { device, prepared, networks, watcher, estimated_bytes, decisions, gains, begun }, config))
     }
 }
 
@@ -99,7 +101,7 @@ impl<'a> Job<'a> {
             most: config.max_gaussians,
             transparent: prepared.transparent,
             masked: prepared.masked,
-            exposure: config.exposure,
+            exposure: config.exposure.then(|| stage.gains.clone()),
             weights: Weights::default(),
             averaged: averaged(config),
             pairs: budget::pairs(gaussians),
@@ -260,7 +262,7 @@ impl<'a> Job<'a> {
     /// # Errors
     /// Device errors; a disk that is full.
     pub fn finish(mut self) -> Result<Results, Error> {
-        let Stage { device, prepared, networks, watcher, estimated_bytes, begun, decisions } = self.stage;
+        let Stage { device, prepared, networks, watcher, estimated_bytes, begun, decisions, .. } = self.stage;
         let (config, output) = (self.config, self.output);
         let evaluating = Instant::now();
         let model = self.trainer.download()?;

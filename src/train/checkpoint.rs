@@ -98,11 +98,11 @@ impl Trainer {
             trainer.responses = Some(Responses { values, seen });
         }
         let (affine, moments) = &snapshot.exposures;
-        if let Some(e) = &trainer.objective.exposure
+        if let (Some(e), Some(gains)) = (&trainer.objective.exposure, &trainer.options.exposure)
             && affine.len() == e.affine.len()
         {
             let pixels = e.image.len();
-            trainer.objective.exposure = Some(Exposure::with(device, affine, moments, pixels)?);
+            trainer.objective.exposure = Some(Exposure::with(device, gains, (affine, moments), pixels)?);
         }
         trainer.iteration = snapshot.iteration;
         trainer.skipped_rows = snapshot.skipped_rows;

@@ -6,13 +6,13 @@ use crate::primitives::WORKGROUP;
 
 /// Numbers of an affine: three rows of red, green, blue and a constant.
 pub const SIZE: usize = 12;
-/// The affine that changes nothing.
-pub const IDENTITY: [f32; SIZE] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-/// Learning rate at the beginning: the 3DGS reference's, and faster where photos are drawn less than a hundred times.
+/// Learning rate at the beginning where gains were measured, to within a percent: what is left to learn is little.
+const REFINE: f64 = 0.004;
+/// Where they were not: the 3DGS reference's, and faster where photos are drawn less than a hundred times.
 const RATE: (f64, f64) = (0.01, 0.05);
 /// Share of it that is left at the end.
 const LEFT: f64 = 0.1;
-/// Pull of each affine towards the one that changes nothing, in learning rates a step. What all photos have in common no
+/// Pull of each affine towards the gains that it began with, in learning rates a step. What all photos have in common no
 /// loss can tell from the model's own colours: without it both drift apart for good.
 pub const PULL: f32 = 1.0;
 /// Workgroups that sum gradients at most.
@@ -24,6 +24,8 @@ const SCOPE: &str = "exposure";
 pub struct Exposure {
     /// Photo x 12.
     pub affine: Buffer<f32>,
+    /// Photo x red, green, blue: where it begins, and is pulled to.
+    pub gains: Buffer<f32>,
     /// First and second moment of each.
     pub moments: Buffer<[f32; 2]>,
     /// The picture as the loss sees it.
@@ -44,36 +46,59 @@ pub struct Step<'a> {
     pub rate: f32,
 }
 
-/// Learning rate of an iteration of a run of this length on so many photos.
-pub fn rate(iteration: u32, length: u32, photos: usize) -> f32 {
+/// Learning rate of an iteration of a run of this length on so many photos with these gains.
+pub fn rate(gains: Option<&[[f32; 3]]>, iteration: u32, length: u32, photos: usize) -> f32 {
     let rounds = f64::from(length.max(1)) / photos.max(1) as f64;
     let t = f64::from(iteration) / f64::from(length.max(1));
-    ((1.0 / rounds).clamp(RATE.0, RATE.1) * LEFT.powf(t)) as f32
+    let measured = gains.is_some_and(|gains| !gains.is_empty());
+    let begin = if measured { REFINE } else { (1.0 / rounds).clamp(RATE.0, RATE.1) };
+    (begin * LEFT.powf(t)) as f32
+}
+
+/// The gains of so many photos; 1 for those beyond the list.
+fn of_each(gains: &[[f32; 3]], photos: usize) -> impl Iterator<Item = [f32; 3]> {
+    (0..photos).map(|k| gains.get(k).copied().unwrap_or([1.0; 3]))
+}
+
+/// The affine that multiplies channels by these gains.
+fn diagonal(gains: [f32; 3]) -> [f32; SIZE] {
+    let mut affine = [0.0; SIZE];
+    (0..3).for_each(|c| affine[5 * c] = gains[c]);
+    affine
 }
 
 impl Exposure {
     /// Bytes of exposures of so many photos of at most `pixels`.
     pub fn bytes(photos: usize, pixels: usize) -> u64 {
-        let affine = Buffer::<f32>::bytes_of(SIZE * photos) + Buffer::<[f32; 2]>::bytes_of(SIZE * photos);
+        let affine = Buffer::<f32>::bytes_of(SIZE * photos) + Buffer::<f32>::bytes_of(3 * photos);
+        let affine = affine + Buffer::<[f32; 2]>::bytes_of(SIZE * photos);
         affine + Buffer::<[f32; 4]>::bytes_of(pixels) + Buffer::<f32>::bytes_of(SIZE * GROUPS as usize)
     }
 
-    /// Photos that are exposed alike.
+    /// So many photos that begin with these gains of red, green and blue; 1 for those beyond the list.
     ///
     /// # Errors
     /// Device memory; device errors.
-    pub fn new(device: &Device, photos: usize, pixels: usize) -> Result<Self> {
-        let affine = IDENTITY.repeat(photos);
-        Self::with(device, &affine, &vec![0.0; 2 * affine.len()], pixels)
+    pub fn new(device: &Device, gains: &[[f32; 3]], photos: usize, pixels: usize) -> Result<Self> {
+        let affine: Vec<f32> = of_each(gains, photos).flat_map(diagonal).collect();
+        Self::with(device, gains, (&affine, &vec![0.0; 2 * affine.len()]), pixels)
     }
 
-    /// These affines (photo x 12) with these moments (first and second interleaved).
+    /// These affines (photo x 12) with these moments (first and second interleaved) of photos that began with these
+    /// gains.
     ///
     /// # Errors
     /// Device memory; device errors.
-    pub fn with(device: &Device, affine: &[f32], moments: &[f32], pixels: usize) -> Result<Self> {
+    pub fn with(
+        device: &Device,
+        gains: &[[f32; 3]],
+        (affine, moments): (&[f32], &[f32]),
+        pixels: usize,
+    ) -> Result<Self> {
         Ok(Self {
             affine: device.upload("exposures", affine)?,
+            gains: device
+                .upload("exposures' gains", of_each(gains, affine.len() / SIZE).collect::<Vec<_>>().as_flattened())?,
             moments: device.upload::<f32>("exposures' moments", moments)?.cast(),
             image: device.buffer("exposed image", pixels)?,
             partials: device.buffer("exposure sums", SIZE * GROUPS as usize)?,
@@ -132,6 +157,7 @@ impl Exposure {
             partials: &self.partials,
             affine: &self.affine,
             moments: &self.moments,
+            gains: &self.gains,
             push: ExposurePush {
                 photo: photo as u32,
                 pixels,

@@ -35,7 +35,11 @@ impl Objective {
         let background = options.settings.background;
         Ok(Self {
             loss: Loss::new(device, width, height)?,
-            exposure: options.exposure.then(|| Exposure::new(device, photos, pixels)).transpose()?,
+            exposure: options
+                .exposure
+                .as_ref()
+                .map(|gains| Exposure::new(device, gains, photos, pixels))
+                .transpose()?,
             mask: options.masked.then(|| Mask::new(device, pixels, background)).transpose()?,
         })
     }

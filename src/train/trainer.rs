@@ -44,8 +44,9 @@ pub struct Options {
     pub transparent: bool,
     /// Whether the photos' fourth byte says how much of a pixel counts.
     pub masked: bool,
-    /// Whether each photo gets an exposure of its own.
-    pub exposure: bool,
+    /// Where each photo has an exposure of its own: by view, the gains of red, green and blue that were
+    /// measured; an empty list where none could be.
+    pub exposure: Option<Vec<[f32; 3]>>,
     /// Weights of the loss.
     pub weights: Weights,
     /// Iterations, after the last density step, whose responses are averaged for [`Trainer::averages`]; none where empty.
@@ -345,7 +346,7 @@ impl Trainer {
             limit: slots.limit,
             // Each photo is drawn once a round.
             number: (iteration - 1) / self.views.len() as u32 + 1,
-            rate: exposure::rate(iteration, options.schedule.iterations, self.views.len()),
+            rate: exposure::rate(options.exposure.as_deref(), iteration, options.schedule.iterations, self.views.len()),
         };
         let target = Target { view: at, photo, size };
         let (objective, rendered) = (&self.objective, self.renderer.image());

@@ -5,6 +5,7 @@ use qirf_vk::effects::{Choice, Effect, Overrides};
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::effects;
 use qirf_vk::pipeline::eval::{Evaluation, eval};
 use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Selection, Watcher, prepare, run};
 use qirf_vk::reference::exposure as twin;
@@ -44,7 +45,10 @@ fn the_kernel_is_its_twin() {
             (0..pixels).map(|p| [0, 1, 2, 3].map(|c| (value(4 * p + c, 2) - 0.45) as f32 / pixels as f32)).collect();
         let affine: Vec<f32> =
             (0..photos * SIZE).map(|k| (twin::IDENTITY[k % SIZE] + 0.3 * (value(k, 3) - 0.5)) as f32).collect();
-        let exposure = Exposure::with(&device, &affine, &vec![0.0; 2 * affine.len()], pixels).unwrap();
+        let gains: Vec<[f32; 3]> =
+            (0..photos).map(|k| [0, 1, 2].map(|c| 0.8 + 0.4 * value(3 * k + c, 5) as f32)).collect();
+        let state = (&affine[..], &vec![0.0; 2 * affine.len()][..]);
+        let exposure = Exposure::with(&device, &gains, state, pixels).unwrap();
         let (image, gradient) = (device.upload("image", &picture).unwrap(), device.upload("slope", &slope).unwrap());
         let pairs = device.upload("pairs", &[0, 5]).unwrap();
         let step = |limit| Some(Step { pairs: &pairs, limit, number: 1, rate: 0.01 });
@@ -74,9 +78,10 @@ fn the_kernel_is_its_twin() {
             let mine = k / SIZE == photo;
             let slope = if mine { by_affine[k % SIZE] } else { 0.0 };
             assert!((10.0 * f64::from(moments[k][0]) - slope).abs() < 1e-5 * scale, "{k}: {} {slope}", moments[k][0]);
-            // The first step of Adam is the rate against the sign; the pull is towards the identity.
+            // The first step of Adam is the rate against the sign; the pull is towards the photo's own gains.
             let moved = f64::from(after[k]) - f64::from(affine[k]);
-            let pulled = f64::from(PULL) * (f64::from(affine[k]) - twin::IDENTITY[k % SIZE]);
+            let gain = if (k % SIZE).is_multiple_of(5) { gains[k / SIZE][k % SIZE / 5] } else { 0.0 };
+            let pulled = f64::from(PULL) * f64::from(affine[k] - gain);
             let right = if mine { -0.01 * (slope.signum() + pulled) } else { 0.0 };
             assert!((moved - right).abs() < 1e-5, "{k}: {moved} {slope}");
         }
@@ -145,7 +150,7 @@ fn options(config: &RunConfig, exposure: bool, masked: bool) -> Options {
         most: 3000,
         transparent: false,
         masked,
-        exposure,
+        exposure: exposure.then(Vec::new),
         weights: Weights::default(),
         averaged: 0..0,
         pairs: 1 << 14,
@@ -215,10 +220,20 @@ fn off_and_on(
     fitted: bool,
     resolution: Option<&str>,
 ) -> [f64; 2] {
+    worth(made, effect, (48, iterations), fitted, resolution)
+}
+
+fn worth(
+    made: &[synth::Effect],
+    effect: Effect,
+    (views, iterations): (usize, u32),
+    fitted: bool,
+    resolution: Option<&str>,
+) -> [f64; 2] {
     let device = device();
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
-    capture(&scene, made, 48, 64);
+    capture(&scene, made, views, 64);
     let psnr = [Choice::Off, Choice::On].map(|choice| {
         let mut config = config(&scene, iterations);
         config.sh_degree = if effect == Effect::ViewDependence { 3 } else { 1 };
@@ -261,4 +276,36 @@ fn view_dependence_helps_where_it_is_called_for() {
 fn antialias_helps_at_a_second_resolution() {
     let [off, on] = off_and_on(&[synth::Effect::Scales], Effect::Antialias, 1000, false, Some("/4"));
     assert!(on > off + 0.5, "{off} {on}");
+}
+
+/// What is measured on the photos are the factors that they were multiplied with.
+#[test]
+fn gains_are_those_that_the_photos_were_made_with() {
+    for (views, width) in [(24, 64), (48, 64), (48, 128)] {
+        let folder = tempfile::tempdir().unwrap();
+        capture(folder.path(), &[synth::Effect::Exposure], views, width);
+        let config = config(folder.path(), 60);
+        let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, folder.path()), &Silent).unwrap();
+        let (_, gains) = effects::decide(&prepared, &config).unwrap();
+        let made: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(folder.path().join("synth.json")).unwrap()).unwrap();
+        let of = |name: &str, c: usize| {
+            let photo = made["photos"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap();
+            photo["gain"][c].as_f64().unwrap().ln()
+        };
+        let train = prepared.scene.split(config.eval_every).train;
+        let (mut apart, mut spread) = (0.0, 0.0);
+        for c in 0..3 {
+            let right: Vec<f64> = train.iter().map(|i| of(&prepared.scene.views[*i].name, c)).collect();
+            let mean = right.iter().sum::<f64>() / right.len() as f64;
+            for (right, found) in right.iter().zip(&gains) {
+                apart += (right - mean - f64::from(found[c]).ln()).powi(2);
+                spread += (right - mean).powi(2);
+            }
+        }
+        let n = 3.0 * gains.len() as f64;
+        let (apart, spread) = ((apart / n).sqrt(), (spread / n).sqrt());
+        println!("{views} photos of {width} pixels: gains spread by {spread:.4}, found to {apart:.4}");
+        assert!(apart < 0.25 * spread, "{views} {width}");
+    }
 }

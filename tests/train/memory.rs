@@ -86,7 +86,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
         most: n,
         transparent: false,
         masked: false,
-        exposure: false,
+        exposure: None,
         weights: Weights::default(),
         averaged: 0..0,
         pairs,

@@ -72,7 +72,7 @@ pub(super) fn options() -> Options {
         most: 500,
         transparent: false,
         masked: false,
-        exposure: false,
+        exposure: None,
         weights: Weights::default(),
         averaged: 0..0,
         pairs: 1 << 16,

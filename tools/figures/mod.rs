@@ -1,6 +1,7 @@
 //! `docs/performance.md`'s tables and plots, from what the benchmarks and a sweep left: the work of `make figures`.
 
 mod bound;
+mod effects;
 mod fit;
 mod kernels;
 mod markers;
@@ -36,6 +37,7 @@ pub fn made(bench: &Bench, sweep: &Sweep, origin: &Origin) -> Result<[Parts; 3],
         ("cost", pictures::cost(bench)?),
         ("culling", pictures::culling(bench)?),
         ("iteration", pictures::iteration(bench)?),
+        ("effects", effects::effects(bench)?),
         ("kernels", kernels::kernels(bench)?),
         ("sweep", sweep.table()),
     ];

@@ -1,0 +1,65 @@
+//! `effects`: what each effect adds to an iteration, against one with all of them off, the two taking turns; and all off
+//! against all off, which says how far equal things come out apart here.
+
+use super::iteration::{options, scene, train};
+use super::{device, facts, group};
+use criterion::{BenchmarkId, Criterion};
+use qirf_vk::render::Settings;
+use qirf_vk::train::{Options, Trainer};
+use std::time::Duration;
+
+/// Iterations of a turn.
+const TURN: u32 = 2;
+
+/// The degree that a row trains at, and what is on in it.
+fn arms() -> Vec<(&'static str, Options)> {
+    let antialias = Settings { antialias: true, ..Settings::default() };
+    vec![
+        ("all off, again", options(0)),
+        ("view_dependence, degree 1", options(1)),
+        ("view_dependence, degree 3", options(3)),
+        ("exposure", Options { exposure: Some(Vec::new()), ..options(0) }),
+        ("antialias", Options { settings: antialias, ..options(0) }),
+        ("transparency", Options { transparent: true, ..options(0) }),
+        ("masks", Options { masked: true, ..options(0) }),
+    ]
+}
+
+/// A trainer that has compiled and settled.
+fn trainer(options: Options) -> Trainer {
+    let (model, _, view) = scene(options.degree);
+    let mut trainer = Trainer::new(device(), &model, vec![view], 1.0, options).unwrap();
+    train(&mut trainer, 16);
+    trainer
+}
+
+/// Distortion is not among them: photos are resampled as they are loaded, iterations know nothing of it.
+pub fn effects(criterion: &mut Criterion) {
+    let mut group = group(criterion, "effects");
+    let mut off = trainer(options(0));
+    for (order, (name, options)) in arms().into_iter().enumerate() {
+        let mut on = trainer(options);
+        let mut ratios = Vec::new();
+        group.bench_function(BenchmarkId::new(name, "10k"), |b| {
+            b.iter_custom(|iterations| {
+                let (mut left, mut times) = (iterations as u32, [Duration::ZERO; 2]);
+                while left > 0 {
+                    let turn = left.min(TURN);
+                    times[0] += train(&mut off, turn);
+                    times[1] += train(&mut on, turn);
+                    left -= turn;
+                }
+                ratios.push(times[1].as_secs_f64() / times[0].as_secs_f64());
+                times[1]
+            });
+        });
+        ratios.sort_by(f64::total_cmp);
+        if let Some(last) = ratios.len().checked_sub(1) {
+            let at = |share: f64| ratios[(last as f64 * share).round() as usize];
+            println!("effects/{name}: {:.3} [{:.3}..{:.3}] times all off", at(0.5), at(0.25), at(0.75));
+            let numbers = [("order", order as f64), ("times_off", at(0.5)), ("low", at(0.25)), ("high", at(0.75))];
+            facts::note("effects", &[name, "10k"], &numbers);
+        }
+    }
+    group.finish();
+}
