@@ -1,6 +1,6 @@
 # Two commands do everything on a fresh machine: `make run` and `make test`. The rest are their parts.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test faults soak fuzz check shaders bench bench-quick figures figures-written
+.PHONY: help setup run test effects faults soak fuzz check shaders bench bench-quick figures figures-written
 
 # Where rustup puts cargo, for shells that have not read its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -41,6 +41,9 @@ faults: ## 10,000 damaged files of every format, in some minutes; kills, full di
 
 soak: ## 20,000 iterations of runs, prunes, resumes and compressions in one process: memory must stay flat
 	cargo test --locked --test soak -- --ignored --nocapture
+
+effects: ## what each effect is worth on the synthetic scenes made for it: the table of docs/effects.md
+	cargo test --locked --test effects -- --ignored --nocapture table | grep '^|'
 
 # Needs `cargo install cargo-fuzz`; RUSTC_BOOTSTRAP lets the toolchain at hand take its flags. Readers are safe Rust, so that
 # no sanitizer is asked for. Targets: tests/fuzz/targets.

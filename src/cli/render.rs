@@ -86,7 +86,7 @@ impl Arguments {
         if self.transparent && self.format == Format::Npy {
             return Err(Error::Usage("--transparent is for PNG; npy files always hold alpha".into()));
         }
-        let loaded = read_model(&self.model, console)?;
+        let mut loaded = read_model(&self.model, console)?;
         let mut settings = Settings { background: self.background, antialias: self.antialias, ..Settings::default() };
         let shots = match &self.scene {
             Some(scene) => self.scene_shots(scene, console)?,
@@ -96,6 +96,11 @@ impl Arguments {
         let watch = Watch::begin();
         let largest = |side: fn(&Camera) -> u32| shots.iter().map(|s| side(&s.camera)).max().unwrap_or(1);
         let (width, height) = (largest(|c| c.width), largest(|c| c.height));
+        if self.format == Format::Png {
+            // Bands that turn no colour by a step of eight bits are no work; arrays are drawn as the file has it.
+            let degree = loaded.gaussians.degree_in_effect();
+            loaded.gaussians.sh.truncate(degree + 1);
+        }
         let resident = Resident::upload(&device, &loaded.gaussians)?;
         let mut renderer = Renderer::new(&device, settings, loaded.gaussians.len(), width, height)?;
         let begun = Instant::now();

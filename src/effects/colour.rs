@@ -1,14 +1,18 @@
 //! Effects that the colours of points tell of: exposure, and dependence on the direction of view.
 
 use super::tracks::Observation;
-use super::{Decision, Effect, quantile};
+use super::{Decision, Effect, Subject, quantile};
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::reference::sh::basis;
+use crate::scene::View;
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Spread of the photos' log-gains from which each gets its own exposure.
 pub const GAINS: f64 = 0.02;
+/// Share of the points' differences between photos that gains must explain: less is light that changed, or surfaces that
+/// reflect, which no exposure undoes.
+pub const EXPLAINED: f64 = 1.0 / 3.0;
 /// Deviation of a point's colours from which they depend on the view: beyond the noise of photos made small.
 pub const DEVIATION: f64 = 0.005;
 /// Share of points, the smoothest, whose colours are looked at for it: others change with the texture round them.
@@ -39,6 +43,8 @@ pub struct Gains {
     pub errors: Vec<DVec3>,
     /// Standard deviation of the log-gains, less what the measurement's own error explains.
     pub spread: f64,
+    /// Share of what points' log-colours differ by between photos, in absolute values, that the gains explain.
+    pub explained: f64,
     /// Photos that share enough points with others.
     pub photos: usize,
 }
@@ -61,28 +67,40 @@ impl Gains {
 
 /// Fits gains to the colours of points that photos share: log colour = point + gain, by medians in turn.
 pub fn gains(tracks: &[Vec<Observation>], shots: usize) -> Gains {
-    let fits: Vec<(Vec<f64>, Vec<f64>)> = (0..3).into_par_iter().map(|c| channel(tracks, shots, c)).collect();
+    let fits: Vec<Channel> = (0..3).into_par_iter().map(|c| channel(tracks, shots, c)).collect();
     let channels = |of: &dyn Fn(usize) -> f64| DVec3::new(of(0), of(1), of(2));
-    let log: Vec<DVec3> = (0..shots).map(|s| channels(&|c| fits[c].0[s])).collect();
-    let errors: Vec<DVec3> = (0..shots).map(|s| channels(&|c| fits[c].1[s])).collect();
+    let log: Vec<DVec3> = (0..shots).map(|s| channels(&|c| fits[c].gains[s])).collect();
+    let errors: Vec<DVec3> = (0..shots).map(|s| channels(&|c| fits[c].errors[s])).collect();
     let (mut sum, mut noise, mut n) = (0.0, 0.0, 0.0);
-    for (values, errors) in &fits {
-        for (value, error) in values.iter().zip(errors).filter(|(_, e)| e.is_finite()) {
+    for Channel { gains, errors, .. } in &fits {
+        for (value, error) in gains.iter().zip(errors).filter(|(_, e)| e.is_finite()) {
             sum += value * value;
             noise += error * error;
             n += 1.0;
         }
     }
     let spread = ((sum - noise).max(0.0) / f64::max(n, 1.0)).sqrt();
-    let photos = fits[0].1.iter().filter(|e| e.is_finite()).count();
+    let [before, after] = [0, 1].map(|k| fits.iter().map(|f| f.apart[k]).sum::<f64>());
+    let explained = 1.0 - after / before.max(f64::MIN_POSITIVE);
+    let photos = fits[0].errors.iter().filter(|e| e.is_finite()).count();
     if photos < COMMON.0 {
-        return Gains { log: vec![DVec3::ZERO; shots], errors, spread: 0.0, photos: 0 };
+        return Gains { log: vec![DVec3::ZERO; shots], errors, spread: 0.0, explained: 0.0, photos: 0 };
     }
-    Gains { log, errors, spread, photos }
+    Gains { log, errors, spread, explained, photos }
 }
 
-/// Log-gains of one channel by photo, and their standard errors; infinite where there is too little to tell.
-fn channel(tracks: &[Vec<Observation>], shots: usize, c: usize) -> (Vec<f64>, Vec<f64>) {
+/// Gains of one channel.
+struct Channel {
+    /// By photo, logarithms.
+    gains: Vec<f64>,
+    /// Their standard errors; infinite where there is too little to tell.
+    errors: Vec<f64>,
+    /// Sums of absolute differences of log-colours from their points', without the gains and with them.
+    apart: [f64; 2],
+}
+
+/// Log-gains of one channel by photo.
+fn channel(tracks: &[Vec<Observation>], shots: usize, c: usize) -> Channel {
     let usable = |o: &&Observation| o.colour[c] > EXPOSED.0 && o.colour[c] < EXPOSED.1;
     let logs: Vec<Vec<(usize, f64)>> = tracks
         .iter()
@@ -111,30 +129,58 @@ fn channel(tracks: &[Vec<Observation>], shots: usize, c: usize) -> (Vec<f64>, Ve
             *g -= mean;
         }
     }
-    (gains, errors)
+    let apart = |gains: &[f64]| -> f64 {
+        let of = |seen: &Vec<(usize, f64)>| {
+            let mut left: Vec<f64> = seen.iter().map(|(s, l)| l - gains[*s]).collect();
+            let point = quantile(&mut left, 0.5);
+            left.iter().map(|l| (l - point).abs()).sum::<f64>()
+        };
+        logs.iter().map(of).sum()
+    };
+    let apart = [apart(&vec![0.0; shots]), apart(&gains)];
+    Channel { gains, errors, apart }
+}
+
+/// What the photos' headers say of their exposures: beside the measure, which decides. Cameras that expose by themselves
+/// give darker motifs more light, so that stops say what was set and not how photos differ.
+fn headers(subject: &Subject<'_>) -> String {
+    let views = subject.train.par_iter().filter_map(|i| subject.scene.views.get(*i));
+    let stops: Vec<f64> = views.filter_map(View::exposure_stops).collect();
+    let (low, high) = stops.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(*s), h.max(*s)));
+    match stops.len() {
+        0 => String::new(),
+        n => format!("; EXIF of {n} photos: exposures span {:.1} stops", high - low),
+    }
 }
 
 /// Whether photos call for exposures of their own.
-pub fn exposure(tracks: &[Vec<Observation>], gains: &Gains) -> Decision {
+pub fn exposure(subject: &Subject<'_>, tracks: &[Vec<Observation>], gains: &Gains) -> Decision {
+    let headers = headers(subject);
     if gains.photos == 0 {
         let why = match tracks.len() {
             0 => "the scene has no points with tracks: photos cannot be compared",
             _ => "photos share too few points to be compared",
         };
-        return Decision::plain(Effect::Exposure, false, why.to_owned());
+        return Decision::plain(Effect::Exposure, false, format!("{why}{headers}"));
     }
     let bounds = gains.log.iter().map(|g| g.element_sum() / 3.0);
     let (low, high) = bounds.fold((0.0_f64, 0.0_f64), |(l, h), g| (l.min(g), h.max(g)));
     let percent = |g: f64| 100.0 * (g.exp() - 1.0);
     let evidence = format!(
-        "brightness of {} photos spreads by {:.1} % ({:+.1} to {:+.1} %) on {} points that they share",
+        "brightness of {} photos spreads by {:.1} % ({:+.1} to {:+.1} %) on {} points that they share, which explains {:.0} % of their differences{headers}",
         gains.photos,
         100.0 * gains.spread,
         percent(low),
         percent(high),
-        tracks.len()
+        tracks.len(),
+        100.0 * gains.explained
     );
-    Decision::by(Effect::Exposure, gains.spread, GAINS, evidence)
+    let decision = Decision::by(Effect::Exposure, gains.spread, GAINS, evidence);
+    let explained = Decision::by(Effect::Exposure, gains.explained, EXPLAINED, String::new());
+    // Either measure can keep it off; where one is far below, the other's nearness is of no account.
+    let near = (decision.near_threshold && (explained.on || explained.near_threshold))
+        || (explained.near_threshold && decision.on);
+    Decision { on: decision.on && explained.on, near_threshold: near, ..decision }
 }
 
 /// Which SH degree the colours of points call for; with none to tell, the highest allowed.

@@ -209,6 +209,11 @@ impl Decision {
         }
     }
 
+    /// On view dependence, for a model that has no photos.
+    pub fn of_degree(degree: usize, evidence: String) -> Self {
+        Self { degree: Some(degree), ..Self::plain(Effect::ViewDependence, degree > 0, evidence) }
+    }
+
     /// Without a number.
     fn plain(name: Effect, on: bool, evidence: String) -> Self {
         Self {
@@ -253,7 +258,7 @@ pub fn decide(subject: &Subject<'_>, overrides: &Overrides, most: usize) -> (Vec
     let gains = colour::gains(&tracks, subject.shots.len());
     let mut decisions = vec![
         colour::view_dependence(&tracks, &gains, most),
-        colour::exposure(&tracks, &gains),
+        colour::exposure(subject, &tracks, &gains),
         geometry::antialias(subject),
         geometry::distortion(subject),
         geometry::transparency(subject),

@@ -1,5 +1,6 @@
 //! The model: Gaussians as stored, on the host.
 
+mod bands;
 mod edit;
 mod error;
 pub mod formats;

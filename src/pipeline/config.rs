@@ -30,12 +30,14 @@ impl Preset {
         }
     }
 
-    /// What every preset decides on effects: degree 3, no exposures and no anti-aliasing, as the field's figures are taken.
-    /// What the scene calls for is measured, and waits to be asked for (docs/decisions.md, 31).
+    /// What the preset decides on effects: degree 3 and no anti-aliasing, as the field's figures are taken; what the scene
+    /// calls for of these is measured, and waits to be asked for (docs/decisions.md, 31). The paper's has no exposures.
     pub fn effects(self) -> Overrides {
         let mut out = Overrides::default();
         out.set(Effect::ViewDependence, Choice::On);
-        out.set(Effect::Exposure, Choice::Off);
+        if self == Self::Paper {
+            out.set(Effect::Exposure, Choice::Off);
+        }
         out.set(Effect::Antialias, Choice::Off);
         out
     }

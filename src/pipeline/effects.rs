@@ -4,7 +4,7 @@ use super::config::RunConfig;
 use super::prepare::Prepared;
 use crate::effects::{self, Decision, Effect, Overrides, Shot, Subject};
 use crate::error::Error;
-use crate::gaussians::MAX_SH_DEGREE;
+use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
 use crate::scene::{EVAL_EVERY, Resize, Scene};
 use crate::train;
@@ -60,6 +60,22 @@ pub fn of_scene(scene: &Scene) -> Vec<Decision> {
     }
     let train: Vec<usize> = scene.split(EVAL_EVERY).train;
     effects::decide(&Subject { scene: &scene, train: &train, shots: &shots }, &Overrides::default(), MAX_SH_DEGREE).0
+}
+
+/// What a model's pictures call for, of a model without photos: the SH bands that turn a colour by 1/255 or more.
+pub fn of_model(model: &Gaussians) -> Decision {
+    let degree = model.degree_in_effect();
+    let bands: Vec<_> = model.most_by_band().iter().map(|most| format!("{:.1}", 255.0 * most)).collect();
+    let stored = model.degree();
+    let evidence = match stored {
+        0 => "the file has no band above 0".to_owned(),
+        _ if degree < stored => format!(
+            "bands 1 to {stored} turn colours by {} of 255 at most: pictures are drawn with degree {degree}, the file keeps all",
+            bands.join(", ")
+        ),
+        _ => format!("bands 1 to {stored} turn colours by {} of 255 at most", bands.join(", ")),
+    };
+    Decision::of_degree(degree, evidence)
 }
 
 /// A photo made small by averaging squares of pixels.

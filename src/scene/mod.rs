@@ -6,6 +6,7 @@
 
 pub mod camera;
 mod error;
+mod exif;
 mod image_size;
 pub mod lens;
 pub mod photo;

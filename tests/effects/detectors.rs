@@ -57,12 +57,18 @@ fn synthetic_scenes_call_for_what_they_were_made_for() {
 #[test]
 fn shared_scenes_call_for_what_they_show() {
     let Some(shared) = shared() else { return };
-    for (name, distortion, transparency) in [("fox", true, false), ("chair", false, true), ("snowmiku", false, false)] {
+    for (name, distortion, transparency) in
+        [("fox", true, false), ("chair", false, true), ("snowmiku", false, false), ("king", false, false)]
+    {
         println!("{name}");
         let found = decisions(&shared.join("scenes").join(name));
         assert_eq!(is_on(&found, Effect::Distortion), distortion, "{name}");
         assert_eq!(is_on(&found, Effect::Transparency), transparency, "{name}");
-        assert!(!is_on(&found, Effect::Masks) && !is_on(&found, Effect::DepthOrder), "{name}");
+        // King's light changes with the view, which is no exposure; the others have no points to tell by.
+        for off in [Effect::Masks, Effect::DepthOrder, Effect::Exposure] {
+            assert!(!is_on(&found, off), "{name}");
+        }
+        assert_eq!(is_on(&found, Effect::Cameras), name == "king");
     }
 }
 
@@ -84,4 +90,43 @@ fn overrides_are_read_or_refused() {
     let (effect, choice) = Overrides::parse("depth_order=on").unwrap();
     overrides.set(effect, choice);
     assert!(overrides.check().unwrap_err().contains("depth_order"));
+}
+
+/// Headers are told beside the measure, and decide nothing.
+#[test]
+fn exif_exposures_are_told() {
+    use exif::{Field, In, Rational, Tag, Value, experimental::Writer};
+    use image::ImageEncoder;
+    let folder = tempfile::tempdir().unwrap();
+    let options = SynthOptions { views: 9, width: 48, height: 36, points: 300, ..Default::default() };
+    write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
+    let field = |tag, value| Field { tag, ifd_num: In::PRIMARY, value };
+    let rational = |num, denom| Value::Rational(vec![Rational { num, denom }]);
+    let photos = std::fs::read_dir(folder.path().join("images")).unwrap();
+    let mut photos: Vec<_> = photos.map(|f| f.unwrap().path()).collect();
+    photos.sort();
+    for (i, photo) in photos.into_iter().enumerate() {
+        // 1/100 s to 1/1600 s: four stops. One header lacks the aperture.
+        let time = field(Tag::ExposureTime, rational(1, 100 << (i % 5)));
+        let (aperture, iso) =
+            (field(Tag::FNumber, rational(28, 10)), field(Tag::PhotographicSensitivity, Value::Short(vec![200])));
+        let mut writer = Writer::new();
+        writer.push_field(&time);
+        writer.push_field(&iso);
+        if i != 1 {
+            writer.push_field(&aperture);
+        }
+        let mut header = std::io::Cursor::new(Vec::new());
+        writer.write(&mut header, false).unwrap();
+        let picture = image::open(&photo).unwrap().to_rgb8();
+        let mut encoder = image::codecs::png::PngEncoder::new(std::fs::File::create(&photo).unwrap());
+        encoder.set_exif_metadata(header.into_inner()).unwrap();
+        let (width, height) = picture.dimensions();
+        encoder.write_image(&picture, width, height, image::ExtendedColorType::Rgb8).unwrap();
+    }
+    let found = decisions(folder.path());
+    let exposure = found.iter().find(|d| d.name == Effect::Exposure).unwrap();
+    // The first and the last are held out.
+    assert!(exposure.evidence.ends_with("; EXIF of 6 photos: exposures span 4.0 stops"), "{}", exposure.evidence);
+    assert!(!exposure.on);
 }

@@ -1,13 +1,10 @@
-//! Exposure: the kernel against its twin, what it costs when it is off, and what it gains where it is called for.
+//! Exposure: the kernel against its twin, what it costs when it is off, and the gains that it begins with.
 
 use super::common::{device, finish};
-use qirf_vk::effects::{Choice, Effect, Overrides};
-use qirf_vk::gaussians::formats;
+use qirf_vk::effects::Overrides;
 use qirf_vk::gpu::{Device, Recording};
-use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::effects;
-use qirf_vk::pipeline::eval::{Evaluation, eval};
-use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Selection, Watcher, prepare, run};
+use qirf_vk::pipeline::{Init, Preset, RunConfig, Watcher, prepare};
 use qirf_vk::reference::exposure as twin;
 use qirf_vk::render::Settings;
 use qirf_vk::synth::{self, SynthOptions, write};
@@ -19,7 +16,7 @@ use qirf_vk::train::mask::Mask;
 use qirf_vk::train::{Options, Progress, Trainer};
 use std::path::Path;
 
-struct Silent;
+pub struct Silent;
 
 impl Watcher for Silent {
     fn loading(&self, _: usize, _: usize) {}
@@ -98,7 +95,7 @@ fn the_kernel_is_its_twin() {
     finish(&device);
 }
 
-fn config(scene: &Path, iterations: u32) -> RunConfig {
+pub fn config(scene: &Path, iterations: u32) -> RunConfig {
     RunConfig {
         scene: scene.to_owned(),
         images: None,
@@ -210,72 +207,6 @@ fn exposures_are_kept_in_checkpoints() {
     assert!(a.model == b.model && a.exposures == b.exposures);
     assert!(a.exposures.0.iter().zip(twin::IDENTITY.iter().cycle()).any(|(a, b)| (f64::from(*a) - b).abs() > 0.02));
     finish(&device);
-}
-
-/// Held-out PSNR, in dB, with an effect off and on, scored alike: with exposures fitted or not, at a resolution.
-fn off_and_on(
-    made: &[synth::Effect],
-    effect: Effect,
-    iterations: u32,
-    fitted: bool,
-    resolution: Option<&str>,
-) -> [f64; 2] {
-    worth(made, effect, (48, iterations), fitted, resolution)
-}
-
-fn worth(
-    made: &[synth::Effect],
-    effect: Effect,
-    (views, iterations): (usize, u32),
-    fitted: bool,
-    resolution: Option<&str>,
-) -> [f64; 2] {
-    let device = device();
-    let folder = tempfile::tempdir().unwrap();
-    let scene = folder.path().join("scene");
-    capture(&scene, made, views, 64);
-    let psnr = [Choice::Off, Choice::On].map(|choice| {
-        let mut config = config(&scene, iterations);
-        config.sh_degree = if effect == Effect::ViewDependence { 3 } else { 1 };
-        config.effects.set(effect, choice);
-        let output = Output::new(&folder.path().join(format!("{choice:?}"))).unwrap();
-        let results = run::run(&device, &config, &output, &Networks::default(), u64::MAX, false, &Silent).unwrap();
-        let decision = results.effects.iter().find(|d| d.name == effect).unwrap();
-        assert!(decision.forced && decision.on == (choice == Choice::On));
-        assert_eq!(decision.seconds.is_some(), decision.on && effect.scope().is_some());
-        let written = std::fs::read_to_string(output.folder().join("config.toml")).unwrap();
-        let again: RunConfig = toml::from_str(&written).unwrap();
-        assert_eq!(again.effects, config.effects);
-        let model = formats::read(&output.folder().join("model.ply")).unwrap().gaussians;
-        let selection = Selection { resolution: resolution.map(str::to_owned), ..again.selection() };
-        let evaluation = Evaluation { selection, antialias: again.antialias, exposure: fitted };
-        let from = (Path::new("model.ply"), &model);
-        let scored = eval(&device, from, &evaluation, None, &Networks::default(), u64::MAX, &Silent).unwrap();
-        scored.test.unwrap().psnr.unwrap()
-    });
-    println!("{made:?}, {}: off {:.2} dB, on {:.2} dB", effect.name(), psnr[0], psnr[1]);
-    finish(&device);
-    psnr
-}
-
-#[test]
-fn exposure_helps_where_it_is_called_for() {
-    let [off, on] = off_and_on(&[synth::Effect::Exposure], Effect::Exposure, 1500, true, None);
-    assert!(on > off + 0.5, "{off} {on}");
-}
-
-/// Where every surface reflects, colours that turn with the view are worth half a decibel at least.
-#[test]
-fn view_dependence_helps_where_it_is_called_for() {
-    let [off, on] = off_and_on(&[synth::Effect::Glossy], Effect::ViewDependence, 1000, false, None);
-    assert!(on > off + 0.5, "{off} {on}");
-}
-
-/// Where cameras stand near and far, a model keeps its looks at a resolution that it was not trained at.
-#[test]
-fn antialias_helps_at_a_second_resolution() {
-    let [off, on] = off_and_on(&[synth::Effect::Scales], Effect::Antialias, 1000, false, Some("/4"));
-    assert!(on > off + 0.5, "{off} {on}");
 }
 
 /// What is measured on the photos are the factors that they were multiplied with.

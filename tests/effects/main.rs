@@ -4,3 +4,4 @@
 mod common;
 mod detectors;
 mod exposure;
+mod worth;

@@ -3,6 +3,7 @@
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
+use crate::pipeline::effects;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
@@ -31,7 +32,7 @@ pub(super) fn describe(path: &Path, loaded: &Loaded) -> Result<Value, Error> {
         "bytes": bytes(path)?,
         "gaussians": model.len(),
         "sh_degree": model.degree(),
-        "sh_degree_in_effect": bands.iter().rposition(|r| *r > 0.0).unwrap_or(0),
+        "sh_degree_in_effect": model.degree_in_effect(),
         "sh_rms_by_band": bands,
         "bytes_in_memory": memory(model),
         "x": quantiles(axis(0)),
@@ -41,6 +42,7 @@ pub(super) fn describe(path: &Path, loaded: &Loaded) -> Result<Value, Error> {
         "scale": quantiles(scales),
         "longest_to_shortest_axis": quantiles(anisotropy),
         "repairs": loaded.repairs,
+        "effects": [effects::of_model(model)],
     }))
 }
 
