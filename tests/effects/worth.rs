@@ -20,11 +20,12 @@ struct Case {
     /// What is switched.
     effect: Effect,
     iterations: u32,
-    /// Of the pictures that are scored; as trained where none is given.
-    resolution: Option<&'static str>,
+    /// Of the photos that are trained on, and of those that are scored; their own where none is given.
+    resolutions: [Option<&'static str>; 2],
 }
 
-const EXPOSURE: Case = Case { made: &[Made::Exposure], effect: Effect::Exposure, iterations: 1000, resolution: None };
+const EXPOSURE: Case =
+    Case { made: &[Made::Exposure], effect: Effect::Exposure, iterations: 1000, resolutions: [None; 2] };
 const GLOSSY: Case = Case { made: &[Made::Glossy], effect: Effect::ViewDependence, ..EXPOSURE };
 const SCALES: Case = Case { made: &[Made::Scales], effect: Effect::Antialias, ..EXPOSURE };
 const DISTORTION: Case = Case { made: &[Made::Distortion], effect: Effect::Distortion, ..EXPOSURE };
@@ -44,6 +45,7 @@ impl Case {
             for (sum, choice) in sums.iter_mut().zip([Choice::Off, Choice::On]) {
                 let mut config = config(&scene, self.iterations);
                 config.eval_every = 4;
+                config.resolution = self.resolutions[0].map(str::to_owned);
                 config.sh_degree = if self.effect == Effect::ViewDependence { 3 } else { 1 };
                 config.effects.set(self.effect, choice);
                 let output = Output::new(&folder.path().join(format!("{choice:?}"))).unwrap();
@@ -65,7 +67,7 @@ impl Case {
 
     fn score(&self, device: &qirf_vk::gpu::Device, path: &Path, run: &RunConfig) -> f64 {
         let model = formats::read(path).unwrap().gaussians;
-        let mut selection = Selection { resolution: self.resolution.map(str::to_owned), ..run.selection() };
+        let mut selection = Selection { resolution: self.resolutions[1].map(str::to_owned), ..run.selection() };
         if self.effect == Effect::Distortion {
             selection.effects.set(Effect::Distortion, Choice::Auto);
         }
@@ -80,8 +82,8 @@ impl Case {
         let made: Vec<String> = self.made.iter().map(|made| format!("`{made}`")).collect();
         let made = if made.is_empty() { "plain".to_owned() } else { made.join(", ") };
         let (effect, iterations) = (self.effect.name(), self.iterations);
-        let at = self.resolution.unwrap_or("as trained");
-        format!("| {made} | {effect} | {iterations} | {at} | {off:.2} | {on:.2} | {:+.2} |", on - off)
+        let [trained, scored] = self.resolutions.map(|r| r.unwrap_or("/1"));
+        format!("| {made} | {effect} | {iterations} | {trained} | {scored} | {off:.2} | {on:.2} | {:+.2} |", on - off)
     }
 }
 
@@ -101,7 +103,7 @@ fn view_dependence_helps_where_it_is_called_for() {
 /// Where cameras stand near and far, a model keeps its looks at a resolution that it was not trained at.
 #[test]
 fn antialias_helps_at_a_second_resolution() {
-    let [off, on] = Case { resolution: Some("/4"), ..SCALES }.psnr(1);
+    let [off, on] = Case { resolutions: [None, Some("/4")], ..SCALES }.psnr(1);
     assert!(on > off + 0.5, "{off} {on}");
 }
 
@@ -116,7 +118,7 @@ fn distortion_helps_where_it_is_called_for() {
 fn table() {
     let plain = |case: Case| Case { made: &[], ..case };
     println!(
-        "| scene | effect | iterations | scored at | off, dB | on, dB | gain |\n|---|---|---:|---|---:|---:|---:|"
+        "| scene | effect | iterations | trained at | scored at | off, dB | on, dB | gain |\n|---|---|---:|---|---|---:|---:|---:|"
     );
     for case in [
         Case { iterations: 400, ..EXPOSURE },
@@ -125,10 +127,11 @@ fn table() {
         GLOSSY,
         Case { made: &[Made::Matte], ..GLOSSY },
         SCALES,
-        Case { resolution: Some("/2"), ..SCALES },
-        Case { resolution: Some("/4"), ..SCALES },
+        Case { resolutions: [None, Some("/2")], ..SCALES },
+        Case { resolutions: [None, Some("/4")], ..SCALES },
+        Case { resolutions: [Some("/2"), None], ..SCALES },
         plain(SCALES),
-        Case { resolution: Some("/4"), ..plain(SCALES) },
+        Case { resolutions: [None, Some("/4")], ..plain(SCALES) },
         DISTORTION,
     ] {
         case.psnr(3);
