@@ -209,7 +209,8 @@ fn naive_transmittance() {
         let mut products = vec![1.0_f32];
         let mut exact = vec![1.0_f64];
         for a in &alphas {
-            products.push(products[products.len() - 1] * (1.0 - a));
+            let t = products[products.len() - 1];
+            products.push(t - t * a);
             exact.push(exact[exact.len() - 1] * (1.0 - f64::from(*a)));
         }
         // As an engine does that keeps the last transmittance alone, from accumulated opacity: 1 - (1 - T).
