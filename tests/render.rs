@@ -221,6 +221,35 @@ fn the_twin_agrees_at_any_size() {
     finish(&device);
 }
 
+/// Where float32 knows places to a thousandth of a unit: the camera's centre is not one of them, and is not rounded to one.
+#[test]
+fn far_from_the_origin() {
+    let device = device();
+    let away = DVec3::new(10_000.123, -4_321.77, 8_765.4);
+    let mut model = crowd(400, 5);
+    for mean in &mut model.means {
+        *mean = (DVec3::from(mean.map(f64::from)) + away).as_vec3().to_array();
+    }
+    let mut camera = camera(320, 200);
+    camera.translation -= camera.rotation * away;
+    let image = render(&device, &model, &camera, Settings::default());
+    let settings = reference::Settings::default();
+    let twin = reference::render(&reference::Params::from(&model), &camera, &settings);
+    let (largest, exempt) = decided("far", &image, &twin.composite.image, &twin, &camera, &settings);
+    println!("far from the origin: largest {largest:.1e}, undecided {exempt}");
+    assert!(exempt <= 2 && image.pixels.iter().any(|p| p[3] > 0.5));
+
+    // What a centre in one float32 alone would give.
+    let mut rounded = camera.clone();
+    rounded.translation = -(rounded.rotation * camera.centre().as_vec3().as_dvec3());
+    let naive = reference::render(&reference::Params::from(&model), &rounded, &settings).composite.image;
+    let naive = naive.as_flattened().iter().zip(twin.composite.image.as_flattened());
+    let naive = naive.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+    println!("far from the origin: largest {naive:.1e} with the centre rounded");
+    assert!(naive > 10.0 * largest);
+    finish(&device);
+}
+
 /// Gaussians as small as the dilation all over pictures of any width: what a rounding of the position does most to, and what is
 /// lost first where tiles are left out by rounded bounds.
 #[test]
