@@ -173,3 +173,87 @@ fn the_twins_gradients() {
     }
     finish(&device);
 }
+
+/// Every size of picture that is drawn, also backwards: one pixel, a sliver, and more tiles than a dispatch has groups in one
+/// dimension.
+#[test]
+fn the_twins_gradients_at_any_size() {
+    let device = device();
+    for (width, height) in [(1, 1), (17, 3), (4096, 16), (1_048_592, 1)] {
+        let camera = small_camera(width, height);
+        let model = narrowed(&random_scene(&camera, 6));
+        let mut r = Random(7);
+        let weights: Vec<[f32; 4]> = (0..width * height).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
+        let mut got = gradients(&device, &model, &camera, Settings::default(), &weights, true);
+        let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
+        let by_alpha: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
+        let settings = reference::Settings::default();
+        let mut expected =
+            reference::gradients(&Params::from(&model), &camera, &settings, &by_image, Some(&by_alpha)).params;
+        assert!(expected.means.as_flattened().iter().any(|g| *g != 0.0), "{width}x{height}: something is drawn");
+        // A contribution that float32 puts on the other side of 1/255 gives 1e-4.
+        compare(&format!("{width}x{height}"), &mut got, &mut expected, 3e-4);
+    }
+    finish(&device);
+}
+
+/// Layers on one pixel, alike or of colours of their own: the error of dL/dalpha of each, in roundings (2^-24) of the brightest
+/// layer's worth; and how many layers the pixel took.
+fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> (f64, usize) {
+    let camera = Camera {
+        rotation: glam::DMat3::IDENTITY,
+        translation: glam::DVec3::ZERO,
+        focal: glam::DVec2::splat(8.0),
+        principal: glam::DVec2::splat(0.5),
+        width: 1,
+        height: 1,
+    };
+    let mut r = Random(1);
+    let model = Gaussians {
+        means: vec![[0.0, 0.0, 2.0]; count],
+        log_scales: vec![[-1.0; 3]; count],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; count],
+        opacity_logits: vec![logit; count],
+        sh: vec![(0..3 * count).map(|_| if alike { 1.3 } else { r.within(-1.5, 1.5) as f32 }).collect()],
+    };
+    let settings = Settings { stop, ..Settings::default() };
+    let got = gradients(device, &model, &camera, settings, &[[1.0, 1.0, 1.0, 0.0]], true);
+    let params = Params::from(&model);
+    let settings = reference::Settings { transmittance_stop: f64::from(stop), ..Default::default() };
+    let expected = reference::gradients(&params, &camera, &settings, &[[1.0; 3]], None).params;
+    let twin = reference::render(&params, &camera, &settings);
+    let worth = twin.projected.iter().flatten().fold(0.0, |m: f64, p| m.max(p.colour.element_sum()));
+    let opacity = 1.0 / (1.0 + (-f64::from(logit)).exp());
+    let slope = opacity * (1.0 - opacity); // of alpha by the logit
+    let pairs = got.opacity_logits.iter().zip(&expected.opacity_logits);
+    let off = pairs.fold(0.0, |m: f64, (g, e)| m.max((g - e).abs() / slope));
+    let drawn = twin.composite.contribution.iter().filter(|c| **c > 0.0).count();
+    assert!(got.opacity_logits.iter().all(|g| g.is_finite()));
+    (off / worth * 2_f64.powi(24), drawn)
+}
+
+/// dL/dalpha is T (colour - what lies behind): of layers alike it is what the last of them lets through, and a difference of what
+/// is nearly equal. What lies behind is the pixel less what lies before, both sums of as many roundings as there are layers: the
+/// error is absolute, and goes as a random walk of roundings of the brightest layer, not as any gradient.
+#[test]
+fn stacks_of_layers_alike() {
+    let device = device();
+    for logit in [-5.4, -5.0, -4.0, -3.0, -1.0, 1.0] {
+        for count in [10, 100, 1000, 10_000] {
+            for (alike, stop) in [(true, 1.00001e-4), (false, 1.00001e-4), (true, 0.0)] {
+                let (error, drawn) = layers(&device, count, logit, alike, stop);
+                let allowed = 8.0 + (drawn as f64).sqrt();
+                println!(
+                    "logit {logit}, {count} layers, alike {alike}, stop {stop:e}: {drawn} drawn, {error:.1} roundings of {allowed:.0}"
+                );
+                // With T (1 - alpha) for the next T, whose rounding is the same in layers alike: 62 roundings of 45 (logit -5).
+                assert!(error < allowed, "logit {logit}, {count} layers, alike {alike}, stop {stop}: {error:.1}");
+            }
+        }
+    }
+    // As many as the densest tile has in the forward tests.
+    let (error, drawn) = layers(&device, 100_000, -5.5, false, 0.0);
+    println!("{drawn} drawn, {error:.1} roundings");
+    assert!(drawn == 100_000 && error < 8.0 + 100_000_f64.sqrt());
+    finish(&device);
+}

@@ -4,7 +4,7 @@ mod common;
 
 use common::{device, finish};
 use qirf_vk::gpu::{Buffer, Device, Recording};
-use qirf_vk::primitives::{Count, Pairs, Scan, Sort, WORKGROUP, compact, gather, segmented_sum};
+use qirf_vk::primitives::{Count, Pairs, Scan, Sort, WORKGROUP, compact, gather, reduce, segmented_sum};
 
 /// Sizes round every boundary: subgroups, workgroups, blocks, powers of two.
 fn sizes(device: &Device) -> Vec<u32> {
@@ -129,6 +129,23 @@ fn compaction_gather_and_segmented_sum() {
         assert!(unfence(&device, &gathered)[..kept.len()].iter().all(|f| *f == 1));
     }
 
+    // All kept, and none.
+    for flag in [0, 1] {
+        for n in [1, 256, Scan::block(&device) + 1, 70_001] {
+            let flags = vec![flag; n as usize];
+            let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
+            let (flags, offsets) = (fenced(&device, &flags), fenced(&device, &vec![9; n as usize]));
+            let indices = fenced(&device, &vec![u32::MAX; n as usize]);
+            let scan = Scan::new(&device, n).unwrap();
+            let mut recording = Recording::new();
+            scan.record(&mut recording, &count, &flags, &offsets, None);
+            compact(&mut recording, &count, &flags, &offsets, &indices);
+            device.run(recording).unwrap();
+            let expected: Vec<u32> = (0..n).map(|i| if flag == 1 { i } else { u32::MAX }).collect();
+            assert_eq!(unfence(&device, &indices), expected, "n = {n}, all {flag}");
+        }
+    }
+
     // Segments of 0, 1, 2, ... rows; three floats a row.
     let lengths: Vec<u32> = (0..200).collect();
     let starts: Vec<u32> = lengths
@@ -153,6 +170,44 @@ fn compaction_gather_and_segmented_sum() {
         })
         .collect();
     assert_eq!(sums.read(&device).unwrap(), expected, "ordered sums are exact to the bit");
+    finish(&device);
+}
+
+/// One Gaussian's slots may be all the tiles there are, and its neighbours' none.
+#[test]
+fn one_segment_may_be_everything() {
+    let device = device();
+    let lengths = [0_u32, 100_003, 0, 0, 1];
+    let starts = [0_u32, 0, 100_003, 100_003, 100_003];
+    let rows: Vec<f32> = (0..100_004).map(|i| noise(6, i) as f32 * 1e-9 - 2.0).collect();
+    let count = Count::known(&device, "segments", 5, &[]).unwrap();
+    let sums = device.buffer::<f32>("sums", 5).unwrap();
+    let (starts_d, lengths_d) = (device.upload("s", &starts).unwrap(), device.upload("l", &lengths).unwrap());
+    let rows_d = device.upload("rows", &rows).unwrap();
+    let mut recording = Recording::new();
+    segmented_sum(&mut recording, &count, &starts_d, &lengths_d, &rows_d, &sums, 1);
+    device.run(recording).unwrap();
+    let long = rows[..100_003].iter().fold(0.0, |s: f32, r| s + r);
+    assert_eq!(sums.read(&device).unwrap(), [0.0, long, 0.0, 0.0, rows[100_003]], "to the bit, in order");
+    finish(&device);
+}
+
+/// Whole numbers below 2^24 add up exactly in any order: each element is counted once, whatever the number.
+#[test]
+fn reduce_counts_every_element_once() {
+    let device = device();
+    for n in sizes(&device).into_iter().filter(|n| *n < 100_000) {
+        let words = |i: u32, c: u64| (noise(7 + c, u64::from(i)) % 100) as f32;
+        let mut source: Vec<[f32; 4]> = (0..n).map(|i| [0, 1, 2, 3].map(|c| words(i, c))).collect();
+        let expected = [0, 1, 2, 3].map(|c| source.iter().map(|r| r[c]).sum::<f32>());
+        source.extend([[f32::NAN; 4]; 3]); // behind the count: not to be read into the sum
+        let source = device.upload("source", &source).unwrap();
+        let sum = device.upload("sum", &[[f32::NAN; 4]]).unwrap();
+        let mut recording = Recording::new();
+        reduce(&mut recording, &source, n, &sum);
+        device.run(recording).unwrap();
+        assert_eq!(sum.read(&device).unwrap(), [expected], "n = {n}");
+    }
     finish(&device);
 }
 

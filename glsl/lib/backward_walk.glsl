@@ -27,7 +27,7 @@ layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[
 
 const float ONE_MINUS_ALPHA_FLOOR = 1e-6;
 
-vec2 centre[PIXELS];
+vec2 centre[PIXELS]; // from the view's origin
 float transmittance[PIXELS]; // 0 once the pixel is done
 float behind[PIXELS];
 vec4 gradient[PIXELS];
@@ -60,7 +60,7 @@ void main() {
         uvec2 at = corner + uvec2(n % TILE, n / TILE);
         bool inside = all(lessThan(at, size));
         uint pixel = inside ? at.y * size.x + at.x : 0;
-        centre[p] = vec2(at) + 0.5;
+        centre[p] = vec2(at) + 0.5 - origin(view[0]);
         transmittance[p] = inside ? 1 : 0;
         gradient[p] = inside ? image_gradient[pixel] : vec4(0);
         behind[p] = worth(gradient[p], image[pixel]);
@@ -88,10 +88,11 @@ void main() {
                 float t = transmittance[p];
                 float free = exp2(s.y - power);
                 float alpha = min(ALPHA_MAX, free);
-                float next = t * (1 - alpha);
+                float part = t * alpha;
+                float next = t - part; // as forward
                 bool drawn = power <= s.z && t > 0;
                 bool live = drawn && next >= STOP;
-                float w = live ? t * alpha : 0;
+                float w = live ? part : 0;
                 float q = worth(gradient[p], rgb1);
                 float r = behind[p] - w * q;
                 behind[p] = r;

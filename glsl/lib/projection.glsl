@@ -3,7 +3,7 @@
 struct Projection {
     bool there;      // in front of the near plane, with a rotation and a finite covariance
     vec3 direction;  // unit vector from the camera to the mean, world axes
-    vec2 mean;       // pixels
+    vec2 mean;       // pixels from the view's origin
     float depth;
     vec3 covariance; // a, b, c with the dilation, square pixels
     float det0;      // determinant without the dilation, times shrink^4
@@ -45,8 +45,7 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
     Projection p;
     p.there = false;
     mat3 camera = world_to_camera(v);
-    // The difference to the centre first: exact where it matters, however far the scene lies from the origin.
-    vec3 offset = mean - v.centre.xyz;
+    vec3 offset = from_centre(v, mean);
     vec3 t = camera * offset;
     if (!(t.z > v.centre.w) || isinf(t.z) || !rotation_of(quaternion, p.rotation, p.unit, p.norm)) return p;
 

@@ -2,7 +2,7 @@
 // of two is u u + v v, u = k.x d.x + k.y d.y, v = k.z d.y: a sum of squares, so never negative, and without the
 // cancellation that the conic's three products have for needles.
 struct Splat {
-    vec2 mean;      // pixels
+    vec2 mean;      // pixels from the view's origin
     vec3 k;         // sqrt(log2(e) / 2) times (sqrt(c / det), -(b / c) sqrt(c / det), 1 / sqrt(c))
     float log2_opacity;
     float cut;      // u u + v v at which alpha is 1/255: log2(255 opacity)

@@ -6,24 +6,29 @@ layout(constant_id = 3) const uint CULLING = 0;
 // The cut is widened by this much, so that rounding here never drops a pixel that the rasteriser would draw.
 const float CUT_MARGIN = 1.001;
 const float PIXEL_MARGIN = 0.01;
+const float POSITION_MARGIN = 2.4e-7; // of a position: four roundings
 const float THREE_SIGMA_CUT = 4.5 * 1.4426950408889634; // half of 3 squared, in powers of two
 
 struct Footprint {
-    vec2 mean;
+    vec2 mean;      // pixels from the origin
+    vec2 origin;    // whole pixels
+    vec2 margin;
     vec3 k;
     float cut;
     vec2 box;       // half extents of the ellipse, pixels
     float turn;     // v at which the ellipse is rightmost, over the root of the cut, is -turn / hypot(1, turn)
 };
 
-Footprint footprint_of(vec2 mean, vec3 k, float cut) {
+Footprint footprint_of(vec2 mean, vec2 origin, vec3 k, float cut) {
     Footprint f;
     f.mean = mean;
+    f.origin = origin;
+    f.margin = PIXEL_MARGIN + POSITION_MARGIN * abs(mean);
     f.k = k;
     f.cut = (CULLING == 2 ? THREE_SIGMA_CUT : cut) * CUT_MARGIN;
     float root = sqrt(f.cut);
     f.turn = k.y / k.z;
-    f.box = vec2(root * sqrt(1 + f.turn * f.turn) / k.x, root / k.z) + PIXEL_MARGIN;
+    f.box = vec2(root * sqrt(1 + f.turn * f.turn) / k.x, root / k.z) + f.margin;
     if (CULLING == 2) {
         // The reference's square: three times the larger standard deviation, rounded up.
         vec2 sigma = f.box / 3;
@@ -35,29 +40,31 @@ Footprint footprint_of(vec2 mean, vec3 k, float cut) {
     return f;
 }
 
-// First tile, and one past the last, among `tiles`, of pixel centres within [low, high].
-uvec2 tile_span(float low, float high, uint tiles) {
-    // Pixel p has its centre at p + 0.5. The clamp comes before the conversion: huge floats have no integer.
+// First tile, and one past the last, among `tiles`, of pixel centres within [low, high], which are measured from `origin`.
+uvec2 tile_span(float low, float high, float origin, uint tiles) {
+    // Pixel p has its centre at p + 0.5: whole numbers, which add without rounding. The clamp comes before the conversion:
+    // huge floats have no integer.
     float most = float(tiles * TILE);
-    float first = clamp(ceil(low - 0.5), 0, most);
-    float last = clamp(floor(high - 0.5) + 1, 0, most);
+    float first = clamp(ceil(low - 0.5) + origin, 0, most);
+    float last = clamp(floor(high - 0.5) + 1 + origin, 0, most);
     if (!(first < last)) return uvec2(0);
     return uvec2(uint(first) / TILE, (uint(last) + TILE - 1) / TILE);
 }
 
 uvec2 tile_rows(Footprint f, uvec2 tiles) {
     if (CULLING == 3) return uvec2(0, tiles.y);
-    return tile_span(f.mean.y - f.box.y, f.mean.y + f.box.y, tiles.y);
+    return tile_span(f.mean.y - f.box.y, f.mean.y + f.box.y, f.origin.y, tiles.y);
 }
 
 // The tiles of one row that the ellipse touches: its part within the row's pixel centres is convex, so that the tiles
 // are one span, from the leftmost to the rightmost point of that part.
 uvec2 tile_columns(Footprint f, uint row, uvec2 tiles) {
     if (CULLING == 3) return uvec2(0, tiles.x);
-    if (CULLING != 0) return tile_span(f.mean.x - f.box.x, f.mean.x + f.box.x, tiles.x);
+    if (CULLING != 0) return tile_span(f.mean.x - f.box.x, f.mean.x + f.box.x, f.origin.x, tiles.x);
     float root = sqrt(f.cut);
-    float top = float(row * TILE) + 0.5 - f.mean.y - PIXEL_MARGIN;
-    float bottom = float(row * TILE + TILE) - 0.5 - f.mean.y + PIXEL_MARGIN;
+    float first = float(row * TILE) - f.origin.y;
+    float top = first + 0.5 - f.mean.y - f.margin.y;
+    float bottom = first + float(TILE) - 0.5 - f.mean.y + f.margin.y;
     float low = clamp(f.k.z * top, -root, root);
     float high = clamp(f.k.z * bottom, -root, root);
     float extreme = root * f.turn / sqrt(1 + f.turn * f.turn);
@@ -65,5 +72,5 @@ uvec2 tile_columns(Footprint f, uint row, uvec2 tiles) {
     float left = clamp(extreme, low, high);
     float right_x = (sqrt(max(0.0, f.cut - right * right)) - f.turn * right) / f.k.x;
     float left_x = (-sqrt(max(0.0, f.cut - left * left)) - f.turn * left) / f.k.x;
-    return tile_span(f.mean.x + left_x - PIXEL_MARGIN, f.mean.x + right_x + PIXEL_MARGIN, tiles.x);
+    return tile_span(f.mean.x + left_x - f.margin.x, f.mean.x + right_x + f.margin.x, f.origin.x, tiles.x);
 }

@@ -19,7 +19,7 @@ layout(binding = 4, std430) readonly buffer Geometry { vec4 geometry[]; };
 layout(binding = 5, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 6, std430) writeonly buffer Tallies { float tallies[]; }; // 4 a slot
 
-vec2 centre[PIXELS];
+vec2 centre[PIXELS]; // from the view's origin
 float transmittance[PIXELS]; // 0 once the pixel is done
 
 void main() {
@@ -31,7 +31,7 @@ void main() {
     [[unroll]] for (uint p = 0; p < PIXELS; p++) {
         uint n = p * SUBGROUP + lane;
         uvec2 at = corner + uvec2(n % TILE, n / TILE);
-        centre[p] = vec2(at) + 0.5;
+        centre[p] = vec2(at) + 0.5 - origin(view[0]);
         transmittance[p] = all(lessThan(at, view[0].size)) ? 1 : 0;
     }
     uint start = starts[tile], end = starts[tile + 1];
@@ -49,10 +49,11 @@ void main() {
             float power = u * u + v * v;
             float t = transmittance[p];
             float alpha = min(ALPHA_MAX, exp2(s.y - power));
-            float next = t * (1 - alpha);
+            float part = t * alpha;
+            float next = t - part;
             bool drawn = power <= s.z && t > 0;
             bool live = drawn && next >= STOP;
-            float w = live ? t * alpha : 0;
+            float w = live ? part : 0;
             sums += live ? vec3(w, 1, opacity * t) : vec3(0);
             most = max(most, w);
             transmittance[p] = live ? next : drawn ? 0 : t;

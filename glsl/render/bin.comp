@@ -27,7 +27,7 @@ void main() {
     uint end = slot + tile_counts[i];
     uvec2 tiles = view[0].tiles;
     vec4 g = geometry[i], s = shape[i];
-    Footprint f = footprint_of(g.xy, vec3(g.zw, s.x), s.z);
+    Footprint f = footprint_of(g.xy, origin(view[0]), vec3(g.zw, s.x), s.z);
     uvec2 rows = tile_rows(f, tiles);
     for (uint row = rows.x; row < rows.y; row++) {
         uvec2 columns = tile_columns(f, row, tiles);

@@ -62,7 +62,7 @@ vec3 radiance(uint i, vec3 direction) {
 }
 
 uint count_tiles(Splat s) {
-    Footprint f = footprint_of(s.mean, s.k, s.cut);
+    Footprint f = footprint_of(s.mean, origin(view[0]), s.k, s.cut);
     uvec2 rows = tile_rows(f, view[0].tiles);
     uint tiles = 0;
     for (uint row = rows.x; row < rows.y; row++) {

@@ -160,7 +160,7 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
     if (DIRECTION_GRADIENT) {
         vec3 by_direction = direction_gradient(i, p.direction, g.colour);
         // Through the normalisation: what lies along the direction has no effect.
-        float distance = length(mean - v.centre.xyz);
+        float distance = length(from_centre(v, mean));
         g.mean += (by_direction - p.direction * dot(p.direction, by_direction)) / distance;
     }
     return g;

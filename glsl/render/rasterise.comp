@@ -28,7 +28,7 @@ shared vec4 batch_geometry[SHARED];
 shared vec4 batch_shape[SHARED];
 shared vec2 batch_colour[SHARED];
 
-vec2 centre[PIXELS];
+vec2 centre[PIXELS]; // from the view's origin
 vec3 blended[PIXELS];
 float transmittance[PIXELS]; // negative once the pixel is done
 
@@ -39,11 +39,11 @@ void blend(vec4 g, vec4 s, vec2 c) {
         float power = splat_distance(centre[p] - g.xy, k);
         float t = transmittance[p];
         float alpha = power <= s.z ? min(ALPHA_MAX, exp2(s.y - power)) : 0;
-        float next = t * (1 - alpha);
+        float w = t * alpha;
+        float next = t - w; // not t (1 - alpha): 1 - alpha is off alike in like layers, and it adds up
         bool live = t > 0;
         bool stop = next < STOP;
-        float w = live && !stop ? t * alpha : 0;
-        blended[p] += w * rgb;
+        blended[p] += (live && !stop ? w : 0) * rgb;
         transmittance[p] = live ? (stop ? -t : next) : t;
     }
 }
@@ -64,7 +64,7 @@ void main() {
     [[unroll]] for (uint p = 0; p < PIXELS; p++) {
         uint n = p * WORKGROUP + lane;
         uvec2 at = corner + uvec2(n % TILE, n / TILE);
-        centre[p] = vec2(at) + 0.5;
+        centre[p] = vec2(at) + 0.5 - origin(view[0]);
         blended[p] = vec3(0);
         transmittance[p] = all(lessThan(at, size)) ? 1 : -1;
     }

@@ -24,8 +24,8 @@ void main() {
     bool seen = false;
     for (uint k = 0; k < views; k++) {
         View v = view[k];
-        vec3 p = world_to_camera(v) * (mean - v.centre.xyz);
-        vec2 pixel = v.focal * p.xy / p.z + v.principal;
+        vec3 p = world_to_camera(v) * from_centre(v, mean);
+        vec2 pixel = v.focal * p.xy / p.z + v.principal + origin(v);
         vec2 size = vec2(v.size), border = MARGIN * size;
         bool inside = p.z > v.centre.w && all(greaterThanEqual(pixel, -border)) && all(lessThanEqual(pixel, size + border));
         float here = p.z / max(v.focal.x, v.focal.y);

@@ -3,6 +3,7 @@
 use crate::gpu::DeviceInfo;
 use crate::kernels::View;
 use crate::scene::camera::Camera;
+use glam::DVec2;
 
 /// How tiles that a Gaussian cannot touch are left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,8 +49,11 @@ pub(super) fn tile_size(info: &DeviceInfo) -> u32 {
 /// A camera as kernels see it.
 pub fn view(camera: &Camera, settings: &Settings, degree: usize, tile: u32) -> View {
     let rotation = camera.rotation.transpose().to_cols_array_2d();
-    let row = |r: usize| [rotation[r][0] as f32, rotation[r][1] as f32, rotation[r][2] as f32, 0.0];
     let centre = camera.centre().as_vec3();
+    let lost = (camera.centre() - centre.as_dvec3()).as_vec3();
+    let row = |r: usize| [rotation[r][0] as f32, rotation[r][1] as f32, rotation[r][2] as f32, lost[r]];
+    // Positions in the picture are measured from here: origin() of lib/view.glsl.
+    let origin = DVec2::new(f64::from(camera.width / 2), f64::from(camera.height / 2));
     let [r, g, b] = settings.background;
     // Outside 1.3 times the field of view the projection's linearisation is held constant.
     let limit = |size: u32, focal: f64| (1.3 * 0.5 * f64::from(size) / focal) as f32;
@@ -58,7 +62,7 @@ pub fn view(camera: &Camera, settings: &Settings, degree: usize, tile: u32) -> V
         centre: [centre.x, centre.y, centre.z, settings.near],
         background: [r, g, b, 0.0],
         focal: camera.focal.as_vec2().to_array(),
-        principal: camera.principal.as_vec2().to_array(),
+        principal: (camera.principal - origin).as_vec2().to_array(),
         tangent_limit: [limit(camera.width, camera.focal.x), limit(camera.height, camera.focal.y)],
         size: [camera.width, camera.height],
         tiles: [camera.width.div_ceil(tile), camera.height.div_ceil(tile)],

@@ -9,6 +9,7 @@ use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::reference::{self, Params};
 use crate::render::{AdamState, Form, Image, Rates, Renderer, Settings, Update};
 use crate::scene::camera::Camera;
+use glam::DVec3;
 
 /// A picture and what comes back from it.
 pub struct Drawn {
@@ -157,4 +158,26 @@ pub(super) fn coincident(device: &Device) -> Result<Vec<Measure>> {
 /// what lies before: its rounding, 1e-7 of the pixel, stays where the thing itself has long vanished.
 pub(super) fn chain(device: &Device) -> Result<Vec<Measure>> {
     compare(device, &layers(10_000, 1e-5, -3.9), &straight_on(), Settings { stop: 0.0, ..Settings::default() }, ALLOWED)
+}
+
+/// One pixel behind layers of one colour and opacity, before black: dL/dalpha is a difference of what is nearly equal, and its error
+/// that of two sums of as many roundings as layers are drawn. The worst layer's, over (8 + the root of their number) roundings of
+/// the colour; an exponential that is off by some roundings makes it twice that.
+pub(super) fn alike(device: &Device) -> Result<Vec<Measure>> {
+    let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.5, 1, 1);
+    let weights = [[1.0, 1.0, 1.0, 0.0]];
+    let mut most = 0.0;
+    for (logit, count) in [(-5.4, 10_000), (-5.0, 100), (-5.0, 10_000), (-4.0, 1000), (-3.0, 100), (-1.0, 100)] {
+        let mut model = stack(count, 0.0, logit);
+        model.sh[0].fill(1.3);
+        let got = there_and_back(device, &model, &camera, Settings::default(), &weights)?.gradients;
+        let right = expected(&model, &camera, Settings::default(), &weights);
+        let drawn = right.opacity_logits.iter().filter(|g| **g != 0.0).count() as f64;
+        let opacity = 1.0 / (1.0 + (-f64::from(logit)).exp());
+        // The worth of a layer: 3 (0.5 + C0 1.3).
+        let allowed = (8.0 + drawn.sqrt()) * 2_f64.powi(-24) * 2.6 * opacity * (1.0 - opacity);
+        let pairs = got.opacity_logits.iter().zip(&right.opacity_logits);
+        most = pairs.fold(most, |m, (g, e)| worse(m, (g - e).abs() / allowed));
+    }
+    Ok(vec![("over a walk of roundings", most, 2.0)])
 }

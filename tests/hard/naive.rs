@@ -209,7 +209,8 @@ fn naive_transmittance() {
         let mut products = vec![1.0_f32];
         let mut exact = vec![1.0_f64];
         for a in &alphas {
-            products.push(products[products.len() - 1] * (1.0 - a));
+            let t = products[products.len() - 1];
+            products.push(t - t * a);
             exact.push(exact[exact.len() - 1] * (1.0 - f64::from(*a)));
         }
         // As an engine does that keeps the last transmittance alone, from accumulated opacity: 1 - (1 - T).
@@ -226,4 +227,59 @@ fn naive_transmittance() {
         naive.0, naive.1, ours.0, ours.1
     );
     assert!(ours.1 < 1e-4 && naive.1 > ours.1);
+}
+
+/// Layers alike: whether weights and what is left add up to 1, and dL/dalpha of the layers before black by three recurrences.
+#[test]
+fn naive_layers_alike() {
+    for (alpha, layers) in
+        [(0.25_f32, 10), (0.25, 28), (0.05, 180), (0.018, 500), (0.0067, 100), (0.0067, 1370), (0.0045, 2040)]
+    {
+        let a = f64::from(alpha);
+        let left = (1.0 - a).powi(layers);
+        // The picture and what remains, by T (1 - alpha) and by T - T alpha.
+        let forward = |next: fn(f32, f32) -> f32| {
+            let (mut t, mut sum) = (1.0_f32, 0.0_f32);
+            for _ in 0..layers {
+                sum += t * alpha;
+                t = next(t, alpha);
+            }
+            (t, sum)
+        };
+        let product: fn(f32, f32) -> f32 = |t, alpha| t * (1.0 - alpha);
+        let difference: fn(f32, f32) -> f32 = |t, alpha| t - t * alpha;
+        // White layers: T - behind / (1 - alpha), behind being the picture less what lies before.
+        let back = |next: fn(f32, f32) -> f32| {
+            let (_, mut behind) = forward(next);
+            let (mut t, mut worst) = (1.0_f32, 0.0_f64);
+            for _ in 0..layers {
+                behind -= t * alpha;
+                let slope = t - behind / (1.0 - alpha);
+                worst = worst.max((f64::from(slope) - left / (1.0 - a)).abs());
+                t = next(t, alpha);
+            }
+            worst
+        };
+        // From the last layer: colour less the next one's, and (1 - alpha) times what that one's differs from what is behind it.
+        let (mut t, _) = forward(difference);
+        let (mut off, mut colour, mut worst) = (0.0_f32, 0.0_f32, 0.0_f64);
+        for _ in 0..layers {
+            off += 1.0 - colour;
+            colour = 1.0;
+            t /= 1.0 - alpha;
+            worst = worst.max((f64::from(t * off) - left / (1.0 - a)).abs());
+            off *= 1.0 - alpha;
+        }
+        let kept = |(t, sum): (f32, f32)| (f64::from(t) + f64::from(sum) - 1.0).abs();
+        println!(
+            "{layers} layers of {alpha}: sum of weights off by {:.1e} with T (1 - alpha), {:.1e} with T - T alpha; \
+             dL/dalpha {:.1e}, off by {:.1e} and {:.1e}; from the back {worst:.1e}",
+            kept(forward(product)),
+            kept(forward(difference)),
+            left / (1.0 - a),
+            back(product),
+            back(difference)
+        );
+        assert!(kept(forward(difference)) < 2e-6 && back(difference) < 4e-6);
+    }
 }

@@ -154,3 +154,31 @@ fn a_metric_that_is_not_positive_definite_is_said_to_have_failed() {
     assert_eq!(failed, [true, false]);
     finish(&device);
 }
+
+/// Blocks of 1 to 8 that nothing tells apart, of one response and of none: finite, all alike, nothing where there is nothing.
+#[test]
+fn equals_in_blocks_of_one_to_eight() {
+    let device = device();
+    let (one, _) = blocks(&[1], 3);
+    let rows: Vec<_> = (1..=8).flat_map(|m| vec![one[0]; m]).collect();
+    let starts: Vec<u32> = (0..=8).map(|m| m * (m + 1) / 2).collect();
+    let members: Vec<u32> = (0..rows.len() as u32).collect();
+    let resident = Resident::upload(&device, &model(&rows)).unwrap();
+    for response in [0.0_f32, 1.0, 1e-30, 1e15] {
+        let options = Options { density: Some(Density::default()), ..Options::default() };
+        let h = vec![[response; 8]; rows.len()];
+        let assembly = Assembly::new(&device, &resident, &members, &starts, &h, options).unwrap();
+        assembly
+            .solve_each::<Error>(Problem::default(), |b, s| {
+                let told = format!("{} alike, response {response}: {s:?}", b + 1);
+                assert!(s.q.len() == b + 1 && s.q.iter().chain(&s.lambda).all(|v| v.is_finite()), "{told}");
+                assert!(!s.failed && (response > 0.0 || s.q.iter().chain(&s.lambda).all(|v| *v == 0.0)), "{told}");
+                // m equal functions share one: what each has of it may differ by rounding over epsilon, 6e-8 / 1e-4.
+                let most = s.q.iter().copied().fold(0.0, f32::max);
+                assert!(s.q.iter().all(|q| most - q <= 2e-2 * most), "{told}");
+                Ok(())
+            })
+            .unwrap();
+    }
+    finish(&device);
+}

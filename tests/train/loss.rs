@@ -128,6 +128,21 @@ fn smooth_pictures() {
     finish(&device);
 }
 
+/// More tiles than a dispatch has groups in one dimension.
+#[test]
+fn a_picture_of_a_million_columns() {
+    let device = device();
+    let size = [1_048_592, 1];
+    let scratch = Loss::new(&device, size[0], size[1]).unwrap();
+    let (image, photo) = noise(size, 12);
+    let (name, weights) = ("a million columns".into(), Weights::default());
+    let case = Case { name, size, image, photo, transparent: false, background: BLACK, weights };
+    let (value, gradient) = errors(&device, &scratch, &case);
+    println!("value {value:.1e}, gradient {gradient:.1e}");
+    assert!(value < 1e-5 && gradient < 1e-4, "value {value:.1e}, gradient {gradient:.1e}");
+    finish(&device);
+}
+
 /// Constant pictures, equal, opposite, and brighter than any photo.
 #[test]
 fn flat_and_saturated_pictures() {
