@@ -244,6 +244,15 @@ impl Context {
         }
     }
 
+    /// Takes an object's name back before it goes: validation layers keep the names of what is gone (64 bytes each in 1.3.239).
+    pub fn unname_object(&self, object: impl vk::Handle) {
+        if let Some(debug) = self.debug.as_ref().filter(|_| self.instance.validation) {
+            let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object);
+            // SAFETY: the object is a live child of this device.
+            let _ = unsafe { debug.set_debug_utils_object_name(&info) };
+        }
+    }
+
     fn save_pipeline_cache(&self) {
         // What a driver still holds after a loss is not worth a risk to the next start.
         let Some(file) = self.cache_file.as_ref().filter(|_| !self.queue.is_lost()) else { return };

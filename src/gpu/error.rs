@@ -79,7 +79,7 @@ pub enum Error {
     },
     /// The device stopped answering.
     #[error(
-        "the device was lost during {0}: its driver reset it, because it crashed, hung, or took longer over one piece of work than the driver allows, or it was taken away; the system's log tells more. What was finished is kept: give the same command again, with --resume where it has that. If it happens again, try a newer driver, a longer limit of the driver's watchdog, a smaller --resolution, or another --device"
+        "the device was lost during {0}: its driver reset it (it crashed, hung, or took longer over one piece of work than the driver allows), or it was taken away; the system's log tells more. Give the same command again, with --resume where it has that; if it happens again, try a newer driver, a longer watchdog of the driver, a smaller --resolution, or another --device"
     )]
     Lost(&'static str),
     /// Any other Vulkan error.

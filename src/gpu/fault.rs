@@ -3,7 +3,6 @@
 use ash::vk;
 use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
 
 /// A call to the device's queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,12 +22,12 @@ pub enum Answer {
     HostMemory,
     /// The device has no memory left for this call.
     DeviceMemory,
-    /// Nothing, for ever.
+    /// Nothing, for ever (waits only).
     Hang,
 }
 
 /// One fault, once: in `QIRF_DEVICE_FAULT` its text is `CALL:N:ANSWER`, as in `submit:12:lost`. CALL is `submit` or `wait`; N
-/// counts such calls of the process's device from 1; ANSWER is `lost`, `host-memory`, `device-memory` or `hang`.
+/// counts such calls of the process's device from 1; ANSWER is `lost`, `host-memory`, `device-memory` or, of waits, `hang`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// The call that fails.
@@ -63,8 +62,8 @@ impl FromStr for Fault {
             "lost" => Answer::Lost,
             "host-memory" => Answer::HostMemory,
             "device-memory" => Answer::DeviceMemory,
-            "hang" => Answer::Hang,
-            other => return Err(format!("'{other}' is none of lost, host-memory, device-memory and hang")),
+            "hang" if call == Call::Wait => Answer::Hang,
+            other => return Err(format!("'{other}' is none of lost, host-memory, device-memory and (of waits) hang")),
         };
         Ok(Self { call, number, answer })
     }
@@ -87,7 +86,7 @@ impl Faults {
         self.planned.is_some()
     }
 
-    /// What this call answers in place of the device; it does not come back from a hang.
+    /// What this call answers in place of the device; a hang is a time-out that every repetition ends in.
     pub fn at(&self, call: Call) -> Result<(), vk::Result> {
         let Some(fault) = self.planned.filter(|f| f.call == call) else { return Ok(()) };
         if self.seen.fetch_add(1, Ordering::Relaxed) + 1 != fault.number {
@@ -97,9 +96,7 @@ impl Faults {
             Answer::Lost => Err(vk::Result::ERROR_DEVICE_LOST),
             Answer::HostMemory => Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY),
             Answer::DeviceMemory => Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY),
-            Answer::Hang => loop {
-                std::thread::sleep(Duration::from_secs(3600));
-            },
+            Answer::Hang => Err(vk::Result::TIMEOUT),
         }
     }
 }
@@ -125,7 +122,16 @@ mod tests {
         assert_eq!("submit:12:lost".parse(), Ok(fault));
         let fault = Fault { call: Call::Wait, number: 1, answer: Answer::Hang };
         assert_eq!("wait:1:hang".parse(), Ok(fault));
-        for wrong in ["", "submit", "submit:0:lost", "submit:x:lost", "idle:1:lost", "wait:1:found", "wait:1:lost:2"] {
+        for wrong in [
+            "",
+            "submit",
+            "submit:0:lost",
+            "submit:x:lost",
+            "idle:1:lost",
+            "wait:1:found",
+            "wait:1:lost:2",
+            "submit:1:hang",
+        ] {
             assert!(wrong.parse::<Fault>().is_err(), "{wrong}");
         }
     }

@@ -67,25 +67,31 @@ impl Queue {
         if !self.faults.are_planned() {
             self.known()?; // a second wait for a lost device would add nothing but the risk of a hang
         }
-        let mut waits = 0_u64;
+        let fault = self.faults.at(Call::Wait);
+        let hangs = fault == Err(vk::Result::TIMEOUT);
+        let patience = if hangs { Duration::from_millis(50) } else { PATIENCE };
+        let mut waits = 0_u32;
         let waited = loop {
-            // SAFETY: the caller's promise.
-            match unsafe { device.wait_for_fences(&[fence], true, PATIENCE.as_nanos() as u64) } {
-                Err(vk::Result::TIMEOUT) => {
-                    waits += 1;
-                    if waits.is_power_of_two() {
-                        let seconds = waits * PATIENCE.as_secs();
-                        tracing::warn!(
-                            "the device has been at one piece of work for {seconds} s: it is slow, or it hangs. A hang that \
-                             its driver notices ends this program with an error; pressing Ctrl-C twice ends it at once"
-                        );
-                    }
-                }
-                waited => break waited,
+            let answer = if hangs {
+                std::thread::sleep(patience);
+                fault
+            } else {
+                // SAFETY: the caller's promise.
+                unsafe { device.wait_for_fences(&[fence], true, patience.as_nanos() as u64) }
+            };
+            if answer != Err(vk::Result::TIMEOUT) {
+                break answer;
+            }
+            waits = waits.saturating_add(1);
+            if waits.is_power_of_two() {
+                tracing::warn!(
+                    "the device has been at one piece of work for {:?}: it is slow, or it hangs. Where its driver notices a                      hang, this program ends and says so; Ctrl-C, twice if need be, ends it now",
+                    patience.saturating_mul(waits)
+                );
             }
         };
         // A fault on demand comes after the wait, since the device beneath works on.
-        let waited = waited.and_then(|()| self.known()).and_then(|()| self.faults.at(Call::Wait));
+        let waited = waited.and_then(|()| self.known()).and(fault);
         self.answered(waited).or_else(|e| if self.is_lost() { Err(e) } else { self.idle(device) })
     }
 

@@ -166,6 +166,7 @@ pub fn whole(folder: &Path) {
             Some("json") => serde_json::from_slice::<serde_json::Value>(&bytes).is_ok(),
             Some("png") => image::load_from_memory(&bytes).is_ok(),
             Some("html") => bytes.ends_with(b"</html>") || bytes.ends_with(b"</html>\n"),
+            Some("csv") => bytes.ends_with(b"\n"),
             _ => false,
         };
         assert!(good, "{name} of {} bytes is not whole", bytes.len());
