@@ -77,10 +77,9 @@ fn lost_at_any_moment_a_run_ends_with_the_same_bytes() {
     }
 }
 
-/// The commands that use a device, given in a folder with a model.
-const COMMANDS: [&str; 8] = [
+/// The commands that use a device (`selftest` has a test of its own), given in a folder with a model.
+const COMMANDS: [&str; 7] = [
     "device",
-    "selftest --quick",
     "render model.ply --orbit 4 --size 40x30 -o pictures",
     "eval model.ply SCENE -o scores",
     "compress model.ply -o small.ply --views 4 --size 40x30 --fine-tune 20",
