@@ -43,6 +43,9 @@ impl Device {
     /// Device errors.
     pub fn submit(&self, recording: Recording) -> Result<Ticket, Error> {
         let context = self.context();
+        if context.queue.is_lost() {
+            return Err(Error::Lost("queue submit")); // nothing that a lost device still holds is touched again
+        }
         // Pipelines first: hazards must not advance for a recording that is never submitted.
         let mut pipelines = Vec::new();
         for command in &recording.commands {
