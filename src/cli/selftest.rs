@@ -38,7 +38,7 @@ impl Arguments {
         let bar = console.bar(selftest::cases(self.quick).count() as u64, "checking");
         let mut checks: Vec<Check> = Vec::new();
         for case in selftest::cases(self.quick) {
-            let made = case.run(&device);
+            let made = case.run(&device).inspect_err(|_| bar.finish_and_clear())?;
             if !self.json {
                 // The bar steps aside for the lines.
                 let printed = bar.suspend(|| made.iter().try_for_each(|c| console.print(row(console, c))));

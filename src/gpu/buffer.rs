@@ -157,6 +157,7 @@ impl Drop for Storage {
         if let Some(guards) = self.context.guards.as_ref().filter(|_| self.fence > 0) {
             guards.leave(self);
         }
+        self.context.unname_object(self.raw);
         // SAFETY: submitted work holds its own reference until its fence was waited for, so none uses the buffer now.
         unsafe { self.context.raw.destroy_buffer(self.raw, None) };
         if let Some(allocation) = self.allocation.take() {

@@ -1,11 +1,13 @@
 //! A logical device with its queue, allocator, pipelines and pipeline cache.
 
 use super::error::{During, Error};
+use super::fault::Fault;
 use super::guard::Guards;
 use super::hazards::Hazards;
 use super::instance::{self, Instance};
 use super::kernel::{Pipeline, PipelineKey, Shader};
 use super::probe;
+use super::queue::Queue;
 use super::select::{self, Candidate, DeviceInfo};
 use super::submit::Frame;
 use ash::{ext, khr, vk};
@@ -28,6 +30,8 @@ pub struct DeviceOptions {
     pub memory_limit: Option<u64>,
     /// Fill new buffers with NaN and fence them (tests): see [`Device::broken_fences`].
     pub guarded: bool,
+    /// A fault to make (tests); else `QIRF_DEVICE_FAULT`.
+    pub fault: Option<Fault>,
 }
 
 /// A Vulkan device, ready to run kernels; clones share it.
@@ -38,8 +42,7 @@ pub(super) struct Context {
     pub raw: ash::Device,
     pub info: DeviceInfo,
     pub subgroup_control: bool,
-    pub queue: Mutex<vk::Queue>,
-    pub queue_family: u32,
+    pub queue: Queue,
     pub push: khr::push_descriptor::Device,
     pub debug: Option<ext::debug_utils::Device>,
     pub pipeline_cache: vk::PipelineCache,
@@ -155,8 +158,7 @@ impl Context {
         Ok(Self {
             push: khr::push_descriptor::Device::new(&instance.raw, &raw),
             debug: instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
-            queue: Mutex::new(queue),
-            queue_family: candidate.queue_family,
+            queue: Queue::new(queue, candidate.queue_family, options.fault.or_else(Fault::from_environment)),
             subgroup_control: candidate.subgroup_control,
             info: candidate.info,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
@@ -206,6 +208,11 @@ impl Context {
     pub fn allocation_error(&self, name: &str, bytes: u64, error: &gpu_allocator::AllocationError) -> Error {
         match error {
             gpu_allocator::AllocationError::OutOfMemory => self.out_of_memory(name, bytes),
+            // The allocator's words for a host without memory, and for too many allocations.
+            gpu_allocator::AllocationError::FailedToMap(why) | gpu_allocator::AllocationError::Internal(why) => {
+                tracing::warn!("allocation of '{name}', {bytes} bytes: {why}");
+                Error::Exhausted { call: "allocate memory", of: "the host's" }
+            }
             other => {
                 tracing::error!("allocation of '{name}': {other}");
                 Error::Vulkan { call: "allocate memory", result: vk::Result::ERROR_UNKNOWN }
@@ -237,8 +244,18 @@ impl Context {
         }
     }
 
+    /// Takes an object's name back before it goes: validation layers keep the names of what is gone (64 bytes each in 1.3.239).
+    pub fn unname_object(&self, object: impl vk::Handle) {
+        if let Some(debug) = self.debug.as_ref().filter(|_| self.instance.validation) {
+            let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object);
+            // SAFETY: the object is a live child of this device.
+            let _ = unsafe { debug.set_debug_utils_object_name(&info) };
+        }
+    }
+
     fn save_pipeline_cache(&self) {
-        let Some(file) = &self.cache_file else { return };
+        // What a driver still holds after a loss is not worth a risk to the next start.
+        let Some(file) = self.cache_file.as_ref().filter(|_| !self.queue.is_lost()) else { return };
         // SAFETY: the cache is alive.
         let Ok(data) = (unsafe { self.raw.get_pipeline_cache_data(self.pipeline_cache) }) else { return };
         if std::fs::metadata(file).is_ok_and(|m| m.len() == data.len() as u64) {
@@ -261,10 +278,11 @@ impl Context {
 impl Drop for Context {
     fn drop(&mut self) {
         self.save_pipeline_cache();
-        // SAFETY: every submission was waited for and every buffer is gone, since both hold this context; each handle is
-        // destroyed once, children before the device, the allocator's memory before it too.
+        let _ = self.queue.idle(&self.raw);
+        // SAFETY: every submission was waited for (or lost, and no work is under way on a lost device) and every buffer is
+        // gone, since both hold this context; each handle is destroyed once, children before the device, the allocator's
+        // memory before it too.
         unsafe {
-            let _ = self.raw.device_wait_idle();
             for frame in lock(&self.frames).drain(..) {
                 frame.destroy(&self.raw);
             }

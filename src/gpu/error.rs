@@ -67,8 +67,20 @@ pub enum Error {
         /// Name of the device.
         device: String,
     },
+    /// The system or the driver had no memory left for a call.
+    #[error(
+        "{of} memory ran out during {call}; end other programs that use it, or use fewer Gaussians, a smaller image, or another device"
+    )]
+    Exhausted {
+        /// The call.
+        call: &'static str,
+        /// Whose memory.
+        of: &'static str,
+    },
     /// The device stopped answering.
-    #[error("the device was lost during {0}: the driver reset it (a hang, a crash, or it was taken away)")]
+    #[error(
+        "the device was lost during {0}: its driver reset it (it crashed, hung, or took longer over one piece of work than the driver allows), or it was taken away; the system's log tells more. Give the same command again, with --resume where it has that; if it happens again, try a newer driver, a longer watchdog of the driver, a smaller --resolution, or another --device"
+    )]
     Lost(&'static str),
     /// Any other Vulkan error.
     #[error("Vulkan failed in {call}: {result}")]
@@ -83,7 +95,12 @@ pub enum Error {
 impl Error {
     /// Whether the cause is a lack of resources (exit code 5) and not the device itself (exit code 4).
     pub fn is_resources(&self) -> bool {
-        matches!(self, Self::TooLarge { .. } | Self::OutOfMemory { .. })
+        matches!(self, Self::TooLarge { .. } | Self::OutOfMemory { .. } | Self::Exhausted { .. })
+    }
+
+    /// Whether the device is no more: nothing else can be done with it.
+    pub fn is_lost(&self) -> bool {
+        matches!(self, Self::Lost(_))
     }
 }
 
@@ -96,6 +113,8 @@ impl<T> During<T> for Result<T, vk::Result> {
     fn during(self, call: &'static str) -> Result<T, Error> {
         self.map_err(|result| match result {
             vk::Result::ERROR_DEVICE_LOST => Error::Lost(call),
+            vk::Result::ERROR_OUT_OF_HOST_MEMORY => Error::Exhausted { call, of: "the host's" },
+            vk::Result::ERROR_OUT_OF_DEVICE_MEMORY => Error::Exhausted { call, of: "the device's" },
             result => Error::Vulkan { call, result },
         })
     }

@@ -96,6 +96,7 @@ impl Barrier {
 #[derive(Clone, Debug, Default)]
 pub struct Hazards {
     pending: HashMap<u64, u8>,
+    doubted: bool,
 }
 
 impl Hazards {
@@ -105,6 +106,10 @@ impl Hazards {
         for (buffer, u) in uses {
             let pending = self.pending.get(buffer).copied().unwrap_or(0);
             wait |= if u.writes() { pending } else { pending & WRITES };
+        }
+        if self.doubted && !uses.is_empty() {
+            wait = Use::ALL.iter().fold(0, |all, u| all | u.bit());
+            self.doubted = false;
         }
         if wait != 0 {
             self.pending.retain(|_, p| {
@@ -116,6 +121,11 @@ impl Hazards {
             *self.pending.entry(*buffer).or_default() |= u.bit();
         }
         (wait != 0).then_some(Barrier { uses: wait })
+    }
+
+    /// A recording whose barriers were taken was never submitted: the next command waits for everything.
+    pub fn doubt(&mut self) {
+        self.doubted = true;
     }
 
     /// Forgets a buffer that is no more.
@@ -155,6 +165,19 @@ mod tests {
         assert_eq!(h.next(&[(2, KernelRead)]), None);
         h.next(&[(3, TransferWrite)]);
         assert!(h.next(&[(3, KernelRead)]).expect("after a copy").waits_for(TransferWrite));
+    }
+
+    #[test]
+    fn after_a_recording_that_was_not_submitted_all_is_waited_for() {
+        let mut h = Hazards::default();
+        h.next(&[(1, KernelWrite)]);
+        // This barrier never comes to pass.
+        assert!(h.next(&[(1, KernelRead)]).is_some());
+        h.doubt();
+        assert_eq!(h.next(&[]), None);
+        let barrier = h.next(&[(1, KernelRead)]).expect("before the next command");
+        assert!(Use::ALL.iter().all(|u| barrier.waits_for(*u)));
+        assert_eq!(h.next(&[(1, KernelRead)]), None);
     }
 
     #[test]

@@ -99,34 +99,46 @@ impl Pipeline {
         let range =
             [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(shader.push_size)];
         let ranges = if shader.push_size > 0 { &range[..] } else { &[] };
+        let mut made = Self {
+            raw: vk::Pipeline::null(),
+            layout: vk::PipelineLayout::null(),
+            set_layout: vk::DescriptorSetLayout::null(),
+            module: vk::ShaderModule::null(),
+        };
         // SAFETY: the module is SPIR-V that the build validated, its layouts were reflected from the same module, and
-        // every pointer outlives its call. What was made before a failure leaks until the device goes: start-up fails then.
-        unsafe {
-            let set_layout = device.create_descriptor_set_layout(&set_info, None).during("create set layout")?;
-            let layouts = [set_layout];
+        // every pointer outlives its call.
+        let complete = (|| unsafe {
+            made.set_layout = device.create_descriptor_set_layout(&set_info, None).during("create set layout")?;
+            let layouts = [made.set_layout];
             let layout_info =
                 vk::PipelineLayoutCreateInfo::default().set_layouts(&layouts).push_constant_ranges(ranges);
-            let layout = device.create_pipeline_layout(&layout_info, None).during("create pipeline layout")?;
+            made.layout = device.create_pipeline_layout(&layout_info, None).during("create pipeline layout")?;
             let module_info = vk::ShaderModuleCreateInfo::default().code(&words);
-            let module = device.create_shader_module(&module_info, None).during("create shader module")?;
+            made.module = device.create_shader_module(&module_info, None).during("create shader module")?;
             let mut required = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default()
                 .required_subgroup_size(context.info.subgroup_size);
             let mut stage = vk::PipelineShaderStageCreateInfo::default()
                 .stage(vk::ShaderStageFlags::COMPUTE)
-                .module(module)
+                .module(made.module)
                 .name(c"main")
                 .specialization_info(&specialization);
             if context.subgroup_control {
                 stage = stage.push_next(&mut required);
             }
-            let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout)];
-            let raw = device
+            let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(made.layout)];
+            made.raw = device
                 .create_compute_pipelines(context.pipeline_cache, &info, None)
                 .map_err(|(_, e)| e)
                 .during(shader.name)?[0];
-            context.name_object(raw, shader.name);
-            Ok(Self { raw, layout, set_layout, module })
+            Ok(())
+        })();
+        if let Err(e) = complete {
+            // SAFETY: no work uses what was made so far.
+            unsafe { made.destroy(device) };
+            return Err(e);
         }
+        context.name_object(made.raw, shader.name);
+        Ok(made)
     }
 
     /// # Safety

@@ -43,6 +43,9 @@ impl Device {
     /// Device errors.
     pub fn submit(&self, recording: Recording) -> Result<Ticket, Error> {
         let context = self.context();
+        if context.queue.is_lost() {
+            return Err(Error::Lost("queue submit")); // nothing that a lost device still holds is touched again
+        }
         // Pipelines first: hazards must not advance for a recording that is never submitted.
         let mut pipelines = Vec::new();
         for command in &recording.commands {
@@ -52,16 +55,17 @@ impl Device {
         }
         let frame = Frame::take(context, recording.scopes() as u32 * 2)?;
         // The queue's lock spans deriving and submitting, so that barriers see the true order of submissions.
-        let queue = lock(&context.queue);
+        let queue = context.queue.lock();
         let barriers = recording.barriers(&mut lock(&context.hazards));
         let mut scopes = Vec::new();
         let submitted = encode(context, &frame, &recording, &barriers, &pipelines, &mut scopes).and_then(|()| {
-            let commands = [frame.commands];
-            let submit = [vk::SubmitInfo::default().command_buffers(&commands)];
             // SAFETY: the command buffer is complete, its buffers and pipelines are kept alive by the ticket, and the
             // queue is locked for the call.
-            unsafe { context.raw.queue_submit(*queue, &submit, frame.fence) }.during("queue submit")
+            unsafe { context.queue.submit(&context.raw, *queue, frame.commands, frame.fence) }.during("queue submit")
         });
+        if submitted.is_err() {
+            lock(&context.hazards).doubt();
+        }
         drop(queue);
         if let Err(e) = submitted {
             lock(&context.frames).push(frame); // never submitted: there is nothing to wait for
@@ -88,60 +92,89 @@ impl Ticket {
 
     fn finish(&mut self) -> Result<Timings, Error> {
         let Some(frame) = self.frame.take() else { return Ok(Timings::default()) };
-        let device = &self.context.raw;
+        let timings = self.timings(&frame);
+        // Its work is over or lost: the next submission takes it, or the context destroys it.
+        lock(&self.context.frames).push(frame);
+        timings
+    }
+
+    fn timings(&self, frame: &Frame) -> Result<Timings, Error> {
+        let (device, queue) = (&self.context.raw, &self.context.queue);
         // SAFETY: the fence was submitted with this frame's work.
-        unsafe { device.wait_for_fences(&[frame.fence], true, u64::MAX) }.during("wait for the device")?;
+        unsafe { queue.wait(device, frame.fence) }.during("wait for the device")?;
         let mut timings = Timings::default();
         let period = f64::from(self.context.info.timestamp_period) * 1e-9;
         if !self.scopes.is_empty() && period > 0.0 {
             let mut ticks = vec![0_u64; self.scopes.len() * 2];
             // SAFETY: the queries were all written, since the fence has signalled.
-            unsafe { device.get_query_pool_results(frame.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) }
-                .during("read timestamps")?;
+            let read =
+                unsafe { device.get_query_pool_results(frame.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) };
+            queue.answered(read).during("read timestamps")?;
             for (name, begin, end) in &self.scopes {
                 let span = ticks[*end as usize].saturating_sub(ticks[*begin as usize]);
                 timings.add(name, span as f64 * period);
             }
         }
-        lock(&self.context.frames).push(frame);
         Ok(timings)
     }
 }
 
 impl Drop for Ticket {
     fn drop(&mut self) {
-        if let Err(e) = self.finish() {
+        // Of a loss the first to see it tells.
+        let known = self.context.queue.is_lost();
+        if let Err(e) = self.finish()
+            && !known
+        {
             tracing::error!("{e}");
         }
     }
 }
 
 impl Frame {
+    /// A frame whose work is over, or a new one.
     fn take(context: &Context, queries: u32) -> Result<Self, Error> {
-        let kept = lock(&context.frames).pop();
+        let new = Self {
+            pool: vk::CommandPool::null(),
+            commands: vk::CommandBuffer::null(),
+            fence: vk::Fence::null(),
+            queries: vk::QueryPool::null(),
+            capacity: 0,
+        };
+        let mut frame = lock(&context.frames).pop().unwrap_or(new);
+        match frame.prepare(context, queries) {
+            Ok(()) => Ok(frame),
+            Err(e) => {
+                // SAFETY: nothing is under way in a frame that was kept, nor in a new one.
+                unsafe { frame.destroy(&context.raw) };
+                Err(e)
+            }
+        }
+    }
+
+    /// Makes what is missing and resets what was used.
+    fn prepare(&mut self, context: &Context, queries: u32) -> Result<(), Error> {
         let device = &context.raw;
         // SAFETY: a kept frame's work is over (its fence was waited for); new handles come from this device.
         unsafe {
-            let mut frame = if let Some(frame) = kept {
-                device.reset_command_pool(frame.pool, vk::CommandPoolResetFlags::empty()).during("reset commands")?;
-                frame
+            if self.pool == vk::CommandPool::null() {
+                let info = vk::CommandPoolCreateInfo::default().queue_family_index(context.queue.family);
+                self.pool = device.create_command_pool(&info, None).during("create command pool")?;
+                let info = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
+                self.commands = device.allocate_command_buffers(&info).during("allocate commands")?[0];
+                self.fence = device.create_fence(&vk::FenceCreateInfo::default(), None).during("create fence")?;
             } else {
-                let info = vk::CommandPoolCreateInfo::default().queue_family_index(context.queue_family);
-                let pool = device.create_command_pool(&info, None).during("create command pool")?;
-                let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
-                let commands = device.allocate_command_buffers(&info).during("allocate commands")?[0];
-                let fence = device.create_fence(&vk::FenceCreateInfo::default(), None).during("create fence")?;
-                Self { pool, commands, fence, queries: vk::QueryPool::null(), capacity: 0 }
-            };
-            if frame.capacity < queries {
-                device.destroy_query_pool(frame.queries, None);
+                device.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()).during("reset commands")?;
+            }
+            if self.capacity < queries {
+                device.destroy_query_pool(self.queries, None);
+                (self.queries, self.capacity) = (vk::QueryPool::null(), 0);
                 let count = queries.next_power_of_two();
                 let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(count);
-                frame.queries = device.create_query_pool(&info, None).during("create queries")?;
-                frame.capacity = count;
+                self.queries = device.create_query_pool(&info, None).during("create queries")?;
+                self.capacity = count;
             }
-            device.reset_fences(&[frame.fence]).during("reset fence")?;
-            Ok(frame)
+            device.reset_fences(&[self.fence]).during("reset fence")
         }
     }
 

@@ -58,17 +58,21 @@ impl Case {
     }
 
     /// Runs the case; a device error is a failed check with its reason.
-    pub fn run(&self, device: &Device) -> Vec<Check> {
+    ///
+    /// # Errors
+    /// A lost device, and a lack of memory: neither says that numbers are wrong.
+    pub fn run(&self, device: &Device) -> gpu::Result<Vec<Check>> {
         let check = |name, seen: Option<f64>, allowed, problem| Check { room: self.room, name, seen, allowed, problem };
-        match (self.body)(device) {
+        Ok(match (self.body)(device) {
             Ok(measures) => measures
                 .into_iter()
                 .map(|(measure, seen, allowed)| {
                     check(format!("{}, {measure}", self.name), Some(seen).filter(|s| !s.is_nan()), allowed, None)
                 })
                 .collect(),
+            Err(e) if e.is_lost() || e.is_resources() => return Err(e),
             Err(e) => vec![check(self.name.to_owned(), None, 0.0, Some(e.to_string()))],
-        }
+        })
     }
 }
 

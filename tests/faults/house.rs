@@ -123,11 +123,16 @@ impl UnderWay {
         true
     }
 
-    /// Sends a signal, unless it ended before, and waits for the end.
-    pub fn signal(mut self, name: &str) -> Ended {
+    /// Sends a signal, unless it ended before.
+    pub fn tell(&mut self, name: &str) {
         if self.0.try_wait().unwrap().is_none() {
             let _ = Command::new("kill").args(["-s", name, &self.0.id().to_string()]).status();
         }
+    }
+
+    /// Sends a signal, unless it ended before, and waits for the end.
+    pub fn signal(mut self, name: &str) -> Ended {
+        self.tell(name);
         Ended::of(&self.0.wait_with_output().unwrap())
     }
 }
@@ -161,6 +166,7 @@ pub fn whole(folder: &Path) {
             Some("json") => serde_json::from_slice::<serde_json::Value>(&bytes).is_ok(),
             Some("png") => image::load_from_memory(&bytes).is_ok(),
             Some("html") => bytes.ends_with(b"</html>") || bytes.ends_with(b"</html>\n"),
+            Some("csv") => bytes.ends_with(b"\n"),
             _ => false,
         };
         assert!(good, "{name} of {} bytes is not whole", bytes.len());

@@ -1,4 +1,4 @@
-//! Faults: damaged files, kills, full disks, too little memory. Errors name the cause, and what was there stays whole.
+//! Faults: damaged files, kills, lost devices, full disks, too little memory. Errors name the cause, and what was there stays whole.
 #![cfg(unix)] // limits and signals are the system's
 
 #[path = "../formats/make.rs"]
@@ -11,6 +11,7 @@ mod writers;
 mod corpus;
 mod house;
 mod killed;
+mod lost;
 mod mutate;
 mod mutations;
 mod resources;
