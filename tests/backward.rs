@@ -161,10 +161,14 @@ fn the_twins_gradients() {
             let model = narrowed(&random_scene(&camera, seed));
             let mut r = Random(seed);
             let weights: Vec<[f32; 4]> = (0..45 * 37).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
-            let settings = Settings { background: [0.3, 0.6, 0.1], antialias, ..Settings::default() };
+            let settings = Settings { background: [0.3, 0.6, 0.1], ..Settings::filtered(antialias) };
             let mut got = gradients(&device, &model, &camera, settings, &weights, true);
-            let twin =
-                reference::Settings { background: [0.3f32, 0.6, 0.1].map(f64::from), antialias, ..Default::default() };
+            let twin = reference::Settings {
+                background: settings.background.map(f64::from),
+                antialias,
+                dilation: f64::from(settings.dilation),
+                ..Default::default()
+            };
             let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
             let by_alpha: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
             let expected = reference::gradients(&Params::from(&model), &camera, &twin, &by_image, Some(&by_alpha));

@@ -13,7 +13,7 @@ const TURN: u32 = 2;
 
 /// The degree that a row trains at, and what is on in it.
 fn arms() -> Vec<(&'static str, Options)> {
-    let antialias = Settings { antialias: true, ..Settings::default() };
+    let antialias = Settings::filtered(true);
     vec![
         ("all off, again", options(0)),
         ("view_dependence, degree 1", options(1)),

@@ -1,5 +1,4 @@
 // Constants of image formation; the reference's, see docs/method.md.
-const float DILATION = 0.3;            // added to the 2D covariance's diagonal, in square pixels
 const float ALPHA_MIN = 1.0 / 255.0;   // fainter contributions are skipped
 const float ALPHA_MAX = 0.99;
 const float TRANSMITTANCE_STOP = 1.00001e-4; // two saturated layers leave 1e-4 less rounding: the margin settles the tie

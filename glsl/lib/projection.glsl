@@ -59,9 +59,9 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
     vec3 row_y = f.y * (vec3(axes[0].y, axes[1].y, axes[2].y) - clamped.y * vec3(axes[0].z, axes[1].z, axes[2].z)) * p.scale;
     float a0 = dot(row_x, row_x), c0 = dot(row_y, row_y);
     p.shrink = a0 + c0 > LARGE ? SHRINK : 1.0;
-    float shrunk = DILATION * p.shrink * p.shrink;
+    float shrunk = v.dilation * p.shrink * p.shrink;
     p.normal = cross(row_x * p.shrink, row_y * p.shrink);
-    p.covariance = vec3(a0 + DILATION, dot(row_x, row_y), c0 + DILATION);
+    p.covariance = vec3(a0 + v.dilation, dot(row_x, row_y), c0 + v.dilation);
     p.det0 = dot(p.normal, p.normal);
     p.det = p.det0 + shrunk * ((a0 + c0) * p.shrink * p.shrink) + shrunk * shrunk;
     p.mean = v.focal * (t.xy / t.z) + v.principal;

@@ -9,7 +9,7 @@ struct View {
     uvec2 size;         // pixels
     uvec2 tiles;        // columns, rows
     uint degree;        // SH degree in use
-    uint padding;
+    float dilation;     // added to a splat's variance, in square pixels
 };
 
 mat3 world_to_camera(View v) { return transpose(mat3(v.rotation[0].xyz, v.rotation[1].xyz, v.rotation[2].xyz)); }

@@ -67,18 +67,18 @@ struct Whitened {
     vec3 e_x, e_y;
 };
 
-Whitened whitened(Projection p, vec3 k, float zeroth, vec3 second) {
+Whitened whitened(float dilation, Projection p, vec3 k, float zeroth, vec3 second) {
     Whitened w;
     float c = p.covariance.z;
     // row_x - (b / c) row_y, since row_y x (row_x x row_y) = (row_y . row_y) row_x - (row_x . row_y) row_y.
     vec3 across = cross(p.row_y, p.normal);
-    w.w_x = k.x * (across / (c * p.shrink * p.shrink) + (DILATION / c) * p.row_x);
+    w.w_x = k.x * (across / (c * p.shrink * p.shrink) + (dilation / c) * p.row_x);
     w.w_y = k.z * p.row_y;
     w.e_x = second.x * w.w_x + second.y * w.w_y;
     w.e_y = second.y * w.w_x + second.z * w.w_y;
     if (ANTIALIAS && p.det0 > MIN_ANTIALIAS * p.det) {
-        // d ln(det0 / det) / 2 = (Q0 - Q) / 2 = DILATION Q Q0 / 2, Q0 T being the pseudo-inverse of T, transposed.
-        float share = DILATION * zeroth * p.shrink * p.shrink / p.det0;
+        // d ln(det0 / det) / 2 = (Q0 - Q) / 2 = dilation Q Q0 / 2, Q0 T being the pseudo-inverse of T, transposed.
+        float share = dilation * zeroth * p.shrink * p.shrink / p.det0;
         vec3 inverse_x = across, inverse_y = cross(p.normal, p.row_x);
         w.e_x += share * (k.x * inverse_x + k.y * inverse_y);
         w.e_y += share * (k.z * inverse_y);
@@ -133,7 +133,7 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
     vec2 m1 = a.yz * unit;
     vec3 m2 = b.xyz * (2 * LN_2);
     g.mean2d = vec2(k.x * m1.x, k.y * m1.x + k.z * m1.y);
-    Whitened w = whitened(p, k, a.x, m2);
+    Whitened w = whitened(v.dilation, p, k, a.x, m2);
 
     g.log_scale = w.e_x * w.w_x + w.e_y * w.w_y;
     // dL/d(turn of the axes) = sum over rows of (s_k E_k) x (W_k / s_k).

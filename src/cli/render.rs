@@ -87,7 +87,7 @@ impl Arguments {
             return Err(Error::Usage("--transparent is for PNG; npy files always hold alpha".into()));
         }
         let mut loaded = read_model(&self.model, console)?;
-        let mut settings = Settings { background: self.background, antialias: self.antialias, ..Settings::default() };
+        let mut settings = Settings { background: self.background, ..Settings::filtered(self.antialias) };
         let shots = match &self.scene {
             Some(scene) => self.scene_shots(scene, console)?,
             None => self.orbit_shots(&loaded, &mut settings),

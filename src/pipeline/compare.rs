@@ -272,8 +272,7 @@ impl ArmResult {
 
 /// Times all arms' models in turn, so that whatever else the machine does falls on all of them.
 fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmResult], folder: &Path) -> Result<(), Error> {
-    let settings =
-        Settings { background: stage.prepared.background, antialias: shared.antialias, ..Settings::default() };
+    let settings = Settings { background: stage.prepared.background, ..Settings::filtered(shared.antialias) };
     let most = arms.iter().map(|a| a.gaussians).max().unwrap_or(0);
     let mut evaluator = Evaluator::new(stage.device, settings, most, stage.prepared.views())?;
     evaluator.compare_as(shared.exposure, stage.prepared.masked);

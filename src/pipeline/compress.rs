@@ -195,7 +195,7 @@ impl Views {
         };
         let estimated = budget::for_compress(device, model, demand)?;
         let prepared = opened.load_to_train((host_bytes, &std::env::temp_dir()), watcher)?;
-        let settings = Settings { background: prepared.background, antialias: job.antialias, ..Settings::default() };
+        let settings = Settings { background: prepared.background, ..Settings::filtered(job.antialias) };
         let Prepared { train, test, extent, transparent, masked, .. } = prepared;
         Ok((Self { truth: Truth::Photos, train, test, extent, transparent, masked, settings }, estimated))
     }

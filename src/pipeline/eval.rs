@@ -58,7 +58,7 @@ pub fn eval(
         )));
     }
     let load_s = begun.elapsed().as_secs_f64();
-    let settings = Settings { background: prepared.background, antialias: evaluation.antialias, ..Settings::default() };
+    let settings = Settings { background: prepared.background, ..Settings::filtered(evaluation.antialias) };
 
     let evaluating = Instant::now();
     let resident = Resident::upload(device, model)?;

@@ -92,7 +92,7 @@ impl<'a> Job<'a> {
     /// Device memory; device errors; cameras that leave no place for random points.
     pub fn start(stage: &'a Stage<'a>, config: &'a RunConfig, output: &'a Output, start: Start) -> Result<Self, Error> {
         let Stage { device, prepared, .. } = stage;
-        let settings = Settings { background: prepared.background, antialias: config.antialias, ..Settings::default() };
+        let settings = Settings { background: prepared.background, ..Settings::filtered(config.antialias) };
         let options = |gaussians: usize| Options {
             schedule: config.schedule.clone(),
             settings,

@@ -48,10 +48,10 @@ impl Around {
     /// Cameras all round the model, and how it is rendered from there: over a background, anti-aliased or not.
     pub fn views(&self, model: &Gaussians, (background, antialias): ([f32; 3], bool)) -> (Vec<Camera>, Settings) {
         let (cameras, near) = self.cameras(model);
-        let settings = Settings::default();
+        let settings = Settings::filtered(antialias);
         // A model in small units must not fall before the near plane.
         let near = settings.near.min(near as f32);
-        (cameras, Settings { background, antialias, near, ..settings })
+        (cameras, Settings { background, near, ..settings })
     }
 
     /// Cameras spread evenly over a band of a sphere round the model, each near enough to fill its picture; and the near

@@ -15,8 +15,10 @@ use crate::{gaussians::MAX_SH_DEGREE, scene::camera::Camera};
 pub struct Settings {
     /// Colour behind everything.
     pub background: [f64; 3],
-    /// Whether opacity carries the factor sqrt(max(det0/det, 2.5e-5)) that undoes the blur's added area.
+    /// Whether opacity carries the factor sqrt(max(det0/det, 2.5e-5)) that undoes the dilation's added area.
     pub antialias: bool,
+    /// Added to a projected Gaussian's variance, in square pixels.
+    pub dilation: f64,
     /// Gaussians whose camera-space z is not greater are culled.
     pub near: f64,
     /// Tests only: neither the 1/255 skip nor the transmittance stop, so that finite differences hold.
@@ -34,6 +36,7 @@ impl Default for Settings {
         Self {
             background: [0.0; 3],
             antialias: false,
+            dilation: 0.3,
             near: 0.2,
             smooth_cutoff: false,
             direction_gradient: true,

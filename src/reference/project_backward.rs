@@ -3,13 +3,13 @@
 //! Notation as in `project`. With Q the conic and S = sum h d d^T, dL/dcovariance2D is the symmetric matrix
 //!   G = 1/2 Q S Q   [+ 1/2 (sum h) (Q0 - Q) with anti-aliasing],
 //! the second term because the factor is rho = sqrt(det0 / det), alpha is proportional to rho, so dL/d ln rho = sum h, and
-//! ln rho = 1/2 (ln det0 - ln det) with d ln det X / dX = X^-1; Q0 is the inverse without blur, and the term is absent where
+//! ln rho = 1/2 (ln det0 - ln det) with d ln det X / dX = X^-1; Q0 is the inverse without the dilation, and the term is absent where
 //! det0/det sits on its floor, which also keeps Q0 = adj / det0 in range.
 //!
 //! dL/dT = 2 G T, but Q T of a needle cancels: its error is the square of the needle's length in pixels. With Q = K^T K,
 //! K = (kx ky; 0 kz) = (sqrt(yy/det), -xy/yy sqrt(yy/det); 0, 1/sqrt(yy)), and W = K T, whose columns are no longer than 1,
-//!   dL/dT = K^T E,  E = (K S K^T) W   [+ 0.3 (sum h) K Q0 T],   since Q0 - Q = Q (0.3 I) Q0,
-//!   W_0 = kx (t1 x (t0 x t1) + 0.3 t0) / yy,  W_1 = kz t1,  Q0 T = (t1 x n; n x t0) / det0 with n = t0 x t1.
+//!   dL/dT = K^T E,  E = (K S K^T) W   [+ d (sum h) K Q0 T],   since Q0 - Q = Q (d I) Q0,
+//!   W_0 = kx (t1 x (t0 x t1) + d t0) / yy,  W_1 = kz t1,  Q0 T = (t1 x n; n x t0) / det0 with n = t0 x t1.
 //! Of column k, dL/d ln s_k = E_k . W_k; a turn w of the axes in their own frame has dL/dw = sum over rows of (s E) x (W / s),
 //! and the quaternion's gradient is 2 q (0, dL/dw). Since t0 = fx/z (V_0 - ux V_2), t1 = fy/z (V_1 - uy V_2):
 //!   dL/dux = -fx/z e0 . V_2,  dL/duy = -fy/z e1 . V_2,  dL/dz at fixed ux, uy = -(sum of dL/d ln s_k) / z,  e = K^T E.
@@ -19,7 +19,7 @@ use glam::{DVec2, DVec3};
 
 use super::{
     Params, Settings,
-    project::{self, BLUR, Geometry},
+    project::{self, Geometry},
     rasterise_backward::Moments,
     sh,
 };
@@ -67,11 +67,12 @@ struct Whitened {
 fn whiten(geometry: &Geometry, settings: &Settings, moments: &Moments) -> Whitened {
     let [t0, t1] = geometry.rows;
     let [xx, xy, yy] = geometry.projected.covariance;
-    let det = geometry.det0 + BLUR * (xx - BLUR + yy - BLUR) + BLUR * BLUR;
+    let dilation = settings.dilation;
+    let det = geometry.det0 + dilation * (xx - dilation + yy - dilation) + dilation * dilation;
     let kx = (yy / det).sqrt();
     let [ky, kz] = [-(xy / yy) * kx, yy.sqrt().recip()];
     let normal = t0.cross(t1);
-    let w = [kx * (t1.cross(normal) + BLUR * t0) / yy, kz * t1];
+    let w = [kx * (t1.cross(normal) + dilation * t0) / yy, kz * t1];
     // K S, then (K S) K^T.
     let s = moments.second;
     let ks = [kx * s[0] + ky * s[1], kx * s[1] + ky * s[2], kz * s[1], kz * s[2]];
@@ -79,8 +80,8 @@ fn whiten(geometry: &Geometry, settings: &Settings, moments: &Moments) -> Whiten
     let mut e = [second[0] * w[0] + second[1] * w[1], second[1] * w[0] + second[2] * w[1]];
     if settings.antialias && geometry.factor_free {
         let inverse = [t1.cross(normal) / geometry.det0, normal.cross(t0) / geometry.det0];
-        e[0] += BLUR * moments.zeroth * (kx * inverse[0] + ky * inverse[1]);
-        e[1] += BLUR * moments.zeroth * kz * inverse[1];
+        e[0] += dilation * moments.zeroth * (kx * inverse[0] + ky * inverse[1]);
+        e[1] += dilation * moments.zeroth * kz * inverse[1];
     }
     Whitened { k: [kx, ky, kz], w, e }
 }

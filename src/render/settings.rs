@@ -19,13 +19,20 @@ pub enum Culling {
     Off,
 }
 
+/// Variance that the 3DGS reference adds, and with it every viewer of plain models.
+const DILATION: f32 = 0.3;
+/// Variance of the 2D filter of anti-aliased models: near a pixel's own, 1/12, as in Mip-Splatting.
+const PIXEL: f32 = 0.1;
+
 /// Settings of image formation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Colour behind the Gaussians.
     pub background: [f32; 3],
-    /// Keep each Gaussian's energy when it is smaller than a pixel (Mip-Splatting's 2D filter).
+    /// Keep each Gaussian's energy when it is smaller than a pixel.
     pub antialias: bool,
+    /// Added to a splat's variance, in square pixels.
+    pub dilation: f32,
     /// Which tiles are listed.
     pub culling: Culling,
     /// Blending ends before transmittance would fall below this.
@@ -37,7 +44,22 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         // 1.00001e-4, not 1e-4: two saturated layers leave 1e-4 less rounding, and the margin settles the tie.
-        Self { background: [0.0; 3], antialias: false, culling: Culling::Exact, stop: 1.00001e-4, near: 0.2 }
+        Self {
+            background: [0.0; 3],
+            antialias: false,
+            dilation: DILATION,
+            culling: Culling::Exact,
+            stop: 1.00001e-4,
+            near: 0.2,
+        }
+    }
+}
+
+impl Settings {
+    /// Those of models trained with anti-aliasing, or without.
+    #[must_use]
+    pub fn filtered(antialias: bool) -> Self {
+        Self { antialias, dilation: if antialias { PIXEL } else { DILATION }, ..Self::default() }
     }
 }
 
@@ -67,6 +89,6 @@ pub fn view(camera: &Camera, settings: &Settings, degree: usize, tile: u32) -> V
         size: [camera.width, camera.height],
         tiles: [camera.width.div_ceil(tile), camera.height.div_ceil(tile)],
         degree: degree as u32,
-        padding: 0,
+        dilation: settings.dilation,
     }
 }

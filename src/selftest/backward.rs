@@ -138,7 +138,7 @@ pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
 
 pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
     let kind_of = Kind { count: 1000, seed: 25, log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
-    kind(device, &kind_of, Settings { antialias: true, ..Settings::default() })
+    kind(device, &kind_of, Settings::filtered(true))
 }
 
 /// `count` layers of random colours before one small tile.

@@ -110,7 +110,7 @@ pub struct Fared {
 /// Device memory; device errors.
 pub fn fare(device: &Device, hard: &Hard, antialias: bool) -> Result<Fared> {
     let camera = ahead();
-    let settings = Settings { antialias, near: NEAR, ..Settings::default() };
+    let settings = Settings { near: NEAR, ..Settings::filtered(antialias) };
     let model = Gaussians {
         means: vec![hard.mean],
         log_scales: vec![hard.log_scale],

@@ -33,6 +33,7 @@ pub(super) fn twin(settings: Settings) -> reference::Settings {
     reference::Settings {
         background: settings.background.map(f64::from),
         antialias: settings.antialias,
+        dilation: f64::from(settings.dilation),
         transmittance_stop: f64::from(settings.stop),
         near: f64::from(settings.near),
         ..reference::Settings::default()
@@ -86,7 +87,7 @@ pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
 
 pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
     let kind = Kind { count: 3000, seed: 15, log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
-    against_twin(device, &kind, Settings { antialias: true, ..Settings::default() })
+    against_twin(device, &kind, Settings::filtered(true))
 }
 
 pub(super) fn odd_sizes(device: &Device) -> Result<Vec<Measure>> {

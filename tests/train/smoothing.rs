@@ -80,7 +80,7 @@ fn scales_end_at_what_the_finest_photo_tells() {
 #[test]
 fn runs_end_within_the_bound_and_resume_to_the_same_bytes() {
     let device = device();
-    let antialiased = || Options { settings: Settings { antialias: true, ..Settings::default() }, ..options() };
+    let antialiased = || Options { settings: Settings::filtered(true), ..options() };
     let last = options().schedule.iterations;
     let c = capture();
     let mut start = c.start.clone();

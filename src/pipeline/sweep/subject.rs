@@ -96,7 +96,7 @@ pub fn of_scene(
     let (model, evidence) = (job.snapshot()?.model, job.evidence()?);
     formats::write(&output.model(), &model).map_err(Error::writing)?;
     let prepared = &stage.prepared;
-    let settings = Settings { background: prepared.background, antialias: config.antialias, ..Settings::default() };
+    let settings = Settings { background: prepared.background, ..Settings::filtered(config.antialias) };
     let subject = Subject {
         model,
         evidence,
