@@ -9,7 +9,7 @@ use golden::{Case, Fixture};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{AdamState, Form, Rates, Renderer, Settings, Update};
+use qirf_vk::render::{AdamState, Form, Rates, Renderer, Settings, Style, Update};
 use qirf_vk::scene::camera::Camera;
 use synthetic::{Random, narrowed, random_scene, small_camera};
 
@@ -161,7 +161,7 @@ fn the_twins_gradients() {
             let model = narrowed(&random_scene(&camera, seed));
             let mut r = Random(seed);
             let weights: Vec<[f32; 4]> = (0..45 * 37).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
-            let settings = Settings { background: [0.3, 0.6, 0.1], ..Settings::filtered(antialias) };
+            let settings = Style { antialias, ..Style::default() }.over([0.3, 0.6, 0.1]);
             let mut got = gradients(&device, &model, &camera, settings, &weights, true);
             let twin = reference::Settings {
                 background: settings.background.map(f64::from),

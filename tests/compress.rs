@@ -10,6 +10,7 @@ use qirf_vk::pipeline::virtual_views::Around;
 use qirf_vk::pipeline::{Watcher, orbit};
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::Keep;
+use qirf_vk::render::Style;
 use qirf_vk::synth::{SynthOptions, write};
 use qirf_vk::train::Progress;
 use serde_json::Value;
@@ -283,7 +284,7 @@ fn an_interrupted_job_writes_nothing() {
     let job = Job {
         compression: Compression { selector: Selector::Importance, keep: Keep::Count(90), ..Compression::default() },
         sight: Sight::OwnPictures(Around { views: 8, size: (40, 40), up: orbit::UP }, [0.0; 3]),
-        antialias: false,
+        style: Style::default(),
         fine_tune: 20,
         seed: 1,
     };

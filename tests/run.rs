@@ -218,6 +218,7 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
         init_count: Some(900),
         background: None,
         antialias: false,
+        depth_order: false,
         exposure: false,
         max_gaussians: 5000,
         checkpoint_every: 0,

@@ -11,6 +11,7 @@ use qirf_vk::pipeline::virtual_views::Around;
 use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Watcher, compress, run};
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::random;
+use qirf_vk::render::Style;
 use qirf_vk::synth::{SynthOptions, write};
 use qirf_vk::train::Progress;
 use std::path::Path;
@@ -61,6 +62,7 @@ fn config(scene: &Path) -> RunConfig {
         init_count: None,
         background: None,
         antialias: false,
+        depth_order: false,
         exposure: false,
         max_gaussians: 2000,
         checkpoint_every: 90,
@@ -110,7 +112,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         let job = Job {
             compression: Compression { keep: Keep::Share(0.5), ..Compression::default() },
             sight: Sight::OwnPictures(around, [0.0; 3]),
-            antialias: false,
+            style: Style::default(),
             fine_tune: 20,
             seed: 5,
         };

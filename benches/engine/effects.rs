@@ -4,7 +4,7 @@
 use super::iteration::{options, scene, train};
 use super::{device, facts, group};
 use criterion::{BenchmarkId, Criterion};
-use qirf_vk::render::Settings;
+use qirf_vk::render::Style;
 use qirf_vk::train::{Options, Trainer};
 use std::time::Duration;
 
@@ -13,15 +13,16 @@ const TURN: u32 = 2;
 
 /// The degree that a row trains at, and what is on in it.
 fn arms() -> Vec<(&'static str, Options)> {
-    let antialias = Settings::filtered(true);
+    let style = |antialias, depth_order| Style { antialias, depth_order }.over([0.0; 3]);
     vec![
         ("all off, again", options(0)),
         ("view_dependence, degree 1", options(1)),
         ("view_dependence, degree 3", options(3)),
         ("exposure", Options { exposure: Some(Vec::new()), ..options(0) }),
-        ("antialias", Options { settings: antialias, ..options(0) }),
+        ("antialias", Options { settings: style(true, false), ..options(0) }),
         ("transparency", Options { transparent: true, ..options(0) }),
         ("masks", Options { masked: true, ..options(0) }),
+        ("depth_order", Options { settings: style(false, true), ..options(0) }),
     ]
 }
 

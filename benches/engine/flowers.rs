@@ -43,11 +43,11 @@ pub fn orbit(model: &Gaussians, width: u32, height: u32) -> Vec<Camera> {
 /// square of three times the larger standard deviation, rounded up, over the tiles whose pixel centres it holds.
 pub fn pairs_at_16(model: &Gaussians, cameras: &[Camera]) -> (u64, u64) {
     let params = reference::Params::from(model);
-    let settings = reference::Settings { sh_degree: 0, ..reference::Settings::default() };
+    let settings = reference::Settings { sh_degree: 0, tile: 16, ..reference::Settings::default() };
     let (mut exact, mut three_sigma) = (0, 0);
     for camera in cameras {
         for p in project::project(&params, camera, &settings).iter().flatten() {
-            bin::touched(p, camera, false, |_| exact += 1);
+            bin::touched(p, camera, &settings, |_| exact += 1);
             let [xx, xy, yy] = p.covariance;
             let middle = 0.5 * (xx + yy);
             let largest = middle + (middle * middle - (xx * yy - xy * xy)).max(0.1).sqrt();
@@ -55,7 +55,7 @@ pub fn pairs_at_16(model: &Gaussians, cameras: &[Camera]) -> (u64, u64) {
             let span = |centre: f64, pixels: u32| {
                 let first = (centre - radius - 0.5).ceil().clamp(0.0, f64::from(pixels)) as u32;
                 let end = ((centre + radius - 0.5).floor() + 1.0).clamp(0.0, f64::from(pixels)) as u32;
-                if first < end { u64::from(end.div_ceil(bin::TILE) - first / bin::TILE) } else { 0 }
+                if first < end { u64::from(end.div_ceil(16) - first / 16) } else { 0 }
             };
             three_sigma += span(p.mean.x, camera.width) * span(p.mean.y, camera.height);
         }

@@ -1,9 +1,14 @@
-// Writes one (tile, slot) pair for each tile that a visible Gaussian touches, Gaussians in depth order.
+// Writes one (tile, slot) pair for each tile that a visible Gaussian touches, Gaussians in depth order; with DEPTH_ORDER also
+// the depth by which a tile of its own would order them.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 #include "lib/view.glsl"
 #include "lib/tiles.glsl"
+#include "lib/constants.glsl"
+#include "lib/projection.glsl"
+
+layout(constant_id = 4) const bool DEPTH_ORDER = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; }; // visible Gaussians
@@ -13,10 +18,46 @@ layout(binding = 4, std430) readonly buffer Offsets { uint offsets[]; }; // by d
 layout(binding = 5, std430) readonly buffer TileCounts { uint tile_counts[]; }; // by Gaussian
 layout(binding = 6, std430) readonly buffer Geometry { vec4 geometry[]; };
 layout(binding = 7, std430) readonly buffer Shape { vec4 shape[]; };
-layout(binding = 8, std430) writeonly buffer Keys { uint keys[]; };
+layout(binding = 8, std430) writeonly buffer Keys { uint keys[]; }; // tiles
 layout(binding = 9, std430) writeonly buffer Slots { uint slots[]; };
 layout(binding = 10, std430) writeonly buffer Owners { uint owners[]; }; // Gaussian of each slot
 layout(binding = 11, std430) writeonly buffer FirstSlots { uint first_slots[]; }; // by Gaussian
+layout(binding = 12, std430) writeonly buffer Depths { uint depths[]; }; // of slots
+layout(binding = 13, std430) readonly buffer Means { float means[]; };
+layout(binding = 14, std430) readonly buffer LogScales { float log_scales[]; };
+layout(binding = 15, std430) readonly buffer Rotations { vec4 rotations[]; };
+
+// Where rays from the camera meet a Gaussian at its densest.
+struct Densest {
+    mat3 axes;     // in camera space
+    vec3 narrow;   // the least standard deviation over each axis's own
+    vec3 position; // in units of the axes, times the same
+    float depth;   // of the mean
+    float reach;   // no part that is drawn lies further before or behind
+};
+
+Densest densest_of(View v, uint i) {
+    vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
+    vec3 log_scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
+    Projection p = project(v, mean, log_scale, rotations[i]);
+    Densest d;
+    d.axes = world_to_camera(v) * p.rotation;
+    d.narrow = exp(min(log_scale.x, min(log_scale.y, log_scale.z)) - log_scale);
+    d.position = d.narrow * (p.position * d.axes);
+    d.depth = p.depth;
+    // sqrt(2 ln 255) standard deviations along the view.
+    d.reach = 3.3291 * length(vec3(d.axes[0].z, d.axes[1].z, d.axes[2].z) * p.scale);
+    return d;
+}
+
+// Depth of the point of a ray (x, y, 1) where the Gaussian is densest: positive floats order as their bits.
+uint densest_at(View v, Densest d, vec2 ray) {
+    vec3 along = d.narrow * (vec3(ray, 1) * d.axes);
+    float depth = dot(along, d.position) / dot(along, along);
+    // A disc seen along its edge: the quotient of two zeros.
+    if (isnan(depth)) depth = d.depth;
+    return floatBitsToUint(max(clamp(depth, d.depth - d.reach, d.depth + d.reach), v.centre.w));
+}
 
 void main() {
     uint j = global_index();
@@ -28,6 +69,8 @@ void main() {
     uvec2 tiles = view[0].tiles;
     vec4 g = geometry[i], s = shape[i];
     Footprint f = footprint_of(g.xy, origin(view[0]), vec3(g.zw, s.x), s.z);
+    Densest d;
+    if (DEPTH_ORDER) d = densest_of(view[0], i);
     uvec2 rows = tile_rows(f, tiles);
     for (uint row = rows.x; row < rows.y; row++) {
         uvec2 columns = tile_columns(f, row, tiles);
@@ -35,6 +78,10 @@ void main() {
             keys[slot] = row * tiles.x + column;
             slots[slot] = slot;
             owners[slot] = i;
+            if (DEPTH_ORDER) {
+                vec2 middle = (vec2(column, row) + 0.5) * float(TILE) - origin(view[0]);
+                depths[slot] = densest_at(view[0], d, (middle - view[0].principal) / view[0].focal);
+            }
         }
     }
     // Compilers may round this shader and the counting one differently: slots left over go to a tile that is not there.
@@ -42,5 +89,6 @@ void main() {
         keys[slot] = tiles.x * tiles.y;
         slots[slot] = slot;
         owners[slot] = i;
+        if (DEPTH_ORDER) depths[slot] = 0;
     }
 }

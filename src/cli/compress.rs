@@ -5,6 +5,7 @@ use super::choices::Choices;
 use super::console::Console;
 use super::inspect::read_model;
 use super::show::Show;
+use super::style;
 use super::values::{self, Up};
 use crate::effects::Overrides;
 use crate::error::Error;
@@ -75,9 +76,8 @@ pub(super) struct Arguments {
     /// Hold every N-th photo out for the scores; 0 holds none out [default: 8]
     #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene")]
     eval_every: Option<usize>,
-    /// Keep each Gaussian's energy where it is smaller than a pixel (models trained with anti-aliasing)
-    #[arg(long, help_heading = "Rendering")]
-    antialias: bool,
+    #[command(flatten)]
+    style: style::Arguments,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
@@ -160,7 +160,7 @@ impl Arguments {
         Job {
             compression: self.choices.over(preset),
             sight,
-            antialias: self.antialias,
+            style: self.style.style(),
             fine_tune: self.fine_tune,
             seed: self.seed,
         }

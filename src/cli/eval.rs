@@ -3,6 +3,7 @@
 use super::console::Console;
 use super::inspect::read_model;
 use super::show::Show;
+use super::style;
 use super::values;
 use super::{Global, networks};
 use crate::error::Error;
@@ -40,9 +41,8 @@ pub(super) struct Arguments {
     /// Take scene, photos and rendering from a run's config.toml; options given here come first
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Keep each Gaussian's energy where it is smaller than a pixel (models trained with anti-aliasing)
-    #[arg(long, help_heading = "Rendering")]
-    antialias: bool,
+    #[command(flatten)]
+    style: style::Arguments,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
@@ -103,7 +103,7 @@ impl Arguments {
         let (model, original) = (model?.gaussians, original?.gaussians);
         let networks = networks(self.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.memory_budget)?;
-        let style = (self.background.unwrap_or([0.0; 3]), self.antialias);
+        let style = (self.background.unwrap_or([0.0; 3]), self.style.style());
         let held_out = eval::against(&device, &model, &original, style, &networks, &Show::new(console))?;
         let (test, views) = (held_out.mean(), &held_out.views);
         if self.json {
@@ -116,7 +116,7 @@ impl Arguments {
 
     fn evaluation(&self) -> Result<Evaluation, Error> {
         let file = self.config.as_deref().map(RunConfig::read).transpose()?;
-        let antialias = self.antialias || file.as_ref().is_some_and(|c| c.antialias);
+        let style = self.style.style().or(file.as_ref().map(RunConfig::style).unwrap_or_default());
         let exposure = file.as_ref().is_some_and(|c| c.exposure);
         let base = file.map(|c| c.selection());
         // A scene of one's own has photos of its own.
@@ -129,7 +129,7 @@ impl Arguments {
             background: self.background.or(base.as_ref().and_then(|b| b.background)),
             effects: base.map(|b| b.effects).unwrap_or_default(),
         };
-        Ok(Evaluation { selection, antialias, exposure })
+        Ok(Evaluation { selection, style, exposure })
     }
 
     fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {

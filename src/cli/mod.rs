@@ -14,6 +14,7 @@ mod render;
 mod run;
 mod selftest;
 mod show;
+mod style;
 mod sweep;
 mod synth;
 mod training;

@@ -4,6 +4,7 @@ use super::Global;
 use super::console::Console;
 use super::inspect::read_model;
 use super::interrupt::Watch;
+use super::style;
 use super::values::{self, Up};
 use crate::error::Error;
 use crate::gaussians::formats::Loaded;
@@ -67,9 +68,8 @@ pub(super) struct Arguments {
     /// Keep alpha in the PNG instead of a background
     #[arg(long, conflicts_with = "background", help_heading = "Pictures")]
     transparent: bool,
-    /// Keep each Gaussian's energy where it is smaller than a pixel (models trained with anti-aliasing)
-    #[arg(long, help_heading = "Pictures")]
-    antialias: bool,
+    #[command(flatten)]
+    style: style::Arguments,
 }
 
 /// What to draw, and where to.
@@ -87,7 +87,7 @@ impl Arguments {
             return Err(Error::Usage("--transparent is for PNG; npy files always hold alpha".into()));
         }
         let mut loaded = read_model(&self.model, console)?;
-        let mut settings = Settings { background: self.background, ..Settings::filtered(self.antialias) };
+        let mut settings = self.style.style().over(self.background);
         let shots = match &self.scene {
             Some(scene) => self.scene_shots(scene, console)?,
             None => self.orbit_shots(&loaded, &mut settings),

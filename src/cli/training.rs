@@ -113,6 +113,7 @@ impl Training {
             init_count: self.init_count.map(|n| n as usize),
             background: self.background,
             antialias: false,
+            depth_order: false,
             exposure: false,
             max_gaussians: self.max_gaussians as usize,
             checkpoint_every: self.checkpoint_every,

@@ -9,7 +9,7 @@
 //! | `transparency` | photos have transparent pixels | [`geometry`] | ALPHA of `train/loss`, the white background |
 //! | `masks` | photos have masks | [`geometry`] | `train/mask`: its picture, its scope "masks" |
 //! | `cameras` | sizes or intrinsics differ | [`geometry`] | nothing: a view's uniforms are its own |
-//! | `depth_order` | on request | here | nothing yet: one global sort by depth |
+//! | `depth_order` | on request | here | DEPTH_ORDER of `render/bin`: a sort of the pairs, their tiles, its scope "depth order" |
 
 pub mod colour;
 pub mod geometry;
@@ -39,7 +39,7 @@ pub enum Effect {
     Masks,
     /// Several sizes or intrinsics.
     Cameras,
-    /// Exact order by depth.
+    /// Each tile orders Gaussians by the depths that its own ray sees.
     DepthOrder,
 }
 
@@ -77,6 +77,7 @@ impl Effect {
             Self::Masks => Some("masks"),
             // The 2D filter is two operations of the projection.
             Self::Antialias => Some("antialias"),
+            Self::DepthOrder => Some("depth order"),
             _ => None,
         }
     }
@@ -85,7 +86,6 @@ impl Effect {
     const fn fixed(self) -> Option<&'static str> {
         match self {
             Self::Cameras => Some("every view has uniforms of its own, at no cost: there is nothing to switch"),
-            Self::DepthOrder => Some("Gaussians are sorted by depth, once a picture; no exacter order is built yet"),
             _ => None,
         }
     }
@@ -264,7 +264,11 @@ pub fn decide(subject: &Subject<'_>, overrides: &Overrides, most: usize) -> (Vec
         geometry::transparency(subject),
         geometry::masks(subject),
         geometry::cameras(subject),
-        Decision::plain(Effect::DepthOrder, false, "only on request; Gaussians are sorted once a picture".into()),
+        Decision::plain(
+            Effect::DepthOrder,
+            false,
+            "on request only; else Gaussians are sorted by depth once a picture".into(),
+        ),
     ];
     for d in &mut decisions {
         let Some(on) = overrides.forced(d.name) else { continue };

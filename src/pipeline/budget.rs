@@ -12,6 +12,7 @@ use crate::gpu::{Device, staging_bytes};
 use crate::qirf::response::Responses;
 use crate::qirf::score::Scores;
 use crate::qirf::study;
+use crate::render::Style;
 use crate::train::{Demand, Trainer};
 
 /// Pairs a Gaussian that room is made for: at first in training, and in estimates.
@@ -55,9 +56,10 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         let masked = opened.scene.views.iter().any(|v| v.mask.is_some());
         let (pairs, prunes) = (pairs(gaussians), config.prune.is_some());
         let (antialias, halves) = (config.effects.forced(Effect::Antialias) != Some(false), schedule.halves(1));
-        let demand =
-            Demand { gaussians, pairs, size, photos, degree, exposure, masked, antialias, halves, grows, prunes };
-        Trainer::bytes(device, &demand) + Evaluator::bytes(device, gaussians, size)
+        let depth_order = config.effects.forced(Effect::DepthOrder) == Some(true);
+        let style = Style { antialias, depth_order };
+        let demand = Demand { gaussians, pairs, size, photos, degree, exposure, masked, style, halves, grows, prunes };
+        Trainer::bytes(device, &demand) + Evaluator::bytes(device, gaussians, size, style)
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
     let expected = grown.max(now);
@@ -77,10 +79,15 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
 ///
 /// # Errors
 /// As [`for_run`].
-pub fn for_eval(device: &Device, opened: &Opened, gaussians: usize, degree: usize) -> Result<u64, Error> {
+pub fn for_eval(
+    device: &Device,
+    opened: &Opened,
+    (gaussians, degree): (usize, usize),
+    style: Style,
+) -> Result<u64, Error> {
     let size = opened.size();
     let model = Resident::bytes(gaussians, degree);
-    let needed = model + staging_bytes(model) + Evaluator::bytes(device, gaussians, size);
+    let needed = model + staging_bytes(model) + Evaluator::bytes(device, gaussians, size, style);
     check(device, "the evaluation", gaussians, size, needed, "")
 }
 
@@ -95,6 +102,8 @@ pub struct Compressing {
     pub photos: Vec<u64>,
     /// Whether the photos have masks.
     pub masked: bool,
+    /// How it is rendered.
+    pub style: Style,
     /// Gaussians that a trainer holds at most, for evidence or for fine-tuning.
     pub trained: usize,
 }
@@ -104,14 +113,14 @@ pub struct Compressing {
 /// # Errors
 /// As [`for_run`].
 pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> Result<u64, Error> {
-    let Compressing { size, own_pictures, photos, masked, trained } = demand;
+    let Compressing { size, own_pictures, photos, masked, style, trained } = demand;
     let (gaussians, degree) = (model.len(), model.degree());
     let resident = Resident::bytes(gaussians, degree);
     let resident = resident + staging_bytes(resident);
     let pairs = most_pairs(device, gaussians);
-    let evaluates = resident + Evaluator::bytes(device, gaussians, size);
+    let evaluates = resident + Evaluator::bytes(device, gaussians, size, style);
     let studies = resident + study::bytes(gaussians);
-    let responds = resident + virtual_views::bytes(device, gaussians, size, pairs);
+    let responds = resident + virtual_views::bytes(device, gaussians, size, pairs, style);
     let demand = Demand {
         gaussians: trained,
         pairs: most_pairs(device, trained),
@@ -120,7 +129,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> 
         degree,
         exposure: false,
         masked,
-        antialias: true,
+        style: Style { antialias: true, ..style },
         halves: false,
         grows: false,
         prunes: true,

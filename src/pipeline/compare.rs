@@ -17,7 +17,6 @@ use crate::gpu::{Device, DeviceInfo};
 use crate::metrics::Networks;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
-use crate::render::Settings;
 use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -272,7 +271,7 @@ impl ArmResult {
 
 /// Times all arms' models in turn, so that whatever else the machine does falls on all of them.
 fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmResult], folder: &Path) -> Result<(), Error> {
-    let settings = Settings { background: stage.prepared.background, ..Settings::filtered(shared.antialias) };
+    let settings = shared.style().over(stage.prepared.background);
     let most = arms.iter().map(|a| a.gaussians).max().unwrap_or(0);
     let mut evaluator = Evaluator::new(stage.device, settings, most, stage.prepared.views())?;
     evaluator.compare_as(shared.exposure, stage.prepared.masked);

@@ -16,7 +16,7 @@ use crate::gpu::Device;
 use crate::metrics::{Networks, Scores};
 use crate::qirf::response::Evidence;
 use crate::qirf::select::budget::Keep;
-use crate::render::Settings;
+use crate::render::{Settings, Style};
 use crate::scene::camera::{self, Camera};
 use crate::train::loss::Weights;
 use crate::train::photos::TrainView;
@@ -32,8 +32,8 @@ pub struct Job {
     pub compression: Compression,
     /// What they are judged by.
     pub sight: Sight,
-    /// Whether Gaussians smaller than a pixel keep their energy: as the model was trained.
-    pub antialias: bool,
+    /// How it is rendered: as the model was trained.
+    pub style: Style,
     /// Iterations of training after the prune.
     pub fine_tune: u32,
     /// Key of all random numbers.
@@ -191,11 +191,12 @@ impl Views {
             own_pictures: false,
             photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
             masked: opened.scene.views.iter().any(|v| v.mask.is_some()),
+            style: job.style,
             trained: model.len(),
         };
         let estimated = budget::for_compress(device, model, demand)?;
         let prepared = opened.load_to_train((host_bytes, &std::env::temp_dir()), watcher)?;
-        let settings = Settings { background: prepared.background, ..Settings::filtered(job.antialias) };
+        let settings = job.style.over(prepared.background);
         let Prepared { train, test, extent, transparent, masked, .. } = prepared;
         Ok((Self { truth: Truth::Photos, train, test, extent, transparent, masked, settings }, estimated))
     }
@@ -211,9 +212,9 @@ impl Views {
         let size = [around.size.0, around.size.1];
         let trained = if job.fine_tune > 0 { most_kept(job.compression.keep, model.len()) } else { 0 };
         let photos = vec![4 * u64::from(size[0]) * u64::from(size[1]); around.views as usize];
-        let demand = Compressing { size, own_pictures: true, photos, masked: false, trained };
+        let demand = Compressing { size, own_pictures: true, photos, masked: false, style: job.style, trained };
         let estimated = budget::for_compress(device, model, demand)?;
-        let (style, with_pixels) = ((background, job.antialias), job.fine_tune > 0);
+        let (style, with_pixels) = ((background, job.style), job.fine_tune > 0);
         let own = OwnPictures::new(device, model, around, style, with_pixels, watcher)?;
         let OwnPictures { train, test, settings } = own;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
@@ -237,6 +238,7 @@ impl Views {
             image_size: camera::largest(views.map(|v| &v.camera)),
             background: self.settings.background,
             antialias: self.settings.antialias,
+            depth_order: self.settings.depth_order,
             fine_tune: job.fine_tune,
             seed: job.seed,
             compression: job.compression.clone(),

@@ -50,6 +50,8 @@ pub struct Protocol {
     pub background: [f32; 3],
     /// Whether Gaussians smaller than a pixel keep their energy.
     pub antialias: bool,
+    /// Whether tiles order Gaussians by the depths that their own rays see.
+    pub depth_order: bool,
     /// Iterations of fine-tuning.
     pub fine_tune: u32,
     /// Key of all random numbers.

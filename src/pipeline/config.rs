@@ -4,6 +4,7 @@ use super::compression::Pruning;
 use super::ranges;
 use crate::effects::{Choice, Effect, Overrides};
 use crate::error::Error;
+use crate::render::Style;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -97,6 +98,9 @@ pub struct RunConfig {
     pub background: Option<[f32; 3]>,
     /// Whether Gaussians smaller than a pixel keep their energy: what was decided, where that is left to the scene.
     pub antialias: bool,
+    /// Whether tiles order Gaussians by the depths that their own rays see.
+    #[serde(default)]
+    pub depth_order: bool,
     /// Whether each photo gets an exposure of its own: what was decided, where that is left to the scene.
     #[serde(default)]
     pub exposure: bool,
@@ -132,6 +136,11 @@ pub struct Selection {
 }
 
 impl RunConfig {
+    /// How the model is rendered.
+    pub fn style(&self) -> Style {
+        Style { antialias: self.antialias, depth_order: self.depth_order }
+    }
+
     /// Reads a `config.toml`.
     ///
     /// # Errors

@@ -118,6 +118,7 @@ impl RunConfig {
         Self {
             sh_degree: degree.unwrap_or(self.sh_degree).min(self.sh_degree),
             antialias: effects::is_on(decisions, Effect::Antialias),
+            depth_order: effects::is_on(decisions, Effect::DepthOrder),
             exposure: effects::is_on(decisions, Effect::Exposure),
             ..self.clone()
         }

@@ -13,7 +13,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::metrics::Networks;
-use crate::render::Settings;
+use crate::render::Style;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -23,8 +23,8 @@ use std::time::Instant;
 pub struct Evaluation {
     /// The scene and its held-out views.
     pub selection: Selection,
-    /// Whether Gaussians smaller than a pixel keep their energy: as the model was trained.
-    pub antialias: bool,
+    /// How it is rendered: as the model was trained.
+    pub style: Style,
     /// Whether photos have exposures of their own: fitted before scoring, as a run does it.
     pub exposure: bool,
 }
@@ -47,7 +47,7 @@ pub fn eval(
     let begun = Instant::now();
     let selection = &evaluation.selection;
     let opened = open(selection)?;
-    let estimated_bytes = budget::for_eval(device, &opened, model.len(), model.degree())?;
+    let estimated_bytes = budget::for_eval(device, &opened, (model.len(), model.degree()), evaluation.style)?;
     let elsewhere = std::env::temp_dir();
     let folder = output.map_or(elsewhere.as_path(), Output::folder);
     let prepared = opened.load((host_bytes, folder), watcher)?;
@@ -58,7 +58,7 @@ pub fn eval(
         )));
     }
     let load_s = begun.elapsed().as_secs_f64();
-    let settings = Settings { background: prepared.background, ..Settings::filtered(evaluation.antialias) };
+    let settings = evaluation.style.over(prepared.background);
 
     let evaluating = Instant::now();
     let resident = Resident::upload(device, model)?;
@@ -122,7 +122,7 @@ pub fn eval(
 }
 
 /// Scores a model by the held-out views that `qirf-vk compress` would judge `original` by, against its pictures: what a
-/// compression by any tool has lost. `style`: colour behind the Gaussians, and whether both were trained with anti-aliasing.
+/// compression by any tool has lost. `style`: colour behind the Gaussians, and how both are rendered.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
@@ -130,7 +130,7 @@ pub fn against(
     device: &Device,
     model: &Gaussians,
     original: &Gaussians,
-    style: ([f32; 3], bool),
+    style: ([f32; 3], Style),
     networks: &Networks,
     watcher: &(dyn Watcher + Sync),
 ) -> Result<HeldOut, Error> {

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::metrics::{self, Networks, Scores};
-use crate::render::{Image, Renderer, Settings};
+use crate::render::{Image, Renderer, Settings, Style, Uses};
 use crate::scene::camera;
 use crate::train;
 use crate::train::photos::TrainView;
@@ -119,9 +119,10 @@ impl Evaluator {
     }
 
     /// Bytes of an evaluator for views of at most this size, and of a picture's way back.
-    pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2]) -> u64 {
+    pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], style: Style) -> u64 {
+        let uses = Uses { training: false, depth_order: style.depth_order };
         let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
-        Renderer::bytes(device, gaussians, size, budget::pairs(gaussians), false) + staging_bytes(picture)
+        Renderer::bytes(device, gaussians, size, budget::pairs(gaussians), uses) + staging_bytes(picture)
     }
 
     /// Renders a view.

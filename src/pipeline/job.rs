@@ -17,7 +17,6 @@ use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::qirf::response::Evidence;
-use crate::render::Settings;
 use crate::train::checkpoint::Snapshot;
 use crate::train::loss::Weights;
 use crate::train::{Options, Trainer};
@@ -92,7 +91,7 @@ impl<'a> Job<'a> {
     /// Device memory; device errors; cameras that leave no place for random points.
     pub fn start(stage: &'a Stage<'a>, config: &'a RunConfig, output: &'a Output, start: Start) -> Result<Self, Error> {
         let Stage { device, prepared, .. } = stage;
-        let settings = Settings { background: prepared.background, ..Settings::filtered(config.antialias) };
+        let settings = config.style().over(prepared.background);
         let options = |gaussians: usize| Options {
             schedule: config.schedule.clone(),
             settings,

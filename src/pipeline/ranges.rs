@@ -139,6 +139,7 @@ mod tests {
             init_count: None,
             background: None,
             antialias: false,
+            depth_order: false,
             exposure: false,
             max_gaussians: 4_000_000,
             checkpoint_every: 5000,

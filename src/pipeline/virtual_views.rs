@@ -9,7 +9,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording};
 use crate::qirf::response::{Evidence, HighPass, Responses, full_pass};
 use crate::qirf::score::Scores;
-use crate::render::{Image, Renderer, Settings};
+use crate::render::{Image, Renderer, Settings, Style, Uses};
 use crate::scene::camera::{self, Camera};
 use crate::train::photos::TrainView;
 use crate::train::pixels::Pixels;
@@ -45,13 +45,13 @@ impl Default for Around {
 }
 
 impl Around {
-    /// Cameras all round the model, and how it is rendered from there: over a background, anti-aliased or not.
-    pub fn views(&self, model: &Gaussians, (background, antialias): ([f32; 3], bool)) -> (Vec<Camera>, Settings) {
+    /// Cameras all round the model, and how it is rendered from there: over a background, in a style.
+    pub fn views(&self, model: &Gaussians, (background, style): ([f32; 3], Style)) -> (Vec<Camera>, Settings) {
         let (cameras, near) = self.cameras(model);
-        let settings = Settings::filtered(antialias);
+        let settings = style.over(background);
         // A model in small units must not fall before the near plane.
         let near = settings.near.min(near as f32);
-        (cameras, Settings { background, near, ..settings })
+        (cameras, Settings { near, ..settings })
     }
 
     /// Cameras spread evenly over a band of a sphere round the model, each near enough to fill its picture; and the near
@@ -94,7 +94,7 @@ impl OwnPictures {
         device: &Device,
         model: &Gaussians,
         around: &Around,
-        style: ([f32; 3], bool),
+        style: ([f32; 3], Style),
         with_train_pixels: bool,
         watcher: &dyn Watcher,
     ) -> Result<Self, Error> {
@@ -156,11 +156,12 @@ pub fn evidence(
 }
 
 /// Bytes of device memory that [`evidence`] takes besides the model.
-pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], pairs: u32) -> u64 {
+pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], pairs: u32, style: Style) -> u64 {
     let pixels = size[0] as usize * size[1] as usize;
     let pictures = Buffer::<[f32; 4]>::bytes_of(pixels) + HighPass::bytes(pixels);
     let rows = Responses::bytes(gaussians) + Scores::bytes(gaussians);
-    Renderer::bytes(device, gaussians, size, pairs, true) + pictures + rows
+    let uses = Uses { training: true, depth_order: style.depth_order };
+    Renderer::bytes(device, gaussians, size, pairs, uses) + pictures + rows
 }
 
 #[cfg(test)]

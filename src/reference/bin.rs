@@ -5,15 +5,16 @@ use super::{
     project::{Culled, Projected},
 };
 use crate::scene::camera::Camera;
+use glam::DVec2;
 
-/// Side of a tile in pixels.
-pub const TILE: u32 = 16;
 /// Added to the extent so that rounding never loses a pixel at its very edge; float32 needs a wider one.
 const EXTENT_SLACK: f64 = 1e-9;
 
 /// Per-tile lists of Gaussians, front to back, tiles row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tiles {
+    /// Side of a tile in pixels.
+    pub side: u32,
     /// Tiles per row.
     pub columns: u32,
     /// Rows of tiles.
@@ -32,8 +33,8 @@ impl Tiles {
 
     /// Pixel ranges (x, y) of tile `t` in an image of `width` x `height`.
     pub fn pixels(&self, t: usize, width: u32, height: u32) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
-        let (x, y) = (t as u32 % self.columns * TILE, t as u32 / self.columns * TILE);
-        (x..(x + TILE).min(width), y..(y + TILE).min(height))
+        let (x, y) = (t as u32 % self.columns * self.side, t as u32 / self.columns * self.side);
+        (x..(x + self.side).min(width), y..(y + self.side).min(height))
     }
 }
 
@@ -45,14 +46,15 @@ pub fn depth_order(projected: &[Result<Projected, Culled>]) -> Vec<u32> {
     seen.into_iter().map(|(_, i)| i).collect()
 }
 
-/// Lists every tile's Gaussians in depth order; with a smooth cut-off every Gaussian is in every tile.
+/// Lists every tile's Gaussians in depth order, the picture's or the tile's own; with a smooth cut-off every Gaussian is in every tile.
 pub fn bin(projected: &[Result<Projected, Culled>], camera: &Camera, settings: &Settings) -> Tiles {
-    let (columns, rows) = (camera.width.div_ceil(TILE), camera.height.div_ceil(TILE));
-    let order = depth_order(projected);
+    let side = settings.tile;
+    let (columns, rows) = (camera.width.div_ceil(side), camera.height.div_ceil(side));
+    let order = if settings.depth_order { (0..projected.len() as u32).collect() } else { depth_order(projected) };
     let visit = |each: &mut dyn FnMut(usize, u32)| {
         for &i in &order {
             if let Ok(p) = &projected[i as usize] {
-                touched(p, camera, settings.smooth_cutoff, |t| each(t, i));
+                touched(p, camera, settings, |t| each(t, i));
             }
         }
     };
@@ -68,28 +70,38 @@ pub fn bin(projected: &[Result<Projected, Culled>], camera: &Camera, settings: &
         gaussians[next[t]] = i;
         next[t] += 1;
     });
-    Tiles { columns, rows, offsets, gaussians }
+    if settings.depth_order {
+        for t in 0..offsets.len() - 1 {
+            let (x, y) = (t as u32 % columns, t as u32 / columns);
+            let middle = (DVec2::new(f64::from(x), f64::from(y)) + 0.5) * f64::from(side);
+            let ray = (middle - camera.principal) / camera.focal;
+            let depth = |i: &u32| projected[*i as usize].as_ref().map_or(f64::INFINITY, |p| p.densest.depth_along(ray));
+            gaussians[offsets[t]..offsets[t + 1]].sort_by(|a, b| depth(a).total_cmp(&depth(b)));
+        }
+    }
+    Tiles { side, columns, rows, offsets, gaussians }
 }
 
 /// Calls `each` with every tile that the Gaussian's ellipse {power <= extent} touches, row by row.
 ///
 /// Counting and emission both go through here, so they can never disagree.
-pub fn touched(p: &Projected, camera: &Camera, all: bool, mut each: impl FnMut(usize)) {
-    let columns = camera.width.div_ceil(TILE);
+pub fn touched(p: &Projected, camera: &Camera, settings: &Settings, mut each: impl FnMut(usize)) {
+    let (side, all) = (settings.tile, settings.smooth_cutoff);
+    let columns = camera.width.div_ceil(side);
     let extent = p.extent + EXTENT_SLACK;
     let reach = |variance: f64| if all { f64::INFINITY } else { (2.0 * extent * variance).max(0.0).sqrt() };
     let range = |centre: f64, reach: f64, pixels: u32| {
         // Casts saturate: far off the image both ends land on the same side.
-        let tile = |edge: f64| ((edge - 0.5) / f64::from(TILE)).floor();
+        let tile = |edge: f64| ((edge - 0.5) / f64::from(side)).floor();
         let end = (tile(centre + reach) + 1.0) as u32;
-        (tile(centre - reach) as u32)..end.min(pixels.div_ceil(TILE))
+        (tile(centre - reach) as u32)..end.min(pixels.div_ceil(side))
     };
     let across = range(p.mean.x, reach(p.covariance[0]), camera.width);
     for row in range(p.mean.y, reach(p.covariance[2]), camera.height) {
         for column in across.clone() {
             let centres = |tile: u32, pixels: u32, mean: f64| {
-                let last = ((tile + 1) * TILE).min(pixels);
-                (f64::from(tile * TILE) + 0.5 - mean, f64::from(last) - 0.5 - mean)
+                let last = ((tile + 1) * side).min(pixels);
+                (f64::from(tile * side) + 0.5 - mean, f64::from(last) - 0.5 - mean)
             };
             let x = centres(column, camera.width, p.mean.x);
             let y = centres(row, camera.height, p.mean.y);

@@ -19,6 +19,11 @@ pub struct Settings {
     pub antialias: bool,
     /// Added to a projected Gaussian's variance, in square pixels.
     pub dilation: f64,
+    /// Side in pixels of the squares that share a list of Gaussians.
+    pub tile: u32,
+    /// Whether each of them orders its list by the depths that the ray through its middle sees; else one order, by the depth
+    /// of means, holds for all. In tiles of one pixel that is the order of each pixel.
+    pub depth_order: bool,
     /// Gaussians whose camera-space z is not greater are culled.
     pub near: f64,
     /// Tests only: neither the 1/255 skip nor the transmittance stop, so that finite differences hold.
@@ -37,6 +42,8 @@ impl Default for Settings {
             background: [0.0; 3],
             antialias: false,
             dilation: 0.3,
+            tile: 16,
+            depth_order: false,
             near: 0.2,
             smooth_cutoff: false,
             direction_gradient: true,

@@ -43,6 +43,8 @@ pub struct Projected {
     pub mean: DVec2,
     /// Camera-space z.
     pub depth: f64,
+    /// Where rays meet it at its densest.
+    pub densest: Densest,
     /// Image covariance, dilation included, in square pixels: xx, xy, yy.
     pub covariance: [f64; 3],
     /// Inverse of `covariance`: xx, xy, yy.
@@ -53,6 +55,28 @@ pub struct Projected {
     pub colour: DVec3,
     /// ln(255 opacity): the power at which alpha falls to 1/255.
     pub extent: f64,
+}
+
+/// Where rays from the camera meet a Gaussian at its densest. With A the map from camera space to standard deviations along
+/// the axes, density falls with |A (t ray - position)|^2, least at t = (A ray . A position) / |A ray|^2.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Densest {
+    /// A times the least standard deviation: nothing in it is greater than 1.
+    whitened: DMat3,
+    /// Camera-space centre.
+    position: DVec3,
+    /// No part that is drawn lies further before or behind the centre: sqrt(2 ln 255) standard deviations along z.
+    reach: f64,
+}
+
+impl Densest {
+    /// Camera-space z of that point on the ray (x, y, 1); the centre's where a disc is seen along its edge.
+    pub fn depth_along(&self, ray: DVec2) -> f64 {
+        let along = self.whitened * ray.extend(1.0);
+        let depth = along.dot(self.whitened * self.position) / along.length_squared();
+        let centre = self.position.z;
+        if depth.is_nan() { centre } else { depth.clamp(centre - self.reach, centre + self.reach) }
+    }
 }
 
 /// All that the projection of one Gaussian computes on its way; the backward pass starts from it.
@@ -120,6 +144,10 @@ pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings)
     let axes = rotation(quaternion) * DMat3::from_diagonal(scale);
     let v = camera.rotation * axes;
 
+    let narrow = DVec3::from((log_scale.min_element() - log_scale).to_array().map(f64::exp));
+    let whitened = DMat3::from_diagonal(narrow) * (camera.rotation * rotation(quaternion)).transpose();
+    let densest = Densest { whitened, position, reach: (2.0 * 255.0_f64.ln()).sqrt() * v.row(2).length() };
+
     let limit = FIELD_MARGIN * 0.5 * DVec2::new(f64::from(camera.width), f64::from(camera.height)) / camera.focal;
     let unclamped = position.truncate() / z;
     let slope = unclamped.clamp(-limit, limit);
@@ -178,7 +206,7 @@ pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings)
         direction,
         distance,
         raw_colour,
-        projected: Projected { mean, depth: z, covariance, conic, opacity, colour, extent },
+        projected: Projected { mean, depth: z, densest, covariance, conic, opacity, colour, extent },
     })
 }
 

@@ -6,20 +6,31 @@ use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{Bin, BinSpec, Ranges, RangesPush, RangesSpec};
 use crate::primitives::{Pairs, WORKGROUP, compact, gather};
 
-/// Records the list of visible Gaussians, nearest first; equal depths keep the order of the model.
-pub(super) fn depth_sort<'a>(recording: &mut Recording, frame: &'a Frame, model: &Resident) -> &'a Pairs {
+/// Records the list of visible Gaussians, nearest first; equal depths keep the order of the model. Where tiles have an order
+/// of their own, all of it does.
+pub(super) fn depth_sort<'a>(
+    recording: &mut Recording,
+    shape: &Shape,
+    frame: &'a Frame,
+    model: &Resident,
+) -> &'a Pairs {
     let (scan, total) = (&frame.scan, Some(&frame.visible_count.value));
     scan.record(recording, &model.count, &frame.visible, &frame.offsets, total);
     let order = &frame.by_depth.values;
     compact(recording, &model.count, &frame.visible, &frame.offsets, order);
     frame.visible_count.prepare(recording);
+    if shape.settings.depth_order {
+        return &frame.by_depth;
+    }
     gather(recording, &frame.visible_count, order, &frame.depth, &frame.by_depth.keys);
     frame.depth_sort.record(recording, &frame.visible_count, &frame.by_depth, 32)
 }
 
 /// Records the pairs of all visible Gaussians, in depth order.
-pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, order: &Pairs) {
+pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, model: &Resident, order: &Pairs) {
     let pairs = &frame.pairs;
+    // Where tiles have an order of their own, keys are depths first.
+    let (keys, depths) = (pairs.tiles.as_ref().unwrap_or(&pairs.by_tile.keys), &pairs.by_tile.keys);
     gather(recording, &frame.visible_count, &order.values, &frame.tile_counts, &frame.offsets);
     let (scan, total) = (&frame.scan, Some(&pairs.count.value));
     scan.record(recording, &frame.visible_count, &frame.offsets, &frame.offsets, total);
@@ -33,13 +44,32 @@ pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, or
         tile_counts: &frame.tile_counts,
         geometry: &frame.geometry,
         shape: &frame.shape,
-        keys: &pairs.by_tile.keys,
+        keys,
         slots: &pairs.by_tile.values,
         owners: &pairs.owners,
         first_slots: &frame.first_slots,
-        spec: BinSpec { workgroup: WORKGROUP, tile: shape.tile, culling: shape.settings.culling as u32 },
+        depths,
+        means: &model.means,
+        log_scales: &model.log_scales,
+        rotations: &model.rotations,
+        spec: BinSpec {
+            workgroup: WORKGROUP,
+            tile: shape.tile,
+            culling: shape.settings.culling as u32,
+            depth_order: shape.settings.depth_order,
+        },
     };
     recording.dispatch(&kernel, frame.visible_count.groups(WORKGROUP));
+}
+
+/// Records that pairs come by the depth which each tile sees, equal depths as they were, where there is such an order.
+pub(super) fn depth_order(recording: &mut Recording, frame: &Frame) {
+    let pairs = &frame.pairs;
+    let Some(tiles) = &pairs.tiles else { return };
+    recording.scope("depth order", |r| {
+        let sorted = pairs.sort.record(r, &pairs.count, &pairs.by_tile, 32);
+        gather(r, &pairs.count, &sorted.values, tiles, &sorted.keys);
+    });
 }
 
 /// Bits of a tile key: keys run to `tiles` itself, the key of pairs of no tile.

@@ -35,6 +35,15 @@ impl Shape {
     }
 }
 
+/// What a renderer is for, as far as its memory goes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Uses {
+    /// Whether it also goes backward.
+    pub training: bool,
+    /// Whether tiles have a depth order of their own.
+    pub depth_order: bool,
+}
+
 /// Intermediate arrays of one frame.
 pub(super) struct Frame {
     pub view: Buffer<View>,
@@ -62,6 +71,8 @@ pub(super) struct PairBuffers {
     pub by_tile: Pairs,
     pub owners: Buffer<u32>,
     pub sort: Sort,
+    /// Tiles of slots, where tiles have a depth order of their own.
+    pub tiles: Option<Buffer<u32>>,
     pub moments: Option<Moments>,
 }
 
@@ -74,14 +85,15 @@ pub(super) struct Moments {
 
 impl PairBuffers {
     /// Bytes of [`PairBuffers::new`].
-    pub fn bytes(device: &Device, capacity: u32, training: bool) -> u64 {
+    pub fn bytes(device: &Device, capacity: u32, uses: Uses) -> u64 {
         let n = capacity as usize;
-        let moments = if training { 3 * Buffer::<[f32; 4]>::bytes_of(n) } else { 0 };
+        let moments = if uses.training { 3 * Buffer::<[f32; 4]>::bytes_of(n) } else { 0 };
         let lists = Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(n) + Sort::bytes(device, capacity);
-        Count::bytes() + lists + moments
+        let tiles = if uses.depth_order { Buffer::<u32>::bytes_of(n) } else { 0 };
+        Count::bytes() + lists + tiles + moments
     }
 
-    pub fn new(device: &Device, capacity: u32, training: bool) -> Result<Self> {
+    pub fn new(device: &Device, capacity: u32, uses: Uses) -> Result<Self> {
         let n = capacity as usize;
         let moments = || -> Result<Moments> {
             let [a, b, c] = ["moments a", "moments b", "moments c"].map(|name| device.buffer(name, n));
@@ -93,7 +105,8 @@ impl PairBuffers {
             by_tile: Pairs::new(device, "pairs by tile", capacity)?,
             owners: device.buffer("pair owners", n)?,
             sort: Sort::new(device, capacity)?,
-            moments: training.then(moments).transpose()?,
+            tiles: uses.depth_order.then(|| device.buffer("pair tiles", n)).transpose()?,
+            moments: uses.training.then(moments).transpose()?,
         })
     }
 }
@@ -105,25 +118,18 @@ impl Frame {
     }
 
     /// Bytes of [`Frame::new`].
-    pub fn bytes(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32, training: bool) -> u64 {
+    pub fn bytes(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32, uses: Uses) -> u64 {
         let n = gaussians.max(1);
         let splats = 2 * Buffer::<[f32; 4]>::bytes_of(n) + Buffer::<[f32; 2]>::bytes_of(n);
         let words = 5 * Buffer::<u32>::bytes_of(n);
-        let rows = Buffer::<f32>::bytes_of(if training { GRADIENT_ROW * n } else { 1 });
+        let rows = Buffer::<f32>::bytes_of(if uses.training { GRADIENT_ROW * n } else { 1 });
         let order = Count::bytes() + Pairs::bytes(n as u32) + Scan::bytes(device, n as u32);
         let picture = Buffer::<u32>::bytes_of(tiles + 1) + Buffer::<[f32; 4]>::bytes_of(pixels);
-        let pairs = PairBuffers::bytes(device, pairs, training);
+        let pairs = PairBuffers::bytes(device, pairs, uses);
         Buffer::<View>::bytes_of(1) + splats + words + rows + order + Sort::bytes(device, n as u32) + pairs + picture
     }
 
-    pub fn new(
-        device: &Device,
-        gaussians: usize,
-        pixels: usize,
-        tiles: usize,
-        pairs: u32,
-        training: bool,
-    ) -> Result<Self> {
+    pub fn new(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32, uses: Uses) -> Result<Self> {
         let n = gaussians.max(1);
         let sizes = [Scan::block(device), Sort::block(device, n as u32)];
         Ok(Self {
@@ -136,12 +142,12 @@ impl Frame {
             visible: device.buffer("visible flags", n)?,
             offsets: device.buffer("offsets", n)?,
             first_slots: device.buffer("first slots", n)?,
-            gradient_rows: device.buffer("gradient rows", if training { GRADIENT_ROW * n } else { 1 })?,
+            gradient_rows: device.buffer("gradient rows", if uses.training { GRADIENT_ROW * n } else { 1 })?,
             visible_count: Count::new(device, "visible", n as u32, &sizes)?,
             by_depth: Pairs::new(device, "by depth", n as u32)?,
             scan: Scan::new(device, n as u32)?,
             depth_sort: Sort::new(device, n as u32)?,
-            pairs: PairBuffers::new(device, pairs, training)?,
+            pairs: PairBuffers::new(device, pairs, uses)?,
             starts: device.buffer("tile starts", tiles + 1)?,
             image: device.buffer("image", pixels)?,
         })

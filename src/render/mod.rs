@@ -13,7 +13,8 @@ mod settings;
 mod slots;
 
 pub use adam::{AdamState, Form, Rates, Scoring, Update};
+pub use frame::Uses;
 pub use rasterise_backward_atomic::AtomicSums;
 pub use renderer::{BACKWARD_STAGES, Image, Renderer, STAGES};
-pub use settings::{Culling, Settings, view};
+pub use settings::{Culling, Settings, Style, view};
 pub use slots::Slots;

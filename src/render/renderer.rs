@@ -1,7 +1,7 @@
 //! The forward pass: buffers of one frame, and the list of its stages.
 
 use super::adam::{self, Form, Update};
-use super::frame::{Frame, PairBuffers, Shape};
+use super::frame::{Frame, PairBuffers, Shape, Uses};
 use super::rasterise_backward_atomic::AtomicSums;
 use super::settings::{Settings, tile_size, view};
 use super::slots::Slots;
@@ -33,7 +33,7 @@ pub struct Renderer {
     shape: Shape,
     frame: Frame,
     gaussians: usize,
-    training: bool,
+    uses: Uses,
 }
 
 impl Renderer {
@@ -71,15 +71,16 @@ impl Renderer {
         let shape = Shape::new(device, settings);
         let tile = shape.tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
-        let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, training)?;
-        Ok(Self { device: device.clone(), shape, frame, gaussians, training })
+        let uses = Uses { training, depth_order: settings.depth_order };
+        let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, uses)?;
+        Ok(Self { device: device.clone(), shape, frame, gaussians, uses })
     }
 
     /// Bytes of a renderer with room for so many Gaussians and pairs, and one picture of `size`.
-    pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, training: bool) -> u64 {
+    pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, uses: Uses) -> u64 {
         let tile = tile_size(device.info());
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
-        Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, training)
+        Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, uses)
     }
 
     /// The settings.
@@ -162,7 +163,7 @@ impl Renderer {
 
     fn rebuild(&mut self, gaussians: usize, pixels: usize, tiles: usize) -> Result<()> {
         let pairs = self.frame.pairs.count.limit();
-        self.frame = Frame::new(&self.device, gaussians, pixels, tiles, pairs, self.training)?;
+        self.frame = Frame::new(&self.device, gaussians, pixels, tiles, pairs, self.uses)?;
         self.gaussians = gaussians;
         Ok(())
     }
@@ -182,8 +183,9 @@ impl Renderer {
         let tiles = self.tiles(camera) as u32;
         recording.update(&frame.view, &[view(camera, &shape.settings, model.degree, shape.tile)]);
         recording.scope(STAGES[0], |r| project::record(r, shape, frame, model));
-        let order = recording.scope(STAGES[1], |r| bin::depth_sort(r, frame, model));
-        recording.scope(STAGES[2], |r| bin::record(r, shape, frame, order));
+        let order = recording.scope(STAGES[1], |r| bin::depth_sort(r, shape, frame, model));
+        recording.scope(STAGES[2], |r| bin::record(r, shape, frame, model, order));
+        bin::depth_order(recording, frame);
         recording.scope(STAGES[3], |r| bin::tile_sort(r, frame, tiles));
         recording.scope(STAGES[4], |r| rasterise::record(r, shape, frame, bin::sorted(frame, tiles), tiles));
     }
@@ -294,7 +296,7 @@ impl Renderer {
     pub fn make_room_for_pairs(&mut self, pairs: u32) -> Result<bool> {
         let grow = pairs > self.frame.pairs.count.limit();
         if grow {
-            self.frame.pairs = PairBuffers::new(&self.device, pairs.saturating_add(pairs / 4), self.training)?;
+            self.frame.pairs = PairBuffers::new(&self.device, pairs.saturating_add(pairs / 4), self.uses)?;
         }
         Ok(grow)
     }

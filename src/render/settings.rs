@@ -33,6 +33,9 @@ pub struct Settings {
     pub antialias: bool,
     /// Added to a splat's variance, in square pixels.
     pub dilation: f32,
+    /// Whether each tile has a depth order of its own: by the depth at which a Gaussian is densest along the ray through the
+    /// tile's middle. Else one holds for the picture: by the depth of means.
+    pub depth_order: bool,
     /// Which tiles are listed.
     pub culling: Culling,
     /// Blending ends before transmittance would fall below this.
@@ -48,6 +51,7 @@ impl Default for Settings {
             background: [0.0; 3],
             antialias: false,
             dilation: DILATION,
+            depth_order: false,
             culling: Culling::Exact,
             stop: 1.00001e-4,
             near: 0.2,
@@ -55,11 +59,28 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
-    /// Those of models trained with anti-aliasing, or without.
+/// Effects that a model is trained with, and must be rendered with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Style {
+    /// Gaussians smaller than a pixel keep their energy.
+    pub antialias: bool,
+    /// Each tile has a depth order of its own.
+    pub depth_order: bool,
+}
+
+impl Style {
+    /// What either asks for.
     #[must_use]
-    pub fn filtered(antialias: bool) -> Self {
-        Self { antialias, dilation: if antialias { PIXEL } else { DILATION }, ..Self::default() }
+    pub fn or(self, other: Self) -> Self {
+        Self { antialias: self.antialias || other.antialias, depth_order: self.depth_order || other.depth_order }
+    }
+
+    /// Settings of pictures in this style, over a background.
+    #[must_use]
+    pub fn over(self, background: [f32; 3]) -> Settings {
+        let Self { antialias, depth_order } = self;
+        let dilation = if antialias { PIXEL } else { DILATION };
+        Settings { background, antialias, dilation, depth_order, ..Settings::default() }
     }
 }
 

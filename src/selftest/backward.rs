@@ -7,7 +7,7 @@ use super::render::{self, MILD, camera, stack, straight_on};
 use crate::gaussians::{Gaussians, resident::Resident};
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::reference::{self, Params};
-use crate::render::{AdamState, Form, Image, Rates, Renderer, Settings, Update};
+use crate::render::{AdamState, Form, Image, Rates, Renderer, Settings, Style, Update};
 use crate::scene::camera::Camera;
 use glam::DVec3;
 
@@ -138,7 +138,7 @@ pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
 
 pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
     let kind_of = Kind { count: 1000, seed: 25, log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
-    kind(device, &kind_of, Settings::filtered(true))
+    kind(device, &kind_of, Style { antialias: true, ..Style::default() }.over([0.0; 3]))
 }
 
 /// `count` layers of random colours before one small tile.

@@ -112,6 +112,7 @@ const CASES: &[Case] = &[
     full("rasterise", "flat discs", render::flat),
     full("rasterise", "saturated", render::saturated),
     full("rasterise", "anti-aliased dust", render::antialiased),
+    full("rasterise", "depth order by tile", render::depth_order),
     full("rasterise", "odd sizes", render::odd_sizes),
     full("rasterise", "1,048,592 x 1 pixels", render::widest),
     full("rasterise", "100,000 layers in a tile", render::deep),

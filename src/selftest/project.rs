@@ -7,7 +7,7 @@ use super::render;
 use crate::gaussians::Gaussians;
 use crate::gpu::{Device, Result};
 use crate::reference::{self, Params};
-use crate::render::Settings;
+use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
 use glam::{DMat3, DVec2, DVec3};
 
@@ -110,7 +110,7 @@ pub struct Fared {
 /// Device memory; device errors.
 pub fn fare(device: &Device, hard: &Hard, antialias: bool) -> Result<Fared> {
     let camera = ahead();
-    let settings = Settings { near: NEAR, ..Settings::filtered(antialias) };
+    let settings = Settings { near: NEAR, ..Style { antialias, ..Style::default() }.over([0.0; 3]) };
     let model = Gaussians {
         means: vec![hard.mean],
         log_scales: vec![hard.log_scale],

@@ -5,7 +5,7 @@ use super::random::Kind;
 use crate::gaussians::{Gaussians, resident::Resident};
 use crate::gpu::{Device, Result};
 use crate::reference;
-use crate::render::{Culling, Image, Renderer, Settings};
+use crate::render::{Culling, Image, Renderer, Settings, Style};
 use crate::scene::camera::Camera;
 use glam::DVec3;
 
@@ -28,7 +28,7 @@ fn draw(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings)
     Renderer::new(device, settings, model.len(), camera.width, camera.height)?.render(&resident, camera)
 }
 
-/// The same settings for the twin.
+/// The same settings for the twin, but for the size of tiles.
 pub(super) fn twin(settings: Settings) -> reference::Settings {
     reference::Settings {
         background: settings.background.map(f64::from),
@@ -36,14 +36,18 @@ pub(super) fn twin(settings: Settings) -> reference::Settings {
         dilation: f64::from(settings.dilation),
         transmittance_stop: f64::from(settings.stop),
         near: f64::from(settings.near),
+        depth_order: settings.depth_order,
         ..reference::Settings::default()
     }
 }
 
 /// Errors of the device's picture, red, green, blue and alpha: mean, share beyond 1e-4, largest.
 fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<[f64; 3]> {
-    let image = draw(device, model, camera, settings)?;
-    let expected = reference::render(&reference::Params::from(model), camera, &twin(settings)).composite;
+    let resident = Resident::upload(device, model)?;
+    let mut renderer = Renderer::new(device, settings, model.len(), camera.width, camera.height)?;
+    let image = renderer.render(&resident, camera)?;
+    let settings = reference::Settings { tile: renderer.tile(), ..twin(settings) };
+    let expected = reference::render(&reference::Params::from(model), camera, &settings).composite;
     let (mut sum, mut beyond, mut largest, mut count) = (0.0, 0, 0.0_f64, 0);
     for (pixel, (rgb, alpha)) in image.pixels.iter().zip(expected.image.iter().zip(&expected.alpha)) {
         for (got, wanted) in pixel.iter().zip([rgb[0], rgb[1], rgb[2], *alpha]) {
@@ -87,7 +91,13 @@ pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
 
 pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
     let kind = Kind { count: 3000, seed: 15, log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
-    against_twin(device, &kind, Settings::filtered(true))
+    against_twin(device, &kind, Style { antialias: true, ..Style::default() }.over([0.0; 3]))
+}
+
+/// Long discs through each other, so that tiles differ in their order.
+pub(super) fn depth_order(device: &Device) -> Result<Vec<Measure>> {
+    let kind = Kind { seed: 17, axes: [1.0, 1.0, -4.0], ..MILD };
+    against_twin(device, &kind, Style { depth_order: true, ..Style::default() }.over([0.0; 3]))
 }
 
 pub(super) fn odd_sizes(device: &Device) -> Result<Vec<Measure>> {

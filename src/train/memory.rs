@@ -12,7 +12,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, staging_bytes};
 use crate::qirf::study;
-use crate::render::{AdamState, Renderer};
+use crate::render::{AdamState, Renderer, Style, Uses};
 
 /// What a run's memory depends on.
 #[derive(Clone, Debug)]
@@ -31,8 +31,8 @@ pub struct Demand {
     pub exposure: bool,
     /// Whether photos have masks.
     pub masked: bool,
-    /// Whether small Gaussians keep their energy.
-    pub antialias: bool,
+    /// How pictures are drawn.
+    pub style: Style,
     /// Whether the run begins with pictures of half their size.
     pub halves: bool,
     /// Whether density control acts: it holds the old model and the new at once, as the renderer does when it grows.
@@ -46,13 +46,14 @@ impl Trainer {
     pub fn bytes(device: &Device, demand: &Demand) -> u64 {
         let &Demand { gaussians: n, pairs, size, degree, grows, .. } = demand;
         let model = Resident::bytes(n, degree) + AdamState::bytes(n, degree) + Buffer::<[f32; 2]>::bytes_of(n);
-        let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, true);
+        let uses = Uses { training: true, depth_order: demand.style.depth_order };
+        let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
         let pictures = Photos::bytes(&demand.photos, device.memory_limit()) + Loss::bytes(size[0], size[1]);
         let pixels = size[0] as usize * size[1] as usize;
         let exposures = if demand.exposure { Exposure::bytes(demand.photos.len(), pixels) } else { 0 };
         let pictures = pictures + exposures + if demand.masked { Mask::bytes(pixels) } else { 0 };
         let pictures = pictures + if demand.halves { Halve::bytes(size) } else { 0 };
-        let pictures = pictures + if demand.antialias { Smoothing::bytes(demand.photos.len()) } else { 0 };
+        let pictures = pictures + if demand.style.antialias { Smoothing::bytes(demand.photos.len()) } else { 0 };
         let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
         // The widest array is what downloads stage; its moments are twice as wide.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;

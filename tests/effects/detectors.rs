@@ -87,9 +87,9 @@ fn overrides_are_read_or_refused() {
     for bad in ["", "exposure", "exposure=", "exposure=maybe", "sharpness=on", "=on"] {
         assert!(Overrides::parse(bad).is_err(), "{bad}");
     }
-    let (effect, choice) = Overrides::parse("depth_order=on").unwrap();
+    let (effect, choice) = Overrides::parse("cameras=on").unwrap();
     overrides.set(effect, choice);
-    assert!(overrides.check().unwrap_err().contains("depth_order"));
+    assert!(overrides.check().unwrap_err().contains("cameras"));
 }
 
 /// Headers are told beside the measure, and decide nothing.

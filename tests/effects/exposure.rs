@@ -107,6 +107,7 @@ pub fn config(scene: &Path, iterations: u32) -> RunConfig {
         init_count: None,
         background: None,
         antialias: false,
+        depth_order: false,
         exposure: false,
         max_gaussians: 3000,
         checkpoint_every: 0,

@@ -2,6 +2,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod depth_order;
 mod detectors;
 mod exposure;
 mod worth;

@@ -75,7 +75,7 @@ impl Case {
             selection.effects.set(Effect::Distortion, Choice::Auto);
         }
         let exposure = self.effect == Effect::Exposure;
-        let evaluation = Evaluation { selection, antialias: run.antialias, exposure };
+        let evaluation = Evaluation { selection, style: run.style(), exposure };
         let scored = eval(device, (path, &model), &evaluation, None, &Networks::default(), u64::MAX, &Silent).unwrap();
         scored.test.unwrap().psnr.unwrap()
     }

@@ -5,7 +5,7 @@ use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Device;
-use qirf_vk::render::{AdamState, Renderer, Settings};
+use qirf_vk::render::{AdamState, Renderer, Settings, Style, Uses};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::loss::{Loss, Weights};
 use qirf_vk::train::photos::{Photos, TrainView};
@@ -46,10 +46,12 @@ fn owners_know_their_bytes() {
         }
         for size @ [w, h] in [[1, 1], [33, 20], [100, 257]] {
             for pairs in [1, 5000, 1 << 18] {
-                let s = Settings::default();
-                let right = Renderer::bytes(&device, n, size, pairs, true);
-                let made = taken(&|| Box::new(Renderer::for_training(&device, s, n, size, pairs).unwrap()));
-                assert_eq!(made, right, "{n} at {w} x {h}, {pairs} pairs");
+                for depth_order in [false, true] {
+                    let s = Style { depth_order, ..Style::default() }.over([0.0; 3]);
+                    let right = Renderer::bytes(&device, n, size, pairs, Uses { training: true, depth_order });
+                    let made = taken(&|| Box::new(Renderer::for_training(&device, s, n, size, pairs).unwrap()));
+                    assert_eq!(made, right, "{n} at {w} x {h}, {pairs} pairs, {depth_order}");
+                }
             }
             assert_eq!(taken(&|| Box::new(Loss::new(&device, w, h).unwrap())), Loss::bytes(w, h));
         }
@@ -106,7 +108,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
         degree,
         exposure: false,
         masked: false,
-        antialias: false,
+        style: Style::default(),
         halves: true,
         grows,
         prunes: false,

@@ -8,7 +8,7 @@ use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Recording;
 use qirf_vk::random::uniform;
 use qirf_vk::reference::smoothing::least_scale;
-use qirf_vk::render::Settings;
+use qirf_vk::render::{Settings, Style};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::photos::TrainView;
 use qirf_vk::train::smoothing::Smoothing;
@@ -80,7 +80,10 @@ fn scales_end_at_what_the_finest_photo_tells() {
 #[test]
 fn runs_end_within_the_bound_and_resume_to_the_same_bytes() {
     let device = device();
-    let antialiased = || Options { settings: Settings::filtered(true), ..options() };
+    let antialiased = || {
+        let style = Style { antialias: true, ..Style::default() };
+        Options { settings: style.over([0.0; 3]), ..options() }
+    };
     let last = options().schedule.iterations;
     let c = capture();
     let mut start = c.start.clone();

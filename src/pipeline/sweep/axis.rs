@@ -134,7 +134,7 @@ impl Axis {
             Self::Selector => Arm::parse(rung, &Compression::default()).map(|_| ()),
             Self::Effects if rung == "default" => Ok(()),
             Self::Effects => match Overrides::parse(rung)? {
-                (Effect::Cameras | Effect::DepthOrder, _) => wrong("this effect cannot be switched"),
+                (Effect::Cameras, _) => wrong("this effect cannot be switched"),
                 _ => Ok(()),
             },
             _ if self.rungs().contains(&rung) => Ok(()),

@@ -184,7 +184,7 @@ pub fn effects(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) -> Re
         let switched = |effect: Effect| {
             let decision = results.effects.iter().find(|d| d.name == effect)?;
             match (effect, decision.on) {
-                (Effect::Cameras | Effect::DepthOrder, _) => None,
+                (Effect::Cameras, _) => None,
                 (_, true) => Some((effect, Choice::Off)),
                 // What photos do not have cannot be switched on.
                 (Effect::ViewDependence | Effect::Exposure | Effect::Antialias, false) => Some((effect, Choice::On)),

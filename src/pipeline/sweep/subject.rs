@@ -12,7 +12,7 @@ use crate::pipeline::prepare::{Start, open};
 use crate::pipeline::virtual_views::{self, Around};
 use crate::pipeline::{Init, Output, RunConfig, Watcher, budget};
 use crate::qirf::response::Evidence;
-use crate::render::{Renderer, Settings};
+use crate::render::{Renderer, Settings, Style};
 use crate::scene::camera::{self, Camera};
 use crate::train::photos::TrainView;
 use std::path::Path;
@@ -96,7 +96,7 @@ pub fn of_scene(
     let (model, evidence) = (job.snapshot()?.model, job.evidence()?);
     formats::write(&output.model(), &model).map_err(Error::writing)?;
     let prepared = &stage.prepared;
-    let settings = Settings { background: prepared.background, ..Settings::filtered(config.antialias) };
+    let settings = config.style().over(prepared.background);
     let subject = Subject {
         model,
         evidence,
@@ -126,7 +126,7 @@ pub fn of_model(
     if model.is_empty() {
         return Err(Error::Usage(format!("{}: it holds no Gaussian: there is nothing to measure", path.display())));
     }
-    let (cameras, settings) = Around { views: AROUND, size, up }.views(&model, (background, false));
+    let (cameras, settings) = Around { views: AROUND, size, up }.views(&model, (background, Style::default()));
     let resident = Resident::upload(device, &model)?;
     let pairs = budget::few_pairs(device, model.len());
     let evidence = virtual_views::evidence(device, &resident, &cameras, settings, (pairs, false), |done| {

@@ -6,7 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Device, DeviceOptions, Recording};
 use qirf_vk::primitives::{Count, Scan};
-use qirf_vk::render::{Renderer, Settings};
+use qirf_vk::render::{Renderer, Style};
 use qirf_vk::scene::camera::Camera;
 use std::sync::LazyLock;
 
@@ -65,11 +65,9 @@ fn picture(device: &Device, take: &mut Take) {
     let (n, degree) = (n % 40, degree % 4);
     // Long and thin more often than large.
     let (width, height) = if w % 8 == 0 { (16 * w as u32 + 1, 1 + h as u32 % 4) } else { (1 + w as u32 % 70, 1 + h as u32 % 70) };
-    let settings = Settings {
-        antialias: take.bytes::<1>()[0] & 1 == 1,
-        background: [0; 3].map(|_: u8| take.finite().clamp(0.0, 1.0)),
-        ..Settings::default()
-    };
+    let style = take.bytes::<1>()[0];
+    let style = Style { antialias: style & 1 == 1, depth_order: style & 2 == 2 };
+    let settings = style.over([0; 3].map(|_: u8| take.finite().clamp(0.0, 1.0)));
     let focal = DVec2::new(f64::from(take.finite().abs().clamp(1e-3, 1e6)), f64::from(take.finite().abs().clamp(1e-3, 1e6)));
     let mut model = Gaussians::zeroed(n, degree);
     let values = model.means.iter_mut().flatten().chain(model.log_scales.iter_mut().flatten());
