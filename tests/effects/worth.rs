@@ -136,6 +136,7 @@ fn table() {
         plain(SCALES),
         Case { resolutions: [None, Some("/4")], ..plain(SCALES) },
         DISTORTION,
+        Case { effect: Effect::DepthOrder, ..plain(EXPOSURE) },
     ] {
         case.psnr(3);
     }
