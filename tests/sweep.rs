@@ -1,7 +1,7 @@
 //! `qirf-vk sweep` by the real binary: files, figures, and what each axis claims of itself.
 
 #[path = "report/html.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // this program uses its own part
 mod html;
 
 use qirf_vk::synth::{SynthOptions, write};

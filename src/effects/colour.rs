@@ -1,7 +1,7 @@
 //! Effects that the colours of points tell of: exposure, and dependence on the direction of view.
 
 use super::tracks::Observation;
-use super::{Decision, Effect, Subject, quantile};
+use super::{Decision, Effect, Subject, is_near, quantile};
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::reference::sh::basis;
 use crate::scene::View;
@@ -111,10 +111,8 @@ fn channel(tracks: &[Vec<Observation>], shots: usize, c: usize) -> Channel {
     for _ in 0..ROUNDS {
         let mut by_shot = vec![Vec::new(); shots];
         for seen in &logs {
-            let mut left: Vec<f64> = seen.iter().map(|(s, l)| l - gains[*s]).collect();
-            let point = quantile(&mut left, 0.5);
-            for (s, l) in seen {
-                by_shot[*s].push(l - point);
+            for ((s, _), apart) in seen.iter().zip(from_point(seen, &gains)) {
+                by_shot[*s].push(apart + gains[*s]);
             }
         }
         for (s, values) in by_shot.iter_mut().enumerate().filter(|(_, v)| v.len() >= COMMON.1) {
@@ -129,16 +127,16 @@ fn channel(tracks: &[Vec<Observation>], shots: usize, c: usize) -> Channel {
             *g -= mean;
         }
     }
-    let apart = |gains: &[f64]| -> f64 {
-        let of = |seen: &Vec<(usize, f64)>| {
-            let mut left: Vec<f64> = seen.iter().map(|(s, l)| l - gains[*s]).collect();
-            let point = quantile(&mut left, 0.5);
-            left.iter().map(|l| (l - point).abs()).sum::<f64>()
-        };
-        logs.iter().map(of).sum()
-    };
+    let apart = |gains: &[f64]| -> f64 { logs.iter().flat_map(|seen| from_point(seen, gains)).map(f64::abs).sum() };
     let apart = [apart(&vec![0.0; shots]), apart(&gains)];
     Channel { gains, errors, apart }
+}
+
+/// What is left of a point's log-colours, by photo, without the photos' gains and the point's own: their median.
+fn from_point(seen: &[(usize, f64)], gains: &[f64]) -> Vec<f64> {
+    let left: Vec<f64> = seen.iter().map(|(s, l)| l - gains[*s]).collect();
+    let point = quantile(&mut left.clone(), 0.5);
+    left.into_iter().map(|l| l - point).collect()
 }
 
 /// What the photos' headers say of their exposures: beside the measure, which decides. Cameras that expose by themselves
@@ -176,12 +174,15 @@ pub fn exposure(subject: &Subject<'_>, tracks: &[Vec<Observation>], gains: &Gain
         100.0 * gains.explained
     );
     let decision = Decision::by(Effect::Exposure, gains.spread, GAINS, evidence);
-    let explained = Decision::by(Effect::Exposure, gains.explained, EXPLAINED, String::new());
     // Either measure can keep it off; where one is far below, the other's nearness is of no account.
-    let near = (decision.near_threshold && (explained.on || explained.near_threshold))
-        || (explained.near_threshold && decision.on);
-    Decision { on: decision.on && explained.on, near_threshold: near, ..decision }
+    let (explains, near) = (gains.explained > EXPLAINED, is_near(gains.explained, EXPLAINED));
+    let near = (decision.near_threshold && (explains || near)) || (near && decision.on);
+    Decision { on: decision.on && explains, near_threshold: near, ..decision }
 }
+
+/// Degree where colours call for none: the first band, cheap and small, makes up for shapes that are not right yet, which look
+/// different from each side; higher ones fit the photos at the cost of all other views.
+const LEAST_DEGREE: usize = 1;
 
 /// Which SH degree the colours of points call for; with none to tell, the highest allowed.
 pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) -> Decision {
@@ -222,7 +223,8 @@ pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) 
         list.join(", ")
     );
     let decision = Decision::by(Effect::ViewDependence, deviation, DEVIATION, evidence);
-    Decision { degree: Some(if decision.on { best } else { 0 }), ..decision }
+    let degree = if decision.on { best } else { LEAST_DEGREE };
+    Decision { degree: Some(degree), on: true, ..decision }
 }
 
 /// Mean contrast of a point's surroundings.

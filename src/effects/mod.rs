@@ -2,7 +2,7 @@
 //!
 //! | effect | called for when | is decided in | what it switches |
 //! |---|---|---|---|
-//! | `view_dependence` | colours of a point depend on where it is seen from | [`colour`] | SH bands: arrays, moments, gradients |
+//! | `view_dependence` | colours of a point depend on where it is seen from; degree 1 where they do not | [`colour`] | SH bands: arrays, moments, gradients |
 //! | `exposure` | photos differ in brightness by more than 2 % | [`colour`] | `train/exposure`: 12 parameters a photo, its scope "exposure" |
 //! | `antialias` | a point's pixel footprints differ by more than 1.5 | [`geometry`] | ANTIALIAS of `render/project` and its backward; `train/smoothing`: its cameras, its scope "antialias" |
 //! | `distortion` | a lens moves a pixel by more than 0.5 | [`geometry`] | photos are resampled once as they are loaded |
@@ -194,15 +194,16 @@ pub struct Decision {
     pub evidence: String,
 }
 
-/// Measures between threshold / NEAR and threshold * NEAR lie near it.
-const NEAR: f64 = 1.25;
+/// Whether a measure lies within a quarter of its threshold, so that the other choice may do as well.
+fn is_near(measured: f64, threshold: f64) -> bool {
+    measured > threshold / 1.25 && measured < threshold * 1.25
+}
 
 impl Decision {
     /// By a number against its threshold.
     fn by(name: Effect, measured: f64, threshold: f64, evidence: String) -> Self {
-        let near = measured > threshold / NEAR && measured < threshold * NEAR;
         Self {
-            near_threshold: near,
+            near_threshold: is_near(measured, threshold),
             measured: measured.is_finite().then_some(measured),
             threshold: Some(threshold),
             ..Self::plain(name, measured > threshold, evidence)

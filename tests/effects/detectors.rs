@@ -46,9 +46,10 @@ fn synthetic_scenes_call_for_what_they_were_made_for() {
             assert_eq!(d.on, Some(d.name) == called, "{made:?}: {} {}", d.name.name(), d.evidence);
             assert!(!d.forced);
         }
+        let degree = found[0].degree;
         match made.as_slice() {
-            [Made::Matte] => assert!(!is_on(&found, Effect::ViewDependence)),
-            [Made::Glossy] => assert!(is_on(&found, Effect::ViewDependence)),
+            [Made::Matte] => assert_eq!(degree, Some(1)),
+            [Made::Glossy] => assert_eq!(degree, Some(3)),
             _ => {}
         }
     }

@@ -5,7 +5,7 @@
 #[allow(dead_code)] // this program uses its own part
 mod make;
 #[path = "../scenes/writers.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // as above
 mod writers;
 
 mod corpus;

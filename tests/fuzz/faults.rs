@@ -3,10 +3,10 @@
 #[path = "../faults/corpus.rs"]
 pub mod corpus;
 #[path = "../formats/make.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // this program uses its own part
 mod make;
 #[path = "../scenes/writers.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // as above
 mod writers;
 
 /// A fuzz target that hands its bytes to the reader of one input of the corpus, in that input's folder of good files.
