@@ -21,7 +21,7 @@ pub(super) struct Training {
     /// Length of the run; the schedule's milestones scale with it
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_ITERATIONS)))]
     iterations: Option<u32>,
-    /// Degree of the spherical harmonics [default: 3]
+    /// Degree of the spherical harmonics [default: by the scene, 1 to 3; preset paper: 3]
     #[arg(long, value_name = "L", help_heading = "Effects", value_parser = clap::value_parser!(u8).range(0..=3))]
     sh_degree: Option<u8>,
     /// Key of all random numbers: the same seed on the same device gives the same bytes

@@ -31,15 +31,15 @@ impl Preset {
         }
     }
 
-    /// What the preset decides on effects: degree 3 and no anti-aliasing, as the field's figures are taken; what the scene
-    /// calls for of these is measured, and waits to be asked for (docs/decisions.md, 31). The paper's has no exposures.
+    /// What the preset decides on effects, all else being left to the scene: no anti-aliasing, since viewers draw plain models
+    /// unless they are told otherwise. The paper's has degree 3 and no exposures.
     pub fn effects(self) -> Overrides {
         let mut out = Overrides::default();
-        out.set(Effect::ViewDependence, Choice::On);
+        out.set(Effect::Antialias, Choice::Off);
         if self == Self::Paper {
+            out.set(Effect::ViewDependence, Choice::On);
             out.set(Effect::Exposure, Choice::Off);
         }
-        out.set(Effect::Antialias, Choice::Off);
         out
     }
 
