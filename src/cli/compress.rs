@@ -77,7 +77,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene")]
     eval_every: Option<usize>,
     #[command(flatten)]
-    style: style::Arguments,
+    style: style::Rendering,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,

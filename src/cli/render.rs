@@ -69,7 +69,7 @@ pub(super) struct Arguments {
     #[arg(long, conflicts_with = "background", help_heading = "Pictures")]
     transparent: bool,
     #[command(flatten)]
-    style: style::Arguments,
+    style: style::Rendering,
 }
 
 /// What to draw, and where to.

@@ -4,7 +4,7 @@ use crate::render::Style;
 use clap::Args;
 
 #[derive(Clone, Debug, Args)]
-pub struct Arguments {
+pub struct Rendering {
     /// Keep each Gaussian's energy where it is smaller than a pixel (models trained with anti-aliasing)
     #[arg(long, help_heading = "Rendering")]
     antialias: bool,
@@ -14,7 +14,7 @@ pub struct Arguments {
     depth_order: bool,
 }
 
-impl Arguments {
+impl Rendering {
     /// What was asked for.
     pub fn style(&self) -> Style {
         Style { antialias: self.antialias, depth_order: self.depth_order }
