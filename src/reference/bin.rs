@@ -46,7 +46,8 @@ pub fn depth_order(projected: &[Result<Projected, Culled>]) -> Vec<u32> {
     seen.into_iter().map(|(_, i)| i).collect()
 }
 
-/// Lists every tile's Gaussians in depth order, the picture's or the tile's own; with a smooth cut-off every Gaussian is in every tile.
+/// Lists every tile's Gaussians in depth order, the picture's or the tile's own; with a smooth cut-off every Gaussian is in
+/// every tile.
 pub fn bin(projected: &[Result<Projected, Culled>], camera: &Camera, settings: &Settings) -> Tiles {
     let side = settings.tile;
     let (columns, rows) = (camera.width.div_ceil(side), camera.height.div_ceil(side));

@@ -3,7 +3,7 @@
 //! Notation as in `project`. With Q the conic and S = sum h d d^T, dL/dcovariance2D is the symmetric matrix
 //!   G = 1/2 Q S Q   [+ 1/2 (sum h) (Q0 - Q) with anti-aliasing],
 //! the second term because the factor is rho = sqrt(det0 / det), alpha is proportional to rho, so dL/d ln rho = sum h, and
-//! ln rho = 1/2 (ln det0 - ln det) with d ln det X / dX = X^-1; Q0 is the inverse without the dilation, and the term is absent where
+//! ln rho = 1/2 (ln det0 - ln det) with d ln det X / dX = X^-1; Q0 is the inverse without dilation, and the term is absent where
 //! det0/det sits on its floor, which also keeps Q0 = adj / det0 in range.
 //!
 //! dL/dT = 2 G T, but Q T of a needle cancels: its error is the square of the needle's length in pixels. With Q = K^T K,
