@@ -55,7 +55,7 @@ pub fn pairs_at_16(model: &Gaussians, cameras: &[Camera]) -> (u64, u64) {
             let span = |centre: f64, pixels: u32| {
                 let first = (centre - radius - 0.5).ceil().clamp(0.0, f64::from(pixels)) as u32;
                 let end = ((centre + radius - 0.5).floor() + 1.0).clamp(0.0, f64::from(pixels)) as u32;
-                if first < end { u64::from(end.div_ceil(16) - first / 16) } else { 0 }
+                if first < end { u64::from(end.div_ceil(settings.tile) - first / settings.tile) } else { 0 }
             };
             three_sigma += span(p.mean.x, camera.width) * span(p.mean.y, camera.height);
         }

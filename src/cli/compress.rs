@@ -77,7 +77,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene")]
     eval_every: Option<usize>,
     #[command(flatten)]
-    style: style::Rendering,
+    rendering: style::Rendering,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
@@ -160,7 +160,7 @@ impl Arguments {
         Job {
             compression: self.choices.over(preset),
             sight,
-            style: self.style.style(),
+            style: self.rendering.style(),
             fine_tune: self.fine_tune,
             seed: self.seed,
         }

@@ -42,7 +42,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     #[command(flatten)]
-    style: style::Rendering,
+    rendering: style::Rendering,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
@@ -103,7 +103,7 @@ impl Arguments {
         let (model, original) = (model?.gaussians, original?.gaussians);
         let networks = networks(self.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.memory_budget)?;
-        let style = (self.background.unwrap_or([0.0; 3]), self.style.style());
+        let style = (self.background.unwrap_or([0.0; 3]), self.rendering.style());
         let held_out = eval::against(&device, &model, &original, style, &networks, &Show::new(console))?;
         let (test, views) = (held_out.mean(), &held_out.views);
         if self.json {
@@ -116,7 +116,7 @@ impl Arguments {
 
     fn evaluation(&self) -> Result<Evaluation, Error> {
         let file = self.config.as_deref().map(RunConfig::read).transpose()?;
-        let style = self.style.style().or(file.as_ref().map(RunConfig::style).unwrap_or_default());
+        let style = self.rendering.style().or(file.as_ref().map(RunConfig::style).unwrap_or_default());
         let exposure = file.as_ref().is_some_and(|c| c.exposure);
         let base = file.map(|c| c.selection());
         // A scene of one's own has photos of its own.

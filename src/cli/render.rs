@@ -69,7 +69,7 @@ pub(super) struct Arguments {
     #[arg(long, conflicts_with = "background", help_heading = "Pictures")]
     transparent: bool,
     #[command(flatten)]
-    style: style::Rendering,
+    rendering: style::Rendering,
 }
 
 /// What to draw, and where to.
@@ -87,7 +87,7 @@ impl Arguments {
             return Err(Error::Usage("--transparent is for PNG; npy files always hold alpha".into()));
         }
         let mut loaded = read_model(&self.model, console)?;
-        let mut settings = self.style.style().over(self.background);
+        let mut settings = self.rendering.style().over(self.background);
         let shots = match &self.scene {
             Some(scene) => self.scene_shots(scene, console)?,
             None => self.orbit_shots(&loaded, &mut settings),

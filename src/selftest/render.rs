@@ -23,9 +23,15 @@ pub(super) fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(DVec3::new(0.5, -0.7, -3.5), DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
 }
 
-fn draw(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<Image> {
+/// The picture, and the side of its tiles.
+fn draw_tiled(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<(Image, u32)> {
     let resident = Resident::upload(device, model)?;
-    Renderer::new(device, settings, model.len(), camera.width, camera.height)?.render(&resident, camera)
+    let mut renderer = Renderer::new(device, settings, model.len(), camera.width, camera.height)?;
+    Ok((renderer.render(&resident, camera)?, renderer.tile()))
+}
+
+fn draw(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<Image> {
+    draw_tiled(device, model, camera, settings).map(|(image, _)| image)
 }
 
 /// The same settings for the twin, but for the size of tiles.
@@ -43,10 +49,8 @@ pub(super) fn twin(settings: Settings) -> reference::Settings {
 
 /// Errors of the device's picture, red, green, blue and alpha: mean, share beyond 1e-4, largest.
 fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<[f64; 3]> {
-    let resident = Resident::upload(device, model)?;
-    let mut renderer = Renderer::new(device, settings, model.len(), camera.width, camera.height)?;
-    let image = renderer.render(&resident, camera)?;
-    let settings = reference::Settings { tile: renderer.tile(), ..twin(settings) };
+    let (image, tile) = draw_tiled(device, model, camera, settings)?;
+    let settings = reference::Settings { tile, ..twin(settings) };
     let expected = reference::render(&reference::Params::from(model), camera, &settings).composite;
     let (mut sum, mut beyond, mut largest, mut count) = (0.0, 0, 0.0_f64, 0);
     for (pixel, (rgb, alpha)) in image.pixels.iter().zip(expected.image.iter().zip(&expected.alpha)) {
