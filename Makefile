@@ -37,20 +37,20 @@ test: setup ## all tests, on this machine's Vulkan device
 	cargo test --locked
 
 faults: ## 10,000 damaged files of every format, in some minutes; kills, full disks and the rest are part of `make test`
-	cargo test --locked --test faults -- --ignored --exact mutations::ten_thousand_mutations --nocapture
+	cargo test --locked --test program -- --ignored --exact program::faults::mutations::ten_thousand_mutations --nocapture
 
 soak: ## 20,000 iterations of runs, prunes, resumes and compressions in one process: memory must stay flat
-	cargo test --locked --test soak -- --ignored --nocapture
+	cargo test --locked --test program -- --ignored --nocapture soak::
 
 effects: ## what each effect is worth on the synthetic scenes made for it: the table of docs/effects.md
-	cargo test --locked --test effects -- --ignored --nocapture table | grep '^|'
+	cargo test --locked --test device -- --ignored --nocapture effects::worth::table | grep '^|'
 
 # Needs `cargo install cargo-fuzz`; RUSTC_BOOTSTRAP lets the toolchain at hand take its flags. Readers are safe Rust, so that
 # no sanitizer is asked for. Targets: tests/fuzz/targets.
 TARGET ?= ply
 SECONDS_OF_FUZZ ?= 60
 fuzz: ## coverage-guided fuzzing of one reader for a minute; TARGET=name, SECONDS_OF_FUZZ=n
-	QIRF_FUZZ_CORPUS="$(CURDIR)/tests/fuzz/corpus" cargo test --locked --test faults -- --ignored --exact mutations::seeds
+	QIRF_FUZZ_CORPUS="$(CURDIR)/tests/fuzz/corpus" cargo test --locked --test program -- --ignored --exact program::faults::mutations::seeds
 	cd tests/fuzz && RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir . -s none $(TARGET) -- -max_total_time=$(SECONDS_OF_FUZZ) -rss_limit_mb=2048 -timeout=20
 
 check: ## formatting, lints, shaders, documentation

@@ -1,13 +1,10 @@
-//! What the fuzz targets share with tests/faults: a good file of every format, its reader, and what must hold.
+//! What the fuzz targets share with the tests: a good file of every format, its reader, and what must hold.
 
-#[path = "../faults/corpus.rs"]
-pub mod corpus;
-#[path = "../formats/make.rs"]
-#[allow(dead_code)] // this program uses its own part
-mod make;
-#[path = "../scenes/writers.rs"]
-#[allow(dead_code)] // as above
-mod writers;
+#[path = "../support/files/mod.rs"]
+#[allow(dead_code)] // the fuzz targets use its readers
+mod files;
+
+pub use files::corpus;
 
 /// A fuzz target that hands its bytes to the reader of one input of the corpus, in that input's folder of good files.
 #[macro_export]

@@ -1,0 +1,20 @@
+//! Tests of what runs on a Vulkan device, stage by stage, under validation layers, with poisoned and fenced buffers.
+
+mod support;
+
+mod device {
+    mod backward;
+    mod culling;
+    mod effects;
+    mod guards;
+    mod low_rank;
+    mod overlap;
+    mod primitives;
+    mod project;
+    mod random;
+    mod rasterise;
+    mod rates;
+    mod response;
+    mod selftest;
+    mod train;
+}

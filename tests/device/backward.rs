@@ -1,0 +1,259 @@
+//! The backward pass on the device, against golden gradients, another engine's, and the float64 twin's.
+
+use crate::support::golden::{Case, Fixture};
+use crate::support::synthetic::{Random, narrowed, random_scene, small_camera};
+use crate::support::{device, finish, shared};
+use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gpu::{Device, Recording};
+use qirf_vk::reference::{self, Params};
+use qirf_vk::render::{AdamState, Form, Rates, Renderer, Settings, Style, Update};
+use qirf_vk::scene::camera::Camera;
+
+/// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, as the device computes them.
+fn gradients(
+    device: &Device,
+    model: &Gaussians,
+    camera: &Camera,
+    settings: Settings,
+    weights: &[[f32; 4]],
+    through_direction: bool,
+) -> Params {
+    let resident = Resident::upload(device, model).unwrap();
+    let size = [camera.width, camera.height];
+    let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12).unwrap();
+    let state = AdamState::zeros(device, &resident).unwrap();
+    let growth = device.upload("growth", &vec![[0_f32; 2]; model.len()]).unwrap();
+    let guards = device.upload("guards", &[0_u32; 2]).unwrap();
+    let image_gradient = device.upload("image gradient", weights).unwrap();
+    loop {
+        renderer.draw(&resident, camera).unwrap(); // so that the pairs have room
+        let pairs = renderer.pairs().unwrap();
+        if !renderer.make_room_for_pairs(pairs).unwrap() {
+            break;
+        }
+    }
+    let mut recording = Recording::new();
+    renderer.record(&mut recording, &resident, camera);
+    let update = Update {
+        state: &state,
+        growth: &growth,
+        statistics: true,
+        guards: &guards,
+        rates: Rates::default(),
+        form: Form::Gradients { through_direction },
+    };
+    renderer.record_backward(&mut recording, &resident, camera, &image_gradient, &update);
+    device.run(recording).unwrap();
+    assert_eq!(guards.read(device).unwrap(), [0, 1]);
+    let first = |buffer: &qirf_vk::gpu::Buffer<[f32; 2]>| -> Vec<f64> {
+        buffer.read(device).unwrap().iter().map(|m| f64::from(m[0])).collect()
+    };
+    let rows3 = |v: &[f64]| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+    Params {
+        means: rows3(&first(&state.means)),
+        log_scales: rows3(&first(&state.log_scales)),
+        rotations: first(&state.rotations).chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect(),
+        opacity_logits: first(&state.opacity_logits),
+        sh: (0..=model.degree()).map(|l| first(&state.sh[l])).collect(),
+    }
+}
+
+/// Relative error in the Euclidean norm.
+fn relative(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let difference: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+    let size: f64 = b.iter().map(|b| b * b).sum();
+    (difference / size.max(f64::MIN_POSITIVE)).sqrt()
+}
+
+fn compare(name: &str, got: &mut Params, expected: &mut Params, allowed: f64) {
+    let mut line = format!("{name}:");
+    let mut worst = 0_f64;
+    for ((group, g), (_, e)) in got.groups_mut().into_iter().zip(expected.groups_mut()) {
+        let error = relative(g, e);
+        line += &format!(" {group} {error:.1e}");
+        worst = worst.max(error);
+    }
+    println!("{line}");
+    assert!(worst < allowed, "{line}");
+}
+
+/// Bands one after the other from the oracle's n x (L + 1)^2 x 3.
+fn bands(all: &[f64], degree: usize) -> Vec<Vec<f64>> {
+    let row = (degree + 1) * (degree + 1) * 3;
+    (0..=degree)
+        .map(|l| all.chunks_exact(row).flat_map(|r| r[l * l * 3..(l + 1) * (l + 1) * 3].to_vec()).collect())
+        .collect()
+}
+
+fn params(means: &[f64], log_scales: &[f64], rotations: &[f64], logits: &[f64], sh: Vec<Vec<f64>>) -> Params {
+    let rows3 = |v: &[f64]| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+    Params {
+        means: rows3(means),
+        log_scales: rows3(log_scales),
+        rotations: rotations.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect(),
+        opacity_logits: logits.to_vec(),
+        sh,
+    }
+}
+
+#[test]
+fn golden_gradients() {
+    let Some(shared) = shared() else { return };
+    let device = device();
+    for case in Case::all(&shared) {
+        let settings = Settings {
+            background: case.settings.background.map(|v| v as f32),
+            antialias: case.settings.antialias,
+            ..Settings::default()
+        };
+        let mut sum = Params::from(&case.model).zeros_like();
+        for (v, camera) in case.views.iter().enumerate() {
+            let weights: Vec<[f32; 4]> = case
+                .expected_view("loss_weights", v)
+                .chunks_exact(3)
+                .map(|w| [w[0] as f32, w[1] as f32, w[2] as f32, 0.0])
+                .collect();
+            sum.add(&gradients(&device, &case.model, camera, settings, &weights, true));
+        }
+        let get = |key: &str| case.expected(key);
+        let mut expected = params(
+            &get("grad_xyz"),
+            &get("grad_scale"),
+            &get("grad_rotation"),
+            &get("grad_opacity"),
+            bands(&get("grad_sh"), case.model.degree()),
+        );
+        // Float32 alone gives 4e-6, and 1e-4 where a contribution flips across 1/255; a wrong clamp gives 6e-4 and more.
+        compare(&case.name, &mut sum, &mut expected, 3e-4);
+    }
+    finish(&device);
+}
+
+#[test]
+fn another_engines_gradients() {
+    let Some(shared) = shared() else { return };
+    let device = device();
+    for name in ["tiny", "basic"] {
+        let fixture = Fixture::read(&shared, name);
+        let weights: Vec<[f32; 4]> =
+            fixture.get("v_out_img").chunks_exact(4).map(|w| [w[0], w[1], w[2], w[3]].map(|x| x as f32)).collect();
+        let settings = Settings { near: 0.01, ..Settings::default() };
+        let mut got = gradients(&device, &fixture.model, &fixture.camera, settings, &weights, false);
+        let get = |key: &str| fixture.get(key);
+        let sh = bands(get("v_coeffs"), 3);
+        let mut expected = params(get("v_means"), get("v_scales"), get("v_quats"), get("v_opacities"), sh);
+        compare(name, &mut got, &mut expected, 1e-4);
+    }
+    finish(&device);
+}
+
+#[test]
+fn the_twins_gradients() {
+    let device = device();
+    let camera = small_camera(45, 37);
+    for seed in [2, 3, 4] {
+        for antialias in [false, true] {
+            let model = narrowed(&random_scene(&camera, seed));
+            let mut r = Random(seed);
+            let weights: Vec<[f32; 4]> = (0..45 * 37).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
+            let settings = Style { antialias, ..Style::default() }.over([0.3, 0.6, 0.1]);
+            let mut got = gradients(&device, &model, &camera, settings, &weights, true);
+            let twin = reference::Settings {
+                background: settings.background.map(f64::from),
+                antialias,
+                dilation: f64::from(settings.dilation),
+                ..Default::default()
+            };
+            let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
+            let by_alpha: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
+            let expected = reference::gradients(&Params::from(&model), &camera, &twin, &by_image, Some(&by_alpha));
+            compare(&format!("seed {seed}, antialias {antialias}"), &mut got, &mut expected.params.clone(), 3e-4);
+        }
+    }
+    finish(&device);
+}
+
+/// Every size of picture that is drawn, also backwards: one pixel, a sliver, and more tiles than a dispatch has groups in one
+/// dimension.
+#[test]
+fn the_twins_gradients_at_any_size() {
+    let device = device();
+    for (width, height) in [(1, 1), (17, 3), (4096, 16), (1_048_592, 1)] {
+        let camera = small_camera(width, height);
+        let model = narrowed(&random_scene(&camera, 6));
+        let mut r = Random(7);
+        let weights: Vec<[f32; 4]> = (0..width * height).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
+        let mut got = gradients(&device, &model, &camera, Settings::default(), &weights, true);
+        let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
+        let by_alpha: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
+        let settings = reference::Settings::default();
+        let mut expected =
+            reference::gradients(&Params::from(&model), &camera, &settings, &by_image, Some(&by_alpha)).params;
+        assert!(expected.means.as_flattened().iter().any(|g| *g != 0.0), "{width}x{height}: something is drawn");
+        // A contribution that float32 puts on the other side of 1/255 gives 1e-4.
+        compare(&format!("{width}x{height}"), &mut got, &mut expected, 3e-4);
+    }
+    finish(&device);
+}
+
+/// Layers on one pixel, alike or of colours of their own: the error of dL/dalpha of each, in roundings (2^-24) of the brightest
+/// layer's worth; and how many layers the pixel took.
+fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> (f64, usize) {
+    let camera = Camera {
+        rotation: glam::DMat3::IDENTITY,
+        translation: glam::DVec3::ZERO,
+        focal: glam::DVec2::splat(8.0),
+        principal: glam::DVec2::splat(0.5),
+        width: 1,
+        height: 1,
+    };
+    let mut r = Random(1);
+    let model = Gaussians {
+        means: vec![[0.0, 0.0, 2.0]; count],
+        log_scales: vec![[-1.0; 3]; count],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; count],
+        opacity_logits: vec![logit; count],
+        sh: vec![(0..3 * count).map(|_| if alike { 1.3 } else { r.within(-1.5, 1.5) as f32 }).collect()],
+    };
+    let settings = Settings { stop, ..Settings::default() };
+    let got = gradients(device, &model, &camera, settings, &[[1.0, 1.0, 1.0, 0.0]], true);
+    let params = Params::from(&model);
+    let settings = reference::Settings { transmittance_stop: f64::from(stop), ..Default::default() };
+    let expected = reference::gradients(&params, &camera, &settings, &[[1.0; 3]], None).params;
+    let twin = reference::render(&params, &camera, &settings);
+    let worth = twin.projected.iter().flatten().fold(0.0, |m: f64, p| m.max(p.colour.element_sum()));
+    let opacity = 1.0 / (1.0 + (-f64::from(logit)).exp());
+    let slope = opacity * (1.0 - opacity); // of alpha by the logit
+    let pairs = got.opacity_logits.iter().zip(&expected.opacity_logits);
+    let off = pairs.fold(0.0, |m: f64, (g, e)| m.max((g - e).abs() / slope));
+    let drawn = twin.composite.contribution.iter().filter(|c| **c > 0.0).count();
+    assert!(got.opacity_logits.iter().all(|g| g.is_finite()));
+    (off / worth * 2_f64.powi(24), drawn)
+}
+
+/// dL/dalpha is T (colour - what lies behind): of layers alike it is what the last of them lets through, and a difference of what
+/// is nearly equal. What lies behind is the pixel less what lies before, both sums of as many roundings as there are layers: the
+/// error is absolute, and goes as a random walk of roundings of the brightest layer, not as any gradient.
+#[test]
+fn stacks_of_layers_alike() {
+    let device = device();
+    for logit in [-5.4, -5.0, -4.0, -3.0, -1.0, 1.0] {
+        for count in [10, 100, 1000, 10_000] {
+            for (alike, stop) in [(true, 1.00001e-4), (false, 1.00001e-4), (true, 0.0)] {
+                let (error, drawn) = layers(&device, count, logit, alike, stop);
+                let allowed = 8.0 + (drawn as f64).sqrt();
+                println!(
+                    "logit {logit}, {count} layers, alike {alike}, stop {stop:e}: {drawn} drawn, {error:.1} roundings of {allowed:.0}"
+                );
+                // With T (1 - alpha) for the next T, whose rounding is the same in layers alike: 62 roundings of 45 (logit -5).
+                assert!(error < allowed, "logit {logit}, {count} layers, alike {alike}, stop {stop}: {error:.1}");
+            }
+        }
+    }
+    // As many as the densest tile has in the forward tests.
+    let (error, drawn) = layers(&device, 100_000, -5.5, false, 0.0);
+    println!("{drawn} drawn, {error:.1} roundings");
+    assert!(drawn == 100_000 && error < 8.0 + 100_000_f64.sqrt());
+    finish(&device);
+}

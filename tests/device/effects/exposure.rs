@@ -1,0 +1,243 @@
+//! Exposure: the kernel against its twin, what it costs when it is off, and the gains that it begins with.
+
+use crate::support::{device, finish};
+use qirf_vk::effects::Overrides;
+use qirf_vk::gpu::{Device, Recording};
+use qirf_vk::pipeline::effects;
+use qirf_vk::pipeline::{Init, Preset, RunConfig, Watcher, prepare};
+use qirf_vk::reference::exposure as twin;
+use qirf_vk::render::Settings;
+use qirf_vk::synth::{self, SynthOptions, write};
+use qirf_vk::train::checkpoint::Snapshot;
+use qirf_vk::train::exposure::{Exposure, PULL, SIZE, Step};
+use qirf_vk::train::initialise::{Seed, from_points};
+use qirf_vk::train::loss::Weights;
+use qirf_vk::train::mask::Mask;
+use qirf_vk::train::{Options, Progress, Trainer};
+use std::path::Path;
+
+pub struct Silent;
+
+impl Watcher for Silent {
+    fn loading(&self, _: usize, _: usize) {}
+    fn training(&self, _: &Progress, _: u32) {}
+    fn evaluating(&self, _: usize, _: usize) {}
+    fn note(&self, _: &str) {}
+    fn stop(&self) -> bool {
+        false
+    }
+}
+
+fn value(n: usize, seed: usize) -> f64 {
+    ((n * 2654435761 + seed * 40503) % 1009) as f64 / 1009.0
+}
+
+/// Exposed picture, gradient by the picture and the step of the affine, against float64.
+#[test]
+fn the_kernel_is_its_twin() {
+    let device = device();
+    for (pixels, photos, photo) in [(1, 1, 0), (777, 3, 1), (40_000, 2, 1)] {
+        let picture: Vec<[f32; 4]> = (0..pixels).map(|p| [0, 1, 2, 3].map(|c| value(4 * p + c, 1) as f32)).collect();
+        let slope: Vec<[f32; 4]> =
+            (0..pixels).map(|p| [0, 1, 2, 3].map(|c| (value(4 * p + c, 2) - 0.45) as f32 / pixels as f32)).collect();
+        let affine: Vec<f32> =
+            (0..photos * SIZE).map(|k| (twin::IDENTITY[k % SIZE] + 0.3 * (value(k, 3) - 0.5)) as f32).collect();
+        let gains: Vec<[f32; 3]> =
+            (0..photos).map(|k| [0, 1, 2].map(|c| 0.8 + 0.4 * value(3 * k + c, 5) as f32)).collect();
+        let state = (&affine[..], &vec![0.0; 2 * affine.len()][..]);
+        let exposure = Exposure::with(&device, &gains, state, pixels).unwrap();
+        let (image, gradient) = (device.upload("image", &picture).unwrap(), device.upload("slope", &slope).unwrap());
+        let pairs = device.upload("pairs", &[0, 5]).unwrap();
+        let step = |limit| Some(Step { pairs: &pairs, limit, number: 1, rate: 0.01 });
+        let mut recording = Recording::new();
+        exposure.apply(&mut recording, photo, &image, pixels as u32);
+        exposure.backward(&mut recording, photo, &image, &gradient, pixels as u32, step(5));
+        assert_eq!(recording.kernels(), ["train/exposure"; 3]);
+        device.run(recording).unwrap();
+
+        let rgb = |v: &[[f32; 4]]| v.iter().map(|p| [p[0], p[1], p[2]].map(f64::from)).collect::<Vec<_>>();
+        let own: [f64; SIZE] = std::array::from_fn(|k| f64::from(affine[photo * SIZE + k]));
+        let right = twin::apply(&own, &rgb(&picture));
+        let (by_colour, by_affine) = twin::backward(&own, &rgb(&picture), &rgb(&slope));
+        let exposed = exposure.image.read(&device).unwrap();
+        let through = gradient.read(&device).unwrap();
+        for p in 0..pixels {
+            assert_eq!((exposed[p][3], through[p][3]), (picture[p][3], slope[p][3]), "alpha's own");
+            for c in 0..3 {
+                assert!((f64::from(exposed[p][c]) - right[p][c]).abs() < 1e-5, "{p} {c}");
+                assert!((f64::from(through[p][c]) - by_colour[p][c]).abs() < 1e-5 / pixels as f64, "{p} {c}");
+            }
+        }
+        let moments = exposure.moments.read(&device).unwrap();
+        let after = exposure.affine.read(&device).unwrap();
+        let scale = by_affine.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
+        for k in 0..photos * SIZE {
+            let mine = k / SIZE == photo;
+            let slope = if mine { by_affine[k % SIZE] } else { 0.0 };
+            assert!((10.0 * f64::from(moments[k][0]) - slope).abs() < 1e-5 * scale, "{k}: {} {slope}", moments[k][0]);
+            // The first step of Adam is the rate against the sign; the pull is towards the photo's own gains.
+            let moved = f64::from(after[k]) - f64::from(affine[k]);
+            let gain = if (k % SIZE).is_multiple_of(5) { gains[k / SIZE][k % SIZE / 5] } else { 0.0 };
+            let pulled = f64::from(PULL) * f64::from(affine[k] - gain);
+            let right = if mine { -0.01 * (slope.signum() + pulled) } else { 0.0 };
+            assert!((moved - right).abs() < 1e-5, "{k}: {moved} {slope}");
+        }
+        // An iteration whose pairs did not fit, and a gradient that is no number, change nothing.
+        for (limit, slope) in [(4, 1.0), (5, f32::NAN)] {
+            let slope = device.upload("slope", &vec![[slope; 4]; pixels]).unwrap();
+            let mut recording = Recording::new();
+            exposure.backward(&mut recording, photo, &image, &slope, pixels as u32, step(limit));
+            device.run(recording).unwrap();
+            assert!(exposure.affine.read(&device).unwrap() == after);
+            assert!(exposure.moments.read(&device).unwrap() == moments);
+        }
+    }
+    finish(&device);
+}
+
+pub fn config(scene: &Path, iterations: u32) -> RunConfig {
+    RunConfig {
+        scene: scene.to_owned(),
+        images: None,
+        resolution: None,
+        seed: 1,
+        eval_every: 8,
+        sh_degree: 1,
+        init: Init::Points,
+        init_count: None,
+        background: None,
+        antialias: false,
+        depth_order: false,
+        exposure: false,
+        max_gaussians: 3000,
+        checkpoint_every: 0,
+        schedule: Preset::Quick.schedule(Some(iterations)),
+        prune: None,
+        effects: Overrides::default(),
+    }
+}
+
+fn capture(folder: &Path, effects: &[synth::Effect], views: usize, width: u32) {
+    let options = SynthOptions {
+        views,
+        width,
+        height: width * 3 / 4,
+        points: 30 * views,
+        effects: effects.to_vec(),
+        ..Default::default()
+    };
+    write(folder, &options, &|_| ()).expect("a synthetic scene");
+}
+
+fn trainer(device: &Device, scene: &Path, exposure: bool, masked: bool) -> Trainer {
+    let config = config(scene, 60);
+    let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, scene), &Silent).unwrap();
+    let colour = |c: [u8; 3]| glam::DVec3::from(c.map(f64::from)) / 255.0;
+    let seeds: Vec<_> =
+        prepared.scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p.colour) }).collect();
+    let options = options(&config, exposure, masked);
+    Trainer::new(device, &from_points(&seeds), prepared.train, prepared.extent, options).unwrap()
+}
+
+fn options(config: &RunConfig, exposure: bool, masked: bool) -> Options {
+    Options {
+        schedule: config.schedule.clone(),
+        settings: Settings::default(),
+        seed: 1,
+        degree: 1,
+        most: 3000,
+        transparent: false,
+        masked,
+        exposure: exposure.then(Vec::new),
+        weights: Weights::default(),
+        averaged: 0..0,
+        pairs: 1 << 14,
+    }
+}
+
+fn train(trainer: &mut Trainer, until: u32) {
+    while trainer.iteration() < until {
+        trainer.advance(until).unwrap();
+    }
+}
+
+/// Without them there is no kernel and no buffer of exposures and masks.
+#[test]
+fn off_is_free() {
+    let device = device();
+    let folder = tempfile::tempdir().unwrap();
+    capture(folder.path(), &[synth::Effect::Masks], 9, 48);
+    let mut taken = Vec::new();
+    for (exposure, masked) in [(false, false), (true, false), (false, true)] {
+        let before = device.memory_used().0;
+        let mut trainer = trainer(&device, folder.path(), exposure, masked);
+        taken.push(device.memory_used().0 - before);
+        let kernels = trainer.kernels().unwrap();
+        assert_eq!(kernels.contains(&"train/exposure"), exposure, "{kernels:?}");
+        assert_eq!(kernels.contains(&"train/mask"), masked, "{kernels:?}");
+        train(&mut trainer, 3);
+        let scopes: Vec<_> = trainer.timings().iter().map(|(name, ..)| name).collect();
+        assert_eq!((scopes.contains(&"exposure"), scopes.contains(&"masks")), (exposure, masked), "{scopes:?}");
+    }
+    let photos = 7; // of nine, two are held out
+    assert_eq!(taken[1] - taken[0], Exposure::bytes(photos, 48 * 36));
+    assert_eq!(taken[2] - taken[0], Mask::bytes(48 * 36));
+    finish(&device);
+}
+
+/// Broken off and gone on with, from a file, a run with exposures ends with the same bytes.
+#[test]
+fn exposures_are_kept_in_checkpoints() {
+    let device = device();
+    let folder = tempfile::tempdir().unwrap();
+    capture(folder.path(), &[synth::Effect::Exposure], 9, 48);
+    let mut whole = trainer(&device, folder.path(), true, false);
+    train(&mut whole, 40);
+    let mut broken = trainer(&device, folder.path(), true, false);
+    train(&mut broken, 23);
+    let file = folder.path().join("checkpoint");
+    broken.snapshot().unwrap().write(&file).unwrap();
+    let config = config(folder.path(), 60);
+    let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, folder.path()), &Silent).unwrap();
+    let snapshot = Snapshot::read(&file).unwrap();
+    assert_eq!(snapshot.exposures.0.len(), 7 * SIZE);
+    let mut resumed =
+        Trainer::resume(&device, &snapshot, prepared.train, prepared.extent, options(&config, true, false)).unwrap();
+    train(&mut resumed, 40);
+    let [a, b] = [&whole, &resumed].map(|t| t.snapshot().unwrap());
+    assert!(a.model == b.model && a.exposures == b.exposures);
+    assert!(a.exposures.0.iter().zip(twin::IDENTITY.iter().cycle()).any(|(a, b)| (f64::from(*a) - b).abs() > 0.02));
+    finish(&device);
+}
+
+/// What is measured on the photos are the factors that they were multiplied with.
+#[test]
+fn gains_are_those_that_the_photos_were_made_with() {
+    for (views, width) in [(24, 64), (48, 64), (48, 128)] {
+        let folder = tempfile::tempdir().unwrap();
+        capture(folder.path(), &[synth::Effect::Exposure], views, width);
+        let config = config(folder.path(), 60);
+        let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, folder.path()), &Silent).unwrap();
+        let (_, gains) = effects::decide(&prepared, &config).unwrap();
+        let made: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(folder.path().join("synth.json")).unwrap()).unwrap();
+        let of = |name: &str, c: usize| {
+            let photo = made["photos"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap();
+            photo["gain"][c].as_f64().unwrap().ln()
+        };
+        let train = prepared.scene.split(config.eval_every).train;
+        let (mut apart, mut spread) = (0.0, 0.0);
+        for c in 0..3 {
+            let right: Vec<f64> = train.iter().map(|i| of(&prepared.scene.views[*i].name, c)).collect();
+            let mean = right.iter().sum::<f64>() / right.len() as f64;
+            for (right, found) in right.iter().zip(&gains) {
+                apart += (right - mean - f64::from(found[c]).ln()).powi(2);
+                spread += (right - mean).powi(2);
+            }
+        }
+        let n = 3.0 * gains.len() as f64;
+        let (apart, spread) = ((apart / n).sqrt(), (spread / n).sqrt());
+        println!("{views} photos of {width} pixels: gains spread by {spread:.4}, found to {apart:.4}");
+        assert!(apart < 0.25 * spread, "{views} {width}");
+    }
+}

@@ -1,0 +1,162 @@
+//! What effects are worth on synthetic scenes: held-out PSNR with each off and on, where it is called for and where it is
+//! not. `make effects` prints the table of docs/effects.md.
+
+use super::exposure::{Silent, config};
+use crate::support::{device, finish};
+use qirf_vk::effects::{Choice, Effect};
+use qirf_vk::gaussians::formats;
+use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::eval::{Evaluation, eval};
+use qirf_vk::pipeline::{Output, RunConfig, Selection, run};
+use qirf_vk::synth::{self, SynthOptions, write};
+use std::path::Path;
+use synth::Effect as Made;
+
+/// 48 photos; every fourth is held out.
+#[derive(Clone, Copy)]
+struct Case {
+    /// What the scene was made with.
+    made: &'static [Made],
+    /// What is switched on, and left to the scene or switched off.
+    effect: Effect,
+    off: Choice,
+    /// Width of the pictures that are trained on.
+    width: u32,
+    /// Gaussians at most.
+    most: usize,
+    iterations: u32,
+    /// Of the photos that are trained on, and of those that are scored; their own where none is given.
+    resolutions: [Option<&'static str>; 2],
+}
+
+const EXPOSURE: Case = Case {
+    made: &[Made::Exposure],
+    effect: Effect::Exposure,
+    off: Choice::Off,
+    width: 64,
+    most: 3000,
+    iterations: 1000,
+    resolutions: [None; 2],
+};
+const GLOSSY: Case = Case { made: &[Made::Glossy], effect: Effect::ViewDependence, ..EXPOSURE };
+const SCALES: Case = Case { made: &[Made::Scales], effect: Effect::Antialias, ..EXPOSURE };
+const DISTORTION: Case = Case { made: &[Made::Distortion], effect: Effect::Distortion, ..EXPOSURE };
+
+impl Case {
+    /// PSNR in dB, off and on, means over `seeds`. Both are scored alike: where exposures are at stake, fitted; where
+    /// distortion is, by undistorted photos.
+    fn psnr(self, seeds: u64) -> [f64; 2] {
+        let device = device();
+        let mut sums = [0.0; 2];
+        for seed in 1..=seeds {
+            let folder = tempfile::tempdir().unwrap();
+            let scene = folder.path().join("scene");
+            let large = if self.resolutions[0].is_some() { 2 } else { 1 };
+            let (views, width, height) = (48, self.width * large, self.width * 3 / 4 * large);
+            let effects = self.made.to_vec();
+            let options = SynthOptions { views, width, height, points: 30 * views, effects, seed };
+            write(&scene, &options, &|_| ()).expect("a synthetic scene");
+            for (sum, choice) in sums.iter_mut().zip([self.off, Choice::On]) {
+                let mut config = config(&scene, self.iterations);
+                config.eval_every = 4;
+                config.max_gaussians = self.most;
+                config.resolution = self.resolutions[0].map(str::to_owned);
+                config.sh_degree = if self.effect == Effect::ViewDependence { 3 } else { 1 };
+                config.effects.set(self.effect, choice);
+                let output = Output::new(&folder.path().join(format!("{choice:?}"))).unwrap();
+                let results =
+                    run::run(&device, &config, &output, &Networks::default(), u64::MAX, false, &Silent).unwrap();
+                let decision = results.effects.iter().find(|d| d.name == self.effect).unwrap();
+                assert_eq!(decision.forced, choice != Choice::Auto);
+                assert!(choice == Choice::Auto || decision.on == (choice == Choice::On));
+                assert_eq!(decision.seconds.is_some(), decision.on && self.effect.scope().is_some());
+                let written = std::fs::read_to_string(output.folder().join("config.toml")).unwrap();
+                let again: RunConfig = toml::from_str(&written).unwrap();
+                assert_eq!(again.effects, config.effects);
+                *sum += self.score(&device, &output.folder().join("model.ply"), &again) / seeds as f64;
+            }
+        }
+        println!("{}", self.row(sums));
+        finish(&device);
+        sums
+    }
+
+    fn score(&self, device: &qirf_vk::gpu::Device, path: &Path, run: &RunConfig) -> f64 {
+        let model = formats::read(path).unwrap().gaussians;
+        let mut selection = Selection { resolution: self.resolutions[1].map(str::to_owned), ..run.selection() };
+        if self.effect == Effect::Distortion {
+            selection.effects.set(Effect::Distortion, Choice::Auto);
+        }
+        let exposure = self.effect == Effect::Exposure;
+        let evaluation = Evaluation { selection, style: run.style(), exposure };
+        let scored = eval(device, (path, &model), &evaluation, None, &Networks::default(), u64::MAX, &Silent).unwrap();
+        scored.test.unwrap().psnr.unwrap()
+    }
+
+    /// A row of the table.
+    fn row(&self, [off, on]: [f64; 2]) -> String {
+        let made: Vec<String> = self.made.iter().map(|made| format!("`{made}`")).collect();
+        let made = if made.is_empty() { "plain".to_owned() } else { made.join(", ") };
+        let (effect, iterations) = (self.effect.name(), self.iterations);
+        let effect =
+            if self.off == Choice::Auto { format!("{effect}, beside what the scene calls for") } else { effect.into() };
+        let width = self.width;
+        let [trained, scored] = self.resolutions.map(|r| r.unwrap_or("/1"));
+        format!(
+            "| {made} | {effect} | {width} | {iterations} | {trained} | {scored} | {off:.2} | {on:.2} | {:+.2} |",
+            on - off
+        )
+    }
+}
+
+#[test]
+fn exposure_helps_where_it_is_called_for() {
+    let [off, on] = EXPOSURE.psnr(3);
+    assert!(on > off + 0.5, "{off} {on}");
+}
+
+/// Where every surface reflects, colours that turn with the view are worth half a decibel at least.
+#[test]
+fn view_dependence_helps_where_it_is_called_for() {
+    let [off, on] = GLOSSY.psnr(1);
+    assert!(on > off + 0.5, "{off} {on}");
+}
+
+/// Where cameras stand near and far, a model keeps its looks at a resolution that it was not trained at.
+#[test]
+fn antialias_helps_at_a_second_resolution() {
+    let [off, on] = Case { resolutions: [None, Some("/4")], ..SCALES }.psnr(1);
+    assert!(on > off + 0.5, "{off} {on}");
+}
+
+#[test]
+fn distortion_helps_where_it_is_called_for() {
+    let [off, on] = Case { iterations: 600, ..DISTORTION }.psnr(1);
+    assert!(on > off + 0.5, "{off} {on}");
+}
+
+#[test]
+#[ignore = "minutes: make effects"]
+fn table() {
+    let plain = |case: Case| Case { made: &[], ..case };
+    println!(
+        "| scene | effect | width | iterations | trained at | scored at | off, dB | on, dB | gain |\n|---|---|---:|---:|---|---|---:|---:|---:|"
+    );
+    for case in [
+        Case { iterations: 400, ..EXPOSURE },
+        EXPOSURE,
+        plain(EXPOSURE),
+        GLOSSY,
+        Case { made: &[Made::Matte], off: Choice::Auto, width: 120, most: 100_000, iterations: 2000, ..GLOSSY },
+        SCALES,
+        Case { resolutions: [None, Some("/2")], ..SCALES },
+        Case { resolutions: [None, Some("/4")], ..SCALES },
+        Case { resolutions: [Some("/2"), None], ..SCALES },
+        plain(SCALES),
+        Case { resolutions: [None, Some("/4")], ..plain(SCALES) },
+        DISTORTION,
+        Case { effect: Effect::DepthOrder, ..plain(EXPOSURE) },
+    ] {
+        case.psnr(3);
+    }
+}

@@ -1,0 +1,184 @@
+//! The device's solver against the same steps in float64.
+
+use super::overlap::{blocks, model};
+use crate::support::synthetic::Random;
+use crate::support::{device, finish};
+use qirf_vk::gaussians::resident::Resident;
+use qirf_vk::gpu::Error;
+use qirf_vk::qirf::assemble::{Assembly, Options, unpack_symmetric};
+use qirf_vk::qirf::low_rank::Problem;
+use qirf_vk::qirf::rrdm::Density;
+
+/// Eigenpairs of a symmetric 8 x 8 matrix, descending, by Jacobi rotations.
+fn eigen(mut g: [[f64; 8]; 8]) -> ([f64; 8], [[f64; 8]; 8]) {
+    let mut y = [[0.0; 8]; 8];
+    (0..8).for_each(|k| y[k][k] = 1.0);
+    for _ in 0..30 {
+        for p in 0..7 {
+            for q in p + 1..8 {
+                if g[p][q].abs() < 1e-300 {
+                    continue;
+                }
+                let angle = 0.5 * (2.0 * g[p][q]).atan2(g[q][q] - g[p][p]);
+                let (s, c) = angle.sin_cos();
+                for k in 0..8 {
+                    (g[p][k], g[q][k]) = (c * g[p][k] - s * g[q][k], s * g[p][k] + c * g[q][k]);
+                }
+                for k in 0..8 {
+                    (g[k][p], g[k][q]) = (c * g[k][p] - s * g[k][q], s * g[k][p] + c * g[k][q]);
+                    (y[k][p], y[k][q]) = (c * y[k][p] - s * y[k][q], s * y[k][p] + c * y[k][q]);
+                }
+            }
+        }
+    }
+    let mut order: Vec<usize> = (0..8).collect();
+    order.sort_by(|a, b| g[*b][*b].total_cmp(&g[*a][*a]));
+    (std::array::from_fn(|k| g[order[k]][order[k]]), std::array::from_fn(|k| std::array::from_fn(|c| y[c][order[k]])))
+}
+
+/// lambda, r and q of one block in float64.
+fn solve(n: &[f64], w: &[f32], m: usize, problem: Problem) -> ([f64; 8], usize, Vec<f64>) {
+    let mut l = n.to_vec(); // column by column; its lower triangle becomes L
+    (0..m).for_each(|i| l[i * m + i] += f64::from(problem.epsilon));
+    for c in 0..m {
+        for k in 0..c {
+            let f = l[k * m + c];
+            (c..m).for_each(|r| l[c * m + r] -= f * l[k * m + r]);
+        }
+        let root = l[c * m + c].sqrt();
+        (c..m).for_each(|r| l[c * m + r] /= root);
+    }
+    let mut b: Vec<f64> = w.iter().map(|v| f64::from(*v)).collect();
+    for k in 0..8 {
+        for c in 0..m {
+            let before: f64 = (0..c).map(|j| l[j * m + c] * b[k * m + j]).sum();
+            b[k * m + c] = (b[k * m + c] - before) / l[c * m + c];
+        }
+    }
+    let dot = |a: usize, c: usize| (0..m).map(|r| b[a * m + r] * b[c * m + r]).sum();
+    let (lambda, y) = eigen(std::array::from_fn(|a| std::array::from_fn(|c| dot(a, c))));
+    let total: f64 = lambda.iter().map(|v| v.max(0.0)).sum();
+    let mut sum = 0.0;
+    let reaches = |v: &f64| {
+        sum += v.max(0.0);
+        sum >= (f64::from(problem.tau) - 1e-6) * total
+    };
+    let r = lambda.iter().position(reaches).map_or(8, |k| k + 1);
+    let mut q = vec![0.0; m];
+    for vector in y.iter().take(r) {
+        let mut x: Vec<f64> = (0..m).map(|row| (0..8).map(|c| b[c * m + row] * vector[c]).sum()).collect();
+        for c in (0..m).rev() {
+            let after: f64 = (c + 1..m).map(|row| l[c * m + row] * x[row]).sum();
+            x[c] = (x[c] - after) / l[c * m + c];
+            q[c] += x[c] * x[c];
+        }
+    }
+    (lambda, r, q)
+}
+
+#[test]
+fn the_devices_solver_agrees_with_float64() {
+    let device = device();
+    let sizes = [1, 3, 8, 9, 20, 33, 0, 48, 64, 150];
+    let (rows, starts) = blocks(&sizes, 21);
+    let n = rows.len();
+    let mut r = Random(8);
+    let h: Vec<[f32; 8]> = (0..n).map(|_| [0; 8].map(|_| r.next().powi(3) as f32)).collect();
+    let members: Vec<u32> = (0..n as u32).rev().collect();
+    let resident = Resident::upload(&device, &model(&rows)).unwrap();
+    let options = Options { density: Some(Density::default()), batch_bytes: 4 * 2000, ..Options::default() };
+    let assembly = Assembly::new(&device, &resident, &members, &starts, &h, options).unwrap();
+    assert!(assembly.batches().len() > 2);
+    let problem = Problem::default();
+    let mut expected = Vec::new();
+    assembly
+        .for_each::<Error>(|batch| {
+            for (_, block) in batch.iter() {
+                let mut square = vec![0.0; block.m * block.m];
+                unpack_symmetric(block.m, block.overlap, &mut square);
+                expected.push(solve(&square, block.factor.expect("asked for"), block.m, problem));
+            }
+            Ok(())
+        })
+        .unwrap();
+    let mut seen = 0;
+    let mut bits = Vec::new();
+    assembly
+        .solve_each::<Error>(problem, |b, s| {
+            let (lambda, r, q) = &expected[b];
+            assert_eq!(s.q.len(), sizes[b]);
+            assert!(!s.failed, "block {b}");
+            let by_lambda =
+                (0..8).map(|k| (f64::from(s.lambda[k]) - lambda[k]).abs()).fold(0.0, f64::max) / lambda[0].max(1e-30);
+            let most = q.iter().copied().fold(1e-30, f64::max);
+            let by_q = s.q.iter().zip(q).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max) / most;
+            println!("block {b} of {}: r {} ({r}), lambda {by_lambda:.1e}, q {by_q:.1e}", sizes[b], s.r);
+            assert_eq!(s.r, *r, "block {b}");
+            assert!(by_lambda < 1e-4 && by_q < 1e-3, "block {b}: {by_lambda:.1e}, {by_q:.1e}");
+            bits.extend(s.q.iter().map(|v| v.to_bits()));
+            seen += 1;
+            Ok(())
+        })
+        .unwrap();
+    assert_eq!(seen, sizes.len());
+    let mut again = Vec::new();
+    assembly
+        .solve_each::<Error>(problem, |_, s| {
+            again.extend(s.q.iter().map(|v| v.to_bits()));
+            Ok(())
+        })
+        .unwrap();
+    assert_eq!(bits, again);
+    finish(&device);
+}
+
+#[test]
+fn a_metric_that_is_not_positive_definite_is_said_to_have_failed() {
+    let device = device();
+    // Three clones without epsilon: the second pivot is zero.
+    let (one, _) = blocks(&[1], 3);
+    let (other, _) = blocks(&[4], 5);
+    let rows: Vec<_> = [one[0], one[0], one[0]].into_iter().chain(other).collect();
+    let resident = Resident::upload(&device, &model(&rows)).unwrap();
+    let options = Options { density: Some(Density::default()), ..Options::default() };
+    let members: Vec<u32> = (0..7).collect();
+    let assembly = Assembly::new(&device, &resident, &members, &[0, 3, 7], &[[1.0; 8]; 7], options).unwrap();
+    let mut failed = Vec::new();
+    assembly
+        .solve_each::<Error>(Problem { epsilon: 0.0, ..Problem::default() }, |_, s| {
+            assert!(s.q.iter().all(|v| v.is_finite()));
+            failed.push(s.failed);
+            Ok(())
+        })
+        .unwrap();
+    assert_eq!(failed, [true, false]);
+    finish(&device);
+}
+
+/// Blocks of 1 to 8 that nothing tells apart, of one response and of none: finite, all alike, nothing where there is nothing.
+#[test]
+fn equals_in_blocks_of_one_to_eight() {
+    let device = device();
+    let (one, _) = blocks(&[1], 3);
+    let rows: Vec<_> = (1..=8).flat_map(|m| vec![one[0]; m]).collect();
+    let starts: Vec<u32> = (0..=8).map(|m| m * (m + 1) / 2).collect();
+    let members: Vec<u32> = (0..rows.len() as u32).collect();
+    let resident = Resident::upload(&device, &model(&rows)).unwrap();
+    for response in [0.0_f32, 1.0, 1e-30, 1e15] {
+        let options = Options { density: Some(Density::default()), ..Options::default() };
+        let h = vec![[response; 8]; rows.len()];
+        let assembly = Assembly::new(&device, &resident, &members, &starts, &h, options).unwrap();
+        assembly
+            .solve_each::<Error>(Problem::default(), |b, s| {
+                let told = format!("{} alike, response {response}: {s:?}", b + 1);
+                assert!(s.q.len() == b + 1 && s.q.iter().chain(&s.lambda).all(|v| v.is_finite()), "{told}");
+                assert!(!s.failed && (response > 0.0 || s.q.iter().chain(&s.lambda).all(|v| *v == 0.0)), "{told}");
+                // m equal functions share one: what each has of it may differ by rounding over epsilon, 6e-8 / 1e-4.
+                let most = s.q.iter().copied().fold(0.0, f32::max);
+                assert!(s.q.iter().all(|q| most - q <= 2e-2 * most), "{told}");
+                Ok(())
+            })
+            .unwrap();
+    }
+    finish(&device);
+}

@@ -1,0 +1,214 @@
+//! Overlaps and density matrices on the device.
+
+mod known_pairs;
+mod twin;
+
+use crate::support::synthetic::Random;
+use crate::support::{device, finish};
+use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gpu::Device;
+use qirf_vk::qirf::assemble::{Assembly, Options, triangle, unpack_lower, unpack_symmetric};
+use qirf_vk::qirf::overlap::Metric;
+use qirf_vk::qirf::rrdm::Density;
+use twin::Twin;
+
+pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
+
+/// A model of these rows: no colour, half transparent.
+pub fn model(rows: &[Row]) -> Gaussians {
+    Gaussians {
+        means: rows.iter().map(|r| r.0).collect(),
+        log_scales: rows.iter().map(|r| r.1).collect(),
+        rotations: rows.iter().map(|r| r.2).collect(),
+        opacity_logits: vec![0.0; rows.len()],
+        sh: vec![vec![0.0; 3 * rows.len()]],
+    }
+}
+
+/// All blocks' packed overlaps, one after the other.
+fn overlaps(device: &Device, rows: &[Row], starts: &[u32], metric: Metric, batch_bytes: usize) -> Vec<f32> {
+    let resident = Resident::upload(device, &model(rows)).unwrap();
+    let members: Vec<u32> = (0..rows.len() as u32).collect();
+    let options = Options { metric, batch_bytes, ..Options::default() };
+    let assembly = Assembly::new(device, &resident, &members, starts, &[], options).unwrap();
+    let mut all = Vec::new();
+    assembly
+        .for_each::<qirf_vk::gpu::Error>(|batch| {
+            batch.iter().for_each(|(_, b)| all.extend_from_slice(b.overlap));
+            Ok(())
+        })
+        .unwrap();
+    all
+}
+
+/// N of each pair of successive rows.
+fn pairs(device: &Device, rows: &[Row], metric: Metric) -> Vec<f32> {
+    let starts: Vec<u32> = (0..=rows.len() as u32 / 2).map(|b| 2 * b).collect();
+    let all = overlaps(device, rows, &starts, metric, 1 << 20);
+    assert_eq!(all.len(), 3 * (rows.len() / 2));
+    assert!(all.chunks_exact(3).all(|t| t[0] == 1.0 && t[2] == 1.0), "the diagonal is exactly 1");
+    all.chunks_exact(3).map(|t| t[1]).collect()
+}
+
+fn errors(device: &Device, rows: &[Row], metric: Metric) -> (Vec<f64>, usize, f64) {
+    let twin = |r: &Row| Twin::new(r.0, r.1, r.2, f64::from(metric.floor), f64::from(metric.dilation));
+    let got = pairs(device, rows, metric);
+    let nans = got.iter().filter(|n| n.is_nan()).count();
+    let expected: Vec<f64> = rows.chunks_exact(2).map(|p| twin(&p[0]).overlap(&twin(&p[1]))).collect();
+    let felt = expected.iter().filter(|n| **n > 0.01).count() as f64 / expected.len() as f64;
+    let mut errors: Vec<f64> =
+        got.iter().zip(&expected).filter(|(g, _)| !g.is_nan()).map(|(g, e)| (f64::from(*g) - e).abs()).collect();
+    errors.sort_by(f64::total_cmp);
+    (errors, nans, felt)
+}
+
+#[test]
+fn dilation_is_a_sphere_added() {
+    let device = device();
+    let mut r = Random(3);
+    let rows: Vec<Row> = (0..600)
+        .map(|_| {
+            (
+                [0; 3].map(|_| r.within(-1.0, 1.0) as f32),
+                [0; 3].map(|_| r.within(-6.0, 0.0) as f32),
+                [0; 4].map(|_| r.within(-1.0, 1.0) as f32),
+            )
+        })
+        .collect();
+    for dilation in [1e-4_f32, 0.3, 1e3] {
+        let (errors, nans, felt) = errors(&device, &rows, Metric { dilation, ..Metric::default() });
+        println!("dilation {dilation}: worst error {:.1e}, {felt:.2} felt", errors[errors.len() - 1]);
+        assert!(nans == 0 && errors[errors.len() - 1] <= 1e-5);
+    }
+    finish(&device);
+}
+
+/// Blocks of all sizes round the subgroup's, with one that is large.
+pub fn blocks(sizes: &[usize], seed: u64) -> (Vec<Row>, Vec<u32>) {
+    let mut r = Random(seed);
+    let n: usize = sizes.iter().sum();
+    let rows = (0..n)
+        .map(|_| {
+            (
+                [0; 3].map(|_| r.within(-1.0, 1.0) as f32),
+                [0; 3].map(|_| r.within(-5.0, 0.0) as f32),
+                [0; 4].map(|_| r.within(-1.0, 1.0) as f32),
+            )
+        })
+        .collect();
+    let starts = std::iter::once(0)
+        .chain(sizes.iter().scan(0, |at, m| {
+            *at += *m as u32;
+            Some(*at)
+        }))
+        .collect();
+    (rows, starts)
+}
+
+#[test]
+fn every_entry_of_every_block_whatever_the_batch() {
+    let device = device();
+    let sizes = [1, 2, 7, 8, 9, 0, 31, 33, 64, 65, 1, 300, 3, 129];
+    let (rows, starts) = blocks(&sizes, 11);
+    let metric = Metric::default();
+    let whole = overlaps(&device, &rows, &starts, metric, 64 << 20);
+    assert_eq!(whole.len(), sizes.iter().map(|m| triangle(*m)).sum::<usize>());
+    for bytes in [0, 4 * 300, 1 << 15] {
+        let other = overlaps(&device, &rows, &starts, metric, bytes);
+        assert!(whole.iter().zip(&other).all(|(a, b)| a.to_bits() == b.to_bits()), "batches of {bytes} bytes");
+    }
+    let mut at = 0;
+    for (b, m) in sizes.iter().enumerate() {
+        let twins: Vec<Twin> =
+            (0..*m).map(|k| rows[starts[b] as usize + k]).map(|r| Twin::new(r.0, r.1, r.2, 1e-3, 0.0)).collect();
+        for c in 0..*m {
+            for r in c..*m {
+                let expected = if r == c { 1.0 } else { twins[r].overlap(&twins[c]) };
+                assert!((f64::from(whole[at]) - expected).abs() <= 1e-5, "block {b}, row {r}, column {c}");
+                at += 1;
+            }
+        }
+    }
+    finish(&device);
+}
+
+#[test]
+fn values_that_are_no_numbers_stay_where_they_are() {
+    let device = device();
+    let fine: Row = ([0.0; 3], [-1.0, -2.0, -3.0], [1.0, 0.0, 0.0, 0.0]);
+    let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3e38];
+    let mut rows = vec![fine, fine];
+    for v in bad {
+        rows.push(([v, 0.0, 0.0], fine.1, fine.2));
+        rows.push((fine.0, [v, -2.0, -3.0], fine.2));
+        rows.push((fine.0, fine.1, [v, 0.0, 0.0, 0.0]));
+    }
+    rows.push((fine.0, fine.1, [0.0; 4]));
+    let m = rows.len();
+    let got = overlaps(&device, &rows, &[0, m as u32], Metric::default(), 1 << 20);
+    assert!(got.iter().all(|n| (0.0..=1.0).contains(n)), "{got:?}");
+    let mut square = vec![0.0_f64; m * m];
+    unpack_symmetric(m, &got, &mut square);
+    assert!((0..m).all(|i| square[i * m + i] == 1.0));
+    assert!((square[1] - 1.0).abs() < 1e-6 && (square[m - 1] - 1.0).abs() < 1e-6, "same Gaussian; no rotation");
+    assert!(square[2] == 0.0, "a mean that is no number overlaps with nothing");
+    finish(&device);
+}
+
+#[test]
+fn density_matrices_are_their_factors_squares() {
+    let device = device();
+    let sizes = [1, 9, 40, 130];
+    let (rows, starts) = blocks(&sizes, 5);
+    let n = rows.len();
+    let mut r = Random(9);
+    let h: Vec<[f32; 8]> = (0..n).map(|_| [0; 8].map(|_| r.next() as f32)).collect();
+    // Members in another order than the model's.
+    let members: Vec<u32> = (0..n as u32).map(|i| (i * 7 + 3) % n as u32).collect();
+    let resident = Resident::upload(&device, &model(&rows)).unwrap();
+    let density = Density { full: true, ..Density::default() };
+    let options = Options { density: Some(density), batch_bytes: 4 * 900, ..Options::default() };
+    let assembly = Assembly::new(&device, &resident, &members, &starts, &h, options).unwrap();
+    let mut seen = 0;
+    let check = |batch: &qirf_vk::qirf::assemble::Assembled<'_>| -> Result<(), qirf_vk::gpu::Error> {
+        for (b, block) in batch.iter() {
+            let m = block.m;
+            let own = &members[starts[b] as usize..starts[b + 1] as usize];
+            let at = |row: usize, k: usize| f64::from(h[own[row] as usize][k]);
+            let trace =
+                |k0: usize| -> f64 { (0..m).flat_map(|row| (k0..k0 + 4).map(move |k| at(row, k).powi(2))).sum() };
+            let w = |row: usize, k: usize| {
+                let (share, t) = if k < 4 { (0.75, trace(0)) } else { (0.25, trace(4)) };
+                at(row, k) / (t / share + 1e-4_f64).sqrt()
+            };
+            let mut p = vec![f64::NAN; m * m];
+            unpack_lower(m, block.density.expect("asked for"), &mut p);
+            for row in 0..m {
+                for k in 0..8 {
+                    assert!((f64::from(block.factor.expect("asked for")[k * m + row]) - w(row, k)).abs() < 1e-6);
+                }
+                for c in 0..=row {
+                    let expected: f64 = (0..8).map(|k| w(row, k) * w(c, k)).sum();
+                    assert!((p[c * m + row] - expected).abs() < 1e-6, "block {b}, {row}, {c}");
+                }
+            }
+            seen += 1;
+        }
+        Ok(())
+    };
+    assembly.for_each(check).unwrap();
+    assert_eq!(seen, sizes.len());
+    finish(&device);
+}
+
+#[test]
+fn two_runs_give_the_same_bits_and_write_everything() {
+    let device = device();
+    let (rows, starts) = blocks(&[20, 5, 50], 2);
+    let once = overlaps(&device, &rows, &starts, Metric::default(), 1 << 10);
+    let again = overlaps(&device, &rows, &starts, Metric::default(), 1 << 10);
+    assert!(once.iter().zip(&again).all(|(a, b)| a.to_bits() == b.to_bits()));
+    // Every buffer is born full of NaN (tests/device/guards.rs): an entry that no kernel writes would be one.
+    assert!(device.guards() && once.iter().all(|n| (0.0..=1.0).contains(n)));
+    finish(&device);
+}

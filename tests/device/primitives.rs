@@ -1,0 +1,222 @@
+//! Primitives against the host: every size where a block, a subgroup or a power of two begins or ends.
+
+use crate::support::{device, finish};
+use qirf_vk::gpu::{Buffer, Device, Recording};
+use qirf_vk::primitives::{Count, Pairs, Scan, Sort, WORKGROUP, compact, gather, reduce, segmented_sum};
+
+/// Sizes round every boundary: subgroups, workgroups, blocks, powers of two.
+fn sizes(device: &Device) -> Vec<u32> {
+    let subgroup = device.info().subgroup_size;
+    let mut sizes = vec![0, 1, 2, 3];
+    for edge in [subgroup, 64, 256, 1024, Scan::block(device), 2 * Scan::block(device), 1 << 16] {
+        sizes.extend([edge - 1, edge, edge + 1]);
+    }
+    sizes.push(1_000_003);
+    sizes
+}
+
+/// A small counter-based generator: the same numbers on every machine.
+fn noise(seed: u64, i: u64) -> u32 {
+    let mut x = (i + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ seed.wrapping_mul(0xD1B5_4A32_D192_ED03);
+    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    (x >> 32) as u32
+}
+
+/// A buffer of `data` with a sentinel behind it, which no kernel may touch.
+fn fenced(device: &Device, data: &[u32]) -> Buffer<u32> {
+    let mut all = data.to_vec();
+    all.extend([0xDEAD_BEEF; 8]);
+    device.upload("fenced", &all).unwrap()
+}
+
+fn unfence(device: &Device, buffer: &Buffer<u32>) -> Vec<u32> {
+    let mut all = buffer.read(device).unwrap();
+    let sentinel = all.split_off(all.len() - 8);
+    assert_eq!(sentinel, [0xDEAD_BEEF; 8], "a kernel wrote behind its buffer");
+    all
+}
+
+#[test]
+fn scan_is_exact() {
+    let device = device();
+    for n in sizes(&device) {
+        let data: Vec<u32> = (0..n).map(|i| noise(1, u64::from(i)) % 1000).collect();
+        let source = fenced(&device, &data);
+        let target = fenced(&device, &vec![7; n as usize]);
+        let total = device.upload("total", &[99_u32]).unwrap();
+        let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
+        let scan = Scan::new(&device, n).unwrap();
+        let mut recording = Recording::new();
+        scan.record(&mut recording, &count, &source, &target, Some(&total));
+        device.run(recording).unwrap();
+        let mut sum = 0;
+        let mut expected = Vec::with_capacity(data.len());
+        for v in &data {
+            expected.push(sum);
+            sum += v;
+        }
+        assert_eq!(unfence(&device, &target), expected, "n = {n}");
+        assert_eq!(total.read(&device).unwrap(), [sum], "n = {n}");
+    }
+    finish(&device);
+}
+
+fn check_sort(device: &Device, keys: &[u32], bits: u32) {
+    let n = keys.len() as u32;
+    let values: Vec<u32> = (0..n).collect();
+    let pairs = Pairs { keys: fenced(device, keys), values: fenced(device, &values) };
+    let count = Count::known(device, "n", n, &[Sort::block(device, n)]).unwrap();
+    let sort = Sort::new(device, n).unwrap();
+    let mut recording = Recording::new();
+    let sorted = sort.record(&mut recording, &count, &pairs, bits);
+    device.run(recording).unwrap();
+    let mask = if bits == 32 { u32::MAX } else { (1 << bits) - 1 };
+    let mut expected: Vec<(u32, u32)> = keys.iter().copied().zip(values).collect();
+    expected.sort_by_key(|(k, _)| k & mask); // stable, as ours must be
+    let got: Vec<_> = sorted
+        .keys
+        .read_first(device, n as usize)
+        .unwrap()
+        .into_iter()
+        .zip(sorted.values.read_first(device, n as usize).unwrap())
+        .collect();
+    assert!(got == expected, "n = {n}, {bits} bits");
+    unfence(device, &pairs.keys);
+    unfence(device, &pairs.values);
+}
+
+#[test]
+fn sort_is_stable_and_exact() {
+    let device = device();
+    for n in sizes(&device) {
+        let keys: Vec<u32> = (0..n).map(|i| noise(2, u64::from(i))).collect();
+        check_sort(&device, &keys, 32);
+    }
+    for bits in [1, 5, 8, 9, 13, 16, 17, 31] {
+        let keys: Vec<u32> = (0..5000).map(|i| noise(3, i)).collect();
+        check_sort(&device, &keys, bits);
+    }
+    check_sort(&device, &vec![42; 10_000], 32);
+    check_sort(&device, &(0..10_000).collect::<Vec<_>>(), 32);
+    check_sort(&device, &(0..10_000).rev().collect::<Vec<_>>(), 32);
+    check_sort(&device, &[u32::MAX; 3000], 32);
+    finish(&device);
+}
+
+#[test]
+fn compaction_gather_and_segmented_sum() {
+    let device = device();
+    for n in sizes(&device) {
+        let flags: Vec<u32> = (0..n).map(|i| u32::from(noise(4, u64::from(i)).is_multiple_of(3))).collect();
+        let kept: Vec<u32> = (0..n).filter(|i| flags[*i as usize] != 0).collect();
+        let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
+        let kept_count = Count::new(&device, "kept", n, &[]).unwrap();
+        let flags_on_device = fenced(&device, &flags);
+        let offsets = fenced(&device, &vec![0; n as usize]);
+        let indices = fenced(&device, &vec![0; n as usize]);
+        let gathered = fenced(&device, &vec![0; n as usize]);
+        let scan = Scan::new(&device, n).unwrap();
+        let mut recording = Recording::new();
+        scan.record(&mut recording, &count, &flags_on_device, &offsets, Some(&kept_count.value));
+        compact(&mut recording, &count, &flags_on_device, &offsets, &indices);
+        kept_count.prepare(&mut recording);
+        gather(&mut recording, &kept_count, &indices, &flags_on_device, &gathered);
+        device.run(recording).unwrap();
+        assert_eq!(unfence(&device, &indices)[..kept.len()], kept, "n = {n}");
+        assert!(unfence(&device, &gathered)[..kept.len()].iter().all(|f| *f == 1));
+    }
+
+    // All kept, and none.
+    for flag in [0, 1] {
+        for n in [1, 256, Scan::block(&device) + 1, 70_001] {
+            let flags = vec![flag; n as usize];
+            let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
+            let (flags, offsets) = (fenced(&device, &flags), fenced(&device, &vec![9; n as usize]));
+            let indices = fenced(&device, &vec![u32::MAX; n as usize]);
+            let scan = Scan::new(&device, n).unwrap();
+            let mut recording = Recording::new();
+            scan.record(&mut recording, &count, &flags, &offsets, None);
+            compact(&mut recording, &count, &flags, &offsets, &indices);
+            device.run(recording).unwrap();
+            let expected: Vec<u32> = (0..n).map(|i| if flag == 1 { i } else { u32::MAX }).collect();
+            assert_eq!(unfence(&device, &indices), expected, "n = {n}, all {flag}");
+        }
+    }
+
+    // Segments of 0, 1, 2, ... rows; three floats a row.
+    let lengths: Vec<u32> = (0..200).collect();
+    let starts: Vec<u32> = lengths
+        .iter()
+        .scan(0, |s, l| {
+            *s += l;
+            Some(*s - l)
+        })
+        .collect();
+    let rows: Vec<f32> = (0..lengths.iter().sum::<u32>() * 3).map(|i| noise(5, u64::from(i)) as f32 * 1e-9).collect();
+    let count = Count::known(&device, "segments", 200, &[]).unwrap();
+    let sums = device.buffer::<f32>("sums", 600).unwrap();
+    let (starts_d, lengths_d) = (device.upload("s", &starts).unwrap(), device.upload("l", &lengths).unwrap());
+    let rows_d = device.upload("rows", &rows).unwrap();
+    let mut recording = Recording::new();
+    segmented_sum(&mut recording, &count, &starts_d, &lengths_d, &rows_d, &sums, 3);
+    device.run(recording).unwrap();
+    let expected: Vec<f32> = (0..600)
+        .map(|i| {
+            let (s, c) = (i / 3, i % 3);
+            (starts[s]..starts[s] + lengths[s]).map(|r| rows[r as usize * 3 + c]).sum::<f32>()
+        })
+        .collect();
+    assert_eq!(sums.read(&device).unwrap(), expected, "ordered sums are exact to the bit");
+    finish(&device);
+}
+
+/// One Gaussian's slots may be all the tiles there are, and its neighbours' none.
+#[test]
+fn one_segment_may_be_everything() {
+    let device = device();
+    let lengths = [0_u32, 100_003, 0, 0, 1];
+    let starts = [0_u32, 0, 100_003, 100_003, 100_003];
+    let rows: Vec<f32> = (0..100_004).map(|i| noise(6, i) as f32 * 1e-9 - 2.0).collect();
+    let count = Count::known(&device, "segments", 5, &[]).unwrap();
+    let sums = device.buffer::<f32>("sums", 5).unwrap();
+    let (starts_d, lengths_d) = (device.upload("s", &starts).unwrap(), device.upload("l", &lengths).unwrap());
+    let rows_d = device.upload("rows", &rows).unwrap();
+    let mut recording = Recording::new();
+    segmented_sum(&mut recording, &count, &starts_d, &lengths_d, &rows_d, &sums, 1);
+    device.run(recording).unwrap();
+    let long = rows[..100_003].iter().fold(0.0, |s: f32, r| s + r);
+    assert_eq!(sums.read(&device).unwrap(), [0.0, long, 0.0, 0.0, rows[100_003]], "to the bit, in order");
+    finish(&device);
+}
+
+/// Whole numbers below 2^24 add up exactly in any order: each element is counted once, whatever the number.
+#[test]
+fn reduce_counts_every_element_once() {
+    let device = device();
+    for n in sizes(&device).into_iter().filter(|n| *n < 100_000) {
+        let words = |i: u32, c: u64| (noise(7 + c, u64::from(i)) % 100) as f32;
+        let mut source: Vec<[f32; 4]> = (0..n).map(|i| [0, 1, 2, 3].map(|c| words(i, c))).collect();
+        let expected = [0, 1, 2, 3].map(|c| source.iter().map(|r| r[c]).sum::<f32>());
+        source.extend([[f32::NAN; 4]; 3]); // behind the count: not to be read into the sum
+        let source = device.upload("source", &source).unwrap();
+        let sum = device.upload("sum", &[[f32::NAN; 4]]).unwrap();
+        let mut recording = Recording::new();
+        reduce(&mut recording, &source, n, &sum);
+        device.run(recording).unwrap();
+        assert_eq!(sum.read(&device).unwrap(), [expected], "n = {n}");
+    }
+    finish(&device);
+}
+
+#[test]
+fn a_count_beyond_its_limit_becomes_zero_and_is_remembered() {
+    let device = device();
+    let count = Count::new(&device, "pairs", 100, &[]).unwrap();
+    let mut recording = Recording::new();
+    count.set(&mut recording, 5000);
+    device.run(recording).unwrap();
+    assert_eq!(count.value.read(&device).unwrap(), [0, 5000]);
+    assert_eq!(WORKGROUP, 256);
+    finish(&device);
+}

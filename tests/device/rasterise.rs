@@ -1,0 +1,377 @@
+//! The forward pass on the device, against golden pictures, another engine and the float64 twin.
+
+use crate::support::golden::{Case, Fixture};
+use crate::support::synthetic::Random;
+use crate::support::{device, finish, shared};
+use glam::{DMat3, DVec2, DVec3};
+use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gpu::Device;
+use qirf_vk::reference::bin::{bin, depth_order};
+use qirf_vk::reference::project::LEAST_ALPHA;
+use qirf_vk::reference::rasterise::{rasterise, sample};
+use qirf_vk::reference::{self, Rendered};
+use qirf_vk::render::{Culling, Image, Renderer, Settings};
+use qirf_vk::scene::camera::Camera;
+
+/// Renders one picture with a renderer of its own.
+fn render(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Image {
+    let resident = Resident::upload(device, model).unwrap();
+    let mut renderer = Renderer::new(device, settings, model.len(), camera.width, camera.height).unwrap();
+    renderer.render(&resident, camera).unwrap()
+}
+
+/// How far float32 may be from the twin at a pixel: 1e-5 for what is blended, and a rounding of positions, of which alpha changes
+/// by 1.1 a pixel at most (a Gaussian no wider than the dilation) and a colour of up to 2 by twice that. Positions are rounded
+/// relative to their distance from the picture's middle, and rays relative to 1, which is a focal length in pixels.
+fn allowed(camera: &Camera, [x, y]: [u32; 2]) -> f64 {
+    let from = |at: u32, size: u32| (f64::from(at) - f64::from(size / 2)).abs();
+    1e-5 + 2.2 * 2_f64.powi(-24) * (from(x, camera.width) + from(y, camera.height) + camera.focal.max_element())
+}
+
+/// By how much more a pixel may be off since a contribution of the twin's lies so near 1/255, or a transmittance so near the
+/// stop, that float32 may decide otherwise.
+fn undecided(twin: &Rendered, camera: &Camera, settings: &reference::Settings, [x, y]: [u32; 2]) -> f64 {
+    let all = reference::Settings { smooth_cutoff: true, ..settings.clone() };
+    // Positions as above, six times steeper: the logarithm of alpha where it falls to 1/255.
+    let near = |ratio: f64| ratio.ln().abs() < 1e-5 + 6.0 * allowed(camera, [x, y]);
+    let (mut t, mut slack) = (1.0, 0.0);
+    for i in depth_order(&twin.projected) {
+        let Ok(p) = &twin.projected[i as usize] else { continue };
+        let Some(s) = sample(p, x, y, &all) else { continue };
+        let (drawn, worth) = (s.alpha >= LEAST_ALPHA, 2.0 * p.colour.max_element().max(1.0));
+        if near(s.alpha / LEAST_ALPHA) {
+            slack += t * s.alpha * worth;
+        }
+        if drawn && near(t * (1.0 - s.alpha) / settings.transmittance_stop) {
+            slack += t * s.alpha * worth;
+        }
+        if drawn && t * (1.0 - s.alpha) < settings.transmittance_stop {
+            break;
+        }
+        t *= if drawn { 1.0 - s.alpha } else { 1.0 };
+    }
+    slack
+}
+
+/// Fails where a pixel's error is neither within [`allowed`] nor that of a contribution that is [`undecided`]. Gives the largest
+/// error among the decided pixels, and how many were undecided.
+fn decided(
+    name: &str,
+    image: &Image,
+    expected: &[[f64; 3]],
+    twin: &Rendered,
+    camera: &Camera,
+    settings: &reference::Settings,
+) -> (f64, usize) {
+    let (mut largest, mut exempt) = (0_f64, 0);
+    for (n, (got, right)) in image.pixels.iter().zip(expected).enumerate() {
+        let error = (0..3).fold(0.0, |m: f64, c| m.max((f64::from(got[c]) - right[c]).abs()));
+        let at = [n as u32 % camera.width, n as u32 / camera.width];
+        let allowed = allowed(camera, at);
+        if error <= allowed {
+            largest = largest.max(error);
+            continue;
+        }
+        let slack = undecided(twin, camera, settings, at);
+        assert!(error <= allowed + slack, "{name}, pixel {at:?}: {error:.2e} > {allowed:.2e} + {slack:.2e}");
+        exempt += 1;
+    }
+    (largest, exempt)
+}
+
+/// Mean error, share beyond 1e-4, largest error.
+fn errors(got: impl Iterator<Item = f32>, expected: &[f64]) -> (f64, f64, f64) {
+    let (mut sum, mut beyond, mut largest, mut n) = (0.0, 0, 0_f64, 0);
+    for (g, e) in got.zip(expected) {
+        let error = (f64::from(g) - e).abs();
+        sum += error;
+        beyond += usize::from(error > 1e-4);
+        largest = largest.max(error);
+        n += 1;
+    }
+    assert_eq!(n, expected.len());
+    (sum / n as f64, beyond as f64 / n as f64, largest)
+}
+
+#[test]
+fn golden_pictures() {
+    let Some(shared) = shared() else { return };
+    let device = device();
+    for case in Case::all(&shared) {
+        let settings = Settings {
+            background: case.settings.background.map(|v| v as f32),
+            antialias: case.settings.antialias,
+            ..Settings::default()
+        };
+        let twin_settings = reference::Settings {
+            background: case.settings.background,
+            antialias: case.settings.antialias,
+            ..reference::Settings::default()
+        };
+        for (v, camera) in case.views.iter().enumerate() {
+            let image = render(&device, &case.model, camera, settings);
+            let rgb = image.pixels.iter().flat_map(|p| p[..3].to_vec());
+            let alpha = image.pixels.iter().map(|p| p[3]);
+            for (what, (mean, share, largest)) in [
+                ("image", errors(rgb, &case.expected_view("images", v))),
+                ("alpha", errors(alpha, &case.expected_view("alphas", v))),
+            ] {
+                println!(
+                    "{} view {v} {what}: mean {mean:.2e}, beyond 1e-4 {share:.1e}, largest {largest:.1e}",
+                    case.name
+                );
+                // A contribution that float32 puts on the other side of 1/255 moves a pixel by up to 4e-3; nothing else may.
+                assert!(mean < 5e-6 && share <= 3e-4 && largest < 8e-3, "{} view {v} {what}", case.name);
+            }
+            let name = format!("{} view {v}", case.name);
+            let twin = reference::render(&reference::Params::from(&case.model), camera, &twin_settings);
+            let golden = case.expected_view("images", v);
+            let golden: Vec<[f64; 3]> = golden.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+            let (largest, exempt) = decided(&name, &image, &golden, &twin, camera, &twin_settings);
+            println!("{name}: {largest:.1e} but for {exempt} undecided");
+            assert!(exempt <= 2, "{name}");
+        }
+    }
+    finish(&device);
+}
+
+#[test]
+fn another_engines_picture() {
+    let Some(shared) = shared() else { return };
+    let device = device();
+    for name in ["tiny", "basic"] {
+        let fixture = Fixture::read(&shared, name);
+        let image = render(&device, &fixture.model, &fixture.camera, Settings { near: 0.01, ..Settings::default() });
+        let (mean, _, largest) = errors(image.pixels.as_flattened().iter().copied(), fixture.get("out_img"));
+        println!("{name}: mean {mean:.1e}, largest {largest:.1e}");
+        assert!(largest < 1e-4, "{name}");
+    }
+    finish(&device);
+}
+
+/// Gaussians of many shapes before a camera: needles, discs, dust, some behind it, some covering the picture.
+fn crowd(n: usize, seed: u64) -> Gaussians {
+    let mut r = Random(seed);
+    let mut model = Gaussians { sh: vec![Vec::new(), Vec::new()], ..Gaussians::default() };
+    for i in 0..n {
+        let size = if i % 97 == 0 { 1.0 } else { -2.5 };
+        model.means.push([0, 1, 2].map(|_| r.within(-2.0, 2.0) as f32));
+        model.log_scales.push([0, 1, 2].map(|_| (r.within(-4.0, 1.0) + size) as f32));
+        model.rotations.push([0, 1, 2, 3].map(|_| r.within(-1.0, 1.0) as f32));
+        model.opacity_logits.push(r.within(-6.0, 6.0) as f32);
+        model.sh[0].extend([0, 1, 2].map(|_| r.within(-1.0, 2.0) as f32));
+        model.sh[1].extend([0; 9].map(|_| r.within(-0.3, 0.3) as f32));
+    }
+    model
+}
+
+fn camera(width: u32, height: u32) -> Camera {
+    Camera::look_at(DVec3::new(0.5, -0.7, -3.0), DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
+}
+
+#[test]
+fn culling_loses_nothing_and_pictures_repeat_to_the_bit() {
+    let device = device();
+    let model = crowd(3000, 11);
+    for (width, height) in [(173, 99), (64, 64), (17, 3), (1, 1)] {
+        let camera = camera(width, height);
+        let with = |culling| render(&device, &model, &camera, Settings { culling, ..Settings::default() });
+        let all = with(Culling::Off);
+        assert!(width < 60 || all.pixels.iter().any(|p| p[3] > 0.5));
+        assert_eq!(with(Culling::Exact), all, "{width}x{height}");
+        assert_eq!(with(Culling::Box), all, "{width}x{height}");
+        assert_eq!(with(Culling::Off), all, "{width}x{height}");
+    }
+    finish(&device);
+}
+
+#[test]
+fn the_twin_agrees_at_any_size() {
+    let device = device();
+    let model = crowd(400, 5);
+    let params = reference::Params::from(&model);
+    for (width, height) in [(1, 1), (17, 3), (90, 61), (4096, 16), (1_048_592, 1)] {
+        let camera = camera(width, height);
+        // The widest has more tiles of 16, let alone of 8, than a dispatch has groups in one dimension.
+        let image = render(&device, &model, &camera, Settings::default());
+        let settings = reference::Settings::default();
+        let twin = reference::render(&params, &camera, &settings);
+        let name = format!("{width}x{height}");
+        let (largest, exempt) = decided(&name, &image, &twin.composite.image, &twin, &camera, &settings);
+        println!("{name}: largest {largest:.1e}, undecided {exempt}");
+        assert!(exempt <= 2, "{name}");
+        assert!(width < 10 || image.pixels.iter().filter(|p| p[3] > 0.0).count() >= 7, "{name}: something is drawn");
+
+        // What it would be with positions from the picture's corner: rounded to 1/16 pixel in the middle of the widest.
+        let mut from_the_corner = twin.projected.clone();
+        for p in from_the_corner.iter_mut().flatten() {
+            p.mean = p.mean.as_vec2().as_dvec2();
+        }
+        let tiles = bin(&from_the_corner, &camera, &settings);
+        let drawn = rasterise(&from_the_corner, &tiles, &camera, &settings).image;
+        let naive = drawn.as_flattened().iter().zip(twin.composite.image.as_flattened());
+        let naive = naive.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+        println!("{name}: largest {naive:.1e} with positions from the corner");
+        assert!(width < 1_000_000 || naive > 1e-3, "the reason for the origin in the middle has gone");
+    }
+    finish(&device);
+}
+
+/// Where float32 knows places to a thousandth of a unit: the camera's centre is not one of them, and is not rounded to one.
+#[test]
+fn far_from_the_origin() {
+    let device = device();
+    let away = DVec3::new(10_000.123, -4_321.77, 8_765.4);
+    let mut model = crowd(400, 5);
+    for mean in &mut model.means {
+        *mean = (DVec3::from(mean.map(f64::from)) + away).as_vec3().to_array();
+    }
+    let mut camera = camera(320, 200);
+    camera.translation -= camera.rotation * away;
+    let image = render(&device, &model, &camera, Settings::default());
+    let settings = reference::Settings::default();
+    let twin = reference::render(&reference::Params::from(&model), &camera, &settings);
+    let (largest, exempt) = decided("far", &image, &twin.composite.image, &twin, &camera, &settings);
+    println!("far from the origin: largest {largest:.1e}, undecided {exempt}");
+    assert!(exempt <= 2 && image.pixels.iter().any(|p| p[3] > 0.5));
+
+    // What a centre in one float32 alone would give.
+    let mut rounded = camera.clone();
+    rounded.translation = -(rounded.rotation * camera.centre().as_vec3().as_dvec3());
+    let naive = reference::render(&reference::Params::from(&model), &rounded, &settings).composite.image;
+    let naive = naive.as_flattened().iter().zip(twin.composite.image.as_flattened());
+    let naive = naive.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+    println!("far from the origin: largest {naive:.1e} with the centre rounded");
+    assert!(naive > 10.0 * largest);
+    finish(&device);
+}
+
+/// Gaussians as small as the dilation all over pictures of any width: what a rounding of the position does most to, and what is
+/// lost first where tiles are left out by rounded bounds.
+#[test]
+fn dust_all_over_wide_pictures() {
+    let device = device();
+    for (width, height) in [(512, 64), (1920, 64), (4096, 64), (16_384, 64), (64, 16_384)] {
+        let ratio = f64::from(height) / f64::from(width);
+        let fov = 2.0 * (0.577 * ratio.min(1.0)).atan(); // 60 degrees along the longer side
+        let mut camera = Camera::look_at(DVec3::new(0.5, -0.7, -3.0), DVec3::ZERO, DVec3::NEG_Y, fov, width, height);
+        camera.principal += DVec2::new(0.37, -0.61);
+        let mut r = Random(3);
+        let mut model = Gaussians { sh: vec![Vec::new()], ..Gaussians::default() };
+        for _ in 0..2000 {
+            let z = r.within(2.0, 6.0);
+            let pixel = DVec2::new(r.within(0.0, width.into()), r.within(0.0, height.into()));
+            let ray = ((pixel - camera.principal) / camera.focal).extend(1.0);
+            let mean = camera.rotation.transpose() * (ray * z - camera.translation);
+            model.means.push(mean.to_array().map(|v| v as f32));
+            model.log_scales.push([-16.0; 3]);
+            model.rotations.push([1.0, 0.0, 0.0, 0.0]);
+            model.opacity_logits.push(3.0);
+            model.sh[0].extend([1.0; 3]);
+        }
+        let image = render(&device, &model, &camera, Settings::default());
+        let settings = reference::Settings::default();
+        let twin = reference::render(&reference::Params::from(&model), &camera, &settings);
+        let name = format!("dust {width}x{height}");
+        let (largest, exempt) = decided(&name, &image, &twin.composite.image, &twin, &camera, &settings);
+        println!("{name}: largest {largest:.1e}, undecided {exempt}");
+        assert!(exempt <= 60 && image.pixels.iter().filter(|p| p[3] > 0.5).count() > 500, "{name}: {exempt}");
+    }
+    finish(&device);
+}
+
+#[test]
+fn hard_gaussians_stay_finite() {
+    let device = device();
+    let mut model = Gaussians { sh: vec![Vec::new()], ..Gaussians::default() };
+    let mut add = |mean: [f32; 3], log_scale: [f32; 3], rotation: [f32; 4], logit: f32| {
+        model.means.push(mean);
+        model.log_scales.push(log_scale);
+        model.rotations.push(rotation);
+        model.opacity_logits.push(logit);
+        model.sh[0].extend([1.0, 0.5, 0.0]);
+    };
+    let upright = [1.0, 0.0, 0.0, 0.0];
+    for z in [-5.0, 0.0, 0.199, 0.2, 0.2000001, 0.21, 1e6] {
+        add([0.0, 0.0, z], [-3.0; 3], upright, 1.0);
+    }
+    for s in [-30.0, -13.8, 0.0, 10.0, 20.0, 60.0] {
+        add([0.1, 0.1, 3.0], [s; 3], upright, -2.0);
+        add([0.1, 0.1, 3.0], [s, -13.8, -2.0], [0.3, 0.5, -0.2, 0.1], -2.0);
+    }
+    for q in [[0.0; 4], [1e-20; 4], [1e20; 4], [-1.0, 0.0, 0.0, 0.0], [1e-7, 0.0, 0.0, 0.0], [f32::MAX, 0.0, 0.0, 1.0]]
+    {
+        add([0.0, 0.0, 2.0], [-2.0; 3], q, 0.0);
+    }
+    for logit in [f32::NEG_INFINITY, f32::INFINITY, 40.0, -40.0, f32::NAN] {
+        add([0.0, 0.1, 2.0], [-2.0; 3], upright, logit);
+    }
+    for mean in [[f32::NAN, 0.0, 2.0], [f32::INFINITY, 0.0, 2.0], [0.0, 0.0, f32::INFINITY], [1e30, 0.0, 2.0]] {
+        add(mean, [-2.0; 3], upright, 1.0);
+    }
+    let camera = Camera {
+        rotation: DMat3::IDENTITY,
+        translation: DVec3::ZERO,
+        focal: DVec2::splat(40.0),
+        principal: DVec2::splat(16.0),
+        width: 32,
+        height: 32,
+    };
+    let image = render(&device, &model, &camera, Settings::default());
+    assert!(image.pixels.as_flattened().iter().all(|v| v.is_finite()));
+    assert!(image.pixels.iter().all(|p| (0.0..=1.0).contains(&p[3])));
+    finish(&device);
+}
+
+#[test]
+fn deep_stacks_are_not_cut() {
+    let device = device();
+    // 100,000 faint layers in one tile: each passes the 1/255 test, and blending must walk far into them.
+    let n = 100_000;
+    let model = Gaussians {
+        means: (0..n).map(|i| [0.0, 0.0, 2.0 + i as f32 * 1e-5]).collect(),
+        log_scales: vec![[-1.0; 3]; n],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
+        opacity_logits: vec![-5.5; n],
+        sh: vec![(0..n).flat_map(|i| [i as f32 / n as f32, 0.2, 0.0]).collect()],
+    };
+    let camera = Camera {
+        rotation: DMat3::IDENTITY,
+        translation: DVec3::ZERO,
+        focal: DVec2::splat(8.0),
+        principal: DVec2::splat(2.0),
+        width: 4,
+        height: 4,
+    };
+    let image = render(&device, &model, &camera, Settings { stop: 0.0, ..Settings::default() });
+    let settings = reference::Settings { transmittance_stop: 0.0, ..reference::Settings::default() };
+    let expected = reference::render(&reference::Params::from(&model), &camera, &settings).composite;
+    let (mean, _, largest) = errors(image.pixels.iter().flat_map(|p| p[..3].to_vec()), expected.image.as_flattened());
+    println!("deep: mean {mean:.1e}, largest {largest:.1e}");
+    assert!(largest < 1e-4);
+
+    // 10,000 coincident Gaussians at one depth: ties keep the order of the model.
+    let tie = Gaussians {
+        means: vec![[0.0, 0.0, 2.0]; 10_000],
+        log_scales: vec![[-1.0; 3]; 10_000],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; 10_000],
+        opacity_logits: vec![0.0; 10_000],
+        sh: vec![(0..10_000).flat_map(|i| [if i == 0 { 1.0 } else { -1.0 }, 0.0, 0.0]).collect()],
+    };
+    let image = render(&device, &tie, &camera, Settings::default());
+    let expected =
+        reference::render(&reference::Params::from(&tie), &camera, &reference::Settings::default()).composite;
+    let (_, _, largest) = errors(image.pixels.iter().flat_map(|p| p[..3].to_vec()), expected.image.as_flattened());
+    assert!(largest < 1e-5);
+    finish(&device);
+}
+
+#[test]
+fn an_empty_model_shows_the_background() {
+    let device = device();
+    let empty = Gaussians { sh: vec![Vec::new()], ..Gaussians::default() };
+    let settings = Settings { background: [0.25, 0.5, 0.75], ..Settings::default() };
+    let image = render(&device, &empty, &camera(20, 10), settings);
+    assert!(image.pixels.iter().all(|p| *p == [0.25, 0.5, 0.75, 0.0]));
+    finish(&device);
+}

@@ -1,0 +1,26 @@
+//! The device's rates, which the bounds of `make figures` are made of.
+
+use crate::support::{device, finish};
+use qirf_vk::gpu::Recording;
+use qirf_vk::gpu::rates::{By, Copy, MultiplyAdd};
+
+#[test]
+fn rates_do_the_work_that_they_count() {
+    let device = device();
+    for by in [By::Kernel, By::Command] {
+        // Not a multiple of any workgroup.
+        let copy = Copy::new(&device, 100_003, by).unwrap();
+        let mut recording = Recording::new();
+        copy.record(&mut recording);
+        device.run(recording).unwrap();
+        assert!(copy.moved() >= 64 << 20 && copy.moved().is_multiple_of(Copy::bytes(100_003)));
+        assert!(copy.target().read(&device).unwrap().iter().all(|v| *v == 1.0), "{by:?}");
+    }
+    let work = MultiplyAdd::new(&device).unwrap();
+    let mut recording = Recording::new();
+    work.record(&mut recording);
+    device.run(recording).unwrap();
+    let sums = work.sums(&device).unwrap();
+    assert!(work.operations() > 1_000_000_000 && sums.iter().all(|s| *s == sums[0] && *s == 12.0));
+    finish(&device);
+}

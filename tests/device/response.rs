@@ -1,0 +1,225 @@
+//! Responses on the device, against the float64 twin.
+
+use crate::support::synthetic::{Random, narrowed, random_scene, small_camera};
+use crate::support::{device, finish};
+use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gpu::{Buffer, Device, Error, Recording};
+use qirf_vk::qirf::response::{Gather, HighPass, KEEP, Responses, full_pass, record_residual};
+use qirf_vk::qirf::score::Scores;
+use qirf_vk::reference::{self, Params};
+use qirf_vk::render::{Renderer, Scoring, Settings};
+use qirf_vk::scene::camera::Camera;
+
+const SIZE: [u32; 2] = [45, 37];
+
+/// A second camera: moved, so that the two views differ in what they show.
+fn cameras() -> [Camera; 2] {
+    let first = small_camera(SIZE[0], SIZE[1]);
+    let mut second = first.clone();
+    second.translation += glam::DVec3::new(1.1, -0.3, 0.4);
+    [first, second]
+}
+
+fn image_weights(seed: u64) -> Vec<[f32; 4]> {
+    let mut r = Random(seed);
+    let mut weight = |low: f64| r.within(low, 1.0) as f32;
+    (0..SIZE[0] * SIZE[1]).map(|_| [weight(-1.0), weight(-1.0), weight(-1.0), weight(0.0)]).collect()
+}
+
+/// Per channel the error relative to its norm over the Gaussians.
+fn compare<const N: usize>(name: &str, got: &[[f32; N]], expected: &[[f64; N]], allowed: f64) {
+    assert_eq!(got.len(), expected.len());
+    for k in 0..N {
+        let pairs: Vec<(f64, f64)> = got.iter().zip(expected).map(|(g, e)| (f64::from(g[k]), e[k])).collect();
+        let size: f64 = pairs.iter().map(|(_, e)| e * e).sum();
+        let error: f64 = pairs.iter().map(|(g, e)| (g - e).powi(2)).sum();
+        let relative = (error / size.max(f64::MIN_POSITIVE)).sqrt();
+        println!("{name}, channel {k}: relative error {relative:.1e}");
+        assert!(size > 0.0 && relative <= allowed, "{name}, channel {k}: {relative:.1e}");
+    }
+}
+
+/// The pass over both views with given gradients and residuals; few pairs of room, so that it has to grow.
+fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<[f32; 4]>) {
+    let cameras = cameras();
+    let resident = Resident::upload(device, model).unwrap();
+    let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), SIZE, pairs).unwrap();
+    let weights: Vec<Buffer<[f32; 4]>> = (0..2).map(|v| device.upload("weights", &image_weights(v)).unwrap()).collect();
+    let gradient = device.buffer("image gradient", image_weights(0).len()).unwrap();
+    let loss = |r: &mut Recording, v: usize, _: &Buffer<[f32; 4]>| {
+        r.copy(&weights[v], &gradient, gradient.len());
+        Ok::<(), Error>(())
+    };
+    let evidence = full_pass(device, &mut renderer, &resident, &cameras, &gradient, true, loss).unwrap();
+    let after = resident.download(device).unwrap();
+    assert_eq!(&after, model, "the model does not change");
+    (evidence.responses, evidence.scores)
+}
+
+fn twin(model: &Gaussians, v: usize) -> reference::response::Responded {
+    let weights = image_weights(v as u64);
+    let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
+    let residual: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
+    reference::response::respond(
+        &Params::from(model),
+        &cameras()[v],
+        &reference::Settings::default(),
+        &by_image,
+        &residual,
+    )
+}
+
+#[test]
+fn full_pass_is_the_twins_mean() {
+    let device = device();
+    for seed in [2, 5] {
+        let model = narrowed(&random_scene(&cameras()[0], seed));
+        let (values, scores) = pass(&device, &model, 8);
+        let [first, second] = [0, 1].map(|v| twin(&model, v));
+        let mean: Vec<[f64; 8]> = first
+            .channels
+            .iter()
+            .zip(&second.channels)
+            .map(|(a, b)| std::array::from_fn(|k| 0.5 * (a[k] + b[k])))
+            .collect();
+        compare(&format!("seed {seed}"), &values, &mean, 3e-4);
+        let both: Vec<[f64; 4]> = first
+            .scores
+            .iter()
+            .zip(&second.scores)
+            .map(|(a, b)| [a[0] + b[0], a[1].max(b[1]), a[2] + b[2], a[3] + b[3]])
+            .collect();
+        compare(&format!("seed {seed}, scores"), &scores, &both, 3e-4);
+        // Neither the capacity nor the run changes a bit.
+        let (again, again_scores) = pass(&device, &model, 1 << 14);
+        let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
+        assert!(same(values.as_flattened(), again.as_flattened()));
+        assert!(same(scores.as_flattened(), again_scores.as_flattened()));
+    }
+    finish(&device);
+}
+
+#[test]
+fn averages_decay_as_if_every_iteration_were_counted() {
+    let device = device();
+    let cameras = cameras();
+    let mut model = narrowed(&random_scene(&cameras[0], 4));
+    // One that the second camera does not see, so that its average has to decay by itself.
+    model.means[0] = (cameras[0].centre() + 0.5 * (glam::Vec3::from(model.means[0]).as_dvec3() - cameras[0].centre()))
+        .as_vec3()
+        .to_array();
+    let resident = Resident::upload(&device, &model).unwrap();
+    let mut renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, 1 << 14).unwrap();
+    renderer.make_room(&resident, &cameras[0]).unwrap();
+    let gradients: Vec<Buffer<[f32; 4]>> =
+        (0..2).map(|v| device.upload("image gradient", &image_weights(v)).unwrap()).collect();
+    let responses = Responses::zeros(&device, model.len()).unwrap();
+    let scoring = Scoring::new(&device).unwrap();
+    let update = scoring.update();
+    let views = [0_usize, 1, 1, 0, 1];
+    let channels = [twin(&model, 0).channels, twin(&model, 1).channels];
+    assert!(
+        (0..model.len()).any(|i| channels[0][i][0] > 0.0 && channels[1][i][0] == 0.0),
+        "some are seen by one alone"
+    );
+    let mut expected = vec![[0.0_f64; 8]; model.len()];
+    for (k, v) in views.into_iter().enumerate() {
+        let mut recording = Recording::new();
+        renderer.forget_pairs(&mut recording);
+        renderer.record(&mut recording, &resident, &cameras[v]);
+        renderer.record_backward_with_residual(&mut recording, &resident, &cameras[v], &gradients[v], &update);
+        let gather = Gather::Average { iteration: 13_001 + k as u32 };
+        responses.record(&mut recording, &renderer, &resident, &cameras[v], gather);
+        assert!(!recording.kernels().contains(&"render/adam"));
+        device.run(recording).unwrap();
+        for (e, x) in expected.iter_mut().zip(&channels[v]) {
+            e.iter_mut().zip(x).for_each(|(e, x)| *e = KEEP * *e + (1.0 - KEEP) * x);
+        }
+    }
+    assert_eq!(scoring.guards.read(&device).unwrap(), [0, 5]);
+    let got = responses.read(&device, Gather::Average { iteration: 13_005 }).unwrap();
+    compare("average", &got, &expected, 3e-4);
+    finish(&device);
+}
+
+#[test]
+fn a_view_whose_pairs_do_not_fit_leaves_nothing() {
+    let device = device();
+    let camera = &cameras()[0];
+    let model = narrowed(&random_scene(camera, 4));
+    let resident = Resident::upload(&device, &model).unwrap();
+    let renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, 4).unwrap();
+    let responses = Responses::zeros(&device, model.len()).unwrap();
+    let scores = Scores::zeros(&device, model.len()).unwrap();
+    let mut recording = Recording::new();
+    renderer.forget_pairs(&mut recording);
+    renderer.record(&mut recording, &resident, camera);
+    responses.record(&mut recording, &renderer, &resident, camera, Gather::Average { iteration: 7 });
+    scores.record(&mut recording, &renderer, &resident, camera);
+    device.run(recording).unwrap();
+    assert!(responses.values.read(&device).unwrap().iter().all(|v| *v == 0.0));
+    assert!(responses.seen.read(&device).unwrap().iter().all(|v| *v == 0));
+    assert!(scores.values.read(&device).unwrap().iter().flatten().all(|v| *v == 0.0));
+    finish(&device);
+}
+
+#[test]
+fn high_pass_and_residual() {
+    let device = device();
+    for [w, h] in [[1, 1], [3, 40], [45, 37]] {
+        let n = (w * h) as usize;
+        let mut r = Random(6);
+        let image: Vec<[f32; 4]> = (0..n).map(|_| [0; 4].map(|_| r.next() as f32)).collect();
+        let picture = device.upload("picture", &image).unwrap();
+        let gradient = device.upload("gradient", &vec![[f32::NAN; 4]; n]).unwrap();
+        let pass = HighPass::new(&device, n).unwrap();
+        let mut recording = Recording::new();
+        pass.record(&mut recording, &picture, &gradient, [w, h]);
+        device.run(recording).unwrap();
+        let got = gradient.read(&device).unwrap();
+        let weight = |d: i64| (-(d * d) as f64 / 8.0).exp();
+        for y in 0..i64::from(h) {
+            for x in 0..i64::from(w) {
+                let (mut sum, mut total) = ([0.0; 3], 0.0);
+                for v in (y - 6).max(0)..=(y + 6).min(i64::from(h) - 1) {
+                    for u in (x - 6).max(0)..=(x + 6).min(i64::from(w) - 1) {
+                        let k = weight(u - x) * weight(v - y);
+                        let pixel = image[(v * i64::from(w) + u) as usize];
+                        (0..3).for_each(|c| sum[c] += k * f64::from(pixel[c]));
+                        total += k;
+                    }
+                }
+                let at = (y * i64::from(w) + x) as usize;
+                let d: [f64; 3] = std::array::from_fn(|c| f64::from(image[at][c]) - sum[c] / total);
+                for c in 0..3 {
+                    assert!((f64::from(got[at][c]) - d[c]).abs() < 1e-5, "{w} x {h}, {x}, {y}");
+                }
+                assert!((f64::from(got[at][3]) - d.iter().map(|v| v.abs()).sum::<f64>() / 3.0).abs() < 1e-5);
+            }
+        }
+
+        // Half-transparent photos over a background; the gradient's colours stay.
+        let photo: Vec<u32> = (0..n).map(|_| (r.next() * f64::from(u32::MAX)) as u32).collect();
+        let photos = device.upload("photo", &photo).unwrap();
+        let background = [0.2_f32, 0.5, 0.9];
+        for transparent in [false, true] {
+            let mut recording = Recording::new();
+            record_residual(&mut recording, &picture, &photos, &gradient, [w, h], transparent, background);
+            device.run(recording).unwrap();
+            for ((after, before), (pixel, word)) in
+                gradient.read(&device).unwrap().iter().zip(&got).zip(image.iter().zip(&photo))
+            {
+                assert_eq!(after[..3], before[..3]);
+                let bytes = word.to_le_bytes().map(|b| f64::from(b) / 255.0);
+                let expected: f64 = (0..3)
+                    .map(|c| {
+                        let over = bytes[c] * bytes[3] + f64::from(background[c]) * (1.0 - bytes[3]);
+                        (f64::from(pixel[c]) - if transparent { over } else { bytes[c] }).abs()
+                    })
+                    .sum();
+                assert!((f64::from(after[3]) - expected / 3.0).abs() < 1e-6);
+            }
+        }
+    }
+    finish(&device);
+}

@@ -1,0 +1,10 @@
+//! Training: the loss, Adam, density control, the loop, and where it starts; device against float64 and plain host code.
+
+mod adam;
+mod density;
+mod halve;
+mod loss;
+mod memory;
+mod prune;
+mod runs;
+mod smoothing;

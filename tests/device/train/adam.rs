@@ -1,0 +1,294 @@
+//! Adam on the device against the float64 twin, and rows whose gradient is not finite.
+
+use crate::support::synthetic::{Random, narrowed, random_scene, small_camera};
+use crate::support::{device, finish};
+use glam::DVec3;
+use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gpu::{Buffer, Device, Recording};
+use qirf_vk::reference::{self, Params};
+use qirf_vk::render::{AdamState, Form, Rates, Renderer, Settings, Update};
+use qirf_vk::scene::camera::Camera;
+use qirf_vk::train::schedule::Schedule;
+
+/// A model under training by a fixed gradient of the picture.
+struct Bench {
+    device: Device,
+    renderer: Renderer,
+    model: Resident,
+    state: AdamState,
+    growth: Buffer<[f32; 2]>,
+    guards: Buffer<u32>,
+    camera: Camera,
+    by_image: Buffer<[f32; 4]>,
+}
+
+impl Bench {
+    fn new(device: &Device, model: &Gaussians, camera: &Camera, by_image: &[[f32; 4]]) -> Self {
+        let size = [camera.width, camera.height];
+        let renderer = Renderer::for_training(device, Settings::default(), model.len(), size, 1 << 14).unwrap();
+        let resident = Resident::upload(device, model).unwrap();
+        Self {
+            device: device.clone(),
+            renderer,
+            state: AdamState::zeros(device, &resident).unwrap(),
+            model: resident,
+            growth: device.upload("growth", &vec![[0.0; 2]; model.len()]).unwrap(),
+            guards: device.upload("guards", &[0, 0]).unwrap(),
+            camera: camera.clone(),
+            by_image: device.upload("image gradient", by_image).unwrap(),
+        }
+    }
+
+    fn step(&self, form: Form, state: &AdamState, rates: Rates) {
+        let mut recording = Recording::new();
+        self.renderer.record(&mut recording, &self.model, &self.camera);
+        let (growth, guards) = (&self.growth, &self.guards);
+        let statistics = matches!(form, Form::Adam(_));
+        let update = Update { state, growth, statistics, guards, rates, form };
+        self.renderer.record_backward(&mut recording, &self.model, &self.camera, &self.by_image, &update);
+        self.device.run(recording).unwrap();
+    }
+
+    /// Gradients by the parameters as they are.
+    fn gradients(&self) -> Params {
+        let state = AdamState::zeros(&self.device, &self.model).unwrap();
+        self.step(Form::Gradients { through_direction: true }, &state, Rates::default());
+        let mut out = Params::from(&self.model.download(&self.device).unwrap());
+        for ((_, into), moments) in out.groups_mut().into_iter().zip(moments(&state, &self.device, 3)) {
+            into.iter_mut().zip(moments).for_each(|(g, m)| *g = f64::from(m[0]));
+        }
+        out
+    }
+
+    fn params(&self) -> Params {
+        Params::from(&self.model.download(&self.device).unwrap())
+    }
+}
+
+/// Moments of all attributes, in the order of [`Params::groups_mut`].
+fn moments(state: &AdamState, device: &Device, degree: usize) -> Vec<Vec<[f32; 2]>> {
+    let main = [&state.means, &state.log_scales, &state.rotations, &state.opacity_logits];
+    main.into_iter().chain(&state.sh[..=degree]).map(|b| b.read(device).unwrap()).collect()
+}
+
+/// The twin's parameters and moments.
+struct Twin {
+    params: Params,
+    first: Params,
+    second: Params,
+}
+
+impl Twin {
+    fn new(model: &Gaussians) -> Self {
+        let params = Params::from(model);
+        Self { first: params.zeros_like(), second: params.zeros_like(), params }
+    }
+
+    /// One step; a Gaussian with any gradient that is not finite stays as a whole. Returns how many stayed.
+    fn step(&mut self, gradients: &mut Params, step: u32, rates: Rates) -> usize {
+        let n = self.params.len();
+        let rates =
+            [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.dc, rates.rest, rates.rest, rates.rest];
+        let gradients = gradients.groups_mut();
+        let bad = |i: usize| {
+            gradients.iter().any(|(_, g)| {
+                let width = g.len() / n;
+                g[i * width..][..width].iter().any(|g| g.is_nan() || g.abs() > reference::adam::GREATEST_GRADIENT)
+            })
+        };
+        let bad: Vec<bool> = (0..n).map(bad).collect();
+        let (mut values, mut first, mut second) =
+            (self.params.groups_mut(), self.first.groups_mut(), self.second.groups_mut());
+        for a in 0..values.len() {
+            let width = gradients[a].1.len() / n;
+            for i in (0..n).filter(|i| !bad[*i]) {
+                let row = i * width..(i + 1) * width;
+                let (m, v) = (&mut first[a].1[row.clone()], &mut second[a].1[row.clone()]);
+                let values = &mut values[a].1[row.clone()];
+                assert!(reference::adam::adam(values, &gradients[a].1[row], m, v, step, f64::from(rates[a])));
+            }
+        }
+        bad.iter().filter(|b| **b).count()
+    }
+}
+
+fn rates(step: u32) -> Rates {
+    Schedule { iterations: 40, position_rate: 5e-3, ..Schedule::default() }.rates(step, 1.7)
+}
+
+fn weights(count: usize, seed: u64) -> Vec<[f32; 4]> {
+    let mut r = Random(seed);
+    (0..count).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect()
+}
+
+/// The device's gradients, Adam in float64: after ten steps each parameter is where it should be, but for roundings of
+/// the parameter itself (2^-24 of it each step) and of the steps (1.3e-5 of each: 1 - 0.999 in float32).
+#[test]
+fn adam_of_every_attribute() {
+    let device = device();
+    let camera = small_camera(45, 37);
+    let model = narrowed(&random_scene(&camera, 3));
+    let bench = Bench::new(&device, &model, &camera, &weights(45 * 37, 8));
+    let mut twin = Twin::new(&model);
+    let mut travel = [0_f64; 8];
+    for step in 1..=10 {
+        let mut gradients = bench.gradients();
+        assert_eq!(twin.step(&mut gradients, step, rates(step)), 0);
+        bench.step(Form::Adam(step), &bench.state, rates(step));
+        let r = rates(step);
+        let rates = [r.mean, r.scale, r.rotation, r.opacity, r.dc, r.rest, r.rest, r.rest];
+        travel.iter_mut().zip(rates).for_each(|(t, r)| *t += f64::from(r));
+    }
+    let (mut got, mut moved) = (bench.params(), 0);
+    let mut start = Params::from(&model);
+    for (a, ((name, got), (_, right))) in got.groups_mut().into_iter().zip(twin.params.groups_mut()).enumerate() {
+        let mut worst = 0_f64;
+        for ((g, r), s) in got.iter().zip(right.iter()).zip(start.groups_mut()[a].1.iter()) {
+            let allowed = 1e-4 * travel[a] + 10.0 * r.abs() * 2_f64.powi(-24);
+            worst = worst.max((g - r).abs() / allowed);
+            moved += usize::from((r - s).abs() > 0.1 * travel[a]);
+        }
+        println!("{name}: {worst:.2} of what is allowed");
+        assert!(worst < 1.0, "{name}: {worst}");
+    }
+    assert!(moved > 500, "only {moved} elements moved");
+    // First moments to 1e-6 of the attribute's norm, second to 1e-4 (square roots halve it).
+    let got = moments(&bench.state, &device, 3);
+    for (which, allowed) in [(0, 2e-6), (1, 1e-4)] {
+        let of = if which == 0 { &mut twin.first } else { &mut twin.second };
+        for ((name, right), got) in of.groups_mut().into_iter().zip(&got) {
+            let off: f64 = got.iter().zip(right.iter()).map(|(g, r)| (f64::from(g[which]) - r).powi(2)).sum();
+            let size: f64 = right.iter().map(|r| r * r).sum();
+            assert!((off / size).sqrt() < allowed, "{name}'s moment {which}: {:.1e}", (off / size).sqrt());
+        }
+    }
+    // The gradients' form is counted as an iteration too: 20 in all.
+    assert_eq!(bench.guards.read(&device).unwrap(), [0, 20]);
+    finish(&device);
+}
+
+/// The twin's own gradients all the way: both paths part where a gradient is so small that float32 has its sign wrong,
+/// and a step of Adam's first ones is the rate whatever the gradient's size; measured as a share of the distance gone.
+#[test]
+fn adam_along_the_twins_path() {
+    let device = device();
+    let camera = small_camera(45, 37);
+    for seed in [3, 4] {
+        let model = narrowed(&random_scene(&camera, seed));
+        let by_image = weights(45 * 37, seed + 20);
+        let bench = Bench::new(&device, &model, &camera, &by_image);
+        let mut twin = Twin::new(&model);
+        let colour: Vec<[f64; 3]> = by_image.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
+        let alpha: Vec<f64> = by_image.iter().map(|w| f64::from(w[3])).collect();
+        let settings = reference::Settings::default();
+        for step in 1..=8 {
+            let mut gradients = reference::gradients(&twin.params, &camera, &settings, &colour, Some(&alpha)).params;
+            assert_eq!(twin.step(&mut gradients, step, rates(step)), 0);
+            bench.step(Form::Adam(step), &bench.state, rates(step));
+        }
+        let (mut got, mut start) = (bench.params(), Params::from(&model));
+        let (mut line, mut worst) = (format!("seed {seed}:"), 0_f64);
+        for (a, ((name, got), (_, right))) in got.groups_mut().into_iter().zip(twin.params.groups_mut()).enumerate() {
+            let off: f64 = got.iter().zip(right.iter()).map(|(g, r)| (g - r).powi(2)).sum();
+            let gone: f64 = right.iter().zip(start.groups_mut()[a].1.iter()).map(|(r, s)| (r - s).powi(2)).sum();
+            line = format!("{line} {name} {:.1e}", (off / gone).sqrt());
+            worst = worst.max((off / gone).sqrt());
+        }
+        println!("{line}");
+        assert!(worst < 0.02, "{line}");
+    }
+    finish(&device);
+}
+
+/// Three Gaussians in tiles of their own; the gradient of a pixel of the first is spoilt.
+#[test]
+fn a_gradient_that_is_not_finite_stays_where_it_is() {
+    let device = device();
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.9, 96, 64);
+    let depth = 4.0;
+    let pixels: [[f64; 2]; 3] = [[8.0, 8.0], [56.0, 40.0], [88.0, 56.0]];
+    let mut model = narrowed(&random_scene(&camera, 6));
+    model.means.truncate(3);
+    for (mean, pixel) in model.means.iter_mut().zip(pixels) {
+        let at = |k: usize| (pixel[k] - camera.principal[k]) / camera.focal[k] * depth;
+        let world = camera.rotation.transpose() * (DVec3::new(at(0), at(1), depth) - camera.translation);
+        *mean = world.as_vec3().to_array();
+    }
+    model.log_scales = vec![[-2.8, -3.0, -3.2]; 3];
+    model.rotations.truncate(3);
+    model.opacity_logits = vec![0.3; 3];
+    for l in 0..4 {
+        model.sh[l].truncate(3 * Gaussians::band_width(l));
+    }
+    model.sh[0].fill(0.5);
+
+    let run = |spoilt: f32| {
+        let mut by_image = weights(96 * 64, 3);
+        by_image[8 * 96 + 8] = [spoilt; 4];
+        let bench = Bench::new(&device, &model, &camera, &by_image);
+        for step in 1..=3 {
+            bench.step(Form::Adam(step), &bench.state, rates(step));
+        }
+        (
+            bench.params(),
+            moments(&bench.state, &device, 3),
+            bench.growth.read(&device).unwrap(),
+            bench.guards.read(&device).unwrap(),
+        )
+    };
+    let (mut right, right_moments, right_growth, guards) = run(0.5);
+    assert_eq!(guards, [0, 3]);
+    assert!(right_growth.iter().all(|g| g[1] == 3.0 && g[0] > 0.0), "{right_growth:?}");
+    for spoilt in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
+        let (mut got, got_moments, growth, guards) = run(spoilt);
+        assert_eq!(guards, [3, 3], "{spoilt}: one row in each of three steps");
+        assert_eq!(growth[0], [0.0; 2], "{spoilt}");
+        assert_eq!(growth[1..], right_growth[1..], "{spoilt}");
+        let mut start = Params::from(&model);
+        for (a, ((name, got), (_, right))) in got.groups_mut().into_iter().zip(right.groups_mut()).enumerate() {
+            let width = got.len() / 3;
+            assert_eq!(got[..width], start.groups_mut()[a].1[..width], "{spoilt}: {name} of the spoilt row");
+            assert_eq!(got[width..], right[width..], "{spoilt}: {name} of its neighbours");
+            assert_ne!(got[width..], start.groups_mut()[a].1[width..], "{spoilt}: {name} of its neighbours");
+            assert!(got_moments[a][..width].iter().all(|m| *m == [0.0; 2]), "{spoilt}: {name}'s moments");
+            assert_eq!(got_moments[a][width..], right_moments[a][width..], "{spoilt}: {name}'s moments");
+        }
+    }
+    finish(&device);
+}
+
+type Spoil = fn(&mut Gaussians);
+
+/// Parameters that are not finite (a damaged model, until the next density step removes them) harm no other Gaussian.
+#[test]
+fn parameters_that_are_not_finite_harm_no_other() {
+    let device = device();
+    let camera = small_camera(45, 37);
+    let sound = narrowed(&random_scene(&camera, 3));
+    let spoil: [(&str, Spoil); 8] = [
+        ("mean NaN", |m| m.means[4][1] = f32::NAN),
+        ("mean infinite", |m| m.means[4][2] = f32::INFINITY),
+        ("scale NaN", |m| m.log_scales[4][0] = f32::NAN),
+        ("scale infinite", |m| m.log_scales[4][0] = f32::INFINITY),
+        ("rotation NaN", |m| m.rotations[4][3] = f32::NAN),
+        ("rotation zero", |m| m.rotations[4] = [0.0; 4]),
+        ("logit NaN", |m| m.opacity_logits[4] = f32::NAN),
+        ("SH NaN", |m| m.sh[0][13] = f32::NAN),
+    ];
+    for (name, spoil) in spoil {
+        let mut model = sound.clone();
+        spoil(&mut model);
+        let bench = Bench::new(&device, &model, &camera, &weights(45 * 37, 8));
+        for step in 1..=3 {
+            bench.step(Form::Adam(step), &bench.state, rates(step));
+        }
+        let mut got = bench.params();
+        for (group, values) in got.groups_mut() {
+            let width = values.len() / 24;
+            for (i, row) in values.chunks_exact(width).enumerate().filter(|(i, _)| *i != 4) {
+                assert!(row.iter().all(|v| v.is_finite()), "{name}: {group} of Gaussian {i}");
+            }
+        }
+    }
+    finish(&device);
+}

@@ -1,0 +1,295 @@
+//! Density control against a plain implementation on the host.
+
+use crate::support::synthetic::Random;
+use crate::support::{device, finish};
+use glam::{DQuat, DVec3};
+use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gpu::{Buffer, Device, Recording};
+use qirf_vk::render::AdamState;
+use qirf_vk::train::density::{Step, densify, reset_opacity};
+use qirf_vk::train::schedule::Schedule;
+
+const EXTENT: f64 = 3.0;
+const STEP: Step = Step { iteration: 600, seed: 7, extent: EXTENT, cameras: [0.0; 3], most: 1_000_000 };
+
+/// Model and growth, SH degree 1: of every ten Gaussians some are faint, some large, some spoilt; half of them grow.
+fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
+    let mut r = Random(seed);
+    let mut model = Gaussians { sh: vec![Vec::new(), Vec::new()], ..Gaussians::default() };
+    let mut growth = Vec::new();
+    for i in 0..count {
+        model.means.push([0; 3].map(|_| r.within(-5.0, 5.0) as f32));
+        let size = match i % 10 {
+            0..3 => 0.02, // to be cloned
+            9 => 0.8,     // beyond 0.1 of the reach, mostly
+            _ => 0.1,
+        };
+        model.log_scales.push([0; 3].map(|_| (size * r.within(0.2, 1.0)).ln() as f32));
+        model.rotations.push([0; 4].map(|_| r.within(-2.0, 2.0) as f32));
+        model.opacity_logits.push(if i % 7 == 3 { -6.0 } else { r.within(-4.0, 4.0) as f32 });
+        model.sh[0].extend([0; 3].map(|_| r.within(-1.0, 1.0) as f32));
+        model.sh[1].extend([0; 9].map(|_| r.within(-1.0, 1.0) as f32));
+        let views = (i % 4) as f32;
+        growth.push([views * r.within(0.0, 4e-4) as f32, views]);
+        match i % 31 {
+            5 => model.means[i][1] = f32::NAN,
+            6 => model.log_scales[i][2] = f32::INFINITY,
+            7 => model.rotations[i][0] = f32::NAN,
+            8 => model.opacity_logits[i] = f32::NAN,
+            _ => {}
+        }
+    }
+    (model, growth)
+}
+
+/// Model, moments and growth on the device, the moments all different and none of them zero.
+struct Held {
+    model: Resident,
+    state: AdamState,
+    growth: Buffer<[f32; 2]>,
+}
+
+impl Held {
+    fn new(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> Self {
+        let model = Resident::upload(device, model).unwrap();
+        let state = AdamState::zeros(device, &model).unwrap();
+        for (a, buffer) in attributes(&state).into_iter().enumerate() {
+            let values: Vec<[f32; 2]> = (0..buffer.len()).map(|k| [(a + 1) as f32, 1.0 + k as f32]).collect();
+            buffer.write(device, &values).unwrap();
+        }
+        Self { model, state, growth: device.upload("growth", growth).unwrap() }
+    }
+
+    fn densify(&mut self, device: &Device, schedule: &Schedule, step: Step) -> usize {
+        densify(device, &mut self.model, &mut self.state, &mut self.growth, schedule, step).unwrap()
+    }
+}
+
+fn attributes(state: &AdamState) -> Vec<&Buffer<[f32; 2]>> {
+    vec![&state.means, &state.log_scales, &state.rotations, &state.opacity_logits, &state.sh[0], &state.sh[1]]
+}
+
+/// Attributes row by row, as bits: NaN equals itself.
+fn rows(model: &Gaussians, i: usize) -> Vec<u32> {
+    let band = |l: usize, w: usize| model.sh[l][i * w..(i + 1) * w].to_vec();
+    let all = [&model.means[i][..], &model.log_scales[i], &model.rotations[i], &[model.opacity_logits[i]]].concat();
+    [all, band(0, 3), band(1, 9)].concat().into_iter().map(f32::to_bits).collect()
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Kept,
+    Clone,
+    Half,
+}
+
+/// Source and kind of each row of the new model.
+fn decide(model: &Gaussians, growth: &[[f32; 2]], schedule: &Schedule, large_goes: bool) -> Vec<(usize, Kind)> {
+    let mut out = Vec::new();
+    for i in 0..model.len() {
+        let finite =
+            model.means[i].iter().chain(&model.log_scales[i]).chain(&model.rotations[i]).all(|v| v.is_finite())
+                && model.opacity_logits[i].is_finite();
+        let opacity = 1.0 / (1.0 + f64::from(-model.opacity_logits[i]).exp());
+        let largest = f64::from(model.log_scales[i].iter().fold(f32::MIN, |m, s| m.max(*s))).exp();
+        let mean_gradient = f64::from(growth[i][0]) / f64::from(growth[i][1]).max(1.0);
+        let grows = growth[i][1] > 0.0 && mean_gradient >= schedule.densify_gradient;
+        let distance = model.means[i].iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
+        let reach = distance.max(EXTENT);
+        let splits = grows && largest > schedule.clone_scale * reach;
+        if !finite || opacity < schedule.prune_opacity {
+            continue;
+        }
+        // A split is judged by its halves.
+        let left = if splits { largest / 1.6 } else { largest };
+        if large_goes && left > schedule.prune_scale * reach {
+            continue;
+        }
+        if splits {
+            out.extend([(i, Kind::Half); 2]);
+        } else {
+            out.push((i, Kind::Kept));
+            out.extend(grows.then_some((i, Kind::Clone)));
+        }
+    }
+    out
+}
+
+#[test]
+fn decisions_and_new_rows() {
+    let device = device();
+    // The share after which large ones go lies before iteration 600 of 2,000 and after it of 30,000.
+    for (iterations, large_goes) in [(30_000, false), (2000, true)] {
+        for count in [1, 31, 700] {
+            let schedule = Schedule { iterations, ..Schedule::default() };
+            let (model, growth) = scene(count, 11);
+            let mut held = Held::new(&device, &model, &growth);
+            let after = held.densify(&device, &schedule, STEP);
+            let plan = decide(&model, &growth, &schedule, large_goes);
+            assert_eq!(after, plan.len(), "{count} Gaussians, {iterations} iterations");
+            let new = held.model.download(&device).unwrap();
+            assert_eq!((held.model.len, new.len()), (after, after));
+            assert_eq!(held.growth.read(&device).unwrap(), vec![[0.0; 2]; after]);
+            let moments: Vec<Vec<[f32; 2]>> =
+                attributes(&held.state).into_iter().map(|b| b.read(&device).unwrap()).collect();
+            let mut kinds = [0; 3];
+            for (row, &(source, kind)) in plan.iter().enumerate() {
+                kinds[kind as usize] += 1;
+                let (got, parent) = (rows(&new, row), rows(&model, source));
+                if kind == Kind::Half {
+                    assert_eq!(got[6..], parent[6..], "row {row}: all but mean and scale are the parent's");
+                    assert_ne!(got[..3], parent[..3], "row {row}: the mean is another");
+                    for c in 0..3 {
+                        let shrunk = f64::from(model.log_scales[source][c]) - 1.6_f64.ln();
+                        assert!((f64::from(new.log_scales[row][c]) - shrunk).abs() < 1e-6, "row {row}");
+                    }
+                } else {
+                    assert_eq!(got, parent, "row {row}, {kind:?}");
+                }
+                for (a, moments) in moments.iter().enumerate() {
+                    let width = moments.len() / after;
+                    for c in 0..width {
+                        let kept = [(a + 1) as f32, 1.0 + (source * width + c) as f32];
+                        let right = if kind == Kind::Kept { kept } else { [0.0; 2] };
+                        assert_eq!(moments[row * width + c], right, "row {row}, attribute {a}");
+                    }
+                }
+            }
+            println!("{count} Gaussians: {} kept, {} cloned, {} halves", kinds[0], kinds[1], kinds[2]);
+            assert!(count < 700 || kinds.iter().all(|k| *k > 20), "{kinds:?}");
+        }
+    }
+    finish(&device);
+}
+
+/// Halves lie as samples of their parent: in its axes, by its scales, they are standard normal.
+#[test]
+fn halves_are_samples_of_their_parent() {
+    let device = device();
+    let mut r = Random(3);
+    let count = 3000;
+    let model = Gaussians {
+        means: (0..count).map(|_| [0; 3].map(|_| r.within(-1.0, 1.0) as f32)).collect(),
+        log_scales: vec![[-0.5, -2.0, -3.5]; count],
+        rotations: (0..count).map(|_| [0; 4].map(|_| r.within(-2.0, 2.0) as f32)).collect(),
+        opacity_logits: vec![1.0; count],
+        sh: vec![vec![0.0; 3 * count], vec![0.0; 9 * count]],
+    };
+    let growth = vec![[1.0, 1.0]; count];
+    let run = |step: Step| {
+        let mut held = Held::new(&device, &model, &growth);
+        assert_eq!(held.densify(&device, &Schedule::default(), step), 2 * count);
+        held.model.download(&device).unwrap()
+    };
+    let first = run(STEP);
+    assert_eq!(first, run(STEP), "one seed, one result");
+    assert_ne!(first.means, run(Step { seed: 8, ..STEP }).means, "another seed, another result");
+    assert_ne!(first.means, run(Step { iteration: 700, ..STEP }).means, "another iteration, another result");
+
+    let normal = |row: usize| {
+        let parent = row / 2;
+        let [w, x, y, z] = model.rotations[parent].map(f64::from);
+        let offset = DVec3::from(first.means[row].map(f64::from)) - DVec3::from(model.means[parent].map(f64::from));
+        let local = DQuat::from_xyzw(x, y, z, w).normalize().inverse() * offset;
+        local / DVec3::from(model.log_scales[parent].map(f64::from)).exp()
+    };
+    let samples: Vec<DVec3> = (0..2 * count).map(normal).collect();
+    let n = samples.len() as f64;
+    let mean = samples.iter().sum::<DVec3>() / n;
+    let variance = samples.iter().map(|s| s * s).sum::<DVec3>() / n;
+    let mixed = samples.iter().map(|s| s * DVec3::new(s.y, s.z, s.x)).sum::<DVec3>() / n;
+    // Of the two halves of one parent too: they are drawn apart.
+    let twins = samples.chunks_exact(2).map(|p| p[0] * p[1]).sum::<DVec3>() / (0.5 * n);
+    println!("mean {mean}, variance {variance}, covariances {mixed}, between halves {twins}");
+    // Five standard errors: 1 / sqrt(6000) is 0.013, the variance's sqrt(2) times that.
+    assert!(mean.abs().max_element() < 0.065 && (variance - 1.0).abs().max_element() < 0.1);
+    assert!(mixed.abs().max_element() < 0.065 && twins.abs().max_element() < 0.1);
+    finish(&device);
+}
+
+/// Where not all that want to grow may, those with the largest gradients do.
+#[test]
+fn the_limit_is_kept() {
+    let device = device();
+    let schedule = Schedule::default();
+    let (mut model, _) = scene(200, 5);
+    model.means.fill([0.5; 3]);
+    model.log_scales.fill([-6.0; 3]);
+    model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+    model.opacity_logits.fill(0.0);
+    let growth: Vec<[f32; 2]> = (0..200_u32).map(|i| [2e-4 * (2.0 + (i * 77 % 200) as f32), 1.0]).collect();
+    for most in [1, 200, 201, 250, 399, 400, 1000] {
+        let mut held = Held::new(&device, &model, &growth);
+        let after = held.densify(&device, &schedule, Step { most, ..STEP });
+        assert!((200..=most.max(200)).contains(&after), "{after} of at most {most}");
+        assert!(most < 400 || after == 400);
+        assert!(most != 250 || after > 220, "{after}: room was left");
+        // A clone's moments are zero; its parent stands before it.
+        let moments = held.state.opacity_logits.read(&device).unwrap();
+        let grew: Vec<usize> =
+            (1..after).filter(|i| moments[*i] == [0.0; 2]).map(|i| moments[i - 1][1] as usize - 1).collect();
+        assert_eq!(grew.len(), after - 200);
+        let least = grew.iter().map(|i| growth[*i][0]).fold(f32::INFINITY, f32::min);
+        let larger = growth.iter().filter(|g| g[0] >= least).count();
+        assert_eq!(larger, grew.len(), "at most {most}: none with a larger gradient stayed behind");
+    }
+    finish(&device);
+}
+
+/// The search for what fits ends, whatever the gradients are.
+#[test]
+fn the_limit_is_kept_by_any_gradients() {
+    let device = device();
+    let (mut model, _) = scene(64, 5);
+    model.means.fill([0.5; 3]);
+    model.log_scales.fill([-6.0; 3]);
+    model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+    model.opacity_logits.fill(0.0);
+    for gradient in [0.0, -1.0, 2e-4] {
+        for sum in [0.0, 1e-30, 1.0, 1e30, f32::INFINITY, f32::NAN] {
+            let schedule = Schedule { densify_gradient: gradient, ..Schedule::default() };
+            let mut held = Held::new(&device, &model, &vec![[sum, 2.0]; 64]);
+            let after = held.densify(&device, &schedule, Step { most: 100, ..STEP });
+            assert!((64..=100).contains(&after), "gradient {gradient}, sums {sum}: {after}");
+        }
+    }
+    finish(&device);
+}
+
+#[test]
+fn all_may_go() {
+    let device = device();
+    let (mut model, growth) = scene(40, 5);
+    model.opacity_logits.fill(-9.0);
+    let mut held = Held::new(&device, &model, &growth);
+    assert_eq!(held.densify(&device, &Schedule::default(), STEP), 0);
+    assert!(held.model.download(&device).unwrap().is_empty());
+    assert_eq!(held.densify(&device, &Schedule::default(), STEP), 0);
+    finish(&device);
+}
+
+#[test]
+fn opacity_reset() {
+    let device = device();
+    let (mut model, growth) = scene(100, 2);
+    model.opacity_logits.iter_mut().for_each(|l| *l = if l.is_finite() { *l } else { 0.0 });
+    let held = Held::new(&device, &model, &growth);
+    let before: Vec<Vec<[f32; 2]>> = attributes(&held.state).into_iter().map(|b| b.read(&device).unwrap()).collect();
+    let mut recording = Recording::new();
+    reset_opacity(&mut recording, &held.model, &held.state, 0.01);
+    device.run(recording).unwrap();
+    let after = held.model.download(&device).unwrap();
+    let limit = (0.01_f64 / 0.99).ln() as f32;
+    for i in 0..100 {
+        assert_eq!(after.opacity_logits[i], model.opacity_logits[i].min(limit));
+        let (mut got, mut right) = (rows(&after, i), rows(&model, i));
+        (got[10], right[10]) = (0, 0);
+        assert_eq!(got, right, "all else stays");
+    }
+    assert!(model.opacity_logits.iter().any(|l| *l < limit) && model.opacity_logits.iter().any(|l| *l > limit));
+    for (a, (buffer, before)) in attributes(&held.state).into_iter().zip(before).enumerate() {
+        let now = buffer.read(&device).unwrap();
+        assert!(if a == 3 { now.iter().all(|m| *m == [0.0; 2]) } else { now == before }, "attribute {a}");
+    }
+    finish(&device);
+}

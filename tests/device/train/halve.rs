@@ -1,0 +1,118 @@
+//! Photos at half their size: the device against plain host code, and the camera that sees them.
+
+use super::runs::{bits, capture, options, train};
+use crate::support::{device, finish};
+use glam::{DVec2, DVec3};
+use qirf_vk::gpu::{Device, Recording};
+use qirf_vk::random::uniform;
+use qirf_vk::scene::camera::Camera;
+use qirf_vk::train::halve::{self, Halve};
+use qirf_vk::train::photos::TrainView;
+use qirf_vk::train::schedule::Schedule;
+use qirf_vk::train::{Options, Trainer};
+
+fn halved(device: &Device, photo: &[u32], size: [u32; 2]) -> Vec<u32> {
+    let half = Halve::new(device, size).unwrap();
+    let photo = device.upload("photo", photo).unwrap();
+    let mut recording = Recording::new();
+    half.record(&mut recording, &photo, size);
+    device.run(recording).unwrap();
+    half.photo.read(device).unwrap()
+}
+
+/// The mean of a square in float64: colours by their share, rounded half up.
+fn twin(photo: &[u32], [width, height]: [u32; 2]) -> Vec<u32> {
+    let mean = |x: u32, y: u32| {
+        let at = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| photo[((2 * y + j) * width + 2 * x + i) as usize]);
+        let bytes = at.map(u32::to_le_bytes).map(|b| b.map(f64::from));
+        let alpha: f64 = bytes.iter().map(|b| b[3]).sum();
+        let channel = |c: usize| {
+            let (sum, of): (f64, f64) = match alpha {
+                0.0 => (bytes.iter().map(|b| b[c]).sum(), 4.0),
+                _ => (bytes.iter().map(|b| b[c] * b[3]).sum(), alpha),
+            };
+            (sum / of + 0.5).floor() as u8
+        };
+        u32::from_le_bytes([channel(0), channel(1), channel(2), (alpha / 4.0 + 0.5).floor() as u8])
+    };
+    (0..height / 2).flat_map(|y| (0..width / 2).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect()
+}
+
+#[test]
+fn the_device_halves_as_the_host_does() {
+    let device = device();
+    for size @ [width, height] in [[2, 2], [64, 48], [65, 3], [301, 200]] {
+        let byte = |i: u32, c: u64| (uniform(&[7, u64::from(i), c]) * 256.0) as u32;
+        let word = |i: u32, alpha: u32| byte(i, 0) | byte(i, 1) << 8 | byte(i, 2) << 16 | alpha << 24;
+        // Opaque, of any alpha, and mostly of none.
+        let alphas: [&dyn Fn(u32) -> u32; 3] = [&|_| 255, &|i| byte(i, 3), &|i| if i % 9 == 0 { 200 } else { 0 }];
+        for alpha in alphas {
+            let photo: Vec<u32> = (0..width * height).map(|i| word(i, alpha(i))).collect();
+            assert_eq!(halved(&device, &photo, size), twin(&photo, size), "{width} x {height}");
+        }
+    }
+    finish(&device);
+}
+
+/// A point seen at a pixel's corner is seen at half of that in the half picture, odd sizes or not.
+#[test]
+fn the_camera_sees_what_the_photo_shows() {
+    let camera = Camera::look_at(DVec3::new(0.3, 0.2, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, 201, 151);
+    let half = halve::camera(&camera).unwrap();
+    assert_eq!((half.width, half.height), (100, 75));
+    let seen = |c: &Camera| {
+        let p = c.rotation * DVec3::new(0.7, -0.4, 0.9) + c.translation;
+        c.focal * DVec2::new(p.x, p.y) / p.z + c.principal
+    };
+    assert!((seen(&camera) / 2.0).distance(seen(&half)) < 1e-12);
+    let small = Camera::look_at(DVec3::NEG_Z, DVec3::ZERO, DVec3::NEG_Y, 0.8, 300, 127);
+    assert!(halve::camera(&small).is_none(), "small pictures stay as they are");
+}
+
+/// Broken in its halved part, or repeated for want of room, a run ends with the same bytes; its second part halves nothing.
+#[test]
+fn halved_runs_end_with_the_same_bytes() {
+    let device = device();
+    let c = capture();
+    // Each photo's pixels three times as wide and high: 192 x 144, of which one view is too small.
+    let wide = |v: &TrainView| {
+        let (w, photo) = (v.camera.width as usize, v.pixels.read().unwrap());
+        let row = |y: usize| (0..3 * w).flat_map(move |x| (0..4).map(move |b| (y / 3, x / 3, b)));
+        let rows = (0..3 * v.camera.height as usize).flat_map(row);
+        let pixels: Vec<u8> = rows.map(|(y, x, b)| photo[4 * (y * w + x) + b]).collect();
+        TrainView { camera: v.camera.resized(3 * v.camera.width, 3 * v.camera.height), pixels: pixels.into() }
+    };
+    let mut views: Vec<TrainView> = c.train.iter().map(wide).collect();
+    views[2] = c.train[2].clone();
+    let halved = || {
+        let schedule = Schedule { iterations: 50, half_until: 0.5, ..options().schedule };
+        Options { schedule, ..options() }
+    };
+    let trainer = |options: Options| Trainer::new(&device, &c.start, views.clone(), c.extent, options).unwrap();
+    let mut whole = trainer(halved());
+    let halves = |trainer: &mut Trainer| trainer.kernels().unwrap().contains(&"train/halve");
+    // The view that is too small may be the first.
+    assert!(
+        halves(&mut whole) || {
+            train(&mut whole, 1);
+            halves(&mut whole)
+        }
+    );
+    train(&mut whole, 25);
+    assert!(!halves(&mut whole));
+    train(&mut whole, 50);
+    let whole = bits(&whole.download().unwrap());
+
+    let mut few = trainer(Options { pairs: 64, ..halved() });
+    train(&mut few, 50);
+    assert!(bits(&few.download().unwrap()) == whole, "few pairs");
+    let mut first = trainer(halved());
+    train(&mut first, 11);
+    let snapshot = first.snapshot().unwrap();
+    let mut second = Trainer::resume(&device, &snapshot, views.clone(), c.extent, halved()).unwrap();
+    train(&mut second, 50);
+    assert!(bits(&second.download().unwrap()) == whole, "resumed");
+    let plain = Options { schedule: Schedule { half_until: 0.0, ..halved().schedule }, ..halved() };
+    assert!(!halves(&mut trainer(plain)), "off is free");
+    finish(&device);
+}

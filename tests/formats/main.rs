@@ -1,6 +1,0 @@
-//! Model files: readers, writers, hostile input, and the shared models where they are at hand.
-
-mod make;
-mod readers;
-mod shared;
-mod writers;

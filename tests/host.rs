@@ -1,0 +1,16 @@
+//! Tests without a Vulkan device: readers and writers, twins, solvers, statistics.
+
+mod support;
+
+mod host {
+    mod effects;
+    mod figures;
+    mod formats;
+    mod initialise;
+    mod metrics;
+    mod naive;
+    mod qirf;
+    mod reference;
+    mod scenes;
+    mod synth;
+}

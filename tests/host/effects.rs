@@ -1,0 +1,133 @@
+//! Each detector on a scene that calls for its effect, and on those that do not.
+
+use crate::support::shared;
+use qirf_vk::effects::{Decision, Effect, Overrides, is_on};
+use qirf_vk::pipeline::effects::of_scene;
+use qirf_vk::scene::{OpenOptions, Scene};
+use qirf_vk::synth::{self, SynthOptions, write};
+use std::path::Path;
+
+fn decisions(path: &Path) -> Vec<Decision> {
+    let decisions = of_scene(&Scene::open(path, &OpenOptions::default()).expect("a scene"));
+    for d in &decisions {
+        println!("  {:<16} {:<5} {:?} {}", d.name.name(), d.on, d.degree, d.evidence);
+    }
+    decisions
+}
+
+fn of_synth(effects: &[synth::Effect]) -> Vec<Decision> {
+    let folder = tempfile::tempdir().unwrap();
+    let options =
+        SynthOptions { views: 32, width: 96, height: 72, points: 900, effects: effects.to_vec(), ..Default::default() };
+    write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
+    println!("{effects:?}");
+    decisions(folder.path())
+}
+
+/// What each synthetic scene was made to call for; all else, but for view dependence, it does not.
+#[test]
+fn synthetic_scenes_call_for_what_they_were_made_for() {
+    use synth::Effect as Made;
+    for (made, called) in [
+        (vec![], None),
+        (vec![Made::Exposure], Some(Effect::Exposure)),
+        (vec![Made::Scales], Some(Effect::Antialias)),
+        (vec![Made::Distortion], Some(Effect::Distortion)),
+        (vec![Made::Fisheye], Some(Effect::Distortion)),
+        (vec![Made::Alpha], Some(Effect::Transparency)),
+        (vec![Made::Masks], Some(Effect::Masks)),
+        (vec![Made::Cameras], Some(Effect::Cameras)),
+        (vec![Made::Matte], None),
+        (vec![Made::Glossy], None),
+    ] {
+        let found = of_synth(&made);
+        assert_eq!(found.iter().map(|d| d.name).collect::<Vec<_>>(), Effect::ALL);
+        for d in found.iter().filter(|d| d.name != Effect::ViewDependence) {
+            assert_eq!(d.on, Some(d.name) == called, "{made:?}: {} {}", d.name.name(), d.evidence);
+            assert!(!d.forced);
+        }
+        let degree = found[0].degree;
+        match made.as_slice() {
+            [Made::Matte] => assert_eq!(degree, Some(1)),
+            [Made::Glossy] => assert_eq!(degree, Some(3)),
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn shared_scenes_call_for_what_they_show() {
+    let Some(shared) = shared() else { return };
+    for (name, distortion, transparency) in
+        [("fox", true, false), ("chair", false, true), ("snowmiku", false, false), ("king", false, false)]
+    {
+        println!("{name}");
+        let found = decisions(&shared.join("scenes").join(name));
+        assert_eq!(is_on(&found, Effect::Distortion), distortion, "{name}");
+        assert_eq!(is_on(&found, Effect::Transparency), transparency, "{name}");
+        // King's light changes with the view, which is no exposure; the others have no points to tell by.
+        for off in [Effect::Masks, Effect::DepthOrder, Effect::Exposure] {
+            assert!(!is_on(&found, off), "{name}");
+        }
+        assert_eq!(is_on(&found, Effect::Cameras), name == "king");
+    }
+}
+
+#[test]
+fn overrides_are_read_or_refused() {
+    let (effect, choice) = Overrides::parse("exposure=on").unwrap();
+    let mut overrides = Overrides::default();
+    assert!(overrides.is_empty() && overrides.forced(effect).is_none());
+    overrides.set(effect, choice);
+    assert_eq!(overrides.forced(Effect::Exposure), Some(true));
+    let text = toml::to_string(&overrides).unwrap();
+    assert_eq!(text.trim(), "exposure = \"on\"");
+    assert_eq!(toml::from_str::<Overrides>(&text).unwrap(), overrides);
+    overrides.set(effect, qirf_vk::effects::Choice::Auto);
+    assert!(overrides.is_empty());
+    for bad in ["", "exposure", "exposure=", "exposure=maybe", "sharpness=on", "=on"] {
+        assert!(Overrides::parse(bad).is_err(), "{bad}");
+    }
+    let (effect, choice) = Overrides::parse("cameras=on").unwrap();
+    overrides.set(effect, choice);
+    assert!(overrides.check().unwrap_err().contains("cameras"));
+}
+
+/// Headers are told beside the measure, and decide nothing.
+#[test]
+fn exif_exposures_are_told() {
+    use exif::{Field, In, Rational, Tag, Value, experimental::Writer};
+    use image::ImageEncoder;
+    let folder = tempfile::tempdir().unwrap();
+    let options = SynthOptions { views: 9, width: 48, height: 36, points: 300, ..Default::default() };
+    write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
+    let field = |tag, value| Field { tag, ifd_num: In::PRIMARY, value };
+    let rational = |num, denom| Value::Rational(vec![Rational { num, denom }]);
+    let photos = std::fs::read_dir(folder.path().join("images")).unwrap();
+    let mut photos: Vec<_> = photos.map(|f| f.unwrap().path()).collect();
+    photos.sort();
+    for (i, photo) in photos.into_iter().enumerate() {
+        // 1/100 s to 1/1600 s: four stops. One header lacks the aperture.
+        let time = field(Tag::ExposureTime, rational(1, 100 << (i % 5)));
+        let (aperture, iso) =
+            (field(Tag::FNumber, rational(28, 10)), field(Tag::PhotographicSensitivity, Value::Short(vec![200])));
+        let mut writer = Writer::new();
+        writer.push_field(&time);
+        writer.push_field(&iso);
+        if i != 1 {
+            writer.push_field(&aperture);
+        }
+        let mut header = std::io::Cursor::new(Vec::new());
+        writer.write(&mut header, false).unwrap();
+        let picture = image::open(&photo).unwrap().to_rgb8();
+        let mut encoder = image::codecs::png::PngEncoder::new(std::fs::File::create(&photo).unwrap());
+        encoder.set_exif_metadata(header.into_inner()).unwrap();
+        let (width, height) = picture.dimensions();
+        encoder.write_image(&picture, width, height, image::ExtendedColorType::Rgb8).unwrap();
+    }
+    let found = decisions(folder.path());
+    let exposure = found.iter().find(|d| d.name == Effect::Exposure).unwrap();
+    // The first and the last are held out.
+    assert!(exposure.evidence.ends_with("; EXIF of 6 photos: exposures span 4.0 stops"), "{}", exposure.evidence);
+    assert!(!exposure.on);
+}

@@ -1,0 +1,177 @@
+//! `make figures`: the generator on small recorded measurements.
+
+#[path = "../../tools/figures/mod.rs"]
+mod generator;
+
+use generator::{Bench, Origin, Sweep, fill, made};
+use std::path::{Path, PathBuf};
+
+fn fixture() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/host/figures")
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// Criterion's folder as the benchmarks would have left it.
+fn unfolded(recorded: &serde_json::Value) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |path: PathBuf, value: &serde_json::Value| {
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, value.to_string()).unwrap();
+    };
+    write(folder.path().join("device.json"), &recorded["device"]);
+    for (k, one) in recorded["benchmarks"].as_array().unwrap().iter().enumerate() {
+        let id = one["id"].as_str().unwrap();
+        let own = folder.path().join(id.replace(|c: char| !c.is_alphanumeric() && c != '/', "_"));
+        for age in ["base", "new"] {
+            write(own.join(age).join("benchmark.json"), &serde_json::json!({ "full_id": id, "group_id": "unused" }));
+        }
+        write(own.join("new/sample.json"), &serde_json::json!({ "iters": one["iters"], "times": one["times"] }));
+        let fact = serde_json::json!({ "id": id, "numbers": one["numbers"] });
+        write(folder.path().join(format!("facts/{k}.json")), &fact);
+    }
+    folder
+}
+
+fn recorded() -> serde_json::Value {
+    serde_json::from_str(&read(&fixture().join("criterion.json"))).expect("JSON")
+}
+
+fn origin() -> Origin {
+    Origin { commit: "0123abc".into(), command: "make figures".into() }
+}
+
+fn all_of(recorded: &serde_json::Value) -> Result<[generator::Parts; 3], String> {
+    let folder = unfolded(recorded);
+    made(&Bench::read(folder.path())?, &Sweep::read(&fixture().join("sweep.json"))?, &origin())
+}
+
+fn part<'a>(parts: &'a generator::Parts, name: &str) -> &'a str {
+    &parts.iter().find(|(n, _)| *n == name).unwrap_or_else(|| panic!("no {name}")).1
+}
+
+#[test]
+fn the_pages_here_take_their_figures() {
+    let [page, readme, plots] = all_of(&recorded()).expect("figures");
+    for (file, parts) in [("docs/performance.md", &page), ("README.md", &readme)] {
+        let text = read(&Path::new(env!("CARGO_MANIFEST_DIR")).join(file));
+        let filled = fill(file, &text, parts).expect("markers");
+        assert_eq!(fill(file, &filled, parts).unwrap(), filled, "{file}: filled twice is filled once");
+        for (name, body) in parts {
+            assert!(filled.contains(body.trim_end()), "{file}: {name}");
+        }
+        // Whatever is shown is there.
+        for shown in filled.split("figures/").skip(1).filter_map(|rest| rest.split_once(".svg)")) {
+            assert!(plots.iter().any(|(name, _)| *name == format!("{}.svg", shown.0)), "{file}: {}", shown.0);
+        }
+    }
+    for (name, text) in &plots {
+        let wild = ["=\"NaN", "=\"inf", "=\"-inf", ",NaN", ",inf", ",-inf"];
+        assert!(text.starts_with("<svg ") && !wild.iter().any(|w| text.contains(w)), "{name}");
+    }
+}
+
+#[test]
+fn tables_say_what_was_measured() {
+    let [page, readme, _] = all_of(&recorded()).expect("figures");
+    for (name, there) in [
+        ("device", &["| commit | 0123abc |", "GFLOP/s", "2 x 128 MiB"][..]),
+        ("sort", &["| sort | 2^20 |", "| scan | 2^22 |", "bytes"]),
+        ("frame", &["| 10,000 (58,699 pairs) | project |", "rasterise", "operations"]),
+        ("cost", &["R²", "along pixels", "along pairs", "a million pixels +"]),
+        ("culling", &["| exact has fewer than 3-sigma by | 32.5 % | 46.3 % |"]),
+        ("effects", &["| all off, again |", "| 1.310 | 1.300 to 1.330 |\n| exposure |"]),
+        ("iteration", &["**19,159 pairs an image**", "50 ms or less", "| adam |"]),
+        ("kernels", &["| low rank | m = 48 | 64 blocks |", "| loss | 144x256 | 36,864 pixels |"]),
+        ("sweep", &["**exact**", "| determinant |", "* gradients: "]),
+    ] {
+        for text in there {
+            assert!(part(&page, name).contains(text), "{name}: {text}\n{}", part(&page, name));
+        }
+    }
+    let lines = part(&readme, "exactness");
+    assert_eq!(lines.lines().filter(|l| l.starts_with("* ")).count(), 4, "{lines}");
+}
+
+#[test]
+fn the_same_measurements_give_the_same_bytes() {
+    assert!(all_of(&recorded()).unwrap() == all_of(&recorded()).unwrap());
+}
+
+/// Times that are 2 ms + 3 ms a million pixels + 5 ms a million pairs, and a copy of 1 byte a nanosecond.
+#[test]
+fn bounds_and_straight_lines_are_what_they_should() {
+    let mut recorded = recorded();
+    for one in recorded["benchmarks"].as_array_mut().unwrap() {
+        let id = one["id"].as_str().unwrap().to_owned();
+        let number = |name: &str| one["numbers"][name].as_f64().unwrap_or(0.0);
+        let time = match id.split('/').next().unwrap() {
+            "cost" => 2e6 + 3.0 * number("pixels") + 5.0 * number("pairs"),
+            "device" if id.contains("copy") => number("bytes"),
+            "scan" => 3.0 * number("bytes"),
+            _ => continue,
+        };
+        one["iters"] = [1.0, 2.0].into();
+        one["times"] = [time, 2.0 * time].into();
+    }
+    let [page, _, _] = all_of(&recorded).expect("figures");
+    let cost = part(&page, "cost");
+    assert!(
+        cost.contains(
+            "2.00 ms + 3.00 ms a million pixels + 5.00 ms a million pairs, R² 1.0000, the worst point 0 % off"
+        ),
+        "{cost}"
+    );
+    // 2^20 words, 12 bytes each, at 1 GB/s, in three times that.
+    let row = "| scan | 2^20 | 27.8 | 37.7 [37.7..37.7] | 12.6 | bytes | 3.0 |";
+    assert!(part(&page, "sort").contains(row), "{}", part(&page, "sort"));
+}
+
+#[test]
+fn what_is_missing_is_said() {
+    let parts = [("sort", "new".to_owned())];
+    let (begin, end) = ("<!-- figures: begin sort -->", "<!-- figures: end sort -->");
+    assert_eq!(
+        fill("p.md", &format!("a\n{begin}\nold\n{end}\nb\n"), &parts).unwrap(),
+        format!("a\n{begin}\nnew\n{end}\nb\n")
+    );
+    for (page, said) in [
+        ("no marks\n".to_owned(), "no line '<!-- figures: begin sort -->'"),
+        (format!("{begin}\n"), "no line '<!-- figures: end sort -->'"),
+        (format!("{begin}{end}{begin}"), "stands there 2 times"),
+        (format!("{end}\n{begin}"), "comes before its beginning"),
+        (format!("{begin}{end}<!-- figures: begin sortt -->"), "there are no figures 'sortt'; there are sort"),
+    ] {
+        let error = fill("p.md", &page, &parts).unwrap_err();
+        assert!(error.starts_with("p.md: ") && error.contains(said), "{error}");
+    }
+
+    let mut recorded = recorded();
+    recorded["benchmarks"].as_array_mut().unwrap().retain(|b| !b["id"].as_str().unwrap().starts_with("culling/"));
+    assert!(part(&all_of(&recorded).unwrap()[0], "culling").contains("Not measured"));
+    for group in ["device/multiply-add", "scan/", "frame/", "cost/pairs", "effects/", "iteration/whole", "rrdm/"] {
+        let mut less = recorded.clone();
+        less["benchmarks"].as_array_mut().unwrap().retain(|b| !b["id"].as_str().unwrap().starts_with(group));
+        let error = all_of(&less).map(|_| ()).expect_err(group);
+        assert!(error.contains("make figures") && error.contains(group.split('/').next().unwrap()), "{group}: {error}");
+    }
+
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |result: Result<(), String>, said: &str| {
+        let error = result.expect_err(said);
+        assert!(error.contains(said), "{error}");
+    };
+    refused(Bench::read(folder.path()).map(|_| ()), "device.json");
+    let path = folder.path().join("sweep.json");
+    for (text, said) in
+        [("{", "sweep.json"), ("{\"schema\": 2}", "schema 2"), ("{\"schema\": 1, \"axes\": []}", "no axes")]
+    {
+        std::fs::write(&path, text).unwrap();
+        refused(Sweep::read(&path).map(|_| ()), said);
+    }
+    let folder = unfolded(&recorded);
+    std::fs::write(folder.path().join("facts/0.json"), "{}").unwrap();
+    refused(Bench::read(folder.path()).map(|_| ()), "0.json: no 'id'");
+}

@@ -1,0 +1,208 @@
+//! Writers: what comes back from their files.
+
+use std::fs;
+
+use qirf_vk::gaussians::formats;
+use qirf_vk::gaussians::{Error, Gaussians};
+
+use crate::support::files::make;
+
+/// Asserts that `b`, read back from SPZ, is `a` within SPZ's steps.
+pub fn assert_within_spz(a: &Gaussians, b: &Gaussians, mean_step: f32) {
+    assert_eq!((a.len(), a.degree()), (b.len(), b.degree()));
+    let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
+    for i in 0..a.len() {
+        for axis in 0..3 {
+            assert!((a.means[i][axis] - b.means[i][axis]).abs() <= mean_step * 0.51, "mean {i}");
+            let scale = a.log_scales[i][axis].clamp(-10.0, 255.0 / 16.0 - 10.0);
+            assert!((scale - b.log_scales[i][axis]).abs() <= 0.5 / 16.0 + 1e-5, "scale {i}");
+            let (c, d) = (a.sh[0][3 * i + axis], b.sh[0][3 * i + axis]);
+            let c = c.clamp(-0.5 / 0.15, 0.5 / 0.15);
+            assert!((c - d).abs() <= 0.5 / 255.0 / 0.15 + 1e-5, "colour {i}");
+        }
+        let (p, q) = (sigmoid(a.opacity_logits[i]), sigmoid(b.opacity_logits[i]));
+        assert!((p - q).abs() <= 0.5 / 255.0 + 1e-5, "opacity {i}: {p} {q}");
+        // Half a step of sqrt(1/2)/511 in three components is 1.2e-3; the fourth, at least 1/2, adds up to 2.1e-3 across
+        // it: a chord of 2.4e-3, and a rotation turns by twice that.
+        assert!(angle(a.rotations[i], b.rotations[i]) < 4.8e-3, "rotation {i}");
+    }
+    for l in 1..=a.degree() {
+        // Half a bucket of 8 (band 1) or 16 of 256 steps over [-1, 1); the last bucket's centre, 256, is cut to 255.
+        let tolerance = if l == 1 { 4.5 / 128.0 } else { 8.5 / 128.0 };
+        for (x, y) in a.sh[l].iter().zip(&b.sh[l]) {
+            assert!((x.clamp(-1.0, 1.0) - y).abs() <= tolerance, "band {l}: {x} {y}");
+        }
+    }
+}
+
+/// Angle in radians between two rotations.
+pub fn angle(a: [f32; 4], b: [f32; 4]) -> f64 {
+    let unit = |q: [f32; 4]| {
+        let length = q.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>().sqrt();
+        q.map(|c| f64::from(c) / length)
+    };
+    let (a, b) = (unit(a), unit(b));
+    let dot: f64 = a.iter().zip(b).map(|(x, y)| x * y).sum();
+    // |a - +-b| = 2 sin(angle / 4), which keeps its digits near zero.
+    let sign = if dot < 0.0 { -1.0 } else { 1.0 };
+    let chord: f64 = a.iter().zip(b).map(|(x, y)| (x - sign * y).powi(2)).sum::<f64>().sqrt();
+    4.0 * (chord / 2.0).min(1.0).asin()
+}
+
+#[test]
+fn ply_round_trip_keeps_every_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    for degree in 0..=3 {
+        let mut model = make::model(5000, degree);
+        model.means[1] = [-0.0, f32::MIN_POSITIVE / 4.0, f32::MAX];
+        let (a, b) = (folder.path().join("a.ply"), folder.path().join("b.PLY"));
+        formats::write(&a, &model).unwrap();
+        let loaded = formats::read(&a).unwrap();
+        assert!(!loaded.repairs.any());
+        assert_eq!(loaded.gaussians.means[1][0].to_bits(), (-0.0f32).to_bits());
+        formats::write(&b, &loaded.gaussians).unwrap();
+        assert!(fs::read(&a).unwrap() == fs::read(&b).unwrap());
+        assert_eq!(loaded.gaussians, model);
+    }
+}
+
+#[test]
+fn spz_round_trip_stays_within_its_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.spz");
+    for degree in 0..=3 {
+        let model = make::model(2000, degree);
+        formats::write(&path, &model).unwrap();
+        let back = formats::read(&path).unwrap().gaussians;
+        assert_within_spz(&model, &back, 2f32.powi(-12));
+        // A second passage changes nothing but rounding's dust: no drift.
+        formats::write(&path, &back).unwrap();
+        let again = formats::read(&path).unwrap().gaussians;
+        assert_eq!((&again.means, &again.log_scales, &again.sh), (&back.means, &back.log_scales, &back.sh));
+    }
+}
+
+#[test]
+fn spz_fits_tiny_and_wide_models_and_refuses_what_it_would_ruin() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.spz");
+    let scaled = |factor: f32| {
+        let mut model = make::model(500, 0);
+        model.means.iter_mut().flatten().for_each(|x| *x *= factor);
+        model.log_scales.iter_mut().flatten().for_each(|x| *x += factor.ln());
+        model
+    };
+    formats::write(&path, &scaled(2f32.powi(-8))).unwrap();
+    assert_within_spz(&scaled(2f32.powi(-8)), &formats::read(&path).unwrap().gaussians, 2f32.powi(-14));
+    // 3 x 2^10 units need a fractional bit less than the official 12; it must not wrap.
+    formats::write(&path, &scaled(1024.0)).unwrap();
+    assert_within_spz(&scaled(1024.0), &formats::read(&path).unwrap().gaussians, 2f32.powi(-11));
+    let before = fs::read(&path).unwrap();
+    let mut flyaway = make::model(500, 0);
+    flyaway.means[3][1] = 4e6;
+    assert!(matches!(formats::write(&path, &flyaway), Err(Error::Unsupported { .. })));
+    flyaway.means[3][1] = 1e9;
+    let text = formats::write(&path, &flyaway).unwrap_err().to_string();
+    assert!(text.contains("beyond") && text.contains("write .ply"), "{text}");
+    assert!(fs::read(&path).unwrap() == before, "a refused write leaves the old file");
+}
+
+/// Rows of a model, nearest first: SOG does not keep their order.
+fn matched(a: &Gaussians, b: &Gaussians) -> Vec<(usize, usize)> {
+    let distance = |i: usize, j: usize| (0..3).map(|k| (a.means[i][k] - b.means[j][k]).abs()).fold(0.0, f32::max);
+    (0..a.len())
+        .map(|i| (i, (0..b.len()).min_by(|j, k| distance(i, *j).total_cmp(&distance(i, *k))).unwrap()))
+        .collect()
+}
+
+/// Random attributes are the worst that codebooks can meet; SH of few kinds, as scenes have, come back well.
+#[test]
+fn sog_round_trip_stays_within_its_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.sog");
+    for degree in 0..=3 {
+        let mut model = make::model(1000, degree);
+        for l in 1..=degree {
+            let width = Gaussians::band_width(l);
+            for i in 0..model.len() {
+                let like = i % 37 * width;
+                model.sh[l].copy_within(like..like + width, i * width);
+            }
+        }
+        formats::write(&path, &model).unwrap();
+        let loaded = formats::read(&path).unwrap();
+        assert_eq!((loaded.format, loaded.repairs.any()), (formats::Format::Sog, false));
+        let back = loaded.gaussians;
+        assert_eq!((back.len(), back.degree()), (model.len(), degree));
+        let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
+        for (i, j) in matched(&model, &back) {
+            for k in 0..3 {
+                // Half a step of 2 ln 4 / 65,535, four times as long at 3 units.
+                assert!((model.means[i][k] - back.means[j][k]).abs() < 9e-5, "mean {i}");
+                // 3,000 values over 4 units in 256 entries: some lie between two a step of 1/64 apart.
+                assert!((model.log_scales[i][k] - back.log_scales[j][k]).abs() < 0.02, "scale {i}");
+                assert!((model.sh[0][3 * i + k] - back.sh[0][3 * j + k]).abs() < 0.01, "colour {i}");
+            }
+            let (p, q) = (sigmoid(model.opacity_logits[i]), sigmoid(back.opacity_logits[j]));
+            assert!((p - q).abs() <= 0.5 / 255.0 + 1e-5, "opacity {i}: {p} {q}");
+            // Half a step of sqrt(2)/255 in each of three components, and what the fourth makes of it; a turn is twice that.
+            assert!(angle(model.rotations[i], back.rotations[j]) < 0.026, "rotation {i}");
+            for l in 1..=degree {
+                let width = Gaussians::band_width(l);
+                for k in 0..width {
+                    let (x, y) = (model.sh[l][i * width + k], back.sh[l][j * width + k]);
+                    assert!((x - y).abs() < 0.01, "band {l} of {i}: {x} {y}");
+                }
+            }
+        }
+        let first = fs::read(&path).unwrap();
+        formats::write(&path, &model).unwrap();
+        assert!(fs::read(&path).unwrap() == first, "one model, one file");
+    }
+}
+
+#[test]
+fn sog_refuses_what_it_would_ruin() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.sog");
+    let mut model = make::model(500, 0);
+    model.log_scales.iter_mut().flatten().for_each(|x| *x -= 12.0);
+    let text = formats::write(&path, &model).unwrap_err().to_string();
+    assert!(text.contains("16 bits") && text.contains("write .ply") && !path.exists(), "{text}");
+}
+
+#[test]
+fn odd_values_are_written_without_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut model = make::model(8, 3);
+    model.rotations[0] = [0.0; 4];
+    model.rotations[1] = [1e20, -1e20, 1e-20, 0.0];
+    model.rotations[2] = [f32::NAN; 4];
+    model.opacity_logits[3] = f32::INFINITY;
+    model.log_scales[4] = [f32::NEG_INFINITY, f32::INFINITY, f32::NAN];
+    model.sh[2][7] = f32::NAN;
+    model.sh[1][3] = 1e30;
+    for name in ["a.ply", "a.spz", "a.sog"] {
+        formats::write(&folder.path().join(name), &model).unwrap();
+    }
+    for empty in [Gaussians::default(), Gaussians::zeroed(0, 3)] {
+        for name in ["e.ply", "e.spz", "e.sog"] {
+            formats::write(&folder.path().join(name), &empty).unwrap();
+            assert!(formats::read(&folder.path().join(name)).unwrap().gaussians.is_empty());
+        }
+    }
+}
+
+#[test]
+fn bad_requests_are_refused_and_write_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = make::model(3, 1);
+    let path = folder.path().join("a.obj");
+    assert!(matches!(formats::write(&path, &model), Err(Error::Unsupported { .. })));
+    let mut torn = model.clone();
+    torn.sh[1].pop();
+    assert!(matches!(formats::write(&folder.path().join("a.ply"), &torn), Err(Error::Inconsistent { .. })));
+    let nowhere = folder.path().join("absent").join("a.ply");
+    assert!(matches!(formats::write(&nowhere, &model), Err(Error::Io { .. })));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}

@@ -1,0 +1,100 @@
+//! Blocks of a real model, with random responses: the rungs give one answer, and what they cost.
+
+use crate::support::shared;
+use std::time::{Duration, Instant};
+
+use qirf_vk::gaussians::formats;
+use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
+use qirf_vk::qirf::normalise::{rows, within_block};
+use qirf_vk::qirf::partition::Partition;
+use qirf_vk::qirf::select::budget::{Budget, Keep, choose};
+use qirf_vk::qirf::select::rank;
+use qirf_vk::qirf::solve::{Factor, Metric, Rung};
+use qirf_vk::qirf::{CHANNELS, Row};
+use qirf_vk::random::uniform;
+use qirf_vk::reference::overlap::{Primitive, block as overlaps};
+use rayon::prelude::*;
+
+const EPSILON: f64 = 1e-4;
+const TAU: f64 = 0.95;
+const ETA: f64 = 0.75;
+
+/// Responses over four orders of magnitude, a tenth of them zero.
+fn descriptors(n: usize) -> Vec<[f32; CHANNELS]> {
+    let value = |i: u64, c: u64| {
+        let size = 4.0 * uniform(&[1, i]) + uniform(&[2, i, c]) - 5.0;
+        if uniform(&[3, i]) < 0.1 { 0.0 } else { 10_f64.powf(size) as f32 }
+    };
+    (0..n as u64).map(|i| std::array::from_fn(|c| value(i, c as u64))).collect()
+}
+
+#[test]
+fn a_thousand_real_blocks() {
+    let Some(shared) = shared() else { return };
+    let model = formats::read(&shared.join("models/flowers_lod2_93k_sh2.ply")).unwrap().gaussians;
+    let start = Instant::now();
+    let made = Partition::ADAPTIVE.of(&model.means);
+    let blocks = &made.blocks;
+    println!("{} blocks in {:?}, {} rebinned, {} split", blocks.len(), start.elapsed(), made.rebinned, made.split);
+    assert!(blocks.len() >= 1000);
+    let start = Instant::now();
+    let h = rows(&descriptors(model.len()), ETA);
+    println!("normalised in {:?}", start.elapsed());
+
+    let primitive = |&i: &u32| Primitive {
+        position: model.means[i as usize].map(f64::from),
+        scales: model.log_scales[i as usize].map(|s| f64::from(s).exp()),
+        quaternion: model.rotations[i as usize].map(f64::from),
+    };
+    let overlap = |b: usize| -> Vec<f32> {
+        let primitives: Vec<Primitive> = blocks.block(b).iter().map(primitive).collect();
+        overlaps(&primitives).into_iter().map(|x| x as f32).collect()
+    };
+    let all: Vec<Vec<f32>> = (0..blocks.len()).into_par_iter().map(overlap).collect();
+    let gathered: Vec<Vec<[f32; CHANNELS]>> =
+        blocks.iter().map(|members| members.iter().map(|&i| h[i as usize]).collect()).collect();
+
+    let differs = |b: usize| {
+        let m = blocks.block(b).len();
+        let wide: Vec<Row> = gathered[b].iter().map(|row| row.map(f64::from)).collect();
+        let w = within_block(&wide, ETA, EPSILON);
+        let metric = Metric::new(m, &all[b], None, EPSILON);
+        let [full, low, single] = Rung::ALL.map(|rung| Factor::new(&metric, rung).participation(&w, TAU));
+        for (x, y) in full.spectrum.iter().zip(&low.spectrum) {
+            assert!((x - y).abs() <= 1e-10 * full.spectrum[0].max(f64::MIN_POSITIVE), "block {b}: {x} and {y}");
+        }
+        assert_eq!(full.r, low.r, "block {b}");
+        let k = (m * 28).div_ceil(100);
+        let kept = |q: &[f64]| rank(q).iter().map(|&place| (place as usize) < k).collect::<Vec<_>>();
+        assert_eq!(kept(&full.q), kept(&low.q), "block {b}");
+        assert!(!low.canonical && !single.canonical, "block {b}");
+        usize::from(kept(&single.q) != kept(&low.q))
+    };
+    let differing: usize = (0..1000).into_par_iter().map(differs).sum();
+    println!("sets in float32 differ in {differing} of 1000 blocks");
+    assert!(differing <= 50);
+
+    let batch: Vec<Block> = all
+        .iter()
+        .zip(&gathered)
+        .zip(blocks.iter())
+        .map(|((overlap, rows), members)| Block {
+            overlap,
+            rows,
+            opacity: &model.opacity_logits[..members.len()],
+            self_overlaps: None,
+        })
+        .collect();
+    for selector in [BlockSelector::Gnso, BlockSelector::Ordinary, BlockSelector::Lowdin, BlockSelector::Css] {
+        let solver = Solver { selectors: vec![selector], ..Solver::default() };
+        let start = Instant::now();
+        let solved = solver.solve(&batch);
+        let took: Duration = start.elapsed();
+        let mut collected = Collected::new(blocks, 1);
+        solved.iter().enumerate().for_each(|(b, solved)| collected.take(blocks, b, solved));
+        let start = Instant::now();
+        let choice = choose(blocks, &collected.rankings[0], &collected.r, Budget::Hybrid, Keep::Share(0.28), None);
+        println!("{selector:?}: solved in {took:?}, chosen in {:?}", start.elapsed());
+        assert_eq!(choice.kept(), (0.28 * model.len() as f64).round() as usize);
+    }
+}

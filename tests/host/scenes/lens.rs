@@ -1,0 +1,88 @@
+//! Lenses: every model's distortion undone, and ideal pinholes that the photo covers.
+
+use glam::DVec2;
+use qirf_vk::scene::lens::{Lens, LensModel};
+
+use crate::support::files::writers::parameters;
+
+fn lens(model: LensModel) -> Lens {
+    Lens::from_colmap(model, 640, 480, &parameters(model)).unwrap()
+}
+
+#[test]
+fn undistort_is_the_inverse_of_distort() {
+    for model in LensModel::all() {
+        let lens = lens(model);
+        let mut worst = 0.0_f64;
+        for j in 0..=60 {
+            for i in 0..=80 {
+                let point = (DVec2::new(f64::from(i) * 8.0, f64::from(j) * 8.0) - lens.principal) / lens.focal;
+                let back = lens.undistort(lens.distort(point)).unwrap_or(DVec2::INFINITY);
+                worst = worst.max((back - point).length());
+                // And the other way: each pixel of the photo.
+                if let Some(point) = lens.undistort(point) {
+                    let pixel = lens.project(point);
+                    worst = worst.max((pixel - DVec2::new(f64::from(i) * 8.0, f64::from(j) * 8.0)).length() / 1e3);
+                }
+            }
+        }
+        println!("{}: {worst:.1e}, moves up to {:.2} px", model.name(), lens.max_displacement());
+        assert!(worst < 1e-9, "{}: {worst}", model.name());
+    }
+}
+
+#[test]
+fn opencv_values_agree_with_the_formula_by_hand() {
+    // k1 = 0.1, k2 = 0.01, p1 = 0.002, p2 = -0.003 at (0.5, 0.25): r2 = 0.3125.
+    let p = [1.0, 1.0, 0.0, 0.0, 0.1, 0.01, 0.002, -0.003];
+    let lens = Lens::from_colmap(LensModel::OpenCv, 4, 4, &p).unwrap();
+    let radial = 1.0 + 0.1 * 0.3125 + 0.01 * 0.3125 * 0.3125;
+    let x = 0.5 * radial + 2.0 * 0.002 * 0.125 - 0.003 * (0.3125 + 0.5);
+    let y = 0.25 * radial - 2.0 * 0.003 * 0.125 + 0.002 * (0.3125 + 0.125);
+    assert!((lens.distort(DVec2::new(0.5, 0.25)) - DVec2::new(x, y)).length() < 1e-15);
+    // The equidistant fisheye puts a ray at 45 degrees at radius pi / 4.
+    let fisheye = Lens::from_colmap(LensModel::OpenCvFisheye, 4, 4, &[1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
+    assert!((fisheye.distort(DVec2::X).x - std::f64::consts::FRAC_PI_4).abs() < 1e-15);
+}
+
+#[test]
+fn ideal_pinholes_show_nothing_beyond_the_photo() {
+    for model in LensModel::all() {
+        let lens = lens(model);
+        let ideal = lens.ideal().unwrap();
+        for y in 0..480 {
+            for x in 0..640 {
+                let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                let source = lens.project((pixel - ideal.principal) / ideal.focal);
+                let inside =
+                    source.cmpge(DVec2::splat(0.499)).all() && source.cmple(DVec2::new(639.501, 479.501)).all();
+                assert!(inside, "{} pixel {pixel} comes from {source}", model.name());
+            }
+        }
+        let zoom = ideal.focal / lens.focal;
+        assert!((zoom.x - zoom.y).abs() < 1e-12);
+        println!("{}: zoom {:.3}, principal point {:.1}", model.name(), zoom.x, ideal.principal);
+    }
+    let pinhole = lens(LensModel::Pinhole);
+    let ideal = pinhole.ideal().unwrap();
+    assert!((ideal.focal - pinhole.focal).length() < 1e-9 && (ideal.principal - pinhole.principal).length() < 1e-9);
+    assert_eq!(pinhole.max_displacement(), 0.0);
+}
+
+#[test]
+fn extreme_lenses_give_an_ideal_or_none() {
+    for (width, height) in [(1, 1), (17, 3), (3, 1000), (4096, 16)] {
+        for model in LensModel::all() {
+            for scale in [1e-3, 0.1, 1.0, 30.0] {
+                let mut p = parameters(model);
+                let lengths = if model.parameters() < 6 && model != LensModel::Pinhole { 3 } else { 4 };
+                p.iter_mut().skip(lengths).for_each(|c| *c *= scale);
+                let lens = Lens::from_colmap(model, width, height, &p).unwrap();
+                if let Some(ideal) = lens.ideal() {
+                    assert!(ideal.focal.is_finite() && ideal.focal.min_element() > 0.0 && ideal.principal.is_finite());
+                }
+                assert!(lens.max_displacement() >= 0.0);
+            }
+        }
+    }
+}

@@ -1,0 +1,15 @@
+//! Tests of the program as a user runs it: its commands, its files, and what it does where things go wrong.
+
+mod support;
+
+mod program {
+    mod cli;
+    mod compress;
+    #[cfg(unix)] // limits and signals are the system's
+    mod faults;
+    mod html;
+    mod report;
+    mod run;
+    mod soak;
+    mod sweep;
+}

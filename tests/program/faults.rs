@@ -1,0 +1,8 @@
+//! Faults: damaged files, kills, lost devices, full disks, too little memory. Errors name the cause, and what was there stays whole.
+
+mod house;
+mod killed;
+mod lost;
+mod mutate;
+mod mutations;
+mod resources;

@@ -1,0 +1,205 @@
+//! Devices that are lost, that have no memory left for a call, and that hang: made at a chosen call by `QIRF_DEVICE_FAULT`.
+//! The program ends with the code of the cause, what was there stays whole, and what is resumed ends with the bytes of the
+//! undisturbed run.
+
+use super::house::{Ended, end, program, run, scene, start_telling, undisturbed, whole, works};
+use qirf_vk::gpu::{Device, DeviceOptions, Error};
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+/// A fault that no command lives to see.
+const NEVER: u64 = 1 << 40;
+
+/// A command that meets a fault.
+fn with_fault<'a>(command: &'a mut Command, call: &str, number: u64, answer: &str) -> &'a mut Command {
+    command.env("QIRF_DEVICE_FAULT", format!("{call}:{number}:{answer}"))
+}
+
+/// How many such calls a command makes that nothing disturbs.
+fn calls(command: &mut Command, call: &str) -> u64 {
+    let said = works(with_fault(command, call, NEVER, "lost").arg("-v")).said;
+    let counted = said.split("had not yet come after ").nth(1).and_then(|rest| rest.split(' ').next());
+    counted.and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("no count: {said}"))
+}
+
+/// It ended as on a lost device: one line that says so and nothing else, since nothing else was wrong.
+#[track_caller]
+fn is_lost(ended: Ended) {
+    let ended = ended.with(4, &["the device was lost during ", "driver", "--resume", "--device"]);
+    let lines: Vec<&str> = ended.said.lines().filter(|l| l.to_lowercase().contains("error")).collect();
+    assert!(lines.len() == 1 && ended.said.matches("lost").count() == 1, "{}", ended.said);
+}
+
+/// The files of a run that say how far it had come.
+fn reached(out: &Path) -> &'static str {
+    match ["metrics.json", "model.ply", "renders", "checkpoint.safetensors", "config.toml"]
+        .map(|f| out.join(f).exists())
+    {
+        [true, ..] => "all",
+        [_, true, ..] => "the evaluation",
+        [_, _, true, ..] => "the first prune",
+        [_, _, _, true, _] => "a checkpoint",
+        [.., true] => "the beginning",
+        _ => "nothing",
+    }
+}
+
+/// Losses from the first submission, which probes the device, to the evaluation; what is resumed is lost once more.
+#[test]
+fn lost_at_any_moment_a_run_ends_with_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let all = ["submit", "wait"].map(|call| calls(&mut run(&folder.path().join(call), &[]), call));
+    println!("submissions and waits: {all:?}");
+    let mut stages = Vec::new();
+    for (k, part) in [0.0, 0.02, 0.25, 0.45, 0.75, 0.97].into_iter().enumerate() {
+        let (call, all) = [("submit", all[0]), ("wait", all[1])][k % 2];
+        let out = folder.path().join(k.to_string());
+        let number = 1 + (part * all as f64) as u64;
+        is_lost(end(with_fault(&mut run(&out, &[]), call, number, "lost")));
+        whole(&out);
+        stages.push(reached(&out));
+        println!("{call} {number}: {}", reached(&out));
+        // And again some way on.
+        let again = end(with_fault(&mut run(&out, &["--resume"]), "submit", 1 + all / 6, "lost"));
+        if again.code != Some(0) {
+            is_lost(again);
+            whole(&out);
+        }
+        works(&mut run(&out, &["--resume"]));
+        whole(&out);
+        assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "{call} {number}: other bytes");
+        assert!(!out.join("checkpoint.safetensors").exists());
+    }
+    for stage in ["nothing", "a checkpoint", "the first prune", "the evaluation"] {
+        assert!(stages.contains(&stage), "no loss after {stage}: {stages:?}");
+    }
+}
+
+/// The commands that use a device (`selftest` has a test of its own), given in a folder with a model.
+const COMMANDS: [&str; 7] = [
+    "device",
+    "render model.ply --orbit 4 --size 40x30 -o pictures",
+    "eval model.ply SCENE -o scores",
+    "compress model.ply -o small.ply --views 4 --size 40x30 --fine-tune 20",
+    "compress model.ply -o small.ply --scene SCENE",
+    "compare SCENE -o compared --resume --iterations 40 --arms default,dense",
+    "sweep SCENE -o swept --axis stop --train 20 --budget-per-axis 0.1",
+];
+
+#[test]
+fn every_command_tells_of_a_lost_device_and_leaves_files_whole() {
+    for line in COMMANDS {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path();
+        // An output that is there already is as it was, too.
+        let begin = || ["model.ply", "small.ply"].map(|name| fs::write(path.join(name), undisturbed()).unwrap());
+        let command = || {
+            let mut command = program();
+            for word in line.split(' ') {
+                command.arg(if word == "SCENE" { scene().as_os_str() } else { word.as_ref() });
+            }
+            command.current_dir(path);
+            command
+        };
+        begin();
+        // Twice before anything was finished, the second time on what the first left; then nothing is in the way of the rest.
+        let all = if line == "device" { 2 } else { 20 };
+        for number in [all / 2, all] {
+            is_lost(end(with_fault(&mut command(), "submit", number, "lost")));
+            whole(path);
+            for name in ["model.ply", "small.ply"] {
+                assert!(fs::read(path.join(name)).unwrap() == undisturbed(), "{line}: {name} is as it was");
+            }
+        }
+        let all = calls(&mut command(), "submit");
+        println!("{line}: {all} submissions");
+        begin();
+        if line.starts_with("compare") {
+            fs::remove_dir_all(path.join("compared")).unwrap();
+        }
+        // Near the end: turns that are timed make their number vary.
+        is_lost(end(with_fault(&mut command(), "submit", all - all / 10, "lost")));
+        whole(path);
+        assert!(fs::read(path.join("model.ply")).unwrap() == undisturbed());
+    }
+}
+
+/// A selftest of a lost device says nothing about its numbers, nor does one without memory.
+#[test]
+fn a_selftest_blames_no_numbers() {
+    for (answer, code) in [("lost", 4), ("device-memory", 5)] {
+        let ended = end(with_fault(program().args(["selftest", "--quick"]), "submit", 100, answer)).with(code, &[]);
+        assert!(!ended.said.contains("trusted") && !ended.said.contains("checks"), "{}", ended.said);
+    }
+}
+
+#[test]
+fn memory_that_a_call_lacks_is_named_and_the_run_is_resumed() {
+    let folder = tempfile::tempdir().unwrap();
+    for (answer, says) in [("host-memory", "the host's memory"), ("device-memory", "the device's memory")] {
+        let out = folder.path().join(answer);
+        let ended = end(with_fault(&mut run(&out, &[]), "submit", 150, answer));
+        let ended = ended.with(5, &[says, "ran out during queue submit", "fewer Gaussians"]);
+        assert_eq!(ended.said.to_lowercase().matches("error").count(), 1, "{}", ended.said);
+        whole(&out);
+        works(&mut run(&out, &["--resume"]));
+        assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "{answer}");
+    }
+    // The work waited for goes on all the same: it is waited for in another way.
+    let out = folder.path().join("wait");
+    works(with_fault(&mut run(&out, &[]), "wait", 150, "host-memory"));
+    assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
+}
+
+/// Nobody can tell a hang from slow work, but the user hears of it, the second signal ends the program at once, and the run
+/// is resumed.
+#[test]
+fn a_hang_is_told_and_can_be_ended() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, told) = (folder.path().join("out"), folder.path().join("told"));
+    let mut child = start_telling(with_fault(&mut run(&out, &[]), "wait", 200, "hang"), &told);
+    let says = || fs::read_to_string(&told).unwrap();
+    assert!(child.until(|| says().contains("it is slow, or it hangs")), "{}", says());
+    child.tell("TERM");
+    std::thread::sleep(Duration::from_millis(300));
+    child.signal("TERM").with(130, &[]);
+    assert!(!says().contains("validation:") && !says().contains("panicked"), "{}", says());
+    assert!(says().contains("a hang, this program ends and says so"), "{}", says());
+    whole(&out);
+    assert!(out.join("checkpoint.safetensors").exists());
+    works(&mut run(&out, &["--resume"]));
+    assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
+}
+
+/// A fault whose text is wrong is no fault in silence.
+#[test]
+fn a_fault_that_is_none_is_warned_of() {
+    let mut command = program();
+    works(command.arg("device").env("QIRF_DEVICE_FAULT", "submit:0:lost"))
+        .with(0, &["QIRF_DEVICE_FAULT=submit:0:lost", "counts no call"]);
+}
+
+/// In a process that goes on: every later call says the same, all memory comes back, and another device works.
+#[test]
+fn a_process_outlives_its_device() {
+    for fault in ["submit:40:lost", "wait:40:lost"] {
+        let options = DeviceOptions { fault: fault.parse().ok(), validation: true, ..DeviceOptions::default() };
+        let device = Device::open(&options).unwrap();
+        let numbers: Vec<u32> = (0..1000).collect();
+        let buffer = device.buffer::<u32>("numbers", numbers.len()).unwrap();
+        let lost = (0..100).find_map(|_| buffer.write(&device, &numbers).err()).expect("it is lost");
+        assert!(matches!(lost, Error::Lost(_)), "{lost}");
+        for _ in 0..3 {
+            assert!(buffer.read(&device).is_err_and(|e| e.is_lost()));
+            assert!(device.upload("more", &numbers).is_err_and(|e| e.is_lost()));
+        }
+        drop(buffer);
+        assert_eq!(device.memory_used().0, 0);
+        drop(device);
+        let device = Device::open(&DeviceOptions { fault: None, ..options }).unwrap();
+        assert_eq!(device.upload("numbers", &numbers).unwrap().read(&device).unwrap(), numbers);
+        assert_eq!(Device::validation_messages(), 0);
+    }
+}

@@ -1,0 +1,312 @@
+//! The page of a run: well formed, whole in itself, and without a number that is none, whatever the results hold.
+
+use super::html::{Html, parse};
+use qirf_vk::gpu::DeviceInfo;
+use qirf_vk::metrics::Scores;
+use qirf_vk::pipeline::Output;
+use qirf_vk::pipeline::gallery::exhibits;
+use qirf_vk::pipeline::results::{
+    Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneSeconds, Pruned, Results, Times, TrainScores,
+    ViewScores,
+};
+use qirf_vk::qirf::select::Selector;
+use qirf_vk::qirf::study::Merging;
+use qirf_vk::report::plot::{Axis, Bar, Columns, Line, Lines, Mark, Scatter, Spot, bars};
+use qirf_vk::report::{of_run, page};
+use qirf_vk::scene::{Names, Skipped};
+use qirf_vk::synth::{SynthOptions, write};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+
+/// Text that is markup wherever it is not escaped.
+const EVIL: &str = "a<b>&\"'</script><script>alert(1)</script>/é.png";
+
+fn view(name: &str, psnr: Option<f64>) -> ViewScores {
+    let scores = Scores { psnr, ssim: 0.9, lpips_vgg: Some(0.1), ..Scores::default() };
+    ViewScores { name: name.to_owned(), scores }
+}
+
+fn prune(iteration: u32) -> Pruned {
+    Pruned {
+        iteration,
+        selector: Selector::Gnso,
+        before: 5000,
+        after: 1400,
+        detail: 250,
+        blocks: 300,
+        voxel: 0.125,
+        occupancy: vec![3, 20, 80, 150, 40, 6, 1],
+        kept_shares: [1, 4, 90, 120, 50, 20, 8, 4, 2, 1],
+        spectrum: [0.71, 0.17, 0.07, 0.03, 0.012, 0.006, 0.0019, 1e-7],
+        modes: [30, 110, 100, 40, 20, 0, 0, 0],
+        guards: PruneGuards { canonical_blocks: 2, unseen_blocks: 0, repaired_values: 7 },
+        merged: Some(Merging { accepted: 3, refused: 4 }),
+        frames_per_second_before: Some(12.5),
+        seconds: PruneSeconds {
+            responses: 1.2,
+            solve: 0.3,
+            assemble_and_solve: 0.5,
+            total: 2.0,
+            ..PruneSeconds::default()
+        },
+    }
+}
+
+/// Results of everything a run can have.
+fn rich() -> Results {
+    let names = ["one.png", EVIL, "three.png", "four.png", "five.png"];
+    let point = |k: u32| CurvePoint {
+        iteration: 100 * k,
+        seconds: 2.5 * f64::from(k),
+        psnr: 18.0 + f64::from(k),
+        gaussians: if k > 4 { 1400 } else { 1000 * k as usize },
+    };
+    Results {
+        schema: 1,
+        version: "0.0.0",
+        device: DeviceInfo {
+            index: 0,
+            name: "Device <&>".into(),
+            kind: "cpu",
+            driver: "driver \"1\"".into(),
+            api: "1.3".into(),
+            subgroup_size: 8,
+            subgroup_range: [8, 8],
+            max_buffer_bytes: 1,
+            memory_bytes: 1,
+            shared_bytes: 1,
+            max_workgroup: 1,
+            timestamp_period: 1.0,
+            optional: Vec::new(),
+            missing: None,
+        },
+        protocol: Protocol {
+            test_split: "every 8 by name".into(),
+            train_views: 35,
+            test_views: names.len(),
+            image_size: [64, 48],
+            downscaling: "none",
+            background: [0.0; 3],
+            lpips: "VGG16".into(),
+            exposure: "none",
+            iterations: Some(800),
+            seed: Some(1),
+        },
+        gaussians: Counts { initial: Some(900), dense: Some(5000), last: 1400 },
+        test: Some(Scores { psnr: Some(25.0), ssim: 0.9, lpips_vgg: Some(0.1), ..Scores::default() }),
+        unfitted_psnr: None,
+        train: TrainScores { psnr: Some(26.0) },
+        views: names.iter().map(|n| view(n, Some(25.0))).collect(),
+        frames_per_second: Some(31.0),
+        model_bytes: 345_678,
+        prunes: vec![prune(400)],
+        curve: (1..=8).map(point).collect(),
+        time: Times {
+            total_s: 30.0,
+            load_s: 1.0,
+            train_s: 22.0,
+            prune_s: 2.0,
+            evaluate_s: 3.0,
+            stages_s: BTreeMap::from([("rasterise", 9.0), ("project", 1.0), ("a_stage_with_a_very_long_name", 0.0)]),
+        },
+        effects: Vec::new(),
+        guards: Guards {
+            skipped_rows: 0,
+            undrawable: 3,
+            empty_views: 1,
+            scene: Skipped {
+                damaged_images: Names { count: 7, examples: vec![EVIL.to_owned()] },
+                ..Skipped::default()
+            },
+        },
+        memory: Memory { estimated_bytes: 200_000_000, peak_bytes: 100_000_000, limit_bytes: 8_000_000_000 },
+    }
+}
+
+/// What a run of no views, no curve and no prunes leaves.
+fn bare() -> Results {
+    let mut r = rich();
+    (r.test, r.train.psnr, r.frames_per_second) = (None, None, None);
+    (r.views, r.curve, r.prunes, r.time.stages_s) = Default::default();
+    (r.protocol.test_views, r.gaussians.dense) = (0, Some(1400));
+    r
+}
+
+/// Reads a page that must be well formed, load nothing from elsewhere, and draw with numbers only.
+fn sound(page: &str) -> Html {
+    const LENGTHS: [&str; 11] = ["x", "y", "x1", "x2", "y1", "y2", "cx", "cy", "r", "points", "viewBox"];
+    let html = parse(page).unwrap_or_else(|wrong| panic!("{wrong}"));
+    assert!(!page.contains("http://") && !page.contains("https://"));
+    for element in &html.0 {
+        let name = element.name.as_str();
+        assert!(!["link", "iframe", "object", "base", "use", "image"].contains(&name), "{name}");
+        for (key, value) in &element.attributes {
+            match key.as_str() {
+                "src" => assert!(value.starts_with("data:image/"), "{value}"),
+                "href" => assert_eq!(html.select(value).len(), 1, "{value}"),
+                _ => assert!(!key.starts_with("on") && !value.contains("url("), "{key}={value}"),
+            }
+            if LENGTHS.contains(&key.as_str()) || (name == "rect" && ["width", "height"].contains(&key.as_str())) {
+                for number in value.split([' ', ',']).filter(|n| !n.is_empty()) {
+                    let number: f64 = number.parse().unwrap_or_else(|_| panic!("{name} {key}={value}"));
+                    assert!(number.is_finite(), "{name} {key}={value}");
+                }
+            }
+        }
+        if !["script", "style"].contains(&name) {
+            let none = |t: &str| ["NaN", "inf", "-inf"].contains(&t);
+            assert!(!element.text.split(|c: char| !c.is_alphanumeric() && c != '-').any(none), "{}", element.text);
+        }
+    }
+    html
+}
+
+fn folder() -> (tempfile::TempDir, Output) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Output::new(folder.path()).unwrap();
+    (folder, output)
+}
+
+#[test]
+fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
+    let (_folder, output) = folder();
+    let results = rich();
+    std::fs::write(output.config(), format!("scene = '{EVIL}'\n")).unwrap();
+    let names: Vec<&str> = results.views.iter().map(|v| v.name.as_str()).collect();
+    for (k, exhibit) in exhibits(&names).iter().enumerate() {
+        // One view lacks its dense picture.
+        let files = [Some(&exhibit.photo), (k != 2).then_some(&exhibit.dense), Some(&exhibit.last)];
+        for (shade, file) in files.into_iter().flatten().enumerate() {
+            let path = output.renders().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            image::RgbImage::from_pixel(64, 48, image::Rgb([60 * shade as u8; 3])).save(path).unwrap();
+        }
+    }
+    let page = of_run(&results, &output);
+    let html = sound(&page);
+    let titles = html.texts("h2");
+    let expected = [
+        "Summary",
+        "Pictures",
+        "Quality against time",
+        "What was pruned",
+        "Time by stage",
+        "Held-out views",
+        "Protocol",
+        "Effects",
+        "Guards",
+        "Memory",
+        "Configuration",
+    ];
+    assert_eq!(titles, expected);
+    assert_eq!(html.select("script").len(), 1, "only the page's own");
+    assert!(html.texts("#views td").contains(&EVIL), "the name is there, as text");
+    assert!(html.texts("pre")[0].contains(EVIL));
+    assert_eq!(html.select(".stack").len(), 4);
+    assert_eq!(html.select(".stack img").len(), 15);
+    assert_eq!(html.texts("button[data-side=left]"), ["ground truth", "dense", "compressed", "error"]);
+    assert_eq!(html.select("svg").len(), 2 + 5 + 2);
+    assert_eq!(html.select("svg line.event").len(), 2, "the prune, in time and by iterations");
+    let tiles = html.texts(".tile");
+    assert!(tiles.iter().any(|t| t.contains("1,400") && t.contains("5,000") && t.contains("72.0 %")), "{tiles:?}");
+    assert_eq!(html.texts("#effects p"), ["None simulated."]);
+    let guards = html.texts("#guards tr");
+    assert!(guards.iter().any(|g| g.contains("photos damaged7")), "{guards:?}");
+    assert!(guards.iter().filter(|g| g.contains("none")).count() >= 7, "{guards:?}");
+}
+
+#[test]
+fn whatever_is_missing_leaves_a_sound_page() {
+    let (_folder, output) = folder();
+    let html = sound(&of_run(&bare(), &output));
+    assert_eq!(html.select("h2").len(), 11);
+    assert_eq!(html.select("img").len(), 0);
+
+    let mut one = bare();
+    one.views = vec![view("one.png", None)];
+    one.test = Some(one.views[0].scores.clone());
+    one.curve = vec![CurvePoint { iteration: 1, seconds: 0.0, psnr: 20.0, gaussians: 0 }];
+    assert!(sound(&of_run(&one, &output)).texts(".tile").iter().any(|t| t.contains('∞')));
+
+    // A picture that is none, among those of a run.
+    std::fs::create_dir_all(output.renders()).unwrap();
+    std::fs::write(output.renders().join("one.png"), "no picture").unwrap();
+    sound(&of_run(&one, &output));
+}
+
+#[test]
+fn numbers_that_are_none_stay_out_of_drawings() {
+    let (_folder, output) = folder();
+    let mut r = rich();
+    let wild = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, 0.0];
+    for (point, v) in r.curve.iter_mut().zip(wild) {
+        (point.psnr, point.seconds) = (v, v);
+    }
+    let mut broken = prune(0);
+    (broken.before, broken.after, broken.blocks, broken.voxel) = (0, 0, 0, f64::NAN);
+    (broken.occupancy, broken.spectrum, broken.modes) = (Vec::new(), [f64::NAN; 8], [0; 8]);
+    broken.seconds.total = f64::NAN;
+    r.prunes = vec![broken, prune(4_000_000_000), prune(100), prune(100)];
+    r.time.stages_s.insert("nothing", f64::NAN);
+    (r.time.total_s, r.frames_per_second, r.train.psnr) = (f64::NAN, Some(f64::INFINITY), Some(f64::NAN));
+    sound(&of_run(&r, &output));
+}
+
+/// The plots that pages to come are made of.
+#[test]
+fn plots_are_sound_on_their_own() {
+    let points = |k: f64| (0..5).map(|i| [f64::from(i), k * f64::from(i)]).collect::<Vec<_>>();
+    let lines = Lines {
+        title: EVIL,
+        x: Axis::from_zero("seconds"),
+        y: Axis::log("PSNR / dB"),
+        lines: vec![Line { name: EVIL, points: points(1.0) }, Line { name: "b", points: points(-2.0) }],
+        marks: vec![Mark { x: 2.0, label: EVIL.into() }, Mark { x: f64::NAN, label: String::new() }],
+    };
+    let spot = |x: f64| Spot { label: EVIL.into(), group: x as usize, at: [x, x] };
+    let scatter = Scatter {
+        title: "scatter",
+        x: Axis::new("MB"),
+        y: Axis::new("dB"),
+        groups: &["ours", "theirs"],
+        spots: vec![spot(0.0), spot(9.0), spot(f64::NAN)],
+    };
+    let bins: Vec<(String, f64)> = (0..40).map(|i| (i.to_string(), f64::from(i % 7) - 1.0)).collect();
+    let columns =
+        Columns { title: "histogram", x: "bin", y: Axis::from_zero("n"), bins: &bins, text: |v| v.to_string() };
+    let named = |value: f64| Bar { name: EVIL.into(), value, text: EVIL.into() };
+    let bars = bars("bars", &[named(1.0), named(-1.0), named(f64::INFINITY)]);
+    let body = page::side_by_side(&[lines.draw(), scatter.draw(), columns.draw(), bars]);
+    let html = sound(&page::page(EVIL, EVIL, &[page::Section::new("plots", "Plots", body)]));
+    assert_eq!(html.texts("h1"), [EVIL]);
+    assert_eq!((html.select("svg").len(), html.select(".legend").len()), (4, 2));
+}
+
+fn run(scene: &Path, out: &Path, more: &[&str]) -> (String, Html) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    command.arg("run").arg(scene).arg("-o").arg(out).args(["--iterations", "120"]).args(more);
+    let ran = command.output().expect("the program starts");
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let page = std::fs::read_to_string(out.join("report.html")).expect("report.html");
+    (String::from_utf8(ran.stdout).unwrap(), sound(&page))
+}
+
+#[test]
+fn a_run_leaves_its_report_and_names_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (folder.path().join("scene"), folder.path().join("out"));
+    let options = SynthOptions { views: 9, width: 48, height: 36, points: 400, ..SynthOptions::default() };
+    write(&scene, &options, &|_| ()).expect("a synthetic scene");
+    let (said, html) = run(&scene, &out, &[]);
+    let last = said.lines().last().unwrap_or_default();
+    assert!(last.ends_with(&out.join("report.html").display().to_string()), "{said}");
+    assert_eq!(html.select(".stack img").len(), 2 * 4, "photo, dense, compressed and error of two views");
+    assert_eq!(html.select("#pruning svg").len(), 5);
+    assert!(html.texts("pre")[0].contains("iterations = 120"));
+
+    // The dense pictures of that run are none of another that does not prune.
+    let (said, html) = run(&scene, &out, &["--no-prune", "--json"]);
+    assert!(serde_json::from_str::<serde_json::Value>(&said).is_ok());
+    assert_eq!(html.select(".stack img").len(), 2 * 3);
+}

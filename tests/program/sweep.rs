@@ -1,0 +1,183 @@
+//! `qirf-vk sweep` by the real binary: files, figures, and what each axis claims of itself.
+
+use super::html;
+use qirf_vk::synth::{SynthOptions, write};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn scene(folder: &Path) -> PathBuf {
+    let scene = folder.join("scene");
+    let options = SynthOptions { views: 9, width: 48, height: 36, points: 700, ..SynthOptions::default() };
+    write(&scene, &options, &|_| ()).expect("a synthetic scene");
+    scene
+}
+
+fn sweep(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_qirf-vk")).arg("sweep").args(arguments).output().expect("the program starts")
+}
+
+fn works(arguments: &[&str]) -> Output {
+    let output = sweep(arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    output
+}
+
+fn read(out: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(out.join("sweep.json")).expect("sweep.json")).expect("JSON")
+}
+
+fn axis<'a>(swept: &'a Value, name: &str) -> &'a Value {
+    let all = swept["axes"].as_array().expect("axes");
+    all.iter().find(|a| a["axis"] == name).unwrap_or_else(|| panic!("axis {name}"))
+}
+
+fn rung<'a>(swept: &'a Value, name: &str, rung: &str) -> &'a Value {
+    let all = axis(swept, name)["rungs"].as_array().expect("rungs");
+    all.iter().find(|r| r["name"] == rung).unwrap_or_else(|| panic!("{name}: rung {rung}"))
+}
+
+fn figure(swept: &Value, name: &str, of: &str, key: &str) -> f64 {
+    rung(swept, name, of)["figures"][key].as_f64().unwrap_or_else(|| panic!("{name}, {of}: {key}"))
+}
+
+#[test]
+fn the_light_axes_of_a_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (scene(folder.path()), folder.path().join("out"));
+    let [scene, to] = [&scene, &out].map(|p| p.to_str().unwrap().to_owned());
+    let output = works(&[&scene, "-o", &to, "--train", "120", "--budget-per-axis", "0.2", "--json"]);
+    let swept = read(&out);
+    assert_eq!(serde_json::from_slice::<Value>(&output.stdout).expect("one JSON document"), swept);
+    assert_eq!(swept["schema"], 1);
+    assert!(swept["subject"]["origin"].as_str().unwrap().contains("trained briefly"));
+
+    let names = ["solver", "overlap", "epsilon", "culling", "stop", "storage", "gradients"];
+    let listed: Vec<&str> = swept["axes"].as_array().unwrap().iter().map(|a| a["axis"].as_str().unwrap()).collect();
+    assert_eq!(listed, names);
+    for name in names {
+        let a = axis(&swept, name);
+        let rungs = a["rungs"].as_array().unwrap();
+        assert!(rungs.len() >= if name == "storage" { 2 } else { 3 } - usize::from(name == "gradients"), "{name}");
+        assert_eq!(rungs.iter().filter(|r| r["default"] == true).count(), 1, "{name}");
+        assert!(rungs.iter().any(|r| r["front"] == true), "{name}");
+        assert!(a["sentence"].as_str().unwrap().len() > 20, "{name}");
+        for r in rungs {
+            assert!(r["time"]["median"].as_f64().unwrap() > 0.0 && r["time"]["samples"].as_u64().unwrap() >= 3, "{r}");
+            assert!(r["accuracy"].is_number() || r["exact"] == true, "{name}: {r}");
+        }
+    }
+
+    // One answer at several costs.
+    for way in ["dsygvd", "low-rank"] {
+        assert!(figure(&swept, "solver", way, "kept_jaccard") == 1.0, "{way}");
+        assert!(rung(&swept, "solver", way)["accuracy"].as_f64().unwrap() < 1e-9, "{way}");
+    }
+    assert!(figure(&swept, "solver", "low-rank", "speedup_m256") > 3.0, "loaded machines measure widely");
+    // QR never fails, not even on discs; the formulas that form the sum do there.
+    for key in ["nan_share", "thin_nan_share", "flat_nan_share"] {
+        assert!(figure(&swept, "overlap", "qr", key) == 0.0, "{key}");
+    }
+    let worst = |r: &str| figure(&swept, "overlap", r, "flat_largest_error");
+    assert!(worst("qr") < 1e-3, "{}", worst("qr"));
+    assert!(
+        figure(&swept, "overlap", "determinant", "flat_nan_share") > 0.0 || worst("determinant") > 10.0 * worst("qr")
+    );
+    // The larger epsilon is, the better conditioned the metric.
+    let condition = |r: &str| figure(&swept, "epsilon", r, "condition");
+    assert!(condition("1e-6") >= condition("1e-4") && condition("1e-4") > condition("1e-2"));
+    // Exact culling loses nothing and lists the least of what loses nothing.
+    assert_eq!(rung(&swept, "culling", "exact")["accuracy"], 0.0);
+    assert_eq!(rung(&swept, "culling", "box")["accuracy"], 0.0);
+    let pairs = |r: &str| figure(&swept, "culling", r, "pairs");
+    assert!(pairs("exact") <= pairs("box") && pairs("box") < pairs("off"));
+    assert_eq!(rung(&swept, "stop", "0")["exact"], true);
+    assert_eq!(rung(&swept, "storage", "f32")["exact"], true);
+    assert!(rung(&swept, "storage", "f16")["accuracy"].as_f64().unwrap() > 50.0);
+    assert!(figure(&swept, "storage", "f16", "model_bytes") < figure(&swept, "storage", "f32", "model_bytes"));
+    assert_eq!(rung(&swept, "gradients", "ordered")["exact"], true);
+    assert!(
+        figure(&swept, "gradients", "compare-and-swap", "against_ordered") < 1e-3,
+        "the same sums in another order"
+    );
+
+    let lines = std::fs::read_to_string(out.join("sweep.csv")).expect("sweep.csv");
+    let count: usize = names.iter().map(|n| axis(&swept, n)["rungs"].as_array().unwrap().len()).sum();
+    assert_eq!(lines.lines().count(), 1 + count);
+    let columns = |line: &str| line.split(',').count();
+    assert!(lines.lines().all(|l| columns(l) == columns(lines.lines().next().unwrap())), "{lines}");
+
+    let page = html::parse(&std::fs::read_to_string(out.join("sweep.html")).expect("sweep.html")).expect("sound HTML");
+    for name in names {
+        assert_eq!(page.select(&format!("section#{name} svg")).len(), 1, "{name}");
+        assert_eq!(page.select(&format!("section#{name} circle.ring")).len(), 1, "{name}: the default is marked");
+    }
+}
+
+#[test]
+fn a_models_own_axes_with_chosen_rungs() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let [scene, first, second] =
+        [scene, folder.path().join("first"), folder.path().join("second")].map(|p| p.to_str().unwrap().to_owned());
+    let short = ["--train", "40", "--budget-per-axis", "0"];
+    works(&[&[scene.as_str(), "-o", &first, "--axis", "stop=1e-4"], &short[..]].concat());
+    let model = format!("{first}/light/model.ply");
+    let axes = ["--axis", "stop=1e-2,0.3", "--axis", "epsilon=1e-3,t=0.2", "--size", "40x30", "--budget-per-axis", "0"];
+    works(&[&[model.as_str(), "-o", &second], &axes[..]].concat());
+    let swept = read(Path::new(&second));
+    assert_eq!(swept["axes"].as_array().unwrap().len(), 2);
+    assert!(axis(&swept, "stop")["sentence"].as_str().unwrap().contains("was not among the rungs"));
+    let loss = |r: &str| rung(&swept, "stop", r)["accuracy"].as_f64().unwrap_or(f64::INFINITY);
+    assert!(loss("1e-2") >= loss("0.3"), "who stops later loses less");
+    assert!(swept["subject"]["origin"].as_str().unwrap().contains("virtual cameras"));
+}
+
+#[test]
+fn heavy_axes_train() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (scene(folder.path()), folder.path().join("out"));
+    let [scene, to] = [&scene, &out].map(|p| p.to_str().unwrap().to_owned());
+    let axes = ["--axis", "keep=1,0.28", "--axis", "selector=default,random", "--axis", "iterations=1,1/4"];
+    let more = ["--axis", "effects=exposure=on", "--iterations", "80", "--sh-degree", "0"];
+    works(&[&[scene.as_str(), "-o", &to], &axes[..], &more[..]].concat());
+    let swept = read(&out);
+    for (name, rungs) in [("keep", 2), ("selector", 2), ("iterations", 2), ("effects", 2)] {
+        let there = axis(&swept, name)["rungs"].as_array().unwrap();
+        assert_eq!(there.len(), rungs, "{name}");
+        assert!(
+            there.iter().all(|r| r["accuracy"].is_number() && r["time"]["median"].is_number()),
+            "{name}: {there:?}"
+        );
+    }
+    assert!(figure(&swept, "keep", "1", "gaussians") > figure(&swept, "keep", "0.28", "gaussians"));
+    let count = |r: &str| figure(&swept, "selector", r, "gaussians");
+    assert_eq!(count("default"), count("random"), "at equal count");
+    assert_eq!(figure(&swept, "iterations", "1/4", "iterations"), 20.0);
+    assert!(out.join("fork").join("checkpoint.safetensors").is_file());
+}
+
+#[test]
+fn what_cannot_be_swept_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("out");
+    let [scene, to, nowhere] =
+        [&scene, &out, &folder.path().join("nowhere.ply")].map(|p| p.to_str().unwrap().to_owned());
+    let cases: [(&[&str], i32); 7] = [
+        (&[&scene, "-o", &to, "--axis", "speed"], 2),
+        (&[&scene, "-o", &to, "--axis", "solver=qr"], 2),
+        (&[&scene, "-o", &to, "--axis", "stop", "--axis", "stop=0"], 2),
+        (&[&nowhere, "-o", &to, "--axis", "keep"], 2),
+        (&[&nowhere, "-o", &to, "--model", &nowhere], 2),
+        (&[&nowhere, "-o", &to, "--axis", "stop"], 3),
+        (&[&scene, "-o", &to, "--axis", "stop", "--model", &nowhere], 3),
+    ];
+    for (arguments, code) in cases {
+        let output = sweep(arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        assert!(!said.contains("panicked") && !said.is_empty(), "{said}");
+    }
+    assert!(!out.join("sweep.json").exists());
+}

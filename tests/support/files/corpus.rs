@@ -1,0 +1,357 @@
+//! One good file of every input format, with the reader that takes it and what must hold of all that it lets through.
+
+use super::make::{self, Encoding};
+use super::writers::{Model, picture, row, transforms, write};
+use image::ImageEncoder;
+use qirf_vk::gaussians::formats::{self, Loaded};
+use qirf_vk::pipeline::RunConfig;
+use qirf_vk::scene::{OpenOptions, Resize, Scene};
+use qirf_vk::train::checkpoint::Snapshot;
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+/// How a damaged file is read.
+#[derive(Clone, Copy, Debug)]
+pub enum Reader {
+    /// A model from bytes; the name's extension counts.
+    Model,
+    /// The plain bytes of an SPZ file, which gzip wraps after the damage.
+    Gzipped,
+    /// A file of the SOG folder.
+    SogPart,
+    /// A file of a scene's folder.
+    Scene,
+    /// The same, a PNG whose checksums are made right after the damage.
+    ScenePng,
+    Config,
+    Checkpoint,
+}
+
+/// A file to damage, and the folder of good files around it.
+pub struct Input {
+    /// What a report calls it.
+    pub name: String,
+    pub reader: Reader,
+    /// Relative path of the damaged file.
+    pub file: String,
+    pub bytes: Vec<u8>,
+    /// The good files beside it.
+    pub beside: Vec<(String, Vec<u8>)>,
+}
+
+/// Every format and variant that matters to the readers.
+pub fn inputs() -> Vec<Input> {
+    let mut all = models();
+    all.extend(colmap());
+    all.extend(json());
+    all.extend(photos());
+    all.push(lone("config.toml", Reader::Config, config()));
+    all.push(lone("checkpoint.safetensors", Reader::Checkpoint, checkpoint()));
+    all
+}
+
+fn lone(file: &str, reader: Reader, bytes: Vec<u8>) -> Input {
+    Input { name: file.into(), reader, file: file.into(), bytes, beside: Vec::new() }
+}
+
+fn models() -> Vec<Input> {
+    let model = make::model(6, 2);
+    let mut all = vec![
+        ("little.ply", make::ply(&model, Encoding::Little, false)),
+        ("big.ply", make::ply(&model, Encoding::Big, true)),
+        ("ascii.ply", make::ply(&model, Encoding::Ascii, false)),
+        ("compressed.ply", make::compressed_ply(6, 0x1234_5678, true)),
+        ("a.splat", make::splat(&model)),
+        ("one.sog", make::sog(50, 1)),
+        ("two.sog", make::sog(50, 2)),
+        ("gzip.spz", make::spz(6, 3, 3, true)),
+    ];
+    all.extend(
+        [(1, "1.spz"), (2, "2.spz"), (3, "3.spz"), (4, "4.spz")].map(|(v, name)| (name, make::spz(6, v, 2, false))),
+    );
+    all.extend([(0, "0.ksplat"), (1, "1.ksplat"), (2, "2.ksplat")].map(|(l, name)| (name, make::ksplat(6, l, 2))));
+    let mut all: Vec<Input> = all.into_iter().map(|(name, bytes)| lone(name, Reader::Model, bytes)).collect();
+    all.push(Input { name: "inside gzip.spz".into(), ..lone("gzip.spz", Reader::Gzipped, make::spz(6, 3, 2, false)) });
+    for version in [1, 2] {
+        let files = make::sog_files(50, version);
+        for damaged in ["meta.json", "means_u.webp", "shN_centroids.webp"] {
+            all.push(among(&format!("sog {version}"), damaged, Reader::SogPart, &files));
+        }
+    }
+    all
+}
+
+/// The file called `damaged` of a folder of files.
+fn among<N: AsRef<str>>(kind: &str, damaged: &str, reader: Reader, files: &[(N, Vec<u8>)]) -> Input {
+    let is_it = |name: &N| name.as_ref() == damaged;
+    let bytes = files.iter().find(|(name, _)| is_it(name)).expect("it is among them").1.clone();
+    let beside = files.iter().filter(|(name, _)| !is_it(name)).map(|(n, b)| (n.as_ref().to_owned(), b.clone()));
+    Input { name: format!("{kind}: {damaged}"), reader, file: damaged.into(), bytes, beside: beside.collect() }
+}
+
+fn colmap() -> Vec<Input> {
+    let model = Model::sample();
+    let (binary, text) = (model.binary(), model.text());
+    let names = ["cameras", "images", "points3D"];
+    let binary = names.map(|n| among("colmap", &format!("{n}.bin"), Reader::Scene, &binary));
+    let text = names.map(|n| among("colmap", &format!("{n}.txt"), Reader::Scene, &text));
+    binary.into_iter().chain(text).collect()
+}
+
+const CLOUD: &str = "property float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\n\
+                     property uchar blue\nend_header\n";
+
+fn json() -> Vec<Input> {
+    let ngp = r#""camera_angle_x": 0.7, "camera_angle_y": 0.6, "fl_x": 50.5, "fl_y": 50.1, "k1": 0.01, "k2": -0.02,
+        "p1": 0.001, "p2": 0, "cx": 31.5, "cy": 24.2, "w": 64, "h": 48, "aabb_scale": 4, "scale": 0.33"#;
+    let studio = r#""camera_model": "OPENCV_FISHEYE", "fl_x": 50.5, "w": 64, "h": 48, "k1": 0.01, "k4": 0.001,
+        "ply_file_path": "points.ply", "train_filenames": ["a.png", "b.png"], "test_filenames": ["c.png"],
+        "applied_transform": [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]]"#;
+    let blender = r#""camera_angle_x": 0.69, "w": 64, "h": 48"#;
+    let head = |format: &str| format!("ply\nformat {format} 1.0\nelement vertex 3\n{CLOUD}").into_bytes();
+    let ascii = [head("ascii"), b"1 2 3 4 5 6\n1 2 3 4 5 6\n-1e3 2 3 4 5 6\n".to_vec()].concat();
+    let binary = [head("binary_little_endian"), b"0123456789abcde".repeat(3)].concat();
+    let names = ["a.png", "b.png", "c.png"];
+    let with = |cloud: &[u8]| vec![("transforms.json", transforms(studio, &names)), ("points.ply", cloud.to_vec())];
+    vec![
+        among(
+            "blender",
+            "transforms_train.json",
+            Reader::Scene,
+            &[
+                ("transforms_train.json", transforms(blender, &["train/r_0", "train/r_1"])),
+                ("transforms_test.json", transforms(blender, &["test/r_0"])),
+            ],
+        ),
+        among("instant-ngp", "transforms.json", Reader::Scene, &[("transforms.json", transforms(ngp, &names))]),
+        among("nerfstudio", "transforms.json", Reader::Scene, &with(&ascii)),
+        among("nerfstudio ascii", "points.ply", Reader::Scene, &with(&ascii)),
+        among("nerfstudio binary", "points.ply", Reader::Scene, &with(&binary)),
+    ]
+}
+
+fn photos() -> Vec<Input> {
+    let folder = tempfile::tempdir().unwrap();
+    let photo = |name: &str| {
+        let path = folder.path().join(name);
+        picture(&path, 64, 48);
+        fs::read(path).unwrap()
+    };
+    let mut grey = Vec::new();
+    let deep: Vec<u8> = (0..64 * 48 * 2).map(|i| (i % 251) as u8).collect();
+    let encoder = image::codecs::png::PngEncoder::new(&mut grey);
+    encoder.write_image(&deep, 64, 48, image::ExtendedColorType::La8).unwrap();
+    let scene = |kind: &str, name: &str, reader: Reader, bytes: Vec<u8>| {
+        let good = ("images/good.png".to_owned(), photo("good.png"));
+        let mut files: Vec<(String, Vec<u8>)> =
+            row(&[name, "good.png"]).binary().into_iter().map(|(n, b)| (n.to_owned(), b)).collect();
+        files.extend([good, (format!("images/{name}"), bytes)]);
+        among(kind, &format!("images/{name}"), reader, &files)
+    };
+    let mut all = vec![
+        scene("photo", "a.jpg", Reader::Scene, photo("a.jpg")),
+        scene("photo", "a.png", Reader::Scene, photo("a.png")),
+        scene("photo", "a.webp", Reader::Scene, photo("a.webp")),
+        scene("checksums right", "a.png", Reader::ScenePng, photo("a.png")),
+        scene("grey and alpha", "a.png", Reader::ScenePng, grey),
+    ];
+    let mut masked = scene("mask", "a.png", Reader::Scene, photo("a.png"));
+    masked.beside.push((masked.file.clone(), masked.bytes.clone()));
+    masked.file = "masks/a.png".into();
+    all.push(masked);
+    all
+}
+
+fn config() -> Vec<u8> {
+    // Every table and kind of value that there is.
+    r#"scene = "capture"
+images = "images_4"
+resolution = "/4"
+seed = 1
+eval_every = 8
+sh_degree = 3
+init = { model = "model.ply" }
+init_count = 5000
+background = [0.0, 0.5, 1.0]
+antialias = true
+exposure = false
+max_gaussians = 4000000
+checkpoint_every = 5000
+
+[schedule]
+iterations = 2000
+position_rate = 0.00016
+position_rate_end = 0.0000016
+densify_until = 0.5
+densify_every = 100
+opacity_reset_every = 3000
+degree_every = 0.033
+
+[prune]
+at = [0.4, 0.5]
+responses = "average"
+average_from = 0.4
+l2 = 2.0
+
+[prune.compression]
+selector = "css"
+budget = "hybrid"
+detail = 0.05
+merge = true
+keep = { share = 0.28 }
+
+[prune.compression.basis]
+overlap = "normalised"
+dilate = 0.0
+solver = "low-rank"
+epsilon = 0.0001
+tau = 0.99
+eta = 1.0
+partition = { adaptive = { mean = 48, least = 8, most = 128 } }
+
+[effects]
+exposure = "off"
+"#
+    .into()
+}
+
+fn checkpoint() -> Vec<u8> {
+    let model = make::model(5, 1);
+    let snapshot = Snapshot {
+        iteration: 7,
+        skipped_rows: 0,
+        moments: [15, 15, 20, 5, 15, 45].map(|n| vec![0.5; 2 * n]).to_vec(),
+        growth: vec![0.25; 10],
+        responses: (vec![1.0; 40], vec![3; 5]),
+        exposures: (vec![1.0; 24], vec![0.0; 48]),
+        notes: [("config".to_owned(), "seed = 1".to_owned())].into(),
+        model,
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("checkpoint.safetensors");
+    snapshot.write(&path).unwrap();
+    fs::read(path).unwrap()
+}
+
+impl Input {
+    /// Writes the good files beside the damaged one.
+    pub fn prepare(&self, folder: &Path) {
+        write(folder, self.beside.iter().map(|(name, bytes)| (name.as_str(), bytes.clone())));
+        fs::create_dir_all(folder.join(&self.file).parent().unwrap()).unwrap();
+    }
+
+    /// Reads the damaged file in its folder: whether it was let through. Panics where what came out does not hold together.
+    pub fn read(&self, bytes: &[u8], folder: &Path) -> bool {
+        let path = folder.join(&self.file);
+        match self.reader {
+            Reader::Model => model(bytes.len(), formats::read_bytes(bytes, Path::new(&self.file)), folder),
+            Reader::Gzipped => {
+                let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+                encoder.write_all(bytes).unwrap();
+                let packed = encoder.finish().unwrap();
+                model(bytes.len(), formats::read_bytes(&packed, Path::new(&self.file)), folder)
+            }
+            Reader::SogPart => {
+                fs::write(&path, bytes).unwrap();
+                model(usize::MAX, formats::read(folder), folder)
+            }
+            Reader::Scene => {
+                fs::write(&path, bytes).unwrap();
+                scene(folder)
+            }
+            Reader::ScenePng => {
+                let mut bytes = bytes.to_vec();
+                right_checksums(&mut bytes);
+                fs::write(&path, bytes).unwrap();
+                scene(folder)
+            }
+            Reader::Config => {
+                fs::write(&path, bytes).unwrap();
+                said(RunConfig::read(&path)).is_some_and(|config| {
+                    let (length, schedule) = (config.schedule.iterations, &config.schedule);
+                    assert!([1, length / 2, length].iter().all(|&i| schedule.rates(i, 1.0).mean.is_finite()));
+                    assert!(config.written().is_ok());
+                    assert!(config.prune.iter().flat_map(|p| p.iterations(length)).all(|at| at <= length));
+                    true
+                })
+            }
+            Reader::Checkpoint => {
+                fs::write(&path, bytes).unwrap();
+                said(Snapshot::read(&path)).is_some_and(|snapshot| snapshot.model.validate().is_ok())
+            }
+        }
+    }
+}
+
+/// What was read, or none; a refusal says something.
+fn said<T, E: std::fmt::Display>(read: Result<T, E>) -> Option<T> {
+    match read {
+        Ok(value) => Some(value),
+        Err(error) => {
+            let said = error.to_string();
+            assert!(said.len() > 20 && said.len() < 20_000, "a message of {} bytes: {said:.300}", said.len());
+            None
+        }
+    }
+}
+
+/// Every value finite, what was left out counted, and the model can be written and read again.
+fn model<E: std::fmt::Display>(bytes: usize, read: Result<Loaded, E>, folder: &Path) -> bool {
+    let Some(Loaded { gaussians: m, repairs, .. }) = said(read) else { return false };
+    m.validate().unwrap();
+    let main = [m.means.as_flattened(), m.log_scales.as_flattened(), m.rotations.as_flattened(), &m.opacity_logits];
+    assert!(main.into_iter().chain(m.sh.iter().map(Vec::as_slice)).flatten().all(|x| x.is_finite()));
+    assert!(m.rotations.iter().all(|q| *q != [0.0; 4]));
+    let all = m.len() + repairs.non_finite_rows + repairs.zero_quaternions;
+    assert!(all <= bytes, "{all} Gaussians of {bytes} bytes");
+    let copy = folder.join("copy.ply");
+    formats::write(&copy, &m).unwrap();
+    let again = formats::read(&copy).unwrap();
+    assert!(again.gaussians == m && !again.repairs.any());
+    true
+}
+
+/// Finite cameras, tracks within the views, photos as large as their cameras say.
+fn scene(folder: &Path) -> bool {
+    let Some(mut scene) = said(Scene::open(folder, &OpenOptions::default())) else { return false };
+    for view in &scene.views {
+        assert!(
+            view.camera.centre().is_finite() && view.camera.focal.is_finite() && view.camera.focal.min_element() > 0.0
+        );
+        assert!(view.camera.principal.is_finite() && view.camera.rotation.is_finite());
+    }
+    let n = scene.views.len() as u32;
+    assert!(scene.points.iter().all(|p| p.position.is_finite() && p.track.iter().all(|&v| v < n)));
+    let split = scene.split(8);
+    assert!(scene.extent(&split.train).is_finite());
+    if said(scene.require_photos()).is_none() {
+        return true; // most scenes here come without photos
+    }
+    let listed = scene.views.len() + scene.skipped.missing_images.count + scene.skipped.mismatched_images.count;
+    let Some(photos) = said(scene.load_photos(Resize::Width(9), &|_| {})) else { return false };
+    assert_eq!(photos.len() + scene.skipped.damaged_images.count, listed - absent(&scene), "each is counted");
+    for (photo, view) in photos.iter().zip(&scene.views) {
+        let camera = view.camera_at(Resize::Width(9));
+        assert_eq!((photo.width, photo.height), (camera.width, camera.height));
+        assert_eq!(photo.pixels.len(), 4 * (photo.width * photo.height) as usize);
+    }
+    photos.len() == listed
+}
+
+/// Views that were dropped before any photo was decoded.
+fn absent(scene: &Scene) -> usize {
+    scene.skipped.missing_images.count + scene.skipped.mismatched_images.count
+}
+
+/// Gives every chunk of a PNG the checksum of what it holds, so that damage reaches what lies behind the checksums.
+fn right_checksums(bytes: &mut [u8]) {
+    let mut at = 8;
+    while let Some(length) = bytes.get(at..at + 4).map(|b| u32::from_be_bytes([b[0], b[1], b[2], b[3]]) as usize) {
+        let Some(end) = length.checked_add(at + 8).filter(|end| end + 4 <= bytes.len()) else { return };
+        let mut crc = flate2::Crc::new();
+        crc.update(&bytes[at + 4..end]);
+        bytes[end..end + 4].copy_from_slice(&crc.sum().to_be_bytes());
+        at = end + 4;
+    }
+}

@@ -1,0 +1,5 @@
+//! Good files of every input format, and what reads them. The fuzz targets (`tests/fuzz`) share this folder.
+
+pub mod corpus;
+pub mod make;
+pub mod writers;
