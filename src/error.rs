@@ -26,6 +26,25 @@ pub enum Error {
         /// The system's reason.
         source: io::Error,
     },
+    /// Figures or options that JSON or TOML cannot hold: exit code 5.
+    #[error("{what} cannot be written: {reason}")]
+    Encode {
+        /// The file or document.
+        what: &'static str,
+        /// The encoder's reason.
+        reason: String,
+    },
+    /// A checkpoint that another version of the program wrote: exit code 3.
+    #[error(
+        "{}: this checkpoint is of another version of the program: {what}; finish the run with the version that began it, or delete the checkpoint to start afresh",
+        path.display()
+    )]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// The note that is missing, unknown or unreadable.
+        what: String,
+    },
     /// Standard output is closed or full: exit code 5.
     #[error("cannot write to standard output: {0}")]
     Print(io::Error),
@@ -120,6 +139,11 @@ impl From<scene::Error> for Error {
 }
 
 impl Error {
+    /// What an encoder of JSON or TOML refused to write.
+    pub(crate) fn encoding(what: &'static str, reason: impl std::fmt::Display) -> Self {
+        Self::Encode { what, reason: reason.to_string() }
+    }
+
     /// The same error where the floor of models was writing, not reading.
     #[must_use]
     pub fn writing(error: gaussians::Error) -> Self {
@@ -136,12 +160,13 @@ impl Error {
         match self {
             Self::Device(e) if e.is_resources() => 5,
             Self::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => 5,
-            Self::Memory { .. } | Self::Write { .. } | Self::Print(_) => 5,
+            Self::Memory { .. } | Self::Write { .. } | Self::Encode { .. } | Self::Print(_) => 5,
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
             Self::Train(train::Error::Photos(_)) => 5,
             Self::Usage(_) | Self::Synth(_) | Self::Train(train::Error::NoViews) => 2,
             Self::Train(_) => 3,
-            Self::Read { .. } | Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,
+            Self::Read { .. } | Self::Checkpoint { .. } => 3,
+            Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,
             Self::Device(_) | Self::SelfTest { .. } => 4,
             Self::Interrupted => 130,
         }

@@ -77,7 +77,7 @@ impl Arguments {
         let show = Show::new(console);
         let host = budget::host(self.means.memory_budget);
         let compared = compare(&device, (&config, &arms), &self.output, &networks, host, self.resume, &show)?;
-        let json = serde_json::to_string_pretty(&compared).map_err(|e| Error::Usage(format!("compare.json: {e}")))?;
+        let json = serde_json::to_string_pretty(&compared).map_err(|e| Error::encoding("compare.json", e))?;
         Output::text(&self.output.join("compare.json"), &json)?;
         Output::text(&self.output.join("compare.csv"), &compared.csv())?;
         report::write_comparison(&compared, &self.output)?;

@@ -105,7 +105,7 @@ impl Arguments {
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
         let host = budget::host(self.memory_budget);
         let figures = compress::compress(&device, input, &self.job(), &self.output, host, &Show::new(console))?;
-        let json = serde_json::to_value(&figures).unwrap_or_default();
+        let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
             Output::text(path, &format!("{json:#}\n"))?;
         }

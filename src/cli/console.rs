@@ -3,6 +3,7 @@
 use crate::error::Error;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
 
@@ -51,8 +52,9 @@ impl Console {
     /// Writes one JSON document to standard output.
     ///
     /// # Errors
-    /// As [`Console::print`].
-    pub fn json(&self, value: &serde_json::Value) -> Result<(), Error> {
+    /// As [`Console::print`]; [`Error::Encode`].
+    pub fn json(&self, document: &impl Serialize) -> Result<(), Error> {
+        let value = serde_json::to_value(document).map_err(|e| Error::encoding("the JSON document", e))?;
         self.print(format_args!("{value:#}"))
     }
 

@@ -134,7 +134,7 @@ impl Arguments {
 
     fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {
         if self.json {
-            return console.json(&serde_json::to_value(results).unwrap_or_default());
+            return console.json(results);
         }
         table(console, results.test.as_ref(), &results.views)?;
         if let Some(folder) = &self.output {

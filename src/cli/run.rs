@@ -77,7 +77,7 @@ impl Arguments {
 
     fn report(&self, console: &Console, results: &Results, output: &Output) -> Result<(), Error> {
         if self.json {
-            return console.json(&serde_json::to_value(results).unwrap_or_default());
+            return console.json(results);
         }
         let score = |v: Option<f64>, unit: &str| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}{unit}"));
         if let Some(test) = &results.test {

@@ -115,7 +115,7 @@ impl Arguments {
             axes,
             seconds: begun.elapsed().as_secs_f64(),
         };
-        let json = serde_json::to_string_pretty(&swept).map_err(|e| Error::Usage(format!("sweep.json: {e}")))?;
+        let json = serde_json::to_string_pretty(&swept).map_err(|e| Error::encoding("sweep.json", e))?;
         Output::text(&self.output.join("sweep.json"), &json)?;
         Output::text(&self.output.join("sweep.csv"), &swept.csv())?;
         report::write_sweep(&swept, &self.output)?;

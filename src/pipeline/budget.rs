@@ -43,7 +43,7 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
     let first = match start {
         Start::Model(model) => model.len(),
         Start::Points(n) | Start::Random(n) => (*n).min(config.max_gaussians),
-        Start::Resumed(s) => s.notes.get("initial").and_then(|n| n.parse().ok()).unwrap_or(s.model.len()),
+        Start::Resumed(checkpoint) => checkpoint.notes.initial,
     };
     let grown = if grows { first.saturating_mul(GROWTH).min(config.max_gaussians) } else { first };
     let size = opened.size();

@@ -1,6 +1,7 @@
 //! `qirf-vk compare`: one model trained to the prune point, and every arm from that one checkpoint with the same seed, loss
 //! and iterations.
 
+use super::checkpoint::Checkpoint;
 use super::compression::{Compression, Pruning};
 use super::config::RunConfig;
 use super::evaluate::Evaluator;
@@ -17,7 +18,6 @@ use crate::gpu::{Device, DeviceInfo};
 use crate::metrics::Networks;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
-use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
@@ -168,9 +168,9 @@ pub fn compare(
     let output = Output::new(folder)?;
     let opened = open(&shared.selection())?;
     let fork = run::found(&output, resume, watcher)?;
-    let of = fork.as_ref().map(|s| s.notes.get("config").cloned().unwrap_or_default());
+    let of = fork.as_ref().map(|c| c.notes.config.clone());
     let start = match fork {
-        Some(s) => Start::Resumed(Box::new(s)),
+        Some(c) => Start::Resumed(Box::new(c)),
         None => Start::of(shared, &opened)?,
     };
     let estimated_bytes = budget::for_run(device, shared, &opened, &start)?;
@@ -184,9 +184,9 @@ pub fn compare(
     let fork = {
         let mut job = Job::start(&stage, shared, &output, start)?;
         job.train(at)?;
-        job.snapshot()?
+        job.checkpoint()?
     };
-    fork.write(&output.checkpoint()).map_err(Error::writing)?;
+    fork.write(&output.checkpoint())?;
 
     let mut results = Vec::new();
     for arm in arms {
@@ -208,7 +208,7 @@ pub fn compare(
         scene: shared.scene.display().to_string(),
         iterations: shared.schedule.iterations,
         prune_point: at,
-        gaussians: fork.model.len(),
+        gaussians: fork.snapshot.model.len(),
         arms: results,
     })
 }
@@ -218,7 +218,7 @@ fn finish(
     stage: &Stage<'_>,
     arm: &Arm,
     shared: &RunConfig,
-    fork: &Snapshot,
+    fork: &Checkpoint,
     folder: &Path,
     resume: bool,
 ) -> Result<ArmResult, Error> {
@@ -242,8 +242,8 @@ fn finish(
         None
     };
     job.train(config.schedule.iterations)?;
-    let result = ArmResult::new(&arm.name, fork.model.len(), psnr_pruned, job.finish()?);
-    let text = serde_json::to_string(&result).unwrap_or_default();
+    let result = ArmResult::new(&arm.name, fork.snapshot.model.len(), psnr_pruned, job.finish()?);
+    let text = serde_json::to_string(&result).map_err(|e| Error::encoding("arm.json", e))?;
     Output::text(&file, &text)?;
     Output::text(&output.config(), &written)?;
     Ok(result)

@@ -156,9 +156,9 @@ impl RunConfig {
     /// The text of `config.toml`.
     ///
     /// # Errors
-    /// Values that TOML cannot hold.
+    /// [`Error::Encode`] for values that TOML cannot hold, such as a path that is not UTF-8.
     pub fn written(&self) -> Result<String, Error> {
-        toml::to_string(self).map_err(|e| Error::Usage(format!("the configuration cannot be written: {e}")))
+        toml::to_string(self).map_err(|e| Error::encoding("config.toml", e))
     }
 
     /// The same run, pruned: nothing grows any more once the first prune is due.

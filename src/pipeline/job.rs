@@ -2,6 +2,7 @@
 //! checkpoint.
 
 use super::budget;
+use super::checkpoint::{Checkpoint, Notes};
 use super::compression::{Responses, prune};
 use super::config::RunConfig;
 use super::effects;
@@ -9,7 +10,7 @@ use super::evaluate::Evaluator;
 use super::gallery;
 use super::output::Output;
 use super::prepare::{Opened, Prepared, Start, initialise};
-use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Pruned, Results, Times, TrainScores};
+use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Results, Times, TrainScores};
 use super::watcher::Watcher;
 use crate::effects::Decision;
 use crate::error::Error;
@@ -17,7 +18,6 @@ use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::qirf::response::Evidence;
-use crate::train::checkpoint::Snapshot;
 use crate::train::loss::Weights;
 use crate::train::{Options, Trainer};
 use std::ops::Range;
@@ -74,14 +74,9 @@ pub struct Job<'a> {
     stage: &'a Stage<'a>,
     config: &'a RunConfig,
     output: &'a Output,
-    /// The configuration as `config.toml` has it.
-    written: String,
     trainer: Trainer,
     evaluator: Evaluator,
-    initial: usize,
-    seconds: f64,
-    curve: Vec<CurvePoint>,
-    prunes: Vec<Pruned>,
+    notes: Notes,
 }
 
 impl<'a> Job<'a> {
@@ -106,34 +101,23 @@ impl<'a> Job<'a> {
             pairs: budget::pairs(gaussians),
         };
         let views = prepared.train.clone();
-        let (trainer, initial, seconds, curve, prunes) = if let Start::Resumed(s) = start {
-            let options = options(s.model.len());
-            let note = |key: &str| s.notes.get(key).cloned().unwrap_or_default();
-            let trainer = Trainer::resume(device, &s, views, prepared.extent, options)?;
-            let curve = serde_json::from_str(&note("curve")).unwrap_or_default();
-            let prunes: Vec<Pruned> = serde_json::from_str(&note("prunes")).unwrap_or_default();
-            (trainer, note("initial").parse().unwrap_or(0), note("seconds").parse().unwrap_or(0.0), curve, prunes)
+        let config_text = config.written()?;
+        let (trainer, notes) = if let Start::Resumed(checkpoint) = start {
+            let Checkpoint { snapshot, notes } = *checkpoint;
+            let options = options(snapshot.model.len());
+            let trainer = Trainer::resume(device, &snapshot, views, prepared.extent, options)?;
+            (trainer, Notes { config: config_text, ..notes })
         } else {
             let model = initialise(config, prepared, start)?;
-            let n = model.len();
-            let trainer = Trainer::new(device, &model, views, prepared.extent, options(n))?;
-            (trainer, n, 0.0, Vec::new(), Vec::new())
+            let initial = model.len();
+            let trainer = Trainer::new(device, &model, views, prepared.extent, options(initial))?;
+            let none = Notes { config: config_text, curve: Vec::new(), prunes: Vec::new(), seconds: 0.0, initial };
+            (trainer, none)
         };
         let mut evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
         evaluator.compare_as(config.exposure, prepared.masked);
-        let mut job = Self {
-            stage,
-            config,
-            output,
-            written: config.written()?,
-            trainer,
-            evaluator,
-            initial,
-            seconds,
-            curve,
-            prunes,
-        };
-        if !job.prunes.is_empty() {
+        let mut job = Self { stage, config, output, trainer, evaluator, notes };
+        if !job.notes.prunes.is_empty() {
             job.fine_tune();
         }
         Ok(job)
@@ -151,23 +135,23 @@ impl<'a> Job<'a> {
         let prunes = self.config.prune.as_ref().map(|p| p.iterations(last)).unwrap_or_default();
         while self.trainer.iteration() < until {
             let now = self.trainer.iteration();
-            if prunes.get(self.prunes.len()).is_some_and(|at| *at <= now) {
+            if prunes.get(self.notes.prunes.len()).is_some_and(|at| *at <= now) {
                 self.prune(prunes.len())?;
             }
-            let pause = prunes.get(self.prunes.len()).copied().unwrap_or(last);
+            let pause = prunes.get(self.notes.prunes.len()).copied().unwrap_or(last);
             let next = |every: u32| now.checked_div(every).map_or(last, |passed| (passed + 1) * every);
             let started = Instant::now();
             let progress = self.trainer.advance(until.min(next(step)).min(next(every)).min(pause))?;
-            self.seconds += started.elapsed().as_secs_f64();
+            self.notes.seconds += started.elapsed().as_secs_f64();
             self.stage.watcher.training(&progress, last);
             let at = progress.iteration;
-            let recorded = self.curve.last().is_some_and(|p| p.iteration == at);
+            let recorded = self.notes.curve.last().is_some_and(|p| p.iteration == at);
             if at > now && (at.is_multiple_of(step) || at == last) && !recorded {
                 self.point(at)?;
             }
             let stop = self.stage.watcher.stop();
             if stop || (every > 0 && at > now && at.is_multiple_of(every) && at < last) {
-                self.snapshot()?.write(&self.output.checkpoint()).map_err(Error::writing)?;
+                self.checkpoint()?.write(&self.output.checkpoint())?;
             }
             if stop {
                 return Err(Error::Interrupted);
@@ -208,15 +192,15 @@ impl<'a> Job<'a> {
         Ok(self.trainer.evidence(false)?)
     }
 
-    /// Prune number `self.prunes.len()` of `steps`.
+    /// Prune number `self.notes.prunes.len()` of `steps`.
     fn prune(&mut self, steps: usize) -> Result<(), Error> {
         let Some(pruning) = &self.config.prune else { return Ok(()) };
         let Stage { device, prepared, watcher, .. } = self.stage;
         let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
-        if self.prunes.is_empty() {
+        if self.notes.prunes.is_empty() {
             gallery::dense(&mut self.evaluator, self.trainer.model(), prepared, &self.output.renders())?;
         }
-        let keep = pruning.keep(self.prunes.len(), steps, self.trainer.len());
+        let keep = pruning.keep(self.notes.prunes.len(), steps, self.trainer.len());
         let (compression, seed) = (&pruning.compression, self.config.seed);
         let mut pruned = prune(device, &mut self.trainer, compression, keep, pruning.responses, seed)?;
         pruned.frames_per_second_before = frames;
@@ -225,15 +209,15 @@ impl<'a> Job<'a> {
             "after iteration {}: {} of {} Gaussians kept, {} blocks, {:.1} s",
             pruned.iteration, pruned.after, pruned.before, pruned.blocks, pruned.seconds.total
         ));
-        self.seconds += pruned.seconds.total;
-        self.prunes.push(pruned);
+        self.notes.seconds += pruned.seconds.total;
+        self.notes.prunes.push(pruned);
         Ok(())
     }
 
     fn point(&mut self, iteration: u32) -> Result<(), Error> {
         if let Some(psnr) = self.psnr()? {
             let gaussians = self.trainer.len();
-            self.curve.push(CurvePoint { iteration, seconds: self.seconds, psnr, gaussians });
+            self.notes.curve.push(CurvePoint { iteration, seconds: self.notes.seconds, psnr, gaussians });
         }
         Ok(())
     }
@@ -242,18 +226,8 @@ impl<'a> Job<'a> {
     ///
     /// # Errors
     /// Device errors.
-    pub fn snapshot(&self) -> Result<Snapshot, Error> {
-        let mut snapshot = self.trainer.snapshot()?;
-        for (key, value) in [
-            ("config", self.written.clone()),
-            ("curve", serde_json::to_string(&self.curve).unwrap_or_default()),
-            ("prunes", serde_json::to_string(&self.prunes).unwrap_or_default()),
-            ("seconds", self.seconds.to_string()),
-            ("initial", self.initial.to_string()),
-        ] {
-            snapshot.notes.insert(key.into(), value);
-        }
-        Ok(snapshot)
+    pub fn checkpoint(&self) -> Result<Checkpoint, Error> {
+        Checkpoint::new(self.trainer.snapshot()?, self.notes.clone())
     }
 
     /// Writes the model, scores it, and writes what was measured.
@@ -295,8 +269,8 @@ impl<'a> Job<'a> {
                 ..Protocol::new(&config.selection(), prepared, networks)
             },
             gaussians: Counts {
-                initial: Some(self.initial),
-                dense: Some(self.prunes.first().map_or(model.len(), |p| p.before)),
+                initial: Some(self.notes.initial),
+                dense: Some(self.notes.prunes.first().map_or(model.len(), |p| p.before)),
                 last: model.len(),
             },
             test: held_out.mean(),
@@ -307,13 +281,13 @@ impl<'a> Job<'a> {
             time: Times {
                 total_s: begun.0.elapsed().as_secs_f64(),
                 load_s: begun.1,
-                train_s: self.seconds,
-                prune_s: self.prunes.iter().map(|p| p.seconds.total).sum(),
+                train_s: self.notes.seconds,
+                prune_s: self.notes.prunes.iter().map(|p| p.seconds.total).sum(),
                 evaluate_s: evaluating.elapsed().as_secs_f64(),
                 stages_s: Times::stages(self.trainer.timings()),
             },
-            prunes: self.prunes,
-            curve: self.curve,
+            prunes: self.notes.prunes,
+            curve: self.notes.curve,
             effects: effects::timed(decisions.clone(), self.trainer.timings()),
             guards: Guards {
                 skipped_rows: self.trainer.skipped_rows(),

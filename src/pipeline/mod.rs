@@ -1,6 +1,7 @@
 //! Floor 7: whole jobs as readable lists of stages.
 
 pub mod budget;
+pub mod checkpoint;
 pub mod compare;
 pub mod compress;
 pub mod compressed;

@@ -1,5 +1,6 @@
 //! From a scene on disk to views in memory, and to the Gaussians that training begins with.
 
+use super::checkpoint::Checkpoint;
 use super::config::{Init, RunConfig, Selection};
 use super::watcher::Watcher;
 use crate::effects::Effect;
@@ -8,7 +9,6 @@ use crate::gaussians::{Gaussians, formats};
 use crate::scene::camera::Camera;
 use crate::scene::photo::Photo;
 use crate::scene::{self, OpenOptions, Resize, Scene, SceneKind, View};
-use crate::train::checkpoint::Snapshot;
 use crate::train::initialise::{self, Seed};
 use crate::train::photos::TrainView;
 use crate::train::pixels::{PhotoFile, Pixels};
@@ -199,7 +199,7 @@ pub enum Start {
     /// So many random points.
     Random(usize),
     /// A run that was broken off.
-    Resumed(Box<Snapshot>),
+    Resumed(Box<Checkpoint>),
 }
 
 impl Start {
@@ -227,7 +227,7 @@ impl Start {
         match self {
             Self::Model(model) => model.len(),
             Self::Points(n) | Self::Random(n) => *n,
-            Self::Resumed(snapshot) => snapshot.model.len(),
+            Self::Resumed(checkpoint) => checkpoint.snapshot.model.len(),
         }
     }
 
@@ -240,7 +240,7 @@ impl Start {
     pub fn degree(&self) -> usize {
         match self {
             Self::Model(model) => model.degree(),
-            Self::Resumed(snapshot) => snapshot.model.degree(),
+            Self::Resumed(checkpoint) => checkpoint.snapshot.model.degree(),
             Self::Points(_) | Self::Random(_) => 0,
         }
     }
@@ -255,7 +255,7 @@ pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Resu
     let colour = |c: [u8; 3]| DVec3::from(c.map(f64::from)) / 255.0;
     let seeds = match start {
         Start::Model(model) => return Ok(model),
-        Start::Resumed(snapshot) => return Ok(snapshot.model),
+        Start::Resumed(checkpoint) => return Ok(checkpoint.snapshot.model),
         Start::Points(_) => {
             prepared.scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p.colour) }).collect()
         }

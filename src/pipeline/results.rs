@@ -13,7 +13,7 @@ use crate::qirf::select::budget::Choice;
 use crate::qirf::study::{Merging, Study};
 use crate::scene::Skipped;
 use crate::scene::camera::Camera;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -65,7 +65,7 @@ impl Results {
     /// # Errors
     /// [`Error::Write`].
     pub fn write(&self, output: &Output) -> Result<(), Error> {
-        let json = serde_json::to_string_pretty(self).map_err(|e| Error::Usage(format!("metrics.json: {e}")))?;
+        let json = serde_json::to_string_pretty(self).map_err(|e| Error::encoding("metrics.json", e))?;
         Output::text(&output.metrics(), &json)
     }
 }
@@ -150,19 +150,26 @@ pub struct ViewScores {
 
 /// Where the run stood at some moment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct CurvePoint {
     /// Iterations done.
     pub iteration: u32,
     /// Training time until then, in seconds.
     pub seconds: f64,
-    /// Mean PSNR of the held-out views, in dB.
+    /// Mean PSNR of the held-out views, in dB; infinite, and null in JSON, where all are equal to their photos.
+    #[serde(deserialize_with = "infinite_for_null")]
     pub psnr: f64,
     /// Gaussians.
     pub gaussians: usize,
 }
 
+fn infinite_for_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Option::deserialize(deserializer).map(|psnr| psnr.unwrap_or(f64::INFINITY))
+}
+
 /// One prune: what was there, what was kept, and what the blocks told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Pruned {
     /// After this iteration.
     pub iteration: u32,

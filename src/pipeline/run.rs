@@ -1,6 +1,7 @@
 //! `qirf-vk run`: from photos to a trained model, its pictures and its figures.
 
 use super::budget;
+use super::checkpoint::Checkpoint;
 use super::config::{Init, RunConfig};
 use super::job::{Job, Stage};
 use super::output::Output;
@@ -11,7 +12,6 @@ use crate::error::Error;
 use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::metrics::Networks;
-use crate::train::checkpoint::Snapshot;
 use std::time::Instant;
 
 /// Trains, prunes where the configuration says so, evaluates and writes a run. With `resume` it goes on from the folder's
@@ -33,11 +33,11 @@ pub fn run(
     if let Init::Model(model) = &config.init {
         formats::refuse_overwrite(model, &output.model()).map_err(Error::writing)?;
     }
-    let snapshot = found(output, resume, watcher)?;
-    let of = snapshot.as_ref().map(|s| s.notes.get("config").cloned().unwrap_or_default());
+    let checkpoint = found(output, resume, watcher)?;
+    let of = checkpoint.as_ref().map(|c| c.notes.config.clone());
     let opened = open(&config.selection())?;
-    let start = match snapshot {
-        Some(s) => Start::Resumed(Box::new(s)),
+    let start = match checkpoint {
+        Some(c) => Start::Resumed(Box::new(c)),
         None => Start::of(config, &opened)?,
     };
     let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
@@ -54,8 +54,8 @@ pub fn run(
     Ok(results)
 }
 
-/// The snapshot to go on from, if that is asked for and there is one.
-pub(super) fn found(output: &Output, resume: bool, watcher: &dyn Watcher) -> Result<Option<Snapshot>, Error> {
+/// The checkpoint to go on from, if that is asked for and there is one.
+pub(super) fn found(output: &Output, resume: bool, watcher: &dyn Watcher) -> Result<Option<Checkpoint>, Error> {
     if !resume {
         return Ok(None);
     }
@@ -64,9 +64,9 @@ pub(super) fn found(output: &Output, resume: bool, watcher: &dyn Watcher) -> Res
         watcher.note("no checkpoint is there yet: starting afresh");
         return Ok(None);
     }
-    let snapshot = Snapshot::read(&path)?;
-    watcher.note(&format!("going on after iteration {}", snapshot.iteration));
-    Ok(Some(snapshot))
+    let checkpoint = Checkpoint::read(&path)?;
+    watcher.note(&format!("going on after iteration {}", checkpoint.snapshot.iteration));
+    Ok(Some(checkpoint))
 }
 
 /// Refuses to go on from a checkpoint `of` another configuration than `written`.

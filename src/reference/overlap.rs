@@ -29,13 +29,6 @@ impl Primitive {
         self.scales = self.scales.map(|s| s.max(FLOOR * largest));
         self
     }
-
-    /// With covariance Sigma + t^2 I.
-    #[must_use]
-    pub fn dilated(mut self, t: f64) -> Self {
-        self.scales = self.scales.map(|s| s.hypot(t));
-        self
-    }
 }
 
 /// How an overlap is computed.

@@ -70,7 +70,7 @@ impl Trainer {
     /// A run that goes on from a snapshot, to end as the unbroken run would.
     ///
     /// # Errors
-    /// Device memory; device errors; no views.
+    /// Device memory; device errors; no views; exposures of another number of photos.
     pub fn resume(
         device: &Device,
         snapshot: &Snapshot,
@@ -98,9 +98,11 @@ impl Trainer {
             trainer.responses = Some(Responses { values, seen });
         }
         let (affine, moments) = &snapshot.exposures;
-        if let (Some(e), Some(gains)) = (&trainer.objective.exposure, &trainer.options.exposure)
-            && affine.len() == e.affine.len()
-        {
+        if let (Some(e), Some(gains)) = (&trainer.objective.exposure, &trainer.options.exposure) {
+            let [stored, photos] = [affine.len(), e.affine.len()].map(|numbers| numbers / exposure::SIZE);
+            if stored != photos {
+                return Err(super::Error::Exposures { stored, photos });
+            }
             let pixels = e.image.len();
             trainer.objective.exposure = Some(Exposure::with(device, gains, (affine, moments), pixels)?);
         }

@@ -15,6 +15,16 @@ pub enum Error {
     /// The file that photos beyond the host's memory lie in.
     #[error("the decoded photos' temporary file fails: {0}; free some space, or give a smaller --resolution")]
     Photos(#[from] io::Error),
+    /// A checkpoint of a run on other photos.
+    #[error(
+        "the checkpoint holds exposures of {stored} photos, the scene has {photos} to train on: restore its photos, or start without --resume"
+    )]
+    Exposures {
+        /// Photos whose exposures are stored.
+        stored: usize,
+        /// Photos to train on.
+        photos: usize,
+    },
     /// Cameras that leave no place for random points.
     #[error(
         "only {found} of {asked} random points found a place in {tries} tries, {near:.1} or more before {cameras} cameras that see it: check the poses and the scene's scale, or give --init MODEL"

@@ -93,7 +93,7 @@ pub fn of_scene(
     }
     let mut job = Job::start(&stage, &config, &output, start)?;
     job.train(iterations)?;
-    let (model, evidence) = (job.snapshot()?.model, job.evidence()?);
+    let (model, evidence) = (job.checkpoint()?.snapshot.model, job.evidence()?);
     formats::write(&output.model(), &model).map_err(Error::writing)?;
     let prepared = &stage.prepared;
     let settings = config.style().over(prepared.background);

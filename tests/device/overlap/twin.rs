@@ -40,12 +40,11 @@ impl Twin {
         let mut done: Vec<[f64; 6]> = Vec::new();
         for (n, k) in order.into_iter().enumerate() {
             let mut right = y[k];
-            for pass in 0..2 {
+            for _ in 0..2 {
                 for (p, q) in done.iter().enumerate() {
                     let r = dot(&columns[k], q);
                     columns[k].iter_mut().zip(q).for_each(|(c, q)| *c -= r * q);
                     right -= r * z[p];
-                    let _ = pass;
                 }
             }
             let norm = dot(&columns[k], &columns[k]).sqrt();

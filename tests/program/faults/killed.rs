@@ -176,6 +176,12 @@ fn damaged_checkpoints_are_refused_and_kept() {
             assert!(read == Snapshot::read(&checkpoint).unwrap(), "bit {at}");
         }
     }
+    // Whole, but with a note that this version cannot read: a run that forgot its prunes would prune again.
+    fs::write(&checkpoint, &good).unwrap();
+    let mut newer = Snapshot::read(&checkpoint).unwrap();
+    newer.notes.insert("prunes".to_owned(), r#"[{"iteration":52,"by":"another version"}]"#.to_owned());
+    newer.write(&checkpoint).unwrap();
+    refused(&fs::read(&checkpoint).unwrap(), "another version");
     fs::write(&checkpoint, &good).unwrap();
     end(&mut run(&out, &["--resume", "--seed", "9"])).with(2, &["checkpoint.safetensors", "other options"]);
     assert!(fs::read(&checkpoint).unwrap() == good);

@@ -1,0 +1,157 @@
+//! A run's checkpoint: the trainer's state with the run's own notes. Notes that cannot be read are an error: a run that
+//! forgot its prunes would prune again.
+
+use super::results::{CurvePoint, Pruned};
+use crate::error::Error;
+use crate::train::checkpoint::Snapshot;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Notes that [`Snapshot`] keeps for itself.
+const OWN_NOTES: [&str; 3] = ["iteration", "skipped_rows", "crc32"];
+
+/// What a run remembers besides the trainer's state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Notes {
+    /// The text of its `config.toml`.
+    pub config: String,
+    /// Quality against time so far.
+    pub curve: Vec<CurvePoint>,
+    /// Prunes so far.
+    pub prunes: Vec<Pruned>,
+    /// Seconds of training and pruning so far.
+    pub seconds: f64,
+    /// Gaussians at the start.
+    pub initial: usize,
+}
+
+impl Notes {
+    /// Text by name: `config` as it is, all else as JSON.
+    fn to_text(&self) -> serde_json::Result<HashMap<String, String>> {
+        Ok([
+            ("config", self.config.clone()),
+            ("curve", serde_json::to_string(&self.curve)?),
+            ("prunes", serde_json::to_string(&self.prunes)?),
+            ("seconds", serde_json::to_string(&self.seconds)?),
+            ("initial", serde_json::to_string(&self.initial)?),
+        ]
+        .map(|(name, text)| (name.to_owned(), text))
+        .into())
+    }
+
+    /// Reads the notes of a snapshot, or says which of them is missing, unknown or unreadable.
+    fn from_text(notes: &HashMap<String, String>) -> Result<Self, String> {
+        fn json<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, String> {
+            serde_json::from_str(text).map_err(|e| format!("the note '{name}' cannot be read: {e}"))
+        }
+        let text = |name: &str| notes.get(name).ok_or_else(|| format!("the note '{name}' is missing"));
+        let read = Self {
+            config: text("config")?.clone(),
+            curve: json("curve", text("curve")?)?,
+            prunes: json("prunes", text("prunes")?)?,
+            seconds: json("seconds", text("seconds")?)?,
+            initial: json("initial", text("initial")?)?,
+        };
+        let known = ["config", "curve", "prunes", "seconds", "initial"];
+        match notes.keys().find(|name| !known.contains(&name.as_str()) && !OWN_NOTES.contains(&name.as_str())) {
+            Some(name) => Err(format!("the note '{name}' is unknown")),
+            None => Ok(read),
+        }
+    }
+}
+
+/// A run's whole state, in memory or in its folder.
+#[derive(Clone, Debug)]
+pub struct Checkpoint {
+    /// The trainer's state; its notes are [`Checkpoint::notes`] as text.
+    pub snapshot: Snapshot,
+    /// The run's own notes.
+    pub notes: Notes,
+}
+
+impl Checkpoint {
+    /// Joins a snapshot with the run's notes.
+    ///
+    /// # Errors
+    /// [`Error::Encode`].
+    pub fn new(mut snapshot: Snapshot, notes: Notes) -> Result<Self, Error> {
+        snapshot.notes.extend(notes.to_text().map_err(|e| Error::encoding("the checkpoint's notes", e))?);
+        Ok(Self { snapshot, notes })
+    }
+
+    /// Reads a checkpoint.
+    ///
+    /// # Errors
+    /// A file that is damaged; [`Error::Checkpoint`] for one of another version.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let snapshot = Snapshot::read(path)?;
+        let notes =
+            Notes::from_text(&snapshot.notes).map_err(|what| Error::Checkpoint { path: path.to_owned(), what })?;
+        Ok(Self { snapshot, notes })
+    }
+
+    /// Writes the checkpoint whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write(&self, path: &Path) -> Result<(), Error> {
+        self.snapshot.write(path).map_err(Error::writing)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As commit e8c9f27 wrote them.
+    fn text() -> HashMap<String, String> {
+        let prune = r#"[{"iteration":52,"selector":"css","before":900,"after":655,"detail":45,"blocks":20,"voxel":0.25,
+            "occupancy":[1,2],"kept_shares":[0,0,0,0,0,0,0,0,0,3],"spectrum":[1.0,0.0,0.0,0.0,0.0,0.0,0.0,0.0],
+            "modes":[3,0,0,0,0,0,0,0],"guards":{"canonical_blocks":0,"unseen_blocks":1,"repaired_values":0},
+            "merged":{"accepted":2,"refused":1},"frames_per_second_before":120.5,"seconds":{"responses":0.1,
+            "partition":0.1,"assemble":0.1,"solve":0.1,"assemble_and_solve":0.1,"select":0.1,"merge":0.1,"total":0.7}}]"#;
+        [
+            ("config", "seed = 1\n"),
+            ("curve", r#"[{"iteration":15,"seconds":0.25,"psnr":null,"gaussians":900}]"#),
+            ("prunes", prune),
+            ("seconds", "3"),
+            ("initial", "900"),
+            ("iteration", "60"),
+            ("skipped_rows", "0"),
+            ("crc32", "12345"),
+        ]
+        .map(|(name, text)| (name.to_owned(), text.to_owned()))
+        .into()
+    }
+
+    #[test]
+    fn notes_of_the_old_form_are_read_and_written_notes_come_back() {
+        let notes = Notes::from_text(&text()).unwrap();
+        assert_eq!((notes.initial, notes.seconds, notes.prunes[0].after), (900, 3.0, 655));
+        assert_eq!(notes.curve[0].psnr, f64::INFINITY, "JSON has no infinity");
+        assert_eq!(Notes::from_text(&notes.to_text().unwrap()), Ok(notes));
+    }
+
+    #[test]
+    fn notes_of_another_version_are_refused_by_name() {
+        let with = |name: &str, new: Option<&str>| {
+            let mut notes = text();
+            notes.remove(name);
+            notes.extend(new.map(|new| (name.to_owned(), new.to_owned())));
+            Notes::from_text(&notes).expect_err("must be refused")
+        };
+        for name in ["config", "curve", "prunes", "seconds", "initial"] {
+            assert!(with(name, None).contains(&format!("'{name}' is missing")));
+        }
+        for (name, wrong) in [("curve", ""), ("prunes", "{}"), ("seconds", "long"), ("initial", "-1")] {
+            assert!(with(name, Some(wrong)).contains(&format!("'{name}' cannot be read")), "{name}");
+        }
+        // A prune that has a figure more or less is another version's.
+        assert!(with("prunes", Some(&text()["prunes"].replace("\"detail\":45,", ""))).contains("'prunes' cannot"));
+        let more = text()["prunes"].replace("\"detail\":45,", "\"detail\":45,\"new\":1,");
+        assert!(with("prunes", Some(&more)).contains("'prunes' cannot be read"));
+        assert!(with("merged", Some("[]")).contains("'merged' is unknown"));
+    }
+}
