@@ -1,7 +1,7 @@
 //! How Gaussians are chosen: the options that run, compress and compare share. What is not given stays as the preset has it.
 
 use super::values;
-use crate::pipeline::compression::Compression;
+use crate::pipeline::config::Compression;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};

@@ -6,8 +6,9 @@ use super::show::Show;
 use super::training::{Means, Training};
 use super::{Global, networks};
 use crate::error::Error;
-use crate::pipeline::compare::{Arm, Compared, compare};
-use crate::pipeline::compression::{Compression, Pruning};
+use crate::pipeline::compare::{Arm, compare};
+use crate::pipeline::config::{Compression, Pruning};
+use crate::pipeline::records::CompareRecord;
 use crate::pipeline::{Output, budget};
 use crate::report;
 use std::path::PathBuf;
@@ -84,7 +85,7 @@ impl Arguments {
         if self.json { console.print(json) } else { self.report(console, &compared) }
     }
 
-    fn report(&self, console: &Console, compared: &Compared) -> Result<(), Error> {
+    fn report(&self, console: &Console, compared: &CompareRecord) -> Result<(), Error> {
         let number = |v: Option<f64>, digits: usize| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
         console.print(format_args!(
             "{:<24} {:>8} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",

@@ -12,8 +12,8 @@ use crate::error::Error;
 use crate::gaussians::formats;
 use crate::metrics::Scores;
 use crate::pipeline::compress::{self, Input, Job, Sight};
-use crate::pipeline::compressed::{Compressed, Truth};
-use crate::pipeline::compression::Compression;
+use crate::pipeline::config::Compression;
+use crate::pipeline::records::{CompressRecord, TruthKind};
 use crate::pipeline::virtual_views::Around;
 use crate::pipeline::{Output, Selection, budget};
 use crate::qirf::select::budget::Budget;
@@ -167,8 +167,8 @@ impl Arguments {
     }
 }
 
-fn report(console: &Console, figures: &Compressed) -> Result<(), Error> {
-    let Compressed { input, output, time, test, protocol, prune, .. } = figures;
+fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
+    let CompressRecord { input, output, time, test, protocol, prune, .. } = figures;
     console.print(format_args!(
         "Gaussians  {} of {} kept ({} in {} blocks)",
         output.gaussians, input.gaussians, prune.selector, prune.blocks
@@ -182,8 +182,8 @@ fn report(console: &Console, figures: &Compressed) -> Result<(), Error> {
         before / 1e6
     ))?;
     let truth = match protocol.truth {
-        Truth::Photos => "photos",
-        Truth::OwnPictures => "the original's pictures",
+        TruthKind::Photos => "photos",
+        TruthKind::OwnPictures => "the original's pictures",
     };
     let score = |name: &str, scores: &Option<Scores>| match scores {
         Some(s) => {

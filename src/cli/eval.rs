@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::metrics::Scores;
 use crate::pipeline::budget;
 use crate::pipeline::eval::{self, Evaluation};
-use crate::pipeline::results::{Results, ViewScores};
+use crate::pipeline::records::{RunRecord, ViewScores};
 use crate::pipeline::{Output, RunConfig, Selection};
 use std::path::{Path, PathBuf};
 
@@ -132,7 +132,7 @@ impl Arguments {
         Ok(Evaluation { selection, style, exposure })
     }
 
-    fn report(&self, console: &Console, results: &Results) -> Result<(), Error> {
+    fn report(&self, console: &Console, results: &RunRecord) -> Result<(), Error> {
         if self.json {
             return console.json(results);
         }

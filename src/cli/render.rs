@@ -8,11 +8,12 @@ use super::style;
 use super::values::{self, Up};
 use crate::error::Error;
 use crate::gaussians::formats::Loaded;
+use crate::gaussians::outline::outline;
 use crate::gaussians::resident::Resident;
-use crate::pipeline::orbit::{Look, Subject};
-use crate::pipeline::pictures::{self, Format};
+use crate::pipeline::evaluate::pictures::{self, Format};
 use crate::render::{Renderer, Settings};
 use crate::scene::camera::Camera;
+use crate::scene::orbit::Look;
 use crate::scene::{OpenOptions, Resize, Scene};
 use clap::ArgGroup;
 use std::collections::HashSet;
@@ -133,15 +134,15 @@ impl Arguments {
             size: self.size.unwrap_or((1280, 720)),
         };
         let up = self.up.unwrap_or(Up::Auto).direction();
-        let subject = Subject::of(&loaded.gaussians, up);
-        let (height, distance) = subject.framing(&look);
-        tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", subject.centre);
+        let outline = outline(&loaded.gaussians, up);
+        let (height, distance) = outline.framing(&look);
+        tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", outline.centre);
         // A model in small units must not fall before the near plane.
         settings.near = settings.near.min((0.02 * distance) as f32);
         let count = self.orbit.unwrap_or(1);
         let digits = count.to_string().len().max(3);
         let path = |i| self.output.join(format!("orbit_{i:0digits$}.{}", self.format.extension()));
-        let cameras = subject.cameras(count, &look);
+        let cameras = outline.cameras(count, &look);
         cameras.into_iter().enumerate().map(|(i, camera)| Shot { camera, path: path(i) }).collect()
     }
 

@@ -6,9 +6,8 @@ use super::show::Show;
 use super::training::{Means, Training};
 use super::{Global, networks};
 use crate::error::Error;
-use crate::pipeline::results::Results;
-use crate::pipeline::{Output, RunConfig};
-use crate::pipeline::{budget, run};
+use crate::pipeline::records::RunRecord;
+use crate::pipeline::{Output, RunConfig, budget, run};
 use crate::report;
 use std::path::PathBuf;
 
@@ -75,7 +74,7 @@ impl Arguments {
         Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)) })
     }
 
-    fn report(&self, console: &Console, results: &Results, output: &Output) -> Result<(), Error> {
+    fn report(&self, console: &Console, results: &RunRecord, output: &Output) -> Result<(), Error> {
         if self.json {
             return console.json(results);
         }

@@ -10,7 +10,7 @@ use super::{Global, networks};
 use crate::error::Error;
 use crate::gpu::Device;
 use crate::pipeline::sweep::results::figure;
-use crate::pipeline::sweep::{self, Asked, AxisResult, Context, Described, Plan, Subject, Swept, heavy, subject};
+use crate::pipeline::sweep::{self, Asked, AxisRecord, Context, Described, Plan, Subject, SweepRecord, heavy, subject};
 use crate::pipeline::{Output, Preset, RunConfig, Watcher, budget};
 use crate::report;
 use std::path::{Path, PathBuf};
@@ -104,9 +104,9 @@ impl Arguments {
                 heavy::Training { device: &device, config: &config, preset, pruning: &pruning, networks, watcher };
             axes.extend(sweep::heavy(&training, &plan, &asked)?);
         }
-        let place = |axis: &AxisResult| asked.iter().position(|a| a.axis == axis.axis);
+        let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis == axis.axis);
         axes.sort_by_key(place);
-        let swept = Swept {
+        let swept = SweepRecord {
             schema: 1,
             version: env!("CARGO_PKG_VERSION"),
             device: device.info().clone(),
@@ -129,7 +129,7 @@ impl Arguments {
         plan: &Plan<'_>,
         asked: &[Asked],
         watcher: &(dyn Watcher + Sync),
-    ) -> Result<(Described, Vec<AxisResult>), Error> {
+    ) -> Result<(Described, Vec<AxisRecord>), Error> {
         if asked.iter().all(|a| a.axis.heavy()) {
             let path = self.path.display().to_string();
             let origin = "every rung is a training of its own".to_owned();
@@ -160,7 +160,7 @@ impl Arguments {
         subject::of_model(device, &self.path, model, (self.size.unwrap_or((400, 400)), up, background), watcher)
     }
 
-    fn report(&self, console: &Console, swept: &Swept) -> Result<(), Error> {
+    fn report(&self, console: &Console, swept: &SweepRecord) -> Result<(), Error> {
         for axis in &swept.axes {
             console.print(format_args!("{}: {} ({})", axis.axis.name(), axis.accuracy, axis.time))?;
             for r in &axis.rungs {

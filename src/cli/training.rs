@@ -3,8 +3,8 @@
 use super::choices::Choices;
 use super::values;
 use crate::effects::{Choice, Effect, Overrides};
-use crate::pipeline::compression::Pruning;
-use crate::pipeline::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
+use crate::pipeline::config::Pruning;
+use crate::pipeline::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::pipeline::{Init, Preset, RunConfig};
 use clap::Args;
 use std::path::PathBuf;

@@ -1,8 +1,8 @@
 //! Values on the command line: sizes, colours, resolutions, directions.
 
-use crate::pipeline::orbit::UP;
 use crate::qirf::partition::Partition;
 use crate::scene::Resize;
+use crate::scene::orbit::UP;
 use glam::DVec3;
 use serde::de::{DeserializeOwned, IntoDeserializer};
 

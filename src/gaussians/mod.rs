@@ -4,6 +4,7 @@ mod bands;
 mod edit;
 mod error;
 pub mod formats;
+pub mod outline;
 pub mod resident;
 
 pub use error::Error;

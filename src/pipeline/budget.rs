@@ -2,6 +2,7 @@
 
 use super::config::{Init, RunConfig};
 use super::evaluate::Evaluator;
+use super::pairs;
 use super::prepare::{Opened, Start};
 use super::virtual_views;
 use crate::effects::Effect;
@@ -15,21 +16,12 @@ use crate::qirf::study;
 use crate::render::Style;
 use crate::train::{Demand, Trainer};
 
-/// Pairs a Gaussian that room is made for: at first in training, and in estimates.
-pub const PAIRS_PER_GAUSSIAN: u32 = 16;
-/// Pairs that room is made for at least.
-pub const LEAST_PAIRS: u32 = 1 << 14;
 /// The host's memory in bytes, where the system does not tell.
 const HOST: u64 = 8 << 30;
 /// Share of it that decoded photos may take.
 const HOST_SHARE: u64 = 4;
 /// How often its first number of Gaussians a run is assumed to reach, where `--max-gaussians` allows it.
 const GROWTH: usize = 4;
-
-/// Room for (tile, Gaussian) pairs that `gaussians` are given.
-pub fn pairs(gaussians: usize) -> u32 {
-    u32::try_from(gaussians).unwrap_or(u32::MAX).saturating_mul(PAIRS_PER_GAUSSIAN).max(LEAST_PAIRS)
-}
 
 /// Bytes of device memory that a run will need: with four times the Gaussians that it begins with, or as many as it may
 /// have if those are fewer.
@@ -54,7 +46,7 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         // Whether the scene calls for exposures is not known yet.
         let exposure = config.effects.forced(Effect::Exposure) != Some(false);
         let masked = opened.scene.views.iter().any(|v| v.mask.is_some());
-        let (pairs, prunes) = (pairs(gaussians), config.prune.is_some());
+        let (pairs, prunes) = (pairs::room(gaussians), config.prune.is_some());
         let (antialias, halves) = (config.effects.forced(Effect::Antialias) != Some(false), schedule.halves(1));
         let depth_order = config.effects.forced(Effect::DepthOrder) == Some(true);
         let style = Style { antialias, depth_order };
@@ -117,13 +109,13 @@ pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> 
     let (gaussians, degree) = (model.len(), model.degree());
     let resident = Resident::bytes(gaussians, degree);
     let resident = resident + staging_bytes(resident);
-    let pairs = most_pairs(device, gaussians);
+    let pairs = pairs::most(device, gaussians);
     let evaluates = resident + Evaluator::bytes(device, gaussians, size, style);
     let studies = resident + study::bytes(gaussians);
     let responds = resident + virtual_views::bytes(device, gaussians, size, pairs, style);
     let demand = Demand {
         gaussians: trained,
-        pairs: most_pairs(device, trained),
+        pairs: pairs::most(device, trained),
         size,
         photos,
         degree,
@@ -139,17 +131,6 @@ pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> 
     let needed = evaluates.max(studies).max(trains).max(if own_pictures { responds } else { 0 });
     let smaller = if own_pictures { " a smaller --size," } else { "" };
     check(device, "the compression", gaussians, size, needed, smaller)
-}
-
-/// Room for pairs that a model which is there begins with: more is made where a view needs it.
-pub fn few_pairs(device: &Device, gaussians: usize) -> u32 {
-    most_pairs(device, gaussians / 4)
-}
-
-/// Pairs expected at most: no kernel can bind more.
-fn most_pairs(device: &Device, gaussians: usize) -> u32 {
-    let bound = device.info().max_buffer_bytes / size_of::<[f32; 4]>() as u64;
-    pairs(gaussians).min(u32::try_from(bound).unwrap_or(u32::MAX))
 }
 
 /// Bytes of the host's memory that decoded photos may take: a quarter of it, or the budget given, if that is less.

@@ -1,7 +1,7 @@
 //! A run's checkpoint: the trainer's state with the run's own notes. Notes that cannot be read are an error: a run that
 //! forgot its prunes would prune again.
 
-use super::results::{CurvePoint, Pruned};
+use super::records::{CurvePoint, PruneRecord};
 use crate::error::Error;
 use crate::train::checkpoint::Snapshot;
 use serde::de::DeserializeOwned;
@@ -20,7 +20,7 @@ pub struct Notes {
     /// Quality against time so far.
     pub curve: Vec<CurvePoint>,
     /// Prunes so far.
-    pub prunes: Vec<Pruned>,
+    pub prunes: Vec<PruneRecord>,
     /// Seconds of training and pruning so far.
     pub seconds: f64,
     /// Gaussians at the start.

@@ -2,23 +2,21 @@
 //! and iterations.
 
 use super::checkpoint::Checkpoint;
-use super::compression::{Compression, Pruning};
-use super::config::RunConfig;
+use super::config::{Compression, Pruning, RunConfig};
 use super::evaluate::Evaluator;
 use super::job::{Job, Stage};
 use super::output::Output;
 use super::prepare::{Start, open};
-use super::results::{Pruned, Results, ViewScores};
+use super::records::{ArmRecord, CompareRecord, RunRecord};
 use super::watcher::Watcher;
 use super::{budget, run};
 use crate::error::Error;
 use crate::gaussians::formats;
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Device, DeviceInfo};
+use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
 
@@ -100,56 +98,6 @@ impl Arm {
     }
 }
 
-/// What an arm came to.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct ArmResult {
-    /// Its name.
-    pub name: String,
-    /// Mean PSNR of the held-out views in dB; null where all are equal or there are none.
-    pub psnr: Option<f64>,
-    /// Mean SSIM of the held-out views.
-    pub ssim: Option<f64>,
-    /// Mean LPIPS (VGG) of the held-out views; null without weights.
-    pub lpips_vgg: Option<f64>,
-    /// Gaussians at the end.
-    pub gaussians: usize,
-    /// Share of the Gaussians at the prune point that are gone.
-    pub removed: f64,
-    /// Bytes of its `model.ply`.
-    pub ply_bytes: u64,
-    /// Frames a second, the median of rounds in which all arms took turns.
-    pub fps: Option<f64>,
-    /// Seconds of training and pruning, from the beginning.
-    pub seconds: f64,
-    /// PSNR right after the prune, before any fine-tuning; null for the dense arm.
-    pub psnr_pruned: Option<f64>,
-    /// Its prunes.
-    pub prunes: Vec<Pruned>,
-    /// Scores by view.
-    pub views: Vec<ViewScores>,
-}
-
-/// What a comparison came to: `compare.json`.
-#[derive(Clone, Debug, Serialize)]
-pub struct Compared {
-    /// Version of this layout.
-    pub schema: u32,
-    /// Version of the program.
-    pub version: &'static str,
-    /// The device.
-    pub device: DeviceInfo,
-    /// The scene.
-    pub scene: String,
-    /// Iterations of every arm.
-    pub iterations: u32,
-    /// The iteration at which they part.
-    pub prune_point: u32,
-    /// Gaussians there.
-    pub gaussians: usize,
-    /// The arms, in the order asked for.
-    pub arms: Vec<ArmResult>,
-}
-
 /// Compares `arms` on one scene; everything lies in `folder`. With `resume`, what an earlier comparison of the same
 /// options finished there is taken over.
 ///
@@ -163,7 +111,7 @@ pub fn compare(
     host_bytes: u64,
     resume: bool,
     watcher: &(dyn Watcher + Sync),
-) -> Result<Compared, Error> {
+) -> Result<CompareRecord, Error> {
     let begun = Instant::now();
     let output = Output::new(folder)?;
     let opened = open(&shared.selection())?;
@@ -201,7 +149,7 @@ pub fn compare(
         )?);
     }
     frame_rates(&stage, shared, &mut results, folder)?;
-    Ok(Compared {
+    Ok(CompareRecord {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         device: device.info().clone(),
@@ -221,7 +169,7 @@ fn finish(
     fork: &Checkpoint,
     folder: &Path,
     resume: bool,
-) -> Result<ArmResult, Error> {
+) -> Result<ArmRecord, Error> {
     let output = Output::new(folder)?;
     let config = arm.configuration(shared);
     let (written, file) = (config.written()?, folder.join("arm.json"));
@@ -242,40 +190,38 @@ fn finish(
         None
     };
     job.train(config.schedule.iterations)?;
-    let result = ArmResult::new(&arm.name, fork.snapshot.model.len(), psnr_pruned, job.finish()?);
+    let result = arm_record(&arm.name, fork.snapshot.model.len(), psnr_pruned, job.finish()?);
     let text = serde_json::to_string(&result).map_err(|e| Error::encoding("arm.json", e))?;
     Output::text(&file, &text)?;
     Output::text(&output.config(), &written)?;
     Ok(result)
 }
 
-impl ArmResult {
-    fn new(name: &str, before: usize, psnr_pruned: Option<f64>, results: Results) -> Self {
-        let test = results.test.as_ref();
-        Self {
-            name: name.to_owned(),
-            psnr: test.and_then(|t| t.psnr),
-            ssim: test.map(|t| t.ssim),
-            lpips_vgg: test.and_then(|t| t.lpips_vgg),
-            gaussians: results.gaussians.last,
-            removed: 1.0 - results.gaussians.last as f64 / before.max(1) as f64,
-            ply_bytes: results.model_bytes,
-            fps: results.frames_per_second,
-            seconds: results.time.train_s,
-            psnr_pruned,
-            prunes: results.prunes,
-            views: results.views,
-        }
+fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecord) -> ArmRecord {
+    let test = run.test.as_ref();
+    ArmRecord {
+        name: name.to_owned(),
+        psnr: test.and_then(|t| t.psnr),
+        ssim: test.map(|t| t.ssim),
+        lpips_vgg: test.and_then(|t| t.lpips_vgg),
+        gaussians: run.gaussians.last,
+        removed: 1.0 - run.gaussians.last as f64 / before.max(1) as f64,
+        ply_bytes: run.model_bytes,
+        fps: run.frames_per_second,
+        seconds: run.time.train_s,
+        psnr_pruned,
+        prunes: run.prunes,
+        views: run.views,
     }
 }
 
 /// Times all arms' models in turn, so that whatever else the machine does falls on all of them.
-fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmResult], folder: &Path) -> Result<(), Error> {
+fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmRecord], folder: &Path) -> Result<(), Error> {
     let settings = shared.style().over(stage.prepared.background);
     let most = arms.iter().map(|a| a.gaussians).max().unwrap_or(0);
     let mut evaluator = Evaluator::new(stage.device, settings, most, stage.prepared.views())?;
     evaluator.compare_as(shared.exposure, stage.prepared.masked);
-    let model = |arm: &ArmResult| Output::new(&folder.join("arms").join(Arm::folder(&arm.name))).map(|o| o.model());
+    let model = |arm: &ArmRecord| Output::new(&folder.join("arms").join(Arm::folder(&arm.name))).map(|o| o.model());
     let files: Vec<_> = arms.iter().map(model).collect::<Result<_, _>>()?;
     let mut rates: Vec<Vec<f64>> = vec![Vec::new(); arms.len()];
     for _ in 0..ROUNDS {
@@ -289,20 +235,6 @@ fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmResult], fo
         arm.fps = rates.get(rates.len() / 2).copied();
     }
     Ok(())
-}
-
-impl Compared {
-    /// The table as comma-separated values: a line an arm.
-    pub fn csv(&self) -> String {
-        let cell = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
-        let mut text = "name,psnr,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned\n".to_owned();
-        for a in &self.arms {
-            let scores = [cell(a.psnr), cell(a.ssim), cell(a.lpips_vgg)].join(",");
-            text += &format!("{},{scores},{},{:.4},{},", a.name, a.gaussians, a.removed, a.ply_bytes);
-            text += &format!("{},{:.1},{}\n", cell(a.fps), a.seconds, cell(a.psnr_pruned));
-        }
-        text
-    }
 }
 
 #[cfg(test)]

@@ -1,12 +1,15 @@
 //! `qirf-vk compress`: from a model that is there to a smaller one.
 
 use super::budget::{self, Compressing};
-use super::compressed::{Compressed, ModelFile, Protocol, Stages, Times, Truth, View};
-use super::compression::{Compression, Decision, Pruning, decide};
-use super::config::Selection;
+use super::config::{Compression, Pruning, Selection};
 use super::evaluate::Evaluator;
+use super::output::bytes_on_disk;
+use super::pairs;
 use super::prepare::{Prepared, open};
-use super::results::Memory;
+use super::prune::{Decision, decide};
+use super::records::{
+    CompressProtocol, CompressRecord, CompressTimes, Memory, ModelFile, StageScores, TruthKind, ViewStages,
+};
 use super::virtual_views::{self, Around, OwnPictures};
 use super::watcher::Watcher;
 use crate::error::Error;
@@ -71,17 +74,17 @@ pub fn compress(
     output: &Path,
     host_bytes: u64,
     watcher: &(dyn Watcher + Sync),
-) -> Result<Compressed, Error> {
+) -> Result<CompressRecord, Error> {
     let begun = Instant::now();
     let Input { path, model, read_s } = input;
-    let input = ModelFile::new(path, &model);
-    let mut time = Times { read_s, ..Times::default() };
+    let input = model_file(path, &model);
+    let mut time = CompressTimes { read_s, ..CompressTimes::default() };
     let keep = at_least_one(job.compression.keep, model.len());
     let (views, estimated_bytes) = Views::new(device, &model, job, host_bytes, watcher)?;
     time.truth_s = seconds(begun);
 
     let mut judge = Judge { device, views: &views, watcher, rounds: views.rounds(job), done: 0, seconds: 0.0 };
-    let before = if views.truth == Truth::Photos { judge.scores(&model)? } else { Vec::new() };
+    let before = if views.truth == TruthKind::Photos { judge.scores(&model)? } else { Vec::new() };
     let responding = Instant::now();
     let evidence = evidence(device, &model, &views, job, watcher)?;
     time.responses_s = seconds(responding);
@@ -112,19 +115,23 @@ pub fn compress(
     time.total_s = read_s + seconds(begun);
 
     let test = views.tell([before, after, tuned]);
-    Ok(Compressed {
+    Ok(CompressRecord {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         device: device.info().clone(),
         protocol: views.protocol(job),
         input,
-        output: ModelFile::new(output, &model),
+        output: model_file(output, &model),
         prune: pruned,
-        test: Stages::mean(&test),
+        test: StageScores::mean(&test),
         views: test,
         time,
         memory: Memory { estimated_bytes, peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
     })
+}
+
+fn model_file(path: &Path, model: &Gaussians) -> ModelFile {
+    ModelFile { path: path.to_owned(), bytes: bytes_on_disk(path), gaussians: model.len(), sh_degree: model.degree() }
 }
 
 fn seconds(since: Instant) -> f64 {
@@ -150,7 +157,7 @@ fn most_kept(keep: Keep, gaussians: usize) -> usize {
 
 /// What a model is judged by, ready.
 struct Views {
-    truth: Truth,
+    truth: TruthKind,
     /// Views of evidence and fine-tuning; without photos they have pixels only where there is fine-tuning.
     train: Vec<TrainView>,
     test: Vec<(String, TrainView)>,
@@ -198,7 +205,7 @@ impl Views {
         let prepared = opened.load_to_train((host_bytes, &std::env::temp_dir()), watcher)?;
         let settings = job.style.over(prepared.background);
         let Prepared { train, test, extent, transparent, masked, .. } = prepared;
-        Ok((Self { truth: Truth::Photos, train, test, extent, transparent, masked, settings }, estimated))
+        Ok((Self { truth: TruthKind::Photos, train, test, extent, transparent, masked, settings }, estimated))
     }
 
     fn of_itself(
@@ -219,19 +226,19 @@ impl Views {
         let OwnPictures { train, test, settings } = own;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
         Ok((
-            Self { truth: Truth::OwnPictures, train, test, extent, transparent: false, masked: false, settings },
+            Self { truth: TruthKind::OwnPictures, train, test, extent, transparent: false, masked: false, settings },
             estimated,
         ))
     }
 
     /// How often the held-out views are scored.
     fn rounds(&self, job: &Job) -> usize {
-        1 + usize::from(self.truth == Truth::Photos) + usize::from(job.fine_tune > 0)
+        1 + usize::from(self.truth == TruthKind::Photos) + usize::from(job.fine_tune > 0)
     }
 
-    fn protocol(&self, job: &Job) -> Protocol {
+    fn protocol(&self, job: &Job) -> CompressProtocol {
         let views = self.train.iter().chain(self.test.iter().map(|(_, view)| view));
-        Protocol {
+        CompressProtocol {
             truth: self.truth,
             train_views: self.train.len(),
             test_views: self.test.len(),
@@ -246,10 +253,10 @@ impl Views {
     }
 
     /// The held-out views with their scores before, after the prune and after fine-tuning, each absent or one a view.
-    fn tell(&self, stages: [Vec<Scores>; 3]) -> Vec<View> {
+    fn tell(&self, stages: [Vec<Scores>; 3]) -> Vec<ViewStages> {
         let [mut before, mut pruned, mut fine_tuned] = stages.map(Vec::into_iter);
-        let mut stages = || Stages { before: before.next(), pruned: pruned.next(), fine_tuned: fine_tuned.next() };
-        self.test.iter().map(|(name, _)| View { name: name.clone(), scores: stages() }).collect()
+        let mut stages = || StageScores { before: before.next(), pruned: pruned.next(), fine_tuned: fine_tuned.next() };
+        self.test.iter().map(|(name, _)| ViewStages { name: name.clone(), scores: stages() }).collect()
     }
 }
 
@@ -295,12 +302,12 @@ fn evidence(
         watcher.unless_stopped()
     };
     let with_scores = job.compression.selector.reads_scores();
-    if views.truth == Truth::Photos {
+    if views.truth == TruthKind::Photos {
         return trainer(device, model, views, job)?.evidence_with(with_scores, follow);
     }
     let cameras: Vec<Camera> = views.train.iter().map(|v| v.camera.clone()).collect();
     let resident = Resident::upload(device, model)?;
-    let pairs = budget::few_pairs(device, model.len());
+    let pairs = pairs::few(device, model.len());
     virtual_views::evidence(device, &resident, &cameras, views.settings, (pairs, with_scores), follow)
 }
 
@@ -324,7 +331,7 @@ fn trainer(device: &Device, model: &Gaussians, views: &Views, job: &Job) -> Resu
         exposure: None,
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,
-        pairs: budget::few_pairs(device, model.len()),
+        pairs: pairs::few(device, model.len()),
     };
     Ok(Trainer::new(device, model, views.train.clone(), views.extent, options)?)
 }

@@ -2,10 +2,10 @@
 
 use super::budget;
 use super::config::Selection;
-use super::evaluate::{Evaluator, HeldOut};
-use super::output::Output;
+use super::evaluate::{Evaluator, HeldOut, exposure_note, protocol};
+use super::output::{Output, bytes_on_disk};
 use super::prepare::open;
-use super::results::{Counts, Guards, Memory, Protocol, Results, Times, TrainScores, bytes};
+use super::records::{Counts, Guards, Memory, Protocol, RunRecord, Times, TrainScores};
 use super::virtual_views::{Around, OwnPictures};
 use super::watcher::Watcher;
 use crate::error::Error;
@@ -43,7 +43,7 @@ pub fn eval(
     networks: &Networks,
     host_bytes: u64,
     watcher: &(dyn Watcher + Sync),
-) -> Result<Results, Error> {
+) -> Result<RunRecord, Error> {
     let begun = Instant::now();
     let selection = &evaluation.selection;
     let opened = open(selection)?;
@@ -81,14 +81,11 @@ pub fn eval(
     };
     let train_psnr = evaluator.psnr(&resident, prepared.train.iter())?;
     let frames_per_second = evaluator.frames_per_second(&resident, &prepared)?;
-    let results = Results {
+    let results = RunRecord {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         device: device.info().clone(),
-        protocol: Protocol {
-            exposure: Protocol::exposure(evaluation.exposure),
-            ..Protocol::new(selection, &prepared, networks)
-        },
+        protocol: Protocol { exposure: exposure_note(evaluation.exposure), ..protocol(selection, &prepared, networks) },
         gaussians: Counts { initial: None, dense: None, last: model.len() },
         test: held_out.mean(),
         unfitted_psnr,
@@ -101,7 +98,7 @@ pub fn eval(
         },
         views: held_out.views,
         frames_per_second,
-        model_bytes: bytes(file),
+        model_bytes: bytes_on_disk(file),
         prunes: Vec::new(),
         curve: Vec::new(),
         time: Times {
@@ -116,7 +113,7 @@ pub fn eval(
         memory: Memory { estimated_bytes, peak_bytes: device.memory_used().1, limit_bytes: device.memory_limit() },
     };
     if let Some(output) = output {
-        results.write(output)?;
+        Output::json(&output.metrics(), "metrics.json", &results)?;
     }
     Ok(results)
 }

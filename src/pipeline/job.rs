@@ -1,16 +1,15 @@
 //! A run under way: training, prunes, checkpoints, and what is left at its end. `run` conducts one, `compare` many from one
 //! checkpoint.
 
-use super::budget;
 use super::checkpoint::{Checkpoint, Notes};
-use super::compression::{Responses, prune};
-use super::config::RunConfig;
+use super::config::{ResponseSource, RunConfig};
 use super::effects;
-use super::evaluate::Evaluator;
-use super::gallery;
-use super::output::Output;
+use super::evaluate::{Evaluator, exhibits, exposure_note, protocol};
+use super::output::{Output, bytes_on_disk};
+use super::pairs;
 use super::prepare::{Opened, Prepared, Start, initialise};
-use super::results::{Counts, CurvePoint, Guards, Memory, Protocol, Results, Times, TrainScores};
+use super::prune::prune;
+use super::records::{Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores};
 use super::watcher::Watcher;
 use crate::effects::Decision;
 use crate::error::Error;
@@ -98,7 +97,7 @@ impl<'a> Job<'a> {
             exposure: config.exposure.then(|| stage.gains.clone()),
             weights: Weights::default(),
             averaged: averaged(config),
-            pairs: budget::pairs(gaussians),
+            pairs: pairs::room(gaussians),
         };
         let views = prepared.train.clone();
         let config_text = config.written()?;
@@ -198,7 +197,7 @@ impl<'a> Job<'a> {
         let Stage { device, prepared, watcher, .. } = self.stage;
         let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
         if self.notes.prunes.is_empty() {
-            gallery::dense(&mut self.evaluator, self.trainer.model(), prepared, &self.output.renders())?;
+            exhibits::dense(&mut self.evaluator, self.trainer.model(), prepared, &self.output.renders())?;
         }
         let keep = pruning.keep(self.notes.prunes.len(), steps, self.trainer.len());
         let (compression, seed) = (&pruning.compression, self.config.seed);
@@ -234,7 +233,7 @@ impl<'a> Job<'a> {
     ///
     /// # Errors
     /// Device errors; a disk that is full.
-    pub fn finish(mut self) -> Result<Results, Error> {
+    pub fn finish(mut self) -> Result<RunRecord, Error> {
         let Stage { device, prepared, networks, watcher, estimated_bytes, begun, decisions, .. } = self.stage;
         let (config, output) = (self.config, self.output);
         let evaluating = Instant::now();
@@ -247,7 +246,7 @@ impl<'a> Job<'a> {
                 Ok(())
             })?;
         held_out.warn(*watcher);
-        gallery::photos(prepared, &output.renders())?;
+        exhibits::photos(prepared, &output.renders())?;
         let unfitted_psnr = if config.exposure {
             evaluator.compare_as(false, prepared.masked);
             let psnr = evaluator.psnr(resident, prepared.test.iter().map(|(_, view)| view))?;
@@ -258,15 +257,15 @@ impl<'a> Job<'a> {
         };
         let train_psnr = evaluator.psnr(resident, prepared.train.iter())?;
         let frames_per_second = evaluator.frames_per_second(resident, prepared)?;
-        let results = Results {
+        let results = RunRecord {
             schema: 1,
             version: env!("CARGO_PKG_VERSION"),
             device: device.info().clone(),
             protocol: Protocol {
                 iterations: Some(config.schedule.iterations),
                 seed: Some(config.seed),
-                exposure: Protocol::exposure(config.exposure),
-                ..Protocol::new(&config.selection(), prepared, networks)
+                exposure: exposure_note(config.exposure),
+                ..protocol(&config.selection(), prepared, networks)
             },
             gaussians: Counts {
                 initial: Some(self.notes.initial),
@@ -277,14 +276,14 @@ impl<'a> Job<'a> {
             unfitted_psnr,
             train: TrainScores { psnr: train_psnr },
             frames_per_second,
-            model_bytes: std::fs::metadata(output.model()).map_or(0, |m| m.len()),
+            model_bytes: bytes_on_disk(&output.model()),
             time: Times {
                 total_s: begun.0.elapsed().as_secs_f64(),
                 load_s: begun.1,
                 train_s: self.notes.seconds,
                 prune_s: self.notes.prunes.iter().map(|p| p.seconds.total).sum(),
                 evaluate_s: evaluating.elapsed().as_secs_f64(),
-                stages_s: Times::stages(self.trainer.timings()),
+                stages_s: self.trainer.timings().iter().map(|(name, seconds, _)| (name, seconds)).collect(),
             },
             prunes: self.notes.prunes,
             curve: self.notes.curve,
@@ -302,7 +301,7 @@ impl<'a> Job<'a> {
                 limit_bytes: device.memory_limit(),
             },
         };
-        results.write(output)?;
+        Output::json(&output.metrics(), "metrics.json", &results)?;
         Ok(results)
     }
 }
@@ -310,7 +309,7 @@ impl<'a> Job<'a> {
 /// The iterations whose responses are averaged.
 fn averaged(config: &RunConfig) -> Range<u32> {
     match &config.prune {
-        Some(p) if p.responses == Responses::Average => {
+        Some(p) if p.responses == ResponseSource::Average => {
             let length = config.schedule.iterations;
             let from = (f64::from(length) * p.average_from).round() as u32 + 1;
             from..p.iterations(length).last().copied().unwrap_or(0) + 1

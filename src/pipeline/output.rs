@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::gaussians::formats;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// A folder of results.
@@ -56,11 +57,28 @@ impl Output {
         self.0.join("renders")
     }
 
+    /// Writes `document` as JSON, whole or not at all; `what` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Encode`]; [`Error::Write`].
+    pub fn json(path: &Path, what: &'static str, document: &impl Serialize) -> Result<(), Error> {
+        Self::text(path, &serde_json::to_string_pretty(document).map_err(|e| Error::encoding(what, e))?)
+    }
+
     /// Writes a text file whole or not at all.
     ///
     /// # Errors
     /// [`Error::Write`].
     pub fn text(path: &Path, text: &str) -> Result<(), Error> {
         formats::write_atomically(path, |out| out.write_all(text.as_bytes())).map_err(Error::writing)
+    }
+}
+
+/// Bytes of a model's file, or of all files in its folder; 0 where there is none.
+pub fn bytes_on_disk(path: &Path) -> u64 {
+    let file = |p: &Path| std::fs::metadata(p).map_or(0, |m| m.len());
+    match std::fs::read_dir(path) {
+        Ok(entries) => entries.flatten().map(|e| file(&e.path())).sum(),
+        Err(_) => file(path),
     }
 }

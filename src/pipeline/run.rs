@@ -6,7 +6,7 @@ use super::config::{Init, RunConfig};
 use super::job::{Job, Stage};
 use super::output::Output;
 use super::prepare::{Start, open};
-use super::results::Results;
+use super::records::RunRecord;
 use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::formats;
@@ -28,7 +28,7 @@ pub fn run(
     host_bytes: u64,
     resume: bool,
     watcher: &(dyn Watcher + Sync),
-) -> Result<Results, Error> {
+) -> Result<RunRecord, Error> {
     let begun = Instant::now();
     if let Init::Model(model) = &config.init {
         formats::refuse_overwrite(model, &output.model()).map_err(Error::writing)?;

@@ -1,16 +1,17 @@
 //! Views of a model that has no photos: cameras all round it, and its own pictures as what is true.
 
 use super::evaluate::rgb;
-use super::orbit::{Look, Subject};
 use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
+use crate::gaussians::outline::outline;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording};
 use crate::qirf::response::{Evidence, HighPass, Responses, full_pass};
 use crate::qirf::score::Scores;
 use crate::render::{Image, Renderer, Settings, Style, Uses};
 use crate::scene::camera::{self, Camera};
+use crate::scene::orbit::Look;
 use crate::train::photos::TrainView;
 use crate::train::pixels::Pixels;
 use glam::DVec3;
@@ -57,7 +58,7 @@ impl Around {
     /// Cameras spread evenly over a band of a sphere round the model, each near enough to fill its picture; and the near
     /// plane that suits them.
     fn cameras(&self, model: &Gaussians) -> (Vec<Camera>, f64) {
-        let subject = Subject::of(model, self.up);
+        let outline = outline(model, self.up);
         let mut nearest = f64::INFINITY;
         let (low, high) = (ELEVATIONS.start().sin(), ELEVATIONS.end().sin());
         let cameras = (0..self.views)
@@ -66,8 +67,8 @@ impl Around {
                 let share = (f64::from(i) + 0.5) / f64::from(self.views);
                 let elevation = (low + (high - low) * share).asin();
                 let look = Look { fov: FIELD_OF_VIEW, elevation, size: self.size };
-                let camera = subject.camera(f64::from(i) * TURN, &look);
-                nearest = nearest.min(camera.centre().distance(subject.centre));
+                let camera = outline.camera(f64::from(i) * TURN, &look);
+                nearest = nearest.min(camera.centre().distance(outline.centre));
                 camera
             })
             .collect();

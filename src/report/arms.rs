@@ -5,8 +5,9 @@ use super::format::{bytes, count, decimals, percent, seconds};
 use super::page::{self, Column, Section, absent, side_by_side, table};
 use super::picture::{data_uri, read};
 use super::plot::{Axis, Bar, Scatter, Spot, bars};
-use crate::pipeline::compare::{Arm, ArmResult, Compared};
-use crate::pipeline::gallery::exhibits;
+use crate::pipeline::compare::Arm;
+use crate::pipeline::evaluate::exhibits::exhibits;
+use crate::pipeline::records::{ArmRecord, CompareRecord};
 use image::RgbImage;
 use image::imageops::{FilterType, crop_imm, resize};
 use maud::{Markup, html};
@@ -24,7 +25,7 @@ struct View {
 }
 
 /// The page of a comparison whose arms lie in `folder`; pictures that are absent are left out.
-pub fn page(compared: &Compared, folder: &Path) -> String {
+pub fn page(compared: &CompareRecord, folder: &Path) -> String {
     let views = views(compared, folder);
     let choices: Vec<&str> =
         std::iter::once("ground truth").chain(compared.arms.iter().map(|a| a.name.as_str())).collect();
@@ -46,7 +47,7 @@ pub fn page(compared: &Compared, folder: &Path) -> String {
     page::page("Comparison of arms", &subtitle, &sections)
 }
 
-fn figures(compared: &Compared) -> Markup {
+fn figures(compared: &CompareRecord) -> Markup {
     let columns = [
         Column::Text("arm"),
         Column::Number("PSNR / dB"),
@@ -59,7 +60,7 @@ fn figures(compared: &Compared) -> Markup {
         Column::Number("frames / s"),
         Column::Number("time"),
     ];
-    let row = |a: &ArmResult| {
+    let row = |a: &ArmRecord| {
         vec![
             a.name.clone(),
             decimals(a.psnr, 2),
@@ -76,14 +77,14 @@ fn figures(compared: &Compared) -> Markup {
     table(&columns, &compared.arms.iter().map(row).collect::<Vec<_>>(), None)
 }
 
-fn plots(compared: &Compared) -> Markup {
+fn plots(compared: &CompareRecord) -> Markup {
     let arms = &compared.arms;
     let best = arms.iter().filter_map(|a| a.psnr).fold(f64::NEG_INFINITY, f64::max);
-    let lost = |a: &ArmResult| {
+    let lost = |a: &ArmRecord| {
         let value = best - a.psnr?;
         Some(Bar { name: a.name.clone(), value, text: decimals(value, 2) })
     };
-    let spot = |a: &ArmResult| Some(Spot { label: a.name.clone(), group: 0, at: [a.fps?, a.psnr?] });
+    let spot = |a: &ArmRecord| Some(Spot { label: a.name.clone(), group: 0, at: [a.fps?, a.psnr?] });
     let speed = Scatter {
         title: "Quality against speed",
         x: Axis::new("frames / s"),
@@ -106,14 +107,14 @@ fn pictures(choices: &[&str], views: &[View], stack: impl Fn(&View) -> Option<St
     html! { (compare(choices, [0, 1], &stacks)) }
 }
 
-fn views(compared: &Compared, folder: &Path) -> Vec<View> {
+fn views(compared: &CompareRecord, folder: &Path) -> Vec<View> {
     let Some(first) = compared.arms.first() else { return Vec::new() };
     let names: Vec<&str> = first.views.iter().map(|v| v.name.as_str()).collect();
-    let renders = |arm: &ArmResult| folder.join("arms").join(Arm::folder(&arm.name)).join("renders");
-    let view = |exhibit: crate::pipeline::gallery::Exhibit| {
+    let renders = |arm: &ArmRecord| folder.join("arms").join(Arm::folder(&arm.name)).join("renders");
+    let view = |exhibit: crate::pipeline::evaluate::exhibits::Exhibit| {
         let photo = read(&renders(first).join(&exhibit.photo));
         let arms = compared.arms.iter().map(|arm| read(&renders(arm).join(&exhibit.last)));
-        let score = |a: &ArmResult| {
+        let score = |a: &ArmRecord| {
             let psnr = a.views.get(exhibit.view).and_then(|v| v.scores.psnr);
             format!("{} {}", a.name, decimals(psnr, 2))
         };

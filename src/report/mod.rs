@@ -13,9 +13,8 @@ mod sweep;
 
 use crate::error::Error;
 use crate::pipeline::Output;
-use crate::pipeline::compare::Compared;
-use crate::pipeline::results::Results;
-use crate::pipeline::sweep::Swept;
+use crate::pipeline::records::{CompareRecord, RunRecord};
+use crate::pipeline::sweep::SweepRecord;
 use std::path::Path;
 
 /// Writes `report.html` of a run into its folder, from its results and from the pictures and `config.toml` there; what
@@ -23,7 +22,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write(results: &Results, output: &Output) -> Result<(), Error> {
+pub fn write(results: &RunRecord, output: &Output) -> Result<(), Error> {
     Output::text(&output.report(), &of_run(results, output))
 }
 
@@ -31,7 +30,7 @@ pub fn write(results: &Results, output: &Output) -> Result<(), Error> {
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write_comparison(compared: &Compared, folder: &Path) -> Result<(), Error> {
+pub fn write_comparison(compared: &CompareRecord, folder: &Path) -> Result<(), Error> {
     Output::text(&folder.join("compare.html"), &arms::page(compared, folder))
 }
 
@@ -39,12 +38,12 @@ pub fn write_comparison(compared: &Compared, folder: &Path) -> Result<(), Error>
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write_sweep(swept: &Swept, folder: &Path) -> Result<(), Error> {
+pub fn write_sweep(swept: &SweepRecord, folder: &Path) -> Result<(), Error> {
     Output::text(&folder.join("sweep.html"), &sweep::page(swept))
 }
 
 /// The page of a run.
-pub fn of_run(results: &Results, output: &Output) -> String {
+pub fn of_run(results: &RunRecord, output: &Output) -> String {
     let config = std::fs::read_to_string(output.config()).unwrap_or_default();
     run::page(results, &run::stacks(results, &output.renders()), &config)
 }

@@ -3,12 +3,12 @@
 use super::format::{NONE, count, decimals, seconds, short};
 use super::page::{self, Column, Section, absent, facts, side_by_side, table};
 use super::plot::{Accuracies, Axis as Scale, Front, Point};
-use crate::pipeline::sweep::Swept;
-use crate::pipeline::sweep::results::{AxisResult, Better, Rung, Table};
+use crate::pipeline::sweep::SweepRecord;
+use crate::pipeline::sweep::results::{AxisRecord, Better, Rung, Table};
 use maud::{Markup, html};
 
 /// The page of a sweep.
-pub fn page(swept: &Swept) -> String {
+pub fn page(swept: &SweepRecord) -> String {
     let mut sections = vec![Section::new("summary", "What exactness costs", summary(swept))];
     for axis in &swept.axes {
         sections.push(Section::new(axis.axis.name(), axis.title, body(axis)));
@@ -18,7 +18,7 @@ pub fn page(swept: &Swept) -> String {
     page::page("Accuracy against time", &subtitle, &sections)
 }
 
-fn summary(swept: &Swept) -> Markup {
+fn summary(swept: &SweepRecord) -> Markup {
     let s = &swept.subject;
     let mut told = vec![("device", format!("{} ({})", swept.device.name, swept.device.driver))];
     if s.gaussians > 0 {
@@ -41,7 +41,7 @@ fn summary(swept: &Swept) -> Markup {
     }
 }
 
-fn body(axis: &AxisResult) -> Markup {
+fn body(axis: &AxisRecord) -> Markup {
     html! {
         p { (axis.sentence) }
         @for flat in &axis.flat { p { (flat) } }
@@ -57,7 +57,7 @@ fn body(axis: &AxisResult) -> Markup {
     }
 }
 
-fn plot(axis: &AxisResult) -> Markup {
+fn plot(axis: &AxisRecord) -> Markup {
     let measured: Vec<f64> = axis.rungs.iter().filter_map(|r| r.accuracy).collect();
     let accuracies = Accuracies::new(&measured, axis.better == Better::Lower);
     let point = |r: &Rung| {
@@ -90,7 +90,7 @@ fn plot(axis: &AxisResult) -> Markup {
     Front { title: axis.title, x, y, legend, points }.draw()
 }
 
-fn rungs(axis: &AxisResult) -> Markup {
+fn rungs(axis: &AxisRecord) -> Markup {
     let columns = [
         Column::Text("rung"),
         Column::Number("time"),
@@ -117,7 +117,7 @@ fn rungs(axis: &AxisResult) -> Markup {
 }
 
 /// What else was measured of each rung.
-fn figures(axis: &AxisResult) -> Markup {
+fn figures(axis: &AxisRecord) -> Markup {
     let mut names: Vec<&str> = axis.rungs.iter().flat_map(|r| r.figures.keys().copied()).collect();
     names.sort_unstable();
     names.dedup();

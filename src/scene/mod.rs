@@ -9,6 +9,7 @@ mod error;
 mod exif;
 mod image_size;
 pub mod lens;
+pub mod orbit;
 pub mod photo;
 mod readers;
 mod resample;

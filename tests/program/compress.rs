@@ -2,13 +2,14 @@
 
 use crate::support::{device, finish};
 use qirf_vk::gaussians::{Gaussians, formats};
+use qirf_vk::pipeline::Watcher;
 use qirf_vk::pipeline::compress::{self, Input, Job, Sight};
-use qirf_vk::pipeline::compression::Compression;
+use qirf_vk::pipeline::config::Compression;
 use qirf_vk::pipeline::virtual_views::Around;
-use qirf_vk::pipeline::{Watcher, orbit};
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::render::Style;
+use qirf_vk::scene::orbit::UP;
 use qirf_vk::synth::{SynthOptions, write};
 use qirf_vk::train::Progress;
 use serde_json::Value;
@@ -281,7 +282,7 @@ fn an_interrupted_job_writes_nothing() {
     let path = folder.path().join("model.ply");
     let job = Job {
         compression: Compression { selector: Selector::Importance, keep: Keep::Count(90), ..Compression::default() },
-        sight: Sight::OwnPictures(Around { views: 8, size: (40, 40), up: orbit::UP }, [0.0; 3]),
+        sight: Sight::OwnPictures(Around { views: 8, size: (40, 40), up: UP }, [0.0; 3]),
         style: Style::default(),
         fine_tune: 20,
         seed: 1,

@@ -4,10 +4,10 @@ use super::html::{Html, parse};
 use qirf_vk::gpu::DeviceInfo;
 use qirf_vk::metrics::Scores;
 use qirf_vk::pipeline::Output;
-use qirf_vk::pipeline::gallery::exhibits;
-use qirf_vk::pipeline::results::{
-    Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneSeconds, Pruned, Results, Times, TrainScores,
-    ViewScores,
+use qirf_vk::pipeline::evaluate::exhibits::exhibits;
+use qirf_vk::pipeline::records::{
+    Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneRecord, PruneSeconds, RunRecord, Times,
+    TrainScores, ViewScores,
 };
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::study::Merging;
@@ -27,8 +27,8 @@ fn view(name: &str, psnr: Option<f64>) -> ViewScores {
     ViewScores { name: name.to_owned(), scores }
 }
 
-fn prune(iteration: u32) -> Pruned {
-    Pruned {
+fn prune(iteration: u32) -> PruneRecord {
+    PruneRecord {
         iteration,
         selector: Selector::Gnso,
         before: 5000,
@@ -53,8 +53,8 @@ fn prune(iteration: u32) -> Pruned {
     }
 }
 
-/// Results of everything a run can have.
-fn rich() -> Results {
+/// RunRecord of everything a run can have.
+fn rich() -> RunRecord {
     let names = ["one.png", EVIL, "three.png", "four.png", "five.png"];
     let point = |k: u32| CurvePoint {
         iteration: 100 * k,
@@ -62,7 +62,7 @@ fn rich() -> Results {
         psnr: 18.0 + f64::from(k),
         gaussians: if k > 4 { 1400 } else { 1000 * k as usize },
     };
-    Results {
+    RunRecord {
         schema: 1,
         version: "0.0.0",
         device: DeviceInfo {
@@ -125,7 +125,7 @@ fn rich() -> Results {
 }
 
 /// What a run of no views, no curve and no prunes leaves.
-fn bare() -> Results {
+fn bare() -> RunRecord {
     let mut r = rich();
     (r.test, r.train.psnr, r.frames_per_second) = (None, None, None);
     (r.views, r.curve, r.prunes, r.time.stages_s) = Default::default();

@@ -6,7 +6,7 @@ use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::compress::{Input, Job, Sight};
-use qirf_vk::pipeline::compression::{Compression, Pruning};
+use qirf_vk::pipeline::config::{Compression, Pruning};
 use qirf_vk::pipeline::virtual_views::Around;
 use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Watcher, compress, run};
 use qirf_vk::qirf::select::budget::Keep;
@@ -108,7 +108,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         let gaussians = formats::read(&output.model()).unwrap().gaussians;
         let path = output.model();
         let input = Input { path: &path, model: gaussians, read_s: 0.0 };
-        let around = Around { views: 6, size: (40, 30), up: qirf_vk::pipeline::orbit::UP };
+        let around = Around { views: 6, size: (40, 30), up: qirf_vk::scene::orbit::UP };
         let job = Job {
             compression: Compression { keep: Keep::Share(0.5), ..Compression::default() },
             sight: Sight::OwnPictures(around, [0.0; 3]),

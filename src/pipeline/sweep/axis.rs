@@ -2,7 +2,7 @@
 
 use crate::effects::{Effect, Overrides};
 use crate::pipeline::compare::Arm;
-use crate::pipeline::compression::Compression;
+use crate::pipeline::config::Compression;
 use serde::Serialize;
 
 /// A place where the engine can be more exact or faster.

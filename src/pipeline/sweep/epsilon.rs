@@ -4,7 +4,7 @@ use super::Context;
 use super::axis::Axis;
 use super::blocks::{self, jaccard};
 use super::measure::{Sample, interleaved};
-use super::results::{AxisResult, Rung};
+use super::results::{AxisRecord, Rung};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::qirf::overlap::Metric as Overlaps;
@@ -59,9 +59,9 @@ fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Resu
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let resident = Resident::upload(context.device, &context.subject.model)?;
-    let mut axis = AxisResult::new(
+    let mut axis = AxisRecord::new(
         Axis::Epsilon,
         "Regularisation of the metric",
         [

@@ -3,11 +3,11 @@
 use super::Context;
 use super::axis::Axis;
 use super::measure::{Sample, interleaved};
-use super::results::{AxisResult, Rung, figure};
+use super::results::{AxisRecord, Rung, figure};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
-use crate::pipeline::budget;
+use crate::pipeline::pairs;
 use crate::render::{AdamState, AtomicSums, BACKWARD_STAGES, Form, Image, Rates, Renderer, STAGES, Update};
 use crate::scene::camera;
 use crate::train;
@@ -41,7 +41,7 @@ impl<'a> Bench<'a> {
     fn new(context: &'a Context<'a>, model: &Resident) -> Result<Self, Error> {
         let (device, views) = (context.device, &context.subject.views);
         let size @ [width, height] = camera::largest(views.iter().map(|v| &v.camera));
-        let pairs = budget::few_pairs(device, model.len);
+        let pairs = pairs::few(device, model.len);
         let mut renderer = Renderer::for_training(device, context.subject.settings, model.len, size, pairs)?;
         let mut photos = Vec::new();
         for (k, view) in views.iter().enumerate() {
@@ -137,7 +137,7 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let (device, subject) = (context.device, context.subject);
     let model = Resident::upload(device, &subject.model)?;
     let state = AdamState::zeros(device, &model)?;
@@ -152,7 +152,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Erro
         ways.push(Way { name: name.clone(), sums });
     }
     let bench = Bench::new(context, &model)?;
-    let mut axis = AxisResult::new(
+    let mut axis = AxisRecord::new(
         Axis::Gradients,
         "How a Gaussian's gradients are added up",
         [
@@ -191,7 +191,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Erro
     ]))
 }
 
-fn tell(axis: &mut AxisResult, native: bool) {
+fn tell(axis: &mut AxisRecord, native: bool) {
     axis.notes.push(if native {
         "This device has float atomics (VK_EXT_shader_atomic_float); compare-and-swap is what devices without them do.".to_owned()
     } else {

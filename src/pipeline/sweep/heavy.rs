@@ -3,14 +3,14 @@
 use super::Plan;
 use super::axis::{Asked, Axis, fraction};
 use super::measure::{Spread, Timed};
-use super::results::{AxisResult, Better, Rung};
+use super::results::{AxisRecord, Better, Rung};
 use crate::effects::{Choice, Effect, Overrides};
 use crate::error::Error;
 use crate::gpu::Device;
 use crate::metrics::Networks;
-use crate::pipeline::compare::{Arm, ArmResult, compare};
-use crate::pipeline::compression::{Compression, Pruning};
-use crate::pipeline::results::Results;
+use crate::pipeline::compare::{Arm, compare};
+use crate::pipeline::config::{Compression, Pruning};
+use crate::pipeline::records::{ArmRecord, RunRecord};
 use crate::pipeline::run::run;
 use crate::pipeline::{Output, Preset, RunConfig, Watcher};
 use crate::qirf::select::budget::Keep;
@@ -49,7 +49,7 @@ fn arm(axis: Axis, rung: &str, given: Keep) -> String {
 ///
 /// # Errors
 /// As a comparison's.
-pub fn forked(training: &Training<'_>, plan: &Plan<'_>, asked: &[&Asked]) -> Result<Vec<AxisResult>, Error> {
+pub fn forked(training: &Training<'_>, plan: &Plan<'_>, asked: &[&Asked]) -> Result<Vec<AxisRecord>, Error> {
     let given = &training.pruning.compression;
     let mut arms: Vec<Arm> = Vec::new();
     for asked in asked {
@@ -72,12 +72,12 @@ pub fn forked(training: &Training<'_>, plan: &Plan<'_>, asked: &[&Asked]) -> Res
     );
     let of = |asked: &&Asked| {
         let mut axis = match asked.axis {
-            Axis::Keep => AxisResult::new(
+            Axis::Keep => AxisRecord::new(
                 Axis::Keep,
                 "Share of the Gaussians that is kept",
                 ["PSNR / dB", "held-out photos", "ms a frame"],
             ),
-            _ => AxisResult::new(
+            _ => AxisRecord::new(
                 Axis::Selector,
                 "What a prune ranks by",
                 ["PSNR / dB", "held-out photos, at equal count", "s to select and prune"],
@@ -101,7 +101,7 @@ pub fn forked(training: &Training<'_>, plan: &Plan<'_>, asked: &[&Asked]) -> Res
     Ok(asked.iter().map(of).collect())
 }
 
-fn of_arm(axis: Axis, name: &str, arm: &ArmResult) -> Rung {
+fn of_arm(axis: Axis, name: &str, arm: &ArmRecord) -> Rung {
     let pruning: f64 = arm.prunes.iter().map(|p| p.seconds.total).sum();
     let rung = Rung::new(axis, name);
     let mut rung = match axis {
@@ -122,14 +122,14 @@ fn of_arm(axis: Axis, name: &str, arm: &ArmResult) -> Rung {
 }
 
 /// One whole run.
-fn whole(training: &Training<'_>, plan: &Plan<'_>, config: &RunConfig, name: &str) -> Result<Results, Error> {
+fn whole(training: &Training<'_>, plan: &Plan<'_>, config: &RunConfig, name: &str) -> Result<RunRecord, Error> {
     training.watcher.unless_stopped()?;
     training.watcher.note(name);
     let output = Output::new(&plan.folder.join("runs").join(name.replace(['/', '='], "-")))?;
     run(training.device, config, &output, training.networks, plan.host_bytes, false, training.watcher)
 }
 
-fn of_run(axis: Axis, name: &str, results: &Results, seconds: f64) -> Rung {
+fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> Rung {
     let mut rung = Rung::new(axis, name).timed(&once(Some(seconds)), 1.0);
     let test = results.test.as_ref();
     rung.accuracy = test.and_then(|t| t.psnr);
@@ -146,9 +146,9 @@ fn of_run(axis: Axis, name: &str, results: &Results, seconds: f64) -> Rung {
 ///
 /// # Errors
 /// As a run's.
-pub fn iterations(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+pub fn iterations(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let mut axis =
-        AxisResult::new(Axis::Iterations, "Length of the run", ["PSNR / dB", "held-out photos", "s of training"]);
+        AxisRecord::new(Axis::Iterations, "Length of the run", ["PSNR / dB", "held-out photos", "s of training"]);
     axis.better = Better::Higher;
     let longest = training.config.schedule.iterations;
     for name in rungs {
@@ -172,13 +172,13 @@ pub fn iterations(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) ->
 ///
 /// # Errors
 /// As a run's.
-pub fn effects(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+pub fn effects(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let mut axis =
-        AxisResult::new(Axis::Effects, "What is simulated", ["PSNR / dB", "held-out photos", "ms an iteration"]);
+        AxisRecord::new(Axis::Effects, "What is simulated", ["PSNR / dB", "held-out photos", "ms an iteration"]);
     axis.better = Better::Higher;
     let mut base = training.config.clone().pruned(training.pruning.clone());
     base.checkpoint_every = 0;
-    let per_iteration = |r: &Results| r.time.train_s / f64::from(base.schedule.iterations.max(1)) * 1e3;
+    let per_iteration = |r: &RunRecord| r.time.train_s / f64::from(base.schedule.iterations.max(1)) * 1e3;
     let results = whole(training, plan, &base, "effects-default")?;
     let others: Vec<(Effect, Choice)> = if rungs.is_empty() {
         let switched = |effect: Effect| {

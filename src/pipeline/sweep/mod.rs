@@ -13,7 +13,7 @@ mod solver;
 pub mod subject;
 
 pub use axis::{Asked, Axis};
-pub use results::{AxisResult, Described, Swept};
+pub use results::{AxisRecord, Described, SweepRecord};
 pub use subject::Subject;
 
 use crate::error::Error;
@@ -51,7 +51,7 @@ pub struct Context<'a> {
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisResult>, Error> {
+pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>, Error> {
     let rungs = &asked.rungs;
     let begun = Instant::now();
     let result = match asked.axis {
@@ -74,7 +74,7 @@ pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisResult>,
 ///
 /// # Errors
 /// As runs and comparisons.
-pub fn heavy(training: &heavy::Training<'_>, plan: &Plan<'_>, asked: &[Asked]) -> Result<Vec<AxisResult>, Error> {
+pub fn heavy(training: &heavy::Training<'_>, plan: &Plan<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let begun = Instant::now();
     let mut out = Vec::new();
     let forked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis, Axis::Keep | Axis::Selector)).collect();
@@ -92,7 +92,7 @@ pub fn heavy(training: &heavy::Training<'_>, plan: &Plan<'_>, asked: &[Asked]) -
             Axis::Effects => heavy::effects(training, plan, &asked.rungs)?,
             _ => continue,
         };
-        out.push(AxisResult { seconds: begun.elapsed().as_secs_f64(), ..axis });
+        out.push(AxisRecord { seconds: begun.elapsed().as_secs_f64(), ..axis });
     }
     Ok(out)
 }

@@ -5,7 +5,7 @@ use super::Context;
 use super::axis::Axis;
 use super::blocks;
 use super::measure::{Sample, Timed, interleaved};
-use super::results::{AxisResult, Rung, Table, figure};
+use super::results::{AxisRecord, Rung, Table, figure};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
@@ -162,14 +162,14 @@ fn found(context: &Context<'_>, resident: &Resident, blocks: &Blocks, method: Me
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let resident = Resident::upload(context.device, model)?;
     let blocks = blocks::sampled(model, Basis::default().partition);
     let own = primitives(model);
     let truth = twin(&own, &blocks);
     let [pairs, thin_pairs] = kinds(&own, &blocks);
-    let mut axis = AxisResult::new(
+    let mut axis = AxisRecord::new(
         Axis::Overlap,
         "Overlap of two Gaussians",
         ["largest error of an overlap, a NaN counting as 1", "QR in float64, pair by pair", "ms a million pairs"],
@@ -244,7 +244,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Erro
 }
 
 /// What QR costs over each of the others, beside what they lose.
-fn extra(axis: &mut AxisResult) {
+fn extra(axis: &mut AxisRecord) {
     let time = |name: &str| axis.rungs.iter().find(|r| r.name == name).and_then(|r| r.time).map(|t| t.median);
     let Some(qr) = time("qr") else { return };
     let mut said = Vec::new();

@@ -3,7 +3,7 @@
 use super::Context;
 use super::axis::Axis;
 use super::measure::{Sample, interleaved};
-use super::results::{AxisResult, Better, Rung};
+use super::results::{AxisRecord, Better, Rung};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::render::{Culling, Image, Renderer, STAGES, Settings};
@@ -108,7 +108,7 @@ fn culling(name: &str) -> Culling {
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let model = Resident::upload(context.device, &subject.model)?;
     let way = |name: &str| Way {
@@ -133,7 +133,7 @@ pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error
     };
     let truth = way("off");
     let on_crops = compare(context, &ways, &truth, &crops)?;
-    let mut axis = AxisResult::new(
+    let mut axis = AxisRecord::new(
         Axis::Culling,
         "Tiles that a Gaussian is listed in",
         ["largest error of a pixel (of 1)", "every Gaussian in every tile", "ms a frame"],
@@ -188,7 +188,7 @@ pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn stop(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+pub fn stop(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let model = Resident::upload(context.device, &subject.model)?;
     let way = |name: &str| {
@@ -198,7 +198,7 @@ pub fn stop(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error
         Way { name: name.to_owned(), settings: Settings { stop: value, ..subject.settings }, model: &model }
     };
     let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(r)).collect();
-    let axis = AxisResult::new(
+    let axis = AxisRecord::new(
         Axis::Stop,
         "Transmittance at which a pixel is done",
         ["PSNR / dB", "blending every Gaussian, however little light is left", "ms a frame"],
@@ -214,7 +214,7 @@ pub fn stop(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn storage(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+pub fn storage(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let (n, degree) = (subject.model.len(), subject.model.degree());
     let single = Resident::upload(context.device, &subject.model)?;
@@ -225,7 +225,7 @@ pub fn storage(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Er
         model: if name == "f16" { &half } else { &single },
     };
     let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(r)).collect();
-    let axis = AxisResult::new(
+    let axis = AxisRecord::new(
         Axis::Storage,
         "How SH coefficients are stored",
         ["PSNR / dB", "coefficients in float32", "ms a frame"],
@@ -248,11 +248,11 @@ pub fn storage(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Er
 /// PSNR and time of ways of drawing the same.
 fn drawn(
     context: &Context<'_>,
-    mut axis: AxisResult,
+    mut axis: AxisRecord,
     ways: &[Way<'_>],
     truth: &Way<'_>,
     tell: impl Fn(&mut Rung, &Far),
-) -> Result<AxisResult, Error> {
+) -> Result<AxisRecord, Error> {
     axis.better = Better::Higher;
     let cameras = context.subject.cameras();
     let compared = compare(context, ways, truth, &cameras)?;

@@ -11,7 +11,7 @@ const EQUALLY_FAST: f64 = 1.15;
 
 /// The whole of `sweep.json`.
 #[derive(Clone, Debug, Serialize)]
-pub struct Swept {
+pub struct SweepRecord {
     /// Version of this layout.
     pub schema: u32,
     /// Version of the program.
@@ -23,7 +23,7 @@ pub struct Swept {
     /// What was measured on.
     pub subject: Described,
     /// The axes, in the order asked for.
-    pub axes: Vec<AxisResult>,
+    pub axes: Vec<AxisRecord>,
     /// Seconds of all of it.
     pub seconds: f64,
 }
@@ -129,7 +129,7 @@ pub struct Table {
 
 /// An axis, climbed.
 #[derive(Clone, Debug, Serialize)]
-pub struct AxisResult {
+pub struct AxisRecord {
     /// Which.
     pub axis: Axis,
     /// What is varied.
@@ -158,7 +158,7 @@ pub struct AxisResult {
     pub seconds: f64,
 }
 
-impl AxisResult {
+impl AxisRecord {
     /// An axis without rungs yet, an error as its accuracy.
     pub fn new(axis: Axis, title: &'static str, [accuracy, against, time]: [&'static str; 3]) -> Self {
         Self {
@@ -288,7 +288,7 @@ pub fn figure(v: f64) -> String {
     }
 }
 
-impl Swept {
+impl SweepRecord {
     /// A line a rung, comma-separated; what a rung has beyond the columns stands in the last, as NAME=VALUE, by semicolons.
     pub fn csv(&self) -> String {
         let mut text = "axis,rung,default,front,accuracy,exact,accuracy_unit,time,time_q1,time_q3,samples,time_unit,wall,figures\n"
@@ -328,8 +328,8 @@ impl Swept {
 mod tests {
     use super::*;
 
-    fn axis(points: &[(&str, f64, f64)]) -> AxisResult {
-        let mut axis = AxisResult::new(Axis::Stop, "", ["error", "", "ms a frame"]);
+    fn axis(points: &[(&str, f64, f64)]) -> AxisRecord {
+        let mut axis = AxisRecord::new(Axis::Stop, "", ["error", "", "ms a frame"]);
         for (name, time, error) in points {
             let time = Spread { median: *time, q1: *time, q3: *time, samples: 3 };
             axis.rungs.push(Rung { accuracy: Some(*error), time: Some(time), ..Rung::new(Axis::Stop, name) });

@@ -4,7 +4,7 @@ use super::Context;
 use super::axis::Axis;
 use super::blocks::{self, Problem, jaccard};
 use super::measure::{Sample, Timed, interleaved};
-use super::results::{AxisResult, Rung, Table, figure};
+use super::results::{AxisRecord, Rung, Table, figure};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::qirf::assemble::{Assembly, Options};
@@ -147,11 +147,11 @@ impl<'a> Measured<'a> {
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Error> {
+pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let resident = Resident::upload(context.device, model)?;
     let scene = blocks::sampled(model, Basis::default().partition);
-    let mut axis = AxisResult::new(
+    let mut axis = AxisRecord::new(
         Axis::Solver,
         "Eigensolver of the blocks",
         ["largest relative error of q", "dsygvd in float64, block by block", "ms for all blocks measured"],
@@ -180,7 +180,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisResult, Erro
 }
 
 /// What a block of each size takes on one thread.
-fn by_size(context: &Context<'_>, resident: &Resident, rungs: &[String], axis: &mut AxisResult) -> Result<(), Error> {
+fn by_size(context: &Context<'_>, resident: &Resident, rungs: &[String], axis: &mut AxisRecord) -> Result<(), Error> {
     let mut table = Table {
         title:
             "By members of a block, one block at a time on one thread: microseconds, and the set kept against dsygvd's"

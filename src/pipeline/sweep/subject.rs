@@ -10,7 +10,7 @@ use crate::metrics::Networks;
 use crate::pipeline::job::{Job, Stage};
 use crate::pipeline::prepare::{Start, open};
 use crate::pipeline::virtual_views::{self, Around};
-use crate::pipeline::{Init, Output, RunConfig, Watcher, budget};
+use crate::pipeline::{Init, Output, RunConfig, Watcher, budget, pairs};
 use crate::qirf::response::Evidence;
 use crate::render::{Renderer, Settings, Style};
 use crate::scene::camera::{self, Camera};
@@ -128,7 +128,7 @@ pub fn of_model(
     }
     let (cameras, settings) = Around { views: AROUND, size, up }.views(&model, (background, Style::default()));
     let resident = Resident::upload(device, &model)?;
-    let pairs = budget::few_pairs(device, model.len());
+    let pairs = pairs::few(device, model.len());
     let evidence = virtual_views::evidence(device, &resident, &cameras, settings, (pairs, false), |done| {
         watcher.responding(done, cameras.len());
         watcher.unless_stopped()

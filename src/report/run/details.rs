@@ -1,14 +1,14 @@
 //! Tables and lists: what the figures stand on.
 
 use crate::metrics::Scores;
-use crate::pipeline::results::Results;
+use crate::pipeline::records::RunRecord;
 use crate::report::format::{NONE, bytes, count, decimals};
 use crate::report::page::{Column, absent, facts, table};
 use crate::scene::Names;
 use maud::{Markup, html};
 
 /// The scores of each held-out view.
-pub fn views(results: &Results) -> Markup {
+pub fn views(results: &RunRecord) -> Markup {
     if results.views.is_empty() {
         return absent("No view is held out.");
     }
@@ -34,7 +34,7 @@ pub fn views(results: &Results) -> Markup {
 }
 
 /// How the figures came about.
-pub fn protocol(results: &Results) -> Markup {
+pub fn protocol(results: &RunRecord) -> Markup {
     let p = &results.protocol;
     let [w, h] = p.image_size;
     let number = |n: Option<u32>| n.map_or(NONE.to_owned(), |n| count(n as usize));
@@ -55,7 +55,7 @@ pub fn protocol(results: &Results) -> Markup {
 }
 
 /// What of the cameras was simulated.
-pub fn effects(results: &Results) -> Markup {
+pub fn effects(results: &RunRecord) -> Markup {
     if results.effects.is_empty() {
         return absent("None simulated.");
     }
@@ -77,7 +77,7 @@ fn some(n: usize) -> String {
 }
 
 /// What was repaired, skipped or left out.
-pub fn guards(results: &Results) -> Markup {
+pub fn guards(results: &RunRecord) -> Markup {
     let (g, s) = (&results.guards, &results.guards.scene);
     let names = |names: &Names| {
         let more = if names.count > names.examples.len() { ", …" } else { "" };
@@ -113,7 +113,7 @@ pub fn guards(results: &Results) -> Markup {
 }
 
 /// Device memory.
-pub fn memory(results: &Results) -> Markup {
+pub fn memory(results: &RunRecord) -> Markup {
     let m = results.memory;
     facts(&[
         ("most in use at a time", bytes(m.peak_bytes)),

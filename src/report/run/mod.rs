@@ -11,10 +11,10 @@ pub use pictures::stacks;
 
 use super::compare::Stack;
 use super::page::{self, Section};
-use crate::pipeline::results::Results;
+use crate::pipeline::records::RunRecord;
 
 /// The page of a run with these pictures, trained as `config` (the text of config.toml) says.
-pub fn page(results: &Results, stacks: &[Stack], config: &str) -> String {
+pub fn page(results: &RunRecord, stacks: &[Stack], config: &str) -> String {
     let sections = [
         Section::new("summary", "Summary", summary::body(results)),
         Section::new("pictures", "Pictures", pictures::body(results, stacks)),

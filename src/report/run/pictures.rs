@@ -1,7 +1,7 @@
 //! Photo, dense and final model of a few held-out views, and where the last is wrong.
 
-use crate::pipeline::gallery::exhibits;
-use crate::pipeline::results::{Results, ViewScores};
+use crate::pipeline::evaluate::exhibits::exhibits;
+use crate::pipeline::records::{RunRecord, ViewScores};
 use crate::report::compare::{Layer, Stack, compare};
 use crate::report::format::decimals;
 use crate::report::page::absent;
@@ -18,7 +18,7 @@ const LAST: usize = 2;
 const ERROR: usize = 3;
 
 /// The pictures below the folder `renders` that are shown; those that are absent are left out.
-pub fn stacks(results: &Results, renders: &Path) -> Vec<Stack> {
+pub fn stacks(results: &RunRecord, renders: &Path) -> Vec<Stack> {
     let names: Vec<&str> = results.views.iter().map(|v| v.name.as_str()).collect();
     let mut out = Vec::new();
     for exhibit in exhibits(&names) {
@@ -44,7 +44,7 @@ fn note(view: &ViewScores) -> String {
     format!("{psnr}, SSIM {}{}", decimals(view.scores.ssim, 4), lpips.unwrap_or_default())
 }
 
-pub fn body(results: &Results, stacks: &[Stack]) -> Markup {
+pub fn body(results: &RunRecord, stacks: &[Stack]) -> Markup {
     if stacks.is_empty() {
         return absent("No view is held out, so there is no picture to compare.");
     }

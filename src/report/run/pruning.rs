@@ -1,13 +1,13 @@
 //! Each prune: how many went, and what the blocks told.
 
-use crate::pipeline::results::{PruneSeconds, Pruned, Results};
+use crate::pipeline::records::{PruneRecord, PruneSeconds, RunRecord};
 use crate::qirf::select::Selector;
 use crate::report::format::{count, decimals, percent, seconds, short};
 use crate::report::page::{absent, facts, side_by_side};
 use crate::report::plot::{Axis, Bar, Columns, bars};
 use maud::{Markup, html};
 
-pub fn body(results: &Results) -> Markup {
+pub fn body(results: &RunRecord) -> Markup {
     if results.prunes.is_empty() {
         return absent("Nothing was pruned: the model is dense.");
     }
@@ -21,7 +21,7 @@ pub fn body(results: &Results) -> Markup {
     }
 }
 
-fn one(prune: &Pruned) -> Markup {
+fn one(prune: &PruneRecord) -> Markup {
     let selector = Selector::NAMES.iter().find(|(s, _)| *s == prune.selector).map_or("", |(_, name)| name);
     let removed = prune.before.saturating_sub(prune.after);
     let mut known = vec![
@@ -48,21 +48,21 @@ fn number(v: f64) -> String {
     short(v)
 }
 
-fn occupancy(prune: &Pruned) -> Markup {
+fn occupancy(prune: &PruneRecord) -> Markup {
     let name = |bin: usize| (1_usize << bin.min(40)).to_string();
     let bins: Vec<(String, f64)> = prune.occupancy.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
     let (x, y) = ("Gaussians in a block, from this number to below the next", Axis::from_zero("blocks"));
     Columns { title: "Block occupancy", x, y, bins: &bins, text: number }.draw()
 }
 
-fn kept_shares(prune: &Pruned) -> Markup {
+fn kept_shares(prune: &PruneRecord) -> Markup {
     let name = |bin: usize| format!("{}–{}", 10 * bin, 10 * bin + 10);
     let bins: Vec<(String, f64)> = prune.kept_shares.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
     let (x, y) = ("share of a block that was kept / %", Axis::from_zero("blocks"));
     Columns { title: "Kept share", x, y, bins: &bins, text: number }.draw()
 }
 
-fn spectrum(prune: &Pruned) -> Markup {
+fn spectrum(prune: &PruneRecord) -> Markup {
     if prune.spectrum.iter().all(|l| *l == 0.0) {
         return html! { figure class="plot" { figcaption { "Eigenvalue spectrum" } (unsolved()) } };
     }
@@ -73,7 +73,7 @@ fn spectrum(prune: &Pruned) -> Markup {
     Columns { title, x, y, bins: &bins, text }.draw()
 }
 
-fn modes(prune: &Pruned) -> Markup {
+fn modes(prune: &PruneRecord) -> Markup {
     if prune.modes.iter().all(|n| *n == 0) {
         return html! { figure class="plot" { figcaption { "Modes" } (unsolved()) } };
     }

@@ -1,21 +1,21 @@
 //! How the scores and the number of Gaussians went.
 
-use crate::pipeline::results::{CurvePoint, Pruned, Results};
+use crate::pipeline::records::{CurvePoint, PruneRecord, RunRecord};
 use crate::report::format::percent;
 use crate::report::page::{absent, side_by_side};
 use crate::report::plot::{Axis, Line, Lines, Mark};
 use maud::Markup;
 
-pub fn body(results: &Results) -> Markup {
+pub fn body(results: &RunRecord) -> Markup {
     let curve = &results.curve;
     if curve.is_empty() {
         return absent("No view is held out, so quality was not followed.");
     }
-    let label = |p: &Pruned| {
+    let label = |p: &PruneRecord| {
         let removed = p.before.saturating_sub(p.after);
         format!("prune: −{}", percent(removed as f64, p.before as f64))
     };
-    let marks = |x: &dyn Fn(&Pruned) -> f64| -> Vec<Mark> {
+    let marks = |x: &dyn Fn(&PruneRecord) -> f64| -> Vec<Mark> {
         results.prunes.iter().map(|p| Mark { x: x(p), label: label(p) }).collect()
     };
     let psnr = Lines {
@@ -51,7 +51,7 @@ fn seconds(curve: &[CurvePoint], iteration: u32) -> f64 {
 }
 
 /// The start, the curve's points and both sides of each prune, by iteration.
-fn gaussians(results: &Results) -> Vec<[f64; 2]> {
+fn gaussians(results: &RunRecord) -> Vec<[f64; 2]> {
     let start = results.gaussians.initial.map(|n| (0, n));
     let mut points: Vec<(u32, usize)> =
         start.into_iter().chain(results.curve.iter().map(|p| (p.iteration, p.gaussians))).collect();

@@ -1,11 +1,11 @@
 //! The figures to be seen first.
 
-use crate::pipeline::results::Results;
+use crate::pipeline::records::RunRecord;
 use crate::report::format::{NONE, bytes, count, decimals, percent, seconds};
 use crate::report::page::{Tile, tiles};
 use maud::Markup;
 
-pub fn body(results: &Results) -> Markup {
+pub fn body(results: &RunRecord) -> Markup {
     let test = results.test.as_ref();
     let decibels = |v: Option<f64>| match v {
         Some(v) => format!("{} dB", decimals(v, 2)),
@@ -33,7 +33,7 @@ pub fn body(results: &Results) -> Markup {
     ])
 }
 
-fn gaussians(results: &Results) -> Tile {
+fn gaussians(results: &RunRecord) -> Tile {
     let n = results.gaussians;
     let note = match n.dense {
         Some(_) if results.prunes.is_empty() => {
@@ -48,7 +48,7 @@ fn gaussians(results: &Results) -> Tile {
     Tile { label: "Gaussians", value: count(n.last), note }
 }
 
-fn frames(results: &Results) -> Tile {
+fn frames(results: &RunRecord) -> Tile {
     let now = results.frames_per_second;
     let places = |v: f64| decimals(v, usize::from(v < 99.5));
     let before = results.prunes.first().and_then(|p| p.frames_per_second_before);

@@ -1,12 +1,12 @@
 //! Where the time went.
 
-use crate::pipeline::results::Results;
+use crate::pipeline::records::RunRecord;
 use crate::report::format::{percent, seconds};
 use crate::report::page::{absent, side_by_side};
 use crate::report::plot::{Bar, bars};
 use maud::{Markup, html};
 
-pub fn body(results: &Results) -> Markup {
+pub fn body(results: &RunRecord) -> Markup {
     let t = &results.time;
     // Training's seconds hold those of pruning; those of a resumed run hold its earlier parts too.
     let parts = [

@@ -2,7 +2,8 @@
 
 use super::runs::{bits, options, train, trainer};
 use crate::support::{device, finish};
-use qirf_vk::pipeline::compression::{Compression, prune_by};
+use qirf_vk::pipeline::config::Compression;
+use qirf_vk::pipeline::prune::prune_by;
 use qirf_vk::qirf::response::Evidence;
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};

@@ -1,8 +1,8 @@
 //! What the numbers of a `config.toml` may be: the same as on the command line, and finite. A file that was edited or
 //! damaged is refused by field, before any work.
 
-use super::compression::{Compression, Pruning};
-use super::config::RunConfig;
+use super::pruning::{Compression, Pruning};
+use super::run::RunConfig;
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::budget::Keep;
@@ -125,7 +125,7 @@ fn compression(c: &Compression) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::{Init, Preset};
+    use crate::pipeline::config::{Init, Preset};
 
     fn config() -> RunConfig {
         RunConfig {

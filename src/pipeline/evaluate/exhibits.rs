@@ -1,10 +1,10 @@
 //! Pictures kept for the report: a few held-out views, each as its photo and as the dense model showed it.
 
-use super::evaluate::{Evaluator, truth};
+use super::evaluator::{Evaluator, truth};
 use super::pictures::{self, Format};
-use super::prepare::Prepared;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
+use crate::pipeline::prepare::Prepared;
 use crate::render::Image;
 use std::path::{Path, PathBuf};
 

@@ -1,13 +1,11 @@
-//! All that a run depends on: what `config.toml` holds, and what reproduces the run.
+//! A run's configuration: what `config.toml` holds, and what reproduces the run.
 
-use super::compression::Pruning;
-use super::ranges;
+use super::pruning::Pruning;
 use crate::effects::{Choice, Effect, Overrides};
-use crate::error::Error;
 use crate::render::Style;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// A named choice of schedule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -139,26 +137,6 @@ impl RunConfig {
     /// How the model is rendered.
     pub fn style(&self) -> Style {
         Style { antialias: self.antialias, depth_order: self.depth_order }
-    }
-
-    /// Reads a `config.toml`.
-    ///
-    /// # Errors
-    /// [`Error::Read`]; [`Error::Usage`] with the file and the line or the field that cannot be.
-    pub fn read(path: &Path) -> Result<Self, Error> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
-        let wrong = |what: String| Error::Usage(format!("{}: {what}", path.display()));
-        let config: Self = toml::from_str(&text).map_err(|e| wrong(e.to_string()))?;
-        ranges::check(&config).map_err(wrong)?;
-        Ok(config)
-    }
-
-    /// The text of `config.toml`.
-    ///
-    /// # Errors
-    /// [`Error::Encode`] for values that TOML cannot hold, such as a path that is not UTF-8.
-    pub fn written(&self) -> Result<String, Error> {
-        toml::to_string(self).map_err(|e| Error::encoding("config.toml", e))
     }
 
     /// The same run, pruned: nothing grows any more once the first prune is due.

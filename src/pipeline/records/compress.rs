@@ -1,16 +1,16 @@
 //! What a compression measured: its JSON, schema 1 (docs/metrics.md).
 
-use super::compression::Compression;
-use super::results::{Memory, Pruned, bytes};
-use crate::gaussians::Gaussians;
+use super::prune::PruneRecord;
+use super::run::Memory;
 use crate::gpu::DeviceInfo;
 use crate::metrics::{Scores, mean};
+use crate::pipeline::config::Compression;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// All that `qirf-vk compress` tells.
 #[derive(Clone, Debug, Serialize)]
-pub struct Compressed {
+pub struct CompressRecord {
     /// Version of this layout.
     pub schema: u32,
     /// Version of the program.
@@ -18,28 +18,28 @@ pub struct Compressed {
     /// The device.
     pub device: DeviceInfo,
     /// How the figures came about.
-    pub protocol: Protocol,
+    pub protocol: CompressProtocol,
     /// The model as it was.
     pub input: ModelFile,
     /// The model as it is now.
     pub output: ModelFile,
     /// What was chosen, and what the blocks told.
-    pub prune: Pruned,
+    pub prune: PruneRecord,
     /// Mean scores of the held-out views.
-    pub test: Stages,
+    pub test: StageScores,
     /// Each held-out view.
-    pub views: Vec<View>,
+    pub views: Vec<ViewStages>,
     /// Seconds.
-    pub time: Times,
+    pub time: CompressTimes,
     /// Device memory in bytes.
     pub memory: Memory,
 }
 
 /// How the figures came about.
 #[derive(Clone, Debug, Serialize)]
-pub struct Protocol {
+pub struct CompressProtocol {
     /// What pictures were compared with.
-    pub truth: Truth,
+    pub truth: TruthKind,
     /// Views that gave evidence, and that fine-tuning saw.
     pub train_views: usize,
     /// Views held out.
@@ -63,7 +63,7 @@ pub struct Protocol {
 /// What pictures were compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Truth {
+pub enum TruthKind {
     /// A scene's photos.
     Photos,
     /// The original model's own pictures.
@@ -83,16 +83,9 @@ pub struct ModelFile {
     pub sh_degree: usize,
 }
 
-impl ModelFile {
-    /// A model that lies at this path: a file, or a folder of files.
-    pub fn new(path: &Path, model: &Gaussians) -> Self {
-        Self { path: path.to_owned(), bytes: bytes(path), gaussians: model.len(), sh_degree: model.degree() }
-    }
-}
-
 /// One figure at each stage.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Stages {
+pub struct StageScores {
     /// Of the original model; null where its own pictures are the truth, and without held-out views.
     pub before: Option<Scores>,
     /// After the prune; null without held-out views.
@@ -101,10 +94,10 @@ pub struct Stages {
     pub fine_tuned: Option<Scores>,
 }
 
-impl Stages {
+impl StageScores {
     /// The means of the views' scores.
-    pub fn mean(views: &[View]) -> Self {
-        let over = |stage: fn(&Stages) -> &Option<Scores>| {
+    pub fn mean(views: &[ViewStages]) -> Self {
+        let over = |stage: fn(&StageScores) -> &Option<Scores>| {
             mean(&views.iter().filter_map(|v| stage(&v.scores).clone()).collect::<Vec<_>>())
         };
         Self { before: over(|s| &s.before), pruned: over(|s| &s.pruned), fine_tuned: over(|s| &s.fine_tuned) }
@@ -113,17 +106,17 @@ impl Stages {
 
 /// A held-out view.
 #[derive(Clone, Debug, Serialize)]
-pub struct View {
+pub struct ViewStages {
     /// Its name.
     pub name: String,
     /// Its scores.
     #[serde(flatten)]
-    pub scores: Stages,
+    pub scores: StageScores,
 }
 
 /// Seconds.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Times {
+pub struct CompressTimes {
     /// All of it.
     pub total_s: f64,
     /// Reading the model.

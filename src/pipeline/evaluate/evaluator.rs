@@ -1,15 +1,14 @@
 //! Held-out views: rendered, scored, and written as pictures.
 
-use super::budget;
-use super::exposed;
+use super::exposure_fit;
 use super::pictures::{self, Format};
-use super::prepare::Prepared;
-use super::results::ViewScores;
-use super::watcher::Watcher;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::metrics::{self, Networks, Scores};
+use crate::pipeline::prepare::Prepared;
+use crate::pipeline::records::ViewScores;
+use crate::pipeline::{Watcher, pairs};
 use crate::render::{Image, Renderer, Settings, Style, Uses};
 use crate::scene::camera;
 use crate::train;
@@ -92,7 +91,7 @@ impl Evaluator {
         Ok(Self { renderer, background: settings.background, exposed: false, masked: false })
     }
 
-    /// Whether photos have exposures of their own, and are scored by the protocol of [`super::exposed`]; whether
+    /// Whether photos have exposures of their own, and are scored by the protocol of [`super::exposure_fit`]; whether
     /// their fourth byte says how much of a pixel counts.
     pub fn compare_as(&mut self, exposed: bool, masked: bool) {
         (self.exposed, self.masked) = (exposed, masked);
@@ -114,7 +113,7 @@ impl Evaluator {
         if !self.exposed {
             return Ok(([w, h], rendered, photo));
         }
-        let (w, rendered, photo) = exposed::right_halves(&rendered, &photo, w);
+        let (w, rendered, photo) = exposure_fit::right_halves(&rendered, &photo, w);
         Ok(([w, h], rendered, photo))
     }
 
@@ -122,7 +121,7 @@ impl Evaluator {
     pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], style: Style) -> u64 {
         let uses = Uses { training: false, depth_order: style.depth_order };
         let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
-        Renderer::bytes(device, gaussians, size, budget::pairs(gaussians), uses) + staging_bytes(picture)
+        Renderer::bytes(device, gaussians, size, pairs::room(gaussians), uses) + staging_bytes(picture)
     }
 
     /// Renders a view.

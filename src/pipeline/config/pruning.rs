@@ -1,18 +1,10 @@
-//! How a model is compressed, and one prune of a model in training: evidence, study, choice, merge, compaction.
+//! How a model is pruned, and when a run prunes.
 
-use super::results::Pruned;
-use crate::error::Error;
-use crate::gaussians::Gaussians;
-use crate::gaussians::resident::Resident;
-use crate::gpu::Device;
 use crate::qirf::partition::Partition;
-use crate::qirf::response::Evidence;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
-use crate::qirf::study::{Basis, Study};
-use crate::train::Trainer;
+use crate::qirf::study::Basis;
 use serde::{Deserialize, Serialize};
-use std::time::Instant;
 
 /// How Gaussians are chosen.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -62,7 +54,7 @@ impl Compression {
 /// Where responses come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Responses {
+pub enum ResponseSource {
     /// One pass over all training views at the prune.
     #[default]
     FullPass,
@@ -77,7 +69,7 @@ pub struct Pruning {
     /// Shares of the run at which it prunes, rising; the counts fall by equal factors from one to the next.
     pub at: Vec<f64>,
     /// Where responses come from.
-    pub responses: Responses,
+    pub responses: ResponseSource,
     /// Share of the run from which they are averaged.
     pub average_from: f64,
     /// Weight of the mean squared error in the loss of the fine-tuning.
@@ -95,7 +87,7 @@ impl Default for Pruning {
     fn default() -> Self {
         Self {
             at: vec![0.5],
-            responses: Responses::default(),
+            responses: ResponseSource::default(),
             average_from: 13.0 / 30.0,
             l2: Self::L2,
             compression: Compression::default(),
@@ -106,7 +98,7 @@ impl Default for Pruning {
 impl Pruning {
     /// Every choice as the paper has it.
     pub fn paper() -> Self {
-        Self { responses: Responses::Average, compression: Compression::paper(), ..Self::default() }
+        Self { responses: ResponseSource::Average, compression: Compression::paper(), ..Self::default() }
     }
 
     /// Shares of the run at which the gradual schedule prunes.
@@ -132,99 +124,6 @@ impl Pruning {
         let ratio = (target / now.max(1) as f64).powf(1.0 / left);
         Keep::Count((now as f64 * ratio).round() as usize)
     }
-}
-
-/// Prunes a model in training by what it responds to, and says what that did.
-///
-/// # Errors
-/// Device memory; device errors.
-pub fn prune(
-    device: &Device,
-    trainer: &mut Trainer,
-    compression: &Compression,
-    keep: Keep,
-    responses: Responses,
-    seed: u32,
-) -> Result<Pruned, Error> {
-    let begun = Instant::now();
-    let averages = if responses == Responses::Average { trainer.averages()? } else { None };
-    // Only selectors of other methods read scores, which averages lack.
-    let with_scores = compression.selector.reads_scores();
-    let evidence = match averages {
-        Some(averages) if !with_scores => averages,
-        _ => trainer.evidence(with_scores)?,
-    };
-    let responses_s = begun.elapsed().as_secs_f64();
-    let mut pruned = prune_by(device, trainer, compression, keep, &evidence, seed)?;
-    pruned.seconds.responses = responses_s;
-    pruned.seconds.total += responses_s;
-    Ok(pruned)
-}
-
-/// As [`prune`], by evidence that is there already.
-///
-/// # Errors
-/// Device memory; device errors.
-pub fn prune_by(
-    device: &Device,
-    trainer: &mut Trainer,
-    compression: &Compression,
-    keep: Keep,
-    evidence: &Evidence,
-    seed: u32,
-) -> Result<Pruned, Error> {
-    let begun = Instant::now();
-    let model = trainer.download()?;
-    let Decision { mut pruned, keep, model } =
-        decide(device, (trainer.model(), model), compression, keep, evidence, seed)?;
-    let compacting = Instant::now();
-    trainer.keep(&keep, pruned.merged.map(|_| &model))?;
-    pruned.iteration = trainer.iteration();
-    pruned.seconds.merge += compacting.elapsed().as_secs_f64();
-    pruned.seconds.total = begun.elapsed().as_secs_f64();
-    Ok(pruned)
-}
-
-/// What to keep of a model.
-pub struct Decision {
-    /// What the study of it told, and how long that took.
-    pub pruned: Pruned,
-    /// Whether each Gaussian is kept, n.
-    pub keep: Vec<bool>,
-    /// The model, all n; where it was asked for, the kept stand for the dropped too.
-    pub model: Gaussians,
-}
-
-/// Decides what to keep of `model`, which is what `resident` holds, and lets the kept stand for the dropped where asked to.
-///
-/// # Errors
-/// Device memory; device errors.
-pub fn decide(
-    device: &Device,
-    (resident, mut model): (&Resident, Gaussians),
-    compression: &Compression,
-    keep: Keep,
-    evidence: &Evidence,
-    seed: u32,
-) -> Result<Decision, Error> {
-    let begun = Instant::now();
-    let selector = compression.selector;
-    // Where blocks are solved anyway, the paper's eigenproblem comes with them: it tells how many modes they have.
-    let asked = [selector, Selector::Gnso];
-    let asked = if selector.of_blocks().is_some() && selector != Selector::Gnso { &asked[..] } else { &asked[..1] };
-    let study = Study::new(device, (resident, &model), evidence, &compression.basis, asked, seed)?;
-    let choosing = Instant::now();
-    let choice = study.choose(selector, compression.budget, keep, compression.detail);
-    let select = choosing.elapsed().as_secs_f64();
-    let mut pruned = Pruned::new(0, selector, &study, &choice);
-    let merging = Instant::now();
-    if compression.merge {
-        pruned.merged = Some(study.merge(device, resident, &mut model, &choice.keep)?);
-        pruned.seconds.merge = merging.elapsed().as_secs_f64();
-    }
-    pruned.seconds.select = select;
-    pruned.seconds.total = begun.elapsed().as_secs_f64();
-    Ok(Decision { pruned, keep: choice.keep, model })
 }
 
 #[cfg(test)]

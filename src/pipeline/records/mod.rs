@@ -1,0 +1,11 @@
+//! What jobs measured, as their JSON files hold it (docs/metrics.md): figures only, no work.
+
+mod compare;
+mod compress;
+mod prune;
+mod run;
+
+pub use compare::{ArmRecord, CompareRecord};
+pub use compress::{CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, TruthKind, ViewStages};
+pub use prune::{PruneGuards, PruneRecord, PruneSeconds};
+pub use run::{Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores, ViewScores};

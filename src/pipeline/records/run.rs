@@ -1,0 +1,165 @@
+//! What a run measured: `metrics.json`, schema 1 (docs/metrics.md).
+
+use super::prune::PruneRecord;
+use crate::effects::Decision;
+use crate::gpu::DeviceInfo;
+use crate::metrics::Scores;
+use crate::scene::Skipped;
+use serde::{Deserialize, Deserializer, Serialize};
+use std::collections::BTreeMap;
+
+/// The whole of `metrics.json`.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunRecord {
+    /// Version of this layout.
+    pub schema: u32,
+    /// Version of the program.
+    pub version: &'static str,
+    /// The device.
+    pub device: DeviceInfo,
+    /// How the figures came about.
+    pub protocol: Protocol,
+    /// Numbers of Gaussians.
+    pub gaussians: Counts,
+    /// Mean scores of the held-out views; null without any.
+    pub test: Option<Scores>,
+    /// Mean PSNR of the held-out views as they are rendered, whole and without fitted exposures, in dB; null where
+    /// `test` is of that already.
+    #[serde(rename = "test_unfitted_psnr")]
+    pub unfitted_psnr: Option<f64>,
+    /// Mean PSNR of the training views, in dB.
+    pub train: TrainScores,
+    /// Scores of each held-out view.
+    pub views: Vec<ViewScores>,
+    /// Pictures a second at the test views' size, rendering alone.
+    pub frames_per_second: Option<f64>,
+    /// Bytes of `model.ply`, or of the file that was evaluated.
+    #[serde(rename = "ply_bytes")]
+    pub model_bytes: u64,
+    /// Each prune, in order; empty where nothing was pruned.
+    pub prunes: Vec<PruneRecord>,
+    /// Quality against time, evaluation excluded.
+    pub curve: Vec<CurvePoint>,
+    /// Seconds.
+    pub time: Times,
+    /// What was decided on each effect, with the evidence; empty from an evaluation.
+    pub effects: Vec<Decision>,
+    /// What was repaired, skipped or left out on the way.
+    pub guards: Guards,
+    /// Device memory in bytes.
+    pub memory: Memory,
+}
+
+/// How the figures came about.
+#[derive(Clone, Debug, Serialize)]
+pub struct Protocol {
+    /// Views held out.
+    pub test_split: String,
+    /// Number of training views.
+    pub train_views: usize,
+    /// Number of held-out views.
+    pub test_views: usize,
+    /// Largest picture, width and height.
+    pub image_size: [u32; 2],
+    /// How photos came to that size.
+    pub downscaling: &'static str,
+    /// Colour behind everything.
+    pub background: [f32; 3],
+    /// What LPIPS was computed with.
+    pub lpips: String,
+    /// How exposures of held-out photos were dealt with.
+    pub exposure: &'static str,
+    /// Iterations; null where nothing was trained.
+    pub iterations: Option<u32>,
+    /// Seed; null where nothing was trained.
+    pub seed: Option<u32>,
+}
+
+/// Numbers of Gaussians.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Counts {
+    /// At the start; null where nothing was trained.
+    pub initial: Option<usize>,
+    /// Before the first prune, or when training ended where there was none; null where nothing was trained.
+    pub dense: Option<usize>,
+    /// In `model.ply`, or in the model that was evaluated.
+    #[serde(rename = "final")]
+    pub last: usize,
+}
+
+/// Scores of the views trained on.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct TrainScores {
+    /// Mean PSNR in dB.
+    pub psnr: Option<f64>,
+}
+
+/// Scores of one held-out view.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ViewScores {
+    /// The view's name.
+    pub name: String,
+    /// Its scores.
+    #[serde(flatten)]
+    pub scores: Scores,
+}
+
+/// Where the run stood at some moment.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CurvePoint {
+    /// Iterations done.
+    pub iteration: u32,
+    /// Training time until then, in seconds.
+    pub seconds: f64,
+    /// Mean PSNR of the held-out views, in dB; infinite, and null in JSON, where all are equal to their photos.
+    #[serde(deserialize_with = "infinite_for_null")]
+    pub psnr: f64,
+    /// Gaussians.
+    pub gaussians: usize,
+}
+
+fn infinite_for_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Option::deserialize(deserializer).map(|psnr| psnr.unwrap_or(f64::INFINITY))
+}
+
+/// Seconds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Times {
+    /// The whole run.
+    pub total_s: f64,
+    /// Reading the scene and its photos.
+    pub load_s: f64,
+    /// Training and pruning, resumed parts included; evaluations on the way are not.
+    pub train_s: f64,
+    /// Pruning, a part of `train_s`.
+    pub prune_s: f64,
+    /// Evaluation.
+    pub evaluate_s: f64,
+    /// Device time of training by stage.
+    pub stages_s: BTreeMap<&'static str, f64>,
+}
+
+/// What was repaired, skipped or left out.
+#[derive(Clone, Debug, Serialize)]
+pub struct Guards {
+    /// Updates skipped for gradients that were not finite.
+    pub skipped_rows: u64,
+    /// Gaussians of the final model that no picture shows: see [`crate::gaussians::Gaussians::undrawable`].
+    pub undrawable: usize,
+    /// Held-out views that rendered empty.
+    pub empty_views: usize,
+    /// What the scene's readers left out.
+    pub scene: Skipped,
+}
+
+/// Device memory in bytes.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Memory {
+    /// What was expected before the start.
+    pub estimated_bytes: u64,
+    /// At most in use at a time.
+    pub peak_bytes: u64,
+    /// Allowed.
+    pub limit_bytes: u64,
+}
