@@ -4,14 +4,14 @@ use crate::{gaussians, gpu, scene, synth, train};
 use std::io;
 use std::path::PathBuf;
 
-/// Any error that reaches the user: one line that names the cause and what to do.
+/// Any error that ends a job: one line that names the cause. The command line adds the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A command line that asks for what cannot be: exit code 2.
+    /// A request that makes no sense, whoever made it: exit code 2.
     #[error("{0}")]
     Usage(String),
     /// A file or folder that should be read: exit code 3.
-    #[error("cannot read {}: {source}; check that it exists and that you may read it", path.display())]
+    #[error("cannot read {}: {source}", path.display())]
     Read {
         /// The file or folder.
         path: PathBuf,
@@ -19,7 +19,7 @@ pub enum Error {
         source: io::Error,
     },
     /// A file or folder that should be written: exit code 5.
-    #[error("cannot write {}: {source}; free some space or choose another place with -o", path.display())]
+    #[error("cannot write {}: {source}", path.display())]
     Write {
         /// The file or folder.
         path: PathBuf,
@@ -35,10 +35,7 @@ pub enum Error {
         reason: String,
     },
     /// A checkpoint that another version of the program wrote: exit code 3.
-    #[error(
-        "{}: this checkpoint is of another version of the program: {what}; finish the run with the version that began it, or delete the checkpoint to start afresh",
-        path.display()
-    )]
+    #[error("{}: this checkpoint is of another version of the program: {what}", path.display())]
     Checkpoint {
         /// The file.
         path: PathBuf,
@@ -62,7 +59,7 @@ pub enum Error {
     Scene(scene::Error),
     /// A job that the device's memory cannot hold: exit code 5.
     #[error(
-        "{what} would need about {needed} bytes of device memory ({gaussians} Gaussians, pictures of {width} x {height}), and {device} allows {there}: give{fewer} a smaller --resolution, a larger --memory-budget where there is one, or another --device"
+        "{what} would need about {needed} bytes of device memory ({gaussians} Gaussians, pictures of {width} x {height}), and {device} allows {there}"
     )]
     Memory {
         /// The job.
@@ -79,8 +76,8 @@ pub enum Error {
         there: u64,
         /// The device's name.
         device: String,
-        /// What would fit, as a clause of the advice; empty where there is none.
-        fewer: String,
+        /// What would make the job fit.
+        relief: Relief,
     },
     /// The synthetic scene's own errors: 2 for the options and the folder's choice, 5 for writing.
     #[error(transparent)]
@@ -89,9 +86,7 @@ pub enum Error {
     #[error(transparent)]
     Metrics(#[from] crate::metrics::Error),
     /// The device computes wrong numbers: exit code 4.
-    #[error(
-        "{failed} of {checks} checks failed on {device} ({driver}), in {rooms}: its results are not to be trusted. Update the driver (known bad: Mesa before 23, which ends shader loops after 65,535 iterations), or choose another device with --device"
-    )]
+    #[error("{failed} of {checks} checks failed on {device} ({driver}), in {rooms}: its results are not to be trusted")]
     SelfTest {
         /// Checks that failed.
         failed: usize,
@@ -104,9 +99,36 @@ pub enum Error {
         /// Its driver.
         driver: String,
     },
+    /// Every photo of the scene is held out: exit code 2.
+    #[error("{}: no photo is left to train on", .0.display())]
+    NothingToTrainOn(PathBuf),
+    /// No photo of the scene is held out: exit code 2.
+    #[error("{}: no view is held out", .0.display())]
+    NothingHeldOut(PathBuf),
+    /// The checkpoint to resume from was made with another configuration: exit code 2.
+    #[error("{} is of a run with other options", checkpoint.display())]
+    OtherRun {
+        /// The checkpoint.
+        checkpoint: PathBuf,
+        /// The configuration that it was made with.
+        config: PathBuf,
+    },
     /// The user pressed Ctrl-C: exit code 130.
     #[error("interrupted; what was finished is kept")]
     Interrupted,
+}
+
+/// What would make a job fit into the device's memory, besides smaller photos.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Relief {
+    /// Nothing else.
+    None,
+    /// No more Gaussians than this.
+    Gaussians(usize),
+    /// A smaller model to begin with.
+    SmallerModel,
+    /// Smaller pictures of the model itself.
+    SmallerPictures,
 }
 
 impl From<train::Error> for Error {
@@ -122,7 +144,6 @@ impl From<gaussians::Error> for Error {
     fn from(error: gaussians::Error) -> Self {
         match error {
             gaussians::Error::Io { path, source } => Self::Read { path, source },
-            gaussians::Error::SameFile { .. } => Self::Usage(error.to_string()),
             other => Self::Gaussians(other),
         }
     }
@@ -132,7 +153,6 @@ impl From<scene::Error> for Error {
     fn from(error: scene::Error) -> Self {
         match error {
             scene::Error::Io { path, source } => Self::Read { path, source },
-            scene::Error::NoImageFolder { .. } => Self::Usage(error.to_string()),
             other => Self::Scene(other),
         }
     }
@@ -163,7 +183,9 @@ impl Error {
             Self::Memory { .. } | Self::Write { .. } | Self::Encode { .. } | Self::Print(_) => 5,
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
             Self::Train(train::Error::Photos(_)) => 5,
-            Self::Usage(_) | Self::Synth(_) | Self::Train(train::Error::NoViews) => 2,
+            Self::Usage(_) | Self::NothingHeldOut(_) | Self::OtherRun { .. } | Self::Synth(_) => 2,
+            Self::NothingToTrainOn(_) | Self::Train(train::Error::NoViews) => 2,
+            Self::Gaussians(gaussians::Error::SameFile { .. }) | Self::Scene(scene::Error::NoImageFolder { .. }) => 2,
             Self::Train(_) => 3,
             Self::Read { .. } | Self::Checkpoint { .. } => 3,
             Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,

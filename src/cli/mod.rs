@@ -10,6 +10,7 @@ mod device;
 mod eval;
 mod inspect;
 mod interrupt;
+mod remedy;
 mod render;
 mod run;
 mod selftest;
@@ -149,7 +150,8 @@ pub fn main() -> ExitCode {
         Err(Error::Print(e)) if e.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(e) => {
             let head = console.paint("1;31", "error:", io::stderr().is_terminal());
-            console.error(format_args!("{head} {e}"));
+            let remedy = remedy::remedy(&e).map(|r| format!("; {r}")).unwrap_or_default();
+            console.error(format_args!("{head} {e}{remedy}"));
             ExitCode::from(e.exit_code())
         }
     }

@@ -89,6 +89,7 @@ fn row(console: &Console, check: &Check) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::remedy::remedy;
 
     #[test]
     fn one_failed_check_is_exit_code_4_and_names_its_room() {
@@ -99,10 +100,11 @@ mod tests {
             let checks = [check("scan", Some(0.0)), check("sort", bad), check("sort", bad), check("adam", bad)];
             let error = verdict(&checks).unwrap_err();
             assert_eq!(error.exit_code(), 4);
-            let told = error.to_string();
-            for part in ["3 of 4", "Some GPU", "driver 1", "sort, adam", "Mesa before 23", "--device"] {
+            let (told, remedy) = (error.to_string(), remedy(&error).unwrap());
+            for part in ["3 of 4", "Some GPU", "driver 1", "sort, adam"] {
                 assert!(told.contains(part), "{told}");
             }
+            assert!(remedy.contains("Mesa before 23") && remedy.contains("--device"), "{remedy}");
         }
     }
 }

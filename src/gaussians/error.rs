@@ -33,7 +33,7 @@ pub enum Error {
         what: String,
     },
     /// Writing would replace the file that the model was read from.
-    #[error("{}: this is the input file itself; give the output another name", path.display())]
+    #[error("{}: this is the input file itself", path.display())]
     SameFile {
         /// The output path.
         path: PathBuf,

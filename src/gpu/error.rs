@@ -2,16 +2,16 @@
 
 use ash::vk;
 
-/// An error of the device floor; each message says what to do.
+/// An error of the device floor; each message names the cause.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// No Vulkan loader on this machine.
-    #[error("no Vulkan loader was found ({0}); install it (Debian and Ubuntu: libvulkan1, or run tools/setup)")]
+    #[error("no Vulkan loader was found ({0})")]
     NoLoader(String),
     /// A loader, but no device behind it.
-    #[error("Vulkan reports no device; install your GPU's driver, or mesa-vulkan-drivers for a software device")]
+    #[error("Vulkan reports no device")]
     NoDevice,
-    /// `--device` or `QIRF_DEVICE` names none that is here.
+    /// No device has the name or index asked for.
     #[error("no device matches '{wanted}'; there are: {there}")]
     UnknownDevice {
         /// What was asked for.
@@ -20,7 +20,7 @@ pub enum Error {
         there: String,
     },
     /// The device lacks something that the engine needs.
-    #[error("{device} lacks {feature}, which qirf-vk needs; choose another with --device, or update its driver")]
+    #[error("{device} lacks {feature}, which qirf-vk needs")]
     MissingFeature {
         /// Name of the device.
         device: String,
@@ -34,13 +34,11 @@ pub enum Error {
         device: String,
         /// Driver name and version.
         driver: String,
-        /// What it does wrong, and the fix.
+        /// What it does wrong.
         what: String,
     },
     /// One buffer is larger than the device can bind.
-    #[error(
-        "buffer '{name}' needs {needed} bytes, but {device} binds at most {limit}; use fewer Gaussians or a smaller image"
-    )]
+    #[error("buffer '{name}' needs {needed} bytes, but {device} binds at most {limit}")]
     TooLarge {
         /// Name of the buffer.
         name: String,
@@ -52,9 +50,7 @@ pub enum Error {
         device: String,
     },
     /// Memory ran out.
-    #[error(
-        "out of memory on {device}: '{name}' needs {needed} bytes, {used} are in use and {limit} may be; use fewer Gaussians, a smaller image, or another device"
-    )]
+    #[error("out of memory on {device}: '{name}' needs {needed} bytes, {used} are in use and {limit} may be")]
     OutOfMemory {
         /// Name of the buffer.
         name: String,
@@ -68,18 +64,16 @@ pub enum Error {
         device: String,
     },
     /// The system or the driver had no memory left for a call.
-    #[error(
-        "{of} memory ran out during {call}; end other programs that use it, or use fewer Gaussians, a smaller image, or another device"
-    )]
+    #[error("{of} memory ran out during {call}")]
     Exhausted {
         /// The call.
         call: &'static str,
         /// Whose memory.
         of: &'static str,
     },
-    /// The device stopped answering.
+    /// The device stopped answering in this call.
     #[error(
-        "the device was lost during {0}: its driver reset it (it crashed, hung, or took longer over one piece of work than the driver allows), or it was taken away; the system's log tells more. Give the same command again, with --resume where it has that; if it happens again, try a newer driver, a longer watchdog of the driver, a smaller --resolution, or another --device"
+        "the device was lost during {0}: its driver reset it (it crashed, hung, or took longer over one piece of work than the driver allows), or it was taken away; the system's log tells more"
     )]
     Lost(&'static str),
     /// Any other Vulkan error.

@@ -24,7 +24,7 @@ pub(super) fn check(device: &Device) -> Result<(), Error> {
         device: device.info().name.clone(),
         driver: device.info().driver.clone(),
         what: "it ends shader loops early (Mesa before 23 does so after 65,535 iterations), which would cut pictures \
-               without an error. Install Mesa 23 or newer (Debian 12: mesa-vulkan-drivers from bookworm-backports; tools/setup does it)"
+               without an error"
             .into(),
     })
 }

@@ -3,7 +3,7 @@
 use super::lpips::Kind;
 use std::path::{Path, PathBuf};
 
-/// An error of the metrics floor; each message says what to do.
+/// An error of the metrics floor; each message names the cause.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// An image without pixels, or with another number of values than its size asks for.
@@ -19,7 +19,7 @@ pub enum Error {
         found: usize,
     },
     /// Two images that cannot be compared.
-    #[error("the images differ in size ({} x {} and {} x {} pixels); render at the photo's size", .0.0, .0.1, .1.0, .1.1)]
+    #[error("the images differ in size ({} x {} and {} x {} pixels)", .0.0, .0.1, .1.0, .1.1)]
     Sizes((usize, usize), (usize, usize)),
     /// An image whose deepest feature map would be empty.
     #[error("LPIPS ({kind}) needs images of at least {least} x {least} pixels, and this one has {width} x {height}")]
@@ -34,15 +34,15 @@ pub enum Error {
         height: usize,
     },
     /// A weights file that cannot be read.
-    #[error("cannot read the LPIPS weights {}: {source}; check --lpips-weights, or run tools/lpips-weights", path.display())]
+    #[error("cannot read the LPIPS weights {}: {source}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's word.
+        /// The system's reason.
         source: std::io::Error,
     },
     /// A weights file that holds something else.
-    #[error("{}: {what}; make the file anew with tools/lpips-weights", path.display())]
+    #[error("{}: {what}", path.display())]
     Weights {
         /// The file.
         path: PathBuf,

@@ -6,7 +6,7 @@ use super::pairs;
 use super::prepare::{Opened, Start};
 use super::virtual_views;
 use crate::effects::Effect;
-use crate::error::Error;
+use crate::error::{Error, Relief};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
@@ -27,7 +27,7 @@ const GROWTH: usize = 4;
 /// have if those are fewer.
 ///
 /// # Errors
-/// [`Error::Memory`] where the device, or `--memory-budget`, does not allow as much.
+/// [`Error::Memory`] where the device does not allow as much.
 pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Start) -> Result<u64, Error> {
     let schedule = &config.schedule;
     let grows = (1..=schedule.iterations).any(|i| schedule.densifies(i));
@@ -57,14 +57,14 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
     let expected = grown.max(now);
     let fitting = most(expected.max(config.max_gaussians), |n| needed(n) <= device.memory_limit());
     if fitting < config.max_gaussians {
-        tracing::info!("there is room for about {fitting} Gaussians; --max-gaussians {fitting} keeps within it");
+        tracing::info!("there is room for about {fitting} Gaussians");
     }
-    let fewer = match fitting {
-        0 => String::new(),
-        n if n < now && matches!(config.init, Init::Model(_)) => " a smaller model,".to_owned(),
-        n => format!(" --max-gaussians {n},"),
+    let relief = match fitting {
+        0 => Relief::None,
+        n if n < now && matches!(config.init, Init::Model(_)) => Relief::SmallerModel,
+        n => Relief::Gaussians(n),
     };
-    check(device, "the run", expected, size, needed(expected), &fewer)
+    check(device, "the run", expected, size, needed(expected), relief)
 }
 
 /// Bytes of device memory that an evaluation will need.
@@ -80,7 +80,7 @@ pub fn for_eval(
     let size = opened.size();
     let model = Resident::bytes(gaussians, degree);
     let needed = model + staging_bytes(model) + Evaluator::bytes(device, gaussians, size, style);
-    check(device, "the evaluation", gaussians, size, needed, "")
+    check(device, "the evaluation", gaussians, size, needed, Relief::None)
 }
 
 /// What a compression's memory depends on besides the model.
@@ -129,8 +129,8 @@ pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> 
     let rows = Responses::bytes(trained) + Scores::bytes(trained);
     let trains = if trained > 0 { Trainer::bytes(device, &demand) + rows } else { 0 };
     let needed = evaluates.max(studies).max(trains).max(if own_pictures { responds } else { 0 });
-    let smaller = if own_pictures { " a smaller --size," } else { "" };
-    check(device, "the compression", gaussians, size, needed, smaller)
+    let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };
+    check(device, "the compression", gaussians, size, needed, relief)
 }
 
 /// Bytes of the host's memory that decoded photos may take: a quarter of it, or the budget given, if that is less.
@@ -168,15 +168,15 @@ fn check(
     gaussians: usize,
     [width, height]: [u32; 2],
     needed: u64,
-    fewer: &str,
+    relief: Relief,
 ) -> Result<u64, Error> {
     let there = device.memory_limit();
     if needed <= there {
         tracing::info!("{what} needs about {needed} bytes of device memory, of {there}");
         return Ok(needed);
     }
-    let (device, fewer) = (device.info().name.clone(), fewer.to_owned());
-    Err(Error::Memory { what, gaussians, width, height, needed, there, device, fewer })
+    let device = device.info().name.clone();
+    Err(Error::Memory { what, gaussians, width, height, needed, there, device, relief })
 }
 
 #[cfg(test)]

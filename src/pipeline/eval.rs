@@ -52,10 +52,7 @@ pub fn eval(
     let folder = output.map_or(elsewhere.as_path(), Output::folder);
     let prepared = opened.load((host_bytes, folder), watcher)?;
     if prepared.test.is_empty() {
-        return Err(Error::Usage(format!(
-            "{}: no view is held out; give --eval-every 1 to score all of them",
-            selection.scene.display()
-        )));
+        return Err(Error::NothingHeldOut(selection.scene.clone()));
     }
     let load_s = begun.elapsed().as_secs_f64();
     let settings = evaluation.style.over(prepared.background);

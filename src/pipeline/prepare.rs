@@ -107,8 +107,7 @@ impl Opened {
     pub fn load_to_train(self, room: (u64, &Path), watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
         let prepared = self.load(room, watcher)?;
         if prepared.train.is_empty() {
-            let scene = prepared.scene.source.display();
-            return Err(Error::Usage(format!("{scene}: no photo is left to train on; use a larger --eval-every")));
+            return Err(Error::NothingToTrainOn(prepared.scene.source));
         }
         Ok(prepared)
     }

@@ -74,9 +74,5 @@ pub(super) fn same_run(output: &Output, of: Option<String>, written: &str) -> Re
     if of.is_none_or(|of| of == written) {
         return Ok(());
     }
-    Err(Error::Usage(format!(
-        "{} is of a run with other options: give those it had ({}), or start without --resume",
-        output.checkpoint().display(),
-        output.config().display()
-    )))
+    Err(Error::OtherRun { checkpoint: output.checkpoint(), config: output.config() })
 }

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-/// Errors of opening a scene and of loading its photos; every message says what to do.
+/// Errors of opening a scene and of loading its photos; each message names the cause.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A file or folder could not be read.
-    #[error("cannot read {path}: {source}; check that it exists and that you may read it")]
+    #[error("cannot read {path}: {source}")]
     Io {
         /// The file.
         path: PathBuf,
@@ -25,11 +25,7 @@ pub enum Error {
         what: String,
     },
     /// A camera names a model that the engine does not know.
-    #[error(
-        "{path}, {record}: camera model {model} is not supported; known are {}. Undistort the photos with `colmap \
-         image_undistorter` and open its output, or calibrate again with --ImageReader.camera_model OPENCV",
-        super::lens::LensModel::names()
-    )]
+    #[error("{path}, {record}: camera model {model} is not supported; known are {}", super::lens::LensModel::names())]
     UnknownModel {
         /// The file.
         path: PathBuf,
@@ -39,7 +35,7 @@ pub enum Error {
         model: String,
     },
     /// The folder holds photos, but nobody has found out where they were taken from.
-    #[error("{}", no_poses(.root, .images, *.photos))]
+    #[error("{images} holds {photos} photos, but {root} says nowhere where they were taken from")]
     NoPoses {
         /// The folder given.
         root: PathBuf,
@@ -51,7 +47,7 @@ pub enum Error {
     /// Nothing that looks like a scene lies there.
     #[error(
         "{root} holds no scene; looked for {looked_for}, and for photos (jpg, png, webp) in it, its images and its input \
-         folder. Give the folder that holds one of them"
+         folder"
     )]
     NoScene {
         /// The path given.
@@ -60,7 +56,7 @@ pub enum Error {
         looked_for: &'static str,
     },
     /// The photo folder asked for does not exist.
-    #[error("no folder {asked} in {root}{}; give one with --images", known_folders(.known))]
+    #[error("no folder {asked} in {root}{}", known_folders(.known))]
     NoImageFolder {
         /// The scene's folder.
         root: PathBuf,
@@ -70,7 +66,7 @@ pub enum Error {
         known: Vec<String>,
     },
     /// Cameras are there, but none of their photos can be used.
-    #[error("none of the {listed} photos of {root} can be used ({what}); name their folder with --images DIR")]
+    #[error("none of the {listed} photos of {root} can be used ({what})")]
     NoPhotos {
         /// The scene's folder.
         root: PathBuf,
@@ -80,7 +76,7 @@ pub enum Error {
         what: String,
     },
     /// The scene lists no camera with a usable pose.
-    #[error("{path} holds no usable view ({what}); reconstruct the scene again")]
+    #[error("{path} holds no usable view ({what})")]
     NoViews {
         /// The file with the poses.
         path: PathBuf,
@@ -113,28 +109,4 @@ impl Error {
 
 fn known_folders(known: &[String]) -> String {
     if known.is_empty() { String::new() } else { format!(" (photos lie in {})", known.join(", ")) }
-}
-
-/// A path as a shell takes it.
-fn quoted(path: &Path) -> String {
-    let text = path.display().to_string();
-    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,:@%=".contains(c);
-    if !text.is_empty() && text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
-}
-
-fn no_poses(root: &Path, images: &Path, photos: usize) -> String {
-    let database = quoted(&root.join("database.db"));
-    let sparse = quoted(&root.join("sparse"));
-    let (shown, images) = (images.display(), quoted(images));
-    format!(
-        "{shown} holds {photos} photos, but {} says nowhere where they were taken from. COLMAP finds that out:\n  \
-         colmap feature_extractor --database_path {database} --image_path {images} --ImageReader.camera_model OPENCV\n  \
-         colmap exhaustive_matcher --database_path {database}\n  \
-         mkdir -p {sparse}\n  \
-         colmap mapper --database_path {database} --image_path {images} --output_path {sparse}\n\
-         Add --ImageReader.single_camera 1 to the first where one camera at one zoom took them all. Distortion is \
-         corrected here; `colmap image_undistorter` is not needed. Then open {} again.",
-        root.display(),
-        quoted(root),
-    )
 }

@@ -14,7 +14,7 @@ pub enum Error {
         name: String,
     },
     /// Two effects that exclude each other were asked for.
-    #[error("effects \"{0}\" and \"{1}\" exclude each other: leave one out")]
+    #[error("effects \"{0}\" and \"{1}\" exclude each other")]
     Conflict(Effect, Effect),
     /// A number in the options lies outside its range.
     #[error("{what} is {value}: it must lie in {low}..={high}")]
@@ -29,10 +29,10 @@ pub enum Error {
         high: u64,
     },
     /// The folder holds files that no earlier run wrote.
-    #[error("{} is not empty and not a synth scene (it has no synth.json by qirf-vk): nothing was written; name an empty or new folder", .0.display())]
+    #[error("{} is not empty and not a synth scene (it has no synth.json by qirf-vk): nothing was written", .0.display())]
     Foreign(PathBuf),
     /// The path exists and is no folder.
-    #[error("{} is a file: name an empty or new folder", .0.display())]
+    #[error("{} is a file", .0.display())]
     NotFolder(PathBuf),
     /// A file or folder could not be read, written or removed.
     #[error("{}: {source}", path.display())]

@@ -10,24 +10,22 @@ pub enum Error {
     #[error(transparent)]
     Device(#[from] gpu::Error),
     /// Nothing to train on.
-    #[error("there is no photo to train on; hold fewer out with a larger --eval-every, or add photos")]
+    #[error("there is no photo to train on")]
     NoViews,
-    /// The file that photos beyond the host's memory lie in.
-    #[error("the decoded photos' temporary file fails: {0}; free some space, or give a smaller --resolution")]
+    /// A failure of the file that holds the photos beyond the host's share of memory.
+    #[error("the decoded photos' temporary file fails: {0}")]
     Photos(#[from] io::Error),
     /// A checkpoint of a run on other photos.
-    #[error(
-        "the checkpoint holds exposures of {stored} photos, the scene has {photos} to train on: restore its photos, or start without --resume"
-    )]
+    #[error("the checkpoint holds exposures of {stored} photos, the scene has {photos} to train on")]
     Exposures {
         /// Photos whose exposures are stored.
         stored: usize,
         /// Photos to train on.
         photos: usize,
     },
-    /// Cameras that leave no place for random points.
+    /// The cameras leave no place for random points.
     #[error(
-        "only {found} of {asked} random points found a place in {tries} tries, {near:.1} or more before {cameras} cameras that see it: check the poses and the scene's scale, or give --init MODEL"
+        "only {found} of {asked} random points found a place in {tries} tries, {near:.1} or more before {cameras} cameras that see it"
     )]
     Points {
         /// Points with a place.

@@ -173,7 +173,7 @@ fn cameras_that_see_nothing_in_common() {
         let said = error.to_string();
         println!("{name}: {said} ({:.1} s)", began.elapsed().as_secs_f64());
         assert!(matches!(error, Error::Points { asked: 3000, found: 0..3000, .. }));
-        assert!(said.contains("3000") && said.contains("poses") && said.contains("--init MODEL"), "{said}");
+        assert!(said.contains("3000 random points"), "{said}");
     }
 }
 

@@ -1,0 +1,201 @@
+//! What a user can do about an error. The floors below name causes and know no options; the remedies are told here.
+
+use crate::error::{Error, Relief};
+use crate::{gaussians, gpu, metrics, scene, synth, train};
+use std::path::Path;
+
+/// What to do about `error`, as a clause that follows its cause; `None` where the cause says it all.
+pub(super) fn remedy(error: &Error) -> Option<String> {
+    match error {
+        Error::Read { .. } => plain("check that it exists and that you may read it"),
+        Error::Write { .. } => plain("free some space or choose another place with -o"),
+        Error::Device(e) => device(e),
+        Error::Train(e) => training(e),
+        Error::Gaussians(e) => model(e),
+        Error::Scene(e) => capture(e),
+        Error::Synth(e) => synthetic(e),
+        Error::Metrics(e) => scores(e),
+        Error::Memory { relief, .. } => Some(smaller(*relief)),
+        Error::SelfTest { .. } => plain(
+            "update the driver (known bad: Mesa before 23, which ends shader loops after 65,535 iterations), or choose \
+             another device with --device",
+        ),
+        Error::NothingToTrainOn(_) => plain("use a larger --eval-every"),
+        Error::NothingHeldOut(_) => plain("give --eval-every 1 to score all of them"),
+        Error::OtherRun { config, .. } => {
+            Some(format!("give the options it had ({}), or start without --resume", config.display()))
+        }
+        Error::Checkpoint { .. } => plain(
+            "finish the run with the version that began it, or delete the checkpoint to start afresh",
+        ),
+        Error::Encode { .. } => plain("this is a fault of the program: please report it"),
+        Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
+    }
+}
+
+#[allow(clippy::unnecessary_wraps)] // every arm of the matches here is an option
+fn plain(text: &str) -> Option<String> {
+    Some(text.to_owned())
+}
+
+fn device(error: &gpu::Error) -> Option<String> {
+    match error {
+        gpu::Error::NoLoader(_) => plain("install it (Debian and Ubuntu: libvulkan1, or run tools/setup)"),
+        gpu::Error::NoDevice => plain("install your GPU's driver, or mesa-vulkan-drivers for a software device"),
+        gpu::Error::MissingFeature { .. } => plain("choose another device with --device, or update its driver"),
+        gpu::Error::Driver { .. } => plain(
+            "install Mesa 23 or newer (Debian 12: mesa-vulkan-drivers from bookworm-backports; tools/setup does it)",
+        ),
+        gpu::Error::TooLarge { .. } => plain("use fewer Gaussians or a smaller image"),
+        gpu::Error::OutOfMemory { .. } => plain("use fewer Gaussians, a smaller image, or another device"),
+        gpu::Error::Exhausted { .. } => {
+            plain("end other programs that use it, or use fewer Gaussians, a smaller image, or another device")
+        }
+        gpu::Error::Lost(_) => plain(
+            "give the same command again, with --resume where it has that; if it happens again, try a newer driver, a \
+             longer watchdog of the driver, a smaller --resolution, or another --device",
+        ),
+        gpu::Error::UnknownDevice { .. } | gpu::Error::Vulkan { .. } => None,
+    }
+}
+
+fn training(error: &train::Error) -> Option<String> {
+    match error {
+        train::Error::Device(e) => device(e),
+        train::Error::NoViews => plain("hold fewer out with a larger --eval-every, or add photos"),
+        train::Error::Photos(_) => plain("free some space, or give a smaller --resolution"),
+        train::Error::Exposures { .. } => plain("restore its photos, or start without --resume"),
+        train::Error::Points { .. } => plain("check the poses and the scene's scale, or give --init MODEL"),
+    }
+}
+
+fn model(error: &gaussians::Error) -> Option<String> {
+    match error {
+        gaussians::Error::SameFile { .. } => plain("give the output another name"),
+        // What a file of some format lacks, its reader knows best.
+        _ => None,
+    }
+}
+
+fn capture(error: &scene::Error) -> Option<String> {
+    match error {
+        scene::Error::Io { .. } => plain("check that it exists and that you may read it"),
+        scene::Error::UnknownModel { .. } => plain(
+            "undistort the photos with `colmap image_undistorter` and open its output, or calibrate again with \
+             --ImageReader.camera_model OPENCV",
+        ),
+        scene::Error::NoPoses { root, images, .. } => Some(colmap(root, images)),
+        scene::Error::NoScene { .. } => plain("give the folder that holds one of them"),
+        scene::Error::NoImageFolder { .. } => plain("give one with --images"),
+        scene::Error::NoPhotos { .. } => plain("name their folder with --images DIR"),
+        scene::Error::NoViews { .. } => plain("reconstruct the scene again"),
+        _ => None,
+    }
+}
+
+fn synthetic(error: &synth::Error) -> Option<String> {
+    match error {
+        synth::Error::Conflict(..) => plain("leave one out"),
+        synth::Error::Foreign(_) | synth::Error::NotFolder(_) => plain("name an empty or new folder"),
+        _ => None,
+    }
+}
+
+fn scores(error: &metrics::Error) -> Option<String> {
+    match error {
+        metrics::Error::Sizes(..) => plain("render at the photo's size"),
+        metrics::Error::Read { .. } => plain("check --lpips-weights, or run tools/lpips-weights"),
+        metrics::Error::Weights { .. } => plain("make the file anew with tools/lpips-weights"),
+        metrics::Error::Pixels { .. } | metrics::Error::TooSmall { .. } => None,
+    }
+}
+
+/// How a job gets by with less memory.
+fn smaller(relief: Relief) -> String {
+    let first = match relief {
+        Relief::None => String::new(),
+        Relief::Gaussians(most) => format!(" --max-gaussians {most},"),
+        Relief::SmallerModel => " a smaller model,".to_owned(),
+        Relief::SmallerPictures => " a smaller --size,".to_owned(),
+    };
+    format!("give{first} a smaller --resolution, a larger --memory-budget where there is one, or another --device")
+}
+
+/// The commands that find out where photos were taken from.
+fn colmap(root: &Path, images: &Path) -> String {
+    let (database, sparse) = (quoted(&root.join("database.db")), quoted(&root.join("sparse")));
+    let (images, root) = (quoted(images), quoted(root));
+    format!(
+        "COLMAP finds that out:\n  \
+         colmap feature_extractor --database_path {database} --image_path {images} --ImageReader.camera_model OPENCV\n  \
+         colmap exhaustive_matcher --database_path {database}\n  \
+         mkdir -p {sparse}\n  \
+         colmap mapper --database_path {database} --image_path {images} --output_path {sparse}\n\
+         Add --ImageReader.single_camera 1 to the first where one camera at one zoom took them all. Distortion is \
+         corrected here; `colmap image_undistorter` is not needed. Then open {root} again."
+    )
+}
+
+/// A path as a shell takes it.
+fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,:@%=".contains(c);
+    if !text.is_empty() && text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io;
+    use std::path::PathBuf;
+
+    fn says(error: impl Into<Error>, parts: &[&str]) {
+        let error = error.into();
+        let told = remedy(&error).unwrap_or_else(|| panic!("no remedy for: {error}"));
+        for part in parts {
+            assert!(told.contains(part), "{told:?} lacks {part:?}");
+        }
+    }
+
+    #[test]
+    fn remedies_name_the_options_that_help() {
+        let path = || PathBuf::from("a b/c");
+        says(gpu::Error::NoLoader("x".into()), &["libvulkan1", "tools/setup"]);
+        says(gpu::Error::MissingFeature { device: "D".into(), feature: "f".into() }, &["--device"]);
+        says(gpu::Error::Lost("submit"), &["--resume", "--resolution", "--device"]);
+        says(train::Error::NoViews, &["--eval-every"]);
+        says(train::Error::from(gpu::Error::NoDevice), &["mesa-vulkan-drivers"]);
+        says(train::Error::Photos(io::ErrorKind::StorageFull.into()), &["free some space", "--resolution"]);
+        says(
+            train::Error::Points { found: 1, asked: 3000, tries: 9, near: 0.2, cameras: 2 },
+            &["poses", "--init MODEL"],
+        );
+        says(gaussians::Error::SameFile { path: path() }, &["another name"]);
+        says(
+            scene::Error::NoPhotos { root: path(), listed: 5, what: "a.png does not exist".into() },
+            &["--images DIR"],
+        );
+        let model = scene::Error::UnknownModel { path: path(), record: "camera 1 of 1".into(), model: "FOV".into() };
+        says(model, &["image_undistorter", "OPENCV"]);
+        says(scene::Error::NoImageFolder { root: path(), asked: path(), known: Vec::new() }, &["--images"]);
+        says(metrics::Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["--lpips-weights"]);
+        says(synth::Error::Foreign(path()), &["empty or new folder"]);
+        says(Error::Write { path: path(), source: io::ErrorKind::StorageFull.into() }, &["free some space", "-o"]);
+        says(Error::NothingToTrainOn(path()), &["larger --eval-every"]);
+        says(Error::NothingHeldOut(path()), &["--eval-every 1"]);
+        says(Error::OtherRun { checkpoint: path(), config: path() }, &["a b/c", "--resume"]);
+        assert!(remedy(&Error::Interrupted).is_none());
+        assert!(smaller(Relief::Gaussians(7)).starts_with("give --max-gaussians 7, a smaller --resolution,"));
+        assert!(!smaller(Relief::None).contains("--max-gaussians"));
+    }
+
+    #[test]
+    fn photos_without_poses_are_told_the_colmap_commands() {
+        let error =
+            |root: &str, images: &str| scene::Error::NoPoses { root: root.into(), images: images.into(), photos: 3 };
+        let steps = ["colmap feature_extractor --database_path", "exhaustive_matcher", "colmap mapper"];
+        says(error("/s", "/s/images"), &[&steps[..], &["--image_path /s/images", "--output_path /s/sparse"]].concat());
+        let quoted = ["--database_path 'a b/database.db'", r"--image_path 'a b/it'\''s'", "mkdir -p 'a b/sparse'"];
+        says(error("a b", "a b/it's"), &quoted);
+    }
+}
