@@ -25,9 +25,9 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::OtherRun { config, .. } => {
             Some(format!("give the options it had ({}), or start without --resume", config.display()))
         }
-        Error::Checkpoint { .. } => plain(
-            "finish the run with the version that began it, or delete the checkpoint to start afresh",
-        ),
+        Error::Checkpoint { .. } => {
+            plain("finish the run with the version that began it, or delete the checkpoint to start afresh")
+        }
         Error::Encode { .. } => plain("this is a fault of the program: please report it"),
         Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
     }
