@@ -7,8 +7,8 @@ mod device {
     mod culling;
     mod effects;
     mod guards;
-    mod low_rank;
     mod overlap;
+    mod participation;
     mod primitives;
     mod project;
     mod random;

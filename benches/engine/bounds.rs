@@ -172,7 +172,7 @@ pub fn rrdm(blocks: f64, m: f64) -> Bound {
 }
 
 /// Eigenproblems of rank 8: Cholesky of the triangle (m^3 / 3), B and X by substitution (8 m^2 each), B^T B and X^2.
-pub fn low_rank(blocks: f64, m: f64) -> Bound {
+pub fn participation(blocks: f64, m: f64) -> Bound {
     let triangle = 0.5 * m * (m + 1.0);
     let operations = m * m * m / 3.0 + 16.0 * m * m + 144.0 * m;
     Bound { bytes: blocks * (8.0 * triangle + 36.0 * m), operations: blocks * operations }

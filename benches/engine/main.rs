@@ -84,9 +84,9 @@ criterion_group!(
     loss::loss,
     iteration::iteration,
     overlap::overlap,
-    overlap::low_rank,
+    overlap::participation,
     overlap::responses,
-    solve::solve,
+    solve::participation,
     solve::select
 );
 criterion_main!(benches);

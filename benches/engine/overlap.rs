@@ -1,12 +1,12 @@
-//! `overlap` and `rrdm`: a batch's matrices, in pairs a second; `low rank`: the device's solver; `responses`: what gathering them adds to an iteration.
+//! `overlap` and `rrdm`: a batch's matrices, in pairs a second; `participation`: the device's solver; `responses`: what gathering them adds to an iteration.
 
 use super::{bounds, device, group, scenes, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Error, Recording};
 use qirf_vk::qirf::assemble::{Assembly, Options, triangle};
-use qirf_vk::qirf::low_rank::Problem;
 use qirf_vk::qirf::overlap::{Method, Metric};
+use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::response::{Gather, HighPass, Responses};
 use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::qirf::score::Scores;
@@ -55,11 +55,11 @@ pub fn overlap(criterion: &mut Criterion) {
 }
 
 /// The eigenproblems of 3,072 Gaussians, in blocks a second.
-pub fn low_rank(criterion: &mut Criterion) {
+pub fn participation(criterion: &mut Criterion) {
     const FEW: usize = 3072;
     let resident = Resident::upload(device(), &scenes::crowd(FEW, 0, 1.0, 5)).unwrap();
     let members: Vec<u32> = (0..FEW as u32).collect();
-    let mut group = group(criterion, "low rank");
+    let mut group = group(criterion, "participation");
     for m in [48_usize, 128, 512] {
         let starts: Vec<u32> = (0..=FEW as u32).step_by(m).collect();
         let options = Options { density: Some(Density::default()), ..Options::default() };
@@ -67,12 +67,12 @@ pub fn low_rank(criterion: &mut Criterion) {
         let run = || {
             let start = Instant::now();
             let timings = assembly.solve_each::<Error>(Problem::default(), |_, _| Ok(())).unwrap();
-            time_of(&timings, "low rank", start)
+            time_of(&timings, "participation", start)
         };
         run();
         group.throughput(Throughput::Elements((FEW / m) as u64));
         let blocks = (FEW / m) as f64;
-        bounds::low_rank(blocks, m as f64).note("low rank", &[&m.to_string()], &[("blocks", blocks)]);
+        bounds::participation(blocks, m as f64).note("participation", &[&m.to_string()], &[("blocks", blocks)]);
         group.bench_function(BenchmarkId::from_parameter(m), |b| {
             b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
         });

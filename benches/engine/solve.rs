@@ -1,25 +1,25 @@
-//! `solve`: the host's eigensolvers by members of a block, in blocks a second; `select`: from rankings to a keep mask. The
-//! device's rung is the group `low rank`; `qirf-vk sweep` measures all of them on a scene's own blocks.
+//! `participation host`: the host's eigensolvers by members of a block, in blocks a second; `select`: from rankings to a
+//! keep mask. The device's solver is the group `participation`; `qirf-vk sweep` measures all of them on a scene's own blocks.
 
 use super::{group, scenes::noise};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::qirf::CHANNELS;
+use qirf_vk::qirf::participation::{Factor, Gram, Rung};
 use qirf_vk::qirf::partition::Partition;
 use qirf_vk::qirf::select::Ranking;
 use qirf_vk::qirf::select::budget::{Budget, Keep, choose};
-use qirf_vk::qirf::solve::{Factor, Metric, Rung};
 
 /// A block's normalised overlaps, falling with distance on a line, and responses without order.
-fn block(m: usize) -> (Metric, Vec<[f64; CHANNELS]>) {
+fn block(m: usize) -> (Gram, Vec<[f64; CHANNELS]>) {
     let overlap: Vec<f32> =
         (0..m * m).map(|k| (-0.5 * ((k / m) as f32 - (k % m) as f32).powi(2) / 4.0).exp()).collect();
     let row = |i: usize| std::array::from_fn(|c| f64::from(noise(7, (i * CHANNELS + c) as u64)) / 4e9);
-    (Metric::new(m, &overlap, None, 1e-4), (0..m).map(row).collect())
+    (Gram::new(m, &overlap, None, 1e-4), (0..m).map(row).collect())
 }
 
 /// Every rung at the sizes that a partition may give.
-pub fn solve(criterion: &mut Criterion) {
-    let mut group = group(criterion, "solve");
+pub fn participation(criterion: &mut Criterion) {
+    let mut group = group(criterion, "participation host");
     for m in [16_usize, 64, 256] {
         let (metric, rows) = block(m);
         for rung in Rung::ALL {

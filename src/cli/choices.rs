@@ -2,10 +2,10 @@
 
 use super::values;
 use crate::pipeline::config::Compression;
+use crate::qirf::participation::Rung;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
-use crate::qirf::solve::Rung;
 use crate::qirf::study::Overlap;
 use clap::Args;
 

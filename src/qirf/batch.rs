@@ -3,9 +3,9 @@
 use rayon::prelude::*;
 
 use super::normalise::within_block;
+use super::participation::{Factor, Gram, Participation, Rung, lowdin, norm};
 use super::partition::Blocks;
 use super::select::{Ranking, css, rank};
-use super::solve::{Factor, Metric, Participation, Rung, lowdin, norm};
 use super::{CHANNELS, Row};
 
 /// Selectors that need a block's overlaps, solved where these are; the others score each Gaussian alone.
@@ -121,7 +121,7 @@ impl Solver {
             return solved;
         }
         let w = within_block(&h, self.eta, self.epsilon);
-        let metric = Metric::new(m, block.overlap, block.self_overlaps, self.epsilon);
+        let metric = Gram::new(m, block.overlap, block.self_overlaps, self.epsilon);
         solved.repaired += metric.repaired;
         for selector in &self.selectors {
             let ranked = match selector {

@@ -3,15 +3,14 @@
 pub mod assemble;
 pub mod batch;
 mod lapack;
-pub mod low_rank;
 pub mod normalise;
 pub mod overlap;
+pub mod participation;
 pub mod partition;
 pub mod response;
 pub mod rrdm;
 pub mod score;
 pub mod select;
-pub mod solve;
 pub mod study;
 
 /// Response channels of a Gaussian: four of rendering, then four of optimisation.

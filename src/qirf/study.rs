@@ -4,6 +4,7 @@
 use super::assemble::{Assembly, Options, unpack_symmetric};
 use super::batch::{Block, BlockSelector, Collected, Solver, self_overlap};
 use super::overlap::Metric;
+use super::participation::Rung;
 use super::partition::{Blocks, Partition, Partitioned};
 use super::response::{Evidence, Responses};
 use super::score::Scores;
@@ -11,7 +12,6 @@ use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
 use super::select::detail::{self, Exponents, Inputs};
 use super::select::merge::{Functions, merge};
 use super::select::{Ranking, Selector, Statistics};
-use super::solve::Rung;
 use super::{CHANNELS, normalise};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};

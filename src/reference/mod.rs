@@ -9,6 +9,7 @@ pub mod frame;
 pub mod loss;
 pub mod overlap;
 pub mod params;
+pub mod participation;
 pub mod project;
 pub mod project_backward;
 pub mod rasterise;

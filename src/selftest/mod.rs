@@ -7,11 +7,11 @@ pub mod backward;
 pub mod hard;
 mod loss;
 pub mod overlap;
+mod participation;
 mod primitives;
 pub mod project;
 mod random;
 mod render;
-mod solve;
 
 use crate::gpu::{self, Device, Groups, Recording};
 use crate::kernels::probe::{Loop, LoopPush, LoopSpec};
@@ -98,11 +98,11 @@ const CASES: &[Case] = &[
     quick("overlap", "known pairs", overlap::known),
     quick("overlap", "500 random pairs", overlap::random_few),
     full("overlap", "10,000 random pairs", overlap::random_many),
-    quick("solve", "dsygvd", solve::dsygvd),
-    quick("solve", "low-rank", solve::low_rank),
-    quick("solve", "low-rank-f32", solve::low_rank_f32),
-    quick("solve", "device", solve::on_device),
-    quick("solve", "no Gram matrix", solve::indefinite),
+    quick("participation", "dsygvd", participation::dsygvd),
+    quick("participation", "low-rank", participation::low_rank),
+    quick("participation", "low-rank-f32", participation::low_rank_f32),
+    quick("participation", "device", participation::on_device),
+    quick("participation", "no Gram matrix", participation::indefinite),
     quick("project", "near plane to 1e6 away", project::all_places),
     full("project", "scales e^-30 to e^20", project::all_scales),
     full("project", "quaternions of any length", project::all_rotations),

@@ -10,6 +10,7 @@ use qirf_vk::gpu::Device;
 use qirf_vk::qirf::assemble::{Assembly, Options, triangle, unpack_lower, unpack_symmetric};
 use qirf_vk::qirf::overlap::Metric;
 use qirf_vk::qirf::rrdm::Density;
+use qirf_vk::reference::rrdm;
 use twin::Twin;
 
 pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
@@ -174,22 +175,21 @@ fn density_matrices_are_their_factors_squares() {
         for (b, block) in batch.iter() {
             let m = block.m;
             let own = &members[starts[b] as usize..starts[b + 1] as usize];
-            let at = |row: usize, k: usize| f64::from(h[own[row] as usize][k]);
-            let trace =
-                |k0: usize| -> f64 { (0..m).flat_map(|row| (k0..k0 + 4).map(move |k| at(row, k).powi(2))).sum() };
-            let w = |row: usize, k: usize| {
-                let (share, t) = if k < 4 { (0.75, trace(0)) } else { (0.25, trace(4)) };
-                at(row, k) / (t / share + 1e-4_f64).sqrt()
+            // The twin takes responses without the channels' weights; the device is handed rows that hold them.
+            let bare = |i: &u32| {
+                let row = h[*i as usize].map(f64::from);
+                std::array::from_fn(|k| row[k] / if k < 4 { 0.75_f64.sqrt() } else { 0.25_f64.sqrt() })
             };
+            let w = rrdm::w(&own.iter().map(bare).collect::<Vec<_>>(), 0.75, 1e-4);
+            let expected = rrdm::p(&w);
             let mut p = vec![f64::NAN; m * m];
             unpack_lower(m, block.density.expect("asked for"), &mut p);
             for row in 0..m {
                 for k in 0..8 {
-                    assert!((f64::from(block.factor.expect("asked for")[k * m + row]) - w(row, k)).abs() < 1e-6);
+                    assert!((f64::from(block.factor.expect("asked for")[k * m + row]) - w[row][k]).abs() < 1e-6);
                 }
                 for c in 0..=row {
-                    let expected: f64 = (0..8).map(|k| w(row, k) * w(c, k)).sum();
-                    assert!((p[c * m + row] - expected).abs() < 1e-6, "block {b}, {row}, {c}");
+                    assert!((p[c * m + row] - expected[row * m + c]).abs() < 1e-6, "block {b}, {row}, {c}");
                 }
             }
             seen += 1;

@@ -84,7 +84,7 @@ fn tables_say_what_was_measured() {
         ("culling", &["| exact has fewer than 3-sigma by | 32.5 % | 46.3 % |"]),
         ("effects", &["| all off, again |", "| 1.310 | 1.300 to 1.330 |\n| exposure |"]),
         ("iteration", &["**19,159 pairs an image**", "50 ms or less", "| adam |"]),
-        ("kernels", &["| low rank | m = 48 | 64 blocks |", "| loss | 144x256 | 36,864 pixels |"]),
+        ("kernels", &["| participation | m = 48 | 64 blocks |", "| loss | 144x256 | 36,864 pixels |"]),
         ("sweep", &["**exact**", "| determinant |", "* gradients: "]),
     ] {
         for text in there {

@@ -1,10 +1,10 @@
 //! The host half of QIRF: blocks, eigenproblems, rankings and budgets.
 
 mod hard_cases;
+mod participation;
 mod partition;
 mod real;
 mod select;
-mod solve;
 
 use qirf_vk::qirf::partition::Blocks;
 

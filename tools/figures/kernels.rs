@@ -6,7 +6,8 @@ use super::tables::{AGAINST, against, table};
 use qirf_vk::report::format::{count, short};
 
 /// Group, what it is a table of, and what its rates count.
-const GROUPS: [(&str, &str); 4] = [("loss", "pixels"), ("overlap", "pairs"), ("rrdm", "pairs"), ("low rank", "blocks")];
+const GROUPS: [(&str, &str); 4] =
+    [("loss", "pixels"), ("overlap", "pairs"), ("rrdm", "pairs"), ("participation", "blocks")];
 
 /// Loss, overlaps, density matrices, and the device's eigensolver.
 ///

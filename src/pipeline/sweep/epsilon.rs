@@ -8,9 +8,9 @@ use super::results::{AxisRecord, Rung};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::qirf::overlap::Metric as Overlaps;
+use crate::qirf::participation::Gram;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
-use crate::qirf::solve::Metric;
 use crate::qirf::study::{Basis, Study, dilation};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -49,7 +49,7 @@ fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Resu
     let some = blocks::of(sampled.iter().step_by(sampled.len().div_ceil(CONDITIONED).max(1)).map(<[u32]>::to_vec));
     let metric = Overlaps { dilation: dilation(model, basis.dilate), ..Overlaps::default() };
     let problems = blocks::problems(context, resident, &some, metric, (basis.eta, basis.epsilon))?;
-    let condition = |p: &blocks::Problem| Metric::new(p.len(), &p.overlap, None, basis.epsilon).condition();
+    let condition = |p: &blocks::Problem| Gram::new(p.len(), &p.overlap, None, basis.epsilon).condition();
     let mut all: Vec<f64> = problems.par_iter().filter_map(condition).collect();
     all.sort_by(f64::total_cmp);
     Ok((all.get(all.len() / 2).copied().unwrap_or(1.0), all.last().copied().unwrap_or(1.0)))

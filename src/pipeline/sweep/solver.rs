@@ -8,12 +8,11 @@ use super::results::{AxisRecord, Rung, Table, figure};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::qirf::assemble::{Assembly, Options};
-use crate::qirf::low_rank;
 use crate::qirf::overlap::Metric as Overlaps;
+use crate::qirf::participation::{Factor, Gram, Rung as Way, device};
 use crate::qirf::partition::Blocks;
 use crate::qirf::rrdm::Density;
 use crate::qirf::select::rank;
-use crate::qirf::solve::{Factor, Metric, Rung as Way};
 use crate::qirf::study::Basis;
 use rayon::prelude::*;
 use std::time::Instant;
@@ -40,7 +39,7 @@ fn way(name: &str) -> Option<Way> {
 }
 
 fn solve(problem: &Problem, way: Way, basis: &Basis) -> Solution {
-    let metric = Metric::new(problem.len(), &problem.overlap, None, basis.epsilon);
+    let metric = Gram::new(problem.len(), &problem.overlap, None, basis.epsilon);
     let p = Factor::new(&metric, way).participation(&problem.rows, basis.tau);
     Solution { lambda: p.spectrum.to_vec(), q: p.q, failed: p.canonical }
 }
@@ -108,7 +107,7 @@ impl<'a> Measured<'a> {
                 }
             }));
         }
-        let problem = low_rank::Problem { epsilon: self.basis.epsilon as f32, tau: self.basis.tau as f32 };
+        let problem = device::Problem { epsilon: self.basis.epsilon as f32, tau: self.basis.tau as f32 };
         let started = Instant::now();
         let mut out = Vec::with_capacity(self.problems.len());
         let timings = self.assembly.solve_each(problem, |_, s| -> Result<(), Error> {
@@ -116,7 +115,7 @@ impl<'a> Measured<'a> {
             out.push(Solution { lambda: widen(&s.lambda), q: widen(s.q), failed: s.failed });
             Ok(())
         })?;
-        Ok((out, Sample::of(context.device, &timings, &["low rank"], started)))
+        Ok((out, Sample::of(context.device, &timings, &["participation"], started)))
     }
 
     fn truth(&self) -> Vec<Solution> {

@@ -1,7 +1,7 @@
 //! The design's hard cases: `hard-cases.json` holds 12 pairs with overlaps of 60-digit arithmetic, and 10 blocks.
 
+use qirf_vk::qirf::participation::{Factor, Gram, Rung, norm};
 use qirf_vk::qirf::select::{css, rank};
-use qirf_vk::qirf::solve::{Factor, Metric, Rung, norm};
 use qirf_vk::reference::overlap::{Form, Primitive, overlap, overlap_as};
 use qirf_vk::selftest::hard::{Block, Pair, blocks, pairs as figures};
 
@@ -61,7 +61,7 @@ fn float32_breaks_the_forms_that_make_the_sum() {
 fn every_rung_solves_the_blocks() {
     assert_eq!(blocks().count(), 10);
     for (name, block) in blocks() {
-        let metric = Metric::new(block.m, &block.n.concat(), None, block.eps);
+        let metric = Gram::new(block.m, &block.n.concat(), None, block.eps);
         let w = block.rows();
         for rung in Rung::ALL {
             let solved = Factor::new(&metric, rung).participation(&w, 0.95);

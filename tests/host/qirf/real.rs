@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use qirf_vk::gaussians::formats;
 use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
 use qirf_vk::qirf::normalise::{rows, within_block};
+use qirf_vk::qirf::participation::{Factor, Gram, Rung};
 use qirf_vk::qirf::partition::Partition;
 use qirf_vk::qirf::select::budget::{Budget, Keep, choose};
 use qirf_vk::qirf::select::rank;
-use qirf_vk::qirf::solve::{Factor, Metric, Rung};
 use qirf_vk::qirf::{CHANNELS, Row};
 use qirf_vk::random::uniform;
 use qirf_vk::reference::overlap::{Primitive, block as overlaps};
@@ -58,7 +58,7 @@ fn a_thousand_real_blocks() {
         let m = blocks.block(b).len();
         let wide: Vec<Row> = gathered[b].iter().map(|row| row.map(f64::from)).collect();
         let w = within_block(&wide, ETA, EPSILON);
-        let metric = Metric::new(m, &all[b], None, EPSILON);
+        let metric = Gram::new(m, &all[b], None, EPSILON);
         let [full, low, single] = Rung::ALL.map(|rung| Factor::new(&metric, rung).participation(&w, TAU));
         for (x, y) in full.spectrum.iter().zip(&low.spectrum) {
             assert!((x - y).abs() <= 1e-10 * full.spectrum[0].max(f64::MIN_POSITIVE), "block {b}: {x} and {y}");

@@ -3,11 +3,12 @@
 use proptest::prelude::*;
 use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
 use qirf_vk::qirf::normalise::within_block;
+use qirf_vk::qirf::participation::{Factor, Gram, Rung, lowdin};
 use qirf_vk::qirf::select::{css, rank};
-use qirf_vk::qirf::solve::{Factor, Metric, Rung, lowdin};
 use qirf_vk::qirf::{CHANNELS, Row};
 use qirf_vk::random::uniform;
 use qirf_vk::reference::overlap::{Primitive, block as overlaps};
+use qirf_vk::reference::participation::participation;
 use qirf_vk::reference::rrdm;
 
 /// Overlaps of m random Gaussians in a box that holds `density` of them a unit of volume.
@@ -35,7 +36,7 @@ proptest! {
     #[test]
     fn the_rungs_agree(m in 1..90_usize, density in 0.05..20.0_f64, seed in any::<u64>()) {
         let (n, rows) = random_block(m, density, seed);
-        let metric = Metric::new(m, &n, None, 1e-4);
+        let metric = Gram::new(m, &n, None, 1e-4);
         let w = within_block(&wide(&rows), 0.75, 1e-4);
         let [full, low, single] = Rung::ALL.map(|rung| Factor::new(&metric, rung).participation(&w, 0.95));
         let most = full.q.iter().copied().fold(0.0, f64::max);
@@ -54,10 +55,32 @@ proptest! {
 }
 
 #[test]
+fn every_rung_agrees_with_the_twin() {
+    for (m, density, seed) in [(1, 1.0, 1), (5, 0.1, 2), (24, 20.0, 3), (60, 3.0, 4), (90, 0.5, 5)] {
+        let (n, rows) = random_block(m, density, seed);
+        let gram = Gram::new(m, &n, None, 1e-4);
+        let w = within_block(&wide(&rows), 0.75, 1e-4);
+        let overlaps: Vec<f64> = n.iter().map(|&x| f64::from(x)).collect();
+        let twin = participation(&overlaps, &w, 1e-4, 0.95).expect("a positive definite metric");
+        let most = twin.q.iter().copied().fold(0.0, f64::max);
+        for (rung, allowed) in Rung::ALL.into_iter().zip([1e-8, 1e-8, 2e-2]) {
+            let solved = Factor::new(&gram, rung).participation(&w, 0.95);
+            assert!(rung == Rung::LowRankF32 || solved.r == twin.r, "{rung}, {m} members");
+            for (got, expected) in solved.spectrum.iter().zip(&twin.spectrum) {
+                assert!((got - expected).abs() <= allowed * twin.spectrum[0], "{rung}, {m} members: {got}, {expected}");
+            }
+            for (got, expected) in solved.q.iter().zip(&twin.q) {
+                assert!(rung == Rung::LowRankF32 || (got - expected).abs() <= allowed * most, "{rung}, {m} members");
+            }
+        }
+    }
+}
+
+#[test]
 fn float32_keeps_the_same_set_of_separate_functions() {
     for seed in 0..20 {
         let (n, rows) = random_block(64, 0.3, seed);
-        let metric = Metric::new(64, &n, None, 1e-4);
+        let metric = Gram::new(64, &n, None, 1e-4);
         let w = within_block(&wide(&rows), 0.75, 1e-4);
         let [full, _, single] = Rung::ALL.map(|rung| Factor::new(&metric, rung).participation(&w, 0.95));
         let kept = |q: &[f64]| rank(q).iter().map(|&place| place < 18).collect::<Vec<_>>();
@@ -86,7 +109,7 @@ fn w_is_that_of_the_twin() {
 fn an_indefinite_metric_falls_back_to_its_canonical_form() {
     // Eigenvalues 1 + 1.2, 1 - 1.2 and 1: no Gram matrix, as rounding might leave it.
     let n = [1.0, 1.2, 0.0, 1.2, 1.0, 0.0, 0.0, 0.0, 1.0];
-    let metric = Metric::new(3, &n, None, 1e-4);
+    let metric = Gram::new(3, &n, None, 1e-4);
     let w: Vec<Row> = vec![[1.0; CHANNELS], [1.0; CHANNELS], [0.5; CHANNELS]];
     for rung in Rung::ALL {
         let solved = Factor::new(&metric, rung).participation(&w, 0.95);
@@ -101,7 +124,7 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
 
 #[test]
 fn a_metric_without_any_positive_eigenvalue_still_answers() {
-    let metric = Metric::new(2, &[-1.0, 0.0, 0.0, -2.0], None, 1e-4);
+    let metric = Gram::new(2, &[-1.0, 0.0, 0.0, -2.0], None, 1e-4);
     for rung in Rung::ALL {
         let solved = Factor::new(&metric, rung).participation(&[[1.0; CHANNELS]; 2], 0.95);
         assert_eq!((solved.q, solved.r, solved.canonical), (vec![0.0; 2], 1, true));
@@ -112,7 +135,7 @@ fn a_metric_without_any_positive_eigenvalue_still_answers() {
 #[test]
 fn lowdin_is_the_metrics_inverse_root() {
     let (n, rows) = random_block(24, 0.5, 3);
-    let metric = Metric::new(24, &n, None, 1e-4);
+    let metric = Gram::new(24, &n, None, 1e-4);
     let w = wide(&rows);
     // sum of squares of the scores = tr W^T M^-1 W = the sum of the eigenvalues.
     let scores = &lowdin(&metric, &[&w])[0];
@@ -121,7 +144,7 @@ fn lowdin_is_the_metrics_inverse_root() {
     let total: f64 = solved.spectrum.iter().sum();
     assert!((sum / total - 1.0).abs() < 1e-9);
     let identity: Vec<f32> = (0..9).map(|k| if k % 4 == 0 { 1.0 } else { 0.0 }).collect();
-    let plain = &lowdin(&Metric::new(3, &identity, None, 0.0), &[&w[..3]])[0];
+    let plain = &lowdin(&Gram::new(3, &identity, None, 0.0), &[&w[..3]])[0];
     assert!((plain[0] - w[0].iter().map(|x| x * x).sum::<f64>().sqrt()).abs() < 1e-12);
 }
 
@@ -196,7 +219,7 @@ fn the_literal_raw_overlap_drowns_in_epsilon() {
     let (n, rows) = random_block(20, 3.0, 1);
     let own = vec![1e-9; 20];
     let w = within_block(&wide(&rows), 0.75, 1e-4);
-    let raw = Factor::new(&Metric::new(20, &n, Some(&own), 1e-4), Rung::LowRank).participation(&w, 0.95);
+    let raw = Factor::new(&Gram::new(20, &n, Some(&own), 1e-4), Rung::LowRank).participation(&w, 0.95);
     let ordinary = Factor::Identity.participation(&w, 0.95);
     assert_eq!(rank(&raw.q), rank(&ordinary.q));
 }
@@ -216,8 +239,8 @@ fn microseconds_a_block() {
             });
             println!("m = {m}: {name} {:?}", best.min().unwrap());
         };
-        time("metric", &|| drop(Metric::new(m, &n, None, 1e-4)));
-        let metric = Metric::new(m, &n, None, 1e-4);
+        time("metric", &|| drop(Gram::new(m, &n, None, 1e-4)));
+        let metric = Gram::new(m, &n, None, 1e-4);
         for rung in Rung::ALL {
             time(&rung.to_string(), &|| drop(Factor::new(&metric, rung).participation(&w, 0.95)));
         }

@@ -4,10 +4,10 @@ use super::Measure;
 use super::hard::{self, Block};
 use super::overlap::worse;
 use crate::gpu::{Device, Groups, Recording, Result};
-use crate::kernels::qirf::{LowRank, LowRankPush, LowRankSpec};
+use crate::kernels::qirf::{Participation as Kernel, ParticipationPush, ParticipationSpec};
 use crate::qirf::CHANNELS;
+use crate::qirf::participation::{Factor, Gram, Rung};
 use crate::qirf::select::rank;
-use crate::qirf::solve::{Factor, Metric, Rung};
 
 /// Share of the energy that the embedded solutions were made with.
 const TAU: f64 = 0.95;
@@ -38,7 +38,7 @@ fn against(solve: impl Fn(&Block) -> Result<Solution>, float32: bool) -> Result<
 
 fn by_rung(rung: Rung) -> Result<Vec<Measure>> {
     let solve = |block: &Block| {
-        let metric = Metric::new(block.m, &block.n.concat(), None, block.eps);
+        let metric = Gram::new(block.m, &block.n.concat(), None, block.eps);
         let solved = Factor::new(&metric, rung).participation(&block.rows(), TAU);
         Ok((solved.spectrum.to_vec(), solved.r, solved.q, solved.canonical))
     };
@@ -67,13 +67,13 @@ fn kernel(device: &Device, block: &Block) -> Result<Solution> {
     let solutions = device.buffer::<f32>("solutions", m + CHANNELS + 2)?;
     let (epsilon, tau) = (block.eps as f32, TAU as f32);
     let mut recording = Recording::new();
-    let kernel = LowRank {
+    let kernel = Kernel {
         blocks: &blocks,
         overlaps: &overlaps,
         factors: &factors,
         solutions: &solutions,
-        push: LowRankPush { first_block: 0, count: 1, first_member: 0, epsilon, tau },
-        spec: LowRankSpec { workgroup: device.info().subgroup_size },
+        push: ParticipationPush { first_block: 0, count: 1, first_member: 0, epsilon, tau },
+        spec: ParticipationSpec { workgroup: device.info().subgroup_size },
     };
     recording.dispatch(&kernel, Groups::Count(1));
     device.run(recording)?;
@@ -101,7 +101,7 @@ pub(super) fn indefinite(device: &Device) -> Result<Vec<Measure>> {
         paper_topk: Vec::new(),
         css_order: Vec::new(),
     };
-    let metric = Metric::new(3, &block.n.concat(), None, block.eps);
+    let metric = Gram::new(3, &block.n.concat(), None, block.eps);
     // Along (1, 1) / sqrt 2 the eight equal columns have energy 16 over 2.2001; along the third axis 2 over 1.0001.
     let expected = 16.0 / 2.2001 + 2.0 / 1.0001;
     let (mut silent, mut seen) = (0, 0.0);

@@ -1,10 +1,10 @@
 //! The generalized eigenproblem on the device: the low-rank solver in float32, a batch of blocks at a time, so that only
 //! participations come to the host.
 
-use super::CHANNELS;
-use super::assemble::{Assembly, Batch};
 use crate::gpu::{Error, Groups, Recording, Timings};
-use crate::kernels::qirf::{LowRank, LowRankPush, LowRankSpec};
+use crate::kernels::qirf::{Participation as Kernel, ParticipationPush, ParticipationSpec};
+use crate::qirf::CHANNELS;
+use crate::qirf::assemble::{Assembly, Batch};
 
 /// Numbers of a block's solution besides its participations: eigenvalues, how many lead, and whether it failed.
 const EXTRA: usize = CHANNELS + 2;
@@ -58,21 +58,21 @@ impl Assembly<'_> {
         let submit = |batch: &Batch, landing| {
             let mut recording = Recording::new();
             self.record(&mut recording, batch);
-            let kernel = LowRank {
+            let kernel = Kernel {
                 blocks: &self.arrays.blocks,
                 overlaps: &self.arrays.overlaps,
                 factors: &self.arrays.factors,
                 solutions: &solutions,
-                push: LowRankPush {
+                push: ParticipationPush {
                     first_block: batch.blocks.start as u32,
                     count: batch.blocks.len() as u32,
                     first_member: batch.members.start as u32,
                     epsilon: problem.epsilon,
                     tau: problem.tau,
                 },
-                spec: LowRankSpec { workgroup: self.arrays.rows },
+                spec: ParticipationSpec { workgroup: self.arrays.rows },
             };
-            recording.scope("low rank", |r| r.dispatch(&kernel, Groups::Count(batch.blocks.len() as u32)));
+            recording.scope("participation", |r| r.dispatch(&kernel, Groups::Count(batch.blocks.len() as u32)));
             self.device.submit_reading(recording, &[(&solutions, floats(batch))], landing)
         };
         let landing = || self.device.landing("solutions", most);

@@ -4,11 +4,12 @@
 //! With N + eps I = L L^T and B = L^-1 W, the 8x8 problem B^T B y = lambda y has the same eigenvalues and
 //! u_k = L^-T B y_k / sqrt(lambda_k), so lambda_k u_ik^2 = (L^-T B y_k)_i^2: never divide by sqrt(lambda).
 
-use std::fmt;
+pub mod device;
 
 use super::lapack::{self, Real};
 use super::{CHANNELS, Row};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Slack of the energy's comparison with tau, so that float32 and float64 agree on a sum that hits it exactly.
 const ENERGY_SLACK: f64 = 1e-6;
@@ -43,7 +44,7 @@ impl fmt::Display for Rung {
 
 /// A block's metric as the eigenproblem sees it: m x m, symmetric, epsilon on its diagonal.
 #[derive(Clone, Debug)]
-pub struct Metric {
+pub struct Gram {
     m: usize,
     values: Vec<f64>,
     epsilon: f64,
@@ -51,7 +52,7 @@ pub struct Metric {
     pub repaired: usize,
 }
 
-impl Metric {
+impl Gram {
     /// N + epsilon I of `m` x `m`; with `self_overlaps` S_ii the raw S_ij = N_ij sqrt(S_ii S_jj) takes N's place.
     ///
     /// # Panics
@@ -133,7 +134,7 @@ pub enum Factor {
     /// The metric is the identity.
     Identity,
     /// For [`Rung::Dsygvd`], which factors anew each time.
-    Full(Metric),
+    Full(Gram),
     /// Lower Cholesky factor, m x m, float64.
     Cholesky(Vec<f64>),
     /// Lower Cholesky factor, m x m, float32.
@@ -144,7 +145,7 @@ pub enum Factor {
 
 impl Factor {
     /// Factors `metric` as `rung` asks, falling back to its canonical form.
-    pub fn new(metric: &Metric, rung: Rung) -> Self {
+    pub fn new(metric: &Gram, rung: Rung) -> Self {
         let m = metric.m;
         if m == 0 {
             return Self::Identity;
@@ -167,7 +168,7 @@ impl Factor {
         Self::fallback(metric)
     }
 
-    fn fallback(metric: &Metric) -> Self {
+    fn fallback(metric: &Gram) -> Self {
         // Without convergence nothing is known of the metric: the identity keeps the responses' own order.
         metric.canonical(metric.epsilon).map_or(Self::Identity, Self::Canonical)
     }
@@ -192,7 +193,7 @@ impl Factor {
 }
 
 /// Norm of row i of (N + eps I)^(-1/2) W for each member, for each of the matrices in `w`: the Löwdin scores.
-pub fn lowdin(metric: &Metric, w: &[&[Row]]) -> Vec<Vec<f64>> {
+pub fn lowdin(metric: &Gram, w: &[&[Row]]) -> Vec<Vec<f64>> {
     let m = metric.m;
     // Half of epsilon: rounding leaves the eigenvalues of duplicates on either side of it, and all of them count here.
     let Some(basis) = (m > 0).then(|| metric.canonical(0.5 * metric.epsilon)).flatten() else {
@@ -301,7 +302,7 @@ fn low_rank<T: Real>(b: &[T], p: usize, tau: f64, canonical: bool, back: impl Fn
     Participation { spectrum, r, q, canonical }
 }
 
-fn full(metric: &Metric, w: &[Row], tau: f64) -> Option<Participation> {
+fn full(metric: &Gram, w: &[Row], tau: f64) -> Option<Participation> {
     let m = w.len();
     let mut p: Vec<f64> =
         w.iter().flat_map(|a| w.iter().map(move |b| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>())).collect();

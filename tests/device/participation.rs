@@ -1,4 +1,4 @@
-//! The device's solver against the same steps in float64.
+//! Participation on the device against its float64 twin.
 
 use super::overlap::{blocks, model};
 use crate::support::synthetic::Random;
@@ -6,75 +6,9 @@ use crate::support::{device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Error;
 use qirf_vk::qirf::assemble::{Assembly, Options, unpack_symmetric};
-use qirf_vk::qirf::low_rank::Problem;
+use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::rrdm::Density;
-
-/// Eigenpairs of a symmetric 8 x 8 matrix, descending, by Jacobi rotations.
-fn eigen(mut g: [[f64; 8]; 8]) -> ([f64; 8], [[f64; 8]; 8]) {
-    let mut y = [[0.0; 8]; 8];
-    (0..8).for_each(|k| y[k][k] = 1.0);
-    for _ in 0..30 {
-        for p in 0..7 {
-            for q in p + 1..8 {
-                if g[p][q].abs() < 1e-300 {
-                    continue;
-                }
-                let angle = 0.5 * (2.0 * g[p][q]).atan2(g[q][q] - g[p][p]);
-                let (s, c) = angle.sin_cos();
-                for k in 0..8 {
-                    (g[p][k], g[q][k]) = (c * g[p][k] - s * g[q][k], s * g[p][k] + c * g[q][k]);
-                }
-                for k in 0..8 {
-                    (g[k][p], g[k][q]) = (c * g[k][p] - s * g[k][q], s * g[k][p] + c * g[k][q]);
-                    (y[k][p], y[k][q]) = (c * y[k][p] - s * y[k][q], s * y[k][p] + c * y[k][q]);
-                }
-            }
-        }
-    }
-    let mut order: Vec<usize> = (0..8).collect();
-    order.sort_by(|a, b| g[*b][*b].total_cmp(&g[*a][*a]));
-    (std::array::from_fn(|k| g[order[k]][order[k]]), std::array::from_fn(|k| std::array::from_fn(|c| y[c][order[k]])))
-}
-
-/// lambda, r and q of one block in float64.
-fn solve(n: &[f64], w: &[f32], m: usize, problem: Problem) -> ([f64; 8], usize, Vec<f64>) {
-    let mut l = n.to_vec(); // column by column; its lower triangle becomes L
-    (0..m).for_each(|i| l[i * m + i] += f64::from(problem.epsilon));
-    for c in 0..m {
-        for k in 0..c {
-            let f = l[k * m + c];
-            (c..m).for_each(|r| l[c * m + r] -= f * l[k * m + r]);
-        }
-        let root = l[c * m + c].sqrt();
-        (c..m).for_each(|r| l[c * m + r] /= root);
-    }
-    let mut b: Vec<f64> = w.iter().map(|v| f64::from(*v)).collect();
-    for k in 0..8 {
-        for c in 0..m {
-            let before: f64 = (0..c).map(|j| l[j * m + c] * b[k * m + j]).sum();
-            b[k * m + c] = (b[k * m + c] - before) / l[c * m + c];
-        }
-    }
-    let dot = |a: usize, c: usize| (0..m).map(|r| b[a * m + r] * b[c * m + r]).sum();
-    let (lambda, y) = eigen(std::array::from_fn(|a| std::array::from_fn(|c| dot(a, c))));
-    let total: f64 = lambda.iter().map(|v| v.max(0.0)).sum();
-    let mut sum = 0.0;
-    let reaches = |v: &f64| {
-        sum += v.max(0.0);
-        sum >= (f64::from(problem.tau) - 1e-6) * total
-    };
-    let r = lambda.iter().position(reaches).map_or(8, |k| k + 1);
-    let mut q = vec![0.0; m];
-    for vector in y.iter().take(r) {
-        let mut x: Vec<f64> = (0..m).map(|row| (0..8).map(|c| b[c * m + row] * vector[c]).sum()).collect();
-        for c in (0..m).rev() {
-            let after: f64 = (c + 1..m).map(|row| l[c * m + row] * x[row]).sum();
-            x[c] = (x[c] - after) / l[c * m + c];
-            q[c] += x[c] * x[c];
-        }
-    }
-    (lambda, r, q)
-}
+use qirf_vk::reference::participation::{Participation, participation};
 
 #[test]
 fn the_devices_solver_agrees_with_float64() {
@@ -96,7 +30,11 @@ fn the_devices_solver_agrees_with_float64() {
             for (_, block) in batch.iter() {
                 let mut square = vec![0.0; block.m * block.m];
                 unpack_symmetric(block.m, block.overlap, &mut square);
-                expected.push(solve(&square, block.factor.expect("asked for"), block.m, problem));
+                let factor = block.factor.expect("asked for");
+                let row = |i: usize| std::array::from_fn(|c| f64::from(factor[c * block.m + i]));
+                let w: Vec<[f64; 8]> = (0..block.m).map(row).collect();
+                let (epsilon, tau) = (f64::from(problem.epsilon), f64::from(problem.tau));
+                expected.push(participation(&square, &w, epsilon, tau).expect("a positive definite metric"));
             }
             Ok(())
         })
@@ -105,7 +43,8 @@ fn the_devices_solver_agrees_with_float64() {
     let mut bits = Vec::new();
     assembly
         .solve_each::<Error>(problem, |b, s| {
-            let (lambda, r, q) = &expected[b];
+            let Participation { spectrum, r, q } = &expected[b];
+            let lambda: [f64; 8] = std::array::from_fn(|k| spectrum.get(k).copied().unwrap_or(0.0));
             assert_eq!(s.q.len(), sizes[b]);
             assert!(!s.failed, "block {b}");
             let by_lambda =

@@ -1,0 +1,146 @@
+//! Participation of a block's members in its leading modes, by the definition: P u = lambda (N + eps I) u with P = W W^T,
+//! q_i = sum over the leading k of lambda_k u_ik^2.
+//!
+//! Plainly: N + eps I = L L^T, then all m eigenpairs of L^-1 P L^-T by Jacobi rotations. No LAPACK, no use of P's low rank.
+
+use super::rrdm;
+
+/// Rotations stop where what lies off the diagonal has fallen below this share of the matrix.
+const CONVERGED: f64 = 1e-30;
+/// Sweeps of rotations at most; convergence is quadratic from the third or so on.
+const SWEEPS: usize = 60;
+/// Slack of the energy's comparison with tau, as in `participation.comp` and `qirf::participation`.
+const SLACK: f64 = 1e-6;
+
+/// The solution of one block of m members.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Participation {
+    /// All m eigenvalues, descending; those that are negative by rounding are 0.
+    pub spectrum: Vec<f64>,
+    /// The fewest eigenvalues whose sum reaches tau of the whole, at least 1.
+    pub r: usize,
+    /// Participation of each member, m.
+    pub q: Vec<f64>,
+}
+
+/// Solves a block: `overlap` is N (m x m, symmetric), `w` the rows of W (m x 8), `epsilon` is added to N's diagonal and
+/// `tau` is the share of the energy that the leading modes reach. `None` where N + epsilon I is not positive definite.
+///
+/// # Panics
+/// When `overlap` does not hold m x m numbers.
+pub fn participation(overlap: &[f64], w: &[[f64; 8]], epsilon: f64, tau: f64) -> Option<Participation> {
+    let m = w.len();
+    assert_eq!(overlap.len(), m * m, "overlaps of {m} members");
+    let mut l = overlap.to_vec();
+    (0..m).for_each(|i| l[i * m + i] += epsilon);
+    factorise(&mut l, m)?;
+    // L^-1 P L^-T: P is symmetric, so that both sides are the same substitution, transposed between.
+    let mut c = rrdm::p(w);
+    for _ in 0..2 {
+        (0..m).for_each(|column| substitute(&l, m, &mut c, column));
+        transpose(&mut c, m);
+    }
+    let vectors = diagonalise(&mut c, m);
+    let mut order: Vec<usize> = (0..m).collect();
+    order.sort_by(|a, b| c[b * m + b].total_cmp(&c[a * m + a]));
+    let spectrum: Vec<f64> = order.iter().map(|k| c[k * m + k].max(0.0)).collect();
+    let r = leading(&spectrum, tau);
+    let mut q = vec![0.0; m];
+    for (&k, lambda) in order.iter().zip(&spectrum).take(r) {
+        let u = substitute_back(&l, m, (0..m).map(|row| vectors[row * m + k]).collect());
+        q.iter_mut().zip(u).for_each(|(q, u)| *q += lambda * u * u);
+    }
+    Some(Participation { spectrum, r, q })
+}
+
+/// The lower Cholesky factor in place of the lower triangle (row by row); `None` where a pivot is not positive.
+fn factorise(a: &mut [f64], m: usize) -> Option<()> {
+    for c in 0..m {
+        for row in c..m {
+            let before: f64 = (0..c).map(|k| a[row * m + k] * a[c * m + k]).sum();
+            a[row * m + c] -= before;
+            if row > c {
+                a[row * m + c] /= a[c * m + c];
+            } else if a[c * m + c] > 0.0 {
+                a[c * m + c] = a[c * m + c].sqrt();
+            } else {
+                return None;
+            }
+        }
+    }
+    Some(())
+}
+
+/// A column x of `matrix` becomes L^-1 x.
+fn substitute(l: &[f64], m: usize, matrix: &mut [f64], column: usize) {
+    for row in 0..m {
+        let before: f64 = (0..row).map(|k| l[row * m + k] * matrix[k * m + column]).sum();
+        matrix[row * m + column] = (matrix[row * m + column] - before) / l[row * m + row];
+    }
+}
+
+/// L^-T x.
+fn substitute_back(l: &[f64], m: usize, mut x: Vec<f64>) -> Vec<f64> {
+    for row in (0..m).rev() {
+        let after: f64 = (row + 1..m).map(|k| l[k * m + row] * x[k]).sum();
+        x[row] = (x[row] - after) / l[row * m + row];
+    }
+    x
+}
+
+fn transpose(a: &mut [f64], m: usize) {
+    for row in 0..m {
+        for column in 0..row {
+            a.swap(row * m + column, column * m + row);
+        }
+    }
+}
+
+/// Jacobi's rotations: eigenvalues on the diagonal of `a`, the eigenvectors as columns of what is returned.
+fn diagonalise(a: &mut [f64], m: usize) -> Vec<f64> {
+    let mut vectors = vec![0.0; m * m];
+    (0..m).for_each(|k| vectors[k * m + k] = 1.0);
+    for _ in 0..SWEEPS {
+        let square = |row: usize, column: usize| a[row * m + column] * a[row * m + column];
+        let off: f64 =
+            (0..m).flat_map(|row| (0..row).map(move |column| (row, column))).map(|(r, c)| square(r, c)).sum();
+        let trace: f64 = (0..m).map(|k| square(k, k)).sum();
+        if off <= CONVERGED * trace {
+            break;
+        }
+        for p in 0..m {
+            for q in p + 1..m {
+                rotate(a, &mut vectors, m, [p, q]);
+            }
+        }
+    }
+    vectors
+}
+
+/// Turns axes p and q so that the entry between them vanishes.
+fn rotate(a: &mut [f64], vectors: &mut [f64], m: usize, [p, q]: [usize; 2]) {
+    let between = a[p * m + q];
+    if between == 0.0 {
+        return;
+    }
+    let (sin, cos) = (0.5 * (2.0 * between).atan2(a[q * m + q] - a[p * m + p])).sin_cos();
+    let turn = |x: f64, y: f64| (cos * x - sin * y, sin * x + cos * y);
+    for k in 0..m {
+        (a[p * m + k], a[q * m + k]) = turn(a[p * m + k], a[q * m + k]);
+    }
+    for k in 0..m {
+        (a[k * m + p], a[k * m + q]) = turn(a[k * m + p], a[k * m + q]);
+        (vectors[k * m + p], vectors[k * m + q]) = turn(vectors[k * m + p], vectors[k * m + q]);
+    }
+}
+
+/// The fewest leading eigenvalues (descending) whose sum reaches `tau` of the whole; 1 if there is nothing.
+fn leading(spectrum: &[f64], tau: f64) -> usize {
+    let total: f64 = spectrum.iter().sum();
+    let mut sum = 0.0;
+    let reaches = |lambda: &f64| {
+        sum += lambda;
+        sum >= (tau - SLACK) * total
+    };
+    spectrum.iter().position(reaches).map_or(spectrum.len(), |k| k + 1).max(1)
+}
