@@ -54,7 +54,7 @@ const WALK: f64 = 44.0;
 /// Of render/project_backward.comp, the SH's left out; and those by degree.
 const PROJECT_BACKWARD: f64 = 400.0;
 const DIRECTION: [f64; 4] = [0.0, 20.0, 70.0, 135.0];
-/// Of render/adam.comp for a parameter: moments 7, step 8.
+/// Of train/adam.comp for a parameter: moments 7, step 8.
 const ADAM: f64 = 15.0;
 /// Of train/loss.comp for a pixel's channel: windows of 11 taps 4 + 4 + 3 + 3 times 21, map and gradient 50.
 const LOSS: f64 = 344.0;

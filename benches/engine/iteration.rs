@@ -3,8 +3,8 @@
 use super::bounds::Bound;
 use super::{WHOLE, device, group, has_timestamps, scenes, thousands};
 use criterion::{BenchmarkId, Criterion};
-use qirf_vk::render::{BACKWARD_STAGES, Renderer, STAGES, Settings};
-use qirf_vk::train::{Options, Trainer, loss::Weights, photos::TrainView, schedule::Schedule};
+use qirf_vk::render::{Renderer, Settings};
+use qirf_vk::train::{Options, STAGES, Trainer, loss::Weights, photos::TrainView, schedule::Schedule};
 use qirf_vk::{gaussians::Gaussians, gaussians::resident::Resident, scene::camera::Camera};
 use std::time::{Duration, Instant};
 
@@ -90,9 +90,8 @@ pub fn iteration(criterion: &mut Criterion) {
     };
     timed(16);
 
-    let stages: Vec<_> = STAGES.into_iter().chain(["loss"]).chain(BACKWARD_STAGES).collect();
     let mut group = group(criterion, "iteration");
-    for stage in stages.iter().filter(|_| has_timestamps()) {
+    for stage in STAGES.iter().filter(|_| has_timestamps()) {
         picture.stage(stage).note("iteration", &[stage, &thousands(GAUSSIANS)], &picture.numbers());
         group.bench_function(BenchmarkId::new(*stage, thousands(GAUSSIANS)), |b| {
             b.iter_custom(|iterations| {
@@ -101,7 +100,7 @@ pub fn iteration(criterion: &mut Criterion) {
             });
         });
     }
-    let all: Bound = stages.iter().map(|stage| picture.stage(stage)).sum();
+    let all: Bound = STAGES.iter().map(|stage| picture.stage(stage)).sum();
     all.note("iteration", &[WHOLE, &thousands(GAUSSIANS)], &picture.numbers());
     group.bench_function(BenchmarkId::new(WHOLE, thousands(GAUSSIANS)), |b| {
         b.iter_custom(|iterations| timed(iterations as u32).2);
@@ -109,8 +108,8 @@ pub fn iteration(criterion: &mut Criterion) {
     group.finish();
 
     let (_, timings, _) = timed(16);
-    let total: f64 = stages.iter().map(|s| timings.seconds(s)).sum();
-    for stage in stages.iter().filter(|_| total > 0.0) {
+    let total: f64 = STAGES.iter().map(|s| timings.seconds(s)).sum();
+    for stage in STAGES.iter().filter(|_| total > 0.0) {
         println!("iteration/{stage}: {:.1} % of device time", 100.0 * timings.seconds(stage) / total);
     }
 }

@@ -10,7 +10,7 @@ use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::response::{Gather, HighPass, Responses};
 use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::qirf::score::Scores;
-use qirf_vk::render::{BACKWARD_STAGES, Renderer, STAGES, Scoring, Settings};
+use qirf_vk::render::{BACKWARD_STAGES, Backward, Renderer, STAGES, Settings};
 use std::time::{Duration, Instant};
 
 const GAUSSIANS: usize = 24_576;
@@ -92,14 +92,13 @@ pub fn responses(criterion: &mut Criterion) {
     let (responses, scores) =
         (Responses::zeros(device, model.len()).unwrap(), Scores::zeros(device, model.len()).unwrap());
     let high_pass = HighPass::new(device, 320 * 240).unwrap();
-    let scoring = Scoring::new(device).unwrap();
-    let update = scoring.update();
+    let backward = Backward { residual: true, ..Backward::default() };
     let run = || {
         let mut recording = Recording::new();
         renderer.forget_pairs(&mut recording);
         renderer.record(&mut recording, &resident, &camera);
         high_pass.record(&mut recording, renderer.image(), &gradient, [320, 240]);
-        renderer.record_backward_with_residual(&mut recording, &resident, &camera, &gradient, &update);
+        renderer.record_backward(&mut recording, &resident, &camera, &gradient, backward);
         responses.record(&mut recording, &renderer, &resident, &camera, Gather::Mean { views: 1 });
         scores.record(&mut recording, &renderer, &resident, &camera);
         device.run(recording).unwrap()
@@ -107,7 +106,7 @@ pub fn responses(criterion: &mut Criterion) {
     run();
     let mut group = group(criterion, "responses");
     let stages = STAGES.into_iter().chain(BACKWARD_STAGES).chain(["high pass", "respond", "score"]);
-    for stage in stages.filter(|s| *s != "adam") {
+    for stage in stages {
         group.bench_function(BenchmarkId::from_parameter(stage), |b| {
             b.iter_custom(|iterations| {
                 (0..iterations)

@@ -1,5 +1,5 @@
 // Backward of the projection: sums a Gaussian's slots in their order and goes back through covariance, mean and colour to
-// one row of gradients, from which render/adam.comp updates the parameters. SH coefficients need no gradients of their own:
+// one row of gradients, from which train/adam.comp updates the parameters. SH coefficients need no gradients of their own:
 // theirs are the colour's times the basis.
 //
 // Notation and derivation: reference/project_backward.rs.
@@ -16,7 +16,7 @@
 
 layout(constant_id = 2) const bool ANTIALIAS = false;
 layout(constant_id = 3) const uint DEGREE = 3; // bands that have arrays
-// 0 updates by Adam; 1 writes gradients into the first moments instead (tests)
+// Whether the view direction's gradient reaches the mean.
 layout(constant_id = 4) const bool DIRECTION_GRADIENT = true;
 // Accumulates what density control decides by.
 layout(constant_id = 5) const bool STATISTICS = false;

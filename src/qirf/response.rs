@@ -20,7 +20,7 @@ use crate::kernels::qirf::{
     RespondSpec,
 };
 use crate::primitives::WORKGROUP;
-use crate::render::{Renderer, Scoring};
+use crate::render::{Backward, Renderer};
 use crate::scene::camera::Camera;
 
 /// What an iteration's average keeps of the one before.
@@ -80,7 +80,8 @@ impl Responses {
         Ok(Self { values, seen })
     }
 
-    /// Records this view's responses, after [`Renderer::record_backward_with_residual`] of the same view.
+    /// Records this view's responses, after [`Renderer::record_backward`] of the same view
+    /// with [`Backward::residual`].
     ///
     /// Nothing happens where the view's pairs did not fit, as in training.
     pub fn record(
@@ -106,7 +107,7 @@ impl Responses {
             moments_c: &slots.moments_c,
             log_scales: &model.log_scales,
             rotations: &model.rotations,
-            rows: slots.gradient_rows,
+            rows: renderer.gradient_rows().values,
             responses: &self.values,
             seen: &self.seen,
             push: RespondPush {
@@ -224,8 +225,7 @@ pub fn full_pass<E: From<Error>>(
 ) -> std::result::Result<Evidence, E> {
     let responses = Responses::zeros(device, model.len)?;
     let scores = with_scores.then(|| Scores::zeros(device, model.len)).transpose()?;
-    let scoring = Scoring::new(device)?;
-    let update = scoring.update();
+    let backward = Backward { residual: true, ..Backward::default() };
     let gather = Gather::Mean { views: cameras.len() as u32 };
     for (v, camera) in cameras.iter().enumerate() {
         renderer.make_room(model, camera)?;
@@ -234,7 +234,7 @@ pub fn full_pass<E: From<Error>>(
             renderer.forget_pairs(&mut recording);
             renderer.record(&mut recording, model, camera);
             loss(&mut recording, v, renderer.image())?;
-            renderer.record_backward_with_residual(&mut recording, model, camera, image_gradient, &update);
+            renderer.record_backward(&mut recording, model, camera, image_gradient, backward);
             responses.record(&mut recording, renderer, model, camera, gather);
             if let Some(scores) = &scores {
                 scores.record(&mut recording, renderer, model, camera);

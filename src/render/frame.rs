@@ -17,20 +17,17 @@ pub(super) struct Shape {
     pub workgroup: u32,
     /// Splats staged in shared memory at a time; 0 for none.
     pub batch: u32,
-    /// Whether the device's lanes are a CPU's: what kernels of long runs are for.
-    pub cpu: bool,
 }
 
 impl Shape {
     pub fn new(device: &Device, settings: Settings) -> Self {
         let info = device.info();
         let tile = tile_size(info);
-        let cpu = info.is_cpu();
-        if cpu {
+        if info.is_cpu() {
             // One subgroup walks a tile, its pixels in registers: no barriers, and a splat is read once.
-            Self { settings, tile, subgroup: info.subgroup_size, workgroup: info.subgroup_size, batch: 0, cpu }
+            Self { settings, tile, subgroup: info.subgroup_size, workgroup: info.subgroup_size, batch: 0 }
         } else {
-            Self { settings, tile, subgroup: info.subgroup_size, workgroup: tile * tile, batch: tile * tile, cpu }
+            Self { settings, tile, subgroup: info.subgroup_size, workgroup: tile * tile, batch: tile * tile }
         }
     }
 }

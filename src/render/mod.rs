@@ -1,6 +1,6 @@
 //! Floor 5: from Gaussians and a camera to a picture: project, depth sort, bin, tile sort, rasterise.
 
-mod adam;
+mod backward;
 mod bin;
 mod frame;
 mod project;
@@ -12,9 +12,9 @@ mod renderer;
 mod settings;
 mod slots;
 
-pub use adam::{AdamState, Form, Rates, Scoring, Update};
+pub use backward::{Backward, Guards};
 pub use frame::Uses;
 pub use rasterise_backward_atomic::AtomicSums;
 pub use renderer::{BACKWARD_STAGES, Image, Renderer, STAGES};
 pub use settings::{Culling, Settings, Style, view};
-pub use slots::Slots;
+pub use slots::{GradientRows, Slots};

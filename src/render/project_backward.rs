@@ -1,28 +1,22 @@
 //! Backward of the projection: one row of gradients a Gaussian.
 
-use super::adam::{Form, Update};
-use super::frame::{Frame, Moments, Shape};
+use super::backward::{Pass, Sums};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
 use crate::kernels::render::{ProjectBackward, ProjectBackwardPush, ProjectBackwardSpec};
 use crate::primitives::WORKGROUP;
 
-/// Where a Gaussian's sums lie: `counts` rows of the moments from `first` on.
-pub(super) struct Sums<'a> {
-    pub counts: &'a Buffer<u32>,
-    pub first: &'a Buffer<u32>,
-    pub moments: &'a Moments,
-}
-
 pub(super) fn record(
     recording: &mut Recording,
-    shape: &Shape,
-    frame: &Frame,
-    Sums { counts, first, moments }: &Sums<'_>,
+    pass: &Pass<'_>,
+    sums: &Sums<'_>,
     model: &Resident,
-    update: &Update<'_>,
+    guards: &Buffer<u32>,
 ) {
-    let through_direction = !matches!(update.form, Form::Gradients { through_direction: false });
+    let Pass { shape, frame, options, .. } = *pass;
+    let Sums { counts, first, moments } = *sums;
+    // Where no growth is asked for, any memory stands for it: the kernel leaves it alone.
+    let unused = frame.gradient_rows.cast();
     let kernel = ProjectBackward {
         view: &frame.view,
         count: &model.count.value,
@@ -42,15 +36,15 @@ pub(super) fn record(
         sh2: &model.sh[2],
         sh3: &model.sh[3],
         rows: &frame.gradient_rows,
-        growth: update.growth,
-        guards: update.guards,
+        growth: options.growth.unwrap_or(&unused),
+        guards,
         push: ProjectBackwardPush { pair_limit: frame.pairs.count.limit() },
         spec: ProjectBackwardSpec {
             workgroup: WORKGROUP,
             antialias: shape.settings.antialias,
             degree: model.degree as u32,
-            direction_gradient: through_direction,
-            statistics: update.statistics,
+            direction_gradient: options.through_direction,
+            statistics: options.growth.is_some(),
         },
     };
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));

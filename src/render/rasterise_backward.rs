@@ -1,24 +1,16 @@
 //! Backward of the rasterisation: each (tile, Gaussian) slot's sums over the tile's pixels.
 
-use super::frame::{Frame, Moments, Shape};
-use crate::gpu::{Buffer, Groups, Recording};
+use super::backward::{Pass, Sums};
+use super::frame::Moments;
+use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{RasteriseBackward, RasteriseBackwardSpec};
-use crate::primitives::Pairs;
 
-pub(super) fn record(
-    recording: &mut Recording,
-    shape: &Shape,
-    frame: &Frame,
-    sorted: &Pairs,
-    moments: &Moments,
-    image_gradient: &Buffer<[f32; 4]>,
-    tiles: u32,
-    residual: bool,
-) {
+pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, moments: &'a Moments) -> Sums<'a> {
+    let Pass { shape, frame, image_gradient, tiles, options } = *pass;
     let kernel = RasteriseBackward {
         view: &frame.view,
         starts: &frame.starts,
-        slots: &sorted.values,
+        slots: &pass.sorted().values,
         owners: &frame.pairs.owners,
         geometry: &frame.geometry,
         shape: &frame.shape,
@@ -33,8 +25,9 @@ pub(super) fn record(
             tile: shape.tile,
             pixels: shape.tile * shape.tile / shape.subgroup,
             stop: shape.settings.stop,
-            residual,
+            residual: options.residual,
         },
     };
     recording.dispatch(&kernel, Groups::Count(tiles));
+    Sums { counts: &frame.tile_counts, first: &frame.first_slots, moments }
 }

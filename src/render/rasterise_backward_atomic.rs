@@ -1,13 +1,12 @@
 //! Backward of the rasterisation by float atomics: each Gaussian's sums over all of its tiles, in no order. The engine never
 //! trains with it; it shows what bit-identical runs cost.
 
-use super::frame::{Frame, Moments, Shape};
-use super::project_backward::Sums;
+use super::backward::{Pass, Sums};
+use super::frame::Moments;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::render::{
     RasteriseBackwardAtomic, RasteriseBackwardAtomicSpec, RasteriseBackwardCas, RasteriseBackwardCasSpec,
 };
-use crate::primitives::Pairs;
 
 /// Sums by Gaussian, and how they are added to.
 pub struct AtomicSums {
@@ -41,20 +40,9 @@ impl AtomicSums {
         Ok(Self { native, own: device.upload("own rows", &own)?, moments: moments()? })
     }
 
-    /// What projection's backward reads: one row of each visible Gaussian.
-    pub(super) fn of<'a>(&'a self, visible: &'a Buffer<u32>) -> Sums<'a> {
-        Sums { counts: visible, first: &self.own, moments: &self.moments }
-    }
-
-    pub(super) fn record(
-        &self,
-        recording: &mut Recording,
-        shape: &Shape,
-        frame: &Frame,
-        sorted: &Pairs,
-        image_gradient: &Buffer<[f32; 4]>,
-        tiles: u32,
-    ) {
+    /// Projection's backward then reads one row of each visible Gaussian.
+    pub(super) fn record<'a>(&'a self, recording: &mut Recording, pass: &Pass<'a>) -> Sums<'a> {
+        let Pass { shape, frame, image_gradient, tiles, .. } = *pass;
         let Moments { a, b, c } = &self.moments;
         for sums in [a, b, c] {
             recording.fill(sums, 0);
@@ -65,7 +53,7 @@ impl AtomicSums {
                 let kernel = $kernel {
                     view: &frame.view,
                     starts: &frame.starts,
-                    slots: &sorted.values,
+                    slots: &pass.sorted().values,
                     owners: &frame.pairs.owners,
                     geometry: &frame.geometry,
                     shape: &frame.shape,
@@ -90,5 +78,6 @@ impl AtomicSums {
         } else {
             dispatch!(RasteriseBackwardCas, RasteriseBackwardCasSpec);
         }
+        Sums { counts: &frame.visible, first: &self.own, moments: &self.moments }
     }
 }

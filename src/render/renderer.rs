@@ -1,10 +1,9 @@
-//! The forward pass: buffers of one frame, and the list of its stages.
+//! Buffers of one frame, and the lists of its stages forward and backward.
 
-use super::adam::{self, Form, Update};
+use super::backward::{Backward, Guards, Pass};
 use super::frame::{Frame, PairBuffers, Shape, Uses};
-use super::rasterise_backward_atomic::AtomicSums;
 use super::settings::{Settings, tile_size, view};
-use super::slots::Slots;
+use super::slots::{GradientRows, Slots};
 use super::{bin, project, project_backward, rasterise, rasterise_backward};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result, Timings};
@@ -14,7 +13,10 @@ use crate::scene::camera::Camera;
 pub const STAGES: [&str; 5] = ["project", "depth sort", "bin", "tile sort", "rasterise"];
 
 /// The stages of the backward pass, in order.
-pub const BACKWARD_STAGES: [&str; 3] = ["rasterise backward", "project backward", "adam"];
+pub const BACKWARD_STAGES: [&str; 2] = ["rasterise backward", "project backward"];
+
+/// What a renderer must be that goes backward.
+const FOR_TRAINING: &str = "a renderer for training";
 
 /// A rendered picture on the host.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,6 +36,8 @@ pub struct Renderer {
     frame: Frame,
     gaussians: usize,
     uses: Uses,
+    /// What backward passes count, where there are any: see [`Guards`].
+    guards: Option<Buffer<u32>>,
 }
 
 impl Renderer {
@@ -73,14 +77,21 @@ impl Renderer {
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
         let uses = Uses { training, depth_order: settings.depth_order };
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, uses)?;
-        Ok(Self { device: device.clone(), shape, frame, gaussians, uses })
+        let guards = training.then(|| device.upload("guards", &[0, 0])).transpose()?;
+        Ok(Self { device: device.clone(), shape, frame, gaussians, uses, guards })
     }
 
     /// Bytes of a renderer with room for so many Gaussians and pairs, and one picture of `size`.
     pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, uses: Uses) -> u64 {
         let tile = tile_size(device.info());
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
-        Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, uses)
+        let guards = if uses.training { Buffer::<u32>::bytes_of(2) } else { 0 };
+        Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, uses) + guards
+    }
+
+    /// The device that it renders on.
+    pub fn device(&self) -> &Device {
+        &self.device
     }
 
     /// The settings.
@@ -190,8 +201,8 @@ impl Renderer {
         recording.scope(STAGES[4], |r| rasterise::record(r, shape, frame, bin::sorted(frame, tiles), tiles));
     }
 
-    /// Records the backward pass of the picture recorded before it: from the gradients by its pixels to those by the
-    /// stored parameters, and what `update` does with them.
+    /// Records the backward pass of the picture recorded before it: from the gradients by its pixels to one row of gradients
+    /// a Gaussian, see [`Renderer::gradient_rows`].
     ///
     /// # Panics
     /// When the renderer was not made [`Renderer::for_training`].
@@ -201,79 +212,42 @@ impl Renderer {
         model: &Resident,
         camera: &Camera,
         image_gradient: &Buffer<[f32; 4]>,
-        update: &Update<'_>,
+        backward: Backward<'_>,
     ) {
-        self.backward(recording, model, camera, image_gradient, update, false);
+        let (shape, frame) = (&self.shape, &self.frame);
+        let tiles = self.tiles(camera) as u32;
+        let pass = Pass { shape, frame, image_gradient, tiles, options: backward };
+        let sums = recording.scope(BACKWARD_STAGES[0], |r| match backward.atomics {
+            Some(atomics) => atomics.record(r, &pass),
+            None => rasterise_backward::record(r, &pass, frame.pairs.moments.as_ref().expect(FOR_TRAINING)),
+        });
+        let guards = self.guards.as_ref().expect(FOR_TRAINING);
+        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, &pass, &sums, model, guards));
     }
 
-    /// As [`Renderer::record_backward`], but the image gradient's fourth component is each pixel's residual instead of a
-    /// gradient by alpha: the slots then also hold the contributions weighed by it, see [`Renderer::slots`].
+    /// Records that [`Renderer::guards`] begin anew.
     ///
     /// # Panics
     /// When the renderer was not made [`Renderer::for_training`].
-    pub fn record_backward_with_residual(
-        &self,
-        recording: &mut Recording,
-        model: &Resident,
-        camera: &Camera,
-        image_gradient: &Buffer<[f32; 4]>,
-        update: &Update<'_>,
-    ) {
-        self.backward(recording, model, camera, image_gradient, update, true);
+    pub fn reset_guards(&self, recording: &mut Recording) {
+        recording.update(self.guards.as_ref().expect(FOR_TRAINING), &[0, 0]);
     }
 
-    fn backward(
-        &self,
-        recording: &mut Recording,
-        model: &Resident,
-        camera: &Camera,
-        image_gradient: &Buffer<[f32; 4]>,
-        update: &Update<'_>,
-        residual: bool,
-    ) {
-        let (shape, frame) = (&self.shape, &self.frame);
-        let tiles = self.tiles(camera) as u32;
-        let moments = frame.pairs.moments.as_ref().expect("a renderer for training");
-        let sorted = bin::sorted(frame, tiles);
-        recording.scope(BACKWARD_STAGES[0], |r| {
-            rasterise_backward::record(r, shape, frame, sorted, moments, image_gradient, tiles, residual);
-        });
-        let sums = project_backward::Sums { counts: &frame.tile_counts, first: &frame.first_slots, moments };
-        self.update(recording, &sums, model, update);
+    /// What the backward passes have counted since the guards were last reset.
+    ///
+    /// # Errors
+    /// Device errors.
+    ///
+    /// # Panics
+    /// When the renderer was not made [`Renderer::for_training`].
+    pub fn guards(&self) -> Result<Guards> {
+        let words = self.guards.as_ref().expect(FOR_TRAINING).read(&self.device)?;
+        Ok(Guards { skipped_rows: words[0], passes: words[1] })
     }
 
-    /// From the sums of the pairs to gradient rows, and where asked for to a step of Adam.
-    fn update(
-        &self,
-        recording: &mut Recording,
-        sums: &project_backward::Sums<'_>,
-        model: &Resident,
-        update: &Update<'_>,
-    ) {
-        let (shape, frame) = (&self.shape, &self.frame);
-        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, shape, frame, sums, model, update));
-        if update.form != Form::Rows {
-            recording.scope(BACKWARD_STAGES[2], |r| adam::record(r, shape, frame, model, update));
-        }
-    }
-
-    /// As [`Renderer::record_backward`], but each Gaussian's gradients are added up by float atomics, in whatever order the
-    /// device's threads come: what the ordered sums are measured against. The slots hold nothing afterwards.
-    pub fn record_backward_by_atomics(
-        &self,
-        recording: &mut Recording,
-        model: &Resident,
-        camera: &Camera,
-        image_gradient: &Buffer<[f32; 4]>,
-        sums: &AtomicSums,
-        update: &Update<'_>,
-    ) {
-        let (shape, frame) = (&self.shape, &self.frame);
-        let tiles = self.tiles(camera) as u32;
-        let sorted = bin::sorted(frame, tiles);
-        recording.scope(BACKWARD_STAGES[0], |r| sums.record(r, shape, frame, sorted, image_gradient, tiles));
-        let of = sums.of(&frame.visible);
-        self.update(recording, &of, model, update);
+    /// The rows of gradients that the backward pass leaves.
+    pub fn gradient_rows(&self) -> GradientRows<'_> {
+        GradientRows::new(&self.frame)
     }
 
     /// What the passes recorded before leave for each (tile, Gaussian) slot, for kernels of floors above.

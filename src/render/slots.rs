@@ -1,4 +1,4 @@
-//! A picture's (tile, Gaussian) slots as kernels of floors above see them.
+//! What a picture and its backward pass leave for kernels of floors above: (tile, Gaussian) slots, and rows of gradients.
 
 use super::bin;
 use super::frame::{Frame, Shape};
@@ -33,14 +33,28 @@ pub struct Slots<'a> {
     pub moments_b: Buffer<f32>,
     /// The gradient by the colour, and where asked for the sum of T alpha times the residual.
     pub moments_c: Buffer<f32>,
-    /// By Gaussian, after the backward pass: see `lib/gradient_row.glsl`.
-    pub gradient_rows: &'a Buffer<f32>,
     /// Tiles of the picture.
     pub tiles: u32,
     /// A tile's side in pixels.
     pub tile: u32,
     /// Blending ends before transmittance would fall below this.
     pub stop: f32,
+}
+
+/// Rows of gradients of the backward pass recorded last.
+pub struct GradientRows<'a> {
+    /// Word 1: the most (tile, Gaussian) pairs ever needed; beyond `limit` the rows hold nothing.
+    pub pairs: &'a Buffer<u32>,
+    /// Pairs that there is room for.
+    pub limit: u32,
+    /// By Gaussian: see `lib/gradient_row.glsl`.
+    pub values: &'a Buffer<f32>,
+}
+
+impl<'a> GradientRows<'a> {
+    pub(super) fn new(frame: &'a Frame) -> Self {
+        Self { pairs: &frame.pairs.count.value, limit: frame.pairs.count.limit(), values: &frame.gradient_rows }
+    }
 }
 
 impl<'a> Slots<'a> {
@@ -60,7 +74,6 @@ impl<'a> Slots<'a> {
             moments_a: moments.a.cast(),
             moments_b: moments.b.cast(),
             moments_c: moments.c.cast(),
-            gradient_rows: &frame.gradient_rows,
             tiles,
             tile: shape.tile,
             stop: shape.settings.stop,

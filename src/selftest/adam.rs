@@ -8,7 +8,8 @@ use super::render::{MILD, camera};
 use crate::gaussians::{Gaussians, resident::Resident};
 use crate::gpu::{Device, Recording, Result};
 use crate::reference::{self, Params};
-use crate::render::{AdamState, Form, Rates, Renderer, Settings, Update};
+use crate::render::{Backward, Renderer, Settings};
+use crate::train::adam::{self, AdamState, Rates};
 
 const RATES: Rates = Rates { mean: 1e-3, scale: 5e-3, rotation: 1e-3, opacity: 0.025, dc: 2.5e-3, rest: 1.25e-4 };
 const STEPS: u32 = 5;
@@ -31,25 +32,24 @@ fn steps(device: &Device, by_image: &[[f32; 4]], with_gradients: bool) -> Result
     let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), [48, 48], 1 << 13)?;
     renderer.render(&resident, &camera)?;
     let (state, apart) = (AdamState::zeros(device, &resident)?, AdamState::zeros(device, &resident)?);
-    let growth = device.upload("growth", &vec![[0_f32; 2]; model.len()])?;
-    let (guards, other) = (device.upload("guards", &[0_u32; 2])?, device.upload("guards", &[0_u32; 2])?);
     let by_image = device.upload("image gradient", by_image)?;
-    let step = |state: &AdamState, guards, form| -> Result<()> {
-        let mut recording = Recording::new();
-        renderer.record(&mut recording, &resident, &camera);
-        let update = Update { state, growth: &growth, statistics: false, guards, rates: RATES, form };
-        renderer.record_backward(&mut recording, &resident, &camera, &by_image, &update);
-        device.run(recording).map(drop)
-    };
+    let mut skipped = 0;
     let mut gradients = Vec::new();
     for k in 1..=STEPS {
+        let mut recording = Recording::new();
+        renderer.reset_guards(&mut recording);
+        renderer.record(&mut recording, &resident, &camera);
+        renderer.record_backward(&mut recording, &resident, &camera, &by_image, Backward::default());
         if with_gradients {
-            step(&apart, &other, Form::Gradients { through_direction: true })?;
+            adam::record_gradients(&mut recording, &renderer, &resident, &apart);
+        }
+        adam::record(&mut recording, &renderer, &resident, &state, &RATES, k);
+        device.run(recording)?;
+        skipped += renderer.guards()?.skipped_rows;
+        if with_gradients {
             gradients.push(super::backward::first_moments(device, &apart, model.degree())?);
         }
-        step(&state, &guards, Form::Adam(k))?;
     }
-    let skipped = guards.read(device)?.first().copied().unwrap_or(u32::MAX);
     Ok(Stepped { params: Params::from(&resident.download(device)?), skipped, gradients })
 }
 

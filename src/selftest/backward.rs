@@ -7,8 +7,9 @@ use super::render::{self, MILD, camera, stack, straight_on};
 use crate::gaussians::{Gaussians, resident::Resident};
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::reference::{self, Params};
-use crate::render::{AdamState, Form, Image, Rates, Renderer, Settings, Style, Update};
+use crate::render::{Backward, Image, Renderer, Settings, Style};
 use crate::scene::camera::Camera;
+use crate::train::adam::{AdamState, record_gradients};
 use glam::DVec3;
 
 /// A picture and what comes back from it.
@@ -27,7 +28,7 @@ pub fn weights(camera: &Camera, seed: u64) -> Vec<[f32; 4]> {
     (0..camera.width * camera.height).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect()
 }
 
-/// First moments of every parameter: where [`Form::Gradients`] leaves the gradients.
+/// First moments of every parameter: where [`record_gradients`] leaves the gradients.
 pub(super) fn first_moments(device: &Device, state: &AdamState, degree: usize) -> Result<Params> {
     let read = |buffer: &Buffer<[f32; 2]>| -> Result<Vec<f64>> {
         Ok(buffer.read(device)?.iter().map(|m| f64::from(m[0])).collect())
@@ -59,15 +60,14 @@ pub fn there_and_back(
     let image = renderer.render(&resident, camera)?; // and the pairs have room
     let state = AdamState::zeros(device, &resident)?;
     let growth = device.upload("growth", &vec![[0_f32; 2]; model.len()])?;
-    let guards = device.upload("guards", &[0_u32; 2])?;
     let by_image = device.upload("image gradient", weights)?;
-    let (rates, form) = (Rates::default(), Form::Gradients { through_direction: true });
-    let update = Update { state: &state, growth: &growth, statistics: true, guards: &guards, rates, form };
     let mut recording = Recording::new();
     renderer.record(&mut recording, &resident, camera);
-    renderer.record_backward(&mut recording, &resident, camera, &by_image, &update);
+    let backward = Backward { growth: Some(&growth), ..Backward::default() };
+    renderer.record_backward(&mut recording, &resident, camera, &by_image, backward);
+    record_gradients(&mut recording, &renderer, &resident, &state);
     device.run(recording)?;
-    let skipped = guards.read(device)?.first().copied().unwrap_or(u32::MAX);
+    let skipped = renderer.guards()?.skipped_rows;
     Ok(Drawn { image, gradients: first_moments(device, &state, model.degree())?, skipped })
 }
 

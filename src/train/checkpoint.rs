@@ -1,5 +1,6 @@
 //! A run's whole state on disk: model, moments, density sums, iteration. Written whole or not at all.
 
+use super::adam::AdamState;
 use super::error::Result;
 use super::exposure::{self, Exposure};
 use super::photos::TrainView;
@@ -10,7 +11,6 @@ use crate::gaussians::{Error, Gaussians};
 use crate::gpu::{self, Buffer, Device};
 use crate::qirf::CHANNELS;
 use crate::qirf::response::Responses;
-use crate::render::AdamState;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
 use std::path::Path;

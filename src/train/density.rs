@@ -1,5 +1,6 @@
 //! Density control on the device: clone, split, prune, and the opacity reset.
 
+use super::adam::AdamState;
 use super::schedule::Schedule;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
@@ -9,7 +10,6 @@ use crate::kernels::train::{
     Sources, SourcesSpec, Split, SplitPush, SplitSpec,
 };
 use crate::primitives::{Count, Scan, WORKGROUP};
-use crate::render::AdamState;
 
 /// What one density step decides by.
 #[derive(Clone, Copy, Debug)]

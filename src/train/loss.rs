@@ -4,6 +4,9 @@ use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::train::{Loss as Kernel, LossPush, LossSpec};
 use crate::primitives::{WORKGROUP, reduce};
 
+/// The profiler's scope.
+pub const STAGE: &str = "loss";
+
 /// Samples of SSIM's window, steps of a round; see `loss.comp`.
 const TAPS: u32 = 11;
 

@@ -1,5 +1,6 @@
 //! What a training run will need of the device's memory, before it begins.
 
+use super::adam::AdamState;
 use super::density;
 use super::exposure::Exposure;
 use super::halve::Halve;
@@ -12,7 +13,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, staging_bytes};
 use crate::qirf::study;
-use crate::render::{AdamState, Renderer, Style, Uses};
+use crate::render::{Renderer, Style, Uses};
 
 /// What a run's memory depends on.
 #[derive(Clone, Debug)]
@@ -59,6 +60,6 @@ impl Trainer {
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
         let pruning = if demand.prunes { study::bytes(n) } else { 0 };
         let passing = growth.max(pruning).max(staging_bytes(widest));
-        model + renderer + pictures + passing + Buffer::<u32>::bytes_of(2)
+        model + renderer + pictures + passing
     }
 }

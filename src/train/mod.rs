@@ -1,5 +1,6 @@
-//! Floor 6: loss, schedule, density control and the training loop.
+//! Floor 6: loss, Adam, schedule, density control and the training loop.
 
+pub mod adam;
 pub mod checkpoint;
 pub mod density;
 mod error;
@@ -20,3 +21,11 @@ mod trainer;
 pub use error::{Error, Result};
 pub use memory::Demand;
 pub use trainer::{Options, Progress, Trainer};
+
+use crate::render;
+
+/// The stages of an iteration that every run has, in order: scope names of its timings.
+pub const STAGES: [&str; 9] = {
+    let ([a, b, c, d, e], [f, g]) = (render::STAGES, render::BACKWARD_STAGES);
+    [a, b, c, d, e, loss::STAGE, f, g, adam::STAGE]
+};

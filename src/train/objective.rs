@@ -2,7 +2,7 @@
 
 use super::error::Result;
 use super::exposure::{Exposure, Step};
-use super::loss::Loss;
+use super::loss::{self, Loss};
 use super::mask::Mask;
 use super::trainer::Options;
 use crate::gpu::{Buffer, Device, Recording};
@@ -66,7 +66,7 @@ impl Objective {
             mask.apply(recording, photo, seen, pixels);
             seen = &mask.image;
         }
-        recording.scope("loss", |r| {
+        recording.scope(loss::STAGE, |r| {
             self.loss.record(r, seen, photo, size, options.over(), options.settings.background, options.weights);
             if with_value {
                 self.loss.record_value(r, size);

@@ -1,6 +1,6 @@
 //! What happens when: milestones that scale with the length of the run, intervals that do not.
 
-use crate::render::Rates;
+use super::adam::Rates;
 use serde::{Deserialize, Serialize};
 
 /// Everything that a run's course depends on, as written to `config.toml`.

@@ -1,6 +1,7 @@
 //! The training loop. An iteration never waits for the host: it runs project to Adam on the device; the host looks every
 //! few iterations, grows what was too small, and repeats what did not count.
 
+use super::adam::{self, AdamState};
 use super::density::{self, Step, densify};
 use super::error::{Error, Result};
 use super::exposure;
@@ -15,7 +16,7 @@ use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
 use crate::qirf::response::{Gather, Responses};
 use crate::random::permutation;
-use crate::render::{AdamState, Form, Renderer, Settings, Update};
+use crate::render::{Backward, Renderer, Settings};
 use crate::scene::camera::{self, Camera};
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -90,7 +91,6 @@ pub struct Trainer {
     pub(super) photos: Photos,
     extent: f64,
     cameras: [f32; 3],
-    guards: Buffer<u32>,
     pub(super) renderer: Renderer,
     pub(super) objective: Objective,
     /// Room for photos at half their size, where the run begins with those.
@@ -143,7 +143,6 @@ impl Trainer {
             smoothing,
             cameras: camera::mean_centre(views.iter().map(|v| &v.camera)).as_vec3().to_array(),
             photos,
-            guards: device.upload("guards", &[0, 0])?,
             objective,
             device: device.clone(),
             model,
@@ -209,7 +208,7 @@ impl Trainer {
         }
         let last = self.boundary(until);
         let mut recording = Recording::new();
-        recording.update(&self.guards, &[0, 0]);
+        self.renderer.reset_guards(&mut recording);
         self.renderer.forget_pairs(&mut recording);
         self.device.run(recording)?;
 
@@ -231,10 +230,10 @@ impl Trainer {
             self.timings.merge(&ticket.wait()?);
         }
 
-        let guards = self.guards.read(&self.device)?;
-        self.skipped_rows += u64::from(guards[0]);
+        let guards = self.renderer.guards()?;
+        self.skipped_rows += u64::from(guards.skipped_rows);
         // Without a Gaussian no kernel runs that would count.
-        self.iteration = if self.model.len == 0 { last } else { first + guards[1] };
+        self.iteration = if self.model.len == 0 { last } else { first + guards.passes };
         let pairs = self.renderer.pairs()?;
         if self.renderer.make_room_for_pairs(pairs)? {
             tracing::debug!("{pairs} pairs did not fit: iterations from {} are repeated", self.iteration + 1);
@@ -351,22 +350,18 @@ impl Trainer {
         let target = Target { view: at, photo, size };
         let (objective, rendered) = (&self.objective, self.renderer.image());
         let seen = objective.record(&mut recording, rendered, target, options, with_value, Some(step));
-        let update = Update {
-            state: &self.state,
-            growth: &self.growth,
-            statistics: options.schedule.gathers(iteration),
-            guards: &self.guards,
-            rates: options.schedule.rates(iteration, self.extent),
-            form: Form::Adam(iteration),
-        };
+        let responses = self.responses.as_ref().filter(|_| options.averaged.contains(&iteration));
+        if responses.is_some() {
+            objective.record_residual(&mut recording, seen, target, options);
+        }
+        let growth = options.schedule.gathers(iteration).then_some(&self.growth);
+        let backward = Backward { residual: responses.is_some(), growth, ..Backward::default() };
         let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
-        match &self.responses {
-            Some(responses) if options.averaged.contains(&iteration) => {
-                objective.record_residual(&mut recording, seen, target, options);
-                renderer.record_backward_with_residual(&mut recording, model, camera, gradient, &update);
-                responses.record(&mut recording, renderer, model, camera, Gather::Average { iteration });
-            }
-            _ => renderer.record_backward(&mut recording, model, camera, gradient, &update),
+        renderer.record_backward(&mut recording, model, camera, gradient, backward);
+        let rates = options.schedule.rates(iteration, self.extent);
+        adam::record(&mut recording, renderer, model, &self.state, &rates, iteration);
+        if let Some(responses) = responses {
+            responses.record(&mut recording, renderer, model, camera, Gather::Average { iteration });
         }
         Ok(recording)
     }

@@ -6,8 +6,9 @@ use crate::support::{device, finish, shared};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{AdamState, Form, Rates, Renderer, Settings, Style, Update};
+use qirf_vk::render::{Backward, Guards, Renderer, Settings, Style};
 use qirf_vk::scene::camera::Camera;
+use qirf_vk::train::adam::{AdamState, record_gradients};
 
 /// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, as the device computes them.
 fn gradients(
@@ -23,7 +24,6 @@ fn gradients(
     let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12).unwrap();
     let state = AdamState::zeros(device, &resident).unwrap();
     let growth = device.upload("growth", &vec![[0_f32; 2]; model.len()]).unwrap();
-    let guards = device.upload("guards", &[0_u32; 2]).unwrap();
     let image_gradient = device.upload("image gradient", weights).unwrap();
     loop {
         renderer.draw(&resident, camera).unwrap(); // so that the pairs have room
@@ -34,17 +34,11 @@ fn gradients(
     }
     let mut recording = Recording::new();
     renderer.record(&mut recording, &resident, camera);
-    let update = Update {
-        state: &state,
-        growth: &growth,
-        statistics: true,
-        guards: &guards,
-        rates: Rates::default(),
-        form: Form::Gradients { through_direction },
-    };
-    renderer.record_backward(&mut recording, &resident, camera, &image_gradient, &update);
+    let backward = Backward { growth: Some(&growth), through_direction, ..Backward::default() };
+    renderer.record_backward(&mut recording, &resident, camera, &image_gradient, backward);
+    record_gradients(&mut recording, &renderer, &resident, &state);
     device.run(recording).unwrap();
-    assert_eq!(guards.read(device).unwrap(), [0, 1]);
+    assert_eq!(renderer.guards().unwrap(), Guards { skipped_rows: 0, passes: 1 });
     let first = |buffer: &qirf_vk::gpu::Buffer<[f32; 2]>| -> Vec<f64> {
         buffer.read(device).unwrap().iter().map(|m| f64::from(m[0])).collect()
     };

@@ -4,9 +4,10 @@ use super::bound::{Bound, Rates};
 use super::fit::Fit;
 use super::measured::{Bench, Measured};
 use super::tables::{AGAINST, against, digits, short_ratio, table, time};
-use qirf_vk::render::{BACKWARD_STAGES, STAGES};
+use qirf_vk::render::STAGES;
 use qirf_vk::report::format::{count, decimals, percent};
 use qirf_vk::report::plot::{Axis, Bar, Line, Lines, drawing_of_bars, sheet};
+use qirf_vk::train;
 
 const WHOLE: &str = "whole, by the host's clock";
 /// Gaussians of the frames, as the benchmarks name them.
@@ -22,12 +23,11 @@ fn stages<'a>(
     group: &str,
     of: &str,
 ) -> Vec<(&'static str, &'a Measured, Option<Bound>)> {
-    let all = STAGES.into_iter().chain(["loss"]).chain(BACKWARD_STAGES);
-    all.filter_map(|stage| {
+    let timed = |stage| {
         let m = bench.get(&format!("{group}/{stage}/{of}")).ok()?;
         Some((stage, m, rates.bound(m)))
-    })
-    .collect()
+    };
+    train::STAGES.into_iter().filter_map(timed).collect()
 }
 
 /// The whole, whose stages run one after another: its bound is the sum of theirs.

@@ -8,12 +8,13 @@ use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
 use crate::pipeline::pairs;
-use crate::render::{AdamState, AtomicSums, BACKWARD_STAGES, Form, Image, Rates, Renderer, STAGES, Update};
+use crate::render::{AtomicSums, Backward, Image, Renderer};
 use crate::scene::camera;
-use crate::train;
-use crate::train::loss::{Loss, Weights};
+use crate::train::adam::{self, AdamState, Rates};
+use crate::train::loss::{self, Loss, Weights};
 use crate::train::photos::TrainView;
 use crate::train::schedule::Schedule;
+use crate::train::{self, STAGES};
 use std::time::Instant;
 
 /// Times that each rung's gradients are taken.
@@ -27,13 +28,19 @@ struct Way {
     sums: Option<AtomicSums>,
 }
 
+/// A step of Adam.
+#[derive(Clone, Copy)]
+struct Step {
+    number: u32,
+    rates: Rates,
+}
+
 /// One training iteration, stage by stage as the trainer has it, on the first views of the subject.
 struct Bench<'a> {
     context: &'a Context<'a>,
     renderer: Renderer,
     loss: Loss,
     photos: Vec<Buffer<u32>>,
-    guards: Buffer<u32>,
     growth: Buffer<[f32; 2]>,
 }
 
@@ -59,48 +66,41 @@ impl<'a> Bench<'a> {
             renderer,
             loss: Loss::new(device, width, height)?,
             photos,
-            guards: device.upload("guards", &[0, 0])?,
             growth: device.upload("growth", &vec![[0.0; 2]; model.len])?,
         })
     }
 
-    /// One iteration on view `v`; its time.
-    fn step(
-        &self,
-        way: &Way,
-        model: &Resident,
-        state: &AdamState,
-        v: usize,
-        (rates, form): (Rates, Form),
-    ) -> Result<Sample, Error> {
+    /// Records view `v` forward and back to gradient rows.
+    fn there_and_back(&self, way: &Way, model: &Resident, v: usize) -> Recording {
         let subject = self.context.subject;
         let camera = &subject.views[v].camera;
         let mut recording = Recording::new();
         self.renderer.forget_pairs(&mut recording);
         self.renderer.record(&mut recording, model, camera);
         let (size, settings) = ([camera.width, camera.height], &subject.settings);
-        recording.scope("loss", |r| {
+        recording.scope(loss::STAGE, |r| {
             let (image, photo) = (self.renderer.image(), &self.photos[v]);
             self.loss.record(r, image, photo, size, subject.over, settings.background, Weights::default());
         });
-        let (growth, guards) = (&self.growth, &self.guards);
-        let update = Update { state, growth, statistics: true, guards, rates, form };
-        let gradient = &self.loss.gradient;
-        match &way.sums {
-            None => self.renderer.record_backward(&mut recording, model, camera, gradient, &update),
-            Some(sums) => {
-                self.renderer.record_backward_by_atomics(&mut recording, model, camera, gradient, sums, &update);
-            }
-        }
+        let backward = Backward { atomics: way.sums.as_ref(), growth: Some(&self.growth), ..Backward::default() };
+        self.renderer.record_backward(&mut recording, model, camera, &self.loss.gradient, backward);
+        recording
+    }
+
+    /// One iteration on view `v`; its time.
+    fn step(&self, way: &Way, model: &Resident, state: &AdamState, v: usize, step: Step) -> Result<Sample, Error> {
+        let mut recording = self.there_and_back(way, model, v);
+        adam::record(&mut recording, &self.renderer, model, state, &step.rates, step.number);
         let started = Instant::now();
         let timings = self.context.device.run(recording)?;
-        let scopes: Vec<&str> = STAGES.into_iter().chain(["loss"]).chain(BACKWARD_STAGES).collect();
-        Ok(Sample::of(self.context.device, &timings, &scopes, started))
+        Ok(Sample::of(self.context.device, &timings, &STAGES, started))
     }
 
     /// All gradients by view 0, one attribute after the other.
     fn gradients(&self, way: &Way, model: &Resident, state: &AdamState) -> Result<Vec<f32>, Error> {
-        self.step(way, model, state, 0, (Rates::default(), Form::Gradients { through_direction: true }))?;
+        let mut recording = self.there_and_back(way, model, 0);
+        adam::record_gradients(&mut recording, &self.renderer, model, state);
+        self.context.device.run(recording)?;
         let mut out = Vec::new();
         let all = [&state.means, &state.log_scales, &state.rotations, &state.opacity_logits];
         for moments in all.into_iter().chain(&state.sh[..=model.degree]) {
@@ -117,7 +117,7 @@ impl<'a> Bench<'a> {
         let schedule = Schedule::default();
         for step in 1..=STEPS {
             let v = step as usize % subject.views.len();
-            self.step(way, &model, &state, v, (schedule.rates(step, 1.0), Form::Adam(step)))?;
+            self.step(way, &model, &state, v, Step { number: step, rates: schedule.rates(step, 1.0) })?;
             self.context.watcher.unless_stopped()?;
         }
         let camera = &subject.views[0].camera;
@@ -162,7 +162,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         ],
     );
     let ordered = bench.gradients(&Way { name: String::new(), sums: None }, &model, &state)?;
-    let still = (Rates::default(), Form::Adam(1));
+    let still = Step { number: 1, rates: Rates::default() };
     for way in &ways {
         let first = bench.gradients(way, &model, &state)?;
         let (mut far, mut differing) = (0.0_f64, 0);

@@ -6,8 +6,9 @@ use glam::DVec3;
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{AdamState, Form, Rates, Renderer, Settings, Update};
+use qirf_vk::render::{Backward, Guards, Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
+use qirf_vk::train::adam::{self, AdamState, Rates};
 use qirf_vk::train::schedule::Schedule;
 
 /// A model under training by a fixed gradient of the picture.
@@ -17,7 +18,6 @@ struct Bench {
     model: Resident,
     state: AdamState,
     growth: Buffer<[f32; 2]>,
-    guards: Buffer<u32>,
     camera: Camera,
     by_image: Buffer<[f32; 4]>,
 }
@@ -33,26 +33,31 @@ impl Bench {
             state: AdamState::zeros(device, &resident).unwrap(),
             model: resident,
             growth: device.upload("growth", &vec![[0.0; 2]; model.len()]).unwrap(),
-            guards: device.upload("guards", &[0, 0]).unwrap(),
             camera: camera.clone(),
             by_image: device.upload("image gradient", by_image).unwrap(),
         }
     }
 
-    fn step(&self, form: Form, state: &AdamState, rates: Rates) {
+    fn there_and_back(&self, growth: Option<&Buffer<[f32; 2]>>) -> Recording {
         let mut recording = Recording::new();
         self.renderer.record(&mut recording, &self.model, &self.camera);
-        let (growth, guards) = (&self.growth, &self.guards);
-        let statistics = matches!(form, Form::Adam(_));
-        let update = Update { state, growth, statistics, guards, rates, form };
-        self.renderer.record_backward(&mut recording, &self.model, &self.camera, &self.by_image, &update);
+        let backward = Backward { growth, ..Backward::default() };
+        self.renderer.record_backward(&mut recording, &self.model, &self.camera, &self.by_image, backward);
+        recording
+    }
+
+    fn step(&self, step: u32) {
+        let mut recording = self.there_and_back(Some(&self.growth));
+        adam::record(&mut recording, &self.renderer, &self.model, &self.state, &rates(step), step);
         self.device.run(recording).unwrap();
     }
 
     /// Gradients by the parameters as they are.
     fn gradients(&self) -> Params {
         let state = AdamState::zeros(&self.device, &self.model).unwrap();
-        self.step(Form::Gradients { through_direction: true }, &state, Rates::default());
+        let mut recording = self.there_and_back(None);
+        adam::record_gradients(&mut recording, &self.renderer, &self.model, &state);
+        self.device.run(recording).unwrap();
         let mut out = Params::from(&self.model.download(&self.device).unwrap());
         for ((_, into), moments) in out.groups_mut().into_iter().zip(moments(&state, &self.device, 3)) {
             into.iter_mut().zip(moments).for_each(|(g, m)| *g = f64::from(m[0]));
@@ -134,7 +139,7 @@ fn adam_of_every_attribute() {
     for step in 1..=10 {
         let mut gradients = bench.gradients();
         assert_eq!(twin.step(&mut gradients, step, rates(step)), 0);
-        bench.step(Form::Adam(step), &bench.state, rates(step));
+        bench.step(step);
         let r = rates(step);
         let rates = [r.mean, r.scale, r.rotation, r.opacity, r.dc, r.rest, r.rest, r.rest];
         travel.iter_mut().zip(rates).for_each(|(t, r)| *t += f64::from(r));
@@ -163,7 +168,7 @@ fn adam_of_every_attribute() {
         }
     }
     // The gradients' form is counted as an iteration too: 20 in all.
-    assert_eq!(bench.guards.read(&device).unwrap(), [0, 20]);
+    assert_eq!(bench.renderer.guards().unwrap(), Guards { skipped_rows: 0, passes: 20 });
     finish(&device);
 }
 
@@ -184,7 +189,7 @@ fn adam_along_the_twins_path() {
         for step in 1..=8 {
             let mut gradients = reference::gradients(&twin.params, &camera, &settings, &colour, Some(&alpha)).params;
             assert_eq!(twin.step(&mut gradients, step, rates(step)), 0);
-            bench.step(Form::Adam(step), &bench.state, rates(step));
+            bench.step(step);
         }
         let (mut got, mut start) = (bench.params(), Params::from(&model));
         let (mut line, mut worst) = (format!("seed {seed}:"), 0_f64);
@@ -227,21 +232,21 @@ fn a_gradient_that_is_not_finite_stays_where_it_is() {
         by_image[8 * 96 + 8] = [spoilt; 4];
         let bench = Bench::new(&device, &model, &camera, &by_image);
         for step in 1..=3 {
-            bench.step(Form::Adam(step), &bench.state, rates(step));
+            bench.step(step);
         }
         (
             bench.params(),
             moments(&bench.state, &device, 3),
             bench.growth.read(&device).unwrap(),
-            bench.guards.read(&device).unwrap(),
+            bench.renderer.guards().unwrap(),
         )
     };
     let (mut right, right_moments, right_growth, guards) = run(0.5);
-    assert_eq!(guards, [0, 3]);
+    assert_eq!(guards, Guards { skipped_rows: 0, passes: 3 });
     assert!(right_growth.iter().all(|g| g[1] == 3.0 && g[0] > 0.0), "{right_growth:?}");
     for spoilt in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
         let (mut got, got_moments, growth, guards) = run(spoilt);
-        assert_eq!(guards, [3, 3], "{spoilt}: one row in each of three steps");
+        assert_eq!(guards, Guards { skipped_rows: 3, passes: 3 }, "{spoilt}: one row in each of three steps");
         assert_eq!(growth[0], [0.0; 2], "{spoilt}");
         assert_eq!(growth[1..], right_growth[1..], "{spoilt}");
         let mut start = Params::from(&model);
@@ -280,7 +285,7 @@ fn parameters_that_are_not_finite_harm_no_other() {
         spoil(&mut model);
         let bench = Bench::new(&device, &model, &camera, &weights(45 * 37, 8));
         for step in 1..=3 {
-            bench.step(Form::Adam(step), &bench.state, rates(step));
+            bench.step(step);
         }
         let mut got = bench.params();
         for (group, values) in got.groups_mut() {

@@ -5,7 +5,7 @@ use crate::support::{device, finish};
 use glam::{DQuat, DVec3};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Recording};
-use qirf_vk::render::AdamState;
+use qirf_vk::train::adam::AdamState;
 use qirf_vk::train::density::{Step, densify, reset_opacity};
 use qirf_vk::train::schedule::Schedule;
 
