@@ -16,6 +16,7 @@ pub mod qirf;
 pub mod random;
 pub mod reference;
 pub mod render;
+pub mod response;
 pub mod scene;
 pub mod synth;
 pub mod train;

@@ -7,10 +7,9 @@ use qirf_vk::gpu::{Error, Recording};
 use qirf_vk::qirf::assemble::{Assembly, Options, triangle};
 use qirf_vk::qirf::overlap::{Method, Metric};
 use qirf_vk::qirf::participation::device::Problem;
-use qirf_vk::qirf::response::{Gather, HighPass, Responses};
 use qirf_vk::qirf::rrdm::Density;
-use qirf_vk::qirf::score::Scores;
 use qirf_vk::render::{BACKWARD_STAGES, Backward, Renderer, STAGES, Settings};
+use qirf_vk::response::{Gather, HighPass, ResidentResponses, ResidentScores};
 use std::time::{Duration, Instant};
 
 const GAUSSIANS: usize = 24_576;
@@ -90,7 +89,7 @@ pub fn responses(criterion: &mut Criterion) {
     renderer.make_room(&resident, &camera).unwrap();
     let gradient = device.buffer("image gradient", 320 * 240).unwrap();
     let (responses, scores) =
-        (Responses::zeros(device, model.len()).unwrap(), Scores::zeros(device, model.len()).unwrap());
+        (ResidentResponses::zeros(device, model.len()).unwrap(), ResidentScores::zeros(device, model.len()).unwrap());
     let high_pass = HighPass::new(device, 320 * 240).unwrap();
     let backward = Backward { residual: true, ..Backward::default() };
     let run = || {

@@ -10,10 +10,9 @@ use crate::error::{Error, Relief};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
-use crate::qirf::response::Responses;
-use crate::qirf::score::Scores;
 use crate::qirf::study;
 use crate::render::Style;
+use crate::response::{ResidentResponses, ResidentScores};
 use crate::train::{Demand, Trainer};
 
 /// The host's memory in bytes, where the system does not tell.
@@ -46,11 +45,12 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         // Whether the scene calls for exposures is not known yet.
         let exposure = config.effects.forced(Effect::Exposure) != Some(false);
         let masked = opened.scene.views.iter().any(|v| v.mask.is_some());
-        let (pairs, prunes) = (pairs::room(gaussians), config.prune.is_some());
+        let pairs = pairs::room(gaussians);
+        let pruning = if config.prune.is_some() { study::bytes(gaussians) } else { 0 };
         let (antialias, halves) = (config.effects.forced(Effect::Antialias) != Some(false), schedule.halves(1));
         let depth_order = config.effects.forced(Effect::DepthOrder) == Some(true);
         let style = Style { antialias, depth_order };
-        let demand = Demand { gaussians, pairs, size, photos, degree, exposure, masked, style, halves, grows, prunes };
+        let demand = Demand { gaussians, pairs, size, photos, degree, exposure, masked, style, halves, grows, pruning };
         Trainer::bytes(device, &demand) + Evaluator::bytes(device, gaussians, size, style)
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
@@ -96,7 +96,7 @@ pub struct Compressing {
     pub masked: bool,
     /// How it is rendered.
     pub style: Style,
-    /// Gaussians that a trainer holds at most, for evidence or for fine-tuning.
+    /// Gaussians that a trainer holds at most, for responses or for fine-tuning.
     pub trained: usize,
 }
 
@@ -124,9 +124,9 @@ pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> 
         style: Style { antialias: true, ..style },
         halves: false,
         grows: false,
-        prunes: true,
+        pruning: study::bytes(trained),
     };
-    let rows = Responses::bytes(trained) + Scores::bytes(trained);
+    let rows = ResidentResponses::bytes(trained) + ResidentScores::bytes(trained);
     let trains = if trained > 0 { Trainer::bytes(device, &demand) + rows } else { 0 };
     let needed = evaluates.max(studies).max(trains).max(if own_pictures { responds } else { 0 });
     let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };

@@ -17,9 +17,9 @@ use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, formats};
 use crate::gpu::Device;
 use crate::metrics::{Networks, Scores};
-use crate::qirf::response::Evidence;
 use crate::qirf::select::budget::Keep;
 use crate::render::{Settings, Style};
+use crate::response::Responses;
 use crate::scene::camera::{self, Camera};
 use crate::train::loss::Weights;
 use crate::train::photos::TrainView;
@@ -86,13 +86,13 @@ pub fn compress(
     let mut judge = Judge { device, views: &views, watcher, rounds: views.rounds(job), done: 0, seconds: 0.0 };
     let before = if views.truth == TruthKind::Photos { judge.scores(&model)? } else { Vec::new() };
     let responding = Instant::now();
-    let evidence = evidence(device, &model, &views, job, watcher)?;
+    let responses = responses(device, &model, &views, job, watcher)?;
     time.responses_s = seconds(responding);
 
     let resident = Resident::upload(device, &model)?;
-    let decided = decide(device, (&resident, model), &job.compression, keep, &evidence, job.seed)?;
+    let decided = decide(device, (&resident, model), &job.compression, keep, &responses, job.seed)?;
     let Decision { pruned, keep, model } = decided;
-    drop((resident, evidence));
+    drop((resident, responses));
     time.merge_s = pruned.seconds.merge;
     time.keep_mask_s = pruned.seconds.total - pruned.seconds.merge;
     watcher.unless_stopped()?;
@@ -158,7 +158,7 @@ fn most_kept(keep: Keep, gaussians: usize) -> usize {
 /// What a model is judged by, ready.
 struct Views {
     truth: TruthKind,
-    /// Views of evidence and fine-tuning; without photos they have pixels only where there is fine-tuning.
+    /// Views of responses and fine-tuning; without photos they have pixels only where there is fine-tuning.
     train: Vec<TrainView>,
     test: Vec<(String, TrainView)>,
     /// Of positions' learning rate.
@@ -290,25 +290,25 @@ impl Judge<'_> {
 }
 
 /// How strongly the training views depend on each Gaussian.
-fn evidence(
+fn responses(
     device: &Device,
     model: &Gaussians,
     views: &Views,
     job: &Job,
     watcher: &dyn Watcher,
-) -> Result<Evidence, Error> {
+) -> Result<Responses, Error> {
     let follow = |done: usize| {
         watcher.responding(done, views.train.len());
         watcher.unless_stopped()
     };
     let with_scores = job.compression.selector.reads_scores();
     if views.truth == TruthKind::Photos {
-        return trainer(device, model, views, job)?.evidence_with(with_scores, follow);
+        return trainer(device, model, views, job)?.responses_with(with_scores, follow);
     }
     let cameras: Vec<Camera> = views.train.iter().map(|v| v.camera.clone()).collect();
     let resident = Resident::upload(device, model)?;
     let pairs = pairs::few(device, model.len());
-    virtual_views::evidence(device, &resident, &cameras, views.settings, (pairs, with_scores), follow)
+    virtual_views::responses(device, &resident, &cameras, views.settings, (pairs, with_scores), follow)
 }
 
 fn trainer(device: &Device, model: &Gaussians, views: &Views, job: &Job) -> Result<Trainer, Error> {

@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::metrics::Networks;
-use crate::qirf::response::Evidence;
+use crate::response::Responses;
 use crate::train::loss::Weights;
 use crate::train::{Options, Trainer};
 use std::ops::Range;
@@ -183,12 +183,12 @@ impl<'a> Job<'a> {
         self.evaluator.psnr(self.trainer.model(), self.stage.prepared.test.iter().map(|(_, view)| view))
     }
 
-    /// What the training photos say of the model as it stands.
+    /// How strongly the training photos depend on each Gaussian of the model as it stands.
     ///
     /// # Errors
     /// Device memory; device errors.
-    pub fn evidence(&mut self) -> Result<Evidence, Error> {
-        Ok(self.trainer.evidence(false)?)
+    pub fn responses(&mut self) -> Result<Responses, Error> {
+        Ok(self.trainer.responses(false)?)
     }
 
     /// Prune number `self.notes.prunes.len()` of `steps`.

@@ -7,10 +7,10 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::qirf::CHANNELS;
-use crate::qirf::response::Evidence;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Choice, Keep};
 use crate::qirf::study::Study;
+use crate::response::Responses;
 use crate::train::Trainer;
 use std::time::Instant;
 
@@ -23,25 +23,25 @@ pub fn prune(
     trainer: &mut Trainer,
     compression: &Compression,
     keep: Keep,
-    responses: ResponseSource,
+    source: ResponseSource,
     seed: u32,
 ) -> Result<PruneRecord, Error> {
     let begun = Instant::now();
-    let averages = if responses == ResponseSource::Average { trainer.averages()? } else { None };
+    let averages = if source == ResponseSource::Average { trainer.averages()? } else { None };
     // Only selectors of other methods read scores, which averages lack.
     let with_scores = compression.selector.reads_scores();
-    let evidence = match averages {
+    let responses = match averages {
         Some(averages) if !with_scores => averages,
-        _ => trainer.evidence(with_scores)?,
+        _ => trainer.responses(with_scores)?,
     };
     let responses_s = begun.elapsed().as_secs_f64();
-    let mut pruned = prune_by(device, trainer, compression, keep, &evidence, seed)?;
+    let mut pruned = prune_by(device, trainer, compression, keep, &responses, seed)?;
     pruned.seconds.responses = responses_s;
     pruned.seconds.total += responses_s;
     Ok(pruned)
 }
 
-/// As [`prune`], by evidence that is there already.
+/// As [`prune`], by responses that are known already.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -50,13 +50,13 @@ pub fn prune_by(
     trainer: &mut Trainer,
     compression: &Compression,
     keep: Keep,
-    evidence: &Evidence,
+    responses: &Responses,
     seed: u32,
 ) -> Result<PruneRecord, Error> {
     let begun = Instant::now();
     let model = trainer.download()?;
     let Decision { mut pruned, keep, model } =
-        decide(device, (trainer.model(), model), compression, keep, evidence, seed)?;
+        decide(device, (trainer.model(), model), compression, keep, responses, seed)?;
     let compacting = Instant::now();
     trainer.keep(&keep, pruned.merged.map(|_| &model))?;
     pruned.iteration = trainer.iteration();
@@ -84,7 +84,7 @@ pub fn decide(
     (resident, mut model): (&Resident, Gaussians),
     compression: &Compression,
     keep: Keep,
-    evidence: &Evidence,
+    responses: &Responses,
     seed: u32,
 ) -> Result<Decision, Error> {
     let begun = Instant::now();
@@ -92,7 +92,7 @@ pub fn decide(
     // Where blocks are solved anyway, the paper's eigenproblem comes with them: it tells how many modes they have.
     let asked = [selector, Selector::Gnso];
     let asked = if selector.of_blocks().is_some() && selector != Selector::Gnso { &asked[..] } else { &asked[..1] };
-    let study = Study::new(device, (resident, &model), evidence, &compression.basis, asked, seed)?;
+    let study = Study::new(device, (resident, &model), responses, &compression.basis, asked, seed)?;
     let choosing = Instant::now();
     let choice = study.choose(selector, compression.budget, keep, compression.detail);
     let select = choosing.elapsed().as_secs_f64();

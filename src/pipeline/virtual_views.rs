@@ -7,9 +7,8 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording};
-use crate::qirf::response::{Evidence, HighPass, Responses, full_pass};
-use crate::qirf::score::Scores;
 use crate::render::{Image, Renderer, Settings, Style, Uses};
+use crate::response::{HighPass, ResidentResponses, ResidentScores, Responses, full_pass};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::Look;
 use crate::train::photos::TrainView;
@@ -133,14 +132,14 @@ pub fn photo(image: &Image) -> Pixels {
 ///
 /// # Errors
 /// Device memory; device errors; what `follow` says.
-pub fn evidence(
+pub fn responses(
     device: &Device,
     model: &Resident,
     cameras: &[Camera],
     settings: Settings,
     (pairs, with_scores): (u32, bool),
     mut follow: impl FnMut(usize) -> Result<(), Error>,
-) -> Result<Evidence, Error> {
+) -> Result<Responses, Error> {
     let size = camera::largest(cameras);
     let pixels = size[0] as usize * size[1] as usize;
     let mut renderer = Renderer::for_training(device, settings, model.len, size, pairs)?;
@@ -151,16 +150,16 @@ pub fn evidence(
         high_pass.record(recording, image, &gradient, [cameras[v].width, cameras[v].height]);
         Ok(())
     };
-    let evidence = full_pass(device, &mut renderer, model, cameras, &gradient, with_scores, loss)?;
+    let responses = full_pass(device, &mut renderer, model, cameras, &gradient, with_scores, loss)?;
     follow(cameras.len())?;
-    Ok(evidence)
+    Ok(responses)
 }
 
-/// Bytes of device memory that [`evidence`] takes besides the model.
+/// Bytes of device memory that [`responses`] takes besides the model.
 pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], pairs: u32, style: Style) -> u64 {
     let pixels = size[0] as usize * size[1] as usize;
     let pictures = Buffer::<[f32; 4]>::bytes_of(pixels) + HighPass::bytes(pixels);
-    let rows = Responses::bytes(gaussians) + Scores::bytes(gaussians);
+    let rows = ResidentResponses::bytes(gaussians) + ResidentScores::bytes(gaussians);
     let uses = Uses { training: true, depth_order: style.depth_order };
     Renderer::bytes(device, gaussians, size, pairs, uses) + pictures + rows
 }

@@ -7,14 +7,11 @@ pub mod normalise;
 pub mod overlap;
 pub mod participation;
 pub mod partition;
-pub mod response;
 pub mod rrdm;
-pub mod score;
 pub mod select;
 pub mod study;
 
-/// Response channels of a Gaussian: four of rendering, then four of optimisation.
-pub const CHANNELS: usize = 8;
+pub use crate::response::CHANNELS;
 
 /// One Gaussian's responses, or a row of H or W made of them.
 pub type Row = [f64; CHANNELS];

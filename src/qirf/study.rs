@@ -6,8 +6,6 @@ use super::batch::{Block, BlockSelector, Collected, Solver, self_overlap};
 use super::overlap::Metric;
 use super::participation::Rung;
 use super::partition::{Blocks, Partition, Partitioned};
-use super::response::{Evidence, Responses};
-use super::score::Scores;
 use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
 use super::select::detail::{self, Exponents, Inputs};
 use super::select::merge::{Functions, merge};
@@ -16,16 +14,18 @@ use super::{CHANNELS, normalise};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Device, Result, Timings};
+use crate::response::{ResidentResponses, ResidentScores, Responses};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
 /// Bytes of overlaps that are on their way at a time, twice: enough to keep every core busy, little beside a model.
 const BATCH_BYTES: usize = 16 << 20;
-/// Bytes of device memory that evidence and study of `n` Gaussians take at most.
+
+/// Bytes of device memory that responses and study of `n` Gaussians take at most.
 pub fn bytes(n: usize) -> u64 {
     let batches = Options { batch_bytes: BATCH_BYTES, ..Options::default() };
-    Assembly::bytes(n, &batches).max(Responses::bytes(n) + Scores::bytes(n))
+    Assembly::bytes(n, &batches).max(ResidentResponses::bytes(n) + ResidentScores::bytes(n))
 }
 
 /// Which overlaps are the metric.
@@ -126,18 +126,18 @@ impl Study {
     /// Device memory; device errors.
     ///
     /// # Panics
-    /// When the evidence has not one row a Gaussian, or a selector needs scores that are not there.
+    /// When there is not one response a Gaussian, or a selector needs scores that are not there.
     pub fn new(
         device: &Device,
         (resident, model): (&Resident, &Gaussians),
-        evidence: &Evidence,
+        responses: &Responses,
         basis: &Basis,
         selectors: &[Selector],
         seed: u32,
     ) -> Result<Self> {
-        assert_eq!(evidence.responses.len(), model.len(), "one response a Gaussian");
+        assert_eq!(responses.channels.len(), model.len(), "one response a Gaussian");
         let begun = Instant::now();
-        let rows = normalise::rows(&evidence.responses, basis.eta);
+        let rows = normalise::rows(&responses.channels, basis.eta);
         let partitioned = basis.partition.of(&model.means);
         let dilation = dilation(model, basis.dilate);
         let mut seconds = Seconds { partition: begun.elapsed().as_secs_f64(), ..Seconds::default() };
@@ -145,7 +145,7 @@ impl Study {
         let of_blocks: Vec<BlockSelector> = selectors.iter().filter_map(|s| s.of_blocks()).collect();
         let mut collected = Collected::new(&partitioned.blocks, of_blocks.len());
         let mut study = Self {
-            detail: detail_scores(model, evidence),
+            detail: detail_scores(model, responses),
             dilation,
             rankings: Vec::new(),
             collected: Collected::default(),
@@ -193,9 +193,9 @@ impl Study {
         let statistics = Statistics {
             rows: &rows,
             opacity: &model.opacity_logits,
-            contribution: &column(&evidence.scores, 0),
-            peak: &column(&evidence.scores, 1),
-            significance: &column(&evidence.scores, 3),
+            contribution: &column(&responses.scores, 0),
+            peak: &column(&responses.scores, 1),
+            significance: &column(&responses.scores, 3),
             log_scales: &model.log_scales,
         };
         for &selector in selectors {
@@ -292,10 +292,10 @@ pub fn dilation(model: &Gaussians, share: f64) -> f32 {
     (share * f64::from(median).exp()) as f32
 }
 
-fn detail_scores(model: &Gaussians, evidence: &Evidence) -> Vec<f64> {
+fn detail_scores(model: &Gaussians, responses: &Responses) -> Vec<f64> {
     let inputs = Inputs {
-        gradient: &channel(&evidence.responses, 4),
-        visibility: &channel(&evidence.responses, 0),
+        gradient: &channel(&responses.channels, 4),
+        visibility: &channel(&responses.channels, 0),
         log_scales: &model.log_scales,
         opacity_logits: &model.opacity_logits,
     };

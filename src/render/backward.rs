@@ -30,7 +30,7 @@ impl Default for Backward<'_> {
 
 /// What backward passes count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Guards {
+pub struct BackwardCounts {
     /// Rows void because a gradient is not finite, summed over passes.
     pub skipped_rows: u32,
     /// Passes that counted: those whose pairs fitted.

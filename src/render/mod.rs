@@ -12,7 +12,7 @@ mod renderer;
 mod settings;
 mod slots;
 
-pub use backward::{Backward, Guards};
+pub use backward::{Backward, BackwardCounts};
 pub use frame::Uses;
 pub use rasterise_backward_atomic::AtomicSums;
 pub use renderer::{BACKWARD_STAGES, Image, Renderer, STAGES};

@@ -1,6 +1,6 @@
 //! Buffers of one frame, and the lists of its stages forward and backward.
 
-use super::backward::{Backward, Guards, Pass};
+use super::backward::{Backward, BackwardCounts, Pass};
 use super::frame::{Frame, PairBuffers, Shape, Uses};
 use super::settings::{Settings, tile_size, view};
 use super::slots::{GradientRows, Slots};
@@ -36,7 +36,7 @@ pub struct Renderer {
     frame: Frame,
     gaussians: usize,
     uses: Uses,
-    /// What backward passes count, where there are any: see [`Guards`].
+    /// What backward passes count, where there are any: see [`BackwardCounts`].
     guards: Option<Buffer<u32>>,
 }
 
@@ -225,11 +225,11 @@ impl Renderer {
         recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, &pass, &sums, model, guards));
     }
 
-    /// Records that [`Renderer::guards`] begin anew.
+    /// Records that [`Renderer::backward_counts`] begin anew.
     ///
     /// # Panics
     /// When the renderer was not made [`Renderer::for_training`].
-    pub fn reset_guards(&self, recording: &mut Recording) {
+    pub fn reset_backward_counts(&self, recording: &mut Recording) {
         recording.update(self.guards.as_ref().expect(FOR_TRAINING), &[0, 0]);
     }
 
@@ -240,9 +240,9 @@ impl Renderer {
     ///
     /// # Panics
     /// When the renderer was not made [`Renderer::for_training`].
-    pub fn guards(&self) -> Result<Guards> {
+    pub fn backward_counts(&self) -> Result<BackwardCounts> {
         let words = self.guards.as_ref().expect(FOR_TRAINING).read(&self.device)?;
-        Ok(Guards { skipped_rows: words[0], passes: words[1] })
+        Ok(BackwardCounts { skipped_rows: words[0], passes: words[1] })
     }
 
     /// The rows of gradients that the backward pass leaves.

@@ -37,7 +37,7 @@ fn steps(device: &Device, by_image: &[[f32; 4]], with_gradients: bool) -> Result
     let mut gradients = Vec::new();
     for k in 1..=STEPS {
         let mut recording = Recording::new();
-        renderer.reset_guards(&mut recording);
+        renderer.reset_backward_counts(&mut recording);
         renderer.record(&mut recording, &resident, &camera);
         renderer.record_backward(&mut recording, &resident, &camera, &by_image, Backward::default());
         if with_gradients {
@@ -45,7 +45,7 @@ fn steps(device: &Device, by_image: &[[f32; 4]], with_gradients: bool) -> Result
         }
         adam::record(&mut recording, &renderer, &resident, &state, &RATES, k);
         device.run(recording)?;
-        skipped += renderer.guards()?.skipped_rows;
+        skipped += renderer.backward_counts()?.skipped_rows;
         if with_gradients {
             gradients.push(super::backward::first_moments(device, &apart, model.degree())?);
         }

@@ -67,7 +67,7 @@ pub fn there_and_back(
     renderer.record_backward(&mut recording, &resident, camera, &by_image, backward);
     record_gradients(&mut recording, &renderer, &resident, &state);
     device.run(recording)?;
-    let skipped = renderer.guards()?.skipped_rows;
+    let skipped = renderer.backward_counts()?.skipped_rows;
     Ok(Drawn { image, gradients: first_moments(device, &state, model.degree())?, skipped })
 }
 

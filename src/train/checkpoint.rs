@@ -9,8 +9,7 @@ use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Error, Gaussians};
 use crate::gpu::{self, Buffer, Device};
-use crate::qirf::CHANNELS;
-use crate::qirf::response::Responses;
+use crate::response::{CHANNELS, ResidentResponses};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
 use std::path::Path;
@@ -95,7 +94,7 @@ impl Trainer {
         let (values, seen) = &snapshot.responses;
         if !seen.is_empty() {
             let (values, seen) = (device.upload("responses", values)?, device.upload("responses' iterations", seen)?);
-            trainer.responses = Some(Responses { values, seen });
+            trainer.responses = Some(ResidentResponses { values, seen });
         }
         let (affine, moments) = &snapshot.exposures;
         if let (Some(e), Some(gains)) = (&trainer.objective.exposure, &trainer.options.exposure) {

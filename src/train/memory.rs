@@ -12,7 +12,6 @@ use super::trainer::Trainer;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, staging_bytes};
-use crate::qirf::study;
 use crate::render::{Renderer, Style, Uses};
 
 /// What a run's memory depends on.
@@ -38,8 +37,8 @@ pub struct Demand {
     pub halves: bool,
     /// Whether density control acts: it holds the old model and the new at once, as the renderer does when it grows.
     pub grows: bool,
-    /// Whether it prunes.
-    pub prunes: bool,
+    /// Bytes that pruning takes beside the model while it lasts; 0 where the run does not prune.
+    pub pruning: u64,
 }
 
 impl Trainer {
@@ -58,8 +57,7 @@ impl Trainer {
         let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
         // The widest array is what downloads stage; its moments are twice as wide.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
-        let pruning = if demand.prunes { study::bytes(n) } else { 0 };
-        let passing = growth.max(pruning).max(staging_bytes(widest));
+        let passing = growth.max(demand.pruning).max(staging_bytes(widest));
         model + renderer + pictures + passing
     }
 }

@@ -6,7 +6,7 @@ use super::loss::{self, Loss};
 use super::mask::Mask;
 use super::trainer::Options;
 use crate::gpu::{Buffer, Device, Recording};
-use crate::qirf::response::record_residual;
+use crate::response::record_residual;
 
 /// What a picture is compared with.
 #[derive(Clone, Copy)]

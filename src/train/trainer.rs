@@ -14,9 +14,9 @@ use super::smoothing::Smoothing;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
-use crate::qirf::response::{Gather, Responses};
 use crate::random::permutation;
 use crate::render::{Backward, Renderer, Settings};
+use crate::response::{Gather, ResidentResponses};
 use crate::scene::camera::{self, Camera};
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -82,7 +82,7 @@ pub struct Trainer {
     pub(super) state: AdamState,
     pub(super) growth: Buffer<[f32; 2]>,
     /// Averaged responses, while there are any.
-    pub(super) responses: Option<Responses>,
+    pub(super) responses: Option<ResidentResponses>,
     pub(super) iteration: u32,
     /// Rows skipped for gradients that were not finite, so far.
     pub(super) skipped_rows: u64,
@@ -204,11 +204,11 @@ impl Trainer {
         }
         self.raise_degree(first + 1)?;
         if self.responses.is_none() && self.options.averaged.contains(&(first + 1)) {
-            self.responses = Some(Responses::zeros(&self.device, self.model.len)?);
+            self.responses = Some(ResidentResponses::zeros(&self.device, self.model.len)?);
         }
         let last = self.boundary(until);
         let mut recording = Recording::new();
-        self.renderer.reset_guards(&mut recording);
+        self.renderer.reset_backward_counts(&mut recording);
         self.renderer.forget_pairs(&mut recording);
         self.device.run(recording)?;
 
@@ -230,10 +230,10 @@ impl Trainer {
             self.timings.merge(&ticket.wait()?);
         }
 
-        let guards = self.renderer.guards()?;
-        self.skipped_rows += u64::from(guards.skipped_rows);
+        let counts = self.renderer.backward_counts()?;
+        self.skipped_rows += u64::from(counts.skipped_rows);
         // Without a Gaussian no kernel runs that would count.
-        self.iteration = if self.model.len == 0 { last } else { first + guards.passes };
+        self.iteration = if self.model.len == 0 { last } else { first + counts.passes };
         let pairs = self.renderer.pairs()?;
         if self.renderer.make_room_for_pairs(pairs)? {
             tracing::debug!("{pairs} pairs did not fit: iterations from {} are repeated", self.iteration + 1);

@@ -6,7 +6,7 @@ use crate::support::{device, finish, shared};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, Guards, Renderer, Settings, Style};
+use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings, Style};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::adam::{AdamState, record_gradients};
 
@@ -38,7 +38,7 @@ fn gradients(
     renderer.record_backward(&mut recording, &resident, camera, &image_gradient, backward);
     record_gradients(&mut recording, &renderer, &resident, &state);
     device.run(recording).unwrap();
-    assert_eq!(renderer.guards().unwrap(), Guards { skipped_rows: 0, passes: 1 });
+    assert_eq!(renderer.backward_counts().unwrap(), BackwardCounts { skipped_rows: 0, passes: 1 });
     let first = |buffer: &qirf_vk::gpu::Buffer<[f32; 2]>| -> Vec<f64> {
         buffer.read(device).unwrap().iter().map(|m| f64::from(m[0])).collect()
     };

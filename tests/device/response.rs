@@ -4,10 +4,9 @@ use crate::support::synthetic::{Random, narrowed, random_scene, small_camera};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Error, Recording};
-use qirf_vk::qirf::response::{Gather, HighPass, KEEP, Responses, full_pass, record_residual};
-use qirf_vk::qirf::score::Scores;
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, Guards, Renderer, Settings};
+use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
+use qirf_vk::response::{Gather, HighPass, KEEP, ResidentResponses, ResidentScores, full_pass, record_residual};
 use qirf_vk::scene::camera::Camera;
 
 const SIZE: [u32; 2] = [45, 37];
@@ -50,10 +49,10 @@ fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<[
         r.copy(&weights[v], &gradient, gradient.len());
         Ok::<(), Error>(())
     };
-    let evidence = full_pass(device, &mut renderer, &resident, &cameras, &gradient, true, loss).unwrap();
+    let responses = full_pass(device, &mut renderer, &resident, &cameras, &gradient, true, loss).unwrap();
     let after = resident.download(device).unwrap();
     assert_eq!(&after, model, "the model does not change");
-    (evidence.responses, evidence.scores)
+    (responses.channels, responses.scores)
 }
 
 fn twin(model: &Gaussians, v: usize) -> reference::response::Responded {
@@ -113,7 +112,7 @@ fn averages_decay_as_if_every_iteration_were_counted() {
     renderer.make_room(&resident, &cameras[0]).unwrap();
     let gradients: Vec<Buffer<[f32; 4]>> =
         (0..2).map(|v| device.upload("image gradient", &image_weights(v)).unwrap()).collect();
-    let responses = Responses::zeros(&device, model.len()).unwrap();
+    let responses = ResidentResponses::zeros(&device, model.len()).unwrap();
     let backward = Backward { residual: true, ..Backward::default() };
     let views = [0_usize, 1, 1, 0, 1];
     let channels = [twin(&model, 0).channels, twin(&model, 1).channels];
@@ -134,7 +133,7 @@ fn averages_decay_as_if_every_iteration_were_counted() {
             e.iter_mut().zip(x).for_each(|(e, x)| *e = KEEP * *e + (1.0 - KEEP) * x);
         }
     }
-    assert_eq!(renderer.guards().unwrap(), Guards { skipped_rows: 0, passes: 5 });
+    assert_eq!(renderer.backward_counts().unwrap(), BackwardCounts { skipped_rows: 0, passes: 5 });
     let got = responses.read(&device, Gather::Average { iteration: 13_005 }).unwrap();
     compare("average", &got, &expected, 3e-4);
     finish(&device);
@@ -147,8 +146,8 @@ fn a_view_whose_pairs_do_not_fit_leaves_nothing() {
     let model = narrowed(&random_scene(camera, 4));
     let resident = Resident::upload(&device, &model).unwrap();
     let renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, 4).unwrap();
-    let responses = Responses::zeros(&device, model.len()).unwrap();
-    let scores = Scores::zeros(&device, model.len()).unwrap();
+    let responses = ResidentResponses::zeros(&device, model.len()).unwrap();
+    let scores = ResidentScores::zeros(&device, model.len()).unwrap();
     let mut recording = Recording::new();
     renderer.forget_pairs(&mut recording);
     renderer.record(&mut recording, &resident, camera);

@@ -40,7 +40,7 @@ pub struct CompressRecord {
 pub struct CompressProtocol {
     /// What pictures were compared with.
     pub truth: TruthKind,
-    /// Views that gave evidence, and that fine-tuning saw.
+    /// Views that gave responses, and that fine-tuning saw.
     pub train_views: usize,
     /// Views held out.
     pub test_views: usize,

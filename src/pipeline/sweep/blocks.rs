@@ -68,7 +68,7 @@ impl Problem {
 
 /// Rows of H of the subject, n.
 pub fn rows(context: &Context<'_>, eta: f64) -> Vec<[f32; CHANNELS]> {
-    normalise::rows(&context.subject.evidence.responses, eta)
+    normalise::rows(&context.subject.responses.channels, eta)
 }
 
 /// The eigenproblems of blocks, as the engine's own assembly and normalisation have them.

@@ -34,7 +34,7 @@ fn basis(name: &str) -> Basis {
 fn study(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Result<Study, Error> {
     let subject = context.subject;
     let selectors = [Selector::Gnso];
-    Ok(Study::new(context.device, (resident, &subject.model), &subject.evidence, basis, &selectors, 1)?)
+    Ok(Study::new(context.device, (resident, &subject.model), &subject.responses, basis, &selectors, 1)?)
 }
 
 /// What the paper's rule keeps, by block and without the detail safeguard: nothing else hides the metric.

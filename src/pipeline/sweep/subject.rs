@@ -11,8 +11,8 @@ use crate::pipeline::job::{Job, Stage};
 use crate::pipeline::prepare::{Start, open};
 use crate::pipeline::virtual_views::{self, Around};
 use crate::pipeline::{Init, Output, RunConfig, Watcher, budget, pairs};
-use crate::qirf::response::Evidence;
 use crate::render::{Renderer, Settings, Style};
+use crate::response::Responses;
 use crate::scene::camera::{self, Camera};
 use crate::train::photos::TrainView;
 use std::path::Path;
@@ -28,7 +28,7 @@ pub struct Subject {
     /// The model.
     pub model: Gaussians,
     /// How pictures depend on its Gaussians.
-    pub evidence: Evidence,
+    pub responses: Responses,
     /// Views, with what they should show.
     pub views: Vec<TrainView>,
     /// Image formation.
@@ -93,13 +93,13 @@ pub fn of_scene(
     }
     let mut job = Job::start(&stage, &config, &output, start)?;
     job.train(iterations)?;
-    let (model, evidence) = (job.checkpoint()?.snapshot.model, job.evidence()?);
+    let (model, responses) = (job.checkpoint()?.snapshot.model, job.responses()?);
     formats::write(&output.model(), &model).map_err(Error::writing)?;
     let prepared = &stage.prepared;
     let settings = config.style().over(prepared.background);
     let subject = Subject {
         model,
-        evidence,
+        responses,
         views: few(prepared.train.clone(), VIEWS),
         settings,
         over: prepared.transparent || prepared.masked,
@@ -129,7 +129,7 @@ pub fn of_model(
     let (cameras, settings) = Around { views: AROUND, size, up }.views(&model, (background, Style::default()));
     let resident = Resident::upload(device, &model)?;
     let pairs = pairs::few(device, model.len());
-    let evidence = virtual_views::evidence(device, &resident, &cameras, settings, (pairs, false), |done| {
+    let responses = virtual_views::responses(device, &resident, &cameras, settings, (pairs, false), |done| {
         watcher.responding(done, cameras.len());
         watcher.unless_stopped()
     })?;
@@ -140,7 +140,7 @@ pub fn of_model(
         views.push(TrainView { camera, pixels });
     }
     let described = Described::default();
-    let subject = Subject { model, evidence, views, settings, over: false, described };
+    let subject = Subject { model, responses, views, settings, over: false, described };
     Ok(subject
         .told(path, format!("the model itself; responses of {AROUND} virtual cameras round it to its own pictures")))
 }

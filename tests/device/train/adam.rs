@@ -6,7 +6,7 @@ use glam::DVec3;
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, Guards, Renderer, Settings};
+use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::adam::{self, AdamState, Rates};
 use qirf_vk::train::schedule::Schedule;
@@ -168,7 +168,7 @@ fn adam_of_every_attribute() {
         }
     }
     // The gradients' form is counted as an iteration too: 20 in all.
-    assert_eq!(bench.renderer.guards().unwrap(), Guards { skipped_rows: 0, passes: 20 });
+    assert_eq!(bench.renderer.backward_counts().unwrap(), BackwardCounts { skipped_rows: 0, passes: 20 });
     finish(&device);
 }
 
@@ -238,15 +238,15 @@ fn a_gradient_that_is_not_finite_stays_where_it_is() {
             bench.params(),
             moments(&bench.state, &device, 3),
             bench.growth.read(&device).unwrap(),
-            bench.renderer.guards().unwrap(),
+            bench.renderer.backward_counts().unwrap(),
         )
     };
     let (mut right, right_moments, right_growth, guards) = run(0.5);
-    assert_eq!(guards, Guards { skipped_rows: 0, passes: 3 });
+    assert_eq!(guards, BackwardCounts { skipped_rows: 0, passes: 3 });
     assert!(right_growth.iter().all(|g| g[1] == 3.0 && g[0] > 0.0), "{right_growth:?}");
     for spoilt in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
         let (mut got, got_moments, growth, guards) = run(spoilt);
-        assert_eq!(guards, Guards { skipped_rows: 3, passes: 3 }, "{spoilt}: one row in each of three steps");
+        assert_eq!(guards, BackwardCounts { skipped_rows: 3, passes: 3 }, "{spoilt}: one row in each of three steps");
         assert_eq!(growth[0], [0.0; 2], "{spoilt}");
         assert_eq!(growth[1..], right_growth[1..], "{spoilt}");
         let mut start = Params::from(&model);

@@ -112,7 +112,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
         style: Style::default(),
         halves: true,
         grows,
-        prunes: false,
+        pruning: 0,
     };
     let (peak, expected) = (device.memory_used().1, Trainer::bytes(device, &demand));
     println!("{first} -> {} of {n}, degree {degree}: peak {peak}, expected {expected}", trainer.len());

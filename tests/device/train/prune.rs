@@ -1,34 +1,34 @@
-//! Pruning a model in training: evidence, the choice, and what is left.
+//! Pruning a model in training: responses, the choice, and what is left.
 
 use super::runs::{bits, options, train, trainer};
 use crate::support::{device, finish};
 use qirf_vk::pipeline::config::Compression;
 use qirf_vk::pipeline::prune::prune_by;
-use qirf_vk::qirf::response::Evidence;
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};
 use qirf_vk::qirf::study::{Basis, Study};
+use qirf_vk::response::Responses;
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::{Options, Trainer};
 
 /// The pass over the views leaves no trace, and gives every time the same.
 #[test]
-fn evidence_changes_nothing() {
+fn responses_changes_nothing() {
     let device = device();
     let (mut one, mut other) = (trainer(&device, options()), trainer(&device, Options { pairs: 64, ..options() }));
     train(&mut one, 60);
     train(&mut other, 60);
     let before = one.snapshot().unwrap();
-    let evidence = one.evidence(true).unwrap();
+    let responses = one.responses(true).unwrap();
     assert!(before == one.snapshot().unwrap());
-    assert!(evidence == other.evidence(true).unwrap(), "a pair buffer that began too small");
+    assert!(responses == other.responses(true).unwrap(), "a pair buffer that began too small");
     let n = one.len();
-    assert_eq!((evidence.responses.len(), evidence.scores.len()), (n, n));
-    let seen = evidence.responses.iter().filter(|r| r[0] > 0.0).count();
+    assert_eq!((responses.channels.len(), responses.scores.len()), (n, n));
+    let seen = responses.channels.iter().filter(|r| r[0] > 0.0).count();
     assert!(seen > n / 2, "{seen} of {n} seen");
-    assert!(evidence.responses.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
+    assert!(responses.channels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
     // A Gaussian contributes where it is seen, and nowhere else.
-    assert!(evidence.responses.iter().zip(&evidence.scores).all(|(r, s)| (r[0] > 0.0) == (s[2] > 0.0)));
+    assert!(responses.channels.iter().zip(&responses.scores).all(|(r, s)| (r[0] > 0.0) == (s[2] > 0.0)));
     finish(&device);
 }
 
@@ -60,11 +60,12 @@ fn counts_are_exact() {
     let device = device();
     let mut trained = trainer(&device, options());
     train(&mut trained, 60);
-    let evidence = trained.evidence(true).unwrap();
+    let responses = trained.responses(true).unwrap();
     let model = trained.download().unwrap();
     let selectors: Vec<Selector> = Selector::NAMES.iter().map(|(s, _)| *s).collect();
     let resident = trained.model();
-    let study = |seed| Study::new(&device, (resident, &model), &evidence, &Basis::default(), &selectors, seed).unwrap();
+    let study =
+        |seed| Study::new(&device, (resident, &model), &responses, &Basis::default(), &selectors, seed).unwrap();
     let (one, again) = (study(1), study(1));
     let third = model.len() / 3;
     for &selector in &selectors {
@@ -103,13 +104,13 @@ fn averages_survive_a_checkpoint() {
     let mut ends = Vec::new();
     for trainer in [&mut whole, &mut resumed] {
         train(trainer, 100);
-        let evidence: Evidence = trainer.averages().unwrap().expect("averages");
-        assert!(evidence.responses.iter().flatten().any(|v| *v > 0.0));
+        let responses: Responses = trainer.averages().unwrap().expect("averages");
+        assert!(responses.channels.iter().flatten().any(|v| *v > 0.0));
         // The paper's voxel of 0.03 would leave every Gaussian here a block of its own.
         let basis = Basis::default();
         let compression = Compression { basis, ..Compression::paper() };
         let keep = Keep::Paper { kappa: 0.22 };
-        let pruned = prune_by(&device, trainer, &compression, keep, &evidence, 1).unwrap();
+        let pruned = prune_by(&device, trainer, &compression, keep, &responses, 1).unwrap();
         assert!(pruned.after < pruned.before / 2 && pruned.after == trainer.len(), "{pruned:?}");
         assert!(trainer.averages().unwrap().is_none(), "they were of other Gaussians");
         train(trainer, 110);

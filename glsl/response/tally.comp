@@ -1,4 +1,4 @@
-// Gathers the slots of qirf/score.comp by Gaussian, in slot order, and adds them to what earlier views left.
+// Gathers the slots of response/score.comp by Gaussian, in slot order, and adds them to what earlier views left.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

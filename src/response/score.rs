@@ -2,19 +2,19 @@
 
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
-use crate::kernels::qirf::{Score, ScoreSpec, Tally, TallyPush, TallySpec};
+use crate::kernels::response::{Score, ScoreSpec, Tally, TallyPush, TallySpec};
 use crate::primitives::WORKGROUP;
 use crate::render::Renderer;
 use crate::scene::camera::Camera;
 
 /// Scores of all Gaussians over the views recorded, in device memory.
-pub struct Scores {
+pub struct ResidentScores {
     /// n x (sum of T alpha, largest T alpha of a pixel, pixels that blended it, sum of opacity x T).
     pub values: Buffer<[f32; 4]>,
     subgroup: u32,
 }
 
-impl Scores {
+impl ResidentScores {
     /// Bytes of the scores of so many Gaussians.
     pub fn bytes(gaussians: usize) -> u64 {
         Buffer::<[f32; 4]>::bytes_of(gaussians)

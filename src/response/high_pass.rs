@@ -1,0 +1,50 @@
+//! What stands for the loss and its residual where there are no photos.
+
+use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::response::{HighPass as Kernel, HighPassPush, HighPassSpec};
+use crate::primitives::WORKGROUP;
+
+/// Outputs that one invocation of the blur owns.
+const RUN: u32 = 8;
+
+/// Stands for the loss where there are no photos: L = sum C (C - blur C), the blur's sigma 2 pixels, its bracket constant.
+pub struct HighPass {
+    scratch: Buffer<f32>,
+}
+
+impl HighPass {
+    /// Bytes of [`HighPass::new`].
+    pub fn bytes(pixels: usize) -> u64 {
+        Buffer::<f32>::bytes_of(3 * pixels)
+    }
+
+    /// Scratch for pictures of up to `pixels`.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, pixels: usize) -> Result<Self> {
+        Ok(Self { scratch: device.buffer("blurred columns", 3 * pixels)? })
+    }
+
+    /// Records C - blur C into the gradient, and the mean over the colours of its absolute value into the fourth component.
+    pub fn record(
+        &self,
+        recording: &mut Recording,
+        image: &Buffer<[f32; 4]>,
+        gradient: &Buffer<[f32; 4]>,
+        [width, height]: [u32; 2],
+    ) {
+        recording.scope("high pass", |r| {
+            for (phase, lines, length) in [(0, width, height), (1, height, width)] {
+                let kernel = Kernel {
+                    image: &image.cast(),
+                    scratch: &self.scratch,
+                    gradient: &gradient.cast(),
+                    push: HighPassPush { width, height },
+                    spec: HighPassSpec { workgroup: WORKGROUP, phase },
+                };
+                r.dispatch(&kernel, Groups::Count((lines * length.div_ceil(RUN)).div_ceil(WORKGROUP)));
+            }
+        });
+    }
+}

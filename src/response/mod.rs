@@ -1,0 +1,37 @@
+//! Floor 6: how strongly pictures and losses depend on each Gaussian: eight response channels, and the scores that other
+//! pruning methods rank by (docs/method.md).
+//!
+//! | channel | |
+//! |---|---|
+//! | 0 | 1 where a pixel blended it |
+//! | 1 | sum of T alpha, over the pixels |
+//! | 2 | sum of T alpha times the residual, over the pixels |
+//! | 3 | sum of alpha, over the pixels |
+//! | 4 | norm of dL/dmean in units of its own axes |
+//! | 5 | norm of dL/dlog-scale |
+//! | 6 | abs dL/dlogit |
+//! | 7 | norm of dL/dSH over all bands |
+
+mod full_pass;
+mod high_pass;
+mod residual;
+mod respond;
+mod score;
+
+pub use full_pass::full_pass;
+pub use high_pass::HighPass;
+pub use residual::record_residual;
+pub use respond::{Gather, KEEP, ResidentResponses};
+pub use score::ResidentScores;
+
+/// Response channels of a Gaussian: four of rendering, then four of optimisation.
+pub const CHANNELS: usize = 8;
+
+/// How strongly the pictures depend on each Gaussian, on the host.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Responses {
+    /// The eight channels, n.
+    pub channels: Vec<[f32; CHANNELS]>,
+    /// See [`ResidentScores::values`], n; empty where they were not asked for.
+    pub scores: Vec<[f32; 4]>,
+}

@@ -1,0 +1,114 @@
+//! The eight response channels of each Gaussian, on the device.
+
+use super::CHANNELS;
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::kernels::response::{Respond, RespondPush, RespondSpec};
+use crate::primitives::WORKGROUP;
+use crate::render::Renderer;
+use crate::scene::camera::Camera;
+
+/// What an iteration's average keeps of the one before.
+pub const KEEP: f64 = 0.995;
+
+/// How views add up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Gather {
+    /// r <- 0.995 r + 0.005 x over iterations, this being the given one; where a view does not show a Gaussian, x = 0.
+    Average {
+        /// Iterations rise from one call to the next.
+        iteration: u32,
+    },
+    /// The mean over this many views.
+    Mean {
+        /// Views of the whole pass.
+        views: u32,
+    },
+}
+
+/// Responses of all Gaussians, in device memory. Both arrays together are its whole state.
+pub struct ResidentResponses {
+    /// n x 8: as of the iteration that last showed the Gaussian, since averages decay lazily.
+    pub values: Buffer<f32>,
+    /// n: that iteration.
+    pub seen: Buffer<u32>,
+}
+
+impl ResidentResponses {
+    /// Bytes of the responses of so many Gaussians.
+    pub fn bytes(gaussians: usize) -> u64 {
+        Buffer::<f32>::bytes_of(CHANNELS * gaussians) + Buffer::<u32>::bytes_of(gaussians)
+    }
+
+    /// No response yet.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn zeros(device: &Device, gaussians: usize) -> Result<Self> {
+        let (values, seen) =
+            (device.buffer("responses", CHANNELS * gaussians)?, device.buffer("responses' iterations", gaussians)?);
+        let mut recording = Recording::new();
+        recording.fill(&values, 0);
+        recording.fill(&seen, 0);
+        device.run(recording)?;
+        Ok(Self { values, seen })
+    }
+
+    /// Records this view's responses, after [`Renderer::record_backward`] of the same view
+    /// with [`Backward::residual`].
+    ///
+    /// Nothing happens where the view's pairs did not fit, as in training.
+    pub fn record(
+        &self,
+        recording: &mut Recording,
+        renderer: &Renderer,
+        model: &Resident,
+        camera: &Camera,
+        gather: Gather,
+    ) {
+        let slots = renderer.slots(camera);
+        let (iteration, keep, weight) = match gather {
+            Gather::Average { iteration } => (iteration, KEEP, 1.0 - KEEP),
+            Gather::Mean { views } => (0, 1.0, 1.0 / f64::from(views.max(1))),
+        };
+        let kernel = Respond {
+            count: &model.count.value,
+            pairs: slots.pairs,
+            tile_counts: slots.tile_counts,
+            first_slots: slots.first_slots,
+            moments_a: &slots.moments_a,
+            moments_b: &slots.moments_b,
+            moments_c: &slots.moments_c,
+            log_scales: &model.log_scales,
+            rotations: &model.rotations,
+            rows: renderer.gradient_rows().values,
+            responses: &self.values,
+            seen: &self.seen,
+            push: RespondPush {
+                pair_limit: slots.limit,
+                iteration,
+                log2_keep: keep.log2() as f32,
+                weight: weight as f32,
+                share: 1.0 / (camera.width as f32 * camera.height as f32),
+                basis_norm: (model.degree as f32 + 1.0) / (4.0 * std::f32::consts::PI).sqrt(),
+            },
+            spec: RespondSpec { workgroup: WORKGROUP },
+        };
+        recording.scope("respond", |r| r.dispatch(&kernel, model.count.groups(WORKGROUP)));
+    }
+
+    /// The responses, one row a Gaussian; averages decayed to the iteration given, means as they are.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn read(&self, device: &Device, gather: Gather) -> Result<Vec<[f32; CHANNELS]>> {
+        let mut rows = self.values.cast::<[f32; CHANNELS]>().read(device)?;
+        if let Gather::Average { iteration } = gather {
+            for (row, seen) in rows.iter_mut().zip(self.seen.read(device)?) {
+                let decay = KEEP.powf(f64::from(iteration.saturating_sub(seen))) as f32;
+                *row = row.map(|v| v * decay);
+            }
+        }
+        Ok(rows)
+    }
+}

@@ -1,0 +1,63 @@
+//! How strongly the training photos depend on each Gaussian: by a pass over all of them, or averaged over iterations.
+
+use super::error::Result;
+use super::objective::Target;
+use super::trainer::Trainer;
+use crate::gpu;
+use crate::response::{Gather, Responses, full_pass};
+
+impl Trainer {
+    /// Responses, and where asked for other methods' scores, by a pass over all training views; neither model nor moments
+    /// change.
+    ///
+    /// # Errors
+    /// Device memory; device errors; photos that cannot be read.
+    pub fn responses(&mut self, with_scores: bool) -> Result<Responses> {
+        self.responses_with(with_scores, |_| Ok(()))
+    }
+
+    /// As [`Trainer::responses`]; `follow` hears how many views were seen, and may end it.
+    ///
+    /// # Errors
+    /// As [`Trainer::responses`]; what `follow` says.
+    pub fn responses_with<E>(
+        &mut self,
+        with_scores: bool,
+        mut follow: impl FnMut(usize) -> Result<(), E>,
+    ) -> Result<Responses, E>
+    where
+        E: From<gpu::Error> + From<super::Error>,
+    {
+        let cameras: Vec<_> = self.views.iter().map(|v| v.camera.clone()).collect();
+        let (device, views, photos) = (&self.device, &self.views, &mut self.photos);
+        let (objective, options) = (&self.objective, &self.options);
+        let responses = full_pass(
+            device,
+            &mut self.renderer,
+            &self.model,
+            &cameras,
+            &objective.loss.gradient,
+            with_scores,
+            |recording, v, image| -> Result<(), E> {
+                follow(v)?;
+                let photo = photos.get(device, views, v, (v + 1) % cameras.len())?;
+                let target = Target { view: v, photo, size: [cameras[v].width, cameras[v].height] };
+                let seen = objective.record(recording, image, target, options, false, None);
+                objective.record_residual(recording, seen, target, options);
+                Ok(())
+            },
+        )?;
+        follow(cameras.len())?;
+        Ok(responses)
+    }
+
+    /// The responses averaged over [`super::Options::averaged`], decayed to the last iteration done; none before.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn averages(&self) -> Result<Option<Responses>> {
+        let gather = Gather::Average { iteration: self.iteration };
+        let Some(responses) = &self.responses else { return Ok(None) };
+        Ok(Some(Responses { channels: responses.read(&self.device, gather)?, scores: Vec::new() }))
+    }
+}
