@@ -3,7 +3,7 @@
 use super::tracks::Observation;
 use super::{Decision, Effect, Subject, is_near, quantile};
 use crate::gaussians::MAX_SH_DEGREE;
-use crate::reference::sh::basis;
+use crate::gaussians::sh::basis;
 use crate::scene::View;
 use glam::DVec3;
 use rayon::prelude::*;

@@ -40,7 +40,7 @@ impl Gaussians {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference::sh::basis;
+    use crate::gaussians::sh::basis;
     use glam::DVec3;
 
     #[test]

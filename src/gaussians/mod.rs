@@ -6,6 +6,7 @@ mod error;
 pub mod formats;
 pub mod outline;
 pub mod resident;
+pub mod sh;
 
 pub use error::Error;
 

@@ -4,7 +4,7 @@ mod error;
 mod image;
 pub mod lpips;
 mod scores;
-mod ssim;
+pub mod ssim;
 
 pub use error::Error;
 pub use image::{Image, psnr, round_trip_8bit};

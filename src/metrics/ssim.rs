@@ -1,8 +1,26 @@
-//! Structural similarity, in float64; the formula stands in `reference::loss`.
+//! Structural similarity, in float64; `reference::loss` has the formula and its gradient.
 
 use super::{Error, Image};
-use crate::reference::loss::{C1, C2, RADIUS, window};
 use rayon::prelude::*;
+
+/// Window radius in pixels: 11 x 11.
+pub const RADIUS: usize = 5;
+/// Standard deviation of the window in pixels.
+pub const SIGMA: f64 = 1.5;
+/// Keeps the luminance term finite: (0.01 x range 1)^2.
+pub const C1: f64 = 0.01 * 0.01;
+/// Keeps the contrast term finite: (0.03 x range 1)^2.
+pub const C2: f64 = 0.03 * 0.03;
+
+/// The window's weights along one axis; they sum to 1.
+pub fn window() -> [f64; 2 * RADIUS + 1] {
+    let raw: [f64; 2 * RADIUS + 1] = std::array::from_fn(|k| {
+        let d = k as f64 - RADIUS as f64;
+        (-d * d / (2.0 * SIGMA * SIGMA)).exp()
+    });
+    let sum: f64 = raw.iter().sum();
+    raw.map(|w| w / sum)
+}
 
 /// Mean SSIM over pixels and channels: Gaussian window 11 x 11, sigma 1.5, zeros outside the image; 1 for identical.
 ///

@@ -8,16 +8,10 @@
 //!   ds/dE(x)  = 2 uy (a2 - a1) / (b1 b2) - 2 ux s (1/b1 - 1/b2),
 //! and the window is symmetric, so E is its own transpose: dS/dx = E(ds/dE(x)) + 2 x E(ds/dE(xx)) + y E(ds/dE(xy)).
 
+use crate::metrics::ssim::{C1, C2, RADIUS, window};
+
 /// Weight of 1 - SSIM; L1 has the rest.
 pub const SSIM_WEIGHT: f64 = 0.2;
-/// Window radius in pixels: 11 x 11.
-pub const RADIUS: usize = 5;
-/// Standard deviation of the window in pixels.
-pub const SIGMA: f64 = 1.5;
-/// Keeps the luminance term finite: (0.01 x range 1)^2.
-pub const C1: f64 = 0.01 * 0.01;
-/// Keeps the contrast term finite: (0.03 x range 1)^2.
-pub const C2: f64 = 0.03 * 0.03;
 
 /// Value and gradient of the loss.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,16 +70,6 @@ pub fn ssim_map(x: &[f64], y: &[f64], width: usize) -> (Vec<f64>, Vec<f64>) {
     let (mx, mxx, mxy) = (window_mean(&by_ex, width), window_mean(&by_exx, width), window_mean(&by_exy, width));
     let gradient = (0..x.len()).map(|p| mx[p] + 2.0 * x[p] * mxx[p] + y[p] * mxy[p]).collect();
     (map, gradient)
-}
-
-/// The window's weights along one axis; they sum to 1.
-pub fn window() -> [f64; 2 * RADIUS + 1] {
-    let raw: [f64; 2 * RADIUS + 1] = std::array::from_fn(|k| {
-        let d = k as f64 - RADIUS as f64;
-        (-d * d / (2.0 * SIGMA * SIGMA)).exp()
-    });
-    let sum: f64 = raw.iter().sum();
-    raw.map(|w| w / sum)
 }
 
 /// Gaussian window mean with zeros outside the image, rows and then columns.

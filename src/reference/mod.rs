@@ -16,7 +16,6 @@ pub mod rasterise;
 pub mod rasterise_backward;
 pub mod response;
 pub mod rrdm;
-pub mod sh;
 pub mod smoothing;
 
 pub use frame::{Gradients, Rendered, Settings, gradients, render};

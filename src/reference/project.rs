@@ -9,8 +9,9 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::{Params, Settings, sh};
-use crate::{gaussians::MAX_SH_DEGREE, scene::camera::Camera};
+use super::{Params, Settings};
+use crate::gaussians::{MAX_SH_DEGREE, sh};
+use crate::scene::camera::Camera;
 
 /// x/z and y/z are clamped to this multiple of the half field of view's tangent, inside the Jacobian only.
 pub const FIELD_MARGIN: f64 = 1.3;

@@ -21,8 +21,8 @@ use super::{
     Params, Settings,
     project::{self, Geometry},
     rasterise_backward::Moments,
-    sh,
 };
+use crate::gaussians::sh;
 use crate::scene::camera::Camera;
 
 /// Adds Gaussian `i`'s gradients to `out` (same shape as `params`); returns the gradient by its mean in pixels.

@@ -3,6 +3,7 @@
 use super::error::{Error, Result};
 use super::photos::TrainView;
 use crate::gaussians::Gaussians;
+use crate::gaussians::sh::SH0;
 use crate::random::uniform;
 use crate::render::Settings;
 use crate::scene::camera::Camera;
@@ -12,8 +13,6 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 use std::io;
 
-/// SH band 0's basis function.
-const SH_C0: f64 = 0.28209479177387814;
 /// Opacity of every Gaussian at the start.
 const OPACITY: f64 = 0.1;
 /// Floor of the mean squared distance to the nearest neighbours, in square world units.
@@ -64,7 +63,7 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
         log_scales: points.par_iter().enumerate().map(|(i, p)| [log_scale(i, p); 3]).collect(),
         rotations: vec![[1.0, 0.0, 0.0, 0.0]; points.len()],
         opacity_logits: vec![logit; points.len()],
-        sh: vec![points.iter().flat_map(|p| ((p.colour - 0.5) / SH_C0).as_vec3().to_array()).collect()],
+        sh: vec![points.iter().flat_map(|p| ((p.colour - 0.5) / SH0).as_vec3().to_array()).collect()],
     }
 }
 

@@ -4,6 +4,7 @@
 //! full-HD pair needs some hundred megabytes and not gigabytes.
 
 mod conv;
+mod matrix;
 mod rows;
 mod weights;
 mod winograd;

@@ -1,6 +1,6 @@
 //! 3 x 3 convolution by Winograd's F(4 x 4, 3 x 3): 36 products for 16 outputs instead of 144 (Lavin and Gray 2016).
 
-use super::conv::matrix_product;
+use super::matrix::matrix_product;
 use super::rows::Map;
 use glam::Vec4;
 use rayon::prelude::*;

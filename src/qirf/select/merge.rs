@@ -4,6 +4,7 @@
 //! error of coefficients e is e^T N e. X = (N_AA + 1e-3 I)^-1 N_AD acts on unit-norm functions; alpha scales the
 //! others, hence the root in X_ad sqrt(S_dd / S_aa).
 
+use crate::gaussians::sh::SH0;
 use crate::qirf::lapack::Real;
 
 /// Added to the kept functions' overlaps, so that near duplicates share rather than fight.
@@ -12,8 +13,6 @@ const RIDGE: f64 = 1e-3;
 const LEAST_SHARE: f64 = 0.5;
 /// No opacity grows beyond this.
 const MOST_OPACITY: f64 = 0.99;
-/// Zeroth spherical harmonic: colour = 0.5 + SH_C0 dc.
-const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// One block's functions; `sh` holds m rows of `width` numbers, red, green and blue of the constant band first.
 #[derive(Clone, Debug, PartialEq)]
@@ -111,7 +110,7 @@ pub fn merge(overlap: &[f32], keep: &[bool], functions: &mut Functions) -> Optio
 impl Functions {
     /// Opacity, and opacity times each colour, of member `i`.
     fn at(&self, i: usize) -> [f64; 4] {
-        let colour = |c: usize| 0.5 + SH_C0 * self.sh[i * self.width + c];
+        let colour = |c: usize| 0.5 + SH0 * self.sh[i * self.width + c];
         let alpha = self.alpha[i];
         [alpha, alpha * colour(0), alpha * colour(1), alpha * colour(2)]
     }
