@@ -2,15 +2,11 @@
 
 use super::CHANNELS;
 use super::overlap::{self, Metric};
+use super::plan::{Arrays, Batch, LARGEST_BLOCK, MOST_MEMBERS, Plan, triangle};
 use super::rrdm::{self, Density};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Error, Landing, Reading, Recording, Result, Timings};
 use std::ops::Range;
-
-/// Members of a batch at most: 64 bytes of axes each stay well within what a kernel can bind.
-pub(super) const MOST_MEMBERS: usize = 1 << 19;
-/// Rows and columns of a tile's corner share a word.
-const LARGEST_BLOCK: usize = 1 << 15;
 
 /// What to assemble.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,35 +29,6 @@ impl Options {
     fn wants_full(&self) -> bool {
         self.density.is_some_and(|d| d.full)
     }
-}
-
-/// Successive blocks that are assembled together.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Batch {
-    /// Its blocks.
-    pub blocks: Range<usize>,
-    /// Their members, as positions in the list of all.
-    pub members: Range<usize>,
-    pub(super) tiles: Range<usize>,
-    /// Entries of its packed triangles.
-    entries: usize,
-}
-
-/// Device arrays of the assembly.
-pub(super) struct Arrays {
-    pub members: Buffer<u32>,
-    /// First member, size, offset of the triangle in its batch, unused.
-    pub blocks: Buffer<[u32; 4]>,
-    /// Block; first row and first column.
-    pub tiles: Buffer<[u32; 2]>,
-    pub axes: Buffer<[f32; 4]>,
-    pub responses: Buffer<f32>,
-    pub overlaps: Buffer<f32>,
-    pub factors: Buffer<f32>,
-    pub densities: Buffer<f32>,
-    /// A tile's rows and columns.
-    pub rows: u32,
-    pub columns: u32,
 }
 
 /// Assembles N, and where asked for W and P, of all blocks of a partition.
@@ -94,11 +61,6 @@ pub struct BlockMatrices<'a> {
     pub factor: Option<&'a [f32]>,
     /// Lower triangle of P, as N's; only where [`Density::full`].
     pub density: Option<&'a [f32]>,
-}
-
-/// Entries of a packed triangle.
-pub const fn triangle(m: usize) -> usize {
-    m * (m + 1) / 2
 }
 
 /// Writes a packed lower triangle into the lower triangle of an m x m matrix, column by column (LAPACK's "L"); the upper one
@@ -299,55 +261,5 @@ impl<'a> Assembly<'a> {
             free = Some(landing);
         }
         Ok(timings)
-    }
-}
-
-/// Blocks and tiles as kernels want them, and the batches that they fall into.
-struct Plan {
-    batches: Vec<Batch>,
-    blocks: Vec<[u32; 4]>,
-    tiles: Vec<[u32; 2]>,
-}
-
-impl Plan {
-    fn new(starts: &[u32], batch_bytes: usize, [rows, columns]: [u32; 2]) -> Result<Self> {
-        let most = batch_bytes / size_of::<f32>();
-        let mut plan = Self { batches: Vec::new(), blocks: Vec::with_capacity(starts.len()), tiles: Vec::new() };
-        let mut batch = Batch { blocks: 0..0, members: 0..0, tiles: 0..0, entries: 0 };
-        for (b, bounds) in starts.windows(2).enumerate() {
-            let m = (bounds[1] - bounds[0]) as usize;
-            if m >= LARGEST_BLOCK {
-                return Err(Error::TooLarge {
-                    name: format!("overlaps of a block of {m} Gaussians"),
-                    needed: triangle(m) as u64 * 4,
-                    limit: triangle(LARGEST_BLOCK - 1) as u64 * 4,
-                    device: "any device".into(),
-                });
-            }
-            let full = batch.entries + triangle(m) > most || batch.members.len() + m > MOST_MEMBERS;
-            if full && !batch.blocks.is_empty() {
-                let next = Batch {
-                    blocks: b..b,
-                    members: batch.members.end..batch.members.end,
-                    tiles: batch.tiles.end..batch.tiles.end,
-                    entries: 0,
-                };
-                plan.batches.push(std::mem::replace(&mut batch, next));
-            }
-            plan.blocks.push([bounds[0], m as u32, batch.entries as u32, 0]);
-            for row in (0..m as u32).step_by(rows as usize) {
-                for column in (0..(row + rows).min(m as u32)).step_by(columns as usize) {
-                    plan.tiles.push([b as u32, row << 16 | column]);
-                }
-            }
-            batch.blocks.end = b + 1;
-            batch.members.end += m;
-            batch.tiles.end = plan.tiles.len();
-            batch.entries += triangle(m);
-        }
-        if !batch.blocks.is_empty() {
-            plan.batches.push(batch);
-        }
-        Ok(plan)
     }
 }

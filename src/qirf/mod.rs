@@ -7,6 +7,7 @@ pub mod normalise;
 pub mod overlap;
 pub mod participation;
 pub mod partition;
+pub mod plan;
 pub mod rrdm;
 pub mod select;
 pub mod study;

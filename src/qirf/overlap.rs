@@ -1,6 +1,6 @@
 //! Normalised overlaps N_ij of a batch's blocks, on the device; see `glsl/qirf/overlap.comp` for how.
 
-use super::assemble::{Arrays, Batch};
+use super::plan::{Arrays, Batch};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::qirf::{Axes, AxesPush, AxesSpec, Overlap, OverlapPush, OverlapSpec};

@@ -1,6 +1,6 @@
 //! The radiance-response density matrix P = W W^T of a batch's blocks: its factor W, and P where a solver wants it.
 
-use super::assemble::{Arrays, Batch};
+use super::plan::{Arrays, Batch};
 use crate::gpu::{Groups, Recording};
 use crate::kernels::qirf::{Rrdm, RrdmPush, RrdmSpec};
 

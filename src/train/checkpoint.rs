@@ -3,8 +3,9 @@
 use super::adam::AdamState;
 use super::error::Result;
 use super::exposure::{self, Exposure};
+use super::options::Options;
 use super::photos::TrainView;
-use super::trainer::{Options, Trainer};
+use super::trainer::Trainer;
 use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Error, Gaussians};

@@ -12,6 +12,7 @@ pub mod loss;
 pub mod mask;
 mod memory;
 mod objective;
+mod options;
 pub mod photos;
 pub mod pixels;
 mod respond;
@@ -21,7 +22,8 @@ mod trainer;
 
 pub use error::{Error, Result};
 pub use memory::Demand;
-pub use trainer::{Options, Progress, Trainer};
+pub use options::Options;
+pub use trainer::{Progress, Trainer};
 
 use crate::render;
 

@@ -4,7 +4,7 @@ use super::error::Result;
 use super::exposure::{Exposure, Step};
 use super::loss::{self, Loss};
 use super::mask::Mask;
-use super::trainer::Options;
+use super::options::Options;
 use crate::gpu::{Buffer, Device, Recording};
 use crate::response::record_residual;
 

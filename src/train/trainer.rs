@@ -6,20 +6,18 @@ use super::density::{self, Step, densify};
 use super::error::{Error, Result};
 use super::exposure;
 use super::halve::{self, Halve};
-use super::loss::Weights;
 use super::objective::{Objective, Target};
+use super::options::Options;
 use super::photos::{Photos, TrainView};
-use super::schedule::Schedule;
 use super::smoothing::Smoothing;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
 use crate::random::permutation;
-use crate::render::{Backward, Renderer, Settings};
+use crate::render::{Backward, Renderer};
 use crate::response::{Gather, ResidentResponses};
 use crate::scene::camera::{self, Camera};
 use std::collections::VecDeque;
-use std::ops::Range;
 
 /// Iterations between looks of the host.
 const LOOK_EVERY: u32 = 16;
@@ -27,41 +25,6 @@ const LOOK_EVERY: u32 = 16;
 const IN_FLIGHT: usize = 2;
 /// Opacity that a reset leaves at most.
 const RESET_OPACITY: f64 = 0.01;
-
-/// What a run depends on besides its views and model.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Course of the run.
-    pub schedule: Schedule,
-    /// Image formation.
-    pub settings: Settings,
-    /// Key of all random numbers.
-    pub seed: u32,
-    /// Highest SH degree.
-    pub degree: usize,
-    /// No more Gaussians than this.
-    pub most: usize,
-    /// Whether the photos' alpha is opacity over the background.
-    pub transparent: bool,
-    /// Whether the photos' fourth byte says how much of a pixel counts.
-    pub masked: bool,
-    /// Where each photo has an exposure of its own: by view, the gains of red, green and blue that were
-    /// measured; an empty list where none could be.
-    pub exposure: Option<Vec<[f32; 3]>>,
-    /// Weights of the loss.
-    pub weights: Weights,
-    /// Iterations, after the last density step, whose responses are averaged for [`Trainer::averages`]; none where empty.
-    pub averaged: Range<u32>,
-    /// Room for (tile, Gaussian) pairs to begin with; results do not depend on it.
-    pub pairs: u32,
-}
-
-impl Options {
-    /// Whether the photos' fourth byte is a share over the background: opacity, or how much of a pixel counts.
-    pub(super) fn over(&self) -> bool {
-        self.transparent || self.masked
-    }
-}
 
 /// Where a run stands.
 #[derive(Clone, Copy, Debug)]

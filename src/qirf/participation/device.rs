@@ -4,7 +4,8 @@
 use crate::gpu::{Error, Groups, Recording, Timings};
 use crate::kernels::qirf::{Participation as Kernel, ParticipationPush, ParticipationSpec};
 use crate::qirf::CHANNELS;
-use crate::qirf::assemble::{Assembly, Batch};
+use crate::qirf::assemble::Assembly;
+use crate::qirf::plan::Batch;
 
 /// Numbers of a block's solution besides its participations: eigenvalues, how many lead, and whether it failed.
 const EXTRA: usize = CHANNELS + 2;
