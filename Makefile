@@ -1,6 +1,6 @@
 # Two commands do everything on a fresh machine: `make run` and `make test`. The rest are their parts.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test effects faults soak fuzz check shaders bench bench-quick figures figures-written
+.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written
 
 # Where rustup puts cargo, for shells that have not read its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -55,11 +55,22 @@ fuzz: ## coverage-guided fuzzing of one reader for a minute; TARGET=name, SECOND
 
 check: ## formatting, lints, shaders, documentation
 	cargo fmt --check
+	rustfmt --check --edition 2024 tools/spirv.rs
 	cargo clippy --locked --all-targets -- -D warnings
-	tools/check-shaders
+	@$(MAKE) --no-print-directory shaders
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
 
-shaders: ## every shader through glslangValidator and spirv-val
+# The SPIR-V lies beside its sources, so that building takes no shader compiler.
+SPIRV := target/spirv
+$(SPIRV): tools/spirv.rs tools/compile.rs
+	@mkdir -p $(@D)
+	@rustc --edition 2024 -O -A dead_code -o $@ $<
+
+spirv: $(SPIRV) ## compiles every shader into glsl/spirv; needed after an edit, before the commit
+	@$(SPIRV)
+
+shaders: $(SPIRV) ## glsl/spirv against its sources, and every shader through glslangValidator and spirv-val
+	@$(SPIRV) --check
 	@tools/check-shaders
 
 # Groups carry the names of stages; BENCH=culling runs one. Figures and how they were taken: docs/performance.md.

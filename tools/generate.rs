@@ -1,34 +1,12 @@
 // Writes the Rust of `src/kernels.rs` from the reflection of every shader. Part of build.rs.
 
+use crate::compile::Module;
 use crate::reflect::{self, Binding, Constant, Reflection, Struct, Type};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 /// The subgroup size reaches every shader under this name; the device fills it in.
 const SUBGROUP: &str = "SUBGROUP";
-
-/// One shader as SPIR-V.
-pub struct Module {
-    /// Its source: `glsl/ROOM/STAGE.comp`.
-    pub path: PathBuf,
-    pub words: Vec<u32>,
-}
-
-impl Module {
-    fn stem(&self) -> &str {
-        self.path.file_stem().and_then(|s| s.to_str()).expect("a shader's name is UTF-8")
-    }
-
-    fn room(&self) -> &str {
-        self.path.parent().and_then(|p| p.file_name()).and_then(|s| s.to_str()).expect("a shader's folder")
-    }
-
-    /// Name of its SPIR-V in OUT_DIR.
-    pub fn file(&self) -> String {
-        format!("{}-{}.spv", self.room(), self.stem())
-    }
-}
 
 /// A module for each room of shaders, and at the top the structs that shaders share.
 pub fn kernels(modules: &[Module]) -> String {

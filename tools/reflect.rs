@@ -180,7 +180,7 @@ impl Reader {
 
 /// Reflects one compute module.
 pub fn reflect(words: &[u32]) -> Reflection {
-    let module = rspirv::dr::load_words(words).expect("shaderc gives well-formed SPIR-V");
+    let module = rspirv::dr::load_words(words).expect("a module is well-formed SPIR-V");
     let mut reader = Reader::new(&module);
     let mut out = Reflection::default();
     for i in &module.types_global_values {
