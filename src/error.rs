@@ -153,6 +153,7 @@ impl From<scene::Error> for Error {
     fn from(error: scene::Error) -> Self {
         match error {
             scene::Error::Io { path, source } => Self::Read { path, source },
+            scene::Error::Store { folder, source } => Self::Write { path: folder, source },
             other => Self::Scene(other),
         }
     }

@@ -5,31 +5,34 @@ use super::iteration::{options, scene, train};
 use super::{device, facts, group};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::render::Style;
+use qirf_vk::scene::{FourthByte, Photo};
 use qirf_vk::train::{Options, Trainer};
 use std::time::Duration;
 
 /// Iterations of a turn.
 const TURN: u32 = 2;
 
-/// The degree that a row trains at, and what is on in it.
-fn arms() -> Vec<(&'static str, Options)> {
+/// The rows: what is on in each, and what the photo's fourth byte means.
+fn arms() -> Vec<(&'static str, Options, FourthByte)> {
     let style = |antialias, depth_order| Style { antialias, depth_order }.over([0.0; 3]);
+    let opaque = FourthByte::Opaque;
     vec![
-        ("all off, again", options(0)),
-        ("view_dependence, degree 1", options(1)),
-        ("view_dependence, degree 3", options(3)),
-        ("exposure", Options { exposure: Some(Vec::new()), ..options(0) }),
-        ("antialias", Options { settings: style(true, false), ..options(0) }),
-        ("transparency", Options { transparent: true, ..options(0) }),
-        ("masks", Options { masked: true, ..options(0) }),
-        ("depth_order", Options { settings: style(false, true), ..options(0) }),
+        ("all off, again", options(0), opaque),
+        ("view_dependence, degree 1", options(1), opaque),
+        ("view_dependence, degree 3", options(3), opaque),
+        ("exposure", Options { exposure: Some(Vec::new()), ..options(0) }, opaque),
+        ("antialias", Options { settings: style(true, false), ..options(0) }, opaque),
+        ("transparency", options(0), FourthByte::Alpha),
+        ("masks", options(0), FourthByte::Mask),
+        ("depth_order", Options { settings: style(false, true), ..options(0) }, opaque),
     ]
 }
 
 /// A trainer that has compiled and settled.
-fn trainer(options: Options) -> Trainer {
-    let (model, _, view) = scene(options.degree);
-    let mut trainer = Trainer::new(device(), &model, vec![view], 1.0, options).unwrap();
+fn trainer(options: Options, fourth_byte: FourthByte) -> Trainer {
+    let (model, _, photo) = scene(options.degree);
+    let photo = Photo { fourth_byte, ..photo };
+    let mut trainer = Trainer::new(device(), &model, vec![photo], 1.0, options).unwrap();
     train(&mut trainer, 16);
     trainer
 }
@@ -37,9 +40,9 @@ fn trainer(options: Options) -> Trainer {
 /// Distortion is not among them: photos are resampled as they are loaded, iterations know nothing of it.
 pub fn effects(criterion: &mut Criterion) {
     let mut group = group(criterion, "effects");
-    let mut off = trainer(options(0));
-    for (order, (name, options)) in arms().into_iter().enumerate() {
-        let mut on = trainer(options);
+    let mut off = trainer(options(0), FourthByte::Opaque);
+    for (order, (name, options, fourth_byte)) in arms().into_iter().enumerate() {
+        let mut on = trainer(options, fourth_byte);
         let mut ratios = Vec::new();
         group.bench_function(BenchmarkId::new(name, "10k"), |b| {
             b.iter_custom(|iterations| {

@@ -4,21 +4,22 @@ use super::bounds::Bound;
 use super::{WHOLE, device, group, has_timestamps, scenes, thousands};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::render::{Renderer, Settings};
-use qirf_vk::train::{Options, STAGES, Trainer, loss::Weights, photos::TrainView, schedule::Schedule};
-use qirf_vk::{gaussians::Gaussians, gaussians::resident::Resident, scene::camera::Camera};
+use qirf_vk::scene::{Photo, camera::Camera};
+use qirf_vk::train::{Options, STAGES, Trainer, loss::Weights, schedule::Schedule};
+use qirf_vk::{gaussians::Gaussians, gaussians::resident::Resident};
 use std::time::{Duration, Instant};
 
 const GAUSSIANS: usize = 10_000;
 const SIZE: [u32; 2] = [144, 256];
 
 /// A photo of one crowd, for another to learn: every pixel has an error.
-fn photo(model: &Gaussians, camera: &Camera) -> TrainView {
+fn photo(model: &Gaussians, camera: &Camera) -> Photo {
     let resident = Resident::upload(device(), model).unwrap();
     let mut renderer = Renderer::new(device(), Settings::default(), model.len(), camera.width, camera.height).unwrap();
     let image = renderer.render(&resident, camera).unwrap();
     let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0) as u8;
-    let pixels = image.pixels.iter().flat_map(|[r, g, b, _]| [byte(*r), byte(*g), byte(*b), 255]).collect();
-    TrainView { camera: camera.clone(), pixels }
+    let pixels: Vec<u8> = image.pixels.iter().flat_map(|[r, g, b, _]| [byte(*r), byte(*g), byte(*b), 255]).collect();
+    Photo::opaque(camera.clone(), pixels)
 }
 
 /// The course of a run without density control; rates of next to nothing hold the model, and with it the work, still.
@@ -48,8 +49,6 @@ pub fn options(degree: usize) -> Options {
         seed: 1,
         degree,
         most: GAUSSIANS,
-        transparent: false,
-        masked: false,
         exposure: None,
         weights: Weights::default(),
         averaged: 0..0,
@@ -58,7 +57,7 @@ pub fn options(degree: usize) -> Options {
 }
 
 /// A model of SH of this degree and a camera, with the photo that it learns there.
-pub fn scene(degree: usize) -> (Gaussians, Camera, TrainView) {
+pub fn scene(degree: usize) -> (Gaussians, Camera, Photo) {
     let camera = scenes::camera(SIZE[0], SIZE[1]);
     let view = photo(&scenes::crowd(GAUSSIANS, degree, 1.0, 3), &camera);
     (scenes::crowd(GAUSSIANS, degree, 1.0, 4), camera, view)

@@ -4,7 +4,8 @@ use super::bounds::Picture;
 use super::{device, group, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gpu::{Recording, Timings};
-use qirf_vk::train::loss::{Loss, Weights};
+use qirf_vk::scene::FourthByte;
+use qirf_vk::train::loss::{Loss, Target, Weights};
 use std::time::{Duration, Instant};
 
 /// Pictures of noise against photos of noise.
@@ -19,10 +20,12 @@ pub fn loss(criterion: &mut Criterion) {
         let photo: Vec<u32> = (0..pixels).map(|i| noise(i + 77) | 0xff00_0000).collect();
         let (image, photo) = (device.upload("image", &image).unwrap(), device.upload("photo", &photo).unwrap());
         let loss = Loss::new(device, width, height).unwrap();
+        let (size, fourth_byte) = ([width, height], FourthByte::Opaque);
+        let target = Target { photo: &photo, size, fourth_byte, background: [0.0; 3] };
         let once = || -> Timings {
             let mut recording = Recording::new();
             recording.scope("loss", |r| {
-                loss.record(r, &image, &photo, [width, height], false, [0.0; 3], Weights::default());
+                loss.record(r, &image, target, Weights::default());
             });
             device.run(recording).unwrap()
         };

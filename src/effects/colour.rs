@@ -1,7 +1,7 @@
 //! Effects that the colours of points tell of: exposure, and dependence on the direction of view.
 
 use super::tracks::Observation;
-use super::{Decision, Effect, Subject, is_near, quantile};
+use super::{Decision, Effect, TrainingSet, is_near, quantile};
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::gaussians::sh::basis;
 use crate::scene::View;
@@ -66,11 +66,11 @@ impl Gains {
 }
 
 /// Fits gains to the colours of points that photos share: log colour = point + gain, by medians in turn.
-pub fn gains(tracks: &[Vec<Observation>], shots: usize) -> Gains {
-    let fits: Vec<Channel> = (0..3).into_par_iter().map(|c| channel(tracks, shots, c)).collect();
+pub fn gains(tracks: &[Vec<Observation>], count: usize) -> Gains {
+    let fits: Vec<Channel> = (0..3).into_par_iter().map(|c| channel(tracks, count, c)).collect();
     let channels = |of: &dyn Fn(usize) -> f64| DVec3::new(of(0), of(1), of(2));
-    let log: Vec<DVec3> = (0..shots).map(|s| channels(&|c| fits[c].gains[s])).collect();
-    let errors: Vec<DVec3> = (0..shots).map(|s| channels(&|c| fits[c].errors[s])).collect();
+    let log: Vec<DVec3> = (0..count).map(|s| channels(&|c| fits[c].gains[s])).collect();
+    let errors: Vec<DVec3> = (0..count).map(|s| channels(&|c| fits[c].errors[s])).collect();
     let (mut sum, mut noise, mut n) = (0.0, 0.0, 0.0);
     for Channel { gains, errors, .. } in &fits {
         for (value, error) in gains.iter().zip(errors).filter(|(_, e)| e.is_finite()) {
@@ -84,7 +84,7 @@ pub fn gains(tracks: &[Vec<Observation>], shots: usize) -> Gains {
     let explained = 1.0 - after / before.max(f64::MIN_POSITIVE);
     let photos = fits[0].errors.iter().filter(|e| e.is_finite()).count();
     if photos < COMMON.0 {
-        return Gains { log: vec![DVec3::ZERO; shots], errors, spread: 0.0, explained: 0.0, photos: 0 };
+        return Gains { log: vec![DVec3::ZERO; count], errors, spread: 0.0, explained: 0.0, photos: 0 };
     }
     Gains { log, errors, spread, explained, photos }
 }
@@ -100,22 +100,22 @@ struct Channel {
 }
 
 /// Log-gains of one channel by photo.
-fn channel(tracks: &[Vec<Observation>], shots: usize, c: usize) -> Channel {
+fn channel(tracks: &[Vec<Observation>], count: usize, c: usize) -> Channel {
     let usable = |o: &&Observation| o.colour[c] > EXPOSED.0 && o.colour[c] < EXPOSED.1;
     let logs: Vec<Vec<(usize, f64)>> = tracks
         .iter()
-        .map(|seen| seen.iter().filter(usable).map(|o| (o.shot, o.colour[c].ln())).collect())
+        .map(|seen| seen.iter().filter(usable).map(|o| (o.photo, o.colour[c].ln())).collect())
         .filter(|seen: &Vec<_>| seen.len() >= 3)
         .collect();
-    let (mut gains, mut errors) = (vec![0.0; shots], vec![f64::INFINITY; shots]);
+    let (mut gains, mut errors) = (vec![0.0; count], vec![f64::INFINITY; count]);
     for _ in 0..ROUNDS {
-        let mut by_shot = vec![Vec::new(); shots];
+        let mut by_photo = vec![Vec::new(); count];
         for seen in &logs {
             for ((s, _), apart) in seen.iter().zip(from_point(seen, &gains)) {
-                by_shot[*s].push(apart + gains[*s]);
+                by_photo[*s].push(apart + gains[*s]);
             }
         }
-        for (s, values) in by_shot.iter_mut().enumerate().filter(|(_, v)| v.len() >= COMMON.1) {
+        for (s, values) in by_photo.iter_mut().enumerate().filter(|(_, v)| v.len() >= COMMON.1) {
             gains[s] = quantile(values, 0.5);
             let mut deviations: Vec<f64> = values.iter().map(|v| (v - gains[s]).abs()).collect();
             // Of a median of normal values, its scale from the median deviation.
@@ -128,7 +128,7 @@ fn channel(tracks: &[Vec<Observation>], shots: usize, c: usize) -> Channel {
         }
     }
     let apart = |gains: &[f64]| -> f64 { logs.iter().flat_map(|seen| from_point(seen, gains)).map(f64::abs).sum() };
-    let apart = [apart(&vec![0.0; shots]), apart(&gains)];
+    let apart = [apart(&vec![0.0; count]), apart(&gains)];
     Channel { gains, errors, apart }
 }
 
@@ -141,8 +141,8 @@ fn from_point(seen: &[(usize, f64)], gains: &[f64]) -> Vec<f64> {
 
 /// What the photos' headers say of their exposures: beside the measure, which decides. Cameras that expose by themselves
 /// give darker motifs more light, so that stops say what was set and not how photos differ.
-fn headers(subject: &Subject<'_>) -> String {
-    let views = subject.train.par_iter().filter_map(|i| subject.scene.views.get(*i));
+fn headers(set: &TrainingSet<'_>) -> String {
+    let views = set.train.par_iter().filter_map(|i| set.scene.views.get(*i));
     let stops: Vec<f64> = views.filter_map(View::exposure_stops).collect();
     let (low, high) = stops.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(*s), h.max(*s)));
     match stops.len() {
@@ -152,8 +152,8 @@ fn headers(subject: &Subject<'_>) -> String {
 }
 
 /// Whether photos call for exposures of their own.
-pub fn exposure(subject: &Subject<'_>, tracks: &[Vec<Observation>], gains: &Gains) -> Decision {
-    let headers = headers(subject);
+pub fn exposure(set: &TrainingSet<'_>, tracks: &[Vec<Observation>], gains: &Gains) -> Decision {
+    let headers = headers(set);
     if gains.photos == 0 {
         let why = match tracks.len() {
             0 => "the scene has no points with tracks: photos cannot be compared",
@@ -190,7 +190,7 @@ pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) 
     let even = gains.spread <= GAINS;
     let corrected = |seen: &Vec<Observation>| -> Vec<Observation> {
         let gain = |s: usize| if even { DVec3::ONE } else { gains.log[s].exp() };
-        seen.iter().map(|o| Observation { colour: o.colour / gain(o.shot), ..*o }).collect()
+        seen.iter().map(|o| Observation { colour: o.colour / gain(o.photo), ..*o }).collect()
     };
     let long: Vec<Vec<Observation>> = tracks.iter().filter(|t| t.len() >= OBSERVED).map(corrected).collect();
     if long.is_empty() || most == 0 {

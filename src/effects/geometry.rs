@@ -1,8 +1,8 @@
 //! Effects that cameras and the photos' fourth channel tell of.
 
-use super::{Decision, Effect, Subject, quantile};
+use super::{Decision, Effect, TrainingSet, quantile};
 use crate::scene::lens::VISIBLE_DISPLACEMENT;
-use crate::scene::{SceneKind, View};
+use crate::scene::{FourthByte, SceneKind, View};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
@@ -16,8 +16,8 @@ const SEEN_BY: usize = 3;
 const FEW: f64 = 1e-3;
 
 /// How differently large the same thing is in the photos.
-pub fn antialias(subject: &Subject<'_>) -> Decision {
-    let mut ratios = footprint_ratios(subject);
+pub fn antialias(set: &TrainingSet<'_>) -> Decision {
+    let mut ratios = footprint_ratios(set);
     if ratios.is_empty() {
         let why = "no point is seen by three photos: footprints cannot be compared".to_owned();
         return Decision::plain(Effect::Antialias, false, why);
@@ -32,23 +32,23 @@ pub fn antialias(subject: &Subject<'_>) -> Decision {
 }
 
 /// By point: the 95th over the 5th percentile of its footprints (depth over focal length).
-fn footprint_ratios(subject: &Subject<'_>) -> Vec<f64> {
-    let points: Vec<(DVec3, Option<&[u32]>)> = if subject.scene.points.iter().any(|p| !p.track.is_empty()) {
-        subject.scene.points.iter().map(|p| (p.position, Some(p.track.as_slice()))).collect()
+fn footprint_ratios(set: &TrainingSet<'_>) -> Vec<f64> {
+    let points: Vec<(DVec3, Option<&[u32]>)> = if set.scene.points.iter().any(|p| !p.track.is_empty()) {
+        set.scene.points.iter().map(|p| (p.position, Some(p.track.as_slice()))).collect()
     } else {
-        middle_of(subject).into_iter().map(|p| (p, None)).collect()
+        middle_of(set).into_iter().map(|p| (p, None)).collect()
     };
     let count = points.len().min(POINTS);
-    let mut trains = vec![false; subject.scene.views.len()];
-    for view in subject.train {
+    let mut trains = vec![false; set.scene.views.len()];
+    for view in set.train {
         trains[*view] = true;
     }
     let ratio = |k: usize| {
         let (position, track) = points[k * points.len() / count];
         let sees = |i: &usize| track.is_none_or(|t| t.binary_search(&(*i as u32)).is_ok());
-        let views = subject.train.iter().filter(|i| sees(i)).map(|i| &subject.scene.views[*i]);
+        let views = set.train.iter().filter(|i| sees(i)).map(|i| &set.scene.views[*i]);
         let mut footprints: Vec<f64> = views.filter_map(|v| footprint(v, position)).collect();
-        let enough = footprints.len() >= SEEN_BY.min(subject.train.len()).max(2);
+        let enough = footprints.len() >= SEEN_BY.min(set.train.len()).max(2);
         enough.then(|| quantile(&mut footprints, 0.95) / quantile(&mut footprints, 0.05))
     };
     (0..count).filter_map(ratio).filter(|r| r.is_finite()).collect()
@@ -68,12 +68,12 @@ fn footprint(view: &View, position: DVec3) -> Option<f64> {
 
 /// Stands for points where a scene has none: a ball round where the cameras look, half as wide as they stand away
 /// (Blender scenes: within the reference's cube's inner ball).
-fn middle_of(subject: &Subject<'_>) -> Vec<DVec3> {
-    let cameras: Vec<_> = subject.train.iter().map(|i| &subject.scene.views[*i].camera).collect();
+fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
+    let cameras: Vec<_> = set.train.iter().map(|i| &set.scene.views[*i].camera).collect();
     let n = cameras.len().max(1) as f64;
     let centre = cameras.iter().map(|c| c.centre()).sum::<DVec3>() / n;
     let forward = cameras.iter().map(|c| c.rotation.row(2)).sum::<DVec3>() / n;
-    let blender = subject.scene.kind == SceneKind::Blender;
+    let blender = set.scene.kind == SceneKind::Blender;
     let spread = cameras.iter().map(|c| c.centre().distance(centre)).fold(0.0, f64::max);
     let (middle, radius) = if blender { (DVec3::ZERO, 1.0) } else { (centre + forward * spread, 0.5 * spread) };
     // A spiral over spheres: even enough, and the same each time.
@@ -87,8 +87,8 @@ fn middle_of(subject: &Subject<'_>) -> Vec<DVec3> {
 }
 
 /// How far a lens moves pixels.
-pub fn distortion(subject: &Subject<'_>) -> Decision {
-    let views = subject.train.iter().map(|i| &subject.scene.views[*i]);
+pub fn distortion(set: &TrainingSet<'_>) -> Decision {
+    let views = set.train.iter().map(|i| &set.scene.views[*i]);
     let moved = views.clone().map(|v| v.lens.max_displacement()).fold(0.0, f64::max);
     let undistorted = views.filter(|v| v.undistorts()).count();
     let evidence = if moved == 0.0 {
@@ -99,13 +99,13 @@ pub fn distortion(subject: &Subject<'_>) -> Decision {
     Decision::by(Effect::Distortion, moved, VISIBLE_DISPLACEMENT, evidence)
 }
 
-/// Share of the photos' pixels whose fourth byte is not full, among photos that `masked` says it of.
-fn share(subject: &Subject<'_>, masked: bool) -> (usize, f64) {
+/// How many photos hide something by a fourth byte of this meaning, and the share of all pixels that they hide.
+fn hidden(set: &TrainingSet<'_>, by: FourthByte) -> (usize, f64) {
     let (mut photos, mut missing, mut pixels) = (0, 0.0, 0_usize);
-    for shot in subject.shots {
-        pixels += shot.pixels.len() / 4;
-        if shot.masked == masked {
-            let own: f64 = shot.pixels.iter().skip(3).step_by(4).map(|a| 1.0 - f64::from(*a) / 255.0).sum();
+    for photo in set.photos {
+        pixels += photo.pixels.len() / 4;
+        if photo.fourth_byte == by {
+            let own: f64 = photo.pixels.iter().skip(3).step_by(4).map(|a| 1.0 - f64::from(*a) / 255.0).sum();
             photos += usize::from(own > 0.0);
             missing += own;
         }
@@ -114,8 +114,8 @@ fn share(subject: &Subject<'_>, masked: bool) -> (usize, f64) {
 }
 
 /// Whether photos have transparent pixels.
-pub fn transparency(subject: &Subject<'_>) -> Decision {
-    let (photos, share) = share(subject, false);
+pub fn transparency(set: &TrainingSet<'_>) -> Decision {
+    let (photos, share) = hidden(set, FourthByte::Alpha);
     let evidence = match photos {
         0 => "no photo has a transparent pixel".to_owned(),
         n => format!("{n} photos have transparent pixels, {:.1} % of all pixels", 100.0 * share),
@@ -125,9 +125,9 @@ pub fn transparency(subject: &Subject<'_>) -> Decision {
 }
 
 /// Whether photos have masks.
-pub fn masks(subject: &Subject<'_>) -> Decision {
-    let listed = subject.train.iter().filter(|i| subject.scene.views[**i].mask.is_some()).count();
-    let (photos, share) = share(subject, true);
+pub fn masks(set: &TrainingSet<'_>) -> Decision {
+    let listed = set.train.iter().filter(|i| set.scene.views[**i].mask.is_some()).count();
+    let (photos, share) = hidden(set, FourthByte::Mask);
     let evidence = match (listed, photos) {
         (0, _) => "no photo has a mask".to_owned(),
         (n, 0) => format!("{n} photos have masks, which hide nothing or are not used"),
@@ -138,9 +138,9 @@ pub fn masks(subject: &Subject<'_>) -> Decision {
 }
 
 /// How many different cameras there are.
-pub fn cameras(subject: &Subject<'_>) -> Decision {
+pub fn cameras(set: &TrainingSet<'_>) -> Decision {
     let kind = |i: &usize| {
-        let lens = &subject.scene.views[*i].lens;
+        let lens = &set.scene.views[*i].lens;
         let bits = |v: f64| v.to_bits();
         (
             lens.width,
@@ -151,7 +151,7 @@ pub fn cameras(subject: &Subject<'_>) -> Decision {
             bits(lens.principal.y),
         )
     };
-    let kinds: BTreeSet<_> = subject.train.iter().map(kind).collect();
+    let kinds: BTreeSet<_> = set.train.iter().map(kind).collect();
     let sizes: BTreeSet<_> = kinds.iter().map(|k| (k.0, k.1)).collect();
     let list: Vec<_> = sizes.iter().take(4).map(|(w, h)| format!("{w}x{h}")).collect();
     let more = if sizes.len() > list.len() { ", ..." } else { "" };

@@ -13,13 +13,15 @@
 
 pub mod colour;
 pub mod geometry;
+mod thumbnail;
 mod tracks;
 
 use crate::scene::Scene;
-use crate::scene::camera::Camera;
 use colour::Gains;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+
+pub use thumbnail::{Thumbnail, WIDTH as THUMBNAIL_WIDTH};
 
 /// A part of image formation or training that not every scene needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -231,40 +233,30 @@ impl Decision {
     }
 }
 
-/// A photo as detectors look at it: small, undistorted, with the camera of that size.
-pub struct Shot {
-    /// Its camera.
-    pub camera: Camera,
-    /// Width x height x RGBA, 8 bits each, colours not multiplied by alpha.
-    pub pixels: Vec<u8>,
-    /// The fourth byte says how much of a pixel counts, not how opaque it is.
-    pub masked: bool,
-}
-
-/// What detectors look at: the scene, and its photos that are trained on.
-pub struct Subject<'a> {
+/// What detectors look at: the scene, and the photos that are trained on.
+pub struct TrainingSet<'a> {
     /// The scene.
     pub scene: &'a Scene,
     /// Indices of the training views.
     pub train: &'a [usize],
     /// Their photos, in that order.
-    pub shots: &'a [Shot],
+    pub photos: &'a [Thumbnail],
 }
 
 /// Decides on every effect, in the order of [`Effect::ALL`]. `most` is the highest SH degree allowed.
 ///
 /// Whatever the user decided, the evidence is the scene's. Also gives the photos' gains.
-pub fn decide(subject: &Subject<'_>, overrides: &Overrides, most: usize) -> (Vec<Decision>, Gains) {
-    let tracks = tracks::observations(subject);
-    let gains = colour::gains(&tracks, subject.shots.len());
+pub fn decide(set: &TrainingSet<'_>, overrides: &Overrides, most: usize) -> (Vec<Decision>, Gains) {
+    let tracks = tracks::observations(set);
+    let gains = colour::gains(&tracks, set.photos.len());
     let mut decisions = vec![
         colour::view_dependence(&tracks, &gains, most),
-        colour::exposure(subject, &tracks, &gains),
-        geometry::antialias(subject),
-        geometry::distortion(subject),
-        geometry::transparency(subject),
-        geometry::masks(subject),
-        geometry::cameras(subject),
+        colour::exposure(set, &tracks, &gains),
+        geometry::antialias(set),
+        geometry::distortion(set),
+        geometry::transparency(set),
+        geometry::masks(set),
+        geometry::cameras(set),
         Decision::plain(
             Effect::DepthOrder,
             false,

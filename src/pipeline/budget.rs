@@ -44,7 +44,7 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         let photos = photos.clone();
         // Whether the scene calls for exposures is not known yet.
         let exposure = config.effects.forced(Effect::Exposure) != Some(false);
-        let masked = opened.scene.views.iter().any(|v| v.mask.is_some());
+        let masked = opened.scene.has_masks();
         let pairs = pairs::room(gaussians);
         let pruning = if config.prune.is_some() { study::bytes(gaussians) } else { 0 };
         let (antialias, halves) = (config.effects.forced(Effect::Antialias) != Some(false), schedule.halves(1));

@@ -220,7 +220,7 @@ fn frame_rates(stage: &Stage<'_>, shared: &RunConfig, arms: &mut [ArmRecord], fo
     let settings = shared.style().over(stage.prepared.background);
     let most = arms.iter().map(|a| a.gaussians).max().unwrap_or(0);
     let mut evaluator = Evaluator::new(stage.device, settings, most, stage.prepared.views())?;
-    evaluator.compare_as(shared.exposure, stage.prepared.masked);
+    evaluator.compare_as(shared.exposure);
     let model = |arm: &ArmRecord| Output::new(&folder.join("arms").join(Arm::folder(&arm.name))).map(|o| o.model());
     let files: Vec<_> = arms.iter().map(model).collect::<Result<_, _>>()?;
     let mut rates: Vec<Vec<f64>> = vec![Vec::new(); arms.len()];

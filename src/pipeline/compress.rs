@@ -21,8 +21,8 @@ use crate::qirf::select::budget::Keep;
 use crate::render::{Settings, Style};
 use crate::response::Responses;
 use crate::scene::camera::{self, Camera};
+use crate::scene::{Photo, PhotoMemory};
 use crate::train::loss::Weights;
-use crate::train::photos::TrainView;
 use crate::train::schedule::Schedule;
 use crate::train::{Options, Trainer};
 use std::path::Path;
@@ -159,13 +159,10 @@ fn most_kept(keep: Keep, gaussians: usize) -> usize {
 struct Views {
     truth: TruthKind,
     /// Views of responses and fine-tuning; without photos they have pixels only where there is fine-tuning.
-    train: Vec<TrainView>,
-    test: Vec<(String, TrainView)>,
+    train: Vec<Photo>,
+    test: Vec<(String, Photo)>,
     /// Of positions' learning rate.
     extent: f64,
-    transparent: bool,
-    /// Whether the photos' fourth byte says how much of a pixel counts.
-    masked: bool,
     settings: Settings,
 }
 
@@ -197,15 +194,16 @@ impl Views {
             size: opened.size(),
             own_pictures: false,
             photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
-            masked: opened.scene.views.iter().any(|v| v.mask.is_some()),
+            masked: opened.scene.has_masks(),
             style: job.style,
             trained: model.len(),
         };
         let estimated = budget::for_compress(device, model, demand)?;
-        let prepared = opened.load_to_train((host_bytes, &std::env::temp_dir()), watcher)?;
+        let memory = PhotoMemory { bytes: host_bytes, folder: &std::env::temp_dir() };
+        let prepared = opened.load_to_train(memory, watcher)?;
         let settings = job.style.over(prepared.background);
-        let Prepared { train, test, extent, transparent, masked, .. } = prepared;
-        Ok((Self { truth: TruthKind::Photos, train, test, extent, transparent, masked, settings }, estimated))
+        let Prepared { train, test, extent, .. } = prepared;
+        Ok((Self { truth: TruthKind::Photos, train, test, extent, settings }, estimated))
     }
 
     fn of_itself(
@@ -225,10 +223,7 @@ impl Views {
         let own = OwnPictures::new(device, model, around, style, with_pixels, watcher)?;
         let OwnPictures { train, test, settings } = own;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
-        Ok((
-            Self { truth: TruthKind::OwnPictures, train, test, extent, transparent: false, masked: false, settings },
-            estimated,
-        ))
+        Ok((Self { truth: TruthKind::OwnPictures, train, test, extent, settings }, estimated))
     }
 
     /// How often the held-out views are scored.
@@ -277,7 +272,6 @@ impl Judge<'_> {
         let resident = Resident::upload(self.device, model)?;
         let of_test = test.iter().map(|(_, view)| view);
         let mut evaluator = Evaluator::new(self.device, self.views.settings, model.len(), of_test)?;
-        evaluator.compare_as(false, self.views.masked);
         let (done, all, watcher) = (self.done, self.rounds * test.len(), self.watcher);
         let held_out = evaluator.held_out(&resident, test, None, &Networks::default(), &mut |now| {
             watcher.evaluating(done + now, all);
@@ -326,8 +320,6 @@ fn trainer(device: &Device, model: &Gaussians, views: &Views, job: &Job) -> Resu
         seed: job.seed,
         degree: model.degree(),
         most: model.len(),
-        transparent: views.transparent,
-        masked: views.masked,
         exposure: None,
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,

@@ -2,64 +2,50 @@
 
 use super::config::RunConfig;
 use super::prepare::Prepared;
-use crate::effects::{self, Decision, Effect, Overrides, Shot, Subject};
+use crate::effects::{self, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 use crate::error::Error;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
-use crate::scene::{EVAL_EVERY, Resize, Scene};
+use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, View, load_photos};
 use crate::train;
-use crate::train::photos::TrainView;
 use rayon::prelude::*;
+use std::io;
 
-/// Width that photos are looked at with, at most.
-const LOOKED_AT: u32 = 480;
-
-/// Decides on the effects of a prepared scene, from its training views alone; also gives the gains of those views, red,
+/// Decides on the effects of a prepared scene, from its training photos alone; also gives the gains of those photos, red,
 /// green and blue, against each other.
 ///
 /// # Errors
 /// Photos in a file that cannot be read.
 pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>, Vec<[f32; 3]>), Error> {
-    let split = prepared.scene.split(config.eval_every);
-    let shots: Vec<Shot> =
-        prepared.train.par_iter().map(|view| shot(view, prepared.masked)).collect::<Result<_, Error>>()?;
-    let subject = Subject { scene: &prepared.scene, train: &split.train, shots: &shots };
-    let (decisions, gains) = effects::decide(&subject, &config.effects, config.sh_degree);
+    let train = prepared.scene.split(config.eval_every).train;
+    let photos: Vec<Thumbnail> =
+        prepared.train.par_iter().map(Thumbnail::of).collect::<io::Result<_>>().map_err(train::Error::Photos)?;
+    let set = TrainingSet { scene: &prepared.scene, train: &train, photos: &photos };
+    let (decisions, gains) = effects::decide(&set, &config.effects, config.sh_degree);
     Ok((decisions, gains.believed()))
 }
 
-/// What a scene on disk calls for; photos that are absent or damaged are left out.
-pub fn of_scene(scene: &Scene) -> Vec<Decision> {
+/// Decides on the effects of a scene on disk; photos that are absent or damaged are left out.
+///
+/// # Errors
+/// None is known: photos are kept in memory.
+pub fn of_scene(scene: &Scene) -> Result<Vec<Decision>, Error> {
     let mut scene = scene.clone();
-    let mut shots = Vec::new();
-    let resize = Resize::Width(LOOKED_AT);
-    if scene.require_photos().is_ok() {
-        let train = scene.split(EVAL_EVERY).train;
-        let mut keep = vec![true; scene.views.len()];
-        let photos: Vec<_> = train.par_iter().map(|i| scene.views[*i].load_photo(resize).ok()).collect();
-        let any_alpha = photos.iter().flatten().any(|p| p.has_alpha);
-        let masked = !any_alpha && photos.iter().flatten().any(|p| p.mask.is_some());
-        for (i, photo) in train.into_iter().zip(photos) {
-            let Some(mut photo) = photo else {
-                keep[i] = false;
-                continue;
-            };
-            if masked {
-                photo.fold_mask();
-            }
-            shots.push(Shot { camera: scene.views[i].camera_at(resize), pixels: photo.pixels, masked });
+    // Without any photo the detectors still name what is missing.
+    let _ = scene.require_photos();
+    // Damaged photos must not change which are held out: the split comes first.
+    let split = scene.split(EVAL_EVERY).train;
+    let views: Vec<&View> = split.iter().map(|i| &scene.views[*i]).collect();
+    let options = LoadOptions { resize: Resize::Width(THUMBNAIL_WIDTH), ..LoadOptions::default() };
+    let (mut train, mut photos) = (Vec::new(), Vec::new());
+    for (view, photo) in split.iter().zip(load_photos(&views, &options, &|_| ())?) {
+        if let Ok(photo) = photo {
+            train.push(*view);
+            photos.push(Thumbnail::of(&photo).map_err(train::Error::Photos)?);
         }
-        // Those left out must not shift which are held out: what was trained on stays so.
-        let train: Vec<usize> = scene.split(EVAL_EVERY).train.into_iter().filter(|i| keep[*i]).collect();
-        return effects::decide(
-            &Subject { scene: &scene, train: &train, shots: &shots },
-            &Overrides::default(),
-            MAX_SH_DEGREE,
-        )
-        .0;
     }
-    let train: Vec<usize> = scene.split(EVAL_EVERY).train;
-    effects::decide(&Subject { scene: &scene, train: &train, shots: &shots }, &Overrides::default(), MAX_SH_DEGREE).0
+    let set = TrainingSet { scene: &scene, train: &train, photos: &photos };
+    Ok(effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0)
 }
 
 /// What a model's pictures call for, of a model without photos: the SH bands that turn a colour by 1/255 or more.
@@ -76,37 +62,6 @@ pub fn of_model(model: &Gaussians) -> Decision {
         _ => format!("bands 1 to {stored} turn colours by {} of 255 at most", bands.join(", ")),
     };
     Decision::of_degree(degree, evidence)
-}
-
-/// A photo made small by averaging squares of pixels.
-fn shot(view: &TrainView, masked: bool) -> Result<Shot, Error> {
-    let bytes = view.pixels.read().map_err(train::Error::Photos)?;
-    let (w, h) = (view.camera.width, view.camera.height);
-    let side = w.div_ceil(LOOKED_AT).max(1);
-    let (small_w, small_h) = (w.div_ceil(side), h.div_ceil(side));
-    let mut pixels = Vec::with_capacity(4 * small_w as usize * small_h as usize);
-    for y in 0..small_h {
-        for x in 0..small_w {
-            let (rows, columns) = (y * side..((y + 1) * side).min(h), x * side..((x + 1) * side).min(w));
-            let mut sum = [0_u32; 4];
-            for row in rows.clone() {
-                for column in columns.clone() {
-                    let at = 4 * (row as usize * w as usize + column as usize);
-                    for (s, b) in sum.iter_mut().zip(&bytes[at..at + 4]) {
-                        *s += u32::from(*b);
-                    }
-                }
-            }
-            let n = (rows.len() * columns.len()).max(1) as u32;
-            pixels.extend(sum.map(|s| ((s + n / 2) / n) as u8));
-        }
-    }
-    // Pixels of the rim may be parts of squares: the scale is that of whole ones.
-    let mut camera = view.camera.clone();
-    let scale = f64::from(side);
-    (camera.focal, camera.principal) = (camera.focal / scale, camera.principal / scale);
-    (camera.width, camera.height) = (small_w, small_h);
-    Ok(Shot { camera, pixels, masked })
 }
 
 impl RunConfig {

@@ -14,6 +14,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::render::Style;
+use crate::scene::PhotoMemory;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -50,7 +51,7 @@ pub fn eval(
     let estimated_bytes = budget::for_eval(device, &opened, (model.len(), model.degree()), evaluation.style)?;
     let elsewhere = std::env::temp_dir();
     let folder = output.map_or(elsewhere.as_path(), Output::folder);
-    let prepared = opened.load((host_bytes, folder), watcher)?;
+    let prepared = opened.load(PhotoMemory { bytes: host_bytes, folder }, watcher)?;
     if prepared.test.is_empty() {
         return Err(Error::NothingHeldOut(selection.scene.clone()));
     }
@@ -60,7 +61,7 @@ pub fn eval(
     let evaluating = Instant::now();
     let resident = Resident::upload(device, model)?;
     let mut evaluator = Evaluator::new(device, settings, model.len(), prepared.views())?;
-    evaluator.compare_as(evaluation.exposure, prepared.masked);
+    evaluator.compare_as(evaluation.exposure);
     let renders = output.map(Output::renders);
     let mut follow = |done: usize| {
         watcher.evaluating(done, prepared.test.len());
@@ -69,9 +70,9 @@ pub fn eval(
     let held_out = evaluator.held_out(&resident, &prepared.test, renders.as_deref(), networks, &mut follow)?;
     held_out.warn(watcher);
     let unfitted_psnr = if evaluation.exposure {
-        evaluator.compare_as(false, prepared.masked);
+        evaluator.compare_as(false);
         let psnr = evaluator.psnr(&resident, prepared.test.iter().map(|(_, view)| view))?;
-        evaluator.compare_as(true, prepared.masked);
+        evaluator.compare_as(true);
         psnr
     } else {
         None

@@ -17,6 +17,7 @@ use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::response::Responses;
+use crate::scene::PhotoMemory;
 use crate::train::loss::Weights;
 use crate::train::{Options, Trainer};
 use std::ops::Range;
@@ -59,7 +60,8 @@ impl<'a> Stage<'a> {
         watcher: &'a (dyn Watcher + Sync),
         (begun, estimated_bytes): (Instant, u64),
     ) -> Result<(Self, RunConfig), Error> {
-        let prepared = opened.load_to_train((host_bytes, output.folder()), watcher)?;
+        let memory = PhotoMemory { bytes: host_bytes, folder: output.folder() };
+        let prepared = opened.load_to_train(memory, watcher)?;
         let (decisions, gains) = effects::decide(&prepared, config)?;
         watcher.note(&effects::summary(&decisions));
         let config = config.decided(&decisions);
@@ -92,8 +94,6 @@ impl<'a> Job<'a> {
             seed: config.seed,
             degree: config.sh_degree,
             most: config.max_gaussians,
-            transparent: prepared.transparent,
-            masked: prepared.masked,
             exposure: config.exposure.then(|| stage.gains.clone()),
             weights: Weights::default(),
             averaged: averaged(config),
@@ -114,7 +114,7 @@ impl<'a> Job<'a> {
             (trainer, none)
         };
         let mut evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
-        evaluator.compare_as(config.exposure, prepared.masked);
+        evaluator.compare_as(config.exposure);
         let mut job = Self { stage, config, output, trainer, evaluator, notes };
         if !job.notes.prunes.is_empty() {
             job.fine_tune();
@@ -248,9 +248,9 @@ impl<'a> Job<'a> {
         held_out.warn(*watcher);
         exhibits::photos(prepared, &output.renders())?;
         let unfitted_psnr = if config.exposure {
-            evaluator.compare_as(false, prepared.masked);
+            evaluator.compare_as(false);
             let psnr = evaluator.psnr(resident, prepared.test.iter().map(|(_, view)| view))?;
-            evaluator.compare_as(true, prepared.masked);
+            evaluator.compare_as(true);
             psnr
         } else {
             None

@@ -7,15 +7,9 @@ use crate::effects::Effect;
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
 use crate::scene::camera::Camera;
-use crate::scene::photo::Photo;
-use crate::scene::{self, OpenOptions, Resize, Scene, SceneKind, View};
+use crate::scene::{FourthByte, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene, SceneKind};
 use crate::train::initialise::{self, Seed};
-use crate::train::photos::TrainView;
-use crate::train::pixels::{PhotoFile, Pixels};
 use glam::DVec3;
-use rayon::prelude::*;
-use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Random points for each pixel of a picture, and the bounds of their number.
 const POINTS_PER_PIXEL: f64 = 0.3;
@@ -26,22 +20,18 @@ pub struct Prepared {
     /// The scene, its views those whose photos were loaded.
     pub scene: Scene,
     /// Views trained on.
-    pub train: Vec<TrainView>,
+    pub train: Vec<Photo>,
     /// Views held out, with their names.
-    pub test: Vec<(String, TrainView)>,
+    pub test: Vec<(String, Photo)>,
     /// 1.1 times the largest distance of a training camera from their mean.
     pub extent: f64,
-    /// Whether any photo carries alpha.
-    pub transparent: bool,
-    /// Whether the photos' fourth byte says how much of a pixel counts.
-    pub masked: bool,
     /// Colour behind everything.
     pub background: [f32; 3],
 }
 
 impl Prepared {
     /// All views, those held out first.
-    pub fn views(&self) -> impl Iterator<Item = &TrainView> {
+    pub fn views(&self) -> impl Iterator<Item = &Photo> {
         self.test.iter().map(|(_, view)| view).chain(&self.train)
     }
 }
@@ -104,89 +94,39 @@ impl Opened {
     ///
     /// # Errors
     /// As [`Opened::load`]; none to train on.
-    pub fn load_to_train(self, room: (u64, &Path), watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
-        let prepared = self.load(room, watcher)?;
+    pub fn load_to_train(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
+        let prepared = self.load(memory, watcher)?;
         if prepared.train.is_empty() {
             return Err(Error::NothingToTrainOn(prepared.scene.source));
         }
         Ok(prepared)
     }
 
-    /// Decodes the photos in parallel. Where they would take more than `room` bytes of the host's memory, they go to a
-    /// temporary file in `folder` as they are decoded. What was skipped is told to `watcher`.
+    /// Decodes the photos and divides them. Skipped ones are reported to `watcher`.
     ///
     /// # Errors
-    /// No photo can be decoded; a file that cannot be written.
-    pub fn load(self, (room, folder): (u64, &Path), watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
+    /// No photo can be decoded; a temporary file that cannot be written.
+    pub fn load(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
         let Self { mut scene, resize, selection } = self;
-        let ends: Vec<u64> = scene
-            .views
-            .iter()
-            .map(|v| v.camera_at(resize))
-            .scan(0, |end, c| {
-                *end += 4 * u64::from(c.width) * u64::from(c.height);
-                Some(*end)
-            })
-            .collect();
-        let all = ends.last().copied().unwrap_or(0);
-        let writing = |source| Error::Write { path: folder.to_owned(), source };
-        let file = if all > room { Some(PhotoFile::new(folder).map_err(writing)?) } else { None };
-        if file.is_some() {
-            tracing::info!("{all} bytes of photos are beyond {room}: they go to a file in {}", folder.display());
-        }
-        let store = |photo: Photo, end: u64| -> Result<(Pixels, bool), Error> {
-            let pixels = match &file {
-                Some(file) => file.put(end - photo.pixels.len() as u64, &photo.pixels).map_err(writing)?,
-                None => Pixels::from(photo.pixels),
-            };
-            Ok((pixels, photo.has_alpha))
-        };
-        // Where the user wants no transparency, alpha is not looked at.
-        let opaque = selection.effects.forced(Effect::Transparency) == Some(false);
-        let masked = selection.effects.forced(Effect::Masks) != Some(false)
-            && scene.views.iter().any(|v| v.mask.is_some())
-            && (opaque || !scene.views.par_iter().any(View::announces_alpha));
-        let (done, total) = (AtomicUsize::new(0), scene.views.len());
-        let photos: Vec<Result<(Pixels, bool), scene::Error>> = scene
-            .views
-            .par_iter()
-            .zip(&ends)
-            .map(|(view, end)| {
-                let photo = view.load_photo(resize).map(|photo| fourth(photo, opaque, masked));
-                watcher.loading(done.fetch_add(1, Ordering::Relaxed) + 1, total);
-                // A damaged photo fails alone; a full disk ends it all.
-                Ok(match photo {
-                    Ok(photo) => Ok(store(photo, *end)?),
-                    Err(damaged) => Err(damaged),
-                })
-            })
-            .collect::<Result<_, Error>>()?;
-        let photos = scene.keep_loaded(photos)?;
+        let wanted = |effect| selection.effects.forced(effect) != Some(false);
+        let options = LoadOptions { resize, alpha: wanted(Effect::Transparency), masks: wanted(Effect::Masks), memory };
+        let total = scene.views.len();
+        let photos = scene.load_photos(&options, &|done| watcher.loading(done, total))?;
         for line in scene.skipped.summary() {
             watcher.note(&line);
         }
         let split = scene.split(selection.eval_every);
-        let transparent = !masked && photos.iter().any(|(_, has_alpha)| *has_alpha);
-        let view = |i: usize| TrainView { camera: scene.views[i].camera_at(resize), pixels: photos[i].0.clone() };
-        let train = split.train.iter().map(|i| view(*i)).collect();
-        let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), view(*i))).collect();
+        let train = split.train.iter().map(|i| photos[*i].clone()).collect();
+        let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), photos[*i].clone())).collect();
         let extent = scene.extent(&split.train);
-        // The field trains and scores Blender scenes on white.
-        let background = selection.background.unwrap_or(if transparent { [1.0; 3] } else { [0.0; 3] });
-        Ok(Prepared { scene, train, test, extent, transparent, masked, background })
+        let usual = match FourthByte::of(&photos) {
+            // The field trains and scores Blender scenes on white.
+            FourthByte::Alpha => [1.0; 3],
+            FourthByte::Opaque | FourthByte::Mask => [0.0; 3],
+        };
+        let background = selection.background.unwrap_or(usual);
+        Ok(Prepared { scene, train, test, extent, background })
     }
-}
-
-/// The photo with what its fourth byte is to mean.
-fn fourth(mut photo: Photo, opaque: bool, masked: bool) -> Photo {
-    if opaque && photo.has_alpha {
-        photo.has_alpha = false;
-        photo.pixels.iter_mut().skip(3).step_by(4).for_each(|a| *a = 255);
-    }
-    if masked {
-        photo.fold_mask();
-    }
-    photo
 }
 
 /// What training begins with, before any photo is looked at.

@@ -11,8 +11,7 @@ use crate::render::{Image, Renderer, Settings, Style, Uses};
 use crate::response::{HighPass, ResidentResponses, ResidentScores, Responses, full_pass};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::Look;
-use crate::train::photos::TrainView;
-use crate::train::pixels::Pixels;
+use crate::scene::{Photo, Pixels};
 use glam::DVec3;
 use std::ops::RangeInclusive;
 
@@ -78,9 +77,9 @@ impl Around {
 /// A model's own pictures from all round it.
 pub struct OwnPictures {
     /// Views to learn from; without pixels where those were not asked for.
-    pub train: Vec<TrainView>,
+    pub train: Vec<Photo>,
     /// Views held out, by name.
-    pub test: Vec<(String, TrainView)>,
+    pub test: Vec<(String, Photo)>,
     /// How they were rendered, and how another model is to be compared with them.
     pub settings: Settings,
 }
@@ -109,7 +108,7 @@ impl OwnPictures {
             } else {
                 Pixels::from(Vec::new())
             };
-            let view = TrainView { camera, pixels };
+            let view = Photo::opaque(camera, pixels);
             if held_out {
                 test.push((format!("virtual_{i:03}"), view));
             } else {

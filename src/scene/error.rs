@@ -14,6 +14,14 @@ pub enum Error {
         /// The system's reason.
         source: std::io::Error,
     },
+    /// Decoded photos that do not fit the host's memory could not be put into a temporary file.
+    #[error("cannot write a temporary file of decoded photos in {folder}: {source}")]
+    Store {
+        /// The file's folder.
+        folder: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
     /// A file was read, but one of its records is not what the format demands.
     #[error("{path}, {record}: {what}")]
     Malformed {
@@ -96,6 +104,10 @@ pub enum Error {
 impl Error {
     pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
         Self::Io { path: path.to_owned(), source }
+    }
+
+    pub(crate) fn store(folder: &Path, source: std::io::Error) -> Self {
+        Self::Store { folder: folder.to_owned(), source }
     }
 
     pub(crate) fn malformed(path: &Path, record: impl Into<String>, what: impl Into<String>) -> Self {

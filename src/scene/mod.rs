@@ -1,28 +1,32 @@
-//! Cameras, photos, points and the train/test split of a capture.
+//! Floor 3: cameras, photos, points and the train/test split of a capture.
 //!
 //! [`Scene::open`] reads COLMAP (binary and text), Blender, instant-ngp and nerfstudio data sets. Cameras come out in one
-//! convention ([`camera`]), distorted lenses with the ideal pinhole that replaces them ([`lens`]); photos are touched
-//! only for the size in their header until [`View::load_photo`].
+//! convention ([`camera`]), distorted lenses with the ideal pinhole that replaces them ([`lens`]). Opening reads photos'
+//! headers only, for their sizes; [`Scene::load_photos`] decodes them into [`Photo`]s.
 
 pub mod camera;
+mod decode;
 mod error;
 mod exif;
 mod image_size;
 pub mod lens;
 pub mod orbit;
-pub mod photo;
+mod photo;
+mod pixels;
 mod readers;
 mod resample;
 mod skipped;
 mod view;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use glam::DVec3;
 use serde::Serialize;
 
+pub use decode::{LoadOptions, PhotoMemory, load_photos};
 pub use error::Error;
-pub use photo::{Photo, load_photos};
+pub use photo::{FourthByte, Photo};
+pub use pixels::{PhotoFile, Pixels};
 pub use skipped::{Names, Skipped};
 pub use view::{Resize, Role, View};
 
@@ -93,15 +97,6 @@ pub struct Split {
 }
 
 impl Scene {
-    /// Opens the scene at `path`: its folder, a COLMAP model folder, or a transforms file. No photo need be there.
-    ///
-    /// # Errors
-    /// [`Error`], with the file and record at fault and what to do. Views without a usable pose and points without a
-    /// usable place are left out and counted in [`Scene::skipped`].
-    pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, Error> {
-        readers::open(path, options)
-    }
-
     /// Drops the views whose photo is absent or of another shape than its camera, and counts them.
     ///
     /// # Errors
@@ -134,24 +129,21 @@ impl Scene {
         Ok(())
     }
 
-    /// Loads all views' photos in parallel; views whose photo is damaged are dropped and counted.
+    /// Loads all views' photos in parallel, one for each view that is left; views whose photo is damaged are dropped and
+    /// counted. `progress` is called with the number done so far after each photo, from any thread.
     ///
     /// # Errors
-    /// [`Error::NoPhotos`] where no view is left.
-    pub fn load_photos(&mut self, resize: Resize, progress: &(dyn Fn(usize) + Sync)) -> Result<Vec<Photo>, Error> {
+    /// [`Error::NoPhotos`] where no view is left; [`Error::Store`] where the temporary file cannot be written.
+    pub fn load_photos(
+        &mut self,
+        options: &LoadOptions<'_>,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Result<Vec<Photo>, Error> {
         let views: Vec<&View> = self.views.iter().collect();
-        self.keep_loaded(load_photos(&views, resize, progress))
-    }
-
-    /// Drops the views whose entry in `photos` (one per view) is an error, counts them, and hands back those of the
-    /// others.
-    ///
-    /// # Errors
-    /// [`Error::NoPhotos`] where no view is left.
-    pub fn keep_loaded<P>(&mut self, photos: Vec<Result<P, Error>>) -> Result<Vec<P>, Error> {
+        let photos = load_photos(&views, options, progress)?;
         let listed = self.views.len();
-        let mut loaded = Vec::with_capacity(photos.len());
-        let mut keep = Vec::with_capacity(photos.len());
+        let mut loaded = Vec::with_capacity(listed);
+        let mut keep = Vec::with_capacity(listed);
         let mut first = None;
         for (photo, view) in photos.into_iter().zip(&self.views) {
             keep.push(photo.is_ok());
@@ -169,6 +161,11 @@ impl Scene {
             return Err(Error::NoPhotos { root: self.root.clone(), listed, what });
         }
         Ok(loaded)
+    }
+
+    /// Whether any view has a mask.
+    pub fn has_masks(&self) -> bool {
+        self.views.iter().any(|view| view.mask.is_some())
     }
 
     /// Keeps the views whose flag is set (views beyond the flags are dropped); the points' tracks follow.

@@ -5,7 +5,8 @@ use super::overlap::worse;
 use super::random::Random;
 use crate::gpu::{Device, Recording, Result};
 use crate::reference;
-use crate::train::loss::{Loss, Weights};
+use crate::scene::FourthByte;
+use crate::train::loss::{Loss, Target, Weights};
 
 struct Case {
     width: u32,
@@ -36,7 +37,8 @@ impl Case {
         let (loss, size, weights) =
             (Loss::new(device, self.width, self.height)?, [self.width, self.height], Weights::default());
         let mut recording = Recording::new();
-        loss.record(&mut recording, &image, &photo, size, false, [0.0; 3], weights);
+        let target = Target { photo: &photo, size, fourth_byte: FourthByte::Opaque, background: [0.0; 3] };
+        loss.record(&mut recording, &image, target, weights);
         loss.record_value(&mut recording, size);
         device.run(recording)?;
         let value = f64::from(loss.value(device, size, weights)?);

@@ -4,13 +4,13 @@ use super::adam::AdamState;
 use super::error::Result;
 use super::exposure::{self, Exposure};
 use super::options::Options;
-use super::photos::TrainView;
 use super::trainer::Trainer;
 use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Error, Gaussians};
 use crate::gpu::{self, Buffer, Device};
 use crate::response::{CHANNELS, ResidentResponses};
+use crate::scene::Photo;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
 use std::path::Path;
@@ -70,11 +70,11 @@ impl Trainer {
     /// A run that goes on from a snapshot, to end as the unbroken run would.
     ///
     /// # Errors
-    /// Device memory; device errors; no views; exposures of another number of photos.
+    /// Device memory; device errors; no photos; exposures of another number of photos.
     pub fn resume(
         device: &Device,
         snapshot: &Snapshot,
-        views: Vec<TrainView>,
+        photos: Vec<Photo>,
         extent: f64,
         options: Options,
     ) -> Result<Self> {
@@ -91,7 +91,7 @@ impl Trainer {
         };
         let model = Resident::upload(device, &snapshot.model)?;
         let growth = device.upload("growth", &snapshot.growth)?.cast();
-        let mut trainer = Self::assemble(device, (model, state, growth), views, extent, options)?;
+        let mut trainer = Self::assemble(device, (model, state, growth), photos, extent, options)?;
         let (values, seen) = &snapshot.responses;
         if !seen.is_empty() {
             let (values, seen) = (device.upload("responses", values)?, device.upload("responses' iterations", seen)?);

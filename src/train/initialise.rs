@@ -1,11 +1,11 @@
 //! Where training begins: Gaussians on reconstructed points, or on random points where several cameras look.
 
 use super::error::{Error, Result};
-use super::photos::TrainView;
 use crate::gaussians::Gaussians;
 use crate::gaussians::sh::SH0;
 use crate::random::uniform;
 use crate::render::Settings;
+use crate::scene::Photo;
 use crate::scene::camera::Camera;
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
@@ -76,17 +76,17 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
 ///
 /// # Errors
 /// [`Error::NoViews`]; [`Error::Points`] where the cameras leave no place; photos in a file that cannot be read.
-pub fn random(views: &[TrainView], count: usize, blender: bool, seed: u64) -> Result<Vec<Seed>> {
-    if views.is_empty() {
+pub fn random(photos: &[Photo], count: usize, blender: bool, seed: u64) -> Result<Vec<Seed>> {
+    if photos.is_empty() {
         return Err(Error::NoViews);
     }
     let near = f64::from(Settings::default().near) * NEAR_LEEWAY;
-    let search = Search { views, focus: focus(views.iter().map(|v| &v.camera)), near, blender };
+    let search = Search { photos, focus: focus(photos.iter().map(|p| &p.camera)), near, blender };
     let most = (count as u64).saturating_mul(TRIES.0).max(TRIES.1);
     let (mut found, mut tried) = (Vec::with_capacity(count), 0);
     while found.len() < count {
         if tried >= most {
-            let (found, cameras) = (found.len(), SEEN_BY.min(views.len()));
+            let (found, cameras) = (found.len(), SEEN_BY.min(photos.len()));
             return Err(Error::Points { found, asked: count, tries: tried, near, cameras });
         }
         let missing = (count - found.len()) as u64;
@@ -104,7 +104,7 @@ pub fn random(views: &[TrainView], count: usize, blender: bool, seed: u64) -> Re
 
 /// Where random points are looked for.
 struct Search<'a> {
-    views: &'a [TrainView],
+    photos: &'a [Photo],
     focus: DVec3,
     near: f64,
     blender: bool,
@@ -114,8 +114,7 @@ impl Search<'_> {
     /// The point on one random ray, where it has a place.
     fn on_ray(&self, key: &[u64]) -> io::Result<Option<Seed>> {
         let draw = |n: u64| uniform(&[key[0], key[1], key[2], n]);
-        let view = &self.views[(draw(0) * self.views.len() as f64) as usize];
-        let camera = &view.camera;
+        let camera = &self.photos[(draw(0) * self.photos.len() as f64) as usize].camera;
         let pixel = DVec2::new(draw(1) * f64::from(camera.width), draw(2) * f64::from(camera.height));
         let ray = ((pixel - camera.principal) / camera.focal).extend(1.0);
         let distance = (camera.rotation * self.focus + camera.translation).z.max(1e-3);
@@ -135,22 +134,22 @@ impl Search<'_> {
             }
         }
         // What one camera sees well may hang before another's lens.
-        let clear = |seed: &Seed| self.views.iter().all(|v| !before_lens(&v.camera, seed.position, self.near));
+        let clear = |seed: &Seed| self.photos.iter().all(|p| !before_lens(&p.camera, seed.position, self.near));
         Ok(best.map(|(_, seed)| seed).filter(clear))
     }
 
     /// (variance of the colours, mean colour) of a point in the photos that see it; none where too few do.
     fn agreement(&self, position: DVec3, key: &[u64]) -> io::Result<Option<(f64, DVec3)>> {
-        let views = self.views;
-        let start = (uniform(&[key[0], key[1], key[2], 999]) * views.len() as f64) as usize;
+        let photos = self.photos;
+        let start = (uniform(&[key[0], key[1], key[2], 999]) * photos.len() as f64) as usize;
         let (mut n, mut sum, mut squares) = (0_usize, DVec3::ZERO, 0.0);
-        for k in 0..views.len() {
-            let view = &views[(start + k) % views.len()];
-            let Some((at, depth)) = project(&view.camera, position) else { continue };
+        for k in 0..photos.len() {
+            let photo = &photos[(start + k) % photos.len()];
+            let Some((at, depth)) = project(&photo.camera, position) else { continue };
             if depth < self.near {
                 continue;
             }
-            let colour = view.colour(at)?;
+            let colour = photo.colour(at)?;
             n += 1;
             sum += colour;
             squares += colour.length_squared();
@@ -158,7 +157,7 @@ impl Search<'_> {
                 break;
             }
         }
-        if n < SEEN_BY.min(views.len()) {
+        if n < SEEN_BY.min(photos.len()) {
             return Ok(None);
         }
         let mean = sum / n as f64;

@@ -3,6 +3,7 @@
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::train::{Loss as Kernel, LossPush, LossSpec};
 use crate::primitives::{WORKGROUP, reduce};
+use crate::scene::FourthByte;
 
 /// The profiler's scope.
 pub const STAGE: &str = "loss";
@@ -37,6 +38,19 @@ impl Default for Weights {
     fn default() -> Self {
         Self { l1: 0.8, ssim: 0.2, l2: 0.0 }
     }
+}
+
+/// The photo that a picture is compared with.
+#[derive(Clone, Copy)]
+pub struct Target<'a> {
+    /// RGBA, 8 bits each.
+    pub photo: &'a Buffer<u32>,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// What the photo's fourth byte means.
+    pub fourth_byte: FourthByte,
+    /// Colour that shows through the photo where its fourth byte is below 255.
+    pub background: [f32; 3],
 }
 
 /// Scratch of the loss for pictures of up to a number of pixels.
@@ -80,19 +94,9 @@ impl Loss {
         })
     }
 
-    /// Records the loss of `image` against `photo` (RGBA, 8 bits each) and its gradient.
-    ///
-    /// Where `transparent`, the photo's fourth byte is its opacity over `background`.
-    pub fn record(
-        &self,
-        recording: &mut Recording,
-        image: &Buffer<[f32; 4]>,
-        photo: &Buffer<u32>,
-        [width, height]: [u32; 2],
-        transparent: bool,
-        background: [f32; 3],
-        weights: Weights,
-    ) {
+    /// Records the loss of `image` against the target and its gradient by the image.
+    pub fn record(&self, recording: &mut Recording, image: &Buffer<[f32; 4]>, target: Target<'_>, weights: Weights) {
+        let Target { photo, size: [width, height], fourth_byte, background } = target;
         let share = 1.0 / (3.0 * width as f32 * height as f32);
         let [r, g, b] = background;
         let [row_runs, column_runs] = runs([width, height], self.rounds);
@@ -116,7 +120,7 @@ impl Loss {
                 spec: LossSpec {
                     workgroup: WORKGROUP,
                     phase: phase as u32,
-                    alpha: u32::from(transparent),
+                    alpha: u32::from(fourth_byte.shows_background()),
                     rounds: self.rounds,
                 },
             };

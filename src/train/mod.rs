@@ -3,6 +3,7 @@
 pub mod adam;
 pub mod checkpoint;
 pub mod density;
+pub mod device_photos;
 mod error;
 pub mod exposure;
 pub mod halve;
@@ -13,8 +14,6 @@ pub mod mask;
 mod memory;
 mod objective;
 mod options;
-pub mod photos;
-pub mod pixels;
 mod respond;
 pub mod schedule;
 pub mod smoothing;

@@ -2,64 +2,69 @@
 
 use super::error::Result;
 use super::exposure::{Exposure, Step};
-use super::loss::{self, Loss};
+use super::loss::{self, Loss, Target};
 use super::mask::Mask;
 use super::options::Options;
 use crate::gpu::{Buffer, Device, Recording};
 use crate::response::record_residual;
+use crate::scene::{FourthByte, Photo};
 
-/// What a picture is compared with.
+/// The photo that a picture is rendered for.
 #[derive(Clone, Copy)]
-pub(super) struct Target<'a> {
-    /// The view, as its number among those trained on.
-    pub view: usize,
-    /// Its photo, RGBA of 8 bits each.
-    pub photo: &'a Buffer<u32>,
+pub(super) struct Current<'a> {
+    /// Its number among the photos trained on.
+    pub number: usize,
+    /// Its pixels, RGBA of 8 bits each.
+    pub pixels: &'a Buffer<u32>,
     /// Width and height.
     pub size: [u32; 2],
 }
 
-/// What pictures are judged by.
+/// Compares pictures with photos.
 pub(super) struct Objective {
     pub loss: Loss,
-    /// Exposures of the photos, where they have any.
+    fourth_byte: FourthByte,
+    /// Exposures of the photos, if they have any.
     pub exposure: Option<Exposure>,
-    /// What hides parts of photos, where they have masks.
-    pub mask: Option<Mask>,
+    /// Hides the masked parts of photos, if they have masks.
+    mask: Option<Mask>,
 }
 
 impl Objective {
-    /// For so many photos of at most `size`.
-    pub fn new(device: &Device, photos: usize, [width, height]: [u32; 2], options: &Options) -> Result<Self> {
+    /// For photos of at most `size`.
+    pub fn new(device: &Device, photos: &[Photo], [width, height]: [u32; 2], options: &Options) -> Result<Self> {
         let pixels = width as usize * height as usize;
         let background = options.settings.background;
+        let fourth_byte = FourthByte::of(photos);
+        let masked = fourth_byte == FourthByte::Mask;
         Ok(Self {
             loss: Loss::new(device, width, height)?,
+            fourth_byte,
             exposure: options
                 .exposure
                 .as_ref()
-                .map(|gains| Exposure::new(device, gains, photos, pixels))
+                .map(|gains| Exposure::new(device, gains, photos.len(), pixels))
                 .transpose()?,
-            mask: options.masked.then(|| Mask::new(device, pixels, background)).transpose()?,
+            mask: masked.then(|| Mask::new(device, pixels, background)).transpose()?,
         })
     }
 
-    /// Records the gradient by `rendered`, and the loss's sums where its value is asked for; `step` updates the photo's
-    /// exposure, none leaves it. Returns the picture that the loss saw.
+    /// Records the gradient by `rendered`, and the loss's sums if `with_value`; `step` updates the photo's exposure, none
+    /// leaves it unchanged. Returns the picture that the loss saw.
     pub fn record<'a>(
         &'a self,
         recording: &mut Recording,
         rendered: &'a Buffer<[f32; 4]>,
-        target: Target<'_>,
+        current: Current<'_>,
         options: &Options,
         with_value: bool,
         step: Option<Step<'_>>,
     ) -> &'a Buffer<[f32; 4]> {
-        let Target { view, photo, size } = target;
+        let Current { number, pixels: photo, size } = current;
         let (gradient, pixels) = (&self.loss.gradient, size[0] * size[1]);
         let mut seen = rendered;
         if let Some(exposure) = &self.exposure {
-            exposure.apply(recording, view, seen, pixels);
+            exposure.apply(recording, number, seen, pixels);
             seen = &exposure.image;
         }
         if let Some(mask) = &self.mask {
@@ -67,7 +72,8 @@ impl Objective {
             seen = &mask.image;
         }
         recording.scope(loss::STAGE, |r| {
-            self.loss.record(r, seen, photo, size, options.over(), options.settings.background, options.weights);
+            let (fourth_byte, background) = (self.fourth_byte, options.settings.background);
+            self.loss.record(r, seen, Target { photo, size, fourth_byte, background }, options.weights);
             if with_value {
                 self.loss.record_value(r, size);
             }
@@ -76,7 +82,7 @@ impl Objective {
             mask.backward(recording, photo, gradient, pixels);
         }
         if let Some(exposure) = &self.exposure {
-            exposure.backward(recording, view, rendered, gradient, pixels, step);
+            exposure.backward(recording, number, rendered, gradient, pixels, step);
         }
         seen
     }
@@ -86,10 +92,11 @@ impl Objective {
         &self,
         recording: &mut Recording,
         seen: &Buffer<[f32; 4]>,
-        target: Target<'_>,
+        current: Current<'_>,
         options: &Options,
     ) {
+        let Current { pixels: photo, size, .. } = current;
         let (gradient, background) = (&self.loss.gradient, options.settings.background);
-        record_residual(recording, seen, target.photo, gradient, target.size, options.over(), background);
+        record_residual(recording, seen, photo, gradient, size, self.fourth_byte.shows_background(), background);
     }
 }

@@ -1,11 +1,11 @@
-//! What a run depends on besides its views and model.
+//! What a run depends on besides its photos and model.
 
 use super::loss::Weights;
 use super::schedule::Schedule;
 use crate::render::Settings;
 use std::ops::Range;
 
-/// What a run depends on besides its views and model.
+/// What a run depends on besides its photos and model.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Course of the run.
@@ -18,12 +18,8 @@ pub struct Options {
     pub degree: usize,
     /// No more Gaussians than this.
     pub most: usize,
-    /// Whether the photos' alpha is opacity over the background.
-    pub transparent: bool,
-    /// Whether the photos' fourth byte says how much of a pixel counts.
-    pub masked: bool,
-    /// Where each photo has an exposure of its own: by view, the gains of red, green and blue that were
-    /// measured; an empty list where none could be.
+    /// If each photo has an exposure of its own: the measured gains of red, green and blue by photo; empty if none could be
+    /// measured.
     pub exposure: Option<Vec<[f32; 3]>>,
     /// Weights of the loss.
     pub weights: Weights,
@@ -31,11 +27,4 @@ pub struct Options {
     pub averaged: Range<u32>,
     /// Room for (tile, Gaussian) pairs to begin with; results do not depend on it.
     pub pairs: u32,
-}
-
-impl Options {
-    /// Whether the photos' fourth byte is a share over the background: opacity, or how much of a pixel counts.
-    pub(super) fn over(&self) -> bool {
-        self.transparent || self.masked
-    }
 }

@@ -1,13 +1,13 @@
 //! How strongly the training photos depend on each Gaussian: by a pass over all of them, or averaged over iterations.
 
 use super::error::Result;
-use super::objective::Target;
+use super::objective::Current;
 use super::trainer::Trainer;
 use crate::gpu;
 use crate::response::{Gather, Responses, full_pass};
 
 impl Trainer {
-    /// Responses, and where asked for other methods' scores, by a pass over all training views; neither model nor moments
+    /// Responses, and where asked for other methods' scores, by a pass over all photos; neither model nor moments
     /// change.
     ///
     /// # Errors
@@ -16,7 +16,7 @@ impl Trainer {
         self.responses_with(with_scores, |_| Ok(()))
     }
 
-    /// As [`Trainer::responses`]; `follow` hears how many views were seen, and may end it.
+    /// As [`Trainer::responses`]; `follow` hears how many photos were seen, and may end it.
     ///
     /// # Errors
     /// As [`Trainer::responses`]; what `follow` says.
@@ -28,8 +28,8 @@ impl Trainer {
     where
         E: From<gpu::Error> + From<super::Error>,
     {
-        let cameras: Vec<_> = self.views.iter().map(|v| v.camera.clone()).collect();
-        let (device, views, photos) = (&self.device, &self.views, &mut self.photos);
+        let cameras: Vec<_> = self.photos.iter().map(|p| p.camera.clone()).collect();
+        let (device, photos, device_photos) = (&self.device, &self.photos, &mut self.device_photos);
         let (objective, options) = (&self.objective, &self.options);
         let responses = full_pass(
             device,
@@ -40,10 +40,10 @@ impl Trainer {
             with_scores,
             |recording, v, image| -> Result<(), E> {
                 follow(v)?;
-                let photo = photos.get(device, views, v, (v + 1) % cameras.len())?;
-                let target = Target { view: v, photo, size: [cameras[v].width, cameras[v].height] };
-                let seen = objective.record(recording, image, target, options, false, None);
-                objective.record_residual(recording, seen, target, options);
+                let pixels = device_photos.get(device, photos, v, (v + 1) % cameras.len())?;
+                let current = Current { number: v, pixels, size: [cameras[v].width, cameras[v].height] };
+                let seen = objective.record(recording, image, current, options, false, None);
+                objective.record_residual(recording, seen, current, options);
                 Ok(())
             },
         )?;

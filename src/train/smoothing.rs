@@ -1,12 +1,12 @@
 //! 3D smoothing, part of anti-aliasing: no Gaussian gets thinner than the photos can tell.
 
-use super::photos::TrainView;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::View;
 use crate::kernels::train::{Smoothing as Kernel, SmoothingPush, SmoothingSpec};
 use crate::primitives::WORKGROUP;
 use crate::render::{Settings, view};
+use crate::scene::Photo;
 
 /// Iterations between its turns: scales move by a fifth at most meanwhile.
 const EVERY: u32 = 16;
@@ -26,8 +26,8 @@ impl Smoothing {
     ///
     /// # Errors
     /// Device memory.
-    pub fn new(device: &Device, views: &[TrainView], settings: &Settings) -> Result<Self> {
-        let cameras: Vec<View> = views.iter().map(|v| view(&v.camera, settings, 0, 1)).collect();
+    pub fn new(device: &Device, photos: &[Photo], settings: &Settings) -> Result<Self> {
+        let cameras: Vec<View> = photos.iter().map(|p| view(&p.camera, settings, 0, 1)).collect();
         Ok(Self { views: device.upload("training cameras", &cameras)? })
     }
 

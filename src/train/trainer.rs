@@ -3,12 +3,12 @@
 
 use super::adam::{self, AdamState};
 use super::density::{self, Step, densify};
+use super::device_photos::DevicePhotos;
 use super::error::{Error, Result};
 use super::exposure;
 use super::halve::{self, Halve};
-use super::objective::{Objective, Target};
+use super::objective::{Current, Objective};
 use super::options::Options;
-use super::photos::{Photos, TrainView};
 use super::smoothing::Smoothing;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
@@ -16,6 +16,7 @@ use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
 use crate::random::permutation;
 use crate::render::{Backward, Renderer};
 use crate::response::{Gather, ResidentResponses};
+use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
 use std::collections::VecDeque;
 
@@ -50,8 +51,8 @@ pub struct Trainer {
     /// Rows skipped for gradients that were not finite, so far.
     pub(super) skipped_rows: u64,
     last_loss: f32,
-    pub(super) views: Vec<TrainView>,
-    pub(super) photos: Photos,
+    pub(super) photos: Vec<Photo>,
+    pub(super) device_photos: DevicePhotos,
     extent: f64,
     cameras: [f32; 3],
     pub(super) renderer: Renderer,
@@ -68,44 +69,38 @@ impl Trainer {
     /// A run from its beginning.
     ///
     /// # Errors
-    /// Device memory; device errors; no views.
-    pub fn new(
-        device: &Device,
-        model: &Gaussians,
-        views: Vec<TrainView>,
-        extent: f64,
-        options: Options,
-    ) -> Result<Self> {
+    /// Device memory; device errors; no photos.
+    pub fn new(device: &Device, model: &Gaussians, photos: Vec<Photo>, extent: f64, options: Options) -> Result<Self> {
         let model = Resident::upload(device, model)?;
         let state = AdamState::zeros(device, &model)?;
         let growth = device.upload("growth", &vec![[0.0; 2]; model.len])?;
-        Self::assemble(device, (model, state, growth), views, extent, options)
+        Self::assemble(device, (model, state, growth), photos, extent, options)
     }
 
     /// A run with this model, its moments and its density sums, before any iteration.
     pub(super) fn assemble(
         device: &Device,
         (model, state, growth): (Resident, AdamState, Buffer<[f32; 2]>),
-        views: Vec<TrainView>,
+        photos: Vec<Photo>,
         extent: f64,
         options: Options,
     ) -> Result<Self> {
-        if views.is_empty() {
+        if photos.is_empty() {
             return Err(Error::NoViews);
         }
-        let size = camera::largest(views.iter().map(|v| &v.camera));
+        let size = camera::largest(photos.iter().map(|p| &p.camera));
         let renderer = Renderer::for_training(device, options.settings, model.len * 5 / 4, size, options.pairs)?;
         // Photos first: what brings them to the device is gone before the loss's pictures are made.
-        let photos = Photos::new(device, &views)?;
-        let objective = Objective::new(device, views.len(), size, &options)?;
+        let device_photos = DevicePhotos::new(device, &photos)?;
+        let objective = Objective::new(device, &photos, size, &options)?;
         let half = options.schedule.halves(1).then(|| Halve::new(device, size)).transpose()?;
         let antialias = options.settings.antialias;
-        let smoothing = antialias.then(|| Smoothing::new(device, &views, &options.settings)).transpose()?;
+        let smoothing = antialias.then(|| Smoothing::new(device, &photos, &options.settings)).transpose()?;
         Ok(Self {
             half,
             smoothing,
-            cameras: camera::mean_centre(views.iter().map(|v| &v.camera)).as_vec3().to_array(),
-            photos,
+            cameras: camera::mean_centre(photos.iter().map(|p| &p.camera)).as_vec3().to_array(),
+            device_photos,
             objective,
             device: device.clone(),
             model,
@@ -115,7 +110,7 @@ impl Trainer {
             iteration: 0,
             skipped_rows: 0,
             last_loss: f32::NAN,
-            views,
+            photos,
             extent,
             renderer,
             options,
@@ -183,7 +178,7 @@ impl Trainer {
                 self.timings.merge(&ticket.wait()?);
             }
             let ticket = self.submit(iteration, iteration == last)?;
-            if matches!(self.photos, Photos::Streamed(_)) {
+            if matches!(self.device_photos, DevicePhotos::Streamed(_)) {
                 self.timings.merge(&ticket.wait()?);
             } else {
                 flight.push_back(ticket);
@@ -204,7 +199,7 @@ impl Trainer {
         if self.iteration == last {
             let view = self.view_of(last);
             let halved = self.halved(view, last);
-            let Camera { width, height, .. } = *halved.as_ref().unwrap_or(&self.views[view].camera);
+            let Camera { width, height, .. } = *halved.as_ref().unwrap_or(&self.photos[view].camera);
             self.last_loss = self.objective.loss.value(&self.device, [width, height], self.options.weights)?;
             self.after(last)?;
         }
@@ -258,7 +253,7 @@ impl Trainer {
 
     /// Views are drawn without replacement, shuffled anew when all were seen.
     fn view_of(&mut self, iteration: u32) -> usize {
-        let n = self.views.len() as u32;
+        let n = self.photos.len() as u32;
         let (round, at) = ((iteration - 1) / n, (iteration - 1) % n);
         if self.order.0 != round {
             self.order = (round, permutation(n as usize, &[u64::from(self.options.seed), u64::from(round)]));
@@ -268,7 +263,7 @@ impl Trainer {
 
     /// The camera of a view at half its size, where iteration `iteration` sees it so.
     fn halved(&self, view: usize, iteration: u32) -> Option<Camera> {
-        self.options.schedule.halves(iteration).then(|| halve::camera(&self.views[view].camera)).flatten()
+        self.options.schedule.halves(iteration).then(|| halve::camera(&self.photos[view].camera)).flatten()
     }
 
     /// What smooths after iteration `iteration`, where that is due.
@@ -292,10 +287,10 @@ impl Trainer {
     fn record(&mut self, iteration: u32, with_value: bool) -> Result<Recording> {
         let (next, at) = (self.view_of(iteration + 1), self.view_of(iteration));
         let halved = self.halved(at, iteration);
-        let mut photo = self.photos.get(&self.device, &self.views, at, next)?;
+        let mut photo = self.device_photos.get(&self.device, &self.photos, at, next)?;
         let (options, model) = (&self.options, &self.model);
         let mut recording = Recording::new();
-        let mut camera = &self.views[at].camera;
+        let mut camera = &self.photos[at].camera;
         if let (Some(half), Some(halved)) = (&self.half, &halved) {
             half.record(&mut recording, photo, [camera.width, camera.height]);
             (photo, camera) = (&half.photo, halved);
@@ -307,15 +302,20 @@ impl Trainer {
             pairs: slots.pairs,
             limit: slots.limit,
             // Each photo is drawn once a round.
-            number: (iteration - 1) / self.views.len() as u32 + 1,
-            rate: exposure::rate(options.exposure.as_deref(), iteration, options.schedule.iterations, self.views.len()),
+            number: (iteration - 1) / self.photos.len() as u32 + 1,
+            rate: exposure::rate(
+                options.exposure.as_deref(),
+                iteration,
+                options.schedule.iterations,
+                self.photos.len(),
+            ),
         };
-        let target = Target { view: at, photo, size };
+        let current = Current { number: at, pixels: photo, size };
         let (objective, rendered) = (&self.objective, self.renderer.image());
-        let seen = objective.record(&mut recording, rendered, target, options, with_value, Some(step));
+        let seen = objective.record(&mut recording, rendered, current, options, with_value, Some(step));
         let responses = self.responses.as_ref().filter(|_| options.averaged.contains(&iteration));
         if responses.is_some() {
-            objective.record_residual(&mut recording, seen, target, options);
+            objective.record_residual(&mut recording, seen, current, options);
         }
         let growth = options.schedule.gathers(iteration).then_some(&self.growth);
         let backward = Backward { residual: responses.is_some(), growth, ..Backward::default() };

@@ -8,7 +8,7 @@ use qirf_vk::synth::{self, SynthOptions, write};
 use std::path::Path;
 
 fn decisions(path: &Path) -> Vec<Decision> {
-    let decisions = of_scene(&Scene::open(path, &OpenOptions::default()).expect("a scene"));
+    let decisions = of_scene(&Scene::open(path, &OpenOptions::default()).expect("a scene")).expect("photos");
     for d in &decisions {
         println!("  {:<16} {:<5} {:?} {}", d.name.name(), d.on, d.degree, d.evidence);
     }

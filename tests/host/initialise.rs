@@ -2,10 +2,10 @@
 
 use crate::support::synthetic::Random;
 use glam::DVec3;
+use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::Error;
 use qirf_vk::train::initialise::{Seed, from_points, random};
-use qirf_vk::train::photos::TrainView;
 use std::time::Instant;
 
 fn points(count: usize, seed: u64) -> Vec<Seed> {
@@ -68,20 +68,21 @@ fn coincident_points() {
 }
 
 /// Cameras around the origin with photos of noise; each sees most of what the others see.
-fn ring(count: usize, size: [u32; 2]) -> Vec<TrainView> {
+fn ring(count: usize, size: [u32; 2]) -> Vec<Photo> {
     let mut r = Random(9);
     (0..count)
         .map(|i| {
             let angle = std::f64::consts::TAU * i as f64 / count as f64;
             let eye = DVec3::new(4.0 * angle.cos(), 1.0, 4.0 * angle.sin());
             let camera = Camera::look_at(eye, DVec3::new(0.0, 0.5, 0.0), DVec3::Y, 0.8, size[0], size[1]);
-            TrainView { camera, pixels: (0..size[0] * size[1] * 4).map(|_| r.within(0.0, 256.0) as u8).collect() }
+            let pixels: Vec<u8> = (0..size[0] * size[1] * 4).map(|_| r.within(0.0, 256.0) as u8).collect();
+            Photo::opaque(camera, pixels)
         })
         .collect()
 }
 
 /// Cameras in a row, all looking the same way: their axes never meet.
-fn row(count: usize) -> Vec<TrainView> {
+fn row(count: usize) -> Vec<Photo> {
     let mut views = ring(count, [40, 30]);
     for (i, view) in views.iter_mut().enumerate() {
         let eye = DVec3::new(0.3 * i as f64, 0.0, 0.0);
@@ -91,7 +92,7 @@ fn row(count: usize) -> Vec<TrainView> {
 }
 
 /// Cameras at one place looking outward: their axes meet behind nobody's back.
-fn outward(count: usize) -> Vec<TrainView> {
+fn outward(count: usize) -> Vec<Photo> {
     let mut views = ring(count, [40, 30]);
     for (i, view) in views.iter_mut().enumerate() {
         let angle = 0.1 * i as f64;
@@ -101,7 +102,7 @@ fn outward(count: usize) -> Vec<TrainView> {
     views
 }
 
-fn sees(view: &TrainView, position: DVec3) -> bool {
+fn sees(view: &Photo, position: DVec3) -> bool {
     let camera = &view.camera;
     let p = camera.rotation * position + camera.translation;
     let at = p.truncate() / p.z * camera.focal + camera.principal;
@@ -132,7 +133,7 @@ fn random_points_lie_where_cameras_look() {
     assert!(matches!(random(&[], 100, false, 1), Err(Error::NoViews)));
 }
 
-fn depth(view: &TrainView, position: DVec3) -> f64 {
+fn depth(view: &Photo, position: DVec3) -> f64 {
     (view.camera.rotation * position + view.camera.translation).z
 }
 

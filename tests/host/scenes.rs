@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use crate::support::files::writers::{Model, picture, row, transforms, write};
 use glam::{DVec2, DVec3};
 use qirf_vk::scene::lens::LensModel;
-use qirf_vk::scene::{Error, OpenOptions, Resize, Role, Scene, SceneKind, Split};
+use qirf_vk::scene::{Error, FourthByte, LoadOptions, OpenOptions, Resize, Role, Scene, SceneKind, Split};
 
 fn open(root: &Path) -> Result<Scene, Error> {
     Scene::open(root, &OpenOptions::default())
@@ -136,7 +136,8 @@ fn transforms_find_other_photo_folders_and_masks() {
     assert!(opened.views.iter().all(|v| v.camera.width == 32 && v.camera.focal.x == 25.0));
     let masks: Vec<_> = opened.views.iter().map(|v| v.mask.clone().unwrap()).collect();
     assert_eq!(masks, [scene.path().join("own.png"), scene.path().join("masks/b.png")]);
-    assert_eq!(opened.views[0].load_photo(Resize::Full).unwrap().mask.unwrap().len(), 32 * 24);
+    let photo = opened.views[0].load_photo(Resize::Full).unwrap();
+    assert_eq!((photo.fourth_byte, photo.pixels.len()), (FourthByte::Mask, 4 * 32 * 24));
     // A file within the folder that is no part of the scene is not the scene.
     says(&message(open(&scene.path().join("own.png"))), &["holds no scene"]);
 }
@@ -170,7 +171,7 @@ fn missing_misshapen_and_damaged_photos_are_skipped_and_counted() {
     opened.require_photos().unwrap();
     assert_eq!(opened.views.iter().map(|v| v.name.as_str()).collect::<Vec<_>>(), ["b.png", "d.jpg", "e.jpg"]);
     assert_eq!(opened.points[0].track, [0, 1, 2]);
-    let photos = opened.load_photos(Resize::Full, &|_| {}).unwrap();
+    let photos = opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
     assert_eq!((photos.len(), opened.views.len()), (2, 2));
     assert_eq!(opened.points[0].track, [0, 1]);
     let skipped = &opened.skipped;
@@ -219,14 +220,12 @@ fn photos_load_at_the_size_of_their_camera() {
     assert!(!view.undistorts());
     for resize in [Resize::Full, Resize::Width(10), Resize::Width(900), Resize::Divide(5), Resize::Divide(1000)] {
         let (photo, camera) = (view.load_photo(resize).unwrap(), view.camera_at(resize));
-        assert_eq!((photo.width, photo.height), (camera.width, camera.height));
-        assert_eq!(photo.pixels.len(), 4 * (photo.width * photo.height) as usize);
-        assert_eq!(photo.mask.unwrap().len(), (photo.width * photo.height) as usize);
-        assert!(!photo.has_alpha);
+        assert_eq!(photo.pixels.len(), 4 * (camera.width * camera.height) as usize);
+        assert_eq!((photo.camera, photo.fourth_byte), (camera, FourthByte::Mask));
     }
     assert_eq!(view.camera_at(Resize::Width(10)).height, 8); // 7.5 rounds up
     let half = view.load_photo(Resize::Divide(2)).unwrap();
-    assert_eq!(half.pixels[4 * 33], ((255 * 2 / 64 + 255 * 3 / 64 + 1) / 2) as u8); // pixel (1, 1): columns 2 and 3
+    assert_eq!(half.pixels.at(33).unwrap()[0], ((255 * 2 / 64 + 255 * 3 / 64 + 1) / 2) as u8); // pixel (1, 1): columns 2 and 3
 
     // A distorted lens: the ramp, undistorted, shows at each pixel the place it came from.
     model.cameras[0] = (1, LensModel::SimpleRadial, 64, 48, vec![50.0, 32.0, 24.0, -0.2]);
@@ -236,13 +235,13 @@ fn photos_load_at_the_size_of_their_camera() {
     assert!(view.undistorts() && view.lens.max_displacement() > 2.0);
     for (resize, tolerance) in [(Resize::Full, 3.0), (Resize::Divide(3), 3.0)] {
         let (photo, camera) = (view.load_photo(resize).unwrap(), view.camera_at(resize));
-        for y in 0..photo.height {
-            for x in 0..photo.width {
+        for y in 0..camera.height {
+            for x in 0..camera.width {
                 let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
                 let source = view.lens.project((pixel - camera.principal) / camera.focal);
                 let expected = 255.0 * (source - 0.5) / DVec2::new(64.0, 48.0);
-                let at = 4 * (y * photo.width + x) as usize;
-                let found = DVec2::new(f64::from(photo.pixels[at]), f64::from(photo.pixels[at + 1]));
+                let [red, green, ..] = photo.pixels.at((y * camera.width + x) as usize).unwrap();
+                let found = DVec2::new(f64::from(red), f64::from(green));
                 assert!((found - expected).abs().max_element() < tolerance, "{resize:?} {x} {y}: {found} {expected}");
             }
         }
@@ -250,7 +249,8 @@ fn photos_load_at_the_size_of_their_camera() {
     let mut plain = view.clone();
     plain.set_undistort(false).unwrap();
     assert_eq!(plain.camera.focal, DVec2::splat(50.0));
-    assert_ne!(plain.load_photo(Resize::Full).unwrap(), view.load_photo(Resize::Full).unwrap());
+    let [plain, ideal] = [&plain, view].map(|v| v.load_photo(Resize::Full).unwrap());
+    assert_ne!(plain.pixels.read().unwrap(), ideal.pixels.read().unwrap());
 }
 
 #[test]
@@ -263,8 +263,8 @@ fn transparency_is_noticed() {
         .save(&path)
         .unwrap();
     let photo = open(scene.path()).unwrap().views[0].load_photo(Resize::Width(1)).unwrap();
-    assert!(photo.has_alpha);
-    assert_eq!(photo.pixels, [200, 10, 10, 128]);
+    assert_eq!(photo.fourth_byte, FourthByte::Alpha);
+    assert_eq!(*photo.pixels.read().unwrap(), [200, 10, 10, 128]);
 }
 
 #[test]

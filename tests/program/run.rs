@@ -3,8 +3,8 @@
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::{self, Init, Preset, RunConfig, prepare};
+use qirf_vk::scene::{PhotoMemory, Pixels};
 use qirf_vk::synth::{SynthOptions, write};
-use qirf_vk::train::pixels::Pixels;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
@@ -230,7 +230,7 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
     let mut results = Vec::new();
     for (name, host_bytes) in [("memory", u64::MAX), ("file", 0)] {
         let opened = prepare::open(&config.selection()).unwrap();
-        let prepared = opened.load((host_bytes, folder.path()), &Silent).unwrap();
+        let prepared = opened.load(PhotoMemory { bytes: host_bytes, folder: folder.path() }, &Silent).unwrap();
         assert!(prepared.views().all(|v| matches!(v.pixels, Pixels::Filed { .. }) == (host_bytes == 0)));
         let output = qirf_vk::pipeline::Output::new(&folder.path().join(name)).unwrap();
         let networks = Networks::default();

@@ -38,7 +38,7 @@ pub(super) fn describe(path: &Path, images: Option<PathBuf>) -> Result<Value, Er
         "train_views": split.train.len(),
         "test_views": split.test.len(),
         "skipped": scene.skipped.summary(),
-        "effects": effects::of_scene(&scene),
+        "effects": effects::of_scene(&scene)?,
     }))
 }
 

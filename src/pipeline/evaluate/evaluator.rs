@@ -10,9 +10,8 @@ use crate::pipeline::prepare::Prepared;
 use crate::pipeline::records::ViewScores;
 use crate::pipeline::{Watcher, pairs};
 use crate::render::{Image, Renderer, Settings, Style, Uses};
-use crate::scene::camera;
+use crate::scene::{FourthByte, Photo, camera};
 use crate::train;
-use crate::train::photos::TrainView;
 use std::path::Path;
 use std::time::Instant;
 
@@ -25,7 +24,7 @@ const EMPTY: f32 = 1e-3;
 ///
 /// # Errors
 /// A photo that lies in a file which cannot be read.
-pub fn truth(view: &TrainView, background: [f32; 3]) -> Result<Vec<f32>, Error> {
+pub fn truth(view: &Photo, background: [f32; 3]) -> Result<Vec<f32>, Error> {
     let mut out = Vec::with_capacity(view.pixels.len() / 4 * 3);
     for p in view.pixels.read().map_err(train::Error::Photos)?.chunks_exact(4) {
         let alpha = f32::from(p[3]) / 255.0;
@@ -72,7 +71,6 @@ pub struct Evaluator {
     renderer: Renderer,
     background: [f32; 3],
     exposed: bool,
-    masked: bool,
 }
 
 impl Evaluator {
@@ -84,23 +82,22 @@ impl Evaluator {
         device: &Device,
         settings: Settings,
         gaussians: usize,
-        views: impl Iterator<Item = &'a TrainView>,
+        views: impl Iterator<Item = &'a Photo>,
     ) -> Result<Self, Error> {
         let [width, height] = camera::largest(views.map(|v| &v.camera));
         let renderer = Renderer::new(device, settings, gaussians, width, height)?;
-        Ok(Self { renderer, background: settings.background, exposed: false, masked: false })
+        Ok(Self { renderer, background: settings.background, exposed: false })
     }
 
-    /// Whether photos have exposures of their own, and are scored by the protocol of [`super::exposure_fit`]; whether
-    /// their fourth byte says how much of a pixel counts.
-    pub fn compare_as(&mut self, exposed: bool, masked: bool) {
-        (self.exposed, self.masked) = (exposed, masked);
+    /// Whether photos have exposures of their own, and are scored by the protocol of [`super::exposure_fit`].
+    pub fn compare_as(&mut self, exposed: bool) {
+        self.exposed = exposed;
     }
 
     /// A rendered view and its photo as they are compared.
-    fn compared(&self, image: &Image, view: &TrainView) -> Result<Compared, Error> {
+    fn compared(&self, image: &Image, view: &Photo) -> Result<Compared, Error> {
         let (mut rendered, photo) = (rgb(image), truth(view, self.background)?);
-        if self.masked {
+        if view.fourth_byte == FourthByte::Mask {
             let bytes = view.pixels.read().map_err(train::Error::Photos)?;
             for (x, p) in rendered.chunks_exact_mut(3).zip(bytes.chunks_exact(4)) {
                 let counts = f32::from(p[3]) / 255.0;
@@ -128,7 +125,7 @@ impl Evaluator {
     ///
     /// # Errors
     /// Device errors.
-    pub fn render(&mut self, model: &Resident, view: &TrainView) -> Result<Image, Error> {
+    pub fn render(&mut self, model: &Resident, view: &Photo) -> Result<Image, Error> {
         Ok(self.renderer.render(model, &view.camera)?)
     }
 
@@ -136,7 +133,7 @@ impl Evaluator {
     ///
     /// # Errors
     /// Device errors.
-    pub fn draw(&mut self, model: &Resident, view: &TrainView) -> Result<(), Error> {
+    pub fn draw(&mut self, model: &Resident, view: &Photo) -> Result<(), Error> {
         self.renderer.draw(model, &view.camera)?;
         Ok(())
     }
@@ -145,7 +142,7 @@ impl Evaluator {
     ///
     /// # Errors
     /// Networks that do not fit the picture are noted in the scores, not errors; sizes always agree here.
-    pub fn score(&self, image: &Image, view: &TrainView, networks: &Networks) -> Result<Scores, Error> {
+    pub fn score(&self, image: &Image, view: &Photo, networks: &Networks) -> Result<Scores, Error> {
         let ([w, h], rendered, photo) = self.compared(image, view)?;
         let rendered = metrics::Image::new(w, h, &rendered)?;
         let photo = metrics::Image::new(w, h, &photo)?;
@@ -156,11 +153,7 @@ impl Evaluator {
     ///
     /// # Errors
     /// Device errors.
-    pub fn psnr<'a>(
-        &mut self,
-        model: &Resident,
-        views: impl Iterator<Item = &'a TrainView>,
-    ) -> Result<Option<f64>, Error> {
+    pub fn psnr<'a>(&mut self, model: &Resident, views: impl Iterator<Item = &'a Photo>) -> Result<Option<f64>, Error> {
         let (mut sum, mut n) = (0.0, 0);
         for view in views {
             let image = self.render(model, view)?;
@@ -180,7 +173,7 @@ impl Evaluator {
     pub fn held_out(
         &mut self,
         model: &Resident,
-        test: &[(String, TrainView)],
+        test: &[(String, Photo)],
         renders: Option<&Path>,
         networks: &Networks,
         follow: &mut dyn FnMut(usize) -> Result<(), Error>,

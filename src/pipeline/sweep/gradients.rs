@@ -9,10 +9,9 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
 use crate::pipeline::pairs;
 use crate::render::{AtomicSums, Backward, Image, Renderer};
-use crate::scene::camera;
+use crate::scene::{FourthByte, Photo, camera};
 use crate::train::adam::{self, AdamState, Rates};
-use crate::train::loss::{self, Loss, Weights};
-use crate::train::photos::TrainView;
+use crate::train::loss::{self, Loss, Target, Weights};
 use crate::train::schedule::Schedule;
 use crate::train::{self, STAGES};
 use std::time::Instant;
@@ -53,7 +52,7 @@ impl<'a> Bench<'a> {
         let mut photos = Vec::new();
         for (k, view) in views.iter().enumerate() {
             // The subject's own pictures have no error: a view learns its neighbour's then.
-            let size = |v: &TrainView| (v.camera.width, v.camera.height);
+            let size = |v: &Photo| (v.camera.width, v.camera.height);
             let next = &views[(k + 1) % views.len()];
             let other = context.own_pictures && size(next) == size(view);
             let bytes = if other { next.pixels.read() } else { view.pixels.read() }.map_err(train::Error::Photos)?;
@@ -80,7 +79,8 @@ impl<'a> Bench<'a> {
         let (size, settings) = ([camera.width, camera.height], &subject.settings);
         recording.scope(loss::STAGE, |r| {
             let (image, photo) = (self.renderer.image(), &self.photos[v]);
-            self.loss.record(r, image, photo, size, subject.over, settings.background, Weights::default());
+            let (fourth_byte, background) = (FourthByte::of(&subject.views), settings.background);
+            self.loss.record(r, image, Target { photo, size, fourth_byte, background }, Weights::default());
         });
         let backward = Backward { atomics: way.sums.as_ref(), growth: Some(&self.growth), ..Backward::default() };
         self.renderer.record_backward(&mut recording, model, camera, &self.loss.gradient, backward);

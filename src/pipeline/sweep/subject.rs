@@ -13,8 +13,8 @@ use crate::pipeline::virtual_views::{self, Around};
 use crate::pipeline::{Init, Output, RunConfig, Watcher, budget, pairs};
 use crate::render::{Renderer, Settings, Style};
 use crate::response::Responses;
+use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
-use crate::train::photos::TrainView;
 use std::path::Path;
 use std::time::Instant;
 
@@ -30,11 +30,9 @@ pub struct Subject {
     /// How pictures depend on its Gaussians.
     pub responses: Responses,
     /// Views, with what they should show.
-    pub views: Vec<TrainView>,
+    pub views: Vec<Photo>,
     /// Image formation.
     pub settings: Settings,
-    /// Whether the fourth byte of what views should show is a share over the background.
-    pub over: bool,
     /// In words.
     pub described: Described,
 }
@@ -102,7 +100,6 @@ pub fn of_scene(
         responses,
         views: few(prepared.train.clone(), VIEWS),
         settings,
-        over: prepared.transparent || prepared.masked,
         described: Described::default(),
     };
     let from = match &config.init {
@@ -137,10 +134,10 @@ pub fn of_model(
     let mut views = Vec::new();
     for camera in few(cameras, VIEWS) {
         let pixels = virtual_views::photo(&renderer.render(&resident, &camera)?);
-        views.push(TrainView { camera, pixels });
+        views.push(Photo::opaque(camera, pixels));
     }
     let described = Described::default();
-    let subject = Subject { model, responses, views, settings, over: false, described };
+    let subject = Subject { model, responses, views, settings, described };
     Ok(subject
         .told(path, format!("the model itself; responses of {AROUND} virtual cameras round it to its own pictures")))
 }

@@ -51,12 +51,23 @@ struct ListedPoint {
     track: Vec<u32>,
 }
 
+impl Scene {
+    /// Opens the scene at `path`: its folder, a COLMAP model folder, or a transforms file. Photos may be absent.
+    ///
+    /// # Errors
+    /// [`Error`], with the file and record at fault and what to do. Views without a usable pose and points without a
+    /// usable position are left out and counted in [`Scene::skipped`].
+    pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, Error> {
+        open(path, options)
+    }
+}
+
 /// The places that [`open`] tries, in this order.
 const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, in sparse/0, sparse and colmap/sparse/0, \
                           transforms.json, transforms_train.json";
 
 /// Finds out what lies at `path` and reads it.
-pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
+fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
     std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
     let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };

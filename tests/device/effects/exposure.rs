@@ -7,6 +7,7 @@ use qirf_vk::pipeline::effects;
 use qirf_vk::pipeline::{Init, Preset, RunConfig, Watcher, prepare};
 use qirf_vk::reference::exposure as twin;
 use qirf_vk::render::Settings;
+use qirf_vk::scene::{FourthByte, PhotoMemory};
 use qirf_vk::synth::{self, SynthOptions, write};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::exposure::{Exposure, PULL, SIZE, Step};
@@ -131,23 +132,23 @@ fn capture(folder: &Path, effects: &[synth::Effect], views: usize, width: u32) {
 
 fn trainer(device: &Device, scene: &Path, exposure: bool, masked: bool) -> Trainer {
     let config = config(scene, 60);
-    let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, scene), &Silent).unwrap();
+    let mut prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
+    let fourth_byte = if masked { FourthByte::Mask } else { FourthByte::Opaque };
+    prepared.train.iter_mut().for_each(|photo| photo.fourth_byte = fourth_byte);
     let colour = |c: [u8; 3]| glam::DVec3::from(c.map(f64::from)) / 255.0;
     let seeds: Vec<_> =
         prepared.scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p.colour) }).collect();
-    let options = options(&config, exposure, masked);
+    let options = options(&config, exposure);
     Trainer::new(device, &from_points(&seeds), prepared.train, prepared.extent, options).unwrap()
 }
 
-fn options(config: &RunConfig, exposure: bool, masked: bool) -> Options {
+fn options(config: &RunConfig, exposure: bool) -> Options {
     Options {
         schedule: config.schedule.clone(),
         settings: Settings::default(),
         seed: 1,
         degree: 1,
         most: 3000,
-        transparent: false,
-        masked,
         exposure: exposure.then(Vec::new),
         weights: Weights::default(),
         averaged: 0..0,
@@ -198,11 +199,11 @@ fn exposures_are_kept_in_checkpoints() {
     let file = folder.path().join("checkpoint");
     broken.snapshot().unwrap().write(&file).unwrap();
     let config = config(folder.path(), 60);
-    let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, folder.path()), &Silent).unwrap();
+    let prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
     let snapshot = Snapshot::read(&file).unwrap();
     assert_eq!(snapshot.exposures.0.len(), 7 * SIZE);
     let mut resumed =
-        Trainer::resume(&device, &snapshot, prepared.train, prepared.extent, options(&config, true, false)).unwrap();
+        Trainer::resume(&device, &snapshot, prepared.train, prepared.extent, options(&config, true)).unwrap();
     train(&mut resumed, 40);
     let [a, b] = [&whole, &resumed].map(|t| t.snapshot().unwrap());
     assert!(a.model == b.model && a.exposures == b.exposures);
@@ -217,7 +218,7 @@ fn gains_are_those_that_the_photos_were_made_with() {
         let folder = tempfile::tempdir().unwrap();
         capture(folder.path(), &[synth::Effect::Exposure], views, width);
         let config = config(folder.path(), 60);
-        let prepared = prepare::open(&config.selection()).unwrap().load((u64::MAX, folder.path()), &Silent).unwrap();
+        let prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
         let (_, gains) = effects::decide(&prepared, &config).unwrap();
         let made: serde_json::Value =
             serde_json::from_slice(&std::fs::read(folder.path().join("synth.json")).unwrap()).unwrap();

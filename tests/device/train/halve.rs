@@ -5,9 +5,9 @@ use crate::support::{device, finish};
 use glam::{DVec2, DVec3};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::random::uniform;
+use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::halve::{self, Halve};
-use qirf_vk::train::photos::TrainView;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Trainer};
 
@@ -75,14 +75,14 @@ fn halved_runs_end_with_the_same_bytes() {
     let device = device();
     let c = capture();
     // Each photo's pixels three times as wide and high: 192 x 144, of which one view is too small.
-    let wide = |v: &TrainView| {
+    let wide = |v: &Photo| {
         let (w, photo) = (v.camera.width as usize, v.pixels.read().unwrap());
         let row = |y: usize| (0..3 * w).flat_map(move |x| (0..4).map(move |b| (y / 3, x / 3, b)));
         let rows = (0..3 * v.camera.height as usize).flat_map(row);
         let pixels: Vec<u8> = rows.map(|(y, x, b)| photo[4 * (y * w + x) + b]).collect();
-        TrainView { camera: v.camera.resized(3 * v.camera.width, 3 * v.camera.height), pixels: pixels.into() }
+        Photo::opaque(v.camera.resized(3 * v.camera.width, 3 * v.camera.height), pixels)
     };
-    let mut views: Vec<TrainView> = c.train.iter().map(wide).collect();
+    let mut views: Vec<Photo> = c.train.iter().map(wide).collect();
     views[2] = c.train[2].clone();
     let halved = || {
         let schedule = Schedule { iterations: 50, half_until: 0.5, ..options().schedule };

@@ -4,14 +4,15 @@ use crate::support::synthetic::Random;
 use crate::support::{device, finish};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference;
-use qirf_vk::train::loss::{Loss, Weights};
+use qirf_vk::scene::FourthByte;
+use qirf_vk::train::loss::{Loss, Target, Weights};
 
 struct Case {
     name: String,
     size: [u32; 2],
     image: Vec<[f32; 4]>,
     photo: Vec<[u8; 4]>,
-    transparent: bool,
+    fourth_byte: FourthByte,
     background: [f32; 3],
     weights: Weights,
 }
@@ -24,7 +25,7 @@ fn expected(case: &Case) -> (f64, Vec<[f64; 3]>) {
         .photo
         .iter()
         .map(|p| {
-            let opacity = if case.transparent { f64::from(p[3]) / 255.0 } else { 1.0 };
+            let opacity = if case.fourth_byte.shows_background() { f64::from(p[3]) / 255.0 } else { 1.0 };
             std::array::from_fn(|c| f64::from(p[c]) / 255.0 * opacity + f64::from(case.background[c]) * (1.0 - opacity))
         })
         .collect();
@@ -48,7 +49,9 @@ fn computed(device: &Device, scratch: &Loss, case: &Case) -> (f32, Vec<[f32; 4]>
     let words: Vec<u32> = case.photo.iter().map(|p| u32::from_le_bytes(*p)).collect();
     let photo = device.upload("photo", &words).unwrap();
     let mut recording = Recording::new();
-    scratch.record(&mut recording, &image, &photo, case.size, case.transparent, case.background, case.weights);
+    let Case { size, fourth_byte, background, .. } = *case;
+    let target = Target { photo: &photo, size, fourth_byte, background };
+    scratch.record(&mut recording, &image, target, case.weights);
     scratch.record_value(&mut recording, case.size);
     device.run(recording).unwrap();
     let value = scratch.value(device, case.size, case.weights).unwrap();
@@ -92,10 +95,11 @@ fn noise_of_any_size() {
             Weights { l1: 0.0, ssim: 1.0, l2: 0.0 },
             Weights { l1: 0.0, ssim: 0.0, l2: 1.0 },
         ] {
-            for (transparent, background) in [(false, [0.3, 0.6, 0.9]), (true, [0.3, 0.6, 0.9]), (true, [1.0; 3])] {
+            let [opaque, alpha] = [FourthByte::Opaque, FourthByte::Alpha];
+            for (fourth_byte, background) in [(opaque, [0.3, 0.6, 0.9]), (alpha, [0.3, 0.6, 0.9]), (alpha, [1.0; 3])] {
                 let (image, photo) = noise(size, n as u64);
-                let name = format!("{size:?} {weights:?} {transparent}");
-                let case = Case { name, size, image, photo, transparent, background, weights };
+                let name = format!("{size:?} {weights:?} {fourth_byte:?}");
+                let case = Case { name, size, image, photo, fourth_byte, background, weights };
                 let (value, gradient) = errors(&device, &scratch, &case);
                 worst = (worst.0.max(value), worst.1.max(gradient));
                 assert!(value < 1e-5 && gradient < 1e-4, "{}: value {value:.1e}, gradient {gradient:.1e}", case.name);
@@ -120,7 +124,7 @@ fn smooth_pictures() {
             (0..45 * 37).map(|n| [0; 4].map(|_| (at(n) + r.within(-apart, apart)) as f32)).collect();
         let name = format!("smooth at {base}");
         let weights = Weights::default();
-        let case = Case { name, size, image, photo, transparent: false, background: BLACK, weights };
+        let case = Case { name, size, image, photo, fourth_byte: FourthByte::Opaque, background: BLACK, weights };
         let (value, gradient) = errors(&device, &scratch, &case);
         println!("{}: value {value:.1e}, gradient {gradient:.1e}", case.name);
         assert!(value < 1e-4 && gradient < 1e-4, "{}: value {value:.1e}, gradient {gradient:.1e}", case.name);
@@ -136,7 +140,7 @@ fn a_picture_of_a_million_columns() {
     let scratch = Loss::new(&device, size[0], size[1]).unwrap();
     let (image, photo) = noise(size, 12);
     let (name, weights) = ("a million columns".into(), Weights::default());
-    let case = Case { name, size, image, photo, transparent: false, background: BLACK, weights };
+    let case = Case { name, size, image, photo, fourth_byte: FourthByte::Opaque, background: BLACK, weights };
     let (value, gradient) = errors(&device, &scratch, &case);
     println!("value {value:.1e}, gradient {gradient:.1e}");
     assert!(value < 1e-5 && gradient < 1e-4, "value {value:.1e}, gradient {gradient:.1e}");
@@ -153,7 +157,15 @@ fn flat_and_saturated_pictures() {
         for (x, y) in [(0.0, 0), (1.0, 255), (0.0, 255), (1.0, 0), (0.5, 128), (0.25, 192), (3.0, 255), (1.0, 200)] {
             let name = format!("{size:?}: {x} against {y}");
             let (image, photo) = (vec![[x; 4]; count], vec![[y; 4]; count]);
-            let case = Case { name, size, image, photo, transparent: false, background: BLACK, weights: WITH_SQUARES };
+            let case = Case {
+                name,
+                size,
+                image,
+                photo,
+                fourth_byte: FourthByte::Opaque,
+                background: BLACK,
+                weights: WITH_SQUARES,
+            };
             let (value, gradient) = errors(&device, &scratch, &case);
             assert!(value < 1e-4 && gradient < 2e-4, "{}: value {value:.1e}, gradient {gradient:.1e}", case.name);
         }
@@ -175,7 +187,7 @@ fn glaring_pictures_stay_finite() {
             }
             let weights = Weights { l1: 0.0, ssim: 1.0, l2: 0.0 };
             let name = format!("{glare}, flat {flat}");
-            let case = Case { name, size, image, photo, transparent: false, background: BLACK, weights };
+            let case = Case { name, size, image, photo, fourth_byte: FourthByte::Opaque, background: BLACK, weights };
             let (value, gradient) = computed(&device, &scratch, &case);
             assert!(gradient.as_flattened().iter().all(|g| g.is_finite()), "{}", case.name);
             // 1 - SSIM lies in [0, 2].
@@ -191,7 +203,7 @@ fn glaring_pictures_stay_finite() {
         let (image, photo) = (vec![[glare; 4]; 33], vec![[y; 4]; 33]);
         let weights = Weights { l1: 0.0, ssim: 1.0, l2: 0.0 };
         let name = format!("{glare} everywhere");
-        let case = Case { name, size, image, photo, transparent: false, background: BLACK, weights };
+        let case = Case { name, size, image, photo, fourth_byte: FourthByte::Opaque, background: BLACK, weights };
         let (value, gradient) = computed(&device, &scratch, &case);
         let steepest = gradient.as_flattened().iter().fold(0_f32, |m, g| m.max(g.abs()));
         assert!((0.5..1.001).contains(&value) && steepest < 1e-2, "{}: {value}, {steepest:.1e}", case.name);

@@ -6,10 +6,11 @@ use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Device;
 use qirf_vk::render::{Renderer, Settings, Style, Uses};
+use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::adam::AdamState;
+use qirf_vk::train::device_photos::DevicePhotos;
 use qirf_vk::train::loss::{Loss, Weights};
-use qirf_vk::train::photos::{Photos, TrainView};
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Demand, Options, Trainer};
 
@@ -24,9 +25,9 @@ fn model(n: usize, degree: usize) -> Gaussians {
     }
 }
 
-fn view(width: u32, height: u32) -> TrainView {
+fn view(width: u32, height: u32) -> Photo {
     let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, width, height);
-    TrainView { camera, pixels: vec![99; (width * height * 4) as usize].into() }
+    Photo::opaque(camera, vec![99; (width * height * 4) as usize])
 }
 
 /// Each owner's own account is exact: a buffer that is added and not counted fails here.
@@ -59,16 +60,19 @@ fn owners_know_their_bytes() {
     }
     let views = [view(8, 4), view(16, 16)];
     let sizes = views.each_ref().map(|v| v.pixels.len() as u64);
-    let right = Photos::bytes(&sizes, device.memory_limit());
-    assert_eq!((taken(&|| Box::new(Photos::new(&device, &views).unwrap())), right), (right, 8 * 4 * 4 + 16 * 16 * 4));
-    assert_eq!(Photos::bytes(&sizes, 4), 16 * 16 * 4, "one at a time");
+    let right = DevicePhotos::bytes(&sizes, device.memory_limit());
+    assert_eq!(
+        (taken(&|| Box::new(DevicePhotos::new(&device, &views).unwrap())), right),
+        (right, 8 * 4 * 4 + 16 * 16 * 4)
+    );
+    assert_eq!(DevicePhotos::bytes(&sizes, 4), 16 * 16 * 4, "one at a time");
     finish(&device);
 }
 
 /// Peak of a run over what was expected of it.
 fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
     let size @ [w, h] = [200, 150];
-    let views: Vec<TrainView> = (0..4).map(|_| view(w, h)).collect();
+    let views: Vec<Photo> = (0..4).map(|_| view(w, h)).collect();
     let photos = views.iter().map(|v| v.pixels.len() as u64).collect();
     let pairs = 16 * n as u32;
     let schedule = Schedule {
@@ -87,8 +91,6 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
         seed: 1,
         degree,
         most: n,
-        transparent: false,
-        masked: false,
         exposure: None,
         weights: Weights::default(),
         averaged: 0..0,

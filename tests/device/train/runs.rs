@@ -6,19 +6,18 @@ use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics;
 use qirf_vk::render::{Renderer, Settings};
-use qirf_vk::scene::{OpenOptions, Resize, Scene};
+use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, PhotoFile, Scene};
 use qirf_vk::synth::{self, SynthOptions};
+use qirf_vk::train::device_photos::DevicePhotos;
 use qirf_vk::train::initialise::{Seed, from_points, random};
 use qirf_vk::train::loss::Weights;
-use qirf_vk::train::photos::{Photos, TrainView};
-use qirf_vk::train::pixels::PhotoFile;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Error, Options, Progress, Trainer};
 use std::sync::OnceLock;
 
 pub(super) struct Capture {
-    pub(super) train: Vec<TrainView>,
-    test: Vec<TrainView>,
+    pub(super) train: Vec<Photo>,
+    test: Vec<Photo>,
     pub(super) start: Gaussians,
     pub(super) extent: f64,
 }
@@ -31,12 +30,9 @@ pub(super) fn capture() -> &'static Capture {
         let options = SynthOptions { views: 8, width: 64, height: 48, points: 200, ..SynthOptions::default() };
         synth::write(folder.path(), &options, &|_| ()).unwrap();
         let mut scene = Scene::open(folder.path(), &OpenOptions::default()).unwrap();
-        let photos = scene.load_photos(Resize::Full, &|_| ()).unwrap();
+        let photos = scene.load_photos(&LoadOptions::default(), &|_| ()).unwrap();
         let split = scene.split(8);
-        let view = |&i: &usize| TrainView {
-            camera: scene.views[i].camera_at(Resize::Full),
-            pixels: photos[i].pixels.clone().into(),
-        };
+        let photo = |&i: &usize| photos[i].clone();
         let seed = |p: &qirf_vk::scene::Point| Seed {
             position: p.position,
             colour: DVec3::from(p.colour.map(|c| f64::from(c) / 255.0)),
@@ -44,8 +40,8 @@ pub(super) fn capture() -> &'static Capture {
         let seeds: Vec<Seed> = scene.points.iter().map(seed).collect();
         assert!(seeds.len() > 50, "{} points", seeds.len());
         Capture {
-            train: split.train.iter().map(view).collect(),
-            test: split.test.iter().map(view).collect(),
+            train: split.train.iter().map(photo).collect(),
+            test: split.test.iter().map(photo).collect(),
             start: from_points(&seeds),
             extent: scene.extent(&split.train),
         }
@@ -70,8 +66,6 @@ pub(super) fn options() -> Options {
         seed: 5,
         degree: 2,
         most: 500,
-        transparent: false,
-        masked: false,
         exposure: None,
         weights: Weights::default(),
         averaged: 0..0,
@@ -107,10 +101,10 @@ pub(super) fn bits(model: &Gaussians) -> Vec<u32> {
 }
 
 /// Mean PSNR over views.
-fn psnr(device: &Device, trainer: &Trainer, views: &[TrainView]) -> f64 {
+fn psnr(device: &Device, trainer: &Trainer, views: &[Photo]) -> f64 {
     let camera = &views[0].camera;
     let mut renderer = Renderer::new(device, Settings::default(), trainer.len(), camera.width, camera.height).unwrap();
-    let one = |view: &TrainView| {
+    let one = |view: &Photo| {
         let image = renderer.render(trainer.model(), &view.camera).unwrap();
         let drawn: Vec<f32> = image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
         let photo: Vec<f32> = view
@@ -188,7 +182,7 @@ fn training_learns() {
 #[test]
 fn streamed_photos_give_the_same_bytes() {
     let c = capture();
-    let mut held: Vec<TrainView> = c.train.iter().cycle().take(1400).cloned().collect();
+    let mut held: Vec<Photo> = c.train.iter().cycle().take(1400).cloned().collect();
     for view in held.iter_mut().step_by(3) {
         view.camera = view.camera.resized(40, 30);
         view.pixels = (0..40 * 30 * 4).map(|k| (k * 7) as u8).collect();
@@ -205,7 +199,7 @@ fn streamed_photos_give_the_same_bytes() {
     let mut results = Vec::new();
     for (memory_limit, views) in [(None, &held), (None, &filed), (Some(48 << 20), &held), (Some(48 << 20), &filed)] {
         let device = Device::open(&DeviceOptions { validation: true, memory_limit, ..Default::default() }).unwrap();
-        let streamed = matches!(Photos::new(&device, views).unwrap(), Photos::Streamed(_));
+        let streamed = matches!(DevicePhotos::new(&device, views).unwrap(), DevicePhotos::Streamed(_));
         assert_eq!(streamed, memory_limit.is_some());
         let options = Options { pairs: 1 << 13, ..options() };
         let mut trainer = Trainer::new(&device, &c.start, views.clone(), c.extent, options).unwrap();
@@ -223,8 +217,8 @@ fn streamed_photos_give_the_same_bytes() {
 fn reading_ahead_changes_nothing() {
     let device = Device::open(&DeviceOptions { memory_limit: Some(100_000), ..Default::default() }).unwrap();
     let views = &capture().train;
-    let mut photos = Photos::new(&device, views).unwrap();
-    assert!(matches!(photos, Photos::Streamed(_)));
+    let mut photos = DevicePhotos::new(&device, views).unwrap();
+    assert!(matches!(photos, DevicePhotos::Streamed(_)));
     for (at, next) in [(0, 1), (1, 1), (1, 2), (3, 0), (0, 6), (6, 6), (2, 0)] {
         let words = photos.get(&device, views, at, next).unwrap().read(&device).unwrap();
         assert!(bytemuck::cast_slice::<u32, u8>(&words) == &*views[at].pixels.read().unwrap(), "{at}");

@@ -9,8 +9,8 @@ use qirf_vk::gpu::Recording;
 use qirf_vk::random::uniform;
 use qirf_vk::reference::smoothing::least_scale;
 use qirf_vk::render::{Settings, Style};
+use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
-use qirf_vk::train::photos::TrainView;
 use qirf_vk::train::smoothing::Smoothing;
 use qirf_vk::train::{Options, Trainer};
 
@@ -29,11 +29,11 @@ fn scales_end_at_what_the_finest_photo_tells() {
     let device = device();
     let settings = Settings::default();
     // Near and far, large and small; one photo of another size and focal length.
-    let views: Vec<TrainView> = [(-4.0, 200, 0.8), (-9.0, 200, 0.8), (-2.5, 64, 1.4)]
+    let views: Vec<Photo> = [(-4.0, 200, 0.8), (-9.0, 200, 0.8), (-2.5, 64, 1.4)]
         .iter()
         .map(|&(z, width, fov)| {
             let camera = Camera::look_at(DVec3::new(0.1, 0.2, z), DVec3::ZERO, DVec3::NEG_Y, fov, width, width);
-            TrainView { camera, pixels: vec![0; (width * width * 4) as usize].into() }
+            Photo::opaque(camera, vec![0; (width * width * 4) as usize])
         })
         .collect();
     let n = 5000;

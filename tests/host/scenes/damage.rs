@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use proptest::prelude::*;
-use qirf_vk::scene::{OpenOptions, Resize, Scene};
+use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
 
 use crate::support::files::writers::{Model, picture, row, transforms, write};
 
@@ -34,7 +34,8 @@ fn open(root: &Path) {
             let split = scene.split(8);
             assert!(scene.extent(&split.train).is_finite());
             if scene.require_photos().is_ok() {
-                let _ = scene.load_photos(Resize::Width(9), &|_| {});
+                let options = LoadOptions { resize: Resize::Width(9), ..LoadOptions::default() };
+                let _ = scene.load_photos(&options, &|_| {});
             }
         }
         Err(error) => assert!(error.to_string().len() > 10),

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use qirf_vk::scene::{OpenOptions, Resize, Scene};
+use qirf_vk::scene::{FourthByte, LoadOptions, OpenOptions, Photo, Resize, Scene};
 
 fn shared(part: &str) -> Option<PathBuf> {
     let root = std::env::var("QIRF_SHARED")
@@ -84,15 +84,17 @@ fn fox() {
     println!("{}", scene.skipped.summary().join("\n"));
     assert!(view.undistorts());
     let start = Instant::now();
-    let photos = scene.load_photos(Resize::Width(144), &|_| {}).unwrap();
+    let photos =
+        scene.load_photos(&LoadOptions { resize: Resize::Width(144), ..LoadOptions::default() }, &|_| {}).unwrap();
     println!("fox: 50 photos at 144 x 256 in {:.2} s", start.elapsed().as_secs_f64());
-    assert!(photos.iter().all(|p| (p.width, p.height, p.has_alpha) == (144, 256, false)));
+    let kind = |p: &Photo| (p.camera.width, p.camera.height, p.fourth_byte);
+    assert!(photos.iter().all(|p| kind(p) == (144, 256, FourthByte::Opaque)));
     if let Ok(folder) = std::env::var("QIRF_TEST_OUT") {
         let full = scene.views[0].load_photo(Resize::Full).unwrap();
         for (name, photo) in [("fox-144.png", &photos[0]), ("fox-full.png", &full)] {
             let path = PathBuf::from(&folder).join(name);
-            let (width, height) = (photo.width, photo.height);
-            image::save_buffer(path, &photo.pixels, width, height, image::ColorType::Rgba8).unwrap();
+            let (width, height) = (photo.camera.width, photo.camera.height);
+            image::save_buffer(path, &photo.pixels.read().unwrap(), width, height, image::ColorType::Rgba8).unwrap();
         }
     }
 }
@@ -105,7 +107,8 @@ fn chair() {
     assert_eq!((split.train.len(), split.test.len()), (100, 25));
     println!("chair: extent {:.4}", scene.extent(&split.train));
     let photo = scene.views[3].load_photo(Resize::Width(200)).unwrap();
-    assert!(photo.has_alpha && (photo.width, photo.height) == (200, 200));
+    assert_eq!(photo.fourth_byte, FourthByte::Alpha);
+    assert_eq!((photo.camera.width, photo.camera.height), (200, 200));
     assert!((scene.views[0].camera.focal.x - 1111.111).abs() < 1e-2);
 }
 

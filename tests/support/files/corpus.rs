@@ -5,7 +5,7 @@ use super::writers::{Model, picture, row, transforms, write};
 use image::ImageEncoder;
 use qirf_vk::gaussians::formats::{self, Loaded};
 use qirf_vk::pipeline::RunConfig;
-use qirf_vk::scene::{OpenOptions, Resize, Scene};
+use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
 use qirf_vk::train::checkpoint::Snapshot;
 use std::fs;
 use std::io::Write;
@@ -329,12 +329,16 @@ fn scene(folder: &Path) -> bool {
         return true; // most scenes here come without photos
     }
     let listed = scene.views.len() + scene.skipped.missing_images.count + scene.skipped.mismatched_images.count;
-    let Some(photos) = said(scene.load_photos(Resize::Width(9), &|_| {})) else { return false };
+    let Some(photos) =
+        said(scene.load_photos(&LoadOptions { resize: Resize::Width(9), ..LoadOptions::default() }, &|_| {}))
+    else {
+        return false;
+    };
     assert_eq!(photos.len() + scene.skipped.damaged_images.count, listed - absent(&scene), "each is counted");
     for (photo, view) in photos.iter().zip(&scene.views) {
         let camera = view.camera_at(Resize::Width(9));
-        assert_eq!((photo.width, photo.height), (camera.width, camera.height));
-        assert_eq!(photo.pixels.len(), 4 * (photo.width * photo.height) as usize);
+        assert_eq!(photo.camera, camera);
+        assert_eq!(photo.pixels.len(), 4 * (camera.width * camera.height) as usize);
     }
     photos.len() == listed
 }

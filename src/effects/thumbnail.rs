@@ -1,0 +1,90 @@
+//! Photos made small, as detectors look at them.
+
+use crate::scene::camera::Camera;
+use crate::scene::{FourthByte, Photo};
+use glam::{DVec2, DVec3};
+use std::io;
+
+/// Width that thumbnails have at most.
+pub const WIDTH: u32 = 480;
+/// Pixels whose fourth byte is less tell nothing of a colour.
+const OPAQUE: u8 = 250;
+
+/// A photo made small: undistorted, with the camera of that size.
+pub struct Thumbnail {
+    /// Its camera.
+    pub camera: Camera,
+    /// Width x height x RGBA, 8 bits each, colours not multiplied by the fourth byte.
+    pub pixels: Vec<u8>,
+    /// What the fourth byte of each pixel means.
+    pub fourth_byte: FourthByte,
+}
+
+impl Thumbnail {
+    /// Averages squares of a photo's pixels, so that the width is [`WIDTH`] or less.
+    ///
+    /// # Errors
+    /// A photo that lies in a file which cannot be read.
+    pub fn of(photo: &Photo) -> io::Result<Self> {
+        let bytes = photo.pixels.read()?;
+        let (w, h) = (photo.camera.width, photo.camera.height);
+        let side = w.div_ceil(WIDTH).max(1);
+        let (width, height) = (w.div_ceil(side), h.div_ceil(side));
+        let mut pixels = Vec::with_capacity(4 * width as usize * height as usize);
+        for y in 0..height {
+            for x in 0..width {
+                let (rows, columns) = (y * side..((y + 1) * side).min(h), x * side..((x + 1) * side).min(w));
+                let mut sum = [0_u32; 4];
+                for row in rows.clone() {
+                    for column in columns.clone() {
+                        let at = 4 * (row as usize * w as usize + column as usize);
+                        for (s, b) in sum.iter_mut().zip(&bytes[at..at + 4]) {
+                            *s += u32::from(*b);
+                        }
+                    }
+                }
+                let n = (rows.len() * columns.len()).max(1) as u32;
+                pixels.extend(sum.map(|s| ((s + n / 2) / n) as u8));
+            }
+        }
+        // Pixels of the rim may be parts of squares: the scale is that of whole ones.
+        let scale = f64::from(side);
+        let Camera { focal, principal, .. } = photo.camera;
+        let camera =
+            Camera { focal: focal / scale, principal: principal / scale, width, height, ..photo.camera.clone() };
+        Ok(Self { camera, pixels, fourth_byte: photo.fourth_byte })
+    }
+
+    /// Colour of a world point, between the four pixels round it, and the range of brightness among sixteen; none near
+    /// the photo's rim or where it is not opaque.
+    pub(super) fn colour_of(&self, position: DVec3) -> Option<(DVec3, f64)> {
+        let p = self.camera.rotation * position + self.camera.translation;
+        if p.z <= 0.0 {
+            return None;
+        }
+        let at = p.truncate() / p.z * self.camera.focal + self.camera.principal - 0.5;
+        let (w, h) = (self.camera.width as usize, self.camera.height as usize);
+        let inside = at.cmpge(DVec2::ONE).all() && at.x < w as f64 - 2.0 && at.y < h as f64 - 2.0;
+        if !inside {
+            return None;
+        }
+        let (x, y, part) = (at.x as usize, at.y as usize, at.fract());
+        let (mut sum, mut low, mut high) = (DVec3::ZERO, f64::INFINITY, f64::NEG_INFINITY);
+        for (dx, dy) in (0..4).flat_map(|dy| (0..4).map(move |dx| (dx, dy))) {
+            let pixel = self.pixels.get(4 * ((y + dy - 1) * w + x + dx - 1)..)?.first_chunk::<4>()?;
+            if pixel[3] < OPAQUE {
+                return None;
+            }
+            let colour = DVec3::from([pixel[0], pixel[1], pixel[2]].map(|c| f64::from(c) / 255.0));
+            let bright = colour.element_sum() / 3.0;
+            (low, high) = (low.min(bright), high.max(bright));
+            let share = |k: usize, f: f64| match k {
+                1 => 1.0 - f,
+                2 => f,
+                _ => 0.0,
+            };
+            sum += colour * share(dx, part.x) * share(dy, part.y);
+        }
+        Some((sum, high - low))
+    }
+}

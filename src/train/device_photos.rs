@@ -1,0 +1,87 @@
+//! The photos of a run where kernels can read them: all on the device if they fit its share, else sent one at a time from
+//! the host's memory or its file.
+
+use super::error::Result;
+use crate::gpu::{Buffer, Device};
+use crate::scene::{Photo, Pixels};
+use std::io;
+use std::thread::{self, JoinHandle};
+
+/// Share of the device's memory that photos may take.
+const DEVICE_SHARE: u64 = 4;
+
+/// Photos where kernels can read them: a word a pixel, red in its lowest byte.
+pub enum DevicePhotos {
+    /// All on the device.
+    Resident(Vec<Buffer<u32>>),
+    /// One at a time, sent before each iteration.
+    Streamed(Stream),
+}
+
+/// Room for one photo on the device, and the photo that a thread reads ahead: its number and its words.
+pub struct Stream {
+    room: Buffer<u32>,
+    ahead: Option<(usize, JoinHandle<io::Result<Vec<u32>>>)>,
+}
+
+impl Stream {
+    /// The words of photo `at`, read ahead or now; `next` is read ahead.
+    fn take(&mut self, photos: &[Photo], at: usize, next: usize) -> io::Result<Vec<u32>> {
+        let here = match self.ahead.take() {
+            Some((number, thread)) if number == at => {
+                thread.join().unwrap_or_else(|_| Err(io::Error::other("the reading thread ended early")))
+            }
+            _ => words(&photos[at].pixels),
+        };
+        let pixels = photos[next].pixels.clone();
+        // Where no thread can be had, the photo is read when it is needed.
+        self.ahead = thread::Builder::new().spawn(move || words(&pixels)).ok().map(|thread| (next, thread));
+        here
+    }
+}
+
+impl DevicePhotos {
+    /// Device bytes for photos of these sizes under a memory limit, all in bytes.
+    pub fn bytes(sizes: &[u64], limit: u64) -> u64 {
+        let all = sizes.iter().sum();
+        if Self::fit(all, limit) { all } else { sizes.iter().copied().max().unwrap_or(0) }
+    }
+
+    fn fit(bytes: u64, limit: u64) -> bool {
+        bytes <= limit / DEVICE_SHARE
+    }
+
+    /// Uploads all photos if they take no more than a quarter of the memory allowed; else makes room for one.
+    ///
+    /// # Errors
+    /// Device memory; device errors; photos in a file that cannot be read.
+    pub fn new(device: &Device, photos: &[Photo]) -> Result<Self> {
+        let bytes: u64 = photos.iter().map(|p| p.pixels.len() as u64).sum();
+        if Self::fit(bytes, device.memory_limit()) {
+            let upload = |p: &Photo| Ok(device.upload("photo", &words(&p.pixels)?)?);
+            return photos.iter().map(upload).collect::<Result<_>>().map(Self::Resident);
+        }
+        let largest = photos.iter().map(|p| p.pixels.len() / 4).max().unwrap_or(0);
+        Ok(Self::Streamed(Stream { room: device.buffer("photo", largest)?, ahead: None }))
+    }
+
+    /// Photo `at` on the device; `next` is expected after it. A streamed photo replaces the one before, on which all work
+    /// must be done.
+    ///
+    /// # Errors
+    /// Device errors; photos in a file that cannot be read.
+    pub fn get(&mut self, device: &Device, photos: &[Photo], at: usize, next: usize) -> Result<&Buffer<u32>> {
+        match self {
+            Self::Resident(all) => Ok(&all[at]),
+            Self::Streamed(stream) => {
+                let words = stream.take(photos, at, next)?;
+                stream.room.write(device, &words)?;
+                Ok(&stream.room)
+            }
+        }
+    }
+}
+
+fn words(pixels: &Pixels) -> io::Result<Vec<u32>> {
+    Ok(pixels.read()?.chunks_exact(4).map(|p| u32::from_le_bytes([p[0], p[1], p[2], p[3]])).collect())
+}
