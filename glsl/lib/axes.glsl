@@ -1,4 +1,8 @@
 // Axes of a Gaussian as the overlap takes them: sorted by descending scale, in units of the power of two nearest the largest.
+
+/// Scales are raised to this share of the Gaussian's largest: float32 cannot tell the overlaps of thinner discs apart.
+const float SCALE_FLOOR = 1e-3;
+
 struct Axes {
     mat3 rotation; // columns are the axes
     vec3 scale;    // standard deviations, in units of 2^exponent; the largest lies within [0.7, 1.5]

@@ -1,13 +1,14 @@
-// Gradients of a tile's pixels by its splats. One subgroup walks a tile's list front to back once more, its pixels in
-// registers; each splat's sums over those pixels are reduced across the subgroup and handed in by one lane.
+// Gradients of a tile's pixels by its splats. One subgroup walks the tile's list front to back once more, its pixels in
+// registers; each splat's sums over those pixels are reduced across the subgroup, and one lane hands them in.
 //
-// With q = dL/dC . c and R the part of dL/dC . C that lies behind, dL/dalpha = T q - R / (1 - alpha): one scalar follows the
-// pixel instead of three. With h = alpha dL/dalpha the sums are the moments of h over (u, v) of lib/splat.glsl: 1, u, v,
-// uu, uv, vv; projection's backward turns them into gradients by mean and covariance.
+// With q = dL/dC . c and R the part of dL/dC . C that lies behind, dL/dalpha = T q - R / (1 - alpha): each pixel carries one
+// scalar instead of three. With h = alpha dL/dalpha the sums are the moments of h over (u, v) of lib/splat.glsl: 1, u, v
+// (gradient by the position), uu, uv, vv (by the covariance); the projection's backward pass goes on from them.
 //
-// Who includes this says where sums go, by hand_in(slot, Gaussian, a, b, c) and hand_in_none(slot), and defines
-// RESIDUAL: whether the image gradient's fourth component is no dL/dalpha but a residual, which contributions are weighed by.
-#include "lib/constants.glsl"
+// The including shader defines where the sums go, by hand_in(slot, Gaussian, position, covariance, colour) and
+// hand_in_none(slot), and it defines RESIDUAL: whether the image gradient's fourth component is a residual, by which
+// contributions are weighed, instead of dL/dalpha.
+#include "lib/blending.glsl"
 #include "lib/view.glsl"
 #include "lib/splat.glsl"
 
@@ -23,9 +24,7 @@ layout(binding = 4, std430) readonly buffer Geometry { vec4 geometry[]; };
 layout(binding = 5, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 6, std430) readonly buffer Colour { vec2 colour[]; };
 layout(binding = 7, std430) readonly buffer Image { vec4 image[]; };
-layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[]; }; // by red, green, blue, alpha
-
-const float ONE_MINUS_ALPHA_FLOOR = 1e-6;
+layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[]; }; // by red, green, blue and alpha
 
 vec2 centre[PIXELS]; // from the view's origin
 float transmittance[PIXELS]; // 0 once the pixel is done
@@ -34,7 +33,7 @@ vec4 gradient[PIXELS];
 
 float worth(vec4 g, vec4 c) { return RESIDUAL ? dot(g.rgb, c.rgb) : dot(g, c); }
 
-// subgroupAdd; by shuffles where the subgroup is small, since CPU devices run the built-in as a loop with a branch a lane.
+// subgroupAdd. Small subgroups use shuffles: CPU devices run the built-in as a loop with one branch a lane.
 vec4 lane_sum(vec4 x) {
     if (SUBGROUP != 8) return subgroupAdd(x);
     x += subgroupShuffleXor(x, 1);
@@ -66,7 +65,7 @@ void main() {
         behind[p] = worth(gradient[p], image[pixel]);
     }
     uint start = starts[tile], end = starts[tile + 1];
-    // As many splats as there are lanes at a time: each lane reads one and, in the end, writes its sums.
+    // Splats come in groups of the subgroup's size: each lane reads one of them and, in the end, writes its sums.
     uint first = start;
     for (; first < end && !subgroupAll(done()); first += SUBGROUP) {
         uint length = min(SUBGROUP, end - first);
@@ -74,12 +73,12 @@ void main() {
         uint i = owners[slot];
         vec4 my_geometry = geometry[i], my_shape = shape[i];
         vec2 my_colour = colour[i];
-        vec4 my_a = vec4(0), my_b = vec4(0), my_c = vec4(0);
+        vec4 my_position_sum = vec4(0), my_covariance_sum = vec4(0), my_colour_sum = vec4(0);
         for (uint n = 0; n < length; n++) {
             vec4 g = subgroupShuffle(my_geometry, n), s = subgroupShuffle(my_shape, n);
             vec4 rgb1 = vec4(s.w, subgroupShuffle(my_colour, n), 1);
             vec3 k = vec3(g.zw, s.x);
-            vec4 a = vec4(0), b = vec4(0), c = vec4(0);
+            vec4 position_sum = vec4(0), covariance_sum = vec4(0), colour_sum = vec4(0);
             [[unroll]] for (uint p = 0; p < PIXELS; p++) {
                 vec2 d = centre[p] - g.xy;
                 float u = k.x * d.x + k.y * d.y;
@@ -89,7 +88,7 @@ void main() {
                 float free = exp2(s.y - power);
                 float alpha = min(ALPHA_MAX, free);
                 float part = t * alpha;
-                float next = t - part; // as forward
+                float next = t - part; // as in the forward pass
                 bool drawn = power <= s.z && t > 0;
                 bool live = drawn && next >= STOP;
                 float w = live ? part : 0;
@@ -99,21 +98,21 @@ void main() {
                 float by_alpha = t * q - r / max(1 - alpha, ONE_MINUS_ALPHA_FLOOR);
                 float h = live && free < ALPHA_MAX ? alpha * by_alpha : 0;
                 float hu = h * u, hv = h * v;
-                a += vec4(h, hu, hv, RESIDUAL ? w : 0);
-                b += vec4(hu * u, hu * v, hv * v, RESIDUAL && live ? alpha : 0);
-                c += w * vec4(gradient[p].rgb, RESIDUAL ? gradient[p].a : 0);
+                position_sum += vec4(h, hu, hv, RESIDUAL ? w : 0);
+                covariance_sum += vec4(hu * u, hu * v, hv * v, RESIDUAL && live ? alpha : 0);
+                colour_sum += w * vec4(gradient[p].rgb, RESIDUAL ? gradient[p].a : 0);
                 transmittance[p] = live ? next : drawn ? 0 : t;
             }
-            a = lane_sum(a);
-            b = lane_sum(b);
-            c = lane_sum(c);
+            position_sum = lane_sum(position_sum);
+            covariance_sum = lane_sum(covariance_sum);
+            colour_sum = lane_sum(colour_sum);
             bool own = lane == n;
-            my_a = own ? a : my_a;
-            my_b = own ? b : my_b;
-            my_c = own ? c : my_c;
+            my_position_sum = own ? position_sum : my_position_sum;
+            my_covariance_sum = own ? covariance_sum : my_covariance_sum;
+            my_colour_sum = own ? colour_sum : my_colour_sum;
         }
-        if (lane < length) hand_in(slot, i, my_a, my_b, my_c);
+        if (lane < length) hand_in(slot, i, my_position_sum, my_covariance_sum, my_colour_sum);
     }
-    // Nothing behind the last pixel's end is drawn.
+    // Splats behind the point where the last pixel ended are not drawn.
     for (uint n = first + lane; n < end; n += SUBGROUP) hand_in_none(slots[n]);
 }

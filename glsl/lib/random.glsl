@@ -1,4 +1,4 @@
-// Random numbers keyed by what they are for: no state, so that a resumed run draws the same ones.
+// Random numbers by key, without state: a resumed run draws the same ones.
 uint hash(uint x) { // PCG's output permutation (O'Neill 2014) over one linear congruential step
     x = x * 747796405u + 2891336453u;
     x = ((x >> ((x >> 28) + 4)) ^ x) * 277803737u;

@@ -1,11 +1,11 @@
-// A projected Gaussian. With the 2D covariance (a b; b c) and d = pixel - mean, half the Mahalanobis distance in powers
-// of two is u u + v v, u = k.x d.x + k.y d.y, v = k.z d.y: a sum of squares, so never negative, and without the
-// cancellation that the conic's three products have for needles.
+// A projected Gaussian. With the 2D covariance (a b; b c) and d = pixel - mean, its density falls by a factor of
+// 2^(u u + v v), where u = k.x d.x + k.y d.y and v = k.z d.y. This sum of squares is never negative, and it has none of the
+// cancellation that the conic's three products show for needles.
 struct Splat {
     vec2 mean;      // pixels from the view's origin
     vec3 k;         // sqrt(log2(e) / 2) times (sqrt(c / det), -(b / c) sqrt(c / det), 1 / sqrt(c))
     float log2_opacity;
-    float cut;      // u u + v v at which alpha is 1/255: log2(255 opacity)
+    float cut;      // u u + v v at which alpha falls to 1/255: log2(255 opacity)
     vec3 colour;
 };
 

@@ -1,12 +1,21 @@
-// Which tiles a splat touches. Counting and emission call the same two functions on the same stored bits.
-layout(constant_id = 2) const uint TILE = 16; // pixels along a side
-// 0 exact ellipse, 1 box of the opacity-aware ellipse, 2 box of 3 sigma (the reference's), 3 every tile
-layout(constant_id = 3) const uint CULLING = 0;
+// The tiles that a splat touches. Counting and emission call the same two functions on the same stored bits.
 
-// The cut is widened by this much, so that rounding here never drops a pixel that the rasteriser would draw.
+/// Culling: the ellipse where alpha falls to 1/255, tile by tile.
+const uint EXACT = 0;
+/// Culling: the box of that ellipse.
+const uint BOX = 1;
+/// Culling: the square of three standard deviations, as the 3DGS reference does it.
+const uint THREE_SIGMA = 2;
+/// No culling: every splat in every tile.
+const uint OFF = 3;
+
+layout(constant_id = 2) const uint TILE = 16; // pixels along a side
+layout(constant_id = 3) const uint CULLING = EXACT;
+
+// The cut is widened by this factor, so that rounding here never drops a pixel that the rasteriser would draw.
 const float CUT_MARGIN = 1.001;
 const float PIXEL_MARGIN = 0.01;
-const float POSITION_MARGIN = 2.4e-7; // of a position: four roundings
+const float POSITION_MARGIN = 2.4e-7; // relative error of a position: four roundings
 const float THREE_SIGMA_CUT = 4.5 * 1.4426950408889634; // half of 3 squared, in powers of two
 
 struct Footprint {
@@ -16,7 +25,7 @@ struct Footprint {
     vec3 k;
     float cut;
     vec2 box;       // half extents of the ellipse, pixels
-    float turn;     // v at which the ellipse is rightmost, over the root of the cut, is -turn / hypot(1, turn)
+    float turn;     // the ellipse is rightmost at v = -sqrt(cut) turn / hypot(1, turn)
 };
 
 Footprint footprint_of(vec2 mean, vec2 origin, vec3 k, float cut) {
@@ -25,11 +34,11 @@ Footprint footprint_of(vec2 mean, vec2 origin, vec3 k, float cut) {
     f.origin = origin;
     f.margin = PIXEL_MARGIN + POSITION_MARGIN * abs(mean);
     f.k = k;
-    f.cut = (CULLING == 2 ? THREE_SIGMA_CUT : cut) * CUT_MARGIN;
+    f.cut = (CULLING == THREE_SIGMA ? THREE_SIGMA_CUT : cut) * CUT_MARGIN;
     float root = sqrt(f.cut);
     f.turn = k.y / k.z;
     f.box = vec2(root * sqrt(1 + f.turn * f.turn) / k.x, root / k.z) + f.margin;
-    if (CULLING == 2) {
+    if (CULLING == THREE_SIGMA) {
         // The reference's square: three times the larger standard deviation, rounded up.
         vec2 sigma = f.box / 3;
         float a = sigma.x * sigma.x, c = sigma.y * sigma.y;
@@ -40,10 +49,10 @@ Footprint footprint_of(vec2 mean, vec2 origin, vec3 k, float cut) {
     return f;
 }
 
-// First tile, and one past the last, among `tiles`, of pixel centres within [low, high], which are measured from `origin`.
+// The first and one past the last of `tiles` with pixel centres within [low, high], both measured from `origin`.
 uvec2 tile_span(float low, float high, float origin, uint tiles) {
-    // Pixel p has its centre at p + 0.5: whole numbers, which add without rounding. The clamp comes before the conversion:
-    // huge floats have no integer.
+    // Pixel p has its centre at p + 0.5, so that sums are whole numbers and exact. The clamp precedes the conversion to
+    // integers, which is undefined for huge floats.
     float most = float(tiles * TILE);
     float first = clamp(ceil(low - 0.5) + origin, 0, most);
     float last = clamp(floor(high - 0.5) + 1 + origin, 0, most);
@@ -52,15 +61,15 @@ uvec2 tile_span(float low, float high, float origin, uint tiles) {
 }
 
 uvec2 tile_rows(Footprint f, uvec2 tiles) {
-    if (CULLING == 3) return uvec2(0, tiles.y);
+    if (CULLING == OFF) return uvec2(0, tiles.y);
     return tile_span(f.mean.y - f.box.y, f.mean.y + f.box.y, f.origin.y, tiles.y);
 }
 
-// The tiles of one row that the ellipse touches: its part within the row's pixel centres is convex, so that the tiles
-// are one span, from the leftmost to the rightmost point of that part.
+// The tiles of one row that the ellipse touches. Its part between the row's first and last pixel centres is convex, so
+// the tiles are one span, from the leftmost to the rightmost point of that part.
 uvec2 tile_columns(Footprint f, uint row, uvec2 tiles) {
-    if (CULLING == 3) return uvec2(0, tiles.x);
-    if (CULLING != 0) return tile_span(f.mean.x - f.box.x, f.mean.x + f.box.x, f.origin.x, tiles.x);
+    if (CULLING == OFF) return uvec2(0, tiles.x);
+    if (CULLING != EXACT) return tile_span(f.mean.x - f.box.x, f.mean.x + f.box.x, f.origin.x, tiles.x);
     float root = sqrt(f.cut);
     float first = float(row * TILE) - f.origin.y;
     float top = first + 0.5 - f.mean.y - f.margin.y;

@@ -1,6 +1,19 @@
 // The camera as kernels see it. Conventions: x right, y down, z forward; pixel centres at + 0.5.
+
+/// Inside the projection's Jacobian x/z and y/z are clamped to this multiple of the half field of view's tangent (3DGS's
+/// value): further out the linearisation would blow Gaussians up.
+const float FIELD_MARGIN = 1.3;
+/// Variance that is added to every splat of a plain model, in square pixels: the 3DGS reference's value, which every viewer
+/// of such models takes.
+const float DILATION = 0.3;
+/// Variance that is added to every splat of an anti-aliased model, in square pixels: near a pixel's own, 1/12, as in
+/// Mip-Splatting.
+const float DILATION_ANTIALIAS = 0.1;
+/// Gaussians nearer to the camera's plane than this are culled, in world units (3DGS's value).
+const float NEAR = 0.2;
+
 struct View {
-    vec4 rotation[3];   // rows of world-to-camera; w: what rounding took from the camera's centre
+    vec4 rotation[3];   // rows of world-to-camera; w: the camera's centre minus its rounded value
     vec4 centre;        // camera centre in world units, rounded; w: near plane
     vec4 background;    // red, green, blue; w unused
     vec2 focal;         // pixels
@@ -14,11 +27,11 @@ struct View {
 
 mat3 world_to_camera(View v) { return transpose(mat3(v.rotation[0].xyz, v.rotation[1].xyz, v.rotation[2].xyz)); }
 
-// Where positions in the picture are measured from, in pixels from its upper left corner. Float32 knows a position to 6e-8 of
-// its distance from there: near the middle to next to nothing, however wide the picture.
+// The point of the picture from which positions are measured, in pixels from the upper left corner. The error of a float32
+// position is 6e-8 of its distance from there: next to nothing near the middle, however wide the picture.
 vec2 origin(View v) { return vec2(v.size / 2u); }
 
-// From the camera's centre to a point in the world: exact where it matters, however far the scene lies from its origin.
+// From the camera's centre to a point in the world: exact for near points, however far the scene lies from its origin.
 vec3 from_centre(View v, vec3 point) {
     precise vec3 near = point - v.centre.xyz;
     precise vec3 exact = near - vec3(v.rotation[0].w, v.rotation[1].w, v.rotation[2].w);

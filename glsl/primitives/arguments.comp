@@ -1,15 +1,16 @@
-// Turns a count that lives on the device into dispatch sizes: one triple for each of four group sizes.
-// A count beyond its limit becomes 0, so that everything that depends on it does nothing; what was needed is kept.
+// Turns a count in device memory into dispatch sizes: one triple for each of four group sizes. A count beyond its limit
+// becomes 0, so that all later passes over it do nothing; the number that was needed is kept.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 
 layout(binding = 0, std430) readonly buffer Source { uint source[]; };
-layout(binding = 1, std430) buffer Value { uint value[]; }; // count, largest count ever asked for
+layout(binding = 1, std430) buffer Value { uint value[]; }; // 0: count, 1: largest count ever needed
 layout(binding = 2, std430) writeonly buffer Arguments { uint arguments[]; };
 // count = ceil(source / per) x times
 layout(push_constant) uniform Push { uint per; uint times; uint limit; uint sizes[4]; };
 
+/// Workgroups of one dimension of a dispatch: the least that Vulkan promises; more go into a second dimension.
 const uint MAX_GROUPS = 65535;
 
 void main() {

@@ -1,4 +1,4 @@
-// Stream compaction: writes the indices whose flag is set, in order, given the scan of the flags.
+// Stream compaction: writes the indices whose flags are set, in order, given the scan of the flags.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

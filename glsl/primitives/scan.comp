@@ -1,11 +1,18 @@
 // Exclusive prefix sum in three phases: sums of blocks, scan of those sums by one workgroup, scan within blocks.
-// Each subgroup owns a contiguous run of ROWS x SUBGROUP elements: no look-back, which needs forward progress that
-// software devices do not give.
+// Each subgroup owns a contiguous run of ROWS x SUBGROUP elements. There is no look-back, which needs forward progress that
+// software devices do not guarantee.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 
-layout(constant_id = 2) const uint PHASE = 0; // 0 reduce, 1 spine, 2 apply
+/// Phase: sums of blocks.
+const uint REDUCE = 0;
+/// Phase: scan of those sums, by one workgroup.
+const uint SPINE = 1;
+/// Phase: scan within blocks.
+const uint APPLY = 2;
+
+layout(constant_id = 2) const uint PHASE = REDUCE;
 layout(constant_id = 3) const uint ROWS = 16;
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
@@ -18,7 +25,7 @@ const uint SUBGROUPS = WORKGROUP / SUBGROUP;
 const uint BLOCK = WORKGROUP * ROWS;
 shared uint partial[SUBGROUPS];
 
-// Sum over the subgroups before this one, of what each put into `partial`.
+// Sum of `partial` over the subgroups before this one.
 uint before_subgroup() {
     uint sum = 0;
     for (uint s = 0; s < gl_SubgroupID; s++) sum += partial[s];
@@ -79,7 +86,7 @@ void apply_block(uint n) {
 
 void main() {
     uint n = count[0];
-    if (PHASE == 0) reduce(n);
-    else if (PHASE == 1) spine(n);
+    if (PHASE == REDUCE) reduce(n);
+    else if (PHASE == SPINE) spine(n);
     else apply_block(n);
 }

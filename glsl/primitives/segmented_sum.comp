@@ -1,4 +1,4 @@
-// Sums `WIDTH` floats a row over contiguous segments of rows, each in row order: bit-identical run after run.
+// Sums rows of WIDTH floats over contiguous segments, each in row order: bit-identical run after run.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

@@ -5,10 +5,15 @@
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 
-layout(constant_id = 2) const uint PHASE = 0; // 0 count, 1 scatter
+/// Phase: counts the digits of each block.
+const uint COUNT_DIGITS = 0;
+/// Phase: scatters keys and values by the scanned counts.
+const uint SCATTER = 1;
+
+layout(constant_id = 2) const uint PHASE = COUNT_DIGITS;
 layout(constant_id = 3) const uint ROWS = 16; // keys per invocation
 layout(constant_id = 4) const uint DIGIT_BITS = 8;
-// Each invocation ranks its own run: no ballots, which cost more than they save where lanes share one core.
+// Whether each invocation ranks a run of its own, without ballots, which cost more than they save where lanes share one core.
 layout(constant_id = 5) const bool SERIAL = false;
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
@@ -28,7 +33,7 @@ uint digit_of(uint key) { return (key >> shift) & (RADIX - 1); }
 
 uint unit() { return SERIAL ? gl_LocalInvocationID.x : gl_SubgroupID; }
 
-// Position of this invocation's key of a row.
+// Position of this invocation's key in a row.
 uint position(uint row) {
     uint start = group_index() * BLOCK;
     return SERIAL ? start + gl_LocalInvocationID.x * ROWS + row
@@ -40,7 +45,7 @@ void clear_counters() {
     barrier();
 }
 
-// The lanes of this subgroup that hold the same digit, this one included; lanes without a key stay out.
+// The lanes of this subgroup that hold the same digit, this one included. Lanes without a key stay out.
 uvec4 peers(uint digit, bool there) {
     uvec4 same = subgroupBallot(there);
     for (uint bit = 0; bit < DIGIT_BITS; bit++) {
@@ -51,7 +56,7 @@ uvec4 peers(uint digit, bool there) {
     return same;
 }
 
-// How many keys of this digit this unit has seen before this one.
+// The number of keys with this digit that this unit has seen before this one.
 uint rank(uint digit, bool there) {
     uint slot = unit() * RADIX + digit;
     if (SERIAL) {
@@ -119,6 +124,6 @@ void scatter(uint n) {
 
 void main() {
     uint n = count[0];
-    if (PHASE == 0) count_digits(n);
+    if (PHASE == COUNT_DIGITS) count_digits(n);
     else scatter(n);
 }

@@ -1,4 +1,4 @@
-// Counts to a number given at run time: shows whether the driver runs long loops to their end.
+// Adds up the numbers to one given at run time: shows whether the driver runs long loops to their end.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

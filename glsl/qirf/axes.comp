@@ -1,9 +1,8 @@
-// What the overlap needs of each Gaussian of a batch, computed once for all its pairs: rotation, floored and dilated scales.
+// Rotation and floored, dilated scales of each Gaussian of a batch, computed once for all of its pairs.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
-#include "lib/constants.glsl"
 #include "lib/view.glsl"
 #include "lib/projection.glsl"
 #include "lib/axes.glsl"
@@ -12,20 +11,20 @@ layout(binding = 0, std430) readonly buffer Members { uint members[]; }; // Gaus
 layout(binding = 1, std430) readonly buffer Means { float means[]; };
 layout(binding = 2, std430) readonly buffer LogScales { float log_scales[]; };
 layout(binding = 3, std430) readonly buffer Rotations { vec4 rotations[]; };
-layout(binding = 4, std430) writeonly buffer AxesRows { vec4 axes[]; }; // four a member of the batch: lib/axes.glsl
+layout(binding = 4, std430) writeonly buffer AxesRows { vec4 axes[]; }; // four for each member of the batch: lib/axes.glsl
 layout(push_constant) uniform Push {
     uint first;         // member at which the batch begins
     uint count;
     float log_dilation; // ln of the standard deviation added to each axis in quadrature; very negative for none
-    float least;        // scales are not taken below this share of the largest
+    float least;        // scales are raised to this share of the largest
 };
 
-const float LARGEST_LOG = 69; // e^69 is 2^99.5: differences of exponents then still are floats
-// ln 2 in two parts; the first has so few bits that its product with an exponent is exact.
+const float LARGEST_LOG = 69; // e^69 is 2^99.5: 2 to the difference of two exponents is still a float
+// ln 2 in two parts, the first of so few bits that its product with an exponent is exact.
 const float LN_2_HIGH = 0.693359375;
 const float LN_2_LOW = -2.1219444005469057e-4;
 
-// exp(x) / 2^e without the rounding of x as a multiple of ln 2.
+// exp(x) / 2^e, as exact where x is near e ln 2 as exp is near 0.
 float scaled_exp(float x, float e) {
     precise float high = x - e * LN_2_HIGH;
     return exp(high - e * LN_2_LOW);
@@ -41,7 +40,7 @@ void main() {
     float norm;
     if (!rotation_of(rotations[i], r, unit, norm)) r = mat3(1);
     [[unroll]] for (uint k = 0; k < 3; k++) {
-        // A scale that is no number is taken for the smallest.
+        // A scale that is not a number counts as the smallest.
         logs[k] = isnan(logs[k]) ? -LARGEST_LOG : clamp(logs[k], -LARGEST_LOG, LARGEST_LOG);
     }
     // Three exchanges sort.

@@ -1,11 +1,16 @@
-// The low-rank generalized eigenproblem of a batch's blocks in float32, one subgroup a block: N + eps I = L L^T, B = L^-1 W,
-// the eigenpairs (lambda, y) of the 8x8 B^T B, and the participations q_i = sum over the leading k of (L^-T B y_k)_i^2.
+// The low-rank generalized eigenproblem of a batch's blocks in float32, one subgroup for each block: N + eps I = L L^T,
+// B = L^-1 W, the eigenpairs (lambda, y) of the 8x8 matrix B^T B, and the participations q_i = sum over the leading k of
+// (L^-T B y_k)_i^2.
 //
-// W^T stands below N as eight more rows: factoring the stack leaves B^T there. L replaces N, X = B Y replaces W.
+// W^T stands below N as eight more rows: factorising the stack leaves B^T there. L replaces N, and X = B Y replaces W.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/responses.glsl"
+
+/// Numbers of a block's solution besides its participations: eigenvalues, how many lead, and whether it failed.
+const uint EXTRA = 10;
 
 layout(binding = 0, std430) readonly buffer Blocks { uvec4 blocks[]; }; // first member, m, offset in its batch's matrices, -
 layout(binding = 1, std430) coherent buffer Overlaps { float overlaps[]; }; // packed lower triangles; L afterwards
@@ -19,9 +24,8 @@ layout(push_constant) uniform Push {
     float tau;
 };
 
-const uint CHANNELS = 8;
-const uint SWEEPS = 8;      // of Jacobi rotations: quadratic from the third on
-const float SLACK = 1e-6;   // of the energy that is compared with tau
+const uint SWEEPS = 8;    // of Jacobi rotations; convergence is quadratic from the third on
+const float SLACK = 1e-6; // of the share of energy that is compared with tau
 
 shared float g[CHANNELS][CHANNELS]; // B^T B; its diagonal becomes lambda
 shared float y[CHANNELS][CHANNELS]; // eigenvectors as columns
@@ -47,7 +51,7 @@ void meet() {
     barrier();
 }
 
-// Column by column from those before. False where a pivot is not positive.
+// Factorises column by column, each from those before; false where a pivot is not positive.
 bool factorise(uint lane) {
     for (uint c = 0; c < m; c++) {
         float square = 0;
@@ -61,7 +65,7 @@ bool factorise(uint lane) {
             set_entry(row, c, sum / root);
         }
         meet();
-        // No later column reads it.
+        // Written last, since no later column reads it.
         if (lane == 0) overlaps[at(c, c)] = root;
     }
     meet();
@@ -87,7 +91,7 @@ void gram(uint lane) {
     meet();
 }
 
-// Cyclic Jacobi (Golub and Van Loan): lanes take the entries of the two rows and columns that a rotation changes.
+// Cyclic Jacobi (Golub and Van Loan): lanes share the entries of the two rows and columns that a rotation changes.
 void diagonalise(uint lane) {
     for (uint sweep = 0; sweep < SWEEPS; sweep++) {
         for (uint p = 0; p < CHANNELS - 1; p++) {
@@ -95,7 +99,7 @@ void diagonalise(uint lane) {
                 float off = g[p][q];
                 float theta = (g[q][q] - g[p][p]) / (2 * off);
                 float t = (theta < 0 ? -1 : 1) / (abs(theta) + sqrt(theta * theta + 1));
-                // Nothing to turn where the entry is lost beside the diagonal.
+                // No rotation where the entry is negligible beside the diagonal.
                 bool idle = !(off * off > 1e-16 * abs(g[p][p] * g[q][q])) || isinf(theta);
                 t = idle ? 0 : t;
                 float c = inversesqrt(1 + t * t), s = t * c;
@@ -119,7 +123,7 @@ void diagonalise(uint lane) {
     }
 }
 
-// Orders the eigenvalues, negative noise being 0, and gives how many reach tau of their sum.
+// Sorts the eigenvalues, and returns how many reach tau of their sum; those that are negative by rounding count as 0.
 uint leading(uint lane) {
     for (uint k = lane; k < CHANNELS; k += SUBGROUP) {
         uint before = 0;
@@ -138,7 +142,7 @@ uint leading(uint lane) {
     return r;
 }
 
-// X = B Y over the leading r columns, then L^T X' = X from the last row up; q are the squares of the rows of X'.
+// X = B Y over the leading r columns, then L^T X' = X from the last row up; q holds the squared norms of the rows of X'.
 void participate(uint lane, uint r, uint out_at) {
     for (uint row = lane; row < m; row += SUBGROUP) {
         float b[CHANNELS];
@@ -175,8 +179,8 @@ void main() {
     triangle_at = block.z;
     uint first = block.x - first_member;
     factor_at = CHANNELS * first;
-    // Ten numbers more a block, so that a block's begin where its members and the blocks before it say.
-    uint out_at = first + 10 * group;
+    // Solutions of the blocks before: one number for each member, and EXTRA for each block.
+    uint out_at = first + EXTRA * group;
     uint lane = gl_SubgroupInvocationID;
     bool good = factorise(lane);
     uint r = 0;
@@ -190,7 +194,7 @@ void main() {
         for (uint k = lane; k < m + CHANNELS; k += SUBGROUP) solutions[out_at + k] = 0;
     }
     if (lane == 0) {
-        solutions[out_at + m + 8] = float(r);
-        solutions[out_at + m + 9] = good ? 0 : 1;
+        solutions[out_at + m + CHANNELS] = float(r);
+        solutions[out_at + m + (CHANNELS + 1)] = good ? 0 : 1;
     }
 }

@@ -1,19 +1,26 @@
-// The factor W (m x 8) of each block's radiance-response density matrix P = W W^T, and P itself where it is asked for:
-// W = [sqrt(eta / (tr_r + eps)) H_r, sqrt((1 - eta) / (tr_o + eps)) H_o], traces being sums of squares over the block.
-// The rows given are weighed by sqrt(eta) and sqrt(1 - eta) already.
+// The factor W (m x 8) of each block's radiance-response density matrix P = W W^T, and on request P itself:
+// W = [sqrt(eta / (tr_r + eps)) H_r, sqrt((1 - eta) / (tr_o + eps)) H_o], where the traces are sums of squares over the block.
+// The rows of H already hold the weights sqrt(eta) and sqrt(1 - eta).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/responses.glsl"
+#include "lib/blocks.glsl"
 
-layout(constant_id = 2) const uint PHASE = 0; // 0: W, one subgroup a block; 1: P, one subgroup a tile as in qirf/overlap.comp
+/// Phase: W, one subgroup for each block.
+const uint FACTOR = 0;
+/// Phase: P, one subgroup for each tile, as in `qirf/overlap.comp`.
+const uint DENSITY = 1;
+
+layout(constant_id = 2) const uint PHASE = FACTOR;
 layout(constant_id = 3) const uint COLUMNS = 64;
 
 layout(binding = 0, std430) readonly buffer Blocks { uvec4 blocks[]; }; // first member, m, offset in its batch's matrices, -
-layout(binding = 1, std430) readonly buffer Tiles { uvec2 tiles[]; };   // block, first row << 16 | first column
+layout(binding = 1, std430) readonly buffer Tiles { uvec2 tiles[]; };   // block, first row and first column: lib/blocks.glsl
 layout(binding = 2, std430) readonly buffer Members { uint members[]; };
-layout(binding = 3, std430) readonly buffer H { float h[]; };           // n x 8, four of rendering and four of optimisation, weighed
-layout(binding = 4, std430) buffer Factors { float factors[]; };        // block after block m x 8, column by column
+layout(binding = 3, std430) readonly buffer H { float h[]; };           // n x CHANNELS, weighed
+layout(binding = 4, std430) buffer Factors { float factors[]; };        // block after block m x CHANNELS, column by column
 layout(binding = 5, std430) writeonly buffer Densities { float densities[]; }; // lower triangles, packed as the overlaps
 layout(push_constant) uniform Push {
     uint first;        // block or tile
@@ -25,33 +32,33 @@ layout(push_constant) uniform Push {
 
 void factor(uint block_index) {
     uvec4 block = blocks[block_index];
-    uint m = block.y, at = 8 * (block.x - first_member);
+    uint m = block.y, at = CHANNELS * (block.x - first_member);
     uint lane = gl_SubgroupInvocationID;
     vec2 trace = vec2(0);
     for (uint row = lane; row < m; row += SUBGROUP) {
-        uint i = 8 * members[block.x + row];
-        [[unroll]] for (uint k = 0; k < 8; k++) trace[k / 4] += h[i + k] * h[i + k];
+        uint i = CHANNELS * members[block.x + row];
+        [[unroll]] for (uint k = 0; k < CHANNELS; k++) trace[k / RENDERING] += h[i + k] * h[i + k];
     }
     vec2 share = vec2(eta, 1 - eta);
     trace = subgroupAdd(trace) / share + epsilon;
     vec2 weight = mix(vec2(0), inversesqrt(trace), greaterThan(share, vec2(0)));
     for (uint row = lane; row < m; row += SUBGROUP) {
-        uint i = 8 * members[block.x + row];
-        [[unroll]] for (uint k = 0; k < 8; k++) factors[at + k * m + row] = weight[k / 4] * h[i + k];
+        uint i = CHANNELS * members[block.x + row];
+        [[unroll]] for (uint k = 0; k < CHANNELS; k++) factors[at + k * m + row] = weight[k / RENDERING] * h[i + k];
     }
 }
 
 void density(uvec2 tile) {
     uvec4 block = blocks[tile.x];
-    uint m = block.y, at = 8 * (block.x - first_member);
-    uint row = (tile.y >> 16) + gl_SubgroupInvocationID;
-    uint first_column = tile.y & 65535;
-    float own[8];
-    [[unroll]] for (uint k = 0; k < 8; k++) own[k] = factors[at + k * m + min(row, m - 1)];
-    uint end = min(min(first_column + COLUMNS, (tile.y >> 16) + SUBGROUP), m);
+    uint m = block.y, at = CHANNELS * (block.x - first_member);
+    uint row = (tile.y >> ROW_SHIFT) + gl_SubgroupInvocationID;
+    uint first_column = tile.y & COLUMN_MASK;
+    float own[CHANNELS];
+    [[unroll]] for (uint k = 0; k < CHANNELS; k++) own[k] = factors[at + k * m + min(row, m - 1)];
+    uint end = min(min(first_column + COLUMNS, (tile.y >> ROW_SHIFT) + SUBGROUP), m);
     for (uint column = first_column; column < end; column++) {
         float sum = 0;
-        [[unroll]] for (uint k = 0; k < 8; k++) sum += own[k] * factors[at + k * m + column];
+        [[unroll]] for (uint k = 0; k < CHANNELS; k++) sum += own[k] * factors[at + k * m + column];
         if (column <= row && row < m) densities[block.z + column * (2 * m - column - 1) / 2 + row] = sum;
     }
 }
@@ -59,6 +66,6 @@ void density(uvec2 tile) {
 void main() {
     uint group = group_index();
     if (group >= count) return;
-    if (PHASE == 0) factor(first + group);
+    if (PHASE == FACTOR) factor(first + group);
     else density(tiles[first + group]);
 }

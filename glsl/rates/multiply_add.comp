@@ -1,11 +1,13 @@
-// Multiply-adds and nothing else: CHAINS of them side by side, each waiting only for itself, so that the units are full.
+// Multiply-adds and nothing else: CHAINS of them side by side, each depending only on itself, so that the units stay busy.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 
+/// Steps of every chain in a round of the loop.
+const uint UNROLLED = 8;
+
 layout(constant_id = 2) const uint CHAINS = 12;
-const uint UNROLLED = 8; // steps of every chain before the loop's own work
 
 layout(binding = 0, std430) writeonly buffer Sums { float sums[]; };
 layout(push_constant) uniform Push { uint rounds; float factor; float term; };
@@ -18,7 +20,7 @@ void main() {
             [[unroll]] for (uint k = 0; k < CHAINS; k++) chain[k] = fma(chain[k], factor, term);
         }
     }
-    // Written, so that no compiler leaves it out.
+    // The sum is written so that no compiler drops the work.
     float sum = 0;
     [[unroll]] for (uint k = 0; k < CHAINS; k++) sum += chain[k];
     sums[global_index()] = sum;

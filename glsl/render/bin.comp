@@ -1,18 +1,17 @@
-// Writes one (tile, slot) pair for each tile that a visible Gaussian touches, Gaussians in depth order; with DEPTH_ORDER also
-// the depth by which a tile of its own would order them.
+// Writes one (tile, slot) pair for each tile that a visible Gaussian touches, Gaussians in depth order. With DEPTH_ORDER it
+// also writes the depth by which each tile orders its Gaussians.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 #include "lib/view.glsl"
 #include "lib/tiles.glsl"
-#include "lib/constants.glsl"
 #include "lib/projection.glsl"
 
 layout(constant_id = 4) const bool DEPTH_ORDER = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; }; // visible Gaussians
-layout(binding = 2, std430) readonly buffer Pairs { uint pairs[]; }; // 0 when they do not fit
+layout(binding = 2, std430) readonly buffer Pairs { uint pairs[]; }; // 0: their number, 0 when they do not fit
 layout(binding = 3, std430) readonly buffer Order { uint order[]; };
 layout(binding = 4, std430) readonly buffer Offsets { uint offsets[]; }; // by depth
 layout(binding = 5, std430) readonly buffer TileCounts { uint tile_counts[]; }; // by Gaussian
@@ -27,13 +26,15 @@ layout(binding = 13, std430) readonly buffer Means { float means[]; };
 layout(binding = 14, std430) readonly buffer LogScales { float log_scales[]; };
 layout(binding = 15, std430) readonly buffer Rotations { vec4 rotations[]; };
 
-// Where rays from the camera meet a Gaussian at its densest.
+const float DRAWN_DEVIATIONS = 3.3291; // sqrt(2 ln 255): where an opaque Gaussian's alpha falls to 1/255
+
+// A Gaussian in the form that its densest point along a ray is computed from.
 struct Densest {
     mat3 axes;     // in camera space
-    vec3 narrow;   // the least standard deviation over each axis's own
-    vec3 position; // in units of the axes, times the same
+    vec3 narrow;   // the least standard deviation divided by each axis's own
+    vec3 position; // of the mean, along the axes, times narrow
     float depth;   // of the mean
-    float reach;   // no part that is drawn lies further before or behind
+    float reach;   // no part that is drawn lies further before or behind the mean
 };
 
 Densest densest_of(View v, uint i) {
@@ -45,16 +46,15 @@ Densest densest_of(View v, uint i) {
     d.narrow = exp(min(log_scale.x, min(log_scale.y, log_scale.z)) - log_scale);
     d.position = d.narrow * (p.position * d.axes);
     d.depth = p.depth;
-    // sqrt(2 ln 255) standard deviations along the view.
-    d.reach = 3.3291 * length(vec3(d.axes[0].z, d.axes[1].z, d.axes[2].z) * p.scale);
+    d.reach = DRAWN_DEVIATIONS * length(vec3(d.axes[0].z, d.axes[1].z, d.axes[2].z) * p.scale);
     return d;
 }
 
-// Depth of the point of a ray (x, y, 1) where the Gaussian is densest: positive floats order as their bits.
+// The bits of the depth at which the Gaussian is densest along the ray (x, y, 1): positive floats order as their bits do.
 uint densest_at(View v, Densest d, vec2 ray) {
     vec3 along = d.narrow * (vec3(ray, 1) * d.axes);
     float depth = dot(along, d.position) / dot(along, along);
-    // A disc seen along its edge: the quotient of two zeros.
+    // A disc seen edge-on makes it the quotient of two zeros.
     if (isnan(depth)) depth = d.depth;
     return floatBitsToUint(max(clamp(depth, d.depth - d.reach, d.depth + d.reach), v.centre.w));
 }
@@ -84,7 +84,7 @@ void main() {
             }
         }
     }
-    // Compilers may round this shader and the counting one differently: slots left over go to a tile that is not there.
+    // Compilers may round this shader and the counting one differently: surplus slots go to a tile beyond the last.
     for (; slot < end; slot++) {
         keys[slot] = tiles.x * tiles.y;
         slots[slot] = slot;

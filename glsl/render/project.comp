@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
-#include "lib/constants.glsl"
+#include "lib/blending.glsl"
 #include "lib/view.glsl"
 #include "lib/sh.glsl"
 #include "lib/splat.glsl"
@@ -12,7 +12,7 @@
 
 layout(constant_id = 4) const bool ANTIALIAS = false;
 layout(constant_id = 5) const uint DEGREE = 3; // bands that have arrays
-// SH coefficients are halves, two a word: loads keep every bit, so that the arrays may stay declared as floats.
+// Whether SH coefficients are halves, two a word. Loads keep every bit, so that the arrays stay declared as floats.
 layout(constant_id = 6) const bool HALF = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
@@ -40,7 +40,7 @@ float sh3_at(uint k) { return HALF ? half_of(sh3[k / 2], k) : sh3[k]; }
 
 vec3 load3(uint i) { return vec3(sh0_at(3 * i), sh0_at(3 * i + 1), sh0_at(3 * i + 2)); }
 
-// Before the offset of 0.5 and the clamp at 0.
+// The colour before the offset of 0.5 and the clamp at 0.
 vec3 radiance(uint i, vec3 direction) {
     vec3 sum = SH_C0 * load3(i);
     if (DEGREE > 0 && view[0].degree > 0) {
@@ -86,7 +86,7 @@ void main() {
     float opacity = 1 / (1 + exp(-logits[i]));
     if (ANTIALIAS) opacity *= sqrt(max(p.det0 / p.det, MIN_ANTIALIAS));
     Splat s;
-    s.cut = log2(255 * opacity);
+    s.cut = log2(ALPHA_MIN_INVERSE * opacity);
     if (!(s.cut > 0)) return;
     s.log2_opacity = log2(opacity);
     s.mean = p.mean;
@@ -100,7 +100,7 @@ void main() {
     geometry[i] = pack_geometry(s);
     shape[i] = pack_shape(s);
     colour[i] = pack_colour(s);
-    depth[i] = floatBitsToUint(p.depth); // positive floats order as their bits
+    depth[i] = floatBitsToUint(p.depth); // positive floats order as their bits do
     tile_counts[i] = tiles;
     visible[i] = 1;
 }

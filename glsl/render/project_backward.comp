@@ -1,34 +1,34 @@
-// Backward of the projection: sums a Gaussian's slots in their order and goes back through covariance, mean and colour to
-// one row of gradients, from which train/adam.comp updates the parameters. SH coefficients need no gradients of their own:
-// theirs are the colour's times the basis.
+// Backward pass of the projection: adds up a Gaussian's slots in their order and goes back through covariance, mean and colour
+// to one row of gradients, from which train/adam.comp updates the parameters. SH coefficients need no gradients of their own:
+// each is the colour's gradient times the basis function.
 //
 // Notation and derivation: reference/project_backward.rs.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
-#include "lib/constants.glsl"
 #include "lib/view.glsl"
 #include "lib/sh.glsl"
 #include "lib/splat.glsl"
 #include "lib/projection.glsl"
 #include "lib/gradient_row.glsl"
+#include "lib/adam.glsl"
 
 layout(constant_id = 2) const bool ANTIALIAS = false;
 layout(constant_id = 3) const uint DEGREE = 3; // bands that have arrays
 // Whether the view direction's gradient reaches the mean.
 layout(constant_id = 4) const bool DIRECTION_GRADIENT = true;
-// Accumulates what density control decides by.
+// Whether to add to the sums by which density control decides.
 layout(constant_id = 5) const bool STATISTICS = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
-layout(binding = 2, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the most ever needed
+layout(binding = 2, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 3, std430) readonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 4, std430) readonly buffer FirstSlots { uint first_slots[]; };
-layout(binding = 5, std430) readonly buffer MomentsA { vec4 moments_a[]; };
-layout(binding = 6, std430) readonly buffer MomentsB { vec4 moments_b[]; };
-layout(binding = 7, std430) readonly buffer MomentsC { vec4 moments_c[]; };
+layout(binding = 5, std430) readonly buffer PositionSums { vec4 position_sums[]; }; // by slot
+layout(binding = 6, std430) readonly buffer CovarianceSums { vec4 covariance_sums[]; };
+layout(binding = 7, std430) readonly buffer ColourSums { vec4 colour_sums[]; };
 layout(binding = 8, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 9, std430) readonly buffer Colour { vec2 colour[]; };
 layout(binding = 10, std430) readonly buffer Means { float means[]; };
@@ -39,12 +39,11 @@ layout(binding = 14, std430) readonly buffer Sh1 { float sh1[]; };
 layout(binding = 15, std430) readonly buffer Sh2 { float sh2[]; };
 layout(binding = 16, std430) readonly buffer Sh3 { float sh3[]; };
 layout(binding = 17, std430) writeonly buffer Rows { float rows[]; }; // lib/gradient_row.glsl
-layout(binding = 18, std430) buffer Growth { vec2 growth[]; }; // sum of dL/dmean2D in NDC, views that saw it
+layout(binding = 18, std430) buffer Growth { vec2 growth[]; }; // sum of |dL/dmean2D| in NDC units, number of views that showed it
 layout(binding = 19, std430) buffer Guards { uint guards[]; }; // 0: rows skipped, 1: iterations done
 layout(push_constant) uniform Push { uint pair_limit; };
 
-const float GREATEST_GRADIENT = 1e18; // its square still fits the second moment
-const float LEAST_SCALE = 1e-30;      // below it an axis has no width to turn
+const float LEAST_SCALE = 1e-30; // a thinner axis has no gradient by its turn
 const float LN_2 = 0.6931471805599453;
 
 bool sane(vec3 g) { return all(lessThanEqual(abs(g), vec3(GREATEST_GRADIENT))); }
@@ -59,9 +58,9 @@ struct Gradient {
     vec2 mean2d;    // pixels
 };
 
-// With K = (k.x k.y; 0 k.z), K^T K being the inverse covariance, T = (row_x; row_y) and W = K T, whose columns are no longer
-// than 1, dL/dT = K^T E for E = S W, S the second moments. Neither W nor E cancels, however long the needle: dL/dcovariance
-// times T, which is the same, loses the square of a needle's length in pixels.
+// Let K = (k.x k.y; 0 k.z), so that K^T K is the inverse covariance, T = (row_x; row_y), S the second moments, and W = K T,
+// whose columns are no longer than 1. Then dL/dT = K^T E with E = S W. Neither W nor E cancels, however long the needle. The
+// usual product of dL/dcovariance and T equals it, but its error grows with the square of a needle's length in pixels.
 struct Whitened {
     vec3 w_x, w_y;
     vec3 e_x, e_y;
@@ -70,14 +69,14 @@ struct Whitened {
 Whitened whitened(float dilation, Projection p, vec3 k, float zeroth, vec3 second) {
     Whitened w;
     float c = p.covariance.z;
-    // row_x - (b / c) row_y, since row_y x (row_x x row_y) = (row_y . row_y) row_x - (row_x . row_y) row_y.
+    // The bracket of w_x below is row_x - (b / c) row_y, since row_y x (row_x x row_y) = (row_y . row_y) row_x - (row_x . row_y) row_y.
     vec3 across = cross(p.row_y, p.normal);
     w.w_x = k.x * (across / (c * p.shrink * p.shrink) + (dilation / c) * p.row_x);
     w.w_y = k.z * p.row_y;
     w.e_x = second.x * w.w_x + second.y * w.w_y;
     w.e_y = second.y * w.w_x + second.z * w.w_y;
     if (ANTIALIAS && p.det0 > MIN_ANTIALIAS * p.det) {
-        // d ln(det0 / det) / 2 = (Q0 - Q) / 2 = dilation Q Q0 / 2, Q0 T being the pseudo-inverse of T, transposed.
+        // d ln(det0 / det) / 2 = (Q0 - Q) / 2 = dilation Q Q0 / 2, where Q0 T is the transposed pseudo-inverse of T.
         float share = dilation * zeroth * p.shrink * p.shrink / p.det0;
         vec3 inverse_x = across, inverse_y = cross(p.normal, p.row_x);
         w.e_x += share * (k.x * inverse_x + k.y * inverse_y);
@@ -86,7 +85,8 @@ Whitened whitened(float dilation, Projection p, vec3 k, float zeroth, vec3 secon
     return w;
 }
 
-// By the stored quaternion, of a rotation vector in the Gaussian's own axes: 2 q (0, spin), which is tangent to the sphere.
+// Gradient by the stored quaternion from the gradient `spin` by a rotation vector in the Gaussian's own axes: 2 q (0, spin),
+// which is tangent to the unit sphere.
 vec4 quaternion_gradient(vec3 spin, vec4 unit, float norm) {
     return 2 * vec4(-dot(unit.yzw, spin), unit.x * spin + cross(unit.yzw, spin)) / norm;
 }
@@ -118,22 +118,22 @@ vec3 direction_gradient(uint i, vec3 d, vec3 by_colour) {
 
 Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots) {
     Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0));
-    vec4 a = vec4(0), b = vec4(0), c = vec4(0);
+    vec4 position_sum = vec4(0), covariance_sum = vec4(0), colour_sum = vec4(0);
     uint first = first_slots[i];
     for (uint slot = first; slot < first + slots; slot++) {
-        a += moments_a[slot];
-        b += moments_b[slot];
-        c += moments_c[slot];
+        position_sum += position_sums[slot];
+        covariance_sum += covariance_sums[slot];
+        colour_sum += colour_sums[slot];
     }
     View v = view[0];
     Projection p = project(v, mean, log_scale, quaternion);
-    // The moments are of u and v in powers of two; k and they together in natural units.
+    // The sums are over u and v, which count powers of two; here they and k go back to natural units.
     float unit = sqrt(2 * LN_2);
     vec3 k = splat_factor(p) * unit;
-    vec2 m1 = a.yz * unit;
-    vec3 m2 = b.xyz * (2 * LN_2);
+    vec2 m1 = position_sum.yz * unit;
+    vec3 m2 = covariance_sum.xyz * (2 * LN_2);
     g.mean2d = vec2(k.x * m1.x, k.y * m1.x + k.z * m1.y);
-    Whitened w = whitened(v.dilation, p, k, a.x, m2);
+    Whitened w = whitened(v.dilation, p, k, position_sum.x, m2);
 
     g.log_scale = w.e_x * w.w_x + w.e_y * w.w_y;
     // dL/d(turn of the axes) = sum over rows of (s_k E_k) x (W_k / s_k).
@@ -151,15 +151,15 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
     vec2 by_slope = v.focal * (g.mean2d - free * vec2(k.x * along_x, k.y * along_x + k.z * along_y) / z);
     float by_z = -(dot(slope, by_slope) + g.log_scale.x + g.log_scale.y + g.log_scale.z) / z;
     g.mean = vec3(by_slope / z, by_z) * world_to_camera(v);
-    g.logit = a.x / (1 + exp(logits[i]));
+    g.logit = position_sum.x / (1 + exp(logits[i]));
 
     g.direction = p.direction;
-    // Where the colour was clamped to 0 it has no slope.
+    // A colour that was clamped to 0 has no slope.
     vec3 drawn = vec3(shape[i].w, colour[i]);
-    g.colour = mix(vec3(0), c.rgb, greaterThan(drawn, vec3(0)));
+    g.colour = mix(vec3(0), colour_sum.rgb, greaterThan(drawn, vec3(0)));
     if (DIRECTION_GRADIENT) {
         vec3 by_direction = direction_gradient(i, p.direction, g.colour);
-        // Through the normalisation: what lies along the direction has no effect.
+        // Through the normalisation: the part along the direction has no effect.
         float distance = length(from_centre(v, mean));
         g.mean += (by_direction - p.direction * dot(p.direction, by_direction)) / distance;
     }
@@ -168,7 +168,7 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
 
 void main() {
     uint i = global_index();
-    // Pairs that did not fit: this iteration does not count, nor does any after it until the host has made room.
+    // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
     if (pairs[1] > pair_limit) return;
     if (i == 0) guards[1] += 1;
     if (i >= count[0]) return;

@@ -1,4 +1,4 @@
-// Where each tile's pairs begin: a binary search in the sorted keys. One entry more than tiles: the end of the last.
+// The first pair of each tile, by binary search in the sorted keys; one more entry holds the end of the last tile.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

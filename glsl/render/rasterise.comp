@@ -1,15 +1,15 @@
 // Blends each tile's Gaussians front to back. An invocation holds PIXELS pixels of the tile in registers, so that a splat is
-// read once for all of them: one where the workgroup is as large as the tile, eight or more where a subgroup walks it alone.
+// read once for all of them: one pixel where the workgroup is as large as the tile, eight or more where one subgroup walks it.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
-#include "lib/constants.glsl"
+#include "lib/blending.glsl"
 #include "lib/view.glsl"
 #include "lib/splat.glsl"
 
 layout(constant_id = 2) const uint TILE = 16;
-// Splats staged in shared memory at a time; 0 where one subgroup walks the tile: a splat a lane.
+// Splats staged in shared memory at a time; 0 where one subgroup walks the tile, each lane reading one splat.
 layout(constant_id = 3) const uint BATCH = 256;
 layout(constant_id = 4) const float STOP = TRANSMITTANCE_STOP;
 layout(constant_id = 5) const uint PIXELS = 1; // TILE x TILE / WORKGROUP
@@ -40,7 +40,7 @@ void blend(vec4 g, vec4 s, vec2 c) {
         float t = transmittance[p];
         float alpha = power <= s.z ? min(ALPHA_MAX, exp2(s.y - power)) : 0;
         float w = t * alpha;
-        float next = t - w; // not t (1 - alpha): 1 - alpha is off alike in like layers, and it adds up
+        float next = t - w; // not t (1 - alpha): equal layers round 1 - alpha alike, and the errors add up
         bool live = t > 0;
         bool stop = next < STOP;
         blended[p] += (live && !stop ? w : 0) * rgb;
@@ -71,7 +71,7 @@ void main() {
     uint start = starts[tile], end = starts[tile + 1];
 
     if (BATCH == 0) {
-        // The workgroup is one subgroup: each lane reads one splat of as many as there are lanes.
+        // The workgroup is one subgroup: each lane reads one splat, and all lanes blend each in turn.
         for (uint first = start; first < end && !subgroupAll(done()); first += SUBGROUP) {
             uint length = min(SUBGROUP, end - first);
             uint i = owners[slots[min(first + lane, end - 1)]];

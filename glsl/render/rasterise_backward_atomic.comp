@@ -1,25 +1,25 @@
-// rasterise_backward.comp's sums added up by Gaussian with the device's float atomics: lib/backward_walk.glsl.
+// Adds up rasterise_backward.comp's sums by Gaussian, with the device's float atomics; see lib/backward_walk.glsl.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_EXT_shader_atomic_float : require
 #include "lib/dispatch.glsl"
 
-layout(binding = 9, std430) buffer SumsA { float sums_a[]; }; // by Gaussian, four floats: 1, u, v
-layout(binding = 10, std430) buffer SumsB { float sums_b[]; }; // uu, uv, vv
-layout(binding = 11, std430) buffer SumsC { float sums_c[]; }; // red, green, blue
+layout(binding = 9, std430) buffer PositionSums { float position_sums[]; }; // by Gaussian, four floats: 1, u, v
+layout(binding = 10, std430) buffer CovarianceSums { float covariance_sums[]; }; // uu, uv, vv
+layout(binding = 11, std430) buffer ColourSums { float colour_sums[]; }; // red, green, blue
 
-void add_a(uint at, float x) { atomicAdd(sums_a[at], x); }
-void add_b(uint at, float x) { atomicAdd(sums_b[at], x); }
-void add_c(uint at, float x) { atomicAdd(sums_c[at], x); }
+void add_position(uint at, float x) { atomicAdd(position_sums[at], x); }
+void add_covariance(uint at, float x) { atomicAdd(covariance_sums[at], x); }
+void add_colour(uint at, float x) { atomicAdd(colour_sums[at], x); }
 
 const bool RESIDUAL = false;
 
-void hand_in(uint slot, uint gaussian, vec4 a, vec4 b, vec4 c) {
+void hand_in(uint slot, uint gaussian, vec4 position, vec4 covariance, vec4 colour) {
     [[unroll]] for (uint k = 0; k < 3; k++) {
-        add_a(4 * gaussian + k, a[k]);
-        add_b(4 * gaussian + k, b[k]);
-        add_c(4 * gaussian + k, c[k]);
+        add_position(4 * gaussian + k, position[k]);
+        add_covariance(4 * gaussian + k, covariance[k]);
+        add_colour(4 * gaussian + k, colour[k]);
     }
 }
 

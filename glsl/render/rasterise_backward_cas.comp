@@ -1,44 +1,44 @@
-// rasterise_backward.comp's sums added up by Gaussian on devices without float atomics: words are compared and swapped until
-// nobody came in between. See lib/backward_walk.glsl.
+// Adds up rasterise_backward.comp's sums by Gaussian on devices without float atomics: words are compared and swapped until
+// no other invocation has intervened. See lib/backward_walk.glsl.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 
-layout(binding = 9, std430) buffer SumsA { uint sums_a[]; }; // by Gaussian, four floats: 1, u, v
-layout(binding = 10, std430) buffer SumsB { uint sums_b[]; }; // uu, uv, vv
-layout(binding = 11, std430) buffer SumsC { uint sums_c[]; }; // red, green, blue
+layout(binding = 9, std430) buffer PositionSums { uint position_sums[]; }; // by Gaussian, four floats: 1, u, v
+layout(binding = 10, std430) buffer CovarianceSums { uint covariance_sums[]; }; // uu, uv, vv
+layout(binding = 11, std430) buffer ColourSums { uint colour_sums[]; }; // red, green, blue
 
 uint sum_of(uint word, float x) { return floatBitsToUint(uintBitsToFloat(word) + x); }
 
-void add_a(uint at, float x) {
-    for (uint seen = sums_a[at], old;; seen = old) {
-        old = atomicCompSwap(sums_a[at], seen, sum_of(seen, x));
+void add_position(uint at, float x) {
+    for (uint seen = position_sums[at], old;; seen = old) {
+        old = atomicCompSwap(position_sums[at], seen, sum_of(seen, x));
         if (old == seen) return;
     }
 }
 
-void add_b(uint at, float x) {
-    for (uint seen = sums_b[at], old;; seen = old) {
-        old = atomicCompSwap(sums_b[at], seen, sum_of(seen, x));
+void add_covariance(uint at, float x) {
+    for (uint seen = covariance_sums[at], old;; seen = old) {
+        old = atomicCompSwap(covariance_sums[at], seen, sum_of(seen, x));
         if (old == seen) return;
     }
 }
 
-void add_c(uint at, float x) {
-    for (uint seen = sums_c[at], old;; seen = old) {
-        old = atomicCompSwap(sums_c[at], seen, sum_of(seen, x));
+void add_colour(uint at, float x) {
+    for (uint seen = colour_sums[at], old;; seen = old) {
+        old = atomicCompSwap(colour_sums[at], seen, sum_of(seen, x));
         if (old == seen) return;
     }
 }
 
 const bool RESIDUAL = false;
 
-void hand_in(uint slot, uint gaussian, vec4 a, vec4 b, vec4 c) {
+void hand_in(uint slot, uint gaussian, vec4 position, vec4 covariance, vec4 colour) {
     [[unroll]] for (uint k = 0; k < 3; k++) {
-        add_a(4 * gaussian + k, a[k]);
-        add_b(4 * gaussian + k, b[k]);
-        add_c(4 * gaussian + k, c[k]);
+        add_position(4 * gaussian + k, position[k]);
+        add_covariance(4 * gaussian + k, covariance[k]);
+        add_colour(4 * gaussian + k, colour[k]);
     }
 }
 

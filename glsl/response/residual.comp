@@ -2,8 +2,9 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
+#include "lib/photo.glsl"
 
-layout(constant_id = 2) const uint ALPHA = 0; // 1: the photo's fourth byte is opacity over the background
+layout(constant_id = 2) const uint ALPHA = OPAQUE; // meaning of the photo's fourth byte: lib/photo.glsl
 
 layout(binding = 0, std430) readonly buffer Image { float image[]; };          // red, green, blue, alpha
 layout(binding = 1, std430) readonly buffer Photo { uint photo[]; };           // RGBA, 8 bits each
@@ -17,7 +18,7 @@ void main() {
     uint p = global_index();
     if (p >= pixels) return;
     vec4 truth = unpackUnorm4x8(photo[p]);
-    if (ALPHA == 1) truth.rgb = mix(background.rgb, truth.rgb, truth.a);
+    if (ALPHA == OPACITY) truth.rgb = mix(background.rgb, truth.rgb, truth.a);
     vec3 d = abs(vec3(image[4 * p], image[4 * p + 1], image[4 * p + 2]) - truth.rgb);
     gradient[4 * p + 3] = (d.r + d.g + d.b) / 3;
 }

@@ -1,5 +1,5 @@
-// One view's eight responses of each Gaussian that it shows, added to what earlier views left. Runs after projection's
-// backward pass, from its gradient rows and from the sums that rasterisation's left in the slots.
+// Adds one view's eight responses of each Gaussian that it shows to those of earlier views. It reads the gradient rows of the
+// projection's backward pass and the sums that the rasterisation's backward pass left in the slots.
 //
 // r <- r keep^(views since the last that showed it) + weight x: an average over iterations, or with keep = 1 a mean.
 // The SH basis has a constant norm, sum_m Y_lm^2 = (2l + 1) / 4 pi, so |dL/dSH| is |dL/dcolour| times a constant.
@@ -7,23 +7,23 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
-#include "lib/constants.glsl"
 #include "lib/view.glsl"
 #include "lib/projection.glsl"
 #include "lib/gradient_row.glsl"
+#include "lib/responses.glsl"
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
-layout(binding = 1, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the most ever needed
+layout(binding = 1, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 2, std430) readonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 3, std430) readonly buffer FirstSlots { uint first_slots[]; };
-layout(binding = 4, std430) readonly buffer MomentsA { float moments_a[]; }; // by slot; 3: sum of T alpha
-layout(binding = 5, std430) readonly buffer MomentsB { float moments_b[]; }; // 3: sum of alpha
-layout(binding = 6, std430) readonly buffer MomentsC { float moments_c[]; }; // 3: sum of T alpha times the residual
+layout(binding = 4, std430) readonly buffer PositionSums { float position_sums[]; };     // by slot; 3: sum of T alpha
+layout(binding = 5, std430) readonly buffer CovarianceSums { float covariance_sums[]; }; // 3: sum of alpha
+layout(binding = 6, std430) readonly buffer ColourSums { float colour_sums[]; };         // 3: sum of T alpha times the residual
 layout(binding = 7, std430) readonly buffer LogScales { float log_scales[]; };
 layout(binding = 8, std430) readonly buffer Rotations { vec4 rotations[]; };
 layout(binding = 9, std430) readonly buffer Rows { float rows[]; };
-layout(binding = 10, std430) buffer Responses { float responses[]; }; // n x 8
-layout(binding = 11, std430) buffer Seen { uint seen[]; };            // iteration that last showed it
+layout(binding = 10, std430) buffer Responses { float responses[]; }; // n x CHANNELS
+layout(binding = 11, std430) buffer Seen { uint seen[]; };            // the last iteration that showed it
 layout(push_constant) uniform Push {
     uint pair_limit;
     uint iteration;
@@ -43,9 +43,9 @@ void main() {
     vec3 sums = vec3(0);
     uint first = first_slots[i];
     for (uint slot = first; slot < first + slots; slot++) {
-        sums += vec3(moments_a[4 * slot + 3], moments_b[4 * slot + 3], moments_c[4 * slot + 3]);
+        sums += vec3(position_sums[4 * slot + 3], covariance_sums[4 * slot + 3], colour_sums[4 * slot + 3]);
     }
-    float x[8];
+    float x[CHANNELS];
     x[0] = sums.x > 0 ? 1 : 0;
     x[1] = sums.x * share;
     x[2] = sums.z * share;
@@ -63,9 +63,9 @@ void main() {
     x[7] = length(row3(row + ROW_COLOUR)) * basis_norm;
 
     float keep = exp2(log2_keep * float(iteration - seen[i]));
-    [[unroll]] for (uint k = 0; k < 8; k++) {
-        bool counts = (k < 4 || good) && !isnan(x[k]) && !isinf(x[k]);
-        responses[8 * i + k] = keep * responses[8 * i + k] + (counts ? weight * x[k] : 0);
+    [[unroll]] for (uint k = 0; k < CHANNELS; k++) {
+        bool counts = (k < RENDERING || good) && !isnan(x[k]) && !isinf(x[k]);
+        responses[CHANNELS * i + k] = keep * responses[CHANNELS * i + k] + (counts ? weight * x[k] : 0);
     }
     seen[i] = iteration;
 }

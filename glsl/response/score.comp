@@ -1,10 +1,10 @@
-// What other pruning methods rank by, a tile at a time: for each slot the sum and the largest of T alpha over the tile's
-// pixels, the pixels that blend it, and the sum of opacity x T. One subgroup walks a tile front to back.
+// Scores that other pruning methods rank by, tile by tile: for each slot the sum and the largest of T alpha over the tile's
+// pixels, the number of pixels that blend it, and the sum of opacity x T. One subgroup walks a tile front to back.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
-#include "lib/constants.glsl"
+#include "lib/blending.glsl"
 #include "lib/view.glsl"
 
 layout(constant_id = 2) const uint TILE = 16;
@@ -17,7 +17,7 @@ layout(binding = 2, std430) readonly buffer Slots { uint slots[]; };
 layout(binding = 3, std430) readonly buffer Owners { uint owners[]; };
 layout(binding = 4, std430) readonly buffer Geometry { vec4 geometry[]; };
 layout(binding = 5, std430) readonly buffer Shape { vec4 shape[]; };
-layout(binding = 6, std430) writeonly buffer Tallies { float tallies[]; }; // 4 a slot
+layout(binding = 6, std430) writeonly buffer Tallies { float tallies[]; }; // four for each slot
 
 vec2 centre[PIXELS]; // from the view's origin
 float transmittance[PIXELS]; // 0 once the pixel is done

@@ -1,10 +1,10 @@
-// Gathers the slots of response/score.comp by Gaussian, in slot order, and adds them to what earlier views left.
+// Adds up the slots of response/score.comp by Gaussian, in slot order, on top of the scores of earlier views.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
-layout(binding = 1, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the most ever needed
+layout(binding = 1, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 2, std430) readonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 3, std430) readonly buffer FirstSlots { uint first_slots[]; };
 layout(binding = 4, std430) readonly buffer Tallies { vec4 tallies[]; };

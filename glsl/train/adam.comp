@@ -1,4 +1,4 @@
-// Adam on one attribute. Every row is updated, seen or not, as the reference does.
+// A step of Adam for one attribute. Every row is updated, whether the view shows it or not, as in the 3DGS reference.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -6,18 +6,25 @@
 #include "lib/view.glsl"
 #include "lib/sh.glsl"
 #include "lib/gradient_row.glsl"
+#include "lib/adam.glsl"
 
-layout(constant_id = 2) const uint WIDTH = 3;  // elements a Gaussian
+/// Band of an attribute whose gradient stands in the row itself: no SH band.
+const uint NO_BAND = 4;
+/// Form: an Adam step.
+const uint UPDATE = 0;
+/// Form: the gradient is written into the first moment, and the parameter stays (tests).
+const uint GRADIENT = 1;
+
+layout(constant_id = 2) const uint WIDTH = 3;  // elements of a Gaussian
 layout(constant_id = 3) const uint OFFSET = 0; // of the attribute in a gradient row
-// SH band whose coefficients these are; 4 where the row holds the gradient itself.
-layout(constant_id = 4) const uint BAND = 4;
-// 0 updates; 1 writes the gradient into the first moment instead (tests)
-layout(constant_id = 5) const uint FORM = 0;
-// Elements an invocation owns: 1, so that neighbouring lanes touch neighbouring words; or WIDTH, a Gaussian's, so that what
-// they share is read once.
+// SH band of the coefficients, or NO_BAND.
+layout(constant_id = 4) const uint BAND = NO_BAND;
+layout(constant_id = 5) const uint FORM = UPDATE;
+// Elements of an invocation: 1, so that neighbouring lanes touch neighbouring words, or WIDTH, one Gaussian's, so that values
+// that they share are read once.
 layout(constant_id = 6) const uint RUN = 1;
 
-layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the most ever needed
+layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
 layout(binding = 2, std430) readonly buffer Rows { float rows[]; };
 layout(binding = 3, std430) buffer Values { float values[]; };
@@ -28,10 +35,6 @@ layout(push_constant) uniform Push {
     float correction2; // 1 / sqrt(1 - beta2^step)
     uint pair_limit;
 };
-
-const float BETA1 = 0.9;
-const float BETA2 = 0.999;
-const float EPSILON = 1e-15;
 
 float basis(uint m, vec3 d) {
     float value = SH_C0;
@@ -53,22 +56,22 @@ float basis(uint m, vec3 d) {
 
 void main() {
     uint first = global_index() * RUN;
-    // Pairs that did not fit: this iteration does not count, nor does any after it until the host has made room.
+    // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
     if (pairs[1] > pair_limit || first >= count[0] * WIDTH) return;
     uint row = first / WIDTH * ROW;
     if (rows[row + ROW_GOOD] == 0) return;
     vec3 colour = vec3(0), direction = vec3(0);
-    if (BAND < 4) {
+    if (BAND < NO_BAND) {
         colour = vec3(rows[row + ROW_COLOUR], rows[row + ROW_COLOUR + 1], rows[row + ROW_COLOUR + 2]);
         if (BAND > 0) direction = vec3(rows[row + ROW_DIRECTION], rows[row + ROW_DIRECTION + 1], rows[row + ROW_DIRECTION + 2]);
     }
-    // One step is a coefficient's channels, or all of another attribute.
-    const uint STEP = BAND == 4 ? RUN : min(RUN, 3);
+    // One step takes the channels of one coefficient, or all elements of another attribute.
+    const uint STEP = BAND == NO_BAND ? RUN : min(RUN, 3);
     [[dont_unroll]] for (uint step = 0; step < RUN; step += STEP) {
         [[unroll]] for (uint k = 0; k < STEP; k++) {
             uint at = first + step + k, c = RUN == 1 ? at % WIDTH : step + k, channel = RUN == 1 ? c % 3 : k;
-            float gradient = BAND == 4 ? rows[row + OFFSET + c] : basis(c / 3, direction) * colour[channel];
-            if (FORM == 1) {
+            float gradient = BAND == NO_BAND ? rows[row + OFFSET + c] : basis(c / 3, direction) * colour[channel];
+            if (FORM == GRADIENT) {
                 moments[at] = vec2(gradient, 0);
                 continue;
             }

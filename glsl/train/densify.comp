@@ -1,7 +1,8 @@
-// Density control, first half: how many Gaussians each becomes. 0 pruned, 1 kept, 2 cloned or split.
+// Density control, first step: the number of copies of each Gaussian, 0 where pruned, 1 where kept, 2 where cloned or split.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
+#include "lib/density.glsl"
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer Growth { vec2 growth[]; };
@@ -12,21 +13,19 @@ layout(binding = 5, std430) readonly buffer Logits { float logits[]; };
 layout(binding = 6, std430) writeonly buffer Copies { uint copies[]; };
 layout(binding = 7, std430) writeonly buffer Splits { uint splits[]; }; // 1 where the two replace their parent
 layout(push_constant) uniform Push {
-    vec4 cameras;        // mean of their centres; w: the scene's extent
+    vec4 cameras;        // mean of the cameras' centres; w: the scene's extent
     float threshold;     // mean gradient norm in NDC units at which a Gaussian grows
-    float split_scale;   // log of the largest axis, over the reach, above which it splits instead of being cloned
-    float largest_scale; // the same, above which it is pruned
-    float least_logit;   // opacity below which it is pruned
+    float split_scale;   // log of the largest axis over the reach, above which a growing Gaussian splits instead of being cloned
+    float largest_scale; // the same, above which a Gaussian is pruned
+    float least_logit;   // opacity logit below which a Gaussian is pruned
 };
-
-const float LN_SHRINK = 0.4700036292457356; // ln 1.6, as in train/split.comp
 
 void main() {
     uint i = global_index();
     if (i >= count[0]) return;
     vec3 scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
     vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
-    // Sizes are over the extent among the cameras, over the distance beyond it: a far sky needs large Gaussians.
+    // Sizes are relative to the scene's extent near the cameras and to the distance beyond it: a far sky needs large Gaussians.
     float reach = max(cameras.w, length(mean - cameras.xyz));
     float largest = max(scale.x, max(scale.y, scale.z)) - log(reach);
     vec4 q = rotations[i];
@@ -35,7 +34,7 @@ void main() {
     vec2 g = growth[i];
     bool grows = g.y > 0 && g.x >= threshold * g.y && !isinf(g.x); // an infinite sum would pass every threshold
     bool split = grows && largest > split_scale;
-    // A split is judged by the halves that it would leave; what is faint goes, growing or not.
+    // A Gaussian that splits is judged by its halves. Faint ones are pruned, growing or not.
     float left = split ? largest - LN_SHRINK : largest;
     bool pruned = !finite || logits[i] < least_logit || left > largest_scale;
     copies[i] = pruned ? 0 : grows ? 2 : 1;

@@ -1,38 +1,40 @@
-// A photo's own exposure: a 3 x 4 affine of the rendered colours before the loss, its gradient, and its Adam step.
+// A photo's own exposure: a 3 x 4 affine map of the rendered colours before the loss, its gradient, and its Adam step.
 // Sums run in a fixed order: strided over pixels, a tree within a workgroup, then workgroup after workgroup.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/adam.glsl"
 
-// 0 applies it, 1 takes the gradient through it and sums that of its parameters, 2 updates them (one workgroup)
-layout(constant_id = 2) const uint PHASE = 0;
+/// Phase: applies the map to the rendered colours.
+const uint APPLY = 0;
+/// Phase: takes the gradient back through the map, and sums the gradient by its parameters.
+const uint BACKWARD = 1;
+/// Phase: updates the parameters, in one workgroup.
+const uint UPDATE = 2;
+/// Parameters of a photo: three rows of red, green, blue and a constant.
+const uint SIZE = 12;
 
-layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the most ever needed
+layout(constant_id = 2) const uint PHASE = APPLY;
+
+layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 1, std430) readonly buffer Image { vec4 image[]; };
 layout(binding = 2, std430) writeonly buffer Exposed { vec4 exposed[]; };
 layout(binding = 3, std430) buffer Gradient { vec4 gradient[]; };  // by the exposed colours, then by the rendered ones
 layout(binding = 4, std430) buffer Partials { float partials[]; }; // workgroup x 12
 layout(binding = 5, std430) buffer Affine { float affine[]; };     // photo x 3 rows x (red, green, blue, constant)
 layout(binding = 6, std430) buffer Moments { vec2 moments[]; };    // first and second of each
-layout(binding = 7, std430) readonly buffer Gains { float gains[]; }; // photo x (red, green, blue): what was measured
+layout(binding = 7, std430) readonly buffer Gains { float gains[]; }; // photo x (red, green, blue): the measured gains
 layout(push_constant) uniform Push {
     uint photo;
     uint pixels;
-    uint groups; // of phase 1
+    uint groups; // workgroups of the backward phase
     uint pair_limit;
     float rate;
     float correction1; // 1 / (1 - beta1^step)
     float correction2; // 1 / sqrt(1 - beta2^step)
-    float pull;        // towards the measured gains
+    float pull;        // strength of the pull towards the measured gains
 };
-
-const uint SIZE = 12;
-const float BETA1 = 0.9;
-const float BETA2 = 0.999;
-const float EPSILON = 1e-15;
-// Beyond this a second moment is not finite.
-const float GREATEST = 1e18;
 
 shared float sums[SIZE * WORKGROUP];
 
@@ -85,11 +87,11 @@ void update() {
         sums[lane] = sum;
     }
     barrier();
-    // Pairs that did not fit: this iteration does not count.
+    // When pairs did not fit, this iteration does not count.
     if (lane >= SIZE || pairs[1] > pair_limit) return;
     bool good = true;
-    // Every comparison with a NaN is false.
-    for (uint k = 0; k < SIZE; k++) good = good && abs(sums[k]) <= GREATEST;
+    // A comparison with NaN is false.
+    for (uint k = 0; k < SIZE; k++) good = good && abs(sums[k]) <= GREATEST_GRADIENT;
     if (!good) return;
     uint at = SIZE * photo + lane;
     float slope = sums[lane];
@@ -102,7 +104,7 @@ void update() {
 }
 
 void main() {
-    if (PHASE == 0) apply();
-    else if (PHASE == 1) backward();
+    if (PHASE == APPLY) apply();
+    else if (PHASE == BACKWARD) backward();
     else update();
 }

@@ -1,7 +1,8 @@
-// Rows of `WIDTH` floats by source row; where FRESH, rows that are new become zero (moments of new Gaussians).
+// Gathers rows of WIDTH floats by source row. With FRESH, new rows become zero: the moments of new Gaussians.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
+#include "lib/density.glsl"
 
 layout(constant_id = 2) const uint WIDTH = 3;
 layout(constant_id = 3) const bool FRESH = false;
@@ -15,6 +16,6 @@ layout(binding = 4, std430) writeonly buffer Target { float target[]; };
 void main() {
     uint row = global_index();
     if (row >= count[0]) return;
-    bool zero = FRESH && kinds[row] != 0;
+    bool zero = FRESH && kinds[row] != KEPT;
     for (uint c = 0; c < WIDTH; c++) target[row * WIDTH + c] = zero ? 0 : source[sources[row] * WIDTH + c];
 }

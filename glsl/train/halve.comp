@@ -1,5 +1,5 @@
-// A photo at half its size: each pixel the mean of four, colours weighted by how much of each pixel there is. An odd
-// last row or column is left out.
+// Halves a photo's size: each pixel becomes the mean of four, colours weighted by their opacities. An odd last row or column
+// is left out.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
@@ -15,7 +15,7 @@ void main() {
     uint p = global_index();
     if (p >= to.x * to.y) return;
     uint corner = 2 * (p / to.x) * size.x + 2 * (p % to.x);
-    // Whole numbers: every device rounds alike.
+    // Sums are integers, so that every device rounds alike.
     uvec4 sum = uvec4(0);
     uvec3 plain = uvec3(0);
     for (uint k = 0; k < 4; k++) {

@@ -1,21 +1,35 @@
 // L1 + SSIM (+ L2) of a picture against its photo, and the gradient by the picture. The window is separable: an invocation
-// walks a run of one line of one channel with the last TAPS values in registers, so that each is read once a run.
+// walks a run of one line of one channel with the last TAPS values in registers, so that it reads each value once.
 //
 // With m = E[x], r = E[(x - y)^2], c = E[xy] under the window and n = E[y], SSIM's map is s = AB / ED of
 //   A = 2 m n + C1, E = A + (m - n)^2, B = 2 (c - m n) + C2, D = B + r - (m - n)^2,
-// the usual quotient, in which what two equal pictures lack is not the difference of large numbers: 1 - s and its slopes
-// are exact where training ends.
-//   d(sum s)/dx = W(ds/dm) + 2 (x - y) W(ds/dr) + y W(ds/dc), W being the same window, which is symmetric.
+// which equals the usual quotient. For nearly equal pictures 1 - s is no difference of large numbers here, so that it and its
+// slopes are exact near the end of training.
+//   d(sum s)/dx = W(ds/dm) + 2 (x - y) W(ds/dr) + y W(ds/dc), where W is the same, symmetric window.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/photo.glsl"
 
-// 0 columns of the four means, 1 rows of them, the map and rows of its partial derivatives, 2 columns of those and the gradient
-layout(constant_id = 2) const uint PHASE = 0;
-// What a photo's fourth byte means: 0 nothing, 1 opacity, the photo lying over the background.
-layout(constant_id = 3) const uint ALPHA = 0;
+/// Phase: the four window means along columns.
+const uint MEANS = 0;
+/// Phase: the window means along rows, SSIM's map, and its partial derivatives under the window along rows.
+const uint MAP = 1;
+/// Phase: the partial derivatives under the window along columns, and the gradient.
+const uint GRADIENT = 2;
+/// Samples of the window along an axis, and steps of a round.
+const uint TAPS = 11;
+/// Radius of the window in pixels.
+const uint RADIUS = 5;
+/// Keeps SSIM's luminance term finite: (0.01 x range 1)^2.
+const float C1 = 1e-4;
+/// Keeps SSIM's contrast term finite: (0.03 x range 1)^2.
+const float C2 = 9e-4;
 
+layout(constant_id = 2) const uint PHASE = MEANS;
+// Meaning of the photo's fourth byte: lib/photo.glsl.
+layout(constant_id = 3) const uint ALPHA = OPAQUE;
 // Length of a run, in rounds of TAPS steps.
 layout(constant_id = 4) const uint ROUNDS = 4;
 
@@ -24,7 +38,7 @@ layout(binding = 1, std430) readonly buffer Photo { uint photo[]; }; // RGBA, 8 
 layout(binding = 2, std430) buffer Means { float means[]; };       // m, n, r, c: 4 planes of 3 channels
 layout(binding = 3, std430) buffer Partials { float partials[]; }; // rows of those by m, r, c: 3 planes of 3 channels
 layout(binding = 4, std430) writeonly buffer Gradient { float gradient[]; }; // by RGBA
-layout(binding = 5, std430) buffer Terms { vec4 terms[]; };        // sums of |x - y|, s, (x - y)^2, 0: runs of phase 1, then of 2
+layout(binding = 5, std430) buffer Terms { vec4 terms[]; };        // sums of |x - y|, s, (x - y)^2, 0: runs of MAP, then of GRADIENT
 layout(push_constant) uniform Push {
     vec4 background;
     uint width;
@@ -32,18 +46,14 @@ layout(push_constant) uniform Push {
     float l1;   // weights of the three terms, each over the number of values
     float ssim;
     float l2;
-    uint row_runs; // runs of phase 1
+    uint row_runs; // runs of MAP
 };
 
-const uint TAPS = 11;
-const uint RADIUS = 5;
-const float C1 = 1e-4;
-const float C2 = 9e-4;
 // Gaussian of sigma 1.5 over 11 samples, normalised.
 const float WINDOW[TAPS] = float[](0.0010283801, 0.0075987581, 0.0360007721, 0.1093606895, 0.2130055377, 0.2660117249,
                                    0.2130055377, 0.1093606895, 0.0360007721, 0.0075987581, 0.0010283801);
 
-// Sum under the window of a ring whose oldest value lies at `first`. Rings are indexed by constants once loops are unrolled.
+// Sum under the window of a ring whose oldest value lies at `first`. Once loops are unrolled, constants index the rings.
 #define TAP(ring, first, k) WINDOW[k] * ring[((first) + (k)) % TAPS]
 #define WINDOWED(ring, first)                                                                                             \
     (TAP(ring, first, 0) + TAP(ring, first, 1) + TAP(ring, first, 2) + TAP(ring, first, 3) + TAP(ring, first, 4)          \
@@ -55,14 +65,14 @@ float rendered(uint pixel, uint channel) { return image[4 * pixel + channel]; }
 float truth(uint pixel, uint channel) {
     uint word = photo[pixel];
     float value = float((word >> (8 * channel)) & 255u) * (1 / 255.0);
-    if (ALPHA == 1) {
+    if (ALPHA == OPACITY) {
         float opacity = float(word >> 24) / 255.0;
         value = value * opacity + background[channel] * (1 - opacity);
     }
     return value;
 }
 
-// Lanes of a subgroup take neighbouring lines, a line being a row in phase 1, else a column.
+// Lanes of a subgroup take neighbouring lines: rows in phase MAP, else columns.
 struct Run {
     uint line;
     int start;
@@ -183,14 +193,14 @@ void columns_and_gradient(Run run, uint index) {
 
 void main() {
     uint index = global_index();
-    bool rows = PHASE == 1;
+    bool rows = PHASE == MAP;
     uint lines = rows ? height : width, length_of_line = rows ? width : height;
-    // The map's partial derivatives reach a window further than the runs that they are summed over.
+    // Rows are shorter by a window: the map's partial derivatives reach that much further than the outputs.
     uint length_of_run = rows ? TAPS * (ROUNDS - 1) + 1 : TAPS * ROUNDS;
     uint runs = (length_of_line + length_of_run - 1) / length_of_run;
     Run run = Run(index % lines, int(index / lines % runs * length_of_run), index / lines / runs);
     if (run.channel >= 3) return;
-    if (PHASE == 0) columns_of_means(run);
-    else if (PHASE == 1) rows_and_map(run, index);
+    if (PHASE == MEANS) columns_of_means(run);
+    else if (PHASE == MAP) rows_and_map(run, index);
     else columns_and_gradient(run, index);
 }

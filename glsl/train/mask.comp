@@ -1,12 +1,16 @@
-// Masks: what a photo's mask hides is background in both pictures, so that it adds nothing to the loss.
+// Masks: the parts that a photo's mask hides become background in both pictures, so that they add nothing to the loss.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 
-// 0 hides parts of the picture, 1 takes the gradient back through that
-layout(constant_id = 2) const uint PHASE = 0;
+/// Phase: hides parts of the picture.
+const uint HIDE = 0;
+/// Phase: takes the gradient back through that.
+const uint BACKWARD = 1;
 
-layout(binding = 0, std430) readonly buffer Photo { uint photo[]; }; // the fourth byte: how much of a pixel counts
+layout(constant_id = 2) const uint PHASE = HIDE;
+
+layout(binding = 0, std430) readonly buffer Photo { uint photo[]; }; // fourth byte: weight of the pixel
 layout(binding = 1, std430) readonly buffer Image { vec4 image[]; };
 layout(binding = 2, std430) writeonly buffer Masked { vec4 masked[]; };
 layout(binding = 3, std430) buffer Gradient { vec4 gradient[]; };
@@ -19,6 +23,6 @@ void main() {
     uint p = global_index();
     if (p >= pixels) return;
     float counts = float(photo[p] >> 24) / 255.0;
-    if (PHASE == 0) masked[p] = vec4(image[p].rgb * counts + background.rgb * (1 - counts), image[p].a);
+    if (PHASE == HIDE) masked[p] = vec4(image[p].rgb * counts + background.rgb * (1 - counts), image[p].a);
     else gradient[p] = vec4(gradient[p].rgb * counts, gradient[p].a);
 }

@@ -1,4 +1,4 @@
-// Opacity reset: none keeps more than the limit, and the optimiser forgets what it knew of them.
+// Opacity reset: opacities are held below a limit, and their moments become zero.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

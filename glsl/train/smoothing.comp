@@ -1,9 +1,13 @@
-// 3D smoothing: no Gaussian gets thinner than the photos can tell. What the finest of them samples at intervals of T
-// (depth over focal length) holds no detail below it, so that scales end at sqrt(0.2) T (Mip-Splatting's filter).
+// 3D smoothing: no Gaussian gets thinner than the photos can resolve. The photo that samples it finest, at intervals of T
+// (depth over focal length), shows no smaller detail, so that scales end at sqrt(0.2) T (Mip-Splatting's filter).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 #include "lib/view.glsl"
+
+/// Share of a photo's size: Gaussians within this distance beyond its border count as seen.
+const float MARGIN = 0.15;
+const float LOG_WIDTH = -0.8047189562170503; // ln sqrt(0.2), pixels
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; }; // of all training photos
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -12,9 +16,6 @@ layout(binding = 3, std430) buffer LogScales { float log_scales[]; };
 layout(push_constant) uniform Push {
     uint views;
 };
-
-const float LOG_WIDTH = -0.8047189562170503; // ln sqrt(0.2), pixels
-const float MARGIN = 0.15;                   // of a photo's size: what lies as far beyond its border counts as seen
 
 void main() {
     uint i = global_index();

@@ -1,11 +1,11 @@
-// Density control, last: halves of a split move to samples of their parent, 1.6 times smaller.
+// Density control, last step: the halves of a split move to random points of their parent, 1.6 times smaller.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
-#include "lib/constants.glsl"
 #include "lib/view.glsl"
 #include "lib/projection.glsl"
 #include "lib/random.glsl"
+#include "lib/density.glsl"
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer Kinds { uint kinds[]; };
@@ -14,11 +14,9 @@ layout(binding = 3, std430) buffer Means { float means[]; };
 layout(binding = 4, std430) buffer LogScales { float log_scales[]; };
 layout(push_constant) uniform Push { uint seed; uint iteration; };
 
-const float LN_SHRINK = 0.4700036292457356; // ln 1.6
-
 void main() {
     uint row = global_index();
-    if (row >= count[0] || kinds[row] != 2) return;
+    if (row >= count[0] || kinds[row] != HALF) return;
     vec3 n = vec3(normals(uvec4(seed, iteration, row, 0)), normals(uvec4(seed, iteration, row, 1)).x);
     mat3 rotation;
     vec4 unit;

@@ -1,6 +1,6 @@
 //! Whole-model helpers: allocation, selection, bounds, consistency.
 
-use super::{Error, Gaussians, LEAST_QUATERNION, MAX_SH_DEGREE};
+use super::{Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
 
 impl Gaussians {
     /// A model of `n` Gaussians of SH degree `degree`, every stored value zero.
@@ -55,7 +55,7 @@ impl Gaussians {
     }
 
     /// Gaussians that no picture shows, because the projection's guards leave them out: a value that is not finite (but for
-    /// an opacity logit of either infinity), or a quaternion whose largest component is below [`LEAST_QUATERNION`].
+    /// an opacity logit of either infinity), or a quaternion whose largest component is below [`MIN_QUATERNION`].
     pub fn undrawable(&self) -> usize {
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
         let bands = |i: usize| {
@@ -66,7 +66,7 @@ impl Gaussians {
             self.sh.iter().enumerate().all(row)
         };
         let drawable = |&i: &usize| {
-            let turned = self.rotations[i].iter().fold(0.0_f32, |m, q| m.max(q.abs())) >= LEAST_QUATERNION;
+            let turned = self.rotations[i].iter().fold(0.0_f32, |m, q| m.max(q.abs())) >= MIN_QUATERNION;
             let shaped = finite(&self.means[i]) && finite(&self.log_scales[i]) && finite(&self.rotations[i]);
             turned && shaped && !self.opacity_logits[i].is_nan() && bands(i)
         };

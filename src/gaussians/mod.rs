@@ -8,13 +8,11 @@ pub mod outline;
 pub mod resident;
 pub mod sh;
 
+pub use crate::kernels::constants::projection::MIN_QUATERNION;
 pub use error::Error;
 
 /// Highest spherical-harmonics degree that the engine knows.
 pub const MAX_SH_DEGREE: usize = 3;
-
-/// A quaternion whose largest component is below this is no rotation, and its Gaussian is not drawn.
-pub const LEAST_QUATERNION: f32 = 1e-6;
 
 /// A 3DGS model as stored: one array per attribute, all of the same length `n`.
 ///

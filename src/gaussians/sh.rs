@@ -3,39 +3,35 @@
 //! The polynomials hold on the unit sphere only; off it they are one extension of many, so a derivative means something
 //! only after its radial part is taken out (see [`through_normalisation`]).
 
+use crate::kernels::constants::sh::float64::{
+    SH_C0, SH_C1, SH_C2_XX, SH_C2_XY, SH_C2_ZZ, SH_C3_XXX, SH_C3_XXZ, SH_C3_XYZ, SH_C3_XZZ, SH_C3_ZZZ,
+};
 use glam::DVec3;
 
 /// Coefficients per colour channel at degree 3.
 pub const COEFFICIENTS: usize = 16;
-
-/// Y_0, also the factor between a DC coefficient and a colour.
-pub const SH0: f64 = 0.28209479177387814;
-const SH1: f64 = 0.4886025119029199;
-const SH2: [f64; 3] = [1.0925484305920792, 0.31539156525252005, 0.5462742152960396];
-const SH3: [f64; 5] =
-    [0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.3731763325901154, 1.445305721320277];
 
 /// The basis at unit direction `d`, bands 0..=3 one after the other, each in the order m = -l..=l.
 pub fn basis(d: DVec3) -> [f64; COEFFICIENTS] {
     let DVec3 { x, y, z } = d;
     let (xx, yy, zz) = (x * x, y * y, z * z);
     [
-        SH0,
-        -SH1 * y,
-        SH1 * z,
-        -SH1 * x,
-        SH2[0] * x * y,
-        -SH2[0] * y * z,
-        SH2[1] * (2.0 * zz - xx - yy),
-        -SH2[0] * x * z,
-        SH2[2] * (xx - yy),
-        -SH3[0] * y * (3.0 * xx - yy),
-        SH3[1] * x * y * z,
-        -SH3[2] * y * (4.0 * zz - xx - yy),
-        SH3[3] * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
-        -SH3[2] * x * (4.0 * zz - xx - yy),
-        SH3[4] * z * (xx - yy),
-        -SH3[0] * x * (xx - 3.0 * yy),
+        SH_C0,
+        -SH_C1 * y,
+        SH_C1 * z,
+        -SH_C1 * x,
+        SH_C2_XY * x * y,
+        -SH_C2_XY * y * z,
+        SH_C2_ZZ * (2.0 * zz - xx - yy),
+        -SH_C2_XY * x * z,
+        SH_C2_XX * (xx - yy),
+        -SH_C3_XXX * y * (3.0 * xx - yy),
+        SH_C3_XYZ * x * y * z,
+        -SH_C3_XZZ * y * (4.0 * zz - xx - yy),
+        SH_C3_ZZZ * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+        -SH_C3_XZZ * x * (4.0 * zz - xx - yy),
+        SH_C3_XXZ * z * (xx - yy),
+        -SH_C3_XXX * x * (xx - 3.0 * yy),
     ]
 }
 
@@ -46,21 +42,21 @@ pub fn basis_gradient(d: DVec3) -> [DVec3; COEFFICIENTS] {
     let v = DVec3::new;
     [
         DVec3::ZERO,
-        v(0.0, -SH1, 0.0),
-        v(0.0, 0.0, SH1),
-        v(-SH1, 0.0, 0.0),
-        SH2[0] * v(y, x, 0.0),
-        -SH2[0] * v(0.0, z, y),
-        SH2[1] * v(-2.0 * x, -2.0 * y, 4.0 * z),
-        -SH2[0] * v(z, 0.0, x),
-        SH2[2] * v(2.0 * x, -2.0 * y, 0.0),
-        -SH3[0] * v(6.0 * x * y, 3.0 * (xx - yy), 0.0),
-        SH3[1] * v(y * z, x * z, x * y),
-        -SH3[2] * v(-2.0 * x * y, 4.0 * zz - xx - 3.0 * yy, 8.0 * y * z),
-        SH3[3] * v(-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * xx - 3.0 * yy),
-        -SH3[2] * v(4.0 * zz - 3.0 * xx - yy, -2.0 * x * y, 8.0 * x * z),
-        SH3[4] * v(2.0 * x * z, -2.0 * y * z, xx - yy),
-        -SH3[0] * v(3.0 * (xx - yy), -6.0 * x * y, 0.0),
+        v(0.0, -SH_C1, 0.0),
+        v(0.0, 0.0, SH_C1),
+        v(-SH_C1, 0.0, 0.0),
+        SH_C2_XY * v(y, x, 0.0),
+        -SH_C2_XY * v(0.0, z, y),
+        SH_C2_ZZ * v(-2.0 * x, -2.0 * y, 4.0 * z),
+        -SH_C2_XY * v(z, 0.0, x),
+        SH_C2_XX * v(2.0 * x, -2.0 * y, 0.0),
+        -SH_C3_XXX * v(6.0 * x * y, 3.0 * (xx - yy), 0.0),
+        SH_C3_XYZ * v(y * z, x * z, x * y),
+        -SH_C3_XZZ * v(-2.0 * x * y, 4.0 * zz - xx - 3.0 * yy, 8.0 * y * z),
+        SH_C3_ZZZ * v(-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * xx - 3.0 * yy),
+        -SH_C3_XZZ * v(4.0 * zz - 3.0 * xx - yy, -2.0 * x * y, 8.0 * x * z),
+        SH_C3_XXZ * v(2.0 * x * z, -2.0 * y * z, xx - yy),
+        -SH_C3_XXX * v(3.0 * (xx - yy), -6.0 * x * y, 0.0),
     ]
 }
 

@@ -5,6 +5,7 @@ use super::buffer::Buffer;
 use super::device::Device;
 use super::error::Error;
 use super::recording::{Groups, Recording};
+use crate::kernels::constants::multiply_add::UNROLLED;
 use crate::kernels::rates::{
     Copy as CopyKernel, CopyPush, CopySpec, MultiplyAdd as Kernel, MultiplyAddPush, MultiplyAddSpec,
 };
@@ -15,8 +16,6 @@ const WORKGROUP: u32 = 256;
 const MOVED: u64 = 64 << 20;
 /// Dependent chains an invocation: as many as hide the latency of two units, and fit the 16 registers of AVX2.
 const CHAINS: u32 = 12;
-/// Steps of every chain in a round of the shader: its UNROLLED.
-const UNROLLED: u64 = 8;
 
 /// How words are copied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -113,7 +112,7 @@ impl MultiplyAdd {
 
     /// Operations, two a multiply-add, of what [`MultiplyAdd::record`] records.
     pub fn operations(&self) -> u64 {
-        self.sums.len() as u64 * u64::from(self.rounds) * UNROLLED * u64::from(CHAINS) * 2
+        self.sums.len() as u64 * u64::from(self.rounds) * u64::from(UNROLLED) * u64::from(CHAINS) * 2
     }
 
     /// Records the multiply-adds.

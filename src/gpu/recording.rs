@@ -3,10 +3,8 @@
 use super::buffer::{Buffer, RawBuffer};
 use super::hazards::{Barrier, Hazards, Use};
 use super::kernel::{Access, Kernel, Shader};
+use crate::kernels::constants::arguments::MAX_GROUPS;
 use bytemuck::Pod;
-
-/// Vulkan guarantees this many workgroups per dimension.
-const MAX_GROUPS: u32 = 65_535;
 
 /// How many workgroups a dispatch starts.
 #[derive(Clone, Copy)]

@@ -1,16 +1,14 @@
 //! Structural similarity, in float64; `reference::loss` has the formula and its gradient.
 
 use super::{Error, Image};
+use crate::kernels::constants::loss;
+pub use crate::kernels::constants::loss::float64::{C1, C2};
 use rayon::prelude::*;
 
 /// Window radius in pixels: 11 x 11.
-pub const RADIUS: usize = 5;
+pub const RADIUS: usize = loss::RADIUS as usize;
 /// Standard deviation of the window in pixels.
 pub const SIGMA: f64 = 1.5;
-/// Keeps the luminance term finite: (0.01 x range 1)^2.
-pub const C1: f64 = 0.01 * 0.01;
-/// Keeps the contrast term finite: (0.03 x range 1)^2.
-pub const C2: f64 = 0.03 * 0.03;
 
 /// The window's weights along one axis; they sum to 1.
 pub fn window() -> [f64; 2 * RADIUS + 1] {

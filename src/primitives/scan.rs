@@ -2,6 +2,7 @@
 
 use super::count::Count;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::constants::scan::{APPLY, REDUCE, SPINE};
 use crate::kernels::primitives::{Scan as Kernel, ScanSpec};
 
 /// Scratch and shape of a prefix sum over at most a given number of words.
@@ -47,7 +48,7 @@ impl Scan {
     ) {
         let total = total.unwrap_or(&self.unasked);
         let blocks = count.groups(self.workgroup * self.rows);
-        for (phase, groups) in [(0, blocks), (1, Groups::Count(1)), (2, blocks)] {
+        for (phase, groups) in [(REDUCE, blocks), (SPINE, Groups::Count(1)), (APPLY, blocks)] {
             let spec = ScanSpec { workgroup: self.workgroup, phase, rows: self.rows };
             let kernel = Kernel { count: &count.value, source, sums: &self.sums, target, total, spec };
             recording.dispatch(&kernel, groups);

@@ -3,6 +3,7 @@
 use super::count::Count;
 use super::scan::Scan;
 use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::kernels::constants::sort::{COUNT_DIGITS, SCATTER};
 use crate::kernels::primitives::{Sort as Kernel, SortPush, SortSpec};
 
 /// Digits are at most this wide.
@@ -141,9 +142,9 @@ impl Sort {
             },
         };
         let groups = count.groups(self.shape.block());
-        recording.dispatch(&kernel(0), groups);
+        recording.dispatch(&kernel(COUNT_DIGITS), groups);
         self.digit_count.derive(recording, count, self.shape.block(), 1 << width);
         self.scan.record(recording, &self.digit_count, &self.digits, &self.digits, None);
-        recording.dispatch(&kernel(1), groups);
+        recording.dispatch(&kernel(SCATTER), groups);
     }
 }

@@ -1,9 +1,13 @@
-//! Normalised overlaps N_ij of a batch's blocks, on the device; see `glsl/qirf/overlap.comp` for how.
+//! Normalised overlaps N_ij of a batch's blocks, on the device; `glsl/qirf/overlap.comp` explains the method.
 
 use super::plan::{Arrays, Batch};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
-use crate::kernels::qirf::{Axes, AxesPush, AxesSpec, Overlap, OverlapPush, OverlapSpec};
+use crate::kernels::constants::axes::SCALE_FLOOR;
+use crate::kernels::constants::overlap_by_sum::{CHOLESKY, DETERMINANT};
+use crate::kernels::qirf::{
+    Axes, AxesPush, AxesSpec, Overlap, OverlapBySum, OverlapBySumPush, OverlapBySumSpec, OverlapPush, OverlapSpec,
+};
 use crate::primitives::WORKGROUP;
 
 /// Stands for the logarithm of no dilation at all.
@@ -12,7 +16,7 @@ const NO_DILATION: f32 = -1e30;
 /// How an overlap is computed, all in float32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// QR of the stacked scaled axes: the one to use.
+    /// QR of the stacked scaled axes. The engine uses no other method; the sweep shows what the others cost.
     #[default]
     Qr,
     /// Cholesky factor of the summed covariances; NaN where it fails.
@@ -21,12 +25,12 @@ pub enum Method {
     Determinant,
 }
 
-/// What an overlap depends on besides the Gaussians.
+/// Parameters of an overlap, besides the Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Metric {
     /// How it is computed.
     pub method: Method,
-    /// Scales are not taken below this share of their Gaussian's largest.
+    /// Scales are raised to this share of their Gaussian's largest.
     pub floor: f32,
     /// Standard deviation, in world units, that is added to every axis in quadrature; 0 for none.
     pub dilation: f32,
@@ -34,7 +38,7 @@ pub struct Metric {
 
 impl Default for Metric {
     fn default() -> Self {
-        Self { method: Method::Qr, floor: 1e-3, dilation: 0.0 }
+        Self { method: Method::Qr, floor: SCALE_FLOOR, dilation: 0.0 }
     }
 }
 
@@ -58,7 +62,16 @@ pub(super) fn record(recording: &mut Recording, arrays: &Arrays, model: &Residen
         spec: AxesSpec { workgroup: WORKGROUP },
     };
     recording.dispatch(&kernel, Groups::Count((batch.members.len() as u32).div_ceil(WORKGROUP)));
-    let kernel = Overlap {
+    let tiles = Groups::Count(batch.tiles.len() as u32);
+    match metric.method {
+        Method::Qr => recording.dispatch(&by_qr(arrays, batch), tiles),
+        Method::CholeskyOfSum => recording.dispatch(&by_sum(arrays, batch, CHOLESKY), tiles),
+        Method::Determinant => recording.dispatch(&by_sum(arrays, batch, DETERMINANT), tiles),
+    }
+}
+
+fn by_qr<'a>(arrays: &'a Arrays, batch: &Batch) -> Overlap<'a> {
+    Overlap {
         blocks: &arrays.blocks,
         tiles: &arrays.tiles,
         axes: &arrays.axes,
@@ -68,7 +81,21 @@ pub(super) fn record(recording: &mut Recording, arrays: &Arrays, model: &Residen
             tile_count: batch.tiles.len() as u32,
             first_member: batch.members.start as u32,
         },
-        spec: OverlapSpec { workgroup: arrays.rows, columns: arrays.columns, method: metric.method as u32 },
-    };
-    recording.dispatch(&kernel, Groups::Count(batch.tiles.len() as u32));
+        spec: OverlapSpec { workgroup: arrays.rows, columns: arrays.columns },
+    }
+}
+
+fn by_sum<'a>(arrays: &'a Arrays, batch: &Batch, method: u32) -> OverlapBySum<'a> {
+    OverlapBySum {
+        blocks: &arrays.blocks,
+        tiles: &arrays.tiles,
+        axes: &arrays.axes,
+        overlaps: &arrays.overlaps,
+        push: OverlapBySumPush {
+            first_tile: batch.tiles.start as u32,
+            tile_count: batch.tiles.len() as u32,
+            first_member: batch.members.start as u32,
+        },
+        spec: OverlapBySumSpec { workgroup: arrays.rows, columns: arrays.columns, method },
+    }
 }

@@ -1,12 +1,14 @@
 //! How blocks are laid out for the device: batches that it assembles at a time, tiles that it works on, and the arrays.
 
 use crate::gpu::{Buffer, Error, Result};
+use crate::kernels::constants::blocks::ROW_SHIFT;
 use std::ops::Range;
 
 /// Members of a batch at most: 64 bytes of axes each stay well within what a kernel can bind.
 pub(super) const MOST_MEMBERS: usize = 1 << 19;
-/// Rows and columns of a tile's corner share a word.
+/// Members of a block at most: rows and columns of a tile's corner share a word.
 pub(super) const LARGEST_BLOCK: usize = 1 << 15;
+const _: () = assert!(LARGEST_BLOCK <= 1 << ROW_SHIFT);
 
 /// Entries of a packed triangle.
 pub const fn triangle(m: usize) -> usize {
@@ -77,7 +79,7 @@ impl Plan {
             plan.blocks.push([bounds[0], m as u32, batch.entries as u32, 0]);
             for row in (0..m as u32).step_by(rows as usize) {
                 for column in (0..(row + rows).min(m as u32)).step_by(columns as usize) {
-                    plan.tiles.push([b as u32, row << 16 | column]);
+                    plan.tiles.push([b as u32, row << ROW_SHIFT | column]);
                 }
             }
             batch.blocks.end = b + 1;

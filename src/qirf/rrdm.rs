@@ -2,6 +2,7 @@
 
 use super::plan::{Arrays, Batch};
 use crate::gpu::{Groups, Recording};
+use crate::kernels::constants::rrdm::{DENSITY, FACTOR};
 use crate::kernels::qirf::{Rrdm, RrdmPush, RrdmSpec};
 
 /// What the density matrix depends on besides the responses.
@@ -23,8 +24,8 @@ impl Default for Density {
 
 /// Records W, and P where it is asked for, from rows of H that hold the weights sqrt(eta) and sqrt(1 - eta) already.
 pub(super) fn record(recording: &mut Recording, arrays: &Arrays, batch: &Batch, density: &Density) {
-    for phase in 0..=u32::from(density.full) {
-        let range = if phase == 0 { &batch.blocks } else { &batch.tiles };
+    let phases = [(FACTOR, &batch.blocks), (DENSITY, &batch.tiles)];
+    for (phase, range) in phases.into_iter().take(if density.full { 2 } else { 1 }) {
         let kernel = Rrdm {
             blocks: &arrays.blocks,
             tiles: &arrays.tiles,

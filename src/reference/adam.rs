@@ -1,13 +1,6 @@
-//! Adam, one row (one Gaussian's part of one parameter group) at a time.
+//! Adam for one row: one Gaussian's part of one parameter group.
 
-/// First moment's decay.
-pub const BETA1: f64 = 0.9;
-/// Second moment's decay.
-pub const BETA2: f64 = 0.999;
-/// Keeps the quotient finite; 3DGS's value, so small that gradients of 1e-12 still move their parameters.
-pub const EPSILON: f64 = 1e-15;
-/// Gradients beyond this count as non-finite: on the device the second moment holds their squares in float32.
-pub const GREATEST_GRADIENT: f64 = 1e18;
+pub use crate::kernels::constants::adam::float64::{BETA1, BETA2, EPSILON, GREATEST_GRADIENT};
 
 /// Updates `row` in place by step `step` (1 at the first) with learning rate `rate`; false where the row was skipped.
 ///

@@ -8,7 +8,10 @@ use super::{
     rasterise::{Composite, rasterise},
     rasterise_backward::{Moments, rasterise_backward},
 };
-use crate::{gaussians::MAX_SH_DEGREE, scene::camera::Camera};
+use crate::gaussians::MAX_SH_DEGREE;
+use crate::kernels::constants::blending::float64::TRANSMITTANCE_STOP;
+use crate::kernels::constants::view::float64::{DILATION, NEAR};
+use crate::scene::camera::Camera;
 
 /// How a view is formed.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,14 +44,13 @@ impl Default for Settings {
         Self {
             background: [0.0; 3],
             antialias: false,
-            dilation: 0.3,
+            dilation: DILATION,
             tile: 16,
             depth_order: false,
-            near: 0.2,
+            near: NEAR,
             smooth_cutoff: false,
             direction_gradient: true,
-            // Two saturated layers give 9.99998e-5 in float32 and 1e-4 + 2e-20 in float64: the margin settles the tie.
-            transmittance_stop: 1.00001e-4,
+            transmittance_stop: TRANSMITTANCE_STOP,
             sh_degree: MAX_SH_DEGREE,
         }
     }

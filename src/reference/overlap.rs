@@ -7,8 +7,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// Scales are raised to this share of their largest: thinner discs have no overlap that float32 could tell.
-pub const FLOOR: f64 = 1e-3;
+pub use crate::kernels::constants::axes::float64::SCALE_FLOOR;
 
 /// What an overlap depends on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,11 +21,11 @@ pub struct Primitive {
 }
 
 impl Primitive {
-    /// With scales of at least [`FLOOR`] of the largest.
+    /// With scales of at least [`SCALE_FLOOR`] of the largest.
     #[must_use]
     pub fn floored(mut self) -> Self {
         let largest = self.scales.iter().copied().fold(0.0, f64::max);
-        self.scales = self.scales.map(|s| s.max(FLOOR * largest));
+        self.scales = self.scales.map(|s| s.max(SCALE_FLOOR * largest));
         self
     }
 }

@@ -11,29 +11,23 @@ use glam::{DMat3, DVec2, DVec3};
 
 use super::{Params, Settings};
 use crate::gaussians::{MAX_SH_DEGREE, sh};
+use crate::kernels::constants::blending::float64::{ALPHA_MIN, ALPHA_MIN_INVERSE};
+use crate::kernels::constants::projection::float64::{MIN_ANTIALIAS, MIN_QUATERNION};
+use crate::kernels::constants::view::float64::FIELD_MARGIN;
 use crate::scene::camera::Camera;
-
-/// x/z and y/z are clamped to this multiple of the half field of view's tangent, inside the Jacobian only.
-pub const FIELD_MARGIN: f64 = 1.3;
-/// Least det0/det of the anti-aliasing factor.
-pub const LEAST_AREA_RATIO: f64 = 2.5e-5;
-/// A quaternion whose largest component is below this has no direction worth the name.
-pub const LEAST_QUATERNION: f64 = 1e-6;
-/// Contributions below this opacity are skipped.
-pub const LEAST_ALPHA: f64 = 1.0 / 255.0;
 
 /// Why a Gaussian takes no part in a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Culled {
     /// Not beyond the near plane.
     Near,
-    /// The quaternion's largest component is below [`LEAST_QUATERNION`].
+    /// The quaternion's largest component is below [`MIN_QUATERNION`].
     Quaternion,
     /// The determinant of the image covariance is not positive.
     Determinant,
     /// A parameter, or something computed from it, is infinite or not a number.
     NonFinite,
-    /// Its opacity never reaches [`LEAST_ALPHA`].
+    /// Its opacity never reaches [`ALPHA_MIN`].
     Faint,
 }
 
@@ -147,7 +141,7 @@ pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings)
 
     let narrow = DVec3::from((log_scale.min_element() - log_scale).to_array().map(f64::exp));
     let whitened = DMat3::from_diagonal(narrow) * (camera.rotation * rotation(quaternion)).transpose();
-    let densest = Densest { whitened, position, reach: (2.0 * 255.0_f64.ln()).sqrt() * v.row(2).length() };
+    let densest = Densest { whitened, position, reach: (2.0 * ALPHA_MIN_INVERSE.ln()).sqrt() * v.row(2).length() };
 
     let limit = FIELD_MARGIN * 0.5 * DVec2::new(f64::from(camera.width), f64::from(camera.height)) / camera.focal;
     let unclamped = position.truncate() / z;
@@ -171,10 +165,10 @@ pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings)
 
     let sigmoid = sigmoid(params.opacity_logits[i]);
     let ratio = det0 / det;
-    let factor = if settings.antialias { ratio.max(LEAST_AREA_RATIO).sqrt() } else { 1.0 };
+    let factor = if settings.antialias { ratio.max(MIN_ANTIALIAS).sqrt() } else { 1.0 };
     let opacity = sigmoid * factor;
-    let extent = (255.0 * opacity).ln();
-    if !settings.smooth_cutoff && opacity < LEAST_ALPHA {
+    let extent = (ALPHA_MIN_INVERSE * opacity).ln();
+    if !settings.smooth_cutoff && opacity < ALPHA_MIN {
         return Err(Culled::Faint);
     }
 
@@ -202,7 +196,7 @@ pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings)
         depth_row: v.row(2),
         rows: [t0, t1],
         det0,
-        factor_free: ratio > LEAST_AREA_RATIO,
+        factor_free: ratio > MIN_ANTIALIAS,
         sigmoid,
         direction,
         distance,
@@ -217,12 +211,12 @@ pub fn sigmoid(x: f64) -> f64 {
     if x >= 0.0 { 1.0 / (1.0 + e) } else { e / (1.0 + e) }
 }
 
-/// The unit quaternion and the stored length; none where the largest component is below [`LEAST_QUATERNION`].
+/// The unit quaternion and the stored length; none where the largest component is below [`MIN_QUATERNION`].
 ///
 /// Dividing by the largest component first keeps |q|^2 in range (1e20 squared overflows float32).
 pub fn unit_quaternion(q: [f64; 4]) -> Option<([f64; 4], f64)> {
     let largest = q.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-    if largest < LEAST_QUATERNION {
+    if largest < MIN_QUATERNION {
         return None;
     }
     let q = q.map(|v| v / largest);

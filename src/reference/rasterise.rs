@@ -6,12 +6,10 @@ use rayon::prelude::*;
 use super::{
     Settings,
     bin::Tiles,
-    project::{Culled, LEAST_ALPHA, Projected},
+    project::{Culled, Projected},
 };
+use crate::kernels::constants::blending::float64::{ALPHA_MAX, ALPHA_MIN};
 use crate::scene::camera::Camera;
-
-/// Greatest opacity of one contribution.
-pub const GREATEST_ALPHA: f64 = 0.99;
 
 /// What compositing gives.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,9 +42,9 @@ pub fn sample(p: &Projected, x: u32, y: u32, settings: &Settings) -> Option<Samp
     let [a, b, c] = p.conic;
     let power = 0.5 * (a * offset.x * offset.x + c * offset.y * offset.y) + b * offset.x * offset.y;
     let free = p.opacity * (-power).exp();
-    let alpha = free.min(GREATEST_ALPHA);
-    let skipped = !settings.smooth_cutoff && (alpha < LEAST_ALPHA || power < 0.0);
-    (!skipped).then_some(Sample { offset, alpha, clamped: free > GREATEST_ALPHA })
+    let alpha = free.min(ALPHA_MAX);
+    let skipped = !settings.smooth_cutoff && (alpha < ALPHA_MIN || power < 0.0);
+    (!skipped).then_some(Sample { offset, alpha, clamped: free > ALPHA_MAX })
 }
 
 /// Walks a pixel's contributions front to back: `each(place in list, Gaussian, sample, T before it)`; returns T behind all.

@@ -17,10 +17,8 @@ use super::{
     project::{Culled, Projected},
     rasterise::{Composite, walk},
 };
+use crate::kernels::constants::blending::float64::ONE_MINUS_ALPHA_FLOOR;
 use crate::scene::camera::Camera;
-
-/// 1 - alpha is not taken below this as a divisor.
-pub const LEAST_REST: f64 = 1e-6;
 
 /// Sums over one Gaussian's pixels, with h = alpha dL/dalpha (zero where alpha is clamped) and d the offset in pixels.
 ///
@@ -96,7 +94,7 @@ pub fn rasterise_backward(
                         if s.clamped {
                             return;
                         }
-                        let h = s.alpha * (transmittance * worth - behind / (1.0 - s.alpha).max(LEAST_REST));
+                        let h = s.alpha * (transmittance * worth - behind / (1.0 - s.alpha).max(ONE_MINUS_ALPHA_FLOOR));
                         let d = s.offset;
                         slot.zeroth += h;
                         slot.first += h * d;

@@ -1,7 +1,9 @@
 //! The radiance-response density matrix of a block: W from the block's rows of H, and P = W W^T.
 
-/// Channels of rendering in a row; the rest are the optimisation's.
-const RENDERING: usize = 4;
+use crate::kernels::constants::responses;
+
+/// Channels of rendering in a row; the others are those of optimisation.
+const RENDERING: usize = responses::RENDERING as usize;
 
 /// Rows of W (m x 8) from unweighed, normalised responses (m x 8) at balance `eta`.
 ///

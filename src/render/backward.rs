@@ -1,7 +1,7 @@
 //! The backward pass: how it goes, what it counts, and what its stages hand on.
 
 use super::bin;
-use super::frame::{Frame, Moments, Shape};
+use super::frame::{Frame, Shape, SlotSums};
 use super::rasterise_backward_atomic::AtomicSums;
 use crate::gpu::Buffer;
 use crate::primitives::Pairs;
@@ -55,9 +55,9 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Where a Gaussian's sums over pixels lie: `counts` rows of the moments from `first` on.
+/// Where a Gaussian's sums over pixels lie: `counts` of `rows` from `first` on.
 pub(super) struct Sums<'a> {
     pub counts: &'a Buffer<u32>,
     pub first: &'a Buffer<u32>,
-    pub moments: &'a Moments,
+    pub rows: &'a SlotSums,
 }

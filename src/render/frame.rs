@@ -3,10 +3,11 @@
 use super::settings::{Settings, tile_size};
 use crate::gpu::{Buffer, Device, Result};
 use crate::kernels::View;
+use crate::kernels::constants::gradient_row::ROW;
 use crate::primitives::{Count, Pairs, Scan, Sort};
 
-/// Floats of a Gaussian's gradients: ROW of lib/gradient_row.glsl.
-const GRADIENT_ROW: usize = 18;
+/// Floats of a Gaussian's gradients.
+const GRADIENT_ROW: usize = ROW as usize;
 
 /// What a device and settings choose once.
 pub(super) struct Shape {
@@ -70,32 +71,44 @@ pub(super) struct PairBuffers {
     pub sort: Sort,
     /// Tiles of slots, where tiles have a depth order of their own.
     pub tiles: Option<Buffer<u32>>,
-    pub moments: Option<Moments>,
+    pub sums: Option<SlotSums>,
 }
 
-/// What the rasteriser's backward pass leaves in each slot: see `rasterise_backward.comp`.
-pub(super) struct Moments {
-    pub a: Buffer<[f32; 4]>,
-    pub b: Buffer<[f32; 4]>,
-    pub c: Buffer<[f32; 4]>,
+/// Sums that the rasteriser's backward pass leaves in each slot: see `rasterise_backward.comp`.
+pub(super) struct SlotSums {
+    pub position: Buffer<[f32; 4]>,
+    pub covariance: Buffer<[f32; 4]>,
+    pub colour: Buffer<[f32; 4]>,
+}
+
+impl SlotSums {
+    /// Bytes of [`SlotSums::new`].
+    pub const fn bytes(slots: usize) -> u64 {
+        3 * Buffer::<[f32; 4]>::bytes_of(slots)
+    }
+
+    /// Room for the sums of so many slots.
+    pub fn new(device: &Device, slots: usize) -> Result<Self> {
+        Ok(Self {
+            position: device.buffer("position sums", slots)?,
+            covariance: device.buffer("covariance sums", slots)?,
+            colour: device.buffer("colour sums", slots)?,
+        })
+    }
 }
 
 impl PairBuffers {
     /// Bytes of [`PairBuffers::new`].
     pub fn bytes(device: &Device, capacity: u32, uses: Uses) -> u64 {
         let n = capacity as usize;
-        let moments = if uses.training { 3 * Buffer::<[f32; 4]>::bytes_of(n) } else { 0 };
+        let sums = if uses.training { SlotSums::bytes(n) } else { 0 };
         let lists = Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(n) + Sort::bytes(device, capacity);
         let tiles = if uses.depth_order { Buffer::<u32>::bytes_of(n) } else { 0 };
-        Count::bytes() + lists + tiles + moments
+        Count::bytes() + lists + tiles + sums
     }
 
     pub fn new(device: &Device, capacity: u32, uses: Uses) -> Result<Self> {
         let n = capacity as usize;
-        let moments = || -> Result<Moments> {
-            let [a, b, c] = ["moments a", "moments b", "moments c"].map(|name| device.buffer(name, n));
-            Ok(Moments { a: a?, b: b?, c: c? })
-        };
         let sizes = [Sort::block(device, capacity)];
         Ok(Self {
             count: Count::new(device, "pairs", capacity, &sizes)?,
@@ -103,7 +116,7 @@ impl PairBuffers {
             owners: device.buffer("pair owners", n)?,
             sort: Sort::new(device, capacity)?,
             tiles: uses.depth_order.then(|| device.buffer("pair tiles", n)).transpose()?,
-            moments: uses.training.then(moments).transpose()?,
+            sums: uses.training.then(|| SlotSums::new(device, n)).transpose()?,
         })
     }
 }

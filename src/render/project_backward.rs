@@ -14,7 +14,7 @@ pub(super) fn record(
     guards: &Buffer<u32>,
 ) {
     let Pass { shape, frame, options, .. } = *pass;
-    let Sums { counts, first, moments } = *sums;
+    let Sums { counts, first, rows: sums } = *sums;
     // Where no growth is asked for, any memory stands for it: the kernel leaves it alone.
     let unused = frame.gradient_rows.cast();
     let kernel = ProjectBackward {
@@ -23,9 +23,9 @@ pub(super) fn record(
         pairs: &frame.pairs.count.value,
         tile_counts: counts,
         first_slots: first,
-        moments_a: &moments.a,
-        moments_b: &moments.b,
-        moments_c: &moments.c,
+        position_sums: &sums.position,
+        covariance_sums: &sums.covariance,
+        colour_sums: &sums.colour,
         shape: &frame.shape,
         colour: &frame.colour,
         means: &model.means,

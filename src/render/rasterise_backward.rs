@@ -1,11 +1,11 @@
 //! Backward of the rasterisation: each (tile, Gaussian) slot's sums over the tile's pixels.
 
 use super::backward::{Pass, Sums};
-use super::frame::Moments;
+use super::frame::SlotSums;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{RasteriseBackward, RasteriseBackwardSpec};
 
-pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, moments: &'a Moments) -> Sums<'a> {
+pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, sums: &'a SlotSums) -> Sums<'a> {
     let Pass { shape, frame, image_gradient, tiles, options } = *pass;
     let kernel = RasteriseBackward {
         view: &frame.view,
@@ -17,9 +17,9 @@ pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, moments: &'
         colour: &frame.colour,
         image: &frame.image,
         image_gradient,
-        moments_a: &moments.a,
-        moments_b: &moments.b,
-        moments_c: &moments.c,
+        position_sums: &sums.position,
+        covariance_sums: &sums.covariance,
+        colour_sums: &sums.colour,
         spec: RasteriseBackwardSpec {
             workgroup: shape.subgroup,
             tile: shape.tile,
@@ -29,5 +29,5 @@ pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, moments: &'
         },
     };
     recording.dispatch(&kernel, Groups::Count(tiles));
-    Sums { counts: &frame.tile_counts, first: &frame.first_slots, moments }
+    Sums { counts: &frame.tile_counts, first: &frame.first_slots, rows: sums }
 }

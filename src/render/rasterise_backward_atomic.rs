@@ -2,7 +2,7 @@
 //! trains with it; it shows what bit-identical runs cost.
 
 use super::backward::{Pass, Sums};
-use super::frame::Moments;
+use super::frame::SlotSums;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::render::{
     RasteriseBackwardAtomic, RasteriseBackwardAtomicSpec, RasteriseBackwardCas, RasteriseBackwardCasSpec,
@@ -13,13 +13,13 @@ pub struct AtomicSums {
     native: bool,
     /// 0, 1, 2, ...: a Gaussian's sums are one row, its own.
     own: Buffer<u32>,
-    moments: Moments,
+    sums: SlotSums,
 }
 
 impl AtomicSums {
     /// Bytes of the sums of so many Gaussians.
     pub fn bytes(gaussians: usize) -> u64 {
-        Buffer::<u32>::bytes_of(gaussians) + 3 * Buffer::<[f32; 4]>::bytes_of(gaussians)
+        Buffer::<u32>::bytes_of(gaussians) + SlotSums::bytes(gaussians)
     }
 
     /// Whether the device adds floats atomically; all others do it by comparing and swapping words.
@@ -33,18 +33,14 @@ impl AtomicSums {
     /// Device memory.
     pub fn new(device: &Device, gaussians: usize, native: bool) -> Result<Self> {
         let own: Vec<u32> = (0..gaussians as u32).collect();
-        let moments = || -> Result<Moments> {
-            let [a, b, c] = ["atomic sums a", "atomic sums b", "atomic sums c"].map(|s| device.buffer(s, gaussians));
-            Ok(Moments { a: a?, b: b?, c: c? })
-        };
-        Ok(Self { native, own: device.upload("own rows", &own)?, moments: moments()? })
+        Ok(Self { native, own: device.upload("own rows", &own)?, sums: SlotSums::new(device, gaussians)? })
     }
 
     /// Projection's backward then reads one row of each visible Gaussian.
     pub(super) fn record<'a>(&'a self, recording: &mut Recording, pass: &Pass<'a>) -> Sums<'a> {
         let Pass { shape, frame, image_gradient, tiles, .. } = *pass;
-        let Moments { a, b, c } = &self.moments;
-        for sums in [a, b, c] {
+        let SlotSums { position, covariance, colour } = &self.sums;
+        for sums in [position, covariance, colour] {
             recording.fill(sums, 0);
         }
         // One body, two shaders: a module that names float atomics is void on a device without them.
@@ -60,9 +56,9 @@ impl AtomicSums {
                     colour: &frame.colour,
                     image: &frame.image,
                     image_gradient,
-                    sums_a: &a.cast(),
-                    sums_b: &b.cast(),
-                    sums_c: &c.cast(),
+                    position_sums: &position.cast(),
+                    covariance_sums: &covariance.cast(),
+                    colour_sums: &colour.cast(),
                     spec: $spec {
                         workgroup: shape.subgroup,
                         tile: shape.tile,
@@ -78,6 +74,6 @@ impl AtomicSums {
         } else {
             dispatch!(RasteriseBackwardCas, RasteriseBackwardCasSpec);
         }
-        Sums { counts: &frame.visible, first: &self.own, moments: &self.moments }
+        Sums { counts: &frame.visible, first: &self.own, rows: &self.sums }
     }
 }

@@ -219,7 +219,7 @@ impl Renderer {
         let pass = Pass { shape, frame, image_gradient, tiles, options: backward };
         let sums = recording.scope(BACKWARD_STAGES[0], |r| match backward.atomics {
             Some(atomics) => atomics.record(r, &pass),
-            None => rasterise_backward::record(r, &pass, frame.pairs.moments.as_ref().expect(FOR_TRAINING)),
+            None => rasterise_backward::record(r, &pass, frame.pairs.sums.as_ref().expect(FOR_TRAINING)),
         });
         let guards = self.guards.as_ref().expect(FOR_TRAINING);
         recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, &pass, &sums, model, guards));

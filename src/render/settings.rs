@@ -2,27 +2,27 @@
 
 use crate::gpu::DeviceInfo;
 use crate::kernels::View;
+use crate::kernels::constants::blending::TRANSMITTANCE_STOP;
+use crate::kernels::constants::tiles;
+use crate::kernels::constants::view::float64::FIELD_MARGIN;
+use crate::kernels::constants::view::{DILATION, DILATION_ANTIALIAS, NEAR};
 use crate::scene::camera::Camera;
 use glam::DVec2;
 
-/// How tiles that a Gaussian cannot touch are left out.
+/// How tiles that a Gaussian cannot touch are left out; as numbers, the shader's CULLING.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u32)]
 pub enum Culling {
     /// The ellipse where alpha falls to 1/255, against each tile: nothing drawn is lost, nothing else is listed.
     #[default]
-    Exact,
+    Exact = tiles::EXACT,
     /// That ellipse's box.
-    Box,
+    Box = tiles::BOX,
     /// The box of three standard deviations, as the reference does it; it cuts faint tails.
-    ThreeSigma,
+    ThreeSigma = tiles::THREE_SIGMA,
     /// Every tile.
-    Off,
+    Off = tiles::OFF,
 }
-
-/// Variance that the 3DGS reference adds, and with it every viewer of plain models.
-const DILATION: f32 = 0.3;
-/// Variance of the 2D filter of anti-aliased models: near a pixel's own, 1/12, as in Mip-Splatting.
-const PIXEL: f32 = 0.1;
 
 /// Settings of image formation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,15 +46,14 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        // 1.00001e-4, not 1e-4: two saturated layers leave 1e-4 less rounding, and the margin settles the tie.
         Self {
             background: [0.0; 3],
             antialias: false,
             dilation: DILATION,
             depth_order: false,
             culling: Culling::Exact,
-            stop: 1.00001e-4,
-            near: 0.2,
+            stop: TRANSMITTANCE_STOP,
+            near: NEAR,
         }
     }
 }
@@ -79,7 +78,7 @@ impl Style {
     #[must_use]
     pub fn over(self, background: [f32; 3]) -> Settings {
         let Self { antialias, depth_order } = self;
-        let dilation = if antialias { PIXEL } else { DILATION };
+        let dilation = if antialias { DILATION_ANTIALIAS } else { DILATION };
         Settings { background, antialias, dilation, depth_order, ..Settings::default() }
     }
 }
@@ -98,8 +97,7 @@ pub fn view(camera: &Camera, settings: &Settings, degree: usize, tile: u32) -> V
     // Positions in the picture are measured from here: origin() of lib/view.glsl.
     let origin = DVec2::new(f64::from(camera.width / 2), f64::from(camera.height / 2));
     let [r, g, b] = settings.background;
-    // Outside 1.3 times the field of view the projection's linearisation is held constant.
-    let limit = |size: u32, focal: f64| (1.3 * 0.5 * f64::from(size) / focal) as f32;
+    let limit = |size: u32, focal: f64| (FIELD_MARGIN * 0.5 * f64::from(size) / focal) as f32;
     View {
         rotation: [row(0), row(1), row(2)],
         centre: [centre.x, centre.y, centre.z, settings.near],

@@ -27,12 +27,8 @@ pub struct Slots<'a> {
     pub geometry: &'a Buffer<[f32; 4]>,
     /// By Gaussian: see `lib/splat.glsl`.
     pub shape: &'a Buffer<[f32; 4]>,
-    /// By slot, after the backward pass: three sums of gradients, and the sum of T alpha.
-    pub moments_a: Buffer<f32>,
-    /// Three sums of gradients, and the sum of alpha.
-    pub moments_b: Buffer<f32>,
-    /// The gradient by the colour, and where asked for the sum of T alpha times the residual.
-    pub moments_c: Buffer<f32>,
+    /// By slot, after the backward pass: four sums each.
+    pub sums: SlotSums,
     /// Tiles of the picture.
     pub tiles: u32,
     /// A tile's side in pixels.
@@ -51,6 +47,16 @@ pub struct GradientRows<'a> {
     pub values: &'a Buffer<f32>,
 }
 
+/// Sums that the rasteriser's backward pass leaves in each slot, four floats each.
+pub struct SlotSums {
+    /// Sums for the gradients by opacity and position; then the sum of T alpha.
+    pub position: Buffer<f32>,
+    /// Sums for the gradient by the covariance; then the sum of alpha.
+    pub covariance: Buffer<f32>,
+    /// The gradient by the colour; then, where asked for, the sum of T alpha times the residual.
+    pub colour: Buffer<f32>,
+}
+
 impl<'a> GradientRows<'a> {
     pub(super) fn new(frame: &'a Frame) -> Self {
         Self { pairs: &frame.pairs.count.value, limit: frame.pairs.count.limit(), values: &frame.gradient_rows }
@@ -59,7 +65,7 @@ impl<'a> GradientRows<'a> {
 
 impl<'a> Slots<'a> {
     pub(super) fn new(shape: &Shape, frame: &'a Frame, tiles: u32) -> Self {
-        let moments = frame.pairs.moments.as_ref().expect("a renderer for training");
+        let sums = frame.pairs.sums.as_ref().expect("a renderer for training");
         Self {
             view: &frame.view,
             pairs: &frame.pairs.count.value,
@@ -71,9 +77,11 @@ impl<'a> Slots<'a> {
             sorted: &bin::sorted(frame, tiles).values,
             geometry: &frame.geometry,
             shape: &frame.shape,
-            moments_a: moments.a.cast(),
-            moments_b: moments.b.cast(),
-            moments_c: moments.c.cast(),
+            sums: SlotSums {
+                position: sums.position.cast(),
+                covariance: sums.covariance.cast(),
+                colour: sums.colour.cast(),
+            },
             tiles,
             tile: shape.tile,
             stop: shape.settings.stop,

@@ -1,11 +1,9 @@
 //! What stands for the loss and its residual where there are no photos.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::constants::high_pass::{COLUMNS, ROWS, RUN};
 use crate::kernels::response::{HighPass as Kernel, HighPassPush, HighPassSpec};
 use crate::primitives::WORKGROUP;
-
-/// Outputs that one invocation of the blur owns.
-const RUN: u32 = 8;
 
 /// Stands for the loss where there are no photos: L = sum C (C - blur C), the blur's sigma 2 pixels, its bracket constant.
 pub struct HighPass {
@@ -35,7 +33,7 @@ impl HighPass {
         [width, height]: [u32; 2],
     ) {
         recording.scope("high pass", |r| {
-            for (phase, lines, length) in [(0, width, height), (1, height, width)] {
+            for (phase, lines, length) in [(COLUMNS, width, height), (ROWS, height, width)] {
                 let kernel = Kernel {
                     image: &image.cast(),
                     scratch: &self.scratch,

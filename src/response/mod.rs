@@ -25,7 +25,7 @@ pub use respond::{Gather, KEEP, ResidentResponses};
 pub use score::ResidentScores;
 
 /// Response channels of a Gaussian: four of rendering, then four of optimisation.
-pub const CHANNELS: usize = 8;
+pub const CHANNELS: usize = crate::kernels::constants::responses::CHANNELS as usize;
 
 /// How strongly the pictures depend on each Gaussian, on the host.
 #[derive(Clone, Debug, Default, PartialEq)]

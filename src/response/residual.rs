@@ -1,6 +1,7 @@
 //! The residual of a picture against its photo.
 
 use crate::gpu::{Buffer, Groups, Recording};
+use crate::kernels::constants::photo;
 use crate::kernels::response::{Residual, ResidualPush, ResidualSpec};
 use crate::primitives::WORKGROUP;
 
@@ -22,7 +23,7 @@ pub fn record_residual(
         photo,
         gradient: &gradient.cast(),
         push: ResidualPush { background: [r, g, b, 0.0], pixels },
-        spec: ResidualSpec { workgroup: WORKGROUP, alpha: u32::from(transparent) },
+        spec: ResidualSpec { workgroup: WORKGROUP, alpha: if transparent { photo::OPACITY } else { photo::OPAQUE } },
     };
     recording.scope("residual", |r| r.dispatch(&kernel, Groups::Count(pixels.div_ceil(WORKGROUP))));
 }

@@ -32,8 +32,8 @@ impl ResidentScores {
         Ok(Self { values, subgroup: device.info().subgroup_size })
     }
 
-    /// Records the scores of the picture recorded before, which the backward pass need not have seen; what that pass left in
-    /// the first array of slots is overwritten.
+    /// Records the scores of the picture recorded before, which the backward pass need not have seen; the position
+    /// sums that it left are overwritten.
     ///
     /// # Panics
     /// When the renderer was not made [`Renderer::for_training`].
@@ -46,7 +46,7 @@ impl ResidentScores {
             owners: slots.owners,
             geometry: slots.geometry,
             shape: slots.shape,
-            tallies: &slots.moments_a,
+            tallies: &slots.sums.position,
             spec: ScoreSpec {
                 workgroup: self.subgroup,
                 tile: slots.tile,
@@ -59,7 +59,7 @@ impl ResidentScores {
             pairs: slots.pairs,
             tile_counts: slots.tile_counts,
             first_slots: slots.first_slots,
-            tallies: &slots.moments_a.cast(),
+            tallies: &slots.sums.position.cast(),
             scores: &self.values,
             push: TallyPush { pair_limit: slots.limit },
             spec: TallySpec { workgroup: WORKGROUP },

@@ -3,6 +3,9 @@
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::constants::adam::float64::{BETA1, BETA2};
+use crate::kernels::constants::adam::{GRADIENT, NO_BAND, UPDATE};
+use crate::kernels::constants::gradient_row::{ROW_LOG_SCALE, ROW_LOGIT, ROW_MEAN, ROW_ROTATION};
 use crate::kernels::train::{Adam, AdamPush, AdamSpec};
 use crate::primitives::WORKGROUP;
 use crate::render::{GradientRows, Renderer};
@@ -79,9 +82,6 @@ pub struct Rates {
     pub rest: f32,
 }
 
-/// Marks an attribute whose gradient stands in the row itself.
-const NO_BAND: u32 = 4;
-
 /// What becomes of the gradients.
 #[derive(Clone, Copy)]
 enum Form {
@@ -119,12 +119,11 @@ fn record_as(
     rates: &Rates,
     form: Form,
 ) {
-    // Offsets are those of lib/gradient_row.glsl.
     let attributes = [
-        (&model.means, &state.means, 3, 0, rates.mean),
-        (&model.log_scales, &state.log_scales, 3, 3, rates.scale),
-        (&model.rotations.cast(), &state.rotations, 4, 6, rates.rotation),
-        (&model.opacity_logits, &state.opacity_logits, 1, 10, rates.opacity),
+        (&model.means, &state.means, 3, ROW_MEAN, rates.mean),
+        (&model.log_scales, &state.log_scales, 3, ROW_LOG_SCALE, rates.scale),
+        (&model.rotations.cast(), &state.rotations, 4, ROW_ROTATION, rates.rotation),
+        (&model.opacity_logits, &state.opacity_logits, 1, ROW_LOGIT, rates.opacity),
     ];
     recording.scope(STAGE, |r| {
         let pass = Pass { rows: renderer.gradient_rows(), model, form, by_row: renderer.device().info().is_cpu() };
@@ -165,8 +164,8 @@ impl Pass<'_> {
         rate: f32,
     ) {
         let (form, step) = match self.form {
-            Form::Step(step) => (0, step),
-            Form::Gradients => (1, 1),
+            Form::Step(step) => (UPDATE, step),
+            Form::Gradients => (GRADIENT, 1),
         };
         let correction = |beta: f64| 1.0 - beta.powf(f64::from(step));
         // On a GPU neighbouring lanes touch neighbouring words; on a CPU what a Gaussian's elements share is read once.
@@ -179,8 +178,8 @@ impl Pass<'_> {
             moments,
             push: AdamPush {
                 rate,
-                correction1: (1.0 / correction(0.9)) as f32,
-                correction2: (1.0 / correction(0.999).sqrt()) as f32,
+                correction1: (1.0 / correction(BETA1)) as f32,
+                correction2: (1.0 / correction(BETA2).sqrt()) as f32,
                 pair_limit: self.rows.limit,
             },
             spec: AdamSpec { workgroup: WORKGROUP, width, offset, band, form, run },

@@ -1,11 +1,13 @@
 //! Exposures of photos: a 3 x 4 affine of the rendered colours of each, learnt beside the model and used in training only.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::constants::adam::float64::{BETA1, BETA2};
+use crate::kernels::constants::exposure as shader;
 use crate::kernels::train::{Exposure as Kernel, ExposurePush, ExposureSpec};
 use crate::primitives::WORKGROUP;
 
-/// Numbers of an affine: three rows of red, green, blue and a constant.
-pub const SIZE: usize = 12;
+/// Numbers of an affine map: three rows of red, green, blue and a constant.
+pub const SIZE: usize = shader::SIZE as usize;
 /// Learning rate at the beginning where gains were measured, to within a percent: what is left to learn is little.
 const REFINE: f64 = 0.004;
 /// Where they were not: the 3DGS reference's, and faster where photos are drawn less than a hundred times.
@@ -109,7 +111,7 @@ impl Exposure {
     pub fn apply(&self, recording: &mut Recording, photo: usize, image: &Buffer<[f32; 4]>, pixels: u32) {
         let step = Step { pairs: &self.partials.cast(), limit: 0, number: 1, rate: 0.0 };
         let groups = pixels.div_ceil(WORKGROUP);
-        recording.scope(SCOPE, |r| self.phase(r, 0, photo, image, image, pixels, step, groups));
+        recording.scope(SCOPE, |r| self.phase(r, shader::APPLY, photo, image, image, pixels, step, groups));
     }
 
     /// Records the way back: `gradient`, by the exposed colours, becomes that by `image`; `step` updates the affine,
@@ -126,9 +128,9 @@ impl Exposure {
         recording.scope(SCOPE, |r| {
             let idle = self.partials.cast();
             let none = Step { pairs: &idle, limit: 0, number: 1, rate: 0.0 };
-            self.phase(r, 1, photo, image, gradient, pixels, step.unwrap_or(none), Self::groups(pixels));
+            self.phase(r, shader::BACKWARD, photo, image, gradient, pixels, step.unwrap_or(none), Self::groups(pixels));
             if let Some(step) = step {
-                self.phase(r, 2, photo, image, gradient, pixels, step, 1);
+                self.phase(r, shader::UPDATE, photo, image, gradient, pixels, step, 1);
             }
         });
     }
@@ -164,8 +166,8 @@ impl Exposure {
                 groups: Self::groups(pixels),
                 pair_limit: step.limit,
                 rate: step.rate,
-                correction1: (1.0 / correction(0.9)) as f32,
-                correction2: (1.0 / correction(0.999).sqrt()) as f32,
+                correction1: (1.0 / correction(BETA1)) as f32,
+                correction2: (1.0 / correction(BETA2).sqrt()) as f32,
                 pull: PULL,
             },
             spec: ExposureSpec { workgroup: WORKGROUP, phase },

@@ -2,7 +2,7 @@
 
 use super::error::{Error, Result};
 use crate::gaussians::Gaussians;
-use crate::gaussians::sh::SH0;
+use crate::kernels::constants::sh::float64::SH_C0;
 use crate::random::uniform;
 use crate::render::Settings;
 use crate::scene::Photo;
@@ -63,7 +63,7 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
         log_scales: points.par_iter().enumerate().map(|(i, p)| [log_scale(i, p); 3]).collect(),
         rotations: vec![[1.0, 0.0, 0.0, 0.0]; points.len()],
         opacity_logits: vec![logit; points.len()],
-        sh: vec![points.iter().flat_map(|p| ((p.colour - 0.5) / SH0).as_vec3().to_array()).collect()],
+        sh: vec![points.iter().flat_map(|p| ((p.colour - 0.5) / SH_C0).as_vec3().to_array()).collect()],
     }
 }
 

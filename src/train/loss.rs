@@ -1,15 +1,14 @@
 //! L1 + SSIM (+ L2) of a picture against a photo, and its gradient by the picture.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::constants::loss::{GRADIENT, MAP, MEANS, TAPS};
+use crate::kernels::constants::photo;
 use crate::kernels::train::{Loss as Kernel, LossPush, LossSpec};
 use crate::primitives::{WORKGROUP, reduce};
 use crate::scene::FourthByte;
 
 /// The profiler's scope.
 pub const STAGE: &str = "loss";
-
-/// Samples of SSIM's window, steps of a round; see `loss.comp`.
-const TAPS: u32 = 11;
 
 /// Rounds of an invocation's run: long runs read each value less often, short ones occupy a GPU.
 fn rounds(device: &Device) -> u32 {
@@ -100,7 +99,7 @@ impl Loss {
         let share = 1.0 / (3.0 * width as f32 * height as f32);
         let [r, g, b] = background;
         let [row_runs, column_runs] = runs([width, height], self.rounds);
-        for (phase, runs) in [column_runs, row_runs, column_runs].into_iter().enumerate() {
+        for (phase, runs) in [(MEANS, column_runs), (MAP, row_runs), (GRADIENT, column_runs)] {
             let kernel = Kernel {
                 image: &image.cast(),
                 photo,
@@ -119,8 +118,8 @@ impl Loss {
                 },
                 spec: LossSpec {
                     workgroup: WORKGROUP,
-                    phase: phase as u32,
-                    alpha: u32::from(fourth_byte.shows_background()),
+                    phase,
+                    alpha: if fourth_byte.shows_background() { photo::OPACITY } else { photo::OPAQUE },
                     rounds: self.rounds,
                 },
             };

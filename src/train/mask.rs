@@ -1,6 +1,7 @@
 //! Masks: parts of photos that add nothing to the loss.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::constants::mask::{BACKWARD, HIDE};
 use crate::kernels::train::{Mask as Kernel, MaskPush, MaskSpec};
 use crate::primitives::WORKGROUP;
 
@@ -27,12 +28,12 @@ impl Mask {
 
     /// Records `image` with what the photo's fourth byte hides as background, into [`Mask::image`].
     pub fn apply(&self, recording: &mut Recording, photo: &Buffer<u32>, image: &Buffer<[f32; 4]>, pixels: u32) {
-        self.phase(recording, 0, photo, image, image, pixels);
+        self.phase(recording, HIDE, photo, image, image, pixels);
     }
 
     /// Records the way back of `gradient`.
     pub fn backward(&self, recording: &mut Recording, photo: &Buffer<u32>, gradient: &Buffer<[f32; 4]>, pixels: u32) {
-        self.phase(recording, 1, photo, gradient, gradient, pixels);
+        self.phase(recording, BACKWARD, photo, gradient, gradient, pixels);
     }
 
     fn phase(

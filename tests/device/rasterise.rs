@@ -6,8 +6,8 @@ use crate::support::{device, finish, shared};
 use glam::{DMat3, DVec2, DVec3};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::Device;
+use qirf_vk::kernels::constants::blending::float64::ALPHA_MIN;
 use qirf_vk::reference::bin::{bin, depth_order};
-use qirf_vk::reference::project::LEAST_ALPHA;
 use qirf_vk::reference::rasterise::{rasterise, sample};
 use qirf_vk::reference::{self, Rendered};
 use qirf_vk::render::{Culling, Image, Renderer, Settings};
@@ -38,8 +38,8 @@ fn undecided(twin: &Rendered, camera: &Camera, settings: &reference::Settings, [
     for i in depth_order(&twin.projected) {
         let Ok(p) = &twin.projected[i as usize] else { continue };
         let Some(s) = sample(p, x, y, &all) else { continue };
-        let (drawn, worth) = (s.alpha >= LEAST_ALPHA, 2.0 * p.colour.max_element().max(1.0));
-        if near(s.alpha / LEAST_ALPHA) {
+        let (drawn, worth) = (s.alpha >= ALPHA_MIN, 2.0 * p.colour.max_element().max(1.0));
+        if near(s.alpha / ALPHA_MIN) {
             slack += t * s.alpha * worth;
         }
         if drawn && near(t * (1.0 - s.alpha) / settings.transmittance_stop) {

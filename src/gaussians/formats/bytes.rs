@@ -1,6 +1,7 @@
 //! Little-endian fields and the quantities that several formats store alike.
 
-/// The zeroth real spherical harmonic, 1 / (2 sqrt(pi)).
+/// The zeroth real spherical harmonic, 1 / (2 sqrt(pi)), to the eight digits that other programs use for these formats: one
+/// float below the shaders' `SH_C0`.
 pub(super) const SH_C0: f32 = 0.282_094_79;
 
 /// The `N` bytes at `offset`, or `None` past the end.

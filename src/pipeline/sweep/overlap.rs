@@ -14,7 +14,7 @@ use crate::qirf::overlap::{Method, Metric};
 use crate::qirf::partition::Blocks;
 use crate::qirf::plan::triangle;
 use crate::qirf::study::Basis;
-use crate::reference::overlap::{FLOOR, Primitive, overlap};
+use crate::reference::overlap::{Primitive, SCALE_FLOOR, overlap};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -62,7 +62,7 @@ fn pressed(model: &Gaussians, blocks: &Blocks) -> Gaussians {
             let flat = at(i) - normal * normal.dot(at(i) - centre);
             let s = &mut out.log_scales[i as usize];
             s.sort_by(|a, b| b.total_cmp(a));
-            s[2] = s[0] + FLOOR.ln() as f32;
+            s[2] = s[0] + SCALE_FLOOR.ln() as f32;
             out.means[i as usize] = flat.as_vec3().to_array();
             out.rotations[i as usize] = rotation;
         }
@@ -186,7 +186,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         rows: Vec::new(),
     });
     tables[1].title += &format!(" (thinner than 1:{:.0})", 1.0 / THIN);
-    tables[2].title += &format!(" and pressed to 1:{:.0}, as on a wall after long training", 1.0 / FLOOR);
+    tables[2].title += &format!(" and pressed to 1:{:.0}, as on a wall after long training", 1.0 / SCALE_FLOOR);
 
     let flat_model = pressed(model, &blocks);
     let flat = Resident::upload(context.device, &flat_model)?;

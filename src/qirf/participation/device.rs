@@ -2,13 +2,14 @@
 //! participations come to the host.
 
 use crate::gpu::{Error, Groups, Recording, Timings};
+use crate::kernels::constants::participation;
 use crate::kernels::qirf::{Participation as Kernel, ParticipationPush, ParticipationSpec};
 use crate::qirf::CHANNELS;
 use crate::qirf::assemble::Assembly;
 use crate::qirf::plan::Batch;
 
-/// Numbers of a block's solution besides its participations: eigenvalues, how many lead, and whether it failed.
-const EXTRA: usize = CHANNELS + 2;
+/// Numbers of a block's solution besides its participations.
+const EXTRA: usize = participation::EXTRA as usize;
 
 /// What the eigenproblem depends on besides its matrices.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,7 @@
 //! error of coefficients e is e^T N e. X = (N_AA + 1e-3 I)^-1 N_AD acts on unit-norm functions; alpha scales the
 //! others, hence the root in X_ad sqrt(S_dd / S_aa).
 
-use crate::gaussians::sh::SH0;
+use crate::kernels::constants::sh::float64::SH_C0;
 use crate::qirf::lapack::Real;
 
 /// Added to the kept functions' overlaps, so that near duplicates share rather than fight.
@@ -110,7 +110,7 @@ pub fn merge(overlap: &[f32], keep: &[bool], functions: &mut Functions) -> Optio
 impl Functions {
     /// Opacity, and opacity times each colour, of member `i`.
     fn at(&self, i: usize) -> [f64; 4] {
-        let colour = |c: usize| 0.5 + SH0 * self.sh[i * self.width + c];
+        let colour = |c: usize| 0.5 + SH_C0 * self.sh[i * self.width + c];
         let alpha = self.alpha[i];
         [alpha, alpha * colour(0), alpha * colour(1), alpha * colour(2)]
     }
