@@ -1,15 +1,17 @@
 //! `qirf-vk compare SCENE`.
 
+use super::Global;
 use super::choices::Choices;
 use super::console::Console;
+use super::resources::Resources;
 use super::show::Show;
-use super::training::{Means, Training};
-use super::{Global, networks};
+use super::training::Training;
 use crate::error::Error;
-use crate::pipeline::compare::{Arm, compare};
+use crate::pipeline::arm::Arm;
+use crate::pipeline::compare::compare;
 use crate::pipeline::config::{Compression, Pruning};
 use crate::pipeline::records::CompareRecord;
-use crate::pipeline::{Output, budget};
+use crate::pipeline::{Output, Session};
 use crate::report;
 use std::path::PathBuf;
 
@@ -50,7 +52,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     training: Training,
     #[command(flatten)]
-    means: Means,
+    resources: Resources,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -73,11 +75,12 @@ impl Arguments {
             .training
             .configuration(self.scene.clone())
             .pruned(Pruning { compression: Compression::default(), ..pruning });
-        let networks = networks(self.means.lpips_weights.as_deref(), console)?;
-        let device = global.open_with(self.means.memory_budget)?;
-        let show = Show::new(console);
-        let host = budget::host(self.means.memory_budget);
-        let compared = compare(&device, (&config, &arms), &self.output, &networks, host, self.resume, &show)?;
+        let networks = self.resources.networks(console)?;
+        let device = self.resources.device(global)?;
+        let watcher = Show::new(console);
+        let host_bytes = self.resources.host_bytes();
+        let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
+        let compared = compare(&session, &config, &arms, &self.output, self.resume)?;
         let json = serde_json::to_string_pretty(&compared).map_err(|e| Error::encoding("compare.json", e))?;
         Output::text(&self.output.join("compare.json"), &json)?;
         Output::text(&self.output.join("compare.csv"), &compared.csv())?;

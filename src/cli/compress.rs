@@ -10,12 +10,12 @@ use super::values::{self, Up};
 use crate::effects::Overrides;
 use crate::error::Error;
 use crate::gaussians::formats;
-use crate::metrics::Scores;
-use crate::pipeline::compress::{self, Input, Job, Sight};
+use crate::metrics::{Networks, Scores};
+use crate::pipeline::compress::{self, CompressConfig, Input, ViewSource};
 use crate::pipeline::config::Compression;
-use crate::pipeline::records::{CompressRecord, TruthKind};
-use crate::pipeline::virtual_views::Around;
-use crate::pipeline::{Output, Selection, budget};
+use crate::pipeline::records::{CompressRecord, Truth};
+use crate::pipeline::virtual_views::VirtualCameras;
+use crate::pipeline::{Output, Selection, Session, host_bytes};
 use crate::qirf::select::budget::Budget;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -103,8 +103,9 @@ impl Arguments {
         let read_s = reading.elapsed().as_secs_f64();
         let device = global.open_with(self.memory_budget)?;
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
-        let host = budget::host(self.memory_budget);
-        let figures = compress::compress(&device, input, &self.job(), &self.output, host, &Show::new(console))?;
+        let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
+        let session = Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &watcher };
+        let figures = compress::compress(&session, input, &self.configuration(), &self.output)?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
             Output::text(path, &format!("{json:#}\n"))?;
@@ -129,7 +130,7 @@ impl Arguments {
         Ok(())
     }
 
-    fn job(&self) -> Job {
+    fn configuration(&self) -> CompressConfig {
         let preset = match self.preset {
             // Without training after it, what each block loses stays lost: every block keeps its share.
             Preset::Standard if self.fine_tune == 0 => {
@@ -138,9 +139,9 @@ impl Arguments {
             Preset::Standard => Compression::default(),
             Preset::Paper => Compression::paper(),
         };
-        let around = Around::default();
-        let sight = match &self.scene {
-            Some(scene) => Sight::Photos(Selection {
+        let default = VirtualCameras::default();
+        let views = match &self.scene {
+            Some(scene) => ViewSource::Photos(Selection {
                 scene: scene.clone(),
                 images: self.images.clone(),
                 resolution: self.resolution.clone(),
@@ -148,18 +149,18 @@ impl Arguments {
                 background: self.background,
                 effects: Overrides::default(),
             }),
-            None => Sight::OwnPictures(
-                Around {
-                    views: self.views.unwrap_or(around.views),
-                    size: self.size.unwrap_or(around.size),
+            None => ViewSource::OwnPictures {
+                cameras: VirtualCameras {
+                    views: self.views.unwrap_or(default.views),
+                    size: self.size.unwrap_or(default.size),
                     up: self.up.unwrap_or(Up::Auto).direction(),
                 },
-                self.background.unwrap_or([0.0; 3]),
-            ),
+                background: self.background.unwrap_or([0.0; 3]),
+            },
         };
-        Job {
+        CompressConfig {
             compression: self.choices.over(preset),
-            sight,
+            views,
             style: self.rendering.style(),
             fine_tune: self.fine_tune,
             seed: self.seed,
@@ -182,8 +183,8 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
         before / 1e6
     ))?;
     let truth = match protocol.truth {
-        TruthKind::Photos => "photos",
-        TruthKind::OwnPictures => "the original's pictures",
+        Truth::Photos => "photos",
+        Truth::OwnPictures => "the original's pictures",
     };
     let score = |name: &str, scores: &Option<Scores>| match scores {
         Some(s) => {

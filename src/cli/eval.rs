@@ -8,10 +8,9 @@ use super::values;
 use super::{Global, networks};
 use crate::error::Error;
 use crate::metrics::Scores;
-use crate::pipeline::budget;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::records::{RunRecord, ViewScores};
-use crate::pipeline::{Output, RunConfig, Selection};
+use crate::pipeline::{Output, RunConfig, Selection, Session, host_bytes};
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -85,17 +84,10 @@ impl Arguments {
         let networks = networks(self.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;
-        let model = (self.model.as_path(), &loaded.gaussians);
-        let results = eval::eval(
-            &device,
-            model,
-            &evaluation,
-            output.as_ref(),
-            &networks,
-            budget::host(self.memory_budget),
-            &Show::new(console),
-        )?;
-        self.report(console, &results)
+        let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
+        let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
+        let record = eval::eval(&session, &self.model, &loaded.gaussians, &evaluation, output.as_ref())?;
+        self.report(console, &record)
     }
 
     fn run_against(&self, original: &Path, console: &Console, global: &Global) -> Result<(), Error> {
@@ -103,8 +95,10 @@ impl Arguments {
         let (model, original) = (model?.gaussians, original?.gaussians);
         let networks = networks(self.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.memory_budget)?;
-        let style = (self.background.unwrap_or([0.0; 3]), self.rendering.style());
-        let held_out = eval::against(&device, &model, &original, style, &networks, &Show::new(console))?;
+        let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
+        let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
+        let background = self.background.unwrap_or([0.0; 3]);
+        let held_out = eval::against(&session, &model, &original, background, self.rendering.style())?;
         let (test, views) = (held_out.mean(), &held_out.views);
         if self.json {
             let counts = serde_json::json!({ "model": model.len(), "original": original.len() });
@@ -132,11 +126,11 @@ impl Arguments {
         Ok(Evaluation { selection, style, exposure })
     }
 
-    fn report(&self, console: &Console, results: &RunRecord) -> Result<(), Error> {
+    fn report(&self, console: &Console, record: &RunRecord) -> Result<(), Error> {
         if self.json {
-            return console.json(results);
+            return console.json(record);
         }
-        table(console, results.test.as_ref(), &results.views)?;
+        table(console, record.test.as_ref(), &record.views)?;
         if let Some(folder) = &self.output {
             console.note(format_args!("figures and pictures in {}", folder.display()));
         }

@@ -12,6 +12,7 @@ mod inspect;
 mod interrupt;
 mod remedy;
 mod render;
+mod resources;
 mod run;
 mod selftest;
 mod show;

@@ -1,13 +1,14 @@
 //! `qirf-vk run SCENE`.
 
+use super::Global;
 use super::choices::Choices;
 use super::console::Console;
+use super::resources::Resources;
 use super::show::Show;
-use super::training::{Means, Training};
-use super::{Global, networks};
+use super::training::Training;
 use crate::error::Error;
 use crate::pipeline::records::RunRecord;
-use crate::pipeline::{Output, RunConfig, budget, run};
+use crate::pipeline::{Output, RunConfig, Session, run};
 use crate::report;
 use std::path::PathBuf;
 
@@ -44,7 +45,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     training: Training,
     #[command(flatten)]
-    means: Means,
+    resources: Resources,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -56,14 +57,15 @@ impl Arguments {
             return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
         }
         let config = self.configuration()?;
-        let networks = networks(self.means.lpips_weights.as_deref(), console)?;
-        let device = global.open_with(self.means.memory_budget)?;
-        let show = Show::new(console);
+        let networks = self.resources.networks(console)?;
+        let device = self.resources.device(global)?;
+        let watcher = Show::new(console);
         let output = Output::new(&self.output)?;
-        let results =
-            run::run(&device, &config, &output, &networks, budget::host(self.means.memory_budget), self.resume, &show)?;
-        report::write(&results, &output)?;
-        self.report(console, &results, &output)
+        let host_bytes = self.resources.host_bytes();
+        let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
+        let record = run::run(&session, &config, &output, self.resume)?;
+        report::write(&record, &output)?;
+        self.report(console, &record, &output)
     }
 
     fn configuration(&self) -> Result<RunConfig, Error> {
@@ -74,34 +76,34 @@ impl Arguments {
         Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)) })
     }
 
-    fn report(&self, console: &Console, results: &RunRecord, output: &Output) -> Result<(), Error> {
+    fn report(&self, console: &Console, record: &RunRecord, output: &Output) -> Result<(), Error> {
         if self.json {
-            return console.json(results);
+            return console.json(record);
         }
         let score = |v: Option<f64>, unit: &str| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}{unit}"));
-        if let Some(test) = &results.test {
+        if let Some(test) = &record.test {
             console.print(format_args!(
                 "test   PSNR {}  SSIM {:.4}  LPIPS {}  ({} views)",
                 score(test.psnr, " dB"),
                 test.ssim,
                 score(test.lpips_vgg, ""),
-                results.protocol.test_views,
+                record.protocol.test_views,
             ))?;
         }
-        console.print(format_args!("train  PSNR {}", score(results.train.psnr, " dB")))?;
+        console.print(format_args!("train  PSNR {}", score(record.train.psnr, " dB")))?;
         console.print(format_args!(
             "model  {} Gaussians, {:.1} MB, {:.0} frames a second",
-            results.gaussians.last,
-            results.model_bytes as f64 / 1e6,
-            results.frames_per_second.unwrap_or(0.0),
+            record.gaussians.last,
+            record.model_bytes as f64 / 1e6,
+            record.frames_per_second.unwrap_or(0.0),
         ))?;
         console.print(format_args!(
             "time   {:.1} s: photos {:.1}, training {:.1}, evaluation {:.1}; device memory {:.0} MB",
-            results.time.total_s,
-            results.time.load_s,
-            results.time.train_s,
-            results.time.evaluate_s,
-            results.memory.peak_bytes as f64 / 1e6,
+            record.time.total_s,
+            record.time.load_s,
+            record.time.train_s,
+            record.time.evaluate_s,
+            record.memory.peak_bytes as f64 / 1e6,
         ))?;
         console.print(format_args!("       {}", output.model().display()))?;
         console.print(format_args!("report {}", output.report().display()))

@@ -1,19 +1,21 @@
 //! `qirf-vk sweep SCENE|MODEL`.
 
+use super::Global;
 use super::choices::Choices;
 use super::console::Console;
 use super::inspect::{is_scene, read_model};
+use super::resources::Resources;
 use super::show::Show;
-use super::training::{Means, Training};
+use super::training::Training;
 use super::values::{self, Up};
-use super::{Global, networks};
 use crate::error::Error;
-use crate::gpu::Device;
+use crate::metrics::Networks;
 use crate::pipeline::sweep::results::figure;
-use crate::pipeline::sweep::{self, Asked, AxisRecord, Context, Described, Plan, Subject, SweepRecord, heavy, subject};
-use crate::pipeline::{Output, Preset, RunConfig, Watcher, budget};
+use crate::pipeline::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
+use crate::pipeline::virtual_views::VirtualCameras;
+use crate::pipeline::{Output, Preset, RunConfig, Session};
 use crate::report;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
@@ -61,7 +63,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     training: Training,
     #[command(flatten)]
-    means: Means,
+    resources: Resources,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -88,21 +90,15 @@ impl Arguments {
         if self.output.exists() && !self.output.is_dir() {
             return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
         }
-        let device = global.open_with(self.means.memory_budget)?;
+        let device = self.resources.device(global)?;
         Output::new(&self.output)?;
-        let show = Show::new(console);
-        let host_bytes = budget::host(self.means.memory_budget);
-        let plan = Plan { folder: &self.output, host_bytes, budget: self.budget_per_axis };
-        let (described, mut axes) = self.light((&device, console), &plan, &asked, &show)?;
+        let (watcher, host_bytes) = (Show::new(console), self.resources.host_bytes());
+        let session = Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &watcher };
+        let (described, mut axes) = self.light(&session, console, &asked)?;
         if asked.iter().any(|a| a.axis.heavy()) {
-            let networks = networks(self.means.lpips_weights.as_deref(), console)?;
-            let pruning = self.training.pruning(&self.choices);
-            let config = self.training.configuration(self.path.clone());
-            let (networks, watcher) = (&networks, &show);
-            let preset = self.training.preset();
-            let training =
-                heavy::Training { device: &device, config: &config, preset, pruning: &pruning, networks, watcher };
-            axes.extend(sweep::heavy(&training, &plan, &asked)?);
+            let networks = self.resources.networks(console)?;
+            let session = Session { networks: &networks, ..session };
+            axes.extend(self.heavy(session, &asked)?);
         }
         let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis == axis.axis);
         axes.sort_by_key(place);
@@ -125,10 +121,9 @@ impl Arguments {
     /// Climbs the light axes, where any are asked for.
     fn light(
         &self,
-        (device, console): (&Device, &Console),
-        plan: &Plan<'_>,
+        session: &Session<'_>,
+        console: &Console,
         asked: &[Asked],
-        watcher: &(dyn Watcher + Sync),
     ) -> Result<(Described, Vec<AxisRecord>), Error> {
         if asked.iter().all(|a| a.axis.heavy()) {
             let path = self.path.display().to_string();
@@ -136,9 +131,8 @@ impl Arguments {
             return Ok((Described { path, origin, ..Described::default() }, Vec::new()));
         }
         let own_pictures = !is_scene(&self.path);
-        let subject =
-            if own_pictures { self.of_model(device, console, watcher)? } else { self.of_scene(device, plan, watcher)? };
-        let context = Context { device, subject: &subject, own_pictures, budget: plan.budget, watcher };
+        let subject = if own_pictures { self.of_model(session, console)? } else { self.of_scene(session)? };
+        let context = Context { session: *session, subject: &subject, own_pictures, seconds: self.budget_per_axis };
         let mut axes = Vec::new();
         for asked in asked {
             axes.extend(sweep::light(&context, asked)?);
@@ -146,18 +140,31 @@ impl Arguments {
         Ok((subject.described.clone(), axes))
     }
 
-    fn of_scene(&self, device: &Device, plan: &Plan<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Subject, Error> {
+    fn of_scene(&self, session: &Session<'_>) -> Result<Subject, Error> {
         let config = self.training.configuration(self.path.clone());
         let schedule = Preset::Quick.schedule(Some(self.train));
         let config = RunConfig { schedule, checkpoint_every: 0, ..config };
-        subject::of_scene(device, plan, &config, self.model.as_deref(), watcher)
+        subject::of_scene(session, &self.output, &config, self.model.as_deref())
     }
 
-    fn of_model(&self, device: &Device, console: &Console, watcher: &dyn Watcher) -> Result<Subject, Error> {
-        let model = read_model(Path::new(&self.path), console)?.gaussians;
-        let up = self.up.unwrap_or(Up::Auto).direction();
+    fn of_model(&self, session: &Session<'_>, console: &Console) -> Result<Subject, Error> {
+        let model = read_model(&self.path, console)?.gaussians;
+        let default = VirtualCameras::default();
+        let (size, up) = (self.size.unwrap_or(default.size), self.up.unwrap_or(Up::Auto).direction());
         let background = self.training.background().unwrap_or([0.0; 3]);
-        subject::of_model(device, &self.path, model, (self.size.unwrap_or((400, 400)), up, background), watcher)
+        subject::of_model(session, &self.path, model, VirtualCameras { size, up, ..default }, background)
+    }
+
+    /// Climbs the heavy axes among those asked for.
+    fn heavy(&self, session: Session<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
+        let training = heavy::Training {
+            session,
+            folder: &self.output,
+            config: &self.training.configuration(self.path.clone()),
+            preset: self.training.preset(),
+            pruning: &self.training.pruning(&self.choices),
+        };
+        sweep::heavy(&training, asked)
     }
 
     fn report(&self, console: &Console, swept: &SweepRecord) -> Result<(), Error> {

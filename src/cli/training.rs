@@ -60,18 +60,6 @@ pub(super) struct Training {
     eval_every: usize,
 }
 
-/// What a job may use, and what it is judged with: no part of its configuration.
-#[derive(Args, Clone, Debug)]
-pub(super) struct Means {
-    /// Device memory that the run may use, such as 2G or 800M, and the most that decoded photos take of the host's
-    /// [default: the device's, and a quarter of the host's]
-    #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Training")]
-    pub memory_budget: Option<u64>,
-    /// LPIPS weights: a file, or a folder of them (tools/lpips-weights makes them)
-    #[arg(long, value_name = "PATH", help_heading = "Photos")]
-    pub lpips_weights: Option<PathBuf>,
-}
-
 /// How often to prune.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Steps {

@@ -3,7 +3,8 @@
 use super::config::{Init, RunConfig};
 use super::evaluate::Evaluator;
 use super::pairs;
-use super::prepare::{Opened, Start};
+use super::prepare::Opened;
+use super::start::Start;
 use super::virtual_views;
 use crate::effects::Effect;
 use crate::error::{Error, Relief};
@@ -15,10 +16,6 @@ use crate::render::Style;
 use crate::response::{ResidentResponses, ResidentScores};
 use crate::train::{Demand, Trainer};
 
-/// The host's memory in bytes, where the system does not tell.
-const HOST: u64 = 8 << 30;
-/// Share of it that decoded photos may take.
-const HOST_SHARE: u64 = 4;
 /// How often its first number of Gaussians a run is assumed to reach, where `--max-gaussians` allows it.
 const GROWTH: usize = 4;
 
@@ -71,21 +68,16 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
 ///
 /// # Errors
 /// As [`for_run`].
-pub fn for_eval(
-    device: &Device,
-    opened: &Opened,
-    (gaussians, degree): (usize, usize),
-    style: Style,
-) -> Result<u64, Error> {
-    let size = opened.size();
-    let model = Resident::bytes(gaussians, degree);
-    let needed = model + staging_bytes(model) + Evaluator::bytes(device, gaussians, size, style);
+pub fn for_eval(device: &Device, opened: &Opened, model: &Gaussians, style: Style) -> Result<u64, Error> {
+    let (size, gaussians) = (opened.size(), model.len());
+    let resident = Resident::bytes(gaussians, model.degree());
+    let needed = resident + staging_bytes(resident) + Evaluator::bytes(device, gaussians, size, style);
     check(device, "the evaluation", gaussians, size, needed, Relief::None)
 }
 
 /// What a compression's memory depends on besides the model.
 #[derive(Clone, Debug)]
-pub struct Compressing {
+pub struct CompressNeeds {
     /// Width and height that every picture fits in.
     pub size: [u32; 2],
     /// Whether the model's own pictures stand for photos.
@@ -104,8 +96,8 @@ pub struct Compressing {
 ///
 /// # Errors
 /// As [`for_run`].
-pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> Result<u64, Error> {
-    let Compressing { size, own_pictures, photos, masked, style, trained } = demand;
+pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) -> Result<u64, Error> {
+    let CompressNeeds { size, own_pictures, photos, masked, style, trained } = needs;
     let (gaussians, degree) = (model.len(), model.degree());
     let resident = Resident::bytes(gaussians, degree);
     let resident = resident + staging_bytes(resident);
@@ -131,21 +123,6 @@ pub fn for_compress(device: &Device, model: &Gaussians, demand: Compressing) -> 
     let needed = evaluates.max(studies).max(trains).max(if own_pictures { responds } else { 0 });
     let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };
     check(device, "the compression", gaussians, size, needed, relief)
-}
-
-/// Bytes of the host's memory that decoded photos may take: a quarter of it, or the budget given, if that is less.
-pub fn host(given: Option<u64>) -> u64 {
-    let quarter = physical().unwrap_or(HOST) / HOST_SHARE;
-    given.map_or(quarter, |given| given.min(quarter))
-}
-
-/// Bytes of memory of this machine, or of the container that the program runs in; none where the system does not tell.
-fn physical() -> Option<u64> {
-    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = info.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
-    let machine = line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10;
-    let container = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|t| t.trim().parse().ok());
-    Some(container.map_or(machine, |limit: u64| limit.min(machine)))
 }
 
 /// The largest number up to `limit` that fits, where every smaller one does; 0 for none.

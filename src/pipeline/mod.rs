@@ -1,5 +1,7 @@
 //! Floor 7: whole jobs as readable lists of stages.
 
+pub mod active_run;
+pub mod arm;
 pub mod budget;
 pub mod checkpoint;
 pub mod compare;
@@ -8,17 +10,20 @@ pub mod config;
 pub mod effects;
 pub mod eval;
 pub mod evaluate;
-pub mod job;
 pub mod output;
 pub mod pairs;
 pub mod prepare;
 pub mod prune;
 pub mod records;
 pub mod run;
+pub mod session;
+pub mod setup;
+pub mod start;
 pub mod sweep;
 pub mod virtual_views;
 pub mod watcher;
 
 pub use config::{Init, Preset, RunConfig, Selection};
 pub use output::Output;
-pub use watcher::Watcher;
+pub use session::{Session, host_bytes};
+pub use watcher::{Silent, Watcher};

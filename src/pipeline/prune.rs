@@ -14,80 +14,92 @@ use crate::response::Responses;
 use crate::train::Trainer;
 use std::time::Instant;
 
-/// Prunes a model in training by what it responds to, and says what that did.
+/// What one prune is asked to do.
+#[derive(Clone, Copy, Debug)]
+pub struct PruneRequest<'a> {
+    /// How Gaussians are chosen.
+    pub compression: &'a Compression,
+    /// How many are kept, in the place of the compression's own number.
+    pub keep: Keep,
+    /// Key of all random numbers.
+    pub seed: u32,
+}
+
+/// Prunes a model in training, by responses from `source`.
 ///
 /// # Errors
 /// Device memory; device errors.
 pub fn prune(
     device: &Device,
     trainer: &mut Trainer,
-    compression: &Compression,
-    keep: Keep,
     source: ResponseSource,
-    seed: u32,
+    request: &PruneRequest<'_>,
 ) -> Result<PruneRecord, Error> {
     let begun = Instant::now();
-    let averages = if source == ResponseSource::Average { trainer.averages()? } else { None };
-    // Only selectors of other methods read scores, which averages lack.
-    let with_scores = compression.selector.reads_scores();
-    let responses = match averages {
-        Some(averages) if !with_scores => averages,
-        _ => trainer.responses(with_scores)?,
-    };
+    let responses = respond(trainer, source, request.compression.selector)?;
     let responses_s = begun.elapsed().as_secs_f64();
-    let mut pruned = prune_by(device, trainer, compression, keep, &responses, seed)?;
-    pruned.seconds.responses = responses_s;
-    pruned.seconds.total += responses_s;
-    Ok(pruned)
+    let mut record = prune_by(device, trainer, &responses, request)?;
+    record.seconds.responses = responses_s;
+    record.seconds.total += responses_s;
+    Ok(record)
 }
 
-/// As [`prune`], by responses that are known already.
+/// How strongly the training views depend on each Gaussian, with what else the selector reads.
+fn respond(trainer: &mut Trainer, source: ResponseSource, selector: Selector) -> Result<Responses, Error> {
+    let averages = if source == ResponseSource::Average { trainer.averages()? } else { None };
+    // Only selectors of other methods read scores, which averages lack.
+    let with_scores = selector.reads_scores();
+    match averages {
+        Some(averages) if !with_scores => Ok(averages),
+        _ => Ok(trainer.responses(with_scores)?),
+    }
+}
+
+/// Prunes a model in training by responses that are known already.
 ///
 /// # Errors
 /// Device memory; device errors.
 pub fn prune_by(
     device: &Device,
     trainer: &mut Trainer,
-    compression: &Compression,
-    keep: Keep,
     responses: &Responses,
-    seed: u32,
+    request: &PruneRequest<'_>,
 ) -> Result<PruneRecord, Error> {
     let begun = Instant::now();
     let model = trainer.download()?;
-    let Decision { mut pruned, keep, model } =
-        decide(device, (trainer.model(), model), compression, keep, responses, seed)?;
+    let PrunePlan { mut record, keep, model } = plan(device, trainer.model(), model, responses, request)?;
     let compacting = Instant::now();
-    trainer.keep(&keep, pruned.merged.map(|_| &model))?;
-    pruned.iteration = trainer.iteration();
-    pruned.seconds.merge += compacting.elapsed().as_secs_f64();
-    pruned.seconds.total = begun.elapsed().as_secs_f64();
-    Ok(pruned)
+    trainer.keep(&keep, record.merged.map(|_| &model))?;
+    record.iteration = trainer.iteration();
+    record.seconds.merge += compacting.elapsed().as_secs_f64();
+    record.seconds.total = begun.elapsed().as_secs_f64();
+    Ok(record)
 }
 
-/// What to keep of a model.
-pub struct Decision {
-    /// What the study of it told, and how long that took.
-    pub pruned: PruneRecord,
+/// What a prune keeps of a model.
+pub struct PrunePlan {
+    /// What the blocks told, and how long that took.
+    pub record: PruneRecord,
     /// Whether each Gaussian is kept, n.
     pub keep: Vec<bool>,
-    /// The model, all n; where it was asked for, the kept stand for the dropped too.
+    /// The model, all n; where merging was asked for, the kept stand for the dropped too.
     pub model: Gaussians,
 }
 
-/// Decides what to keep of `model`, which is what `resident` holds, and lets the kept stand for the dropped where asked to.
+/// Decides what to keep of `model`, which `resident` holds on the device: studies its blocks (partition, overlap,
+/// solution), selects, and merges where asked to.
 ///
 /// # Errors
 /// Device memory; device errors.
-pub fn decide(
+pub fn plan(
     device: &Device,
-    (resident, mut model): (&Resident, Gaussians),
-    compression: &Compression,
-    keep: Keep,
+    resident: &Resident,
+    mut model: Gaussians,
     responses: &Responses,
-    seed: u32,
-) -> Result<Decision, Error> {
+    request: &PruneRequest<'_>,
+) -> Result<PrunePlan, Error> {
     let begun = Instant::now();
+    let PruneRequest { compression, keep, seed } = *request;
     let selector = compression.selector;
     // Where blocks are solved anyway, the paper's eigenproblem comes with them: it tells how many modes they have.
     let asked = [selector, Selector::Gnso];
@@ -96,19 +108,19 @@ pub fn decide(
     let choosing = Instant::now();
     let choice = study.choose(selector, compression.budget, keep, compression.detail);
     let select = choosing.elapsed().as_secs_f64();
-    let mut pruned = record(0, selector, &study, &choice);
+    let mut record = record(selector, &study, &choice);
     let merging = Instant::now();
     if compression.merge {
-        pruned.merged = Some(study.merge(device, resident, &mut model, &choice.keep)?);
-        pruned.seconds.merge = merging.elapsed().as_secs_f64();
+        record.merged = Some(study.merge(device, resident, &mut model, &choice.keep)?);
+        record.seconds.merge = merging.elapsed().as_secs_f64();
     }
-    pruned.seconds.select = select;
-    pruned.seconds.total = begun.elapsed().as_secs_f64();
-    Ok(Decision { pruned, keep: choice.keep, model })
+    record.seconds.select = select;
+    record.seconds.total = begun.elapsed().as_secs_f64();
+    Ok(PrunePlan { record, keep: choice.keep, model })
 }
 
-/// What a study and the choice made of it tell.
-fn record(iteration: u32, selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
+/// The figures of a study and of the choice made of it, before any iteration is known.
+fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
     let blocks = &study.partitioned.blocks;
     let (mut occupancy, mut kept_shares, mut modes) = (Vec::new(), [0; 10], [0; CHANNELS]);
     let solved = study.collected.spectrum.iter().any(|l| *l > 0.0);
@@ -123,7 +135,7 @@ fn record(iteration: u32, selector: Selector, study: &Study, choice: &Choice) ->
     let c = &study.collected;
     let whole: f64 = c.spectrum.iter().sum();
     PruneRecord {
-        iteration,
+        iteration: 0,
         selector,
         before: choice.keep.len(),
         after: choice.kept(),

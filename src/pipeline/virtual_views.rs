@@ -1,7 +1,8 @@
 //! Views of a model that has no photos: cameras all round it, and its own pictures as what is true.
 
 use super::evaluate::rgb;
-use super::watcher::Watcher;
+use super::pairs;
+use super::session::Session;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
@@ -28,7 +29,7 @@ const HOLD_OUT: usize = 8;
 
 /// Views asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Around {
+pub struct VirtualCameras {
     /// How many, those held out among them.
     pub views: u32,
     /// Width and height in pixels.
@@ -37,15 +38,15 @@ pub struct Around {
     pub up: DVec3,
 }
 
-impl Default for Around {
+impl Default for VirtualCameras {
     fn default() -> Self {
         Self { views: 48, size: (400, 400), up: DVec3::NEG_Y }
     }
 }
 
-impl Around {
-    /// Cameras all round the model, and how it is rendered from there: over a background, in a style.
-    pub fn views(&self, model: &Gaussians, (background, style): ([f32; 3], Style)) -> (Vec<Camera>, Settings) {
+impl VirtualCameras {
+    /// Cameras all round the model, and how it is rendered from there in a style: over a background, red, green and blue.
+    pub fn views(&self, model: &Gaussians, background: [f32; 3], style: Style) -> (Vec<Camera>, Settings) {
         let (cameras, near) = self.cameras(model);
         let settings = style.over(background);
         // A model in small units must not fall before the near plane.
@@ -80,31 +81,27 @@ pub struct OwnPictures {
     pub train: Vec<Photo>,
     /// Views held out, by name.
     pub test: Vec<(String, Photo)>,
-    /// How they were rendered, and how another model is to be compared with them.
-    pub settings: Settings,
 }
 
 impl OwnPictures {
-    /// Renders them in the `style` of [`Around::views`].
+    /// Draws them; cameras and settings are those of [`VirtualCameras::views`].
     ///
     /// # Errors
     /// Device memory; device errors; [`Error::Interrupted`].
-    pub fn new(
-        device: &Device,
-        model: &Gaussians,
-        around: &Around,
-        style: ([f32; 3], Style),
+    pub fn draw(
+        session: &Session<'_>,
+        model: &Resident,
+        cameras: Vec<Camera>,
+        settings: Settings,
         with_train_pixels: bool,
-        watcher: &dyn Watcher,
     ) -> Result<Self, Error> {
-        let (cameras, settings) = around.views(model, style);
-        let resident = Resident::upload(device, model)?;
-        let mut renderer = Renderer::new(device, settings, model.len(), around.size.0, around.size.1)?;
+        let [width, height] = camera::largest(&cameras);
+        let mut renderer = Renderer::new(session.device, settings, model.len, width, height)?;
         let (mut train, mut test) = (Vec::new(), Vec::new());
         for (i, camera) in cameras.into_iter().enumerate() {
             let held_out = i.is_multiple_of(HOLD_OUT);
             let pixels = if held_out || with_train_pixels {
-                photo(&renderer.render(&resident, &camera)?)
+                photo(&renderer.render(model, &camera)?)
             } else {
                 Pixels::from(Vec::new())
             };
@@ -114,9 +111,9 @@ impl OwnPictures {
             } else {
                 train.push(view);
             }
-            watcher.unless_stopped()?;
+            session.watcher.unless_stopped()?;
         }
-        Ok(Self { train, test, settings })
+        Ok(Self { train, test })
     }
 }
 
@@ -126,21 +123,25 @@ pub fn photo(image: &Image) -> Pixels {
     rgb(image).chunks_exact(3).flat_map(|p| [byte(&p[0]), byte(&p[1]), byte(&p[2]), 255]).collect()
 }
 
-/// Responses of a model to its own pictures, and where asked for other methods' scores: a pass over the cameras. `follow`
-/// hears how many views were seen, and may end it.
+/// Responses of a model to its own pictures, and where asked for other methods' scores: a pass over the cameras.
 ///
 /// # Errors
-/// Device memory; device errors; what `follow` says.
+/// Device memory; device errors; [`Error::Interrupted`].
 pub fn responses(
-    device: &Device,
+    session: &Session<'_>,
     model: &Resident,
     cameras: &[Camera],
     settings: Settings,
-    (pairs, with_scores): (u32, bool),
-    mut follow: impl FnMut(usize) -> Result<(), Error>,
+    with_scores: bool,
 ) -> Result<Responses, Error> {
+    let Session { device, watcher, .. } = *session;
+    let follow = |done: usize| {
+        watcher.responding(done, cameras.len());
+        watcher.unless_stopped()
+    };
     let size = camera::largest(cameras);
     let pixels = size[0] as usize * size[1] as usize;
+    let pairs = pairs::few(device, model.len);
     let mut renderer = Renderer::for_training(device, settings, model.len, size, pairs)?;
     let gradient = device.buffer("image gradient", pixels)?;
     let high_pass = HighPass::new(device, pixels)?;
@@ -175,8 +176,8 @@ mod tests {
             *mean = [3.0 + a.cos(), (i % 7) as f32 * 0.1, -2.0 + a.sin()];
         }
         for up in [DVec3::NEG_Y, DVec3::Z] {
-            let around = Around { views: 48, size: (80, 60), up };
-            let (cameras, near) = around.cameras(&model);
+            let asked = VirtualCameras { views: 48, size: (80, 60), up };
+            let (cameras, near) = asked.cameras(&model);
             assert!(cameras.len() == 48 && near > 0.0);
             let centre = DVec3::new(3.0, 0.3, -2.0);
             let directions: Vec<DVec3> = cameras.iter().map(|c| (c.centre() - centre).normalize()).collect();

@@ -1,24 +1,26 @@
-//! Who follows a job, and may end it early.
+//! Progress of a job, and the wish to end it early.
 
 use crate::error::Error;
 use crate::train::Progress;
 
-/// What a job tells while it goes on.
+/// Follows a job; every method may be left out.
 pub trait Watcher {
     /// Photos decoded so far, of how many.
-    fn loading(&self, done: usize, total: usize);
-    /// Where training stands.
-    fn training(&self, progress: &Progress, until: u32);
+    fn loading(&self, _done: usize, _total: usize) {}
+    /// Where training stands, and the iteration at which it ends.
+    fn training(&self, _progress: &Progress, _until: u32) {}
     /// Views that gave their responses so far, of how many.
     fn responding(&self, _done: usize, _total: usize) {}
     /// Held-out views scored so far, of how many.
-    fn evaluating(&self, done: usize, total: usize);
+    fn evaluating(&self, _done: usize, _total: usize) {}
     /// A line worth reading.
-    fn note(&self, line: &str);
+    fn note(&self, _line: &str) {}
     /// Whether to end early; training does so after a checkpoint.
-    fn stop(&self) -> bool;
+    fn stop(&self) -> bool {
+        false
+    }
 
-    /// Ends work that has nothing to save, where that is wished for.
+    /// Ends work that has nothing to save, if the watcher wants it to stop.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -26,3 +28,8 @@ pub trait Watcher {
         if self.stop() { Err(Error::Interrupted) } else { Ok(()) }
     }
 }
+
+/// Says nothing, and never ends a job.
+pub struct Silent;
+
+impl Watcher for Silent {}

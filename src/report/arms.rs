@@ -5,7 +5,7 @@ use super::format::{bytes, count, decimals, percent, seconds};
 use super::page::{self, Column, Section, absent, side_by_side, table};
 use super::picture::{data_uri, read};
 use super::plot::{Axis, Bar, Scatter, Spot, bars};
-use crate::pipeline::compare::Arm;
+use crate::pipeline::arm::Arm;
 use crate::pipeline::evaluate::exhibits::exhibits;
 use crate::pipeline::records::{ArmRecord, CompareRecord};
 use image::RgbImage;

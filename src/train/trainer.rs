@@ -139,6 +139,11 @@ impl Trainer {
         &self.model
     }
 
+    /// The model in device memory; all else is given back.
+    pub fn into_model(self) -> Resident {
+        self.model
+    }
+
     /// Device time by stage so far.
     pub fn timings(&self) -> &Timings {
         &self.timings

@@ -2,16 +2,16 @@
 
 use crate::support::{device, finish};
 use qirf_vk::gaussians::{Gaussians, formats};
-use qirf_vk::pipeline::Watcher;
-use qirf_vk::pipeline::compress::{self, Input, Job, Sight};
+use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
 use qirf_vk::pipeline::config::Compression;
-use qirf_vk::pipeline::virtual_views::Around;
+use qirf_vk::pipeline::virtual_views::VirtualCameras;
+use qirf_vk::pipeline::{Session, Watcher};
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::render::Style;
 use qirf_vk::scene::orbit::UP;
 use qirf_vk::synth::{SynthOptions, write};
-use qirf_vk::train::Progress;
 use serde_json::Value;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -266,10 +266,6 @@ fn what_cannot_be_is_refused_before_any_work() {
 struct Impatient(AtomicUsize, usize);
 
 impl Watcher for Impatient {
-    fn loading(&self, _: usize, _: usize) {}
-    fn training(&self, _: &Progress, _: u32) {}
-    fn evaluating(&self, _: usize, _: usize) {}
-    fn note(&self, _: &str) {}
     fn stop(&self) -> bool {
         self.0.fetch_add(1, Ordering::Relaxed) >= self.1
     }
@@ -280,9 +276,12 @@ fn an_interrupted_job_writes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
     let path = folder.path().join("model.ply");
-    let job = Job {
+    let config = CompressConfig {
         compression: Compression { selector: Selector::Importance, keep: Keep::Count(90), ..Compression::default() },
-        sight: Sight::OwnPictures(Around { views: 8, size: (40, 40), up: UP }, [0.0; 3]),
+        views: ViewSource::OwnPictures {
+            cameras: VirtualCameras { views: 8, size: (40, 40), up: UP },
+            background: [0.0; 3],
+        },
         style: Style::default(),
         fine_tune: 20,
         seed: 1,
@@ -290,7 +289,10 @@ fn an_interrupted_job_writes_nothing() {
     let out = folder.path().join("out.ply");
     let attempt = |looks: usize| {
         let input = Input { path: &path, model: ball(), read_s: 0.0 };
-        compress::compress(&device, input, &job, &out, 1 << 30, &Impatient(AtomicUsize::new(0), looks))
+        let watcher = Impatient(AtomicUsize::new(0), looks);
+        let networks = Networks::default();
+        let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
+        compress(&session, input, &config, &out)
     };
     for looks in [0, 3, 10, 17, 19, 20] {
         let error = attempt(looks).expect_err("interrupted");

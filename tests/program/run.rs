@@ -2,7 +2,7 @@
 
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::{self, Init, Preset, RunConfig, prepare};
+use qirf_vk::pipeline::{Init, Preset, RunConfig, Session, Silent, prepare, run};
 use qirf_vk::scene::{PhotoMemory, Pixels};
 use qirf_vk::synth::{SynthOptions, write};
 use std::path::{Path, PathBuf};
@@ -191,18 +191,6 @@ fn memory_is_estimated_before_the_start() {
     refused(eval.arg("eval").arg(out.join("model.ply")).arg(&scene).args(["--memory-budget", "100k"]));
 }
 
-struct Silent;
-
-impl qirf_vk::pipeline::Watcher for Silent {
-    fn loading(&self, _: usize, _: usize) {}
-    fn training(&self, _: &qirf_vk::train::Progress, _: u32) {}
-    fn evaluating(&self, _: usize, _: usize) {}
-    fn note(&self, _: &str) {}
-    fn stop(&self) -> bool {
-        false
-    }
-}
-
 /// Photos in memory and photos in a file give the same bytes and the same scores; the file leaves nothing behind.
 #[test]
 fn photos_beyond_the_hosts_memory_change_nothing() {
@@ -229,12 +217,12 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
     let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
     let mut results = Vec::new();
     for (name, host_bytes) in [("memory", u64::MAX), ("file", 0)] {
+        let session = Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &Silent };
         let opened = prepare::open(&config.selection()).unwrap();
         let prepared = opened.load(PhotoMemory { bytes: host_bytes, folder: folder.path() }, &Silent).unwrap();
         assert!(prepared.views().all(|v| matches!(v.pixels, Pixels::Filed { .. }) == (host_bytes == 0)));
         let output = qirf_vk::pipeline::Output::new(&folder.path().join(name)).unwrap();
-        let networks = Networks::default();
-        let r = pipeline::run::run(&device, &config, &output, &networks, host_bytes, false, &Silent).unwrap();
+        let r = run::run(&session, &config, &output, false).unwrap();
         assert_eq!(r.gaussians.initial, Some(900));
         let mut files: Vec<_> = std::fs::read_dir(output.folder()).unwrap().map(|e| e.unwrap().file_name()).collect();
         files.sort();

@@ -5,10 +5,10 @@ use qirf_vk::error::Error;
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::compress::{Input, Job, Sight};
+use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
 use qirf_vk::pipeline::config::{Compression, Pruning};
-use qirf_vk::pipeline::virtual_views::Around;
-use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Watcher, compress, run};
+use qirf_vk::pipeline::virtual_views::VirtualCameras;
+use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Session, Watcher, run};
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::random;
 use qirf_vk::render::Style;
@@ -30,12 +30,9 @@ const BREATH: usize = 5;
 struct Stopper(AtomicU32, AtomicU32);
 
 impl Watcher for Stopper {
-    fn loading(&self, _: usize, _: usize) {}
     fn training(&self, progress: &Progress, _: u32) {
         self.1.store(progress.iteration, Ordering::Relaxed);
     }
-    fn evaluating(&self, _: usize, _: usize) {}
-    fn note(&self, _: &str) {}
     fn stop(&self) -> bool {
         self.1.load(Ordering::Relaxed) >= self.0.load(Ordering::Relaxed)
     }
@@ -95,7 +92,8 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         stops.sort_unstable();
         for (k, stop) in stops.into_iter().enumerate() {
             let watcher = Stopper(AtomicU32::new(stop), AtomicU32::new(0));
-            let ended = run::run(&device, &config, &output, &networks, u64::MAX, k > 0, &watcher);
+            let session = Session { device: &device, networks: &networks, host_bytes: u64::MAX, watcher: &watcher };
+            let ended = run::run(&session, &config, &output, k > 0);
             match ended {
                 Ok(results) => assert!(results.prunes.len() == 4 && output.model().exists()),
                 Err(e) => assert!(matches!(e, Error::Interrupted) && output.checkpoint().exists(), "{e}"),
@@ -108,16 +106,17 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         let gaussians = formats::read(&output.model()).unwrap().gaussians;
         let path = output.model();
         let input = Input { path: &path, model: gaussians, read_s: 0.0 };
-        let around = Around { views: 6, size: (40, 30), up: qirf_vk::scene::orbit::UP };
-        let job = Job {
+        let cameras = VirtualCameras { views: 6, size: (40, 30), up: qirf_vk::scene::orbit::UP };
+        let compressing = CompressConfig {
             compression: Compression { keep: Keep::Share(0.5), ..Compression::default() },
-            sight: Sight::OwnPictures(around, [0.0; 3]),
+            views: ViewSource::OwnPictures { cameras, background: [0.0; 3] },
             style: Style::default(),
             fine_tune: 20,
             seed: 5,
         };
         let never = Stopper(AtomicU32::new(u32::MAX), AtomicU32::new(0));
-        compress::compress(&device, input, &job, &small, u64::MAX, &never).unwrap();
+        let session = Session { device: &device, networks: &networks, host_bytes: u64::MAX, watcher: &never };
+        compress(&session, input, &compressing, &small).unwrap();
         let files = [&path, &small].map(|p| std::fs::read(p).unwrap());
         match &first {
             None => first = Some(files),

@@ -70,7 +70,7 @@ type Compared = ([usize; 2], Vec<f32>, Vec<f32>);
 pub struct Evaluator {
     renderer: Renderer,
     background: [f32; 3],
-    exposed: bool,
+    fits_exposure: bool,
 }
 
 impl Evaluator {
@@ -86,12 +86,12 @@ impl Evaluator {
     ) -> Result<Self, Error> {
         let [width, height] = camera::largest(views.map(|v| &v.camera));
         let renderer = Renderer::new(device, settings, gaussians, width, height)?;
-        Ok(Self { renderer, background: settings.background, exposed: false })
+        Ok(Self { renderer, background: settings.background, fits_exposure: false })
     }
 
     /// Whether photos have exposures of their own, and are scored by the protocol of [`super::exposure_fit`].
-    pub fn compare_as(&mut self, exposed: bool) {
-        self.exposed = exposed;
+    pub fn compare_as(&mut self, fits_exposure: bool) {
+        self.fits_exposure = fits_exposure;
     }
 
     /// A rendered view and its photo as they are compared.
@@ -107,7 +107,7 @@ impl Evaluator {
             }
         }
         let (w, h) = (image.width as usize, image.height as usize);
-        if !self.exposed {
+        if !self.fits_exposure {
             return Ok(([w, h], rendered, photo));
         }
         let (w, rendered, photo) = exposure_fit::right_halves(&rendered, &photo, w);
@@ -163,6 +163,24 @@ impl Evaluator {
             n += 1;
         }
         Ok((n > 0).then(|| sum / f64::from(n)))
+    }
+
+    /// Mean PSNR of views as they are rendered, whole and without fitted exposures; none where exposures are not fitted.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn unfitted_psnr<'a>(
+        &mut self,
+        model: &Resident,
+        views: impl Iterator<Item = &'a Photo>,
+    ) -> Result<Option<f64>, Error> {
+        if !self.fits_exposure {
+            return Ok(None);
+        }
+        self.fits_exposure = false;
+        let psnr = self.psnr(model, views);
+        self.fits_exposure = true;
+        psnr
     }
 
     /// Renders and scores held-out views, by name; their pictures go to the folder `renders`, where there is one. `follow`

@@ -39,7 +39,7 @@ pub struct CompressRecord {
 #[derive(Clone, Debug, Serialize)]
 pub struct CompressProtocol {
     /// What pictures were compared with.
-    pub truth: TruthKind,
+    pub truth: Truth,
     /// Views that gave responses, and that fine-tuning saw.
     pub train_views: usize,
     /// Views held out.
@@ -63,7 +63,7 @@ pub struct CompressProtocol {
 /// What pictures were compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum TruthKind {
+pub enum Truth {
     /// A scene's photos.
     Photos,
     /// The original model's own pictures.

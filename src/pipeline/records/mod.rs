@@ -6,6 +6,6 @@ mod prune;
 mod run;
 
 pub use compare::{ArmRecord, CompareRecord};
-pub use compress::{CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, TruthKind, ViewStages};
+pub use compress::{CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, Truth, ViewStages};
 pub use prune::{PruneGuards, PruneRecord, PruneSeconds};
 pub use run::{Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores, ViewScores};

@@ -124,7 +124,7 @@ fn infinite_for_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, 
 }
 
 /// Seconds.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Times {
     /// The whole run.
     pub total_s: f64,

@@ -1,7 +1,7 @@
 //! The axes by name, their rungs, and how the command line asks for them.
 
 use crate::effects::{Effect, Overrides};
-use crate::pipeline::compare::Arm;
+use crate::pipeline::arm::Arm;
 use crate::pipeline::config::Compression;
 use serde::Serialize;
 

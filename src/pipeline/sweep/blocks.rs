@@ -84,7 +84,7 @@ pub fn problems(
 ) -> Result<Vec<Problem>, Error> {
     let h = rows(context, eta);
     let options = Options { metric, ..Options::default() };
-    let assembly = Assembly::new(context.device, resident, &blocks.members, &blocks.starts, &[], options)?;
+    let assembly = Assembly::new(context.session.device, resident, &blocks.members, &blocks.starts, &[], options)?;
     let mut out = Vec::with_capacity(blocks.len());
     assembly.for_each(|batch| -> Result<(), Error> {
         for (b, matrices) in batch.iter() {

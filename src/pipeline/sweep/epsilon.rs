@@ -34,7 +34,7 @@ fn basis(name: &str) -> Basis {
 fn study(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Result<Study, Error> {
     let subject = context.subject;
     let selectors = [Selector::Gnso];
-    Ok(Study::new(context.device, (resident, &subject.model), &subject.responses, basis, &selectors, 1)?)
+    Ok(Study::new(context.session.device, (resident, &subject.model), &subject.responses, basis, &selectors, 1)?)
 }
 
 /// What the paper's rule keeps, by block and without the detail safeguard: nothing else hides the metric.
@@ -60,7 +60,7 @@ fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Resu
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
-    let resident = Resident::upload(context.device, &context.subject.model)?;
+    let resident = Resident::upload(context.session.device, &context.subject.model)?;
     let mut axis = AxisRecord::new(
         Axis::Epsilon,
         "Regularisation of the metric",
@@ -84,7 +84,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         rung.figures.insert("largest_condition", most);
         axis.rungs.push(rung);
     }
-    let timed = interleaved(rungs.len(), (0.5 * context.budget, 5), context.watcher, |k, _| {
+    let timed = interleaved(rungs.len(), (0.5 * context.seconds, 5), context.session.watcher, |k, _| {
         let started = Instant::now();
         let wall = study(context, &resident, &basis(&rungs[k]))?.seconds.wall;
         Ok(Sample { device: None, wall: wall.min(started.elapsed().as_secs_f64()) })

@@ -45,7 +45,7 @@ struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     fn new(context: &'a Context<'a>, model: &Resident) -> Result<Self, Error> {
-        let (device, views) = (context.device, &context.subject.views);
+        let (device, views) = (context.session.device, &context.subject.views);
         let size @ [width, height] = camera::largest(views.iter().map(|v| &v.camera));
         let pairs = pairs::few(device, model.len);
         let mut renderer = Renderer::for_training(device, context.subject.settings, model.len, size, pairs)?;
@@ -92,33 +92,33 @@ impl<'a> Bench<'a> {
         let mut recording = self.there_and_back(way, model, v);
         adam::record(&mut recording, &self.renderer, model, state, &step.rates, step.number);
         let started = Instant::now();
-        let timings = self.context.device.run(recording)?;
-        Ok(Sample::of(self.context.device, &timings, &STAGES, started))
+        let timings = self.context.session.device.run(recording)?;
+        Ok(Sample::of(self.context.session.device, &timings, &STAGES, started))
     }
 
     /// All gradients by view 0, one attribute after the other.
     fn gradients(&self, way: &Way, model: &Resident, state: &AdamState) -> Result<Vec<f32>, Error> {
         let mut recording = self.there_and_back(way, model, 0);
         adam::record_gradients(&mut recording, &self.renderer, model, state);
-        self.context.device.run(recording)?;
+        self.context.session.device.run(recording)?;
         let mut out = Vec::new();
         let all = [&state.means, &state.log_scales, &state.rotations, &state.opacity_logits];
         for moments in all.into_iter().chain(&state.sh[..=model.degree]) {
-            out.extend(moments.read(self.context.device)?.into_iter().map(|m| m[0]));
+            out.extend(moments.read(self.context.session.device)?.into_iter().map(|m| m[0]));
         }
         Ok(out)
     }
 
     /// A short training, and the picture of its end.
     fn trained(&self, way: &Way) -> Result<Image, Error> {
-        let (device, subject) = (self.context.device, self.context.subject);
+        let (device, subject) = (self.context.session.device, self.context.subject);
         let model = Resident::upload(device, &subject.model)?;
         let state = AdamState::zeros(device, &model)?;
         let schedule = Schedule::default();
         for step in 1..=STEPS {
             let v = step as usize % subject.views.len();
             self.step(way, &model, &state, v, Step { number: step, rates: schedule.rates(step, 1.0) })?;
-            self.context.watcher.unless_stopped()?;
+            self.context.session.watcher.unless_stopped()?;
         }
         let camera = &subject.views[0].camera;
         let mut renderer = Renderer::new(device, subject.settings, model.len, camera.width, camera.height)?;
@@ -138,7 +138,7 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
-    let (device, subject) = (context.device, context.subject);
+    let (device, subject) = (context.session.device, context.subject);
     let model = Resident::upload(device, &subject.model)?;
     let state = AdamState::zeros(device, &model)?;
     let native = AtomicSums::are_native(device);
@@ -180,9 +180,10 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         rung.figures.insert("picture_after_steps", picture);
         axis.rungs.push(rung);
     }
-    let timed = interleaved(ways.len(), (context.budget, 2 * subject.views.len()), context.watcher, |k, round| {
-        bench.step(&ways[k], &model, &state, round % subject.views.len(), still)
-    })?;
+    let timed =
+        interleaved(ways.len(), (context.seconds, 2 * subject.views.len()), context.session.watcher, |k, round| {
+            bench.step(&ways[k], &model, &state, round % subject.views.len(), still)
+        })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
     tell(&mut axis, native);
     Ok(axis.judged([

@@ -1,34 +1,31 @@
 //! The axes whose rungs are trainings: kept shares and selectors from one checkpoint, lengths and effects as runs of their own.
 
-use super::Plan;
 use super::axis::{Asked, Axis, fraction};
 use super::measure::{Spread, Timed};
 use super::results::{AxisRecord, Better, Rung};
 use crate::effects::{Choice, Effect, Overrides};
 use crate::error::Error;
-use crate::gpu::Device;
-use crate::metrics::Networks;
-use crate::pipeline::compare::{Arm, compare};
+use crate::pipeline::arm::Arm;
+use crate::pipeline::compare::compare;
 use crate::pipeline::config::{Compression, Pruning};
 use crate::pipeline::records::{ArmRecord, RunRecord};
 use crate::pipeline::run::run;
-use crate::pipeline::{Output, Preset, RunConfig, Watcher};
+use crate::pipeline::{Output, Preset, RunConfig, Session};
 use crate::qirf::select::budget::Keep;
+use std::path::Path;
 
 /// Where and how heavy axes train.
 pub struct Training<'a> {
-    /// The device.
-    pub device: &'a Device,
+    /// Device, limits and audience.
+    pub session: Session<'a>,
+    /// The folder of the sweep.
+    pub folder: &'a Path,
     /// The whole run.
     pub config: &'a RunConfig,
     /// What its schedule is of, at any length.
     pub preset: Preset,
     /// When and how it prunes.
     pub pruning: &'a Pruning,
-    /// Networks of LPIPS.
-    pub networks: &'a Networks,
-    /// Who follows it.
-    pub watcher: &'a (dyn Watcher + Sync),
 }
 
 fn once(seconds: Option<f64>) -> Timed {
@@ -49,7 +46,7 @@ fn arm(axis: Axis, rung: &str, given: Keep) -> String {
 ///
 /// # Errors
 /// As a comparison's.
-pub fn forked(training: &Training<'_>, plan: &Plan<'_>, asked: &[&Asked]) -> Result<Vec<AxisRecord>, Error> {
+pub fn forked(training: &Training<'_>, asked: &[&Asked]) -> Result<Vec<AxisRecord>, Error> {
     let given = &training.pruning.compression;
     let mut arms: Vec<Arm> = Vec::new();
     for asked in asked {
@@ -62,9 +59,7 @@ pub fn forked(training: &Training<'_>, plan: &Plan<'_>, asked: &[&Asked]) -> Res
     }
     let shared =
         training.config.clone().pruned(Pruning { compression: Compression::default(), ..training.pruning.clone() });
-    let folder = plan.folder.join("fork");
-    let (device, networks, watcher) = (training.device, training.networks, training.watcher);
-    let compared = compare(device, (&shared, &arms), &folder, networks, plan.host_bytes, false, watcher)?;
+    let compared = compare(&training.session, &shared, &arms, &training.folder.join("fork"), false)?;
     let common = format!(
         "All rungs go on from one checkpoint, {} Gaussians after iteration {} of {}, with the same seed and loss. Frame rates are taken in \
          turn; training is not repeated.",
@@ -122,11 +117,11 @@ fn of_arm(axis: Axis, name: &str, arm: &ArmRecord) -> Rung {
 }
 
 /// One whole run.
-fn whole(training: &Training<'_>, plan: &Plan<'_>, config: &RunConfig, name: &str) -> Result<RunRecord, Error> {
-    training.watcher.unless_stopped()?;
-    training.watcher.note(name);
-    let output = Output::new(&plan.folder.join("runs").join(name.replace(['/', '='], "-")))?;
-    run(training.device, config, &output, training.networks, plan.host_bytes, false, training.watcher)
+fn whole(training: &Training<'_>, config: &RunConfig, name: &str) -> Result<RunRecord, Error> {
+    training.session.watcher.unless_stopped()?;
+    training.session.watcher.note(name);
+    let output = Output::new(&training.folder.join("runs").join(name.replace(['/', '='], "-")))?;
+    run(&training.session, config, &output, false)
 }
 
 fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> Rung {
@@ -146,7 +141,7 @@ fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> Rung {
 ///
 /// # Errors
 /// As a run's.
-pub fn iterations(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn iterations(training: &Training<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Iterations, "Length of the run", ["PSNR / dB", "held-out photos", "s of training"]);
     axis.better = Better::Higher;
@@ -156,7 +151,7 @@ pub fn iterations(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) ->
         let schedule = training.preset.schedule(Some(length));
         let config = RunConfig { checkpoint_every: 0, schedule, ..training.config.clone() };
         let config = config.pruned(training.pruning.clone());
-        let results = whole(training, plan, &config, &format!("iterations-{name}"))?;
+        let results = whole(training, &config, &format!("iterations-{name}"))?;
         let mut rung = of_run(Axis::Iterations, name, &results, results.time.train_s);
         rung.figures.insert("iterations", f64::from(config.schedule.iterations));
         axis.rungs.push(rung);
@@ -172,14 +167,14 @@ pub fn iterations(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) ->
 ///
 /// # Errors
 /// As a run's.
-pub fn effects(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn effects(training: &Training<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Effects, "What is simulated", ["PSNR / dB", "held-out photos", "ms an iteration"]);
     axis.better = Better::Higher;
     let mut base = training.config.clone().pruned(training.pruning.clone());
     base.checkpoint_every = 0;
     let per_iteration = |r: &RunRecord| r.time.train_s / f64::from(base.schedule.iterations.max(1)) * 1e3;
-    let results = whole(training, plan, &base, "effects-default")?;
+    let results = whole(training, &base, "effects-default")?;
     let others: Vec<(Effect, Choice)> = if rungs.is_empty() {
         let switched = |effect: Effect| {
             let decision = results.effects.iter().find(|d| d.name == effect)?;
@@ -206,7 +201,7 @@ pub fn effects(training: &Training<'_>, plan: &Plan<'_>, rungs: &[String]) -> Re
             Choice::Auto => "auto",
         };
         let name = format!("{}={state}", effect.name());
-        let results = whole(training, plan, &config, &format!("effects-{name}"))?;
+        let results = whole(training, &config, &format!("effects-{name}"))?;
         axis.rungs.push(of_run(Axis::Effects, &name, &results, per_iteration(&results)));
     }
     axis.notes.push(format!(

@@ -131,23 +131,12 @@ pub fn interleaved(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    struct Nobody;
-
-    impl Watcher for Nobody {
-        fn loading(&self, _: usize, _: usize) {}
-        fn training(&self, _: &crate::train::Progress, _: u32) {}
-        fn evaluating(&self, _: usize, _: usize) {}
-        fn note(&self, _: &str) {}
-        fn stop(&self) -> bool {
-            false
-        }
-    }
+    use crate::pipeline::Silent;
 
     #[test]
     fn rungs_take_turns_and_slow_ones_sit_out() {
         let mut turns = Vec::new();
-        let timed = interleaved(3, (0.0, 5), &Nobody, |rung, round| {
+        let timed = interleaved(3, (0.0, 5), &Silent, |rung, round| {
             turns.push((round, rung));
             if rung == 1 {
                 std::thread::sleep(std::time::Duration::from_millis(30));

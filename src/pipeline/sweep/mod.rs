@@ -17,34 +17,19 @@ pub use results::{AxisRecord, Described, SweepRecord};
 pub use subject::Subject;
 
 use crate::error::Error;
-use crate::gpu::Device;
-use crate::pipeline::Watcher;
-use std::path::Path;
+use crate::pipeline::Session;
 use std::time::Instant;
-
-/// Where a sweep writes, and what it may use.
-#[derive(Clone, Copy, Debug)]
-pub struct Plan<'a> {
-    /// Its folder.
-    pub folder: &'a Path,
-    /// Bytes of the host's memory that photos may take.
-    pub host_bytes: u64,
-    /// Seconds that the turns of one light axis may take, beyond one round and three counted ones.
-    pub budget: f64,
-}
 
 /// What a light axis is climbed with.
 pub struct Context<'a> {
-    /// The device.
-    pub device: &'a Device,
+    /// Device, limits and audience.
+    pub session: Session<'a>,
     /// What is looked at.
     pub subject: &'a Subject,
     /// Whether its views should show the subject's own pictures.
     pub own_pictures: bool,
-    /// Seconds of an axis's turns.
-    pub budget: f64,
-    /// Who follows, and may end it.
-    pub watcher: &'a dyn Watcher,
+    /// Time budget of each axis, in seconds; warm-up and three samples are always taken.
+    pub seconds: f64,
 }
 
 /// Climbs one light axis.
@@ -66,7 +51,7 @@ pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>,
     };
     let mut axis = result?;
     axis.seconds = begun.elapsed().as_secs_f64();
-    context.watcher.note(&format!("{}: {:.1} s. {}", asked.axis.name(), axis.seconds, axis.sentence));
+    context.session.watcher.note(&format!("{}: {:.1} s. {}", asked.axis.name(), axis.seconds, axis.sentence));
     Ok(Some(axis))
 }
 
@@ -74,12 +59,12 @@ pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>,
 ///
 /// # Errors
 /// As runs and comparisons.
-pub fn heavy(training: &heavy::Training<'_>, plan: &Plan<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
+pub fn heavy(training: &heavy::Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let begun = Instant::now();
     let mut out = Vec::new();
     let forked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis, Axis::Keep | Axis::Selector)).collect();
     if !forked.is_empty() {
-        out = heavy::forked(training, plan, &forked)?;
+        out = heavy::forked(training, &forked)?;
         let seconds = begun.elapsed().as_secs_f64() / out.len() as f64;
         for axis in &mut out {
             axis.seconds = seconds;
@@ -88,8 +73,8 @@ pub fn heavy(training: &heavy::Training<'_>, plan: &Plan<'_>, asked: &[Asked]) -
     for asked in asked {
         let begun = Instant::now();
         let axis = match asked.axis {
-            Axis::Iterations => heavy::iterations(training, plan, &asked.rungs)?,
-            Axis::Effects => heavy::effects(training, plan, &asked.rungs)?,
+            Axis::Iterations => heavy::iterations(training, &asked.rungs)?,
+            Axis::Effects => heavy::effects(training, &asked.rungs)?,
             _ => continue,
         };
         out.push(AxisRecord { seconds: begun.elapsed().as_secs_f64(), ..axis });

@@ -146,7 +146,7 @@ fn assembly<'a>(
     method: Method,
 ) -> Result<Assembly<'a>, Error> {
     let options = Options { metric: Metric { method, ..Metric::default() }, ..Options::default() };
-    Ok(Assembly::new(context.device, resident, &blocks.members, &blocks.starts, &[], options)?)
+    Ok(Assembly::new(context.session.device, resident, &blocks.members, &blocks.starts, &[], options)?)
 }
 
 /// All packed overlaps by one formula of the device.
@@ -165,7 +165,7 @@ fn found(context: &Context<'_>, resident: &Resident, blocks: &Blocks, method: Me
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
-    let resident = Resident::upload(context.device, model)?;
+    let resident = Resident::upload(context.session.device, model)?;
     let blocks = blocks::sampled(model, Basis::default().partition);
     let own = primitives(model);
     let truth = twin(&own, &blocks);
@@ -189,7 +189,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
     tables[2].title += &format!(" and pressed to 1:{:.0}, as on a wall after long training", 1.0 / SCALE_FLOOR);
 
     let flat_model = pressed(model, &blocks);
-    let flat = Resident::upload(context.device, &flat_model)?;
+    let flat = Resident::upload(context.session.device, &flat_model)?;
     let flat_truth = twin(&primitives(&flat_model), &blocks);
     for name in rungs {
         let (as_is, as_flat) = match method(name) {
@@ -221,14 +221,15 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         .iter()
         .map(|r| method(r).map(|m| assembly(context, &resident, &blocks, m)).transpose())
         .collect::<Result<_, _>>()?;
-    let timed: Vec<Timed> = interleaved(rungs.len(), (context.budget, 3), context.watcher, |k, _| match &ready[k] {
-        None => Ok(Sample::host(|| twin(&own, &blocks)).1),
-        Some(assembly) => {
-            let started = Instant::now();
-            let timings = assembly.for_each(|_| -> Result<(), Error> { Ok(()) })?;
-            Ok(Sample::of(context.device, &timings, &["overlap"], started))
-        }
-    })?;
+    let timed: Vec<Timed> =
+        interleaved(rungs.len(), (context.seconds, 3), context.session.watcher, |k, _| match &ready[k] {
+            None => Ok(Sample::host(|| twin(&own, &blocks)).1),
+            Some(assembly) => {
+                let started = Instant::now();
+                let timings = assembly.for_each(|_| -> Result<(), Error> { Ok(()) })?;
+                Ok(Sample::of(context.session.device, &timings, &["overlap"], started))
+            }
+        })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3 * million)).collect();
     extra(&mut axis);
     let entries: usize = blocks.iter().map(|b| triangle(b.len())).sum();

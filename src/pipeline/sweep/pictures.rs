@@ -53,7 +53,7 @@ impl Far {
 
 fn renderer(context: &Context<'_>, way: &Way<'_>, cameras: &[Camera]) -> Result<Renderer, Error> {
     let [width, height] = camera::largest(cameras);
-    Ok(Renderer::new(context.device, way.settings, way.model.len, width, height)?)
+    Ok(Renderer::new(context.session.device, way.settings, way.model.len, width, height)?)
 }
 
 /// Each way's distance from the pictures of `truth`. Also makes room for every way's pairs, whose renderers come back.
@@ -74,7 +74,7 @@ fn compare(
             let (image, _, pairs) = renderer.render_timed(way.model, camera)?;
             far.add(&image, truth);
             far.pairs += f64::from(pairs) / cameras.len() as f64;
-            context.watcher.unless_stopped()?;
+            context.session.watcher.unless_stopped()?;
         }
         out.push((renderer, far));
     }
@@ -85,7 +85,7 @@ fn compare(
 fn frame(context: &Context<'_>, renderer: &Renderer, way: &Way<'_>, camera: &Camera) -> Result<Sample, Error> {
     let started = Instant::now();
     let timings = renderer.draw(way.model, camera)?;
-    Ok(Sample::of(context.device, &timings, &STAGES, started))
+    Ok(Sample::of(context.session.device, &timings, &STAGES, started))
 }
 
 /// The middle of a view, at the view's own scale.
@@ -110,7 +110,7 @@ fn culling(name: &str) -> Culling {
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
-    let model = Resident::upload(context.device, &subject.model)?;
+    let model = Resident::upload(context.session.device, &subject.model)?;
     let way = |name: &str| Way {
         name: name.to_owned(),
         settings: Settings { culling: culling(name), ..subject.settings },
@@ -157,7 +157,7 @@ pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error
     }
     let area = |c: &[Camera]| c.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum::<f64>() / c.len() as f64;
     let ratio = area(&cameras) / area(&crops);
-    let timed = interleaved(ways.len(), (context.budget, 2 * cameras.len()), context.watcher, |k, round| {
+    let timed = interleaved(ways.len(), (context.seconds, 2 * cameras.len()), context.session.watcher, |k, round| {
         let (renderer, way) = (&full[k].0, &ways[k]);
         if way.settings.culling == Culling::Off {
             return Ok(frame(context, renderer, way, &crops[round % crops.len()])?.times(ratio));
@@ -190,7 +190,7 @@ pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn stop(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
-    let model = Resident::upload(context.device, &subject.model)?;
+    let model = Resident::upload(context.session.device, &subject.model)?;
     let way = |name: &str| {
         // The default's margin settles a tie; see `Settings`.
         let value =
@@ -217,8 +217,8 @@ pub fn stop(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error
 pub fn storage(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let (n, degree) = (subject.model.len(), subject.model.degree());
-    let single = Resident::upload(context.device, &subject.model)?;
-    let half = Resident::upload_half(context.device, &subject.model)?;
+    let single = Resident::upload(context.session.device, &subject.model)?;
+    let half = Resident::upload_half(context.session.device, &subject.model)?;
     let way = |name: &str| Way {
         name: name.to_owned(),
         settings: subject.settings,
@@ -256,7 +256,7 @@ fn drawn(
     axis.better = Better::Higher;
     let cameras = context.subject.cameras();
     let compared = compare(context, ways, truth, &cameras)?;
-    let timed = interleaved(ways.len(), (context.budget, 2 * cameras.len()), context.watcher, |k, round| {
+    let timed = interleaved(ways.len(), (context.seconds, 2 * cameras.len()), context.session.watcher, |k, round| {
         frame(context, &compared[k].0, &ways[k], &cameras[round % cameras.len()])
     })?;
     for ((way, (_, far)), timed) in ways.iter().zip(&compared).zip(&timed) {

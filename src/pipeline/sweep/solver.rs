@@ -91,7 +91,7 @@ impl<'a> Measured<'a> {
         let density = Density { eta: basis.eta as f32, epsilon: basis.epsilon as f32, full: false };
         let options = Options { density: Some(density), ..Options::default() };
         let h = blocks::rows(context, basis.eta);
-        let assembly = Assembly::new(context.device, resident, &blocks.members, &blocks.starts, &h, options)?;
+        let assembly = Assembly::new(context.session.device, resident, &blocks.members, &blocks.starts, &h, options)?;
         Ok(Self { problems, assembly, basis })
     }
 
@@ -115,7 +115,7 @@ impl<'a> Measured<'a> {
             out.push(Solution { lambda: widen(&s.lambda), q: widen(s.q), failed: s.failed });
             Ok(())
         })?;
-        Ok((out, Sample::of(context.device, &timings, &["participation"], started)))
+        Ok((out, Sample::of(context.session.device, &timings, &["participation"], started)))
     }
 
     fn truth(&self) -> Vec<Solution> {
@@ -135,7 +135,7 @@ impl<'a> Measured<'a> {
         for name in rungs {
             distances.push(distance(&self.run(context, name, parallel)?.0, &truth));
         }
-        let timed = interleaved(rungs.len(), (budget, 3), context.watcher, |k, _| {
+        let timed = interleaved(rungs.len(), (budget, 3), context.session.watcher, |k, _| {
             self.run(context, &rungs[k], parallel).map(|(_, sample)| sample)
         })?;
         Ok(distances.into_iter().zip(timed).collect())
@@ -148,7 +148,7 @@ impl<'a> Measured<'a> {
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
-    let resident = Resident::upload(context.device, model)?;
+    let resident = Resident::upload(context.session.device, model)?;
     let scene = blocks::sampled(model, Basis::default().partition);
     let mut axis = AxisRecord::new(
         Axis::Solver,
@@ -156,7 +156,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         ["largest relative error of q", "dsygvd in float64, block by block", "ms for all blocks measured"],
     );
     let measured = Measured::new(context, &resident, &scene)?;
-    for (name, (d, timed)) in rungs.iter().zip(measured.measure(context, rungs, true, context.budget)?) {
+    for (name, (d, timed)) in rungs.iter().zip(measured.measure(context, rungs, true, context.seconds)?) {
         let mut rung = Rung::new(Axis::Solver, name).timed(&timed, 1e3);
         rung.accuracy = Some(d.q);
         rung.exact = name == "dsygvd";
@@ -202,7 +202,7 @@ fn by_size(context: &Context<'_>, resident: &Resident, rungs: &[String], axis: &
         }
         let measured = Measured::new(context, resident, &blocks)?;
         let rungs: Vec<String> = rungs.iter().filter(|r| m <= DEVICE_MOST || *r != DEVICE).cloned().collect();
-        let results = measured.measure(context, &rungs, false, 0.2 * context.budget)?;
+        let results = measured.measure(context, &rungs, false, 0.2 * context.seconds)?;
         let time = |t: &Timed| t.device.or(t.wall).map_or(f64::NAN, |s| s.median * 1e6 / blocks.len() as f64);
         let whole = rungs.iter().position(|r| r == "dsygvd").map(|k| time(&results[k].1));
         for (name, (d, timed)) in rungs.iter().zip(&results) {

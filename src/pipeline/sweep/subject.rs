@@ -1,22 +1,19 @@
 //! What the light axes look at: a model, its responses, and views of it.
 
-use super::Plan;
 use super::results::Described;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, formats};
-use crate::gpu::Device;
 use crate::metrics::Networks;
-use crate::pipeline::job::{Job, Stage};
-use crate::pipeline::prepare::{Start, open};
-use crate::pipeline::virtual_views::{self, Around};
-use crate::pipeline::{Init, Output, RunConfig, Watcher, budget, pairs};
+use crate::pipeline::active_run::ActiveRun;
+use crate::pipeline::setup::Setup;
+use crate::pipeline::virtual_views::{self, VirtualCameras};
+use crate::pipeline::{Init, Output, RunConfig, Session};
 use crate::render::{Renderer, Settings, Style};
 use crate::response::Responses;
 use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
 use std::path::Path;
-use std::time::Instant;
 
 /// Views that pictures are taken from at most: enough for a mean, few enough for many rounds.
 const VIEWS: usize = 6;
@@ -63,43 +60,37 @@ fn few<T>(all: Vec<T>, count: usize) -> Vec<T> {
     all.into_iter().enumerate().filter(|(i, _)| kept.contains(i)).map(|(_, v)| v).collect()
 }
 
-/// A scene's: a model trained briefly, or the one given, with what the training photos say of it.
+/// A scene's: a model trained briefly, or the one given, with what the training photos say of it. It is kept in `folder`.
 ///
 /// # Errors
 /// As a run's.
 pub fn of_scene(
-    device: &Device,
-    plan: &Plan<'_>,
+    session: &Session<'_>,
+    folder: &Path,
     config: &RunConfig,
     model: Option<&Path>,
-    watcher: &(dyn Watcher + Sync),
 ) -> Result<Subject, Error> {
-    let begun = Instant::now();
-    let output = Output::new(&plan.folder.join("light"))?;
-    let config =
-        RunConfig { init: model.map_or_else(|| config.init.clone(), |m| Init::Model(m.to_owned())), ..config.clone() };
-    let opened = open(&config.selection())?;
-    let start = Start::of(&config, &opened)?;
-    let estimated = budget::for_run(device, &config, &opened, &start)?;
-    let means = (plan.host_bytes, &output);
+    let output = Output::new(&folder.join("light"))?;
+    let init = model.map_or_else(|| config.init.clone(), |m| Init::Model(m.to_owned()));
+    let config = RunConfig { init, ..config.clone() };
     // Scores of the light axes need no network.
-    let networks = Networks::default();
-    let (stage, config) = Stage::load(device, (opened, &config), means, &networks, watcher, (begun, estimated))?;
+    let session = Session { networks: &Networks::default(), ..*session };
+    let (setup, start) = Setup::load(&session, &config, &output, false)?;
+    let config = &setup.config;
     let iterations = if model.is_some() { 0 } else { config.schedule.iterations };
     if iterations > 0 {
-        watcher.note(&format!("a dense model is trained briefly, for {iterations} iterations"));
+        session.watcher.note(&format!("a dense model is trained briefly, for {iterations} iterations"));
     }
-    let mut job = Job::start(&stage, &config, &output, start)?;
-    job.train(iterations)?;
-    let (model, responses) = (job.checkpoint()?.snapshot.model, job.responses()?);
+    let mut run = ActiveRun::start(&setup, config, &output, start)?;
+    run.train(iterations)?;
+    let (model, responses) = (run.checkpoint()?.snapshot.model, run.responses()?);
     formats::write(&output.model(), &model).map_err(Error::writing)?;
-    let prepared = &stage.prepared;
-    let settings = config.style().over(prepared.background);
+    let prepared = &setup.prepared;
     let subject = Subject {
         model,
         responses,
         views: few(prepared.train.clone(), VIEWS),
-        settings,
+        settings: config.style().over(prepared.background),
         described: Described::default(),
     };
     let from = match &config.init {
@@ -109,28 +100,26 @@ pub fn of_scene(
     Ok(subject.told(&config.scene, format!("{from}; responses and views are of the scene's training photos")))
 }
 
-/// A model's own: virtual cameras round it, and its own pictures.
+/// A model's own: virtual cameras of this size round it, and its own pictures over a background.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn of_model(
-    device: &Device,
+    session: &Session<'_>,
     path: &Path,
     model: Gaussians,
-    (size, up, background): ((u32, u32), glam::DVec3, [f32; 3]),
-    watcher: &dyn Watcher,
+    cameras: VirtualCameras,
+    background: [f32; 3],
 ) -> Result<Subject, Error> {
     if model.is_empty() {
         return Err(Error::Usage(format!("{}: it holds no Gaussian: there is nothing to measure", path.display())));
     }
-    let (cameras, settings) = Around { views: AROUND, size, up }.views(&model, (background, Style::default()));
-    let resident = Resident::upload(device, &model)?;
-    let pairs = pairs::few(device, model.len());
-    let responses = virtual_views::responses(device, &resident, &cameras, settings, (pairs, false), |done| {
-        watcher.responding(done, cameras.len());
-        watcher.unless_stopped()
-    })?;
-    let mut renderer = Renderer::new(device, settings, model.len(), size.0, size.1)?;
+    let size = cameras.size;
+    let cameras = VirtualCameras { views: AROUND, ..cameras };
+    let (cameras, settings) = cameras.views(&model, background, Style::default());
+    let resident = Resident::upload(session.device, &model)?;
+    let responses = virtual_views::responses(session, &resident, &cameras, settings, false)?;
+    let mut renderer = Renderer::new(session.device, settings, model.len(), size.0, size.1)?;
     let mut views = Vec::new();
     for camera in few(cameras, VIEWS) {
         let pixels = virtual_views::photo(&renderer.render(&resident, &camera)?);

@@ -1,13 +1,13 @@
 //! Depth order by tile: two discs through each other, where one order for the whole picture must be wrong.
 
-use super::exposure::{Silent, config};
+use super::exposure::config;
 use crate::support::{device, finish};
 use glam::{DQuat, DVec3};
 use qirf_vk::effects::{Choice, Effect};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::Device;
 use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::{Output, RunConfig, run};
+use qirf_vk::pipeline::{Output, RunConfig, Session, run};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Image, Renderer, Style};
 use qirf_vk::scene::camera::Camera;
@@ -107,7 +107,8 @@ fn runs_are_trained_in_that_order() {
         let mut config = config(&scene, 60);
         config.effects.set(Effect::DepthOrder, choice);
         let output = Output::new(&folder.path().join(format!("{choice:?}"))).unwrap();
-        let results = run::run(&device, &config, &output, &Networks::default(), u64::MAX, false, &Silent).unwrap();
+        let networks = Networks::default();
+        let results = run::run(&Session::new(&device, &networks), &config, &output, false).unwrap();
         let decision = results.effects.iter().find(|d| d.name == Effect::DepthOrder).unwrap();
         let on = choice == Choice::On;
         assert_eq!((decision.on, decision.seconds.is_some()), (on, on));

@@ -4,7 +4,7 @@ use crate::support::{device, finish};
 use qirf_vk::effects::Overrides;
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::pipeline::effects;
-use qirf_vk::pipeline::{Init, Preset, RunConfig, Watcher, prepare};
+use qirf_vk::pipeline::{Init, Preset, RunConfig, Silent, prepare};
 use qirf_vk::reference::exposure as twin;
 use qirf_vk::render::Settings;
 use qirf_vk::scene::{FourthByte, PhotoMemory};
@@ -14,20 +14,8 @@ use qirf_vk::train::exposure::{Exposure, PULL, SIZE, Step};
 use qirf_vk::train::initialise::{Seed, from_points};
 use qirf_vk::train::loss::Weights;
 use qirf_vk::train::mask::Mask;
-use qirf_vk::train::{Options, Progress, Trainer};
+use qirf_vk::train::{Options, Trainer};
 use std::path::Path;
-
-pub struct Silent;
-
-impl Watcher for Silent {
-    fn loading(&self, _: usize, _: usize) {}
-    fn training(&self, _: &Progress, _: u32) {}
-    fn evaluating(&self, _: usize, _: usize) {}
-    fn note(&self, _: &str) {}
-    fn stop(&self) -> bool {
-        false
-    }
-}
 
 fn value(n: usize, seed: usize) -> f64 {
     ((n * 2654435761 + seed * 40503) % 1009) as f64 / 1009.0

@@ -1,13 +1,13 @@
 //! What effects are worth on synthetic scenes: held-out PSNR with each off and on, where it is called for and where it is
 //! not. `make effects` prints the table of docs/effects.md.
 
-use super::exposure::{Silent, config};
+use super::exposure::config;
 use crate::support::{device, finish};
 use qirf_vk::effects::{Choice, Effect};
 use qirf_vk::gaussians::formats;
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::eval::{Evaluation, eval};
-use qirf_vk::pipeline::{Output, RunConfig, Selection, run};
+use qirf_vk::pipeline::{Output, RunConfig, Selection, Session, run};
 use qirf_vk::synth::{self, SynthOptions, write};
 use std::path::Path;
 use synth::Effect as Made;
@@ -64,8 +64,8 @@ impl Case {
                 config.sh_degree = if self.effect == Effect::ViewDependence { 3 } else { 1 };
                 config.effects.set(self.effect, choice);
                 let output = Output::new(&folder.path().join(format!("{choice:?}"))).unwrap();
-                let results =
-                    run::run(&device, &config, &output, &Networks::default(), u64::MAX, false, &Silent).unwrap();
+                let networks = Networks::default();
+                let results = run::run(&Session::new(&device, &networks), &config, &output, false).unwrap();
                 let decision = results.effects.iter().find(|d| d.name == self.effect).unwrap();
                 assert_eq!(decision.forced, choice != Choice::Auto);
                 assert!(choice == Choice::Auto || decision.on == (choice == Choice::On));
@@ -89,7 +89,8 @@ impl Case {
         }
         let exposure = self.effect == Effect::Exposure;
         let evaluation = Evaluation { selection, style: run.style(), exposure };
-        let scored = eval(device, (path, &model), &evaluation, None, &Networks::default(), u64::MAX, &Silent).unwrap();
+        let networks = Networks::default();
+        let scored = eval(&Session::new(device, &networks), path, &model, &evaluation, None).unwrap();
         scored.test.unwrap().psnr.unwrap()
     }
 

@@ -3,7 +3,7 @@
 use super::runs::{bits, options, train, trainer};
 use crate::support::{device, finish};
 use qirf_vk::pipeline::config::Compression;
-use qirf_vk::pipeline::prune::prune_by;
+use qirf_vk::pipeline::prune::{PruneRequest, prune_by};
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};
 use qirf_vk::qirf::study::{Basis, Study};
@@ -109,8 +109,8 @@ fn averages_survive_a_checkpoint() {
         // The paper's voxel of 0.03 would leave every Gaussian here a block of its own.
         let basis = Basis::default();
         let compression = Compression { basis, ..Compression::paper() };
-        let keep = Keep::Paper { kappa: 0.22 };
-        let pruned = prune_by(&device, trainer, &compression, keep, &responses, 1).unwrap();
+        let request = PruneRequest { compression: &compression, keep: Keep::Paper { kappa: 0.22 }, seed: 1 };
+        let pruned = prune_by(&device, trainer, &responses, &request).unwrap();
         assert!(pruned.after < pruned.before / 2 && pruned.after == trainer.len(), "{pruned:?}");
         assert!(trainer.averages().unwrap().is_none(), "they were of other Gaussians");
         train(trainer, 110);

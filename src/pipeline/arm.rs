@@ -1,0 +1,101 @@
+//! The arms of a comparison: ways to go on from the prune point.
+
+use super::config::{Compression, Pruning, RunConfig};
+use crate::qirf::select::Selector;
+use crate::qirf::select::budget::{Budget, Keep};
+
+/// One way to go on from the prune point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arm {
+    /// Its name, as it was asked for: a folder's name too.
+    pub name: String,
+    /// How it prunes; the dense arm does not.
+    pub compression: Option<Compression>,
+}
+
+impl Arm {
+    /// Reads `dense`, `default`, `paper`, or a selector's name with any of `:BUDGET`, `+merge`, `-detail` and `@SHARE` after
+    /// it. A selector alone divides its count per block and does not merge. `given` is what `default` stands for, and
+    /// gives every arm its share, its detail and its blocks.
+    ///
+    /// # Errors
+    /// A sentence that says what is wrong.
+    pub fn parse(text: &str, given: &Compression) -> Result<Self, String> {
+        let name = text.to_owned();
+        let (rest, keep) = match text.split_once('@') {
+            None => (text, given.keep),
+            Some((rest, share)) => {
+                let share = share.parse::<f64>().ok().filter(|s| *s > 0.0 && *s <= 1.0);
+                (rest, Keep::Share(share.ok_or_else(|| format!("'{text}': write a share such as 0.2 after @"))?))
+            }
+        };
+        let (rest, without_detail) = rest.strip_suffix("-detail").map_or((rest, false), |rest| (rest, true));
+        let (rest, merge) = rest.strip_suffix("+merge").map_or((rest, false), |rest| (rest, true));
+        let (selector, budget) = rest.split_once(':').map_or((rest, None), |(s, b)| (s, Some(b)));
+        let named = |budget: &str| match budget {
+            "per-block" => Ok(Budget::PerBlock),
+            "hybrid" => Ok(Budget::Hybrid),
+            "global" => Ok(Budget::Global),
+            other => Err(format!("'{text}': there is no budget '{other}'; choose per-block, hybrid or global")),
+        };
+        let mut compression = match selector {
+            "dense" => return Ok(Self { name, compression: None }),
+            "default" => given.clone(),
+            "paper" => Compression::paper(),
+            selector => Compression {
+                selector: selector.parse::<Selector>().map_err(|e| format!("{e}, or default, paper or dense"))?,
+                budget: Budget::PerBlock,
+                merge: false,
+                ..given.clone()
+            },
+        };
+        if selector != "paper" || keep != given.keep {
+            compression.keep = keep;
+        }
+        if let Some(budget) = budget {
+            compression.budget = named(budget)?;
+        }
+        compression.merge |= merge;
+        if without_detail {
+            compression.detail = 0.0;
+        }
+        Ok(Self { name, compression: Some(compression) })
+    }
+
+    /// Its folder's name, which every file system allows.
+    #[must_use]
+    pub fn folder(name: &str) -> String {
+        name.replace([':', '@'], "-")
+    }
+
+    /// The arm's run: the shared one's, but for how it prunes.
+    pub fn configuration(&self, shared: &RunConfig) -> RunConfig {
+        let prune = match (&self.compression, &shared.prune) {
+            (Some(compression), Some(pruning)) => Some(Pruning { compression: compression.clone(), ..pruning.clone() }),
+            (None, Some(pruning)) => Some(Pruning { at: Vec::new(), ..pruning.clone() }),
+            _ => None,
+        };
+        RunConfig { prune, checkpoint_every: 0, ..shared.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arms_by_name() {
+        let given = Compression { merge: true, ..Compression::default() };
+        let arm = |text: &str| Arm::parse(text, &given).unwrap().compression;
+        assert_eq!(arm("dense"), None);
+        assert_eq!(arm("default"), Some(given.clone()));
+        let css = arm("css").unwrap();
+        assert_eq!((css.selector, css.budget, css.merge), (Selector::Css, Budget::PerBlock, false));
+        let all = arm("gnso:global+merge-detail@0.1").unwrap();
+        assert_eq!((all.budget, all.merge, all.detail, all.keep), (Budget::Global, true, 0.0, Keep::Share(0.1)));
+        assert_eq!(arm("paper").unwrap().keep, Keep::Paper { kappa: 0.22 });
+        for wrong in ["", "nothing", "css:half", "css@2", "css@", "../up"] {
+            assert!(Arm::parse(wrong, &given).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! `qirf-vk compress`: from an existing model to a smaller one.
+
+mod config;
+mod scoring;
+mod train;
+mod views;
+
+pub use config::{CompressConfig, ViewSource};
+
+use super::output::bytes_on_disk;
+use super::prune::{self, PrunePlan, PruneRequest};
+use super::records::{CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
+use super::session::Session;
+use crate::error::Error;
+use crate::gaussians::resident::Resident;
+use crate::gaussians::{Gaussians, formats};
+use crate::qirf::select::budget::Keep;
+use scoring::Scoring;
+use std::path::Path;
+use std::time::Instant;
+use views::Views;
+
+/// A model, the file it was read from, and how long that took.
+pub struct Input<'a> {
+    /// The file.
+    pub path: &'a Path,
+    /// The model.
+    pub model: Gaussians,
+    /// Seconds that reading it took.
+    pub read_s: f64,
+}
+
+/// Compresses a model and writes it to `output`, whose extension decides the format.
+///
+/// # Errors
+/// Anything from scene to disk; [`Error::Interrupted`], with nothing written.
+pub fn compress(
+    session: &Session<'_>,
+    input: Input<'_>,
+    config: &CompressConfig,
+    output: &Path,
+) -> Result<CompressRecord, Error> {
+    let begun = Instant::now();
+    let Session { device, watcher, .. } = *session;
+    let Input { path, model, read_s } = input;
+    let input = model_file(path, &model);
+    let mut time = CompressTimes { read_s, ..CompressTimes::default() };
+    let keep = at_least_one(config.compression.keep, model.len());
+
+    let (views, resident) = Views::load(session, &model, config)?;
+    time.truth_s = seconds(begun);
+    let mut scoring = Scoring::new(session, &views, config);
+    let before = if views.truth == Truth::Photos { scoring.scores(&resident)? } else { Vec::new() };
+
+    let responding = Instant::now();
+    let (responses, resident) = train::respond(session, &model, resident, &views, config)?;
+    time.responses_s = seconds(responding);
+
+    let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
+    let PrunePlan { record: prune, keep, model } = prune::plan(device, &resident, model, &responses, &request)?;
+    drop((resident, responses));
+    time.merge_s = prune.seconds.merge;
+    time.keep_mask_s = prune.seconds.total - prune.seconds.merge;
+    watcher.unless_stopped()?;
+    let kept: Vec<usize> = (0..keep.len()).filter(|i| keep[*i]).collect();
+    let mut model = model.select(&kept);
+    let after = scoring.scores(&Resident::upload(device, &model)?)?;
+
+    let tuning = Instant::now();
+    let mut tuned = Vec::new();
+    if config.fine_tune > 0 {
+        model = train::fine_tune(session, &model, &views, config)?;
+        time.fine_tune_s = seconds(tuning);
+        tuned = scoring.scores(&Resident::upload(device, &model)?)?;
+    }
+    time.evaluate_s = scoring.seconds;
+
+    watcher.unless_stopped()?;
+    let writing = Instant::now();
+    formats::write(output, &model).map_err(Error::writing)?;
+    time.write_s = seconds(writing);
+    time.total_s = read_s + seconds(begun);
+    let stages = views.stages([before, after, tuned]);
+    Ok(CompressRecord {
+        schema: 1,
+        version: env!("CARGO_PKG_VERSION"),
+        device: device.info().clone(),
+        protocol: views.protocol(config),
+        input,
+        output: model_file(output, &model),
+        prune,
+        test: StageScores::mean(&stages),
+        views: stages,
+        time,
+        memory: session.memory(views.estimated_bytes),
+    })
+}
+
+fn model_file(path: &Path, model: &Gaussians) -> ModelFile {
+    ModelFile { path: path.to_owned(), bytes: bytes_on_disk(path), gaussians: model.len(), sh_degree: model.degree() }
+}
+
+fn seconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64()
+}
+
+/// A share of few Gaussians rounds to none, which is no model.
+fn at_least_one(keep: Keep, gaussians: usize) -> Keep {
+    match keep {
+        Keep::Share(share) if share * (gaussians as f64) < 1.0 => Keep::Count(1),
+        keep => keep,
+    }
+}

@@ -1,0 +1,47 @@
+//! Scores of a model before and after each stage of a compression.
+
+use super::config::CompressConfig;
+use super::views::Views;
+use crate::error::Error;
+use crate::gaussians::resident::Resident;
+use crate::metrics::{Networks, Scores};
+use crate::pipeline::evaluate::Evaluator;
+use crate::pipeline::records::Truth;
+use crate::pipeline::session::Session;
+use std::time::Instant;
+
+/// Scores models by the held-out views.
+pub struct Scoring<'a> {
+    session: &'a Session<'a>,
+    views: &'a Views,
+    /// Views to score in all stages together, and those scored so far.
+    total: usize,
+    done: usize,
+    /// Seconds spent so far.
+    pub seconds: f64,
+}
+
+impl<'a> Scoring<'a> {
+    pub fn new(session: &'a Session<'a>, views: &'a Views, config: &CompressConfig) -> Self {
+        let stages = 1 + usize::from(views.truth == Truth::Photos) + usize::from(config.fine_tune > 0);
+        Self { session, views, total: stages * views.test.len(), done: 0, seconds: 0.0 }
+    }
+
+    /// The scores of a model in each held-out view.
+    pub fn scores(&mut self, model: &Resident) -> Result<Vec<Scores>, Error> {
+        let begun = Instant::now();
+        let Session { device, watcher, .. } = *self.session;
+        let Views { test, settings, .. } = self.views;
+        let mut evaluator = Evaluator::new(device, *settings, model.len, test.iter().map(|(_, view)| view))?;
+        let (done, total) = (self.done, self.total);
+        // These scores need no network.
+        let networks = Networks::default();
+        let held_out = evaluator.held_out(model, test, None, &networks, &mut |now| {
+            watcher.evaluating(done + now, total);
+            watcher.unless_stopped()
+        })?;
+        self.done += test.len();
+        self.seconds += begun.elapsed().as_secs_f64();
+        Ok(held_out.views.into_iter().map(|v| v.scores).collect())
+    }
+}

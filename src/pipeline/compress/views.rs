@@ -1,0 +1,125 @@
+//! The views that a compression judges a model by.
+
+use super::config::{CompressConfig, ViewSource};
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
+use crate::metrics::Scores;
+use crate::pipeline::budget::{self, CompressNeeds};
+use crate::pipeline::config::Selection;
+use crate::pipeline::prepare::{Prepared, open};
+use crate::pipeline::records::{CompressProtocol, StageScores, Truth, ViewStages};
+use crate::pipeline::session::Session;
+use crate::pipeline::virtual_views::{OwnPictures, VirtualCameras};
+use crate::qirf::select::budget::Keep;
+use crate::render::Settings;
+use crate::scene::{Photo, camera};
+
+/// Training and held-out views of a compression.
+pub struct Views {
+    pub truth: Truth,
+    /// Views of responses and fine-tuning; the model's own pictures have pixels only where there is fine-tuning.
+    pub train: Vec<Photo>,
+    pub test: Vec<(String, Photo)>,
+    /// Scale of the positions' learning rate.
+    pub extent: f64,
+    pub settings: Settings,
+    /// Bytes of device memory that the job is expected to need.
+    pub estimated_bytes: u64,
+}
+
+impl Views {
+    /// Checks that the job fits the device, then decodes the photos or draws the model's own pictures; also returns the
+    /// model on the device.
+    pub fn load(session: &Session<'_>, model: &Gaussians, config: &CompressConfig) -> Result<(Self, Resident), Error> {
+        match &config.views {
+            ViewSource::Photos(selection) => {
+                let views = Self::of_photos(session, model, selection, config)?;
+                Ok((views, Resident::upload(session.device, model)?))
+            }
+            ViewSource::OwnPictures { cameras, background } => {
+                Self::of_model(session, model, cameras, *background, config)
+            }
+        }
+    }
+
+    fn of_photos(
+        session: &Session<'_>,
+        model: &Gaussians,
+        selection: &Selection,
+        config: &CompressConfig,
+    ) -> Result<Self, Error> {
+        let opened = open(selection)?;
+        let needs = CompressNeeds {
+            size: opened.size(),
+            own_pictures: false,
+            photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
+            masked: opened.scene.has_masks(),
+            style: config.style,
+            trained: model.len(),
+        };
+        let estimated_bytes = budget::for_compress(session.device, model, needs)?;
+        let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
+        let settings = config.style.over(prepared.background);
+        let Prepared { train, test, extent, .. } = prepared;
+        Ok(Self { truth: Truth::Photos, train, test, extent, settings, estimated_bytes })
+    }
+
+    fn of_model(
+        session: &Session<'_>,
+        model: &Gaussians,
+        cameras: &VirtualCameras,
+        background: [f32; 3],
+        config: &CompressConfig,
+    ) -> Result<(Self, Resident), Error> {
+        let fine_tunes = config.fine_tune > 0;
+        let size = [cameras.size.0, cameras.size.1];
+        let needs = CompressNeeds {
+            size,
+            own_pictures: true,
+            photos: vec![4 * u64::from(size[0]) * u64::from(size[1]); cameras.views as usize],
+            masked: false,
+            style: config.style,
+            trained: if fine_tunes { most_kept(config.compression.keep, model.len()) } else { 0 },
+        };
+        let estimated_bytes = budget::for_compress(session.device, model, needs)?;
+        let (cameras, settings) = cameras.views(model, background, config.style);
+        let resident = Resident::upload(session.device, model)?;
+        let OwnPictures { train, test } = OwnPictures::draw(session, &resident, cameras, settings, fine_tunes)?;
+        let extent = camera::extent(train.iter().map(|v| &v.camera));
+        Ok((Self { truth: Truth::OwnPictures, train, test, extent, settings, estimated_bytes }, resident))
+    }
+
+    /// How the figures came about.
+    pub fn protocol(&self, config: &CompressConfig) -> CompressProtocol {
+        let views = self.train.iter().chain(self.test.iter().map(|(_, view)| view));
+        CompressProtocol {
+            truth: self.truth,
+            train_views: self.train.len(),
+            test_views: self.test.len(),
+            image_size: camera::largest(views.map(|v| &v.camera)),
+            background: self.settings.background,
+            antialias: self.settings.antialias,
+            depth_order: self.settings.depth_order,
+            fine_tune: config.fine_tune,
+            seed: config.seed,
+            compression: config.compression.clone(),
+        }
+    }
+
+    /// The held-out views with their scores before the prune, after it, and after fine-tuning, each absent or one a view.
+    pub fn stages(&self, scores: [Vec<Scores>; 3]) -> Vec<ViewStages> {
+        let [mut before, mut pruned, mut fine_tuned] = scores.map(Vec::into_iter);
+        let mut next = || StageScores { before: before.next(), pruned: pruned.next(), fine_tuned: fine_tuned.next() };
+        self.test.iter().map(|(name, _)| ViewStages { name: name.clone(), scores: next() }).collect()
+    }
+}
+
+/// Gaussians that are kept at most.
+fn most_kept(keep: Keep, gaussians: usize) -> usize {
+    match keep {
+        Keep::Share(share) => (share * gaussians as f64).ceil() as usize,
+        Keep::Count(count) => count.min(gaussians),
+        Keep::Paper { .. } => gaussians,
+    }
+}

@@ -1,0 +1,57 @@
+//! What every job is given besides its own configuration.
+
+use super::records::Memory;
+use super::watcher::{Silent, Watcher};
+use crate::gpu::Device;
+use crate::metrics::Networks;
+use crate::scene::PhotoMemory;
+use std::path::Path;
+
+/// The host's memory in bytes, where the system does not tell.
+const HOST: u64 = 8 << 30;
+/// Share of it that decoded photos may take.
+const HOST_SHARE: u64 = 4;
+/// The device, the limits and the audience of a job.
+#[derive(Clone, Copy)]
+pub struct Session<'a> {
+    /// The device that it runs on.
+    pub device: &'a Device,
+    /// The networks of LPIPS.
+    pub networks: &'a Networks,
+    /// Bytes of the host's memory that decoded photos may take; beyond them they go to a file.
+    pub host_bytes: u64,
+    /// Follows the job, and may end it.
+    pub watcher: &'a (dyn Watcher + Sync),
+}
+
+impl<'a> Session<'a> {
+    /// A session that says nothing, whose photos may take a quarter of the host's memory.
+    pub fn new(device: &'a Device, networks: &'a Networks) -> Self {
+        Self { device, networks, host_bytes: host_bytes(None), watcher: &Silent }
+    }
+
+    /// The memory that decoded photos may take; beyond it they go to a temporary file in `folder`.
+    pub fn photo_memory<'f>(&self, folder: &'f Path) -> PhotoMemory<'f> {
+        PhotoMemory { bytes: self.host_bytes, folder }
+    }
+
+    /// The device's memory so far, beside an estimate made before the start.
+    pub fn memory(&self, estimated_bytes: u64) -> Memory {
+        Memory { estimated_bytes, peak_bytes: self.device.memory_used().1, limit_bytes: self.device.memory_limit() }
+    }
+}
+
+/// Bytes of the host's memory that decoded photos may take: a quarter of it, or the budget given, if that is less.
+pub fn host_bytes(given: Option<u64>) -> u64 {
+    let quarter = physical().unwrap_or(HOST) / HOST_SHARE;
+    given.map_or(quarter, |given| given.min(quarter))
+}
+
+/// Bytes of memory of this machine, or of the container that the program runs in; none where the system does not tell.
+fn physical() -> Option<u64> {
+    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = info.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
+    let machine = line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10;
+    let container = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|t| t.trim().parse().ok());
+    Some(container.map_or(machine, |limit: u64| limit.min(machine)))
+}

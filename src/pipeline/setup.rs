@@ -1,0 +1,89 @@
+//! The prologue that runs share: checkpoint, scene, estimate of memory, photos, effects.
+
+use super::checkpoint::Checkpoint;
+use super::config::RunConfig;
+use super::prepare::{Prepared, open};
+use super::session::Session;
+use super::start::Start;
+use super::{Output, Watcher, budget, effects};
+use crate::effects::Decision;
+use crate::error::Error;
+use std::time::Instant;
+
+/// A scene ready to train on, with all that its runs share.
+pub struct Setup<'a> {
+    /// Device, limits and audience.
+    pub session: Session<'a>,
+    /// The configuration, with what was decided on effects.
+    pub config: RunConfig,
+    /// The scene's views.
+    pub prepared: Prepared,
+    /// Device memory that was expected before the start, in bytes.
+    pub estimated_bytes: u64,
+    /// What was decided on each effect.
+    pub decisions: Vec<Decision>,
+    /// By training view: gains of red, green and blue relative to the other views, as measured.
+    pub gains: Vec<[f32; 3]>,
+    /// When the job began.
+    pub begun: Instant,
+    /// Seconds until the photos were there.
+    pub load_s: f64,
+}
+
+impl<'a> Setup<'a> {
+    /// Opens the scene of `config`, checks that a run on it fits the device, decodes its photos and decides on its effects.
+    /// Also returns what training begins with: with `resume`, the checkpoint in `output`, if there is one.
+    ///
+    /// # Errors
+    /// What the scene's readers refuse; too little device memory; no photo to train on; a full disk; a checkpoint that
+    /// cannot be read.
+    pub fn load(
+        session: &Session<'a>,
+        config: &RunConfig,
+        output: &Output,
+        resume: bool,
+    ) -> Result<(Self, Start), Error> {
+        let begun = Instant::now();
+        let Session { device, watcher, .. } = *session;
+        let checkpoint = if resume { checkpoint(output, watcher)? } else { None };
+        let opened = open(&config.selection())?;
+        let start = match checkpoint {
+            Some(checkpoint) => Start::Resumed(Box::new(checkpoint)),
+            None => Start::of(config, &opened)?,
+        };
+        let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
+        let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
+        let (decisions, gains) = effects::decide(&prepared, config)?;
+        watcher.note(&effects::summary(&decisions));
+        let config = config.decided(&decisions);
+        let load_s = begun.elapsed().as_secs_f64();
+        let setup = Self { session: *session, config, prepared, estimated_bytes, decisions, gains, begun, load_s };
+        Ok((setup, start))
+    }
+
+    /// Writes `config.toml`, once it is sure that `start` is of this configuration.
+    ///
+    /// # Errors
+    /// [`Error::OtherRun`]; [`Error::Write`].
+    pub fn write_config(&self, start: &Start, output: &Output) -> Result<(), Error> {
+        let text = self.config.written()?;
+        match start {
+            Start::Resumed(checkpoint) if checkpoint.notes.config != text => {
+                Err(Error::OtherRun { checkpoint: output.checkpoint(), config: output.config() })
+            }
+            _ => Output::text(&output.config(), &text),
+        }
+    }
+}
+
+/// The checkpoint in `output`, if there is one.
+fn checkpoint(output: &Output, watcher: &dyn Watcher) -> Result<Option<Checkpoint>, Error> {
+    let path = output.checkpoint();
+    if !path.exists() {
+        watcher.note("no checkpoint is there yet: starting afresh");
+        return Ok(None);
+    }
+    let checkpoint = Checkpoint::read(&path)?;
+    watcher.note(&format!("going on after iteration {}", checkpoint.snapshot.iteration));
+    Ok(Some(checkpoint))
+}
