@@ -95,7 +95,7 @@ pub fn responses(criterion: &mut Criterion) {
     let backward = Backward { residual: true, ..Backward::default() };
     let run = || {
         let mut recording = Recording::new();
-        renderer.forget_pairs(&mut recording);
+        renderer.reset_overflow(&mut recording);
         renderer.record(&mut recording, &resident, &camera);
         high_pass.record(&mut recording, renderer.image(), &gradient, [320, 240]);
         renderer.record_backward(&mut recording, &resident, &camera, &gradient, backward);

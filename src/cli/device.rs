@@ -3,15 +3,16 @@
 use super::Global;
 use super::console::Console;
 use crate::error::Error;
-use crate::gpu::{self, DeviceInfo};
+use crate::gpu::{self, Device, DeviceInfo, Tuning};
 use serde_json::json;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk device
   qirf-vk device --json
-  QIRF_DEVICE=llvmpipe qirf-vk device";
+  QIRF_DEVICE=llvmpipe qirf-vk device
+  QIRF_TUNING=gpu qirf-vk device";
 
-/// List the Vulkan devices, and which one would be used.
+/// List the Vulkan devices, which one would be used, and how its kernels are tuned.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -26,27 +27,32 @@ impl Arguments {
         // Opening is the test that matters: it checks features and, on CPU devices, the driver.
         let opened = global.open();
         let chosen = opened.as_ref().ok().map(|d| d.info().index);
+        let tuning = opened.as_ref().ok().map(Device::tuning);
         if self.json {
             let problem = opened.as_ref().err().map(ToString::to_string);
-            console.json(&json!({ "devices": devices, "chosen": chosen, "problem": problem }))?;
+            console.json(&json!({ "devices": devices, "chosen": chosen, "tuning": tuning, "problem": problem }))?;
         } else {
             for info in &devices {
-                console.print(describe(info, chosen == Some(info.index)))?;
+                let tuning = tuning.filter(|_| chosen == Some(info.index));
+                console.print(describe(info, tuning))?;
             }
         }
         opened.map(|_| ())
     }
 }
 
-fn describe(info: &DeviceInfo, chosen: bool) -> String {
-    let mark = if chosen { "* " } else { "  " };
-    let optional = if info.optional.is_empty() { "none".to_owned() } else { info.optional.join(", ") };
+/// A device in words; the one that would be used comes with its tuning.
+fn describe(info: &DeviceInfo, tuning: Option<&Tuning>) -> String {
+    let mark = if tuning.is_some() { "* " } else { "  " };
+    let optional: Vec<String> = info.optional.iter().map(ToString::to_string).collect();
+    let optional = if optional.is_empty() { "none".to_owned() } else { optional.join(", ") };
+    let tuning = tuning.map(shapes).unwrap_or_default();
     let timestamps = if info.timestamp_period > 0.0 { format!("{} ns", info.timestamp_period) } else { "none".into() };
     let missing = info.missing.as_ref().map(|m| format!("\n    cannot be used: it lacks {m}")).unwrap_or_default();
     let [low, high] = info.subgroup_range;
     format!(
         "{mark}{} {} ({})\n    driver      {}, Vulkan {}\n    memory      {}, {} a buffer, {} shared by a workgroup\n    \
-         subgroups   {} ({low} to {high}), workgroups of {}\n    timestamps  {timestamps}\n    optional    {optional}{missing}",
+         subgroups   {} ({low} to {high}), workgroups of {}\n    timestamps  {timestamps}\n    optional    {optional}{tuning}{missing}",
         info.index,
         info.name,
         info.kind,
@@ -58,6 +64,15 @@ fn describe(info: &DeviceInfo, chosen: bool) -> String {
         info.subgroup_size,
         info.max_workgroup,
     )
+}
+
+/// A tuning's fields, four a line.
+fn shapes(tuning: &Tuning) -> String {
+    let json = json!(tuning);
+    let fields = json.as_object().into_iter().flatten().filter(|(name, _)| *name != "class");
+    let fields: Vec<String> = fields.map(|(name, value)| format!("{} {value}", name.replace('_', " "))).collect();
+    let lines: Vec<String> = fields.chunks(4).map(|line| line.join(", ")).collect();
+    format!("\n    tuning      {}: {}", tuning.class, lines.join(",\n                "))
 }
 
 /// Bytes in the unit that reads best.

@@ -57,13 +57,13 @@ impl RawBuffer {
                 device: context.info.name.clone(),
             });
         }
-        context.reserve(name, size)?;
+        context.memory.reserve(name, size)?;
         let guarded = usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && context.guards.is_some();
         // The host writes and reads what it guards.
         let (fence, location) = if guarded { (context.fence(), MemoryLocation::GpuToCpu) } else { (0, location) };
         let mut made = Self::allocate(context, name, size, fence, usage, location);
         match (&mut made, &context.guards) {
-            (Err(_), _) => context.release(size),
+            (Err(_), _) => context.memory.release(size),
             (Ok(buffer), Some(guards)) if guarded => guards.watch(buffer),
             _ => {}
         }
@@ -83,19 +83,19 @@ impl RawBuffer {
         let raw = unsafe { context.raw.create_buffer(&info, None) }.during("create buffer")?;
         // SAFETY: `raw` was just made by this device.
         let requirements = unsafe { context.raw.get_buffer_memory_requirements(raw) };
-        let allocated = context.allocator().allocate(&AllocationCreateDesc {
+        let wanted = AllocationCreateDesc {
             name,
             requirements,
             location,
             linear: true,
             allocation_scheme: AllocationScheme::GpuAllocatorManaged,
-        });
-        let bound = allocated.map_err(|e| context.allocation_error(name, size, &e)).and_then(|a| {
+        };
+        let bound = context.memory.allocate(&wanted, size).and_then(|a| {
             // SAFETY: the memory was allocated for this buffer's requirements and is bound once.
             match unsafe { context.raw.bind_buffer_memory(raw, a.memory(), a.offset()) }.during("bind memory") {
                 Ok(()) => Ok(a),
                 Err(e) => {
-                    let _ = context.allocator().free(a);
+                    context.memory.free(a);
                     Err(e)
                 }
             }
@@ -161,9 +161,9 @@ impl Drop for Storage {
         // SAFETY: submitted work holds its own reference until its fence was waited for, so none uses the buffer now.
         unsafe { self.context.raw.destroy_buffer(self.raw, None) };
         if let Some(allocation) = self.allocation.take() {
-            let _ = self.context.allocator().free(allocation);
+            self.context.memory.free(allocation);
         }
-        self.context.release(self.bytes);
+        self.context.memory.release(self.bytes);
     }
 }
 

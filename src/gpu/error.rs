@@ -19,6 +19,14 @@ pub enum Error {
         /// The names of the devices present.
         there: String,
     },
+    /// `QIRF_TUNING` names no class of devices.
+    #[error("QIRF_TUNING: no tuning is called '{wanted}'; there are: {there}")]
+    UnknownTuning {
+        /// What was asked for.
+        wanted: String,
+        /// The names of the classes.
+        there: String,
+    },
     /// The device lacks something that the engine needs.
     #[error("{device} lacks {feature}, which qirf-vk needs")]
     MissingFeature {

@@ -10,6 +10,8 @@ mod hazards;
 mod instance;
 mod kernel;
 mod landing;
+mod memory;
+mod pipeline;
 mod probe;
 mod profiler;
 mod queue;
@@ -17,6 +19,7 @@ pub mod rates;
 mod recording;
 mod select;
 mod submit;
+mod tuning;
 
 pub use buffer::{Buffer, RawBuffer, staging_bytes};
 pub use device::{Device, DeviceOptions};
@@ -27,8 +30,9 @@ pub use kernel::{Access, BindingInfo, Kernel, Shader};
 pub use landing::{Landing, Reading};
 pub use profiler::Timings;
 pub use recording::{Groups, Recording};
-pub use select::{DeviceInfo, list};
+pub use select::{DeviceInfo, DeviceKind, Feature, list};
 pub use submit::Ticket;
+pub use tuning::{DeviceClass, Tuning};
 
 /// Results of this floor.
 pub type Result<T> = std::result::Result<T, Error>;

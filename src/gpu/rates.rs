@@ -49,9 +49,7 @@ impl Copy {
         recording.fill(&to, 0);
         device.run(recording)?;
         let times = MOVED.div_ceil(2 * from.raw().bytes()).max(1);
-        // On a CPU one subgroup a workgroup, and few long runs: starting one costs as much as copying hundreds of words.
-        let info = device.info();
-        let shape = if info.is_cpu() { [info.subgroup_size, 1024] } else { [WORKGROUP.max(info.subgroup_size), 4] };
+        let shape = [device.tuning().copy_workgroup, device.tuning().copy_rows];
         Ok(Self { from, to, by, times, shape })
     }
 
@@ -96,12 +94,12 @@ pub struct MultiplyAdd {
 }
 
 impl MultiplyAdd {
-    /// So much work that starting it is nothing: billions of operations on a CPU, a hundred times as many on others.
+    /// So much work that starting it takes no time beside it.
     ///
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device) -> Result<Self, Error> {
-        let (groups, rounds) = if device.info().is_cpu() { (64, 512) } else { (4096, 1024) };
+        let (groups, rounds) = (device.tuning().multiply_workgroups, device.tuning().multiply_rounds);
         Ok(Self { sums: device.buffer("rates: sums", (groups * WORKGROUP) as usize)?, rounds })
     }
 

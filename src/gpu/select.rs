@@ -1,10 +1,74 @@
-//! Which device: what there is, what each can do, and the choice among them.
+//! The Vulkan devices of this machine: what each is and can do, and the choice among them.
 
 use super::error::{During, Error};
 use super::instance::Instance;
+use super::tuning::DeviceClass;
 use ash::{ext, khr, vk};
 use serde::Serialize;
 use std::ffi::CStr;
+use std::fmt;
+
+/// Kinds of devices, in the order of preference.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DeviceKind {
+    /// A GPU with memory of its own.
+    Discrete,
+    /// A GPU that shares the host's memory.
+    Integrated,
+    /// A share of a GPU, in a virtual machine.
+    Virtual,
+    /// A driver that runs kernels on the CPU.
+    Cpu,
+    /// None of these.
+    Other,
+}
+
+impl From<vk::PhysicalDeviceType> for DeviceKind {
+    fn from(kind: vk::PhysicalDeviceType) -> Self {
+        match kind {
+            vk::PhysicalDeviceType::DISCRETE_GPU => Self::Discrete,
+            vk::PhysicalDeviceType::INTEGRATED_GPU => Self::Integrated,
+            vk::PhysicalDeviceType::VIRTUAL_GPU => Self::Virtual,
+            vk::PhysicalDeviceType::CPU => Self::Cpu,
+            _ => Self::Other,
+        }
+    }
+}
+
+impl fmt::Display for DeviceKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Discrete => "discrete",
+            Self::Integrated => "integrated",
+            Self::Virtual => "virtual",
+            Self::Cpu => "cpu",
+            Self::Other => "other",
+        })
+    }
+}
+
+/// Features that variants of kernels may use, and that the engine never requires.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Feature {
+    /// Subgroups can be given a size.
+    SubgroupSizeControl,
+    /// Floats in buffers can be added to atomically.
+    FloatAtomics,
+    /// The driver tells how much memory is free.
+    MemoryBudget,
+}
+
+impl fmt::Display for Feature {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::SubgroupSizeControl => "subgroup-size-control",
+            Self::FloatAtomics => "float-atomics",
+            Self::MemoryBudget => "memory-budget",
+        })
+    }
+}
 
 /// What a Vulkan device is and can do, as `qirf-vk device` prints it.
 #[derive(Clone, Debug, Serialize)]
@@ -13,8 +77,10 @@ pub struct DeviceInfo {
     pub index: usize,
     /// The device's own name.
     pub name: String,
-    /// `discrete`, `integrated`, `virtual`, `cpu` or `other`.
-    pub kind: &'static str,
+    /// Its kind.
+    pub kind: DeviceKind,
+    /// Its class, by which kernels are tuned.
+    pub class: DeviceClass,
     /// Driver name and version as the driver writes them.
     pub driver: String,
     /// Vulkan version, such as `1.4.305`.
@@ -33,26 +99,26 @@ pub struct DeviceInfo {
     pub max_workgroup: u32,
     /// Nanoseconds per timestamp tick; 0 where the device has no timestamps.
     pub timestamp_period: f32,
-    /// Optional features found: variants that may be chosen, never requirements.
-    pub optional: Vec<&'static str>,
+    /// Optional features found.
+    pub optional: Vec<Feature>,
     /// Why the engine cannot use this device, if so.
     pub missing: Option<String>,
 }
 
 impl DeviceInfo {
-    /// Whether its lanes are a CPU's: there long runs of work pay, and few of them suffice.
-    pub fn is_cpu(&self) -> bool {
-        self.kind == "cpu"
+    /// Whether the device has an optional feature.
+    pub fn has(&self, feature: Feature) -> bool {
+        self.optional.contains(&feature)
     }
 }
 
+/// A physical device that may be opened.
 pub(super) struct Candidate {
     pub physical: vk::PhysicalDevice,
     pub queue_family: u32,
-    pub subgroup_control: bool,
-    pub atomic_float: bool,
-    pub memory_budget: bool,
     pub pipeline_cache_uuid: [u8; 16],
+    /// Bytes of the largest device-local heap that the driver says are free for this program.
+    pub free_bytes: Option<u64>,
     pub info: DeviceInfo,
 }
 
@@ -68,7 +134,7 @@ pub fn list() -> Result<Vec<DeviceInfo>, Error> {
 pub(super) fn candidates(instance: &Instance) -> Result<Vec<Candidate>, Error> {
     // SAFETY: the instance is alive.
     let physical = unsafe { instance.raw.enumerate_physical_devices() }.during("enumerate devices")?;
-    physical.into_iter().enumerate().map(|(index, p)| candidate(instance, index, p)).collect()
+    physical.into_iter().enumerate().map(|(i, p)| Ok(Report::of(&instance.raw, p)?.candidate(i, p))).collect()
 }
 
 /// The device that `wanted` names (index, or part of its name in any case), or else the best usable one: discrete before
@@ -83,15 +149,8 @@ pub(super) fn choose(mut all: Vec<Candidate>, wanted: Option<&str>) -> Result<Ca
             there: all.iter().map(|c| format!("{} {}", c.info.index, c.info.name)).collect::<Vec<_>>().join(", "),
         })?
     } else {
-        let rank = |c: &Candidate| match c.info.kind {
-            _ if c.info.missing.is_some() => 9,
-            "discrete" => 0,
-            "integrated" => 1,
-            "virtual" => 2,
-            "cpu" => 3,
-            _ => 4,
-        };
-        (0..all.len()).min_by_key(|i| rank(&all[*i])).ok_or(Error::NoDevice)?
+        let rank = |i: &usize| (all[*i].info.missing.is_some(), all[*i].info.kind);
+        (0..all.len()).min_by_key(rank).ok_or(Error::NoDevice)?
     };
     let chosen = all.swap_remove(position);
     match &chosen.info.missing {
@@ -100,126 +159,172 @@ pub(super) fn choose(mut all: Vec<Candidate>, wanted: Option<&str>) -> Result<Ca
     }
 }
 
-fn candidate(instance: &Instance, index: usize, physical: vk::PhysicalDevice) -> Result<Candidate, Error> {
-    let raw = &instance.raw;
-    // SAFETY: `physical` comes from this instance.
-    let (base, memory, families, extensions) = unsafe {
-        (
-            raw.get_physical_device_properties(physical),
-            raw.get_physical_device_memory_properties(physical),
-            raw.get_physical_device_queue_family_properties(physical),
-            raw.enumerate_device_extension_properties(physical).during("enumerate device extensions")?,
-        )
-    };
-    let has = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
-    let modern = base.api_version >= vk::API_VERSION_1_2;
+/// What Vulkan tells of a physical device. Nothing follows the structures' own pointers to each other.
+#[derive(Default)]
+struct Report {
+    base: vk::PhysicalDeviceProperties,
+    memory: vk::PhysicalDeviceMemoryProperties,
+    families: Vec<vk::QueueFamilyProperties>,
+    extensions: Vec<vk::ExtensionProperties>,
+    driver: vk::PhysicalDeviceDriverProperties<'static>,
+    subgroup: vk::PhysicalDeviceSubgroupProperties<'static>,
+    control: vk::PhysicalDeviceSubgroupSizeControlProperties<'static>,
+    control_features: vk::PhysicalDeviceSubgroupSizeControlFeatures<'static>,
+    atomic: vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>,
+    budget: vk::PhysicalDeviceMemoryBudgetPropertiesEXT<'static>,
+}
 
-    let mut driver = vk::PhysicalDeviceDriverProperties::default();
-    let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
-    let mut control = vk::PhysicalDeviceSubgroupSizeControlProperties::default();
-    let mut control_features = vk::PhysicalDeviceSubgroupSizeControlFeatures::default();
-    let mut atomic = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default();
-    if modern {
-        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut driver).push_next(&mut subgroup);
+impl Report {
+    fn of(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Result<Self, Error> {
+        // SAFETY: `physical` comes from this instance.
+        let mut report = unsafe {
+            Self {
+                base: instance.get_physical_device_properties(physical),
+                memory: instance.get_physical_device_memory_properties(physical),
+                families: instance.get_physical_device_queue_family_properties(physical),
+                extensions: instance
+                    .enumerate_device_extension_properties(physical)
+                    .during("enumerate device extensions")?,
+                ..Self::default()
+            }
+        };
+        if report.is_modern() {
+            report.extend(instance, physical);
+        }
+        Ok(report)
+    }
+
+    /// Adds what devices of Vulkan 1.2 tell beyond the basics.
+    fn extend(&mut self, instance: &ash::Instance, physical: vk::PhysicalDevice) {
+        let [control, atomic, budget] =
+            [ext::subgroup_size_control::NAME, ext::shader_atomic_float::NAME, ext::memory_budget::NAME]
+                .map(|name| self.has(name));
+        let mut properties =
+            vk::PhysicalDeviceProperties2::default().push_next(&mut self.driver).push_next(&mut self.subgroup);
         let mut features = vk::PhysicalDeviceFeatures2::default();
-        if has(ext::subgroup_size_control::NAME) {
-            properties = properties.push_next(&mut control);
-            features = features.push_next(&mut control_features);
+        let mut memory = vk::PhysicalDeviceMemoryProperties2::default();
+        if control {
+            properties = properties.push_next(&mut self.control);
+            features = features.push_next(&mut self.control_features);
         }
-        if has(ext::shader_atomic_float::NAME) {
-            features = features.push_next(&mut atomic);
+        if atomic {
+            features = features.push_next(&mut self.atomic);
         }
-        // SAFETY: every chained structure belongs to Vulkan 1.2 or to an extension found above.
+        if budget {
+            memory = memory.push_next(&mut self.budget);
+        }
+        // SAFETY: every chained structure belongs to Vulkan 1.2 or to an extension that the device has.
         unsafe {
-            raw.get_physical_device_properties2(physical, &mut properties);
-            raw.get_physical_device_features2(physical, &mut features);
+            instance.get_physical_device_properties2(physical, &mut properties);
+            instance.get_physical_device_features2(physical, &mut features);
+            instance.get_physical_device_memory_properties2(physical, &mut memory);
         }
     }
-    let subgroup_control = control_features.subgroup_size_control != 0
-        && control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE);
-    let queue_family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
-    let timestamps = queue_family.is_some_and(|f| families[f].timestamp_valid_bits > 0);
 
-    let operations = vk::SubgroupFeatureFlags::BASIC
-        | vk::SubgroupFeatureFlags::VOTE
-        | vk::SubgroupFeatureFlags::ARITHMETIC
-        | vk::SubgroupFeatureFlags::BALLOT
-        | vk::SubgroupFeatureFlags::SHUFFLE
-        | vk::SubgroupFeatureFlags::SHUFFLE_RELATIVE;
-    let size = subgroup.subgroup_size;
-    let missing = if !modern {
-        Some("Vulkan 1.2".to_owned())
-    } else if queue_family.is_none() {
-        Some("a compute queue".to_owned())
-    } else if !has(khr::push_descriptor::NAME) {
-        Some("VK_KHR_push_descriptor".to_owned())
-    } else if !subgroup.supported_operations.contains(operations)
-        || !subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
-    {
-        Some("subgroup arithmetic, ballot and shuffles in compute".to_owned())
-    } else if !(4..=128).contains(&size) {
-        Some(format!("a subgroup of 4 to 128 invocations (it has {size})"))
-    } else if base.limits.max_compute_work_group_invocations < 256 {
-        Some("workgroups of 256 invocations".to_owned())
-    } else {
-        None
-    };
+    fn has(&self, extension: &CStr) -> bool {
+        self.extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(extension))
+    }
 
-    let mut optional = Vec::new();
-    for (there, name) in [
-        (subgroup_control, "subgroup-size-control"),
-        (atomic.shader_buffer_float32_atomic_add != 0, "float-atomics"),
-        (has(ext::memory_budget::NAME), "memory-budget"),
-    ] {
-        if there {
-            optional.push(name);
+    fn is_modern(&self) -> bool {
+        self.base.api_version >= vk::API_VERSION_1_2
+    }
+
+    fn queue_family(&self) -> Option<usize> {
+        self.families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE))
+    }
+
+    /// The largest device-local heap: its index and bytes.
+    fn heap(&self) -> Option<(usize, u64)> {
+        let heaps = self.memory.memory_heaps_as_slice().iter().enumerate();
+        let local = heaps.filter(|(_, h)| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+        local.map(|(i, h)| (i, h.size)).max_by_key(|(_, size)| *size)
+    }
+
+    /// The first thing that the engine needs and the device lacks.
+    fn missing(&self) -> Option<String> {
+        let operations = vk::SubgroupFeatureFlags::BASIC
+            | vk::SubgroupFeatureFlags::VOTE
+            | vk::SubgroupFeatureFlags::ARITHMETIC
+            | vk::SubgroupFeatureFlags::BALLOT
+            | vk::SubgroupFeatureFlags::SHUFFLE
+            | vk::SubgroupFeatureFlags::SHUFFLE_RELATIVE;
+        let size = self.subgroup.subgroup_size;
+        if !self.is_modern() {
+            Some("Vulkan 1.2".to_owned())
+        } else if self.queue_family().is_none() {
+            Some("a compute queue".to_owned())
+        } else if !self.has(khr::push_descriptor::NAME) {
+            Some("VK_KHR_push_descriptor".to_owned())
+        } else if !self.subgroup.supported_operations.contains(operations)
+            || !self.subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+        {
+            Some("subgroup arithmetic, ballot and shuffles in compute".to_owned())
+        } else if !(4..=128).contains(&size) {
+            Some(format!("a subgroup of 4 to 128 invocations (it has {size})"))
+        } else if self.base.limits.max_compute_work_group_invocations < 256 {
+            Some("workgroups of 256 invocations".to_owned())
+        } else {
+            None
         }
     }
-    let text = |s: Result<&CStr, _>| s.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    let version = base.api_version;
-    Ok(Candidate {
-        physical,
-        queue_family: queue_family.unwrap_or(0) as u32,
-        subgroup_control,
-        atomic_float: atomic.shader_buffer_float32_atomic_add != 0,
-        memory_budget: has(ext::memory_budget::NAME),
-        pipeline_cache_uuid: base.pipeline_cache_uuid,
-        info: DeviceInfo {
+
+    fn optional(&self) -> Vec<Feature> {
+        let control = self.control_features.subgroup_size_control != 0
+            && self.control.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE);
+        let atomics = self.atomic.shader_buffer_float32_atomic_add != 0;
+        let features = [
+            (Feature::SubgroupSizeControl, control),
+            (Feature::FloatAtomics, atomics),
+            (Feature::MemoryBudget, self.has(ext::memory_budget::NAME)),
+        ];
+        features.into_iter().filter(|(_, there)| *there).map(|(feature, _)| feature).collect()
+    }
+
+    fn candidate(&self, index: usize, physical: vk::PhysicalDevice) -> Candidate {
+        let optional = self.optional();
+        let free = |(heap, _)| self.budget.heap_budget[heap];
+        Candidate {
+            physical,
+            queue_family: self.queue_family().unwrap_or(0) as u32,
+            pipeline_cache_uuid: self.base.pipeline_cache_uuid,
+            free_bytes: self.heap().map(free).filter(|_| optional.contains(&Feature::MemoryBudget)),
+            info: self.info(index, optional),
+        }
+    }
+
+    fn info(&self, index: usize, optional: Vec<Feature>) -> DeviceInfo {
+        let text = |s: Result<&CStr, _>| s.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        let kind = DeviceKind::from(self.base.device_type);
+        let (version, limits) = (self.base.api_version, &self.base.limits);
+        let [major, minor, patch] =
+            [vk::api_version_major(version), vk::api_version_minor(version), vk::api_version_patch(version)];
+        let size = self.subgroup.subgroup_size;
+        let pinned = optional.contains(&Feature::SubgroupSizeControl);
+        let timestamps = self.queue_family().is_some_and(|f| self.families[f].timestamp_valid_bits > 0);
+        DeviceInfo {
             index,
-            name: text(base.device_name_as_c_str()),
-            kind: match base.device_type {
-                vk::PhysicalDeviceType::DISCRETE_GPU => "discrete",
-                vk::PhysicalDeviceType::INTEGRATED_GPU => "integrated",
-                vk::PhysicalDeviceType::VIRTUAL_GPU => "virtual",
-                vk::PhysicalDeviceType::CPU => "cpu",
-                _ => "other",
-            },
-            driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str())),
-            api: format!(
-                "{}.{}.{}",
-                vk::api_version_major(version),
-                vk::api_version_minor(version),
-                vk::api_version_patch(version)
+            name: text(self.base.device_name_as_c_str()),
+            kind,
+            class: DeviceClass::of(kind, self.base.vendor_id),
+            driver: format!(
+                "{} {}",
+                text(self.driver.driver_name_as_c_str()),
+                text(self.driver.driver_info_as_c_str())
             ),
+            api: format!("{major}.{minor}.{patch}"),
             subgroup_size: size,
-            subgroup_range: if subgroup_control {
-                [control.min_subgroup_size, control.max_subgroup_size]
+            subgroup_range: if pinned {
+                [self.control.min_subgroup_size, self.control.max_subgroup_size]
             } else {
                 [size, size]
             },
-            max_buffer_bytes: u64::from(base.limits.max_storage_buffer_range),
-            memory_bytes: memory
-                .memory_heaps_as_slice()
-                .iter()
-                .filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
-                .map(|h| h.size)
-                .max()
-                .unwrap_or(0),
-            shared_bytes: base.limits.max_compute_shared_memory_size,
-            max_workgroup: base.limits.max_compute_work_group_invocations,
-            timestamp_period: if timestamps { base.limits.timestamp_period } else { 0.0 },
+            max_buffer_bytes: u64::from(limits.max_storage_buffer_range),
+            memory_bytes: self.heap().map_or(0, |(_, size)| size),
+            shared_bytes: limits.max_compute_shared_memory_size,
+            max_workgroup: limits.max_compute_work_group_invocations,
+            timestamp_period: if timestamps { limits.timestamp_period } else { 0.0 },
             optional,
-            missing,
-        },
-    })
+            missing: self.missing(),
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use super::device::{Context, Device, lock};
 use super::error::{During, Error};
 use super::hazards::Barrier;
-use super::kernel::Pipeline;
+use super::pipeline::Pipeline;
 use super::profiler::Timings;
 use super::recording::{Command, Recording, Size};
 use ash::vk;
@@ -50,7 +50,7 @@ impl Device {
         let mut pipelines = Vec::new();
         for command in &recording.commands {
             if let Command::Dispatch { shader, constants, .. } = command {
-                pipelines.push(context.pipeline(shader, constants.clone())?);
+                pipelines.push(context.pipelines.get(context, shader, constants.clone())?);
             }
         }
         let frame = Frame::take(context, recording.scopes() as u32 * 2)?;

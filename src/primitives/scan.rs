@@ -16,8 +16,7 @@ pub struct Scan {
 impl Scan {
     /// Words that one workgroup scans on this device.
     pub fn block(device: &Device) -> u32 {
-        let (workgroup, rows) = shape(device);
-        workgroup * rows
+        device.tuning().scan_workgroup * device.tuning().scan_rows
     }
 
     /// Bytes of [`Scan::new`].
@@ -30,7 +29,7 @@ impl Scan {
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device, capacity: u32) -> Result<Self> {
-        let (workgroup, rows) = shape(device);
+        let (workgroup, rows) = (device.tuning().scan_workgroup, device.tuning().scan_rows);
         let sums = device.buffer("scan sums", capacity.div_ceil(workgroup * rows) as usize)?;
         Ok(Self { sums, unasked: device.buffer("scan total", 1)?, workgroup, rows })
     }
@@ -54,10 +53,4 @@ impl Scan {
             recording.dispatch(&kernel, groups);
         }
     }
-}
-
-/// (workgroup, rows): on a CPU device one subgroup a workgroup, since barriers cost more than lanes there.
-fn shape(device: &Device) -> (u32, u32) {
-    let info = device.info();
-    if info.is_cpu() { (info.subgroup_size, 2048 / info.subgroup_size) } else { (256.max(info.subgroup_size), 16) }
 }

@@ -52,16 +52,10 @@ struct Shape {
 
 impl Shape {
     fn of(device: &Device, capacity: u32) -> Self {
-        let info = device.info();
-        if info.is_cpu() {
-            // A few long runs: the counters of a block are cleared and scanned once, whatever its length.
-            let rows = (capacity / (info.subgroup_size * 16)).clamp(32, 512).next_power_of_two();
-            Self { workgroup: info.subgroup_size, rows, serial: true }
-        } else {
-            // Eight rank units a workgroup hold their counters in 8 KiB of shared memory.
-            let workgroup = (8 * info.subgroup_size).min(info.max_workgroup);
-            Self { workgroup, rows: 16, serial: false }
-        }
+        let tuning = device.tuning();
+        let (workgroup, [fewest, most]) = (tuning.sort_workgroup, tuning.sort_rows);
+        let rows = (capacity / (workgroup * tuning.sort_workgroups)).clamp(fewest, most).next_power_of_two();
+        Self { workgroup, rows, serial: tuning.sort_serial }
     }
 
     fn block(self) -> u32 {

@@ -150,10 +150,7 @@ impl<'a> Assembly<'a> {
         let h: &[f32] = options.density.map_or(&[0.0], |_| h.as_flattened());
         assert!(options.density.is_none() || h.len() == CHANNELS * model.len, "one row a Gaussian");
         assert!(members.iter().all(|i| (*i as usize) < model.len), "members are Gaussians of the model");
-        let info = device.info();
-        let rows = info.subgroup_size;
-        // Long tiles read a Gaussian less often; short ones spread over more workgroups.
-        let columns = if info.is_cpu() { 64_u32.next_multiple_of(rows) } else { rows };
+        let (rows, columns) = (device.info().subgroup_size, device.tuning().overlap_columns);
         let plan = Plan::new(starts, options.batch_bytes, [rows, columns])?;
         let most = |f: fn(&Batch) -> usize| plan.batches.iter().map(f).max().unwrap_or(0);
         let (entries, room) = (most(|b| b.entries), most(|b| b.members.len()));

@@ -1,7 +1,7 @@
 //! The backward pass: how it goes, what it counts, and what its stages hand on.
 
 use super::bin;
-use super::frame::{Frame, Shape, SlotSums};
+use super::frame::{Frame, Launch, SlotSums};
 use super::rasterise_backward_atomic::AtomicSums;
 use crate::gpu::Buffer;
 use crate::primitives::Pairs;
@@ -39,7 +39,7 @@ pub struct BackwardCounts {
 
 /// What the stages of one backward pass share.
 pub(super) struct Pass<'a> {
-    pub shape: &'a Shape,
+    pub launch: &'a Launch,
     pub frame: &'a Frame,
     /// By the picture's pixels.
     pub image_gradient: &'a Buffer<[f32; 4]>,

@@ -1,6 +1,6 @@
 //! Binning: (tile, slot) pairs in depth order, then by tile, and where each tile's begin.
 
-use super::frame::{Frame, Shape};
+use super::frame::{Frame, Launch};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{Bin, BinSpec, Ranges, RangesPush, RangesSpec};
@@ -10,7 +10,7 @@ use crate::primitives::{Pairs, WORKGROUP, compact, gather};
 /// of their own, all of it does.
 pub(super) fn depth_sort<'a>(
     recording: &mut Recording,
-    shape: &Shape,
+    launch: &Launch,
     frame: &'a Frame,
     model: &Resident,
 ) -> &'a Pairs {
@@ -19,7 +19,7 @@ pub(super) fn depth_sort<'a>(
     let order = &frame.by_depth.values;
     compact(recording, &model.count, &frame.visible, &frame.offsets, order);
     frame.visible_count.prepare(recording);
-    if shape.settings.depth_order {
+    if launch.settings.depth_order {
         return &frame.by_depth;
     }
     gather(recording, &frame.visible_count, order, &frame.depth, &frame.by_depth.keys);
@@ -27,7 +27,7 @@ pub(super) fn depth_sort<'a>(
 }
 
 /// Records the pairs of all visible Gaussians, in depth order.
-pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, model: &Resident, order: &Pairs) {
+pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, model: &Resident, order: &Pairs) {
     let pairs = &frame.pairs;
     // Where tiles have an order of their own, keys are depths first.
     let (keys, depths) = (pairs.tiles.as_ref().unwrap_or(&pairs.by_tile.keys), &pairs.by_tile.keys);
@@ -54,9 +54,9 @@ pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, mo
         rotations: &model.rotations,
         spec: BinSpec {
             workgroup: WORKGROUP,
-            tile: shape.tile,
-            culling: shape.settings.culling as u32,
-            depth_order: shape.settings.depth_order,
+            tile: launch.tuning.tile,
+            culling: launch.settings.culling as u32,
+            depth_order: launch.settings.depth_order,
         },
     };
     recording.dispatch(&kernel, frame.visible_count.groups(WORKGROUP));

@@ -1,7 +1,7 @@
-//! Intermediate arrays of one frame, and what a device chooses once.
+//! Intermediate arrays of one frame, and how its kernels are launched.
 
-use super::settings::{Settings, tile_size};
-use crate::gpu::{Buffer, Device, Result};
+use super::settings::Settings;
+use crate::gpu::{Buffer, Device, Result, Tuning};
 use crate::kernels::View;
 use crate::kernels::constants::gradient_row::ROW;
 use crate::primitives::{Count, Pairs, Scan, Sort};
@@ -9,27 +9,16 @@ use crate::primitives::{Count, Pairs, Scan, Sort};
 /// Floats of a Gaussian's gradients.
 const GRADIENT_ROW: usize = ROW as usize;
 
-/// What a device and settings choose once.
-pub(super) struct Shape {
+/// How a renderer launches its kernels.
+pub(super) struct Launch {
     pub settings: Settings,
-    pub tile: u32,
     pub subgroup: u32,
-    /// Invocations that walk one tile.
-    pub workgroup: u32,
-    /// Splats staged in shared memory at a time; 0 for none.
-    pub batch: u32,
+    pub tuning: Tuning,
 }
 
-impl Shape {
+impl Launch {
     pub fn new(device: &Device, settings: Settings) -> Self {
-        let info = device.info();
-        let tile = tile_size(info);
-        if info.is_cpu() {
-            // One subgroup walks a tile, its pixels in registers: no barriers, and a splat is read once.
-            Self { settings, tile, subgroup: info.subgroup_size, workgroup: info.subgroup_size, batch: 0 }
-        } else {
-            Self { settings, tile, subgroup: info.subgroup_size, workgroup: tile * tile, batch: tile * tile }
-        }
+        Self { settings, subgroup: device.info().subgroup_size, tuning: device.tuning().clone() }
     }
 }
 

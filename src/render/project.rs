@@ -1,12 +1,12 @@
 //! Projection: 2D Gaussians, colours, depths and tile counts.
 
-use super::frame::{Frame, Shape};
+use super::frame::{Frame, Launch};
 use crate::gaussians::resident::Resident;
 use crate::gpu::Recording;
 use crate::kernels::render::{Project, ProjectSpec};
 use crate::primitives::WORKGROUP;
 
-pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, model: &Resident) {
+pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, model: &Resident) {
     let kernel = Project {
         view: &frame.view,
         count: &model.count.value,
@@ -26,9 +26,9 @@ pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, mo
         visible: &frame.visible,
         spec: ProjectSpec {
             workgroup: WORKGROUP,
-            tile: shape.tile,
-            culling: shape.settings.culling as u32,
-            antialias: shape.settings.antialias,
+            tile: launch.tuning.tile,
+            culling: launch.settings.culling as u32,
+            antialias: launch.settings.antialias,
             degree: model.degree as u32,
             half: model.half,
         },

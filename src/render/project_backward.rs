@@ -13,7 +13,7 @@ pub(super) fn record(
     model: &Resident,
     guards: &Buffer<u32>,
 ) {
-    let Pass { shape, frame, options, .. } = *pass;
+    let Pass { launch, frame, options, .. } = *pass;
     let Sums { counts, first, rows: sums } = *sums;
     // Where no growth is asked for, any memory stands for it: the kernel leaves it alone.
     let unused = frame.gradient_rows.cast();
@@ -41,7 +41,7 @@ pub(super) fn record(
         push: ProjectBackwardPush { pair_limit: frame.pairs.count.limit() },
         spec: ProjectBackwardSpec {
             workgroup: WORKGROUP,
-            antialias: shape.settings.antialias,
+            antialias: launch.settings.antialias,
             degree: model.degree as u32,
             direction_gradient: options.through_direction,
             statistics: options.growth.is_some(),

@@ -1,11 +1,11 @@
 //! Rasterisation: blending each tile's Gaussians into its pixels.
 
-use super::frame::{Frame, Shape};
+use super::frame::{Frame, Launch};
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{Rasterise, RasteriseSpec};
 use crate::primitives::Pairs;
 
-pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, sorted: &Pairs, tiles: u32) {
+pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, sorted: &Pairs, tiles: u32) {
     let kernel = Rasterise {
         view: &frame.view,
         starts: &frame.starts,
@@ -16,11 +16,11 @@ pub(super) fn record(recording: &mut Recording, shape: &Shape, frame: &Frame, so
         colour: &frame.colour,
         image: &frame.image,
         spec: RasteriseSpec {
-            workgroup: shape.workgroup,
-            tile: shape.tile,
-            batch: shape.batch,
-            stop: shape.settings.stop,
-            pixels: shape.tile * shape.tile / shape.workgroup,
+            workgroup: launch.tuning.rasterise_workgroup,
+            tile: launch.tuning.tile,
+            batch: launch.tuning.rasterise_batch,
+            stop: launch.settings.stop,
+            pixels: launch.tuning.tile * launch.tuning.tile / launch.tuning.rasterise_workgroup,
         },
     };
     recording.dispatch(&kernel, Groups::Count(tiles));

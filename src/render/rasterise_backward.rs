@@ -6,7 +6,7 @@ use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{RasteriseBackward, RasteriseBackwardSpec};
 
 pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, sums: &'a SlotSums) -> Sums<'a> {
-    let Pass { shape, frame, image_gradient, tiles, options } = *pass;
+    let Pass { launch, frame, image_gradient, tiles, options } = *pass;
     let kernel = RasteriseBackward {
         view: &frame.view,
         starts: &frame.starts,
@@ -21,10 +21,10 @@ pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, sums: &'a S
         covariance_sums: &sums.covariance,
         colour_sums: &sums.colour,
         spec: RasteriseBackwardSpec {
-            workgroup: shape.subgroup,
-            tile: shape.tile,
-            pixels: shape.tile * shape.tile / shape.subgroup,
-            stop: shape.settings.stop,
+            workgroup: launch.subgroup,
+            tile: launch.tuning.tile,
+            pixels: launch.tuning.tile * launch.tuning.tile / launch.subgroup,
+            stop: launch.settings.stop,
             residual: options.residual,
         },
     };

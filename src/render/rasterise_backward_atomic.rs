@@ -3,7 +3,7 @@
 
 use super::backward::{Pass, Sums};
 use super::frame::SlotSums;
-use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::gpu::{Buffer, Device, Feature, Groups, Recording, Result};
 use crate::kernels::render::{
     RasteriseBackwardAtomic, RasteriseBackwardAtomicSpec, RasteriseBackwardCas, RasteriseBackwardCasSpec,
 };
@@ -24,7 +24,7 @@ impl AtomicSums {
 
     /// Whether the device adds floats atomically; all others do it by comparing and swapping words.
     pub fn are_native(device: &Device) -> bool {
-        device.info().optional.contains(&"float-atomics")
+        device.info().has(Feature::FloatAtomics)
     }
 
     /// Room for so many Gaussians; `native` asks for the device's own float atomics, which it must have.
@@ -38,7 +38,7 @@ impl AtomicSums {
 
     /// Projection's backward then reads one row of each visible Gaussian.
     pub(super) fn record<'a>(&'a self, recording: &mut Recording, pass: &Pass<'a>) -> Sums<'a> {
-        let Pass { shape, frame, image_gradient, tiles, .. } = *pass;
+        let Pass { launch, frame, image_gradient, tiles, .. } = *pass;
         let SlotSums { position, covariance, colour } = &self.sums;
         for sums in [position, covariance, colour] {
             recording.fill(sums, 0);
@@ -60,10 +60,10 @@ impl AtomicSums {
                     covariance_sums: &covariance.cast(),
                     colour_sums: &colour.cast(),
                     spec: $spec {
-                        workgroup: shape.subgroup,
-                        tile: shape.tile,
-                        pixels: shape.tile * shape.tile / shape.subgroup,
-                        stop: shape.settings.stop,
+                        workgroup: launch.subgroup,
+                        tile: launch.tuning.tile,
+                        pixels: launch.tuning.tile * launch.tuning.tile / launch.subgroup,
+                        stop: launch.settings.stop,
                     },
                 };
                 recording.dispatch(&kernel, Groups::Count(tiles));

@@ -1,8 +1,8 @@
 //! Buffers of one frame, and the lists of its stages forward and backward.
 
 use super::backward::{Backward, BackwardCounts, Pass};
-use super::frame::{Frame, PairBuffers, Shape, Uses};
-use super::settings::{Settings, tile_size, view};
+use super::frame::{Frame, Launch, PairBuffers, Uses};
+use super::settings::{Settings, view};
 use super::slots::{GradientRows, Slots};
 use super::{bin, project, project_backward, rasterise, rasterise_backward};
 use crate::gaussians::resident::Resident;
@@ -32,7 +32,7 @@ pub struct Image {
 /// Renders models of up to a number of Gaussians at up to a number of pixels; grows as asked.
 pub struct Renderer {
     device: Device,
-    shape: Shape,
+    launch: Launch,
     frame: Frame,
     gaussians: usize,
     uses: Uses,
@@ -72,18 +72,18 @@ impl Renderer {
         pairs: u32,
         training: bool,
     ) -> Result<Self> {
-        let shape = Shape::new(device, settings);
-        let tile = shape.tile;
+        let launch = Launch::new(device, settings);
+        let tile = launch.tuning.tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
         let uses = Uses { training, depth_order: settings.depth_order };
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, uses)?;
         let guards = training.then(|| device.upload("guards", &[0, 0])).transpose()?;
-        Ok(Self { device: device.clone(), shape, frame, gaussians, uses, guards })
+        Ok(Self { device: device.clone(), launch, frame, gaussians, uses, guards })
     }
 
     /// Bytes of a renderer with room for so many Gaussians and pairs, and one picture of `size`.
     pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, uses: Uses) -> u64 {
-        let tile = tile_size(device.info());
+        let tile = device.tuning().tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
         let guards = if uses.training { Buffer::<u32>::bytes_of(2) } else { 0 };
         Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, uses) + guards
@@ -96,12 +96,12 @@ impl Renderer {
 
     /// The settings.
     pub fn settings(&self) -> &Settings {
-        &self.shape.settings
+        &self.launch.settings
     }
 
     /// Tile side in pixels.
     pub fn tile(&self) -> u32 {
-        self.shape.tile
+        self.launch.tuning.tile
     }
 
     /// Renders one picture. The only number read back is how many pairs there were, with the picture itself: when they
@@ -135,7 +135,7 @@ impl Renderer {
     /// Device errors.
     pub fn draw(&self, model: &Resident, camera: &Camera) -> Result<Timings> {
         let mut recording = Recording::new();
-        self.forget_pairs(&mut recording);
+        self.reset_overflow(&mut recording);
         self.record(&mut recording, model, camera);
         self.device.run(recording)
     }
@@ -179,26 +179,27 @@ impl Renderer {
         Ok(())
     }
 
-    /// Records that no pairs were ever asked for: what does not fit from now on makes every later iteration void.
-    pub fn forget_pairs(&self, recording: &mut Recording) {
+    /// Records the reset of the overflow of the pair buffers. Pairs that do not fit from now on void every iteration after them.
+    pub fn reset_overflow(&self, recording: &mut Recording) {
         recording.update(&self.frame.pairs.count.value, &[0, 0]);
     }
 
     fn tiles(&self, camera: &Camera) -> usize {
-        camera.width.div_ceil(self.shape.tile) as usize * camera.height.div_ceil(self.shape.tile) as usize
+        let tile = self.tile();
+        camera.width.div_ceil(tile) as usize * camera.height.div_ceil(tile) as usize
     }
 
     /// Records the forward pass of one picture.
     pub fn record(&self, recording: &mut Recording, model: &Resident, camera: &Camera) {
-        let (shape, frame) = (&self.shape, &self.frame);
+        let (launch, frame) = (&self.launch, &self.frame);
         let tiles = self.tiles(camera) as u32;
-        recording.update(&frame.view, &[view(camera, &shape.settings, model.degree, shape.tile)]);
-        recording.scope(STAGES[0], |r| project::record(r, shape, frame, model));
-        let order = recording.scope(STAGES[1], |r| bin::depth_sort(r, shape, frame, model));
-        recording.scope(STAGES[2], |r| bin::record(r, shape, frame, model, order));
+        recording.update(&frame.view, &[view(camera, &launch.settings, model.degree, launch.tuning.tile)]);
+        recording.scope(STAGES[0], |r| project::record(r, launch, frame, model));
+        let order = recording.scope(STAGES[1], |r| bin::depth_sort(r, launch, frame, model));
+        recording.scope(STAGES[2], |r| bin::record(r, launch, frame, model, order));
         bin::depth_order(recording, frame);
         recording.scope(STAGES[3], |r| bin::tile_sort(r, frame, tiles));
-        recording.scope(STAGES[4], |r| rasterise::record(r, shape, frame, bin::sorted(frame, tiles), tiles));
+        recording.scope(STAGES[4], |r| rasterise::record(r, launch, frame, bin::sorted(frame, tiles), tiles));
     }
 
     /// Records the backward pass of the picture recorded before it: from the gradients by its pixels to one row of gradients
@@ -214,9 +215,9 @@ impl Renderer {
         image_gradient: &Buffer<[f32; 4]>,
         backward: Backward<'_>,
     ) {
-        let (shape, frame) = (&self.shape, &self.frame);
+        let (launch, frame) = (&self.launch, &self.frame);
         let tiles = self.tiles(camera) as u32;
-        let pass = Pass { shape, frame, image_gradient, tiles, options: backward };
+        let pass = Pass { launch, frame, image_gradient, tiles, options: backward };
         let sums = recording.scope(BACKWARD_STAGES[0], |r| match backward.atomics {
             Some(atomics) => atomics.record(r, &pass),
             None => rasterise_backward::record(r, &pass, frame.pairs.sums.as_ref().expect(FOR_TRAINING)),
@@ -255,7 +256,7 @@ impl Renderer {
     /// # Panics
     /// When the renderer was not made [`Renderer::for_training`].
     pub fn slots(&self, camera: &Camera) -> Slots<'_> {
-        Slots::new(&self.shape, &self.frame, self.tiles(camera) as u32)
+        Slots::new(&self.launch, &self.frame, self.tiles(camera) as u32)
     }
 
     /// The picture drawn last, in device memory: row by row, red, green, blue, alpha.

@@ -1,6 +1,5 @@
 //! What a picture depends on besides model and camera.
 
-use crate::gpu::DeviceInfo;
 use crate::kernels::View;
 use crate::kernels::constants::blending::TRANSMITTANCE_STOP;
 use crate::kernels::constants::tiles;
@@ -81,11 +80,6 @@ impl Style {
         let dilation = if antialias { DILATION_ANTIALIAS } else { DILATION };
         Settings { background, antialias, dilation, depth_order, ..Settings::default() }
     }
-}
-
-/// Tile side in pixels for a device: small where every lane's work is paid for by a core, the usual 16 on GPUs.
-pub(super) fn tile_size(info: &DeviceInfo) -> u32 {
-    if info.is_cpu() { 8 } else { 16 }
 }
 
 /// A camera as kernels see it.

@@ -1,7 +1,7 @@
 //! What a picture and its backward pass leave for kernels of floors above: (tile, Gaussian) slots, and rows of gradients.
 
 use super::bin;
-use super::frame::{Frame, Shape};
+use super::frame::{Frame, Launch};
 use crate::gpu::Buffer;
 use crate::kernels::View;
 
@@ -64,7 +64,7 @@ impl<'a> GradientRows<'a> {
 }
 
 impl<'a> Slots<'a> {
-    pub(super) fn new(shape: &Shape, frame: &'a Frame, tiles: u32) -> Self {
+    pub(super) fn new(launch: &Launch, frame: &'a Frame, tiles: u32) -> Self {
         let sums = frame.pairs.sums.as_ref().expect("a renderer for training");
         Self {
             view: &frame.view,
@@ -83,8 +83,8 @@ impl<'a> Slots<'a> {
                 colour: sums.colour.cast(),
             },
             tiles,
-            tile: shape.tile,
-            stop: shape.settings.stop,
+            tile: launch.tuning.tile,
+            stop: launch.settings.stop,
         }
     }
 }

@@ -33,7 +33,7 @@ pub fn full_pass<E: From<Error>>(
         renderer.make_room(model, camera)?;
         loop {
             let mut recording = Recording::new();
-            renderer.forget_pairs(&mut recording);
+            renderer.reset_overflow(&mut recording);
             renderer.record(&mut recording, model, camera);
             loss(&mut recording, v, renderer.image())?;
             renderer.record_backward(&mut recording, model, camera, image_gradient, backward);

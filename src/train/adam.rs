@@ -126,7 +126,12 @@ fn record_as(
         (&model.opacity_logits, &state.opacity_logits, 1, ROW_LOGIT, rates.opacity),
     ];
     recording.scope(STAGE, |r| {
-        let pass = Pass { rows: renderer.gradient_rows(), model, form, by_row: renderer.device().info().is_cpu() };
+        let pass = Pass {
+            rows: renderer.gradient_rows(),
+            model,
+            form,
+            by_gaussian: renderer.device().tuning().adam_by_gaussian,
+        };
         for (values, moments, width, offset, rate) in attributes {
             pass.attribute(r, values, moments, Place { width, offset, band: NO_BAND }, rate);
         }
@@ -151,7 +156,7 @@ struct Pass<'a> {
     model: &'a Resident,
     form: Form,
     /// Whether an invocation owns all elements of a Gaussian.
-    by_row: bool,
+    by_gaussian: bool,
 }
 
 impl Pass<'_> {
@@ -168,8 +173,7 @@ impl Pass<'_> {
             Form::Gradients => (GRADIENT, 1),
         };
         let correction = |beta: f64| 1.0 - beta.powf(f64::from(step));
-        // On a GPU neighbouring lanes touch neighbouring words; on a CPU what a Gaussian's elements share is read once.
-        let run = if self.by_row { width } else { 1 };
+        let run = if self.by_gaussian { width } else { 1 };
         let kernel = Adam {
             pairs: self.rows.pairs,
             count: &self.model.count.value,

@@ -10,16 +10,14 @@ use crate::scene::FourthByte;
 /// The profiler's scope.
 pub const STAGE: &str = "loss";
 
-/// Rounds of an invocation's run: long runs read each value less often, short ones occupy a GPU.
-fn rounds(device: &Device) -> u32 {
-    if device.info().is_cpu() { 4 } else { FEWEST_ROUNDS }
-}
-
-const FEWEST_ROUNDS: u32 = 2;
-
 /// Runs of the rows phase and of a columns phase.
 fn runs([width, height]: [u32; 2], rounds: u32) -> [u32; 2] {
     [3 * height * width.div_ceil(TAPS * (rounds - 1) + 1), 3 * width * height.div_ceil(TAPS * rounds)]
+}
+
+/// Terms of a picture of this size, or of one that fits in it, at most.
+fn terms(size: [u32; 2], rounds: u32) -> usize {
+    runs(size, rounds).iter().map(|r| *r as usize).sum()
 }
 
 /// Weights of the loss's terms.
@@ -65,16 +63,11 @@ pub struct Loss {
 
 impl Loss {
     /// Bytes of [`Loss::new`].
-    pub fn bytes(width: u32, height: u32) -> u64 {
+    pub fn bytes(device: &Device, width: u32, height: u32) -> u64 {
         let pixels = width as usize * height as usize;
         let planes = Buffer::<f32>::bytes_of(12 * pixels) + Buffer::<f32>::bytes_of(9 * pixels);
         let of = Buffer::<[f32; 4]>::bytes_of;
-        planes + of(Self::terms(width, height)) + of(1) + of(pixels)
-    }
-
-    /// Terms of a picture of this size, or of one that fits in it, at most.
-    fn terms(width: u32, height: u32) -> usize {
-        runs([width, height], FEWEST_ROUNDS).iter().map(|r| *r as usize).sum()
+        planes + of(terms([width, height], device.tuning().loss_rounds)) + of(1) + of(pixels)
     }
 
     /// Scratch for pictures of at most `width` x `height`.
@@ -82,12 +75,12 @@ impl Loss {
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device, width: u32, height: u32) -> Result<Self> {
-        let pixels = width as usize * height as usize;
+        let (pixels, rounds) = (width as usize * height as usize, device.tuning().loss_rounds);
         Ok(Self {
-            rounds: rounds(device),
+            rounds,
             means: device.buffer("window means", 12 * pixels)?,
             partials: device.buffer("SSIM partials", 9 * pixels)?,
-            terms: device.buffer("loss terms", Self::terms(width, height))?,
+            terms: device.buffer("loss terms", terms([width, height], rounds))?,
             sums: device.buffer("loss sums", 1)?,
             gradient: device.buffer("image gradient", pixels)?,
         })

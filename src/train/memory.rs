@@ -48,7 +48,8 @@ impl Trainer {
         let model = Resident::bytes(n, degree) + AdamState::bytes(n, degree) + Buffer::<[f32; 2]>::bytes_of(n);
         let uses = Uses { training: true, depth_order: demand.style.depth_order };
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
-        let pictures = DevicePhotos::bytes(&demand.photos, device.memory_limit()) + Loss::bytes(size[0], size[1]);
+        let pictures =
+            DevicePhotos::bytes(&demand.photos, device.memory_limit()) + Loss::bytes(device, size[0], size[1]);
         let pixels = size[0] as usize * size[1] as usize;
         let exposures = if demand.exposure { Exposure::bytes(demand.photos.len(), pixels) } else { 0 };
         let pictures = pictures + exposures + if demand.masked { Mask::bytes(pixels) } else { 0 };

@@ -172,7 +172,7 @@ impl Trainer {
         let last = self.boundary(until);
         let mut recording = Recording::new();
         self.renderer.reset_backward_counts(&mut recording);
-        self.renderer.forget_pairs(&mut recording);
+        self.renderer.reset_overflow(&mut recording);
         self.device.run(recording)?;
 
         let mut flight: VecDeque<Ticket> = VecDeque::new();

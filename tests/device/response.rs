@@ -123,7 +123,7 @@ fn averages_decay_as_if_every_iteration_were_counted() {
     let mut expected = vec![[0.0_f64; 8]; model.len()];
     for (k, v) in views.into_iter().enumerate() {
         let mut recording = Recording::new();
-        renderer.forget_pairs(&mut recording);
+        renderer.reset_overflow(&mut recording);
         renderer.record(&mut recording, &resident, &cameras[v]);
         renderer.record_backward(&mut recording, &resident, &cameras[v], &gradients[v], backward);
         let gather = Gather::Average { iteration: 13_001 + k as u32 };
@@ -149,7 +149,7 @@ fn a_view_whose_pairs_do_not_fit_leaves_nothing() {
     let responses = ResidentResponses::zeros(&device, model.len()).unwrap();
     let scores = ResidentScores::zeros(&device, model.len()).unwrap();
     let mut recording = Recording::new();
-    renderer.forget_pairs(&mut recording);
+    renderer.reset_overflow(&mut recording);
     renderer.record(&mut recording, &resident, camera);
     responses.record(&mut recording, &renderer, &resident, camera, Gather::Average { iteration: 7 });
     scores.record(&mut recording, &renderer, &resident, camera);

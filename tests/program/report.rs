@@ -1,7 +1,7 @@
 //! The page of a run: well formed, whole in itself, and without a number that is none, whatever the results hold.
 
 use super::html::{Html, parse};
-use qirf_vk::gpu::DeviceInfo;
+use qirf_vk::gpu::{DeviceClass, DeviceInfo, DeviceKind};
 use qirf_vk::metrics::Scores;
 use qirf_vk::pipeline::Output;
 use qirf_vk::pipeline::evaluate::exhibits::exhibits;
@@ -68,7 +68,8 @@ fn rich() -> RunRecord {
         device: DeviceInfo {
             index: 0,
             name: "Device <&>".into(),
-            kind: "cpu",
+            kind: DeviceKind::Cpu,
+            class: DeviceClass::Cpu,
             driver: "driver \"1\"".into(),
             api: "1.3".into(),
             subgroup_size: 8,

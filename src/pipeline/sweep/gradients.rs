@@ -74,7 +74,7 @@ impl<'a> Bench<'a> {
         let subject = self.context.subject;
         let camera = &subject.views[v].camera;
         let mut recording = Recording::new();
-        self.renderer.forget_pairs(&mut recording);
+        self.renderer.reset_overflow(&mut recording);
         self.renderer.record(&mut recording, model, camera);
         let (size, settings) = ([camera.width, camera.height], &subject.settings);
         recording.scope(loss::STAGE, |r| {

@@ -55,7 +55,7 @@ fn owners_know_their_bytes() {
                     assert_eq!(made, right, "{n} at {w} x {h}, {pairs} pairs, {depth_order}");
                 }
             }
-            assert_eq!(taken(&|| Box::new(Loss::new(&device, w, h).unwrap())), Loss::bytes(w, h));
+            assert_eq!(taken(&|| Box::new(Loss::new(&device, w, h).unwrap())), Loss::bytes(&device, w, h));
         }
     }
     let views = [view(8, 4), view(16, 16)];

@@ -1,0 +1,84 @@
+//! Device memory: the allocator, and the account of what this program holds.
+
+use super::device::lock;
+use super::error::Error;
+use ash::vk;
+use gpu_allocator::AllocationError;
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, Allocator, AllocatorCreateDesc};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// The memory of one device.
+pub(super) struct Memory {
+    allocator: Mutex<Allocator>,
+    used: AtomicU64,
+    peak: AtomicU64,
+    limit: u64,
+    device: String,
+}
+
+impl Memory {
+    /// Memory of a device of this name, of which this program may use `limit` bytes.
+    pub fn new(info: &AllocatorCreateDesc, device: &str, limit: u64) -> Result<Self, Error> {
+        let allocator = Allocator::new(info)
+            .map_err(|e| Error::MissingFeature { device: device.to_owned(), feature: format!("memory ({e})") })?;
+        let (allocator, used, peak) = (Mutex::new(allocator), AtomicU64::new(0), AtomicU64::new(0));
+        Ok(Self { allocator, used, peak, limit, device: device.to_owned() })
+    }
+
+    /// Bytes in use now, and at most so far.
+    pub fn used(&self) -> (u64, u64) {
+        (self.used.load(Ordering::Relaxed), self.peak.load(Ordering::Relaxed))
+    }
+
+    /// Bytes that may be in use.
+    pub fn limit(&self) -> u64 {
+        self.limit
+    }
+
+    /// Counts `bytes` as used, unless they go beyond the limit.
+    pub fn reserve(&self, name: &str, bytes: u64) -> Result<(), Error> {
+        let used = self.used.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        if used > self.limit {
+            self.release(bytes);
+            return Err(self.out_of_memory(name, bytes));
+        }
+        self.peak.fetch_max(used, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// Takes back a reservation.
+    pub fn release(&self, bytes: u64) {
+        self.used.fetch_sub(bytes, Ordering::Relaxed);
+    }
+
+    /// Allocates memory for a buffer of `bytes`.
+    pub fn allocate(&self, wanted: &AllocationCreateDesc<'_>, bytes: u64) -> Result<Allocation, Error> {
+        lock(&self.allocator).allocate(wanted).map_err(|e| self.error(wanted.name, bytes, &e))
+    }
+
+    /// Frees what was allocated.
+    pub fn free(&self, allocation: Allocation) {
+        let _ = lock(&self.allocator).free(allocation);
+    }
+
+    fn out_of_memory(&self, name: &str, needed: u64) -> Error {
+        let (used, _) = self.used();
+        Error::OutOfMemory { name: name.to_owned(), needed, used, limit: self.limit, device: self.device.clone() }
+    }
+
+    fn error(&self, name: &str, bytes: u64, error: &AllocationError) -> Error {
+        match error {
+            AllocationError::OutOfMemory => self.out_of_memory(name, bytes),
+            // The allocator's words for a host without memory, and for too many allocations.
+            AllocationError::FailedToMap(why) | AllocationError::Internal(why) => {
+                tracing::warn!("allocation of '{name}', {bytes} bytes: {why}");
+                Error::Exhausted { call: "allocate memory", of: "the host's" }
+            }
+            other => {
+                tracing::error!("allocation of '{name}': {other}");
+                Error::Vulkan { call: "allocate memory", result: vk::Result::ERROR_UNKNOWN }
+            }
+        }
+    }
+}

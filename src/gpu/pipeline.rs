@@ -1,0 +1,176 @@
+//! Pipelines, and the cache of them that outlives the process.
+
+use super::device::{Context, lock};
+use super::error::{During, Error};
+use super::kernel::Shader;
+use super::select::Feature;
+use ash::vk;
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+/// A shader with its constants, ready to be dispatched.
+pub(super) struct Pipeline {
+    pub raw: vk::Pipeline,
+    pub layout: vk::PipelineLayout,
+    set_layout: vk::DescriptorSetLayout,
+    module: vk::ShaderModule,
+}
+
+/// A device's pipelines, by the names of their shaders and the values of their constants.
+pub(super) struct Pipelines {
+    made: Mutex<HashMap<(&'static str, Vec<u32>), Arc<Pipeline>>>,
+    cache: vk::PipelineCache,
+    file: Option<PathBuf>,
+}
+
+impl Pipeline {
+    fn new(context: &Context, shader: &'static Shader, constants: &[u32]) -> Result<Self, Error> {
+        let mut made = Self {
+            raw: vk::Pipeline::null(),
+            layout: vk::PipelineLayout::null(),
+            set_layout: vk::DescriptorSetLayout::null(),
+            module: vk::ShaderModule::null(),
+        };
+        if let Err(e) = made.complete(context, shader, constants) {
+            // SAFETY: no work uses what was made so far.
+            unsafe { made.destroy(&context.raw) };
+            return Err(e);
+        }
+        context.name_object(made.raw, shader.name);
+        Ok(made)
+    }
+
+    fn complete(&mut self, context: &Context, shader: &'static Shader, constants: &[u32]) -> Result<(), Error> {
+        let device = &context.raw;
+        let bindings: Vec<_> = (0..shader.bindings.len() as u32)
+            .map(|i| {
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(i)
+                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .descriptor_count(1)
+                    .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            })
+            .collect();
+        let set_info = vk::DescriptorSetLayoutCreateInfo::default()
+            .flags(vk::DescriptorSetLayoutCreateFlags::PUSH_DESCRIPTOR_KHR)
+            .bindings(&bindings);
+        let range =
+            [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(shader.push_size)];
+        let ranges = if shader.push_size > 0 { &range[..] } else { &[] };
+        let words: Vec<u32> =
+            shader.spirv.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        let module_info = vk::ShaderModuleCreateInfo::default().code(&words);
+        // SAFETY: the module is SPIR-V that the build validated, its layouts were reflected from the same module, and
+        // every pointer outlives its call.
+        unsafe {
+            self.set_layout = device.create_descriptor_set_layout(&set_info, None).during("create set layout")?;
+            let layouts = [self.set_layout];
+            let layout_info =
+                vk::PipelineLayoutCreateInfo::default().set_layouts(&layouts).push_constant_ranges(ranges);
+            self.layout = device.create_pipeline_layout(&layout_info, None).during("create pipeline layout")?;
+            self.module = device.create_shader_module(&module_info, None).during("create shader module")?;
+        }
+        self.specialise(context, shader, constants)
+    }
+
+    /// Makes the pipeline itself: the module with its constants.
+    fn specialise(&mut self, context: &Context, shader: &'static Shader, constants: &[u32]) -> Result<(), Error> {
+        let subgroup = context.info.subgroup_size;
+        let subgroup_value = shader.subgroup_constant.map(|id| (id, subgroup));
+        let own = shader.constants.iter().copied().zip(constants.iter().copied());
+        let (ids, values): (Vec<u32>, Vec<u32>) = own.chain(subgroup_value).unzip();
+        let entries: Vec<_> = ids
+            .into_iter()
+            .zip(0..)
+            .map(|(id, i)| vk::SpecializationMapEntry { constant_id: id, offset: i * 4, size: 4 })
+            .collect();
+        let specialization =
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
+        let mut required =
+            vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default().required_subgroup_size(subgroup);
+        let mut stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(self.module)
+            .name(c"main")
+            .specialization_info(&specialization);
+        if context.info.has(Feature::SubgroupSizeControl) {
+            stage = stage.push_next(&mut required);
+        }
+        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout)];
+        // SAFETY: the layouts were reflected from this module; every pointer outlives the call.
+        let made = unsafe { context.raw.create_compute_pipelines(context.pipelines.cache, &info, None) };
+        self.raw = made.map_err(|(_, e)| e).during(shader.name)?[0];
+        Ok(())
+    }
+
+    /// # Safety
+    /// No submitted work may still use the pipeline.
+    unsafe fn destroy(&self, device: &ash::Device) {
+        // SAFETY: the caller's promise; the handles were made by this device and are destroyed once.
+        unsafe {
+            device.destroy_pipeline(self.raw, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            device.destroy_descriptor_set_layout(self.set_layout, None);
+            device.destroy_shader_module(self.module, None);
+        }
+    }
+}
+
+impl Pipelines {
+    /// No pipelines yet, and the driver's cache as an earlier process left it.
+    pub fn new(device: &ash::Device, cache_uuid: [u8; 16]) -> Result<Self, Error> {
+        let name = format!("pipelines-{:032x}.bin", u128::from_be_bytes(cache_uuid));
+        let file = dirs::cache_dir().map(|d| d.join("qirf-vk").join(name));
+        let cached = file.as_ref().and_then(|p| std::fs::read(p).ok()).unwrap_or_default();
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(&cached);
+        // SAFETY: Vulkan checks the data's header and ignores what is not its own.
+        let cache = unsafe { device.create_pipeline_cache(&info, None) }.during("create pipeline cache")?;
+        Ok(Self { made: Mutex::default(), cache, file })
+    }
+
+    /// The pipeline of a shader with these constants, made where it is not there yet.
+    pub fn get(&self, context: &Context, shader: &'static Shader, constants: Vec<u32>) -> Result<Arc<Pipeline>, Error> {
+        let key = (shader.name, constants);
+        let mut pipelines = lock(&self.made);
+        if let Some(found) = pipelines.get(&key) {
+            return Ok(Arc::clone(found));
+        }
+        let made = Arc::new(Pipeline::new(context, shader, &key.1)?);
+        pipelines.insert(key, Arc::clone(&made));
+        Ok(made)
+    }
+
+    /// Writes the driver's cache for the next process, unless it is as it was.
+    pub fn save(&self, device: &ash::Device) {
+        let Some(file) = &self.file else { return };
+        // SAFETY: the cache is alive.
+        let Ok(data) = (unsafe { device.get_pipeline_cache_data(self.cache) }) else { return };
+        if std::fs::metadata(file).is_ok_and(|m| m.len() == data.len() as u64) {
+            return;
+        }
+        // A cache that cannot be written costs the next start some time and nothing else.
+        let temporary = file.with_extension(std::process::id().to_string());
+        let saved = file
+            .parent()
+            .map_or(Ok(()), std::fs::create_dir_all)
+            .and_then(|()| std::fs::write(&temporary, &data))
+            .and_then(|()| std::fs::rename(&temporary, file));
+        if let Err(e) = saved {
+            let _ = std::fs::remove_file(&temporary);
+            tracing::debug!("the pipeline cache was not saved: {e}");
+        }
+    }
+
+    /// # Safety
+    /// No submitted work may still use a pipeline, and none is made afterwards.
+    pub unsafe fn destroy(&self, device: &ash::Device) {
+        // SAFETY: the caller's promise.
+        unsafe {
+            for (_, pipeline) in lock(&self.made).drain() {
+                pipeline.destroy(device);
+            }
+            device.destroy_pipeline_cache(self.cache, None);
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! Tuning: every number that depends on the class of device, in one table.
+//!
+//! All of them are specialization constants, or sizes of dispatches and scratch. None changes what is computed; most change
+//! the order in which sums are formed, and with it the last bits of results.
+
+use super::error::Error;
+use super::select::{DeviceInfo, DeviceKind};
+use serde::Serialize;
+use std::fmt;
+use std::str::FromStr;
+
+/// Classes of devices that the table has a row for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DeviceClass {
+    /// Lanes are a CPU's.
+    Cpu,
+    /// A GPU of none of the makers below.
+    Gpu,
+    /// A GPU by NVIDIA.
+    Nvidia,
+    /// A GPU by AMD.
+    Amd,
+    /// A GPU by Intel.
+    Intel,
+    /// A GPU by Apple.
+    Apple,
+    /// A GPU by Qualcomm.
+    Qualcomm,
+}
+
+impl DeviceClass {
+    /// All classes.
+    pub const ALL: [Self; 7] =
+        [Self::Cpu, Self::Gpu, Self::Nvidia, Self::Amd, Self::Intel, Self::Apple, Self::Qualcomm];
+
+    /// The class of a device, by its kind and its maker's number in the Vulkan (or PCI) registry.
+    pub(super) fn of(kind: DeviceKind, vendor: u32) -> Self {
+        match (kind, vendor) {
+            (DeviceKind::Cpu, _) => Self::Cpu,
+            (_, 0x10de) => Self::Nvidia,
+            (_, 0x1002) => Self::Amd,
+            (_, 0x8086) => Self::Intel,
+            (_, 0x106b) => Self::Apple,
+            (_, 0x5143) => Self::Qualcomm,
+            _ => Self::Gpu,
+        }
+    }
+
+    /// The class that `QIRF_TUNING` names, if it is set.
+    pub(super) fn from_environment() -> Result<Option<Self>, Error> {
+        std::env::var("QIRF_TUNING").ok().filter(|name| !name.is_empty()).map(|name| name.parse()).transpose()
+    }
+}
+
+impl fmt::Display for DeviceClass {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+            Self::Nvidia => "nvidia",
+            Self::Amd => "amd",
+            Self::Intel => "intel",
+            Self::Apple => "apple",
+            Self::Qualcomm => "qualcomm",
+        })
+    }
+}
+
+impl FromStr for DeviceClass {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        let unknown = || Error::UnknownTuning {
+            wanted: name.to_owned(),
+            there: Self::ALL.map(|class| class.to_string()).join(", "),
+        };
+        Self::ALL.into_iter().find(|class| class.to_string() == name.to_lowercase()).ok_or_else(unknown)
+    }
+}
+
+/// The shapes of kernels on one device; rooms read them by [`super::Device::tuning`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Tuning {
+    /// The class whose row of the table this is.
+    pub class: DeviceClass,
+    /// Side of a tile in pixels.
+    pub tile: u32,
+    /// Invocations that walk a tile's list forward; they share its pixels.
+    pub rasterise_workgroup: u32,
+    /// Splats staged in shared memory at a time on the way forward; 0 hands them round a single subgroup.
+    pub rasterise_batch: u32,
+    /// Invocations of a workgroup of a prefix sum.
+    pub scan_workgroup: u32,
+    /// Words that each of them scans.
+    pub scan_rows: u32,
+    /// Invocations of a workgroup of a sort.
+    pub sort_workgroup: u32,
+    /// Workgroups that a sort aims at; the bounds of `sort_rows` come first.
+    pub sort_workgroups: u32,
+    /// Fewest and most keys of an invocation of a sort.
+    pub sort_rows: [u32; 2],
+    /// Whether each invocation of a sort ranks a run of its own, without ballots.
+    pub sort_serial: bool,
+    /// Whether an invocation of Adam owns a Gaussian's elements of an attribute; else it owns one element.
+    pub adam_by_gaussian: bool,
+    /// Rounds of a run of the loss, 11 steps each.
+    pub loss_rounds: u32,
+    /// Columns of a tile of overlaps, a multiple of the subgroup.
+    pub overlap_columns: u32,
+    /// Invocations of a workgroup that measures the rate of copies.
+    pub copy_workgroup: u32,
+    /// Words that each of them copies.
+    pub copy_rows: u32,
+    /// Workgroups that measure the rate of multiply-adds.
+    pub multiply_workgroups: u32,
+    /// Rounds of each of them.
+    pub multiply_rounds: u32,
+}
+
+impl Tuning {
+    /// The row of a class, for a device of this width and these limits.
+    pub fn new(class: DeviceClass, info: &DeviceInfo) -> Self {
+        match class {
+            DeviceClass::Cpu => Self::cpu(info.subgroup_size),
+            // One row for all GPUs until one is measured.
+            DeviceClass::Gpu
+            | DeviceClass::Nvidia
+            | DeviceClass::Amd
+            | DeviceClass::Intel
+            | DeviceClass::Apple
+            | DeviceClass::Qualcomm => Self::gpu(class, info.subgroup_size, info.max_workgroup),
+        }
+    }
+
+    /// Every lane is paid for by a core, a barrier costs more than lanes, starting a workgroup as much as hundreds of words:
+    /// few long runs, and one subgroup a workgroup. Numbers are decisions of docs/decisions.md.
+    fn cpu(subgroup: u32) -> Self {
+        Self {
+            class: DeviceClass::Cpu,
+            // 3: a smaller tile lists fewer splats that its pixels do not need.
+            tile: 8,
+            // 19: one subgroup walks a tile, its pixels in registers, a splat a lane: 1.6 to 2 times as fast as batches.
+            rasterise_workgroup: subgroup,
+            rasterise_batch: 0,
+            scan_workgroup: subgroup,
+            scan_rows: 2048 / subgroup,
+            // The counters of a block are cleared and scanned once, whatever its length.
+            sort_workgroup: subgroup,
+            sort_workgroups: 16,
+            sort_rows: [32, 512],
+            sort_serial: true,
+            // 34: what a Gaussian's elements share is read once: 7.4 to 4.8 ms at 10,000 Gaussians.
+            adam_by_gaussian: true,
+            // 32: a load costs as much as five multiplications, and long runs read each value less often.
+            loss_rounds: 4,
+            // Long tiles read a Gaussian less often.
+            overlap_columns: 64_u32.next_multiple_of(subgroup),
+            copy_workgroup: subgroup,
+            copy_rows: 1024,
+            // Billions of operations: starting the work is then nothing.
+            multiply_workgroups: 64,
+            multiply_rounds: 512,
+        }
+    }
+
+    /// Occupancy first. No number was measured on a GPU yet.
+    fn gpu(class: DeviceClass, subgroup: u32, max_workgroup: u32) -> Self {
+        let tile = 16;
+        Self {
+            class,
+            tile,
+            // A pixel an invocation, a splat an invocation and batch.
+            rasterise_workgroup: tile * tile,
+            rasterise_batch: tile * tile,
+            scan_workgroup: 256.max(subgroup),
+            scan_rows: 16,
+            // Eight rank units a workgroup hold their counters in 8 KiB of shared memory.
+            sort_workgroup: (8 * subgroup).min(max_workgroup),
+            sort_workgroups: 1,
+            sort_rows: [16, 16],
+            sort_serial: false,
+            // Neighbouring lanes touch neighbouring words.
+            adam_by_gaussian: false,
+            // Short runs occupy more lanes.
+            loss_rounds: 2,
+            // Short tiles spread over more workgroups.
+            overlap_columns: subgroup,
+            copy_workgroup: 256.max(subgroup),
+            copy_rows: 4,
+            multiply_workgroups: 4096,
+            multiply_rounds: 1024,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn classes_by_kind_and_maker() {
+        assert_eq!(DeviceClass::of(DeviceKind::Cpu, 0x8086), DeviceClass::Cpu);
+        assert_eq!(DeviceClass::of(DeviceKind::Integrated, 0x8086), DeviceClass::Intel);
+        assert_eq!(DeviceClass::of(DeviceKind::Discrete, 0x1234), DeviceClass::Gpu);
+    }
+
+    #[test]
+    fn names_of_classes() {
+        for class in DeviceClass::ALL {
+            assert_eq!(class.to_string().to_uppercase().parse::<DeviceClass>().ok(), Some(class));
+        }
+        let error = "riva".parse::<DeviceClass>().unwrap_err().to_string();
+        assert!(error.contains("'riva'") && error.contains("nvidia"), "{error}");
+    }
+
+    #[test]
+    fn shapes_fit_every_subgroup() {
+        for subgroup in [4, 8, 16, 32, 64, 128] {
+            for row in [Tuning::cpu(subgroup), Tuning::gpu(DeviceClass::Gpu, subgroup, 1024)] {
+                // No CPU device has subgroups wider than its tiles' 64 pixels.
+                assert!(subgroup > 64 || (row.tile * row.tile).is_multiple_of(row.rasterise_workgroup), "{row:?}");
+                assert!(row.overlap_columns.is_multiple_of(subgroup), "{row:?}");
+                for workgroup in [row.scan_workgroup, row.sort_workgroup, row.copy_workgroup] {
+                    assert!(workgroup.is_multiple_of(subgroup) && workgroup <= 1024, "{row:?}");
+                }
+            }
+        }
+    }
+}
