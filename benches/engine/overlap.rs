@@ -31,9 +31,10 @@ pub fn overlap(criterion: &mut Criterion) {
                 let assembly = Assembly::new(device(), &resident, &members, &starts, &h, options).unwrap();
                 let run = || {
                     let batch = &assembly.batches()[0];
-                    let landing = assembly.landing().unwrap();
+                    let mut readback = assembly.readback().unwrap();
                     let start = Instant::now();
-                    let (_, timings) = assembly.submit(batch, landing).unwrap().wait().unwrap();
+                    assembly.submit(batch, &mut readback).unwrap();
+                    let (_, timings) = readback.wait().unwrap();
                     time_of(&timings, stage, start)
                 };
                 run();

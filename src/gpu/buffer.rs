@@ -34,7 +34,7 @@ pub(super) struct Storage {
     pub number: u64,
     pub bytes: u64,
     /// Bytes behind them that no kernel may touch; 0 without guards.
-    pub fence: u64,
+    pub red_zone: u64,
     pub name: String,
     allocation: Option<Allocation>,
     context: Arc<Context>,
@@ -60,8 +60,8 @@ impl RawBuffer {
         context.memory.reserve(name, size)?;
         let guarded = usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && context.guards.is_some();
         // The host writes and reads what it guards.
-        let (fence, location) = if guarded { (context.fence(), MemoryLocation::GpuToCpu) } else { (0, location) };
-        let mut made = Self::allocate(context, name, size, fence, usage, location);
+        let (red_zone, location) = if guarded { (context.red_zone(), MemoryLocation::GpuToCpu) } else { (0, location) };
+        let mut made = Self::allocate(context, name, size, red_zone, usage, location);
         match (&mut made, &context.guards) {
             (Err(_), _) => context.memory.release(size),
             (Ok(buffer), Some(guards)) if guarded => guards.watch(buffer),
@@ -74,11 +74,11 @@ impl RawBuffer {
         context: &Arc<Context>,
         name: &str,
         size: u64,
-        fence: u64,
+        red_zone: u64,
         usage: vk::BufferUsageFlags,
         location: MemoryLocation,
     ) -> Result<Self, Error> {
-        let info = vk::BufferCreateInfo::default().size(size + fence).usage(usage);
+        let info = vk::BufferCreateInfo::default().size(size + red_zone).usage(usage);
         // SAFETY: the device is alive and `info` is complete.
         let raw = unsafe { context.raw.create_buffer(&info, None) }.during("create buffer")?;
         // SAFETY: `raw` was just made by this device.
@@ -106,7 +106,7 @@ impl RawBuffer {
                 let number = NEXT.fetch_add(1, Ordering::Relaxed);
                 let (name, context) = (name.to_owned(), Arc::clone(context));
                 let allocation = Some(allocation);
-                Ok(Self(Arc::new(Storage { raw, number, bytes: size, fence, name, allocation, context })))
+                Ok(Self(Arc::new(Storage { raw, number, bytes: size, red_zone, name, allocation, context })))
             }
             Err(e) => {
                 // SAFETY: no work was ever submitted that uses the buffer.
@@ -154,7 +154,7 @@ impl Clone for RawBuffer {
 impl Drop for Storage {
     fn drop(&mut self) {
         self.context.forget(self.number);
-        if let Some(guards) = self.context.guards.as_ref().filter(|_| self.fence > 0) {
+        if let Some(guards) = self.context.guards.as_ref().filter(|_| self.red_zone > 0) {
             guards.leave(self);
         }
         self.context.unname_object(self.raw);

@@ -2,15 +2,15 @@
 
 use super::error::{During, Error};
 use super::fault::Fault;
-use super::guard::Guards;
+use super::frame::Frame;
 use super::hazards::Hazards;
 use super::instance::{self, Instance};
 use super::memory::Memory;
 use super::pipeline::Pipelines;
 use super::probe;
 use super::queue::Queue;
+use super::red_zone::Guards;
 use super::select::{self, Candidate, DeviceInfo, DeviceKind, Feature};
-use super::submit::Frame;
 use super::tuning::{DeviceClass, Tuning};
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::AllocatorCreateDesc;
@@ -30,7 +30,7 @@ pub struct DeviceOptions {
     pub memory_limit: Option<u64>,
     /// The class of device whose tuning is used; else `QIRF_TUNING`; else the device's own.
     pub tuning: Option<DeviceClass>,
-    /// Fill new buffers with NaN and fence them (tests): see [`Device::broken_fences`].
+    /// Fill new buffers with NaN and give them red zones (tests): see [`Device::overrun_buffers`].
     pub guarded: bool,
     /// A fault to make (tests); else `QIRF_DEVICE_FAULT`.
     pub fault: Option<Fault>,

@@ -17,9 +17,12 @@ pub(super) struct Pipeline {
     module: vk::ShaderModule,
 }
 
-/// A device's pipelines, by the names of their shaders and the values of their constants.
+/// The name of a shader, and the values of its constants.
+type Key = (&'static str, Vec<u32>);
+
+/// A device's pipelines.
 pub(super) struct Pipelines {
-    made: Mutex<HashMap<(&'static str, Vec<u32>), Arc<Pipeline>>>,
+    made: Mutex<HashMap<Key, Arc<Pipeline>>>,
     cache: vk::PipelineCache,
     file: Option<PathBuf>,
 }

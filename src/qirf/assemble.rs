@@ -5,7 +5,7 @@ use super::overlap::{self, Metric};
 use super::plan::{Arrays, Batch, LARGEST_BLOCK, MOST_MEMBERS, Plan, triangle};
 use super::rrdm::{self, Density};
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Buffer, Device, Error, Landing, Reading, Recording, Result, Timings};
+use crate::gpu::{Buffer, Device, Error, Readback, Recording, Result, Timings};
 use std::ops::Range;
 
 /// What to assemble.
@@ -175,26 +175,26 @@ impl<'a> Assembly<'a> {
         &self.batches
     }
 
-    /// Host memory for one batch.
+    /// Host memory for the matrices of one batch.
     ///
     /// # Errors
     /// Memory.
-    pub fn landing(&self) -> Result<Landing<f32>> {
+    pub fn readback(&self) -> Result<Readback<f32>> {
         let floats = |b: &Batch| self.counts(b).iter().sum();
-        self.device.landing("block matrices", self.batches.iter().map(floats).max().unwrap_or(0))
+        self.device.readback("block matrices", self.batches.iter().map(floats).max().unwrap_or(0))
     }
 
     /// Starts a batch.
     ///
     /// # Errors
     /// Device errors.
-    pub fn submit(&self, batch: &Batch, landing: Landing<f32>) -> Result<Reading<f32>> {
+    pub fn submit(&self, batch: &Batch, readback: &mut Readback<f32>) -> Result<()> {
         let mut recording = Recording::new();
         self.record(&mut recording, batch);
         let arrays = &self.arrays;
         let [n, w, p] = self.counts(batch);
         let from = [(&arrays.overlaps, n), (&arrays.factors, w), (&arrays.densities, p)];
-        self.device.submit_reading(recording, &from, landing)
+        readback.submit(&self.device, recording, &from)
     }
 
     pub(super) fn record(&self, recording: &mut Recording, batch: &Batch) {
@@ -212,10 +212,10 @@ impl<'a> Assembly<'a> {
         [batch.entries, w, p]
     }
 
-    /// What a finished batch left.
-    pub fn matrices<'b>(&'b self, batch: &Batch, landing: &'b Landing<f32>) -> Assembled<'b> {
+    /// The matrices among the values that a batch left.
+    fn matrices<'b>(&'b self, batch: &Batch, values: &'b [f32]) -> Assembled<'b> {
         let [n, w, p] = self.counts(batch);
-        let (overlaps, rest) = landing.values().split_at(n);
+        let (overlaps, rest) = values.split_at(n);
         let (factors, rest) = rest.split_at(w);
         let factors = self.options.density.map(|_| factors);
         let densities = self.options.wants_full().then(|| &rest[..p]);
@@ -230,32 +230,29 @@ impl<'a> Assembly<'a> {
         &self,
         mut body: impl FnMut(&Assembled<'_>) -> std::result::Result<(), E>,
     ) -> std::result::Result<Timings, E> {
-        let submit = |batch: &Batch, landing| self.submit(batch, landing);
-        self.ahead([self.landing()?, self.landing()?], submit, |batch, landing| body(&self.matrices(batch, landing)))
+        let readbacks = [self.readback()?, self.readback()?];
+        let submit = |batch: &Batch, readback: &mut Readback<f32>| self.submit(batch, readback);
+        self.overlapped(readbacks, submit, |batch, values| body(&self.matrices(batch, values)))
     }
 
-    /// Submits each batch before the results of the one before it are handed to `body`.
-    pub(super) fn ahead<E: From<Error>>(
+    /// Submits every batch before the results of the one before it are handed to `body`.
+    pub(super) fn overlapped<E: From<Error>>(
         &self,
-        [first, second]: [Landing<f32>; 2],
-        submit: impl Fn(&Batch, Landing<f32>) -> Result<Reading<f32>>,
-        mut body: impl FnMut(&Batch, &Landing<f32>) -> std::result::Result<(), E>,
+        mut readbacks: [Readback<f32>; 2],
+        submit: impl Fn(&Batch, &mut Readback<f32>) -> Result<()>,
+        mut body: impl FnMut(&Batch, &[f32]) -> std::result::Result<(), E>,
     ) -> std::result::Result<Timings, E> {
         let mut timings = Timings::default();
-        let mut free = Some(first);
-        let mut ahead = match self.batches.first() {
-            Some(batch) => Some(submit(batch, second)?),
-            None => None,
-        };
+        if let Some(first) = self.batches.first() {
+            submit(first, &mut readbacks[0])?;
+        }
         for (b, batch) in self.batches.iter().enumerate() {
-            let Some(reading) = ahead.take() else { break };
-            if let (Some(next), Some(landing)) = (self.batches.get(b + 1), free.take()) {
-                ahead = Some(submit(next, landing)?);
+            if let Some(next) = self.batches.get(b + 1) {
+                submit(next, &mut readbacks[(b + 1) % 2])?;
             }
-            let (landing, times) = reading.wait()?;
+            let (values, times) = readbacks[b % 2].wait()?;
             timings.merge(&times);
-            body(batch, &landing)?;
-            free = Some(landing);
+            body(batch, values)?;
         }
         Ok(timings)
     }

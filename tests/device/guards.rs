@@ -17,11 +17,11 @@ fn a_store_behind_a_buffers_end_is_found_alive_or_gone() {
         device.run(recording).unwrap();
     };
     write(6);
-    assert!(device.broken_fences().is_empty(), "what fits is no store behind the end");
+    assert!(device.overrun_buffers().is_empty(), "what fits is no store behind the end");
     write(7);
-    assert_eq!(device.broken_fences(), ["too short"]);
+    assert_eq!(device.overrun_buffers(), ["too short"]);
     drop(short);
-    assert_eq!(device.broken_fences(), ["too short"], "and after it has gone");
+    assert_eq!(device.overrun_buffers(), ["too short"], "and after it has gone");
 }
 
 #[test]

@@ -24,13 +24,13 @@ fn noise(seed: u64, i: u64) -> u32 {
 }
 
 /// A buffer of `data` with a sentinel behind it, which no kernel may touch.
-fn fenced(device: &Device, data: &[u32]) -> Buffer<u32> {
+fn with_sentinel(device: &Device, data: &[u32]) -> Buffer<u32> {
     let mut all = data.to_vec();
     all.extend([0xDEAD_BEEF; 8]);
-    device.upload("fenced", &all).unwrap()
+    device.upload("with sentinel", &all).unwrap()
 }
 
-fn unfence(device: &Device, buffer: &Buffer<u32>) -> Vec<u32> {
+fn without_sentinel(device: &Device, buffer: &Buffer<u32>) -> Vec<u32> {
     let mut all = buffer.read(device).unwrap();
     let sentinel = all.split_off(all.len() - 8);
     assert_eq!(sentinel, [0xDEAD_BEEF; 8], "a kernel wrote behind its buffer");
@@ -42,8 +42,8 @@ fn scan_is_exact() {
     let device = device();
     for n in sizes(&device) {
         let data: Vec<u32> = (0..n).map(|i| noise(1, u64::from(i)) % 1000).collect();
-        let source = fenced(&device, &data);
-        let target = fenced(&device, &vec![7; n as usize]);
+        let source = with_sentinel(&device, &data);
+        let target = with_sentinel(&device, &vec![7; n as usize]);
         let total = device.upload("total", &[99_u32]).unwrap();
         let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
         let scan = Scan::new(&device, n).unwrap();
@@ -56,7 +56,7 @@ fn scan_is_exact() {
             expected.push(sum);
             sum += v;
         }
-        assert_eq!(unfence(&device, &target), expected, "n = {n}");
+        assert_eq!(without_sentinel(&device, &target), expected, "n = {n}");
         assert_eq!(total.read(&device).unwrap(), [sum], "n = {n}");
     }
     finish(&device);
@@ -65,7 +65,7 @@ fn scan_is_exact() {
 fn check_sort(device: &Device, keys: &[u32], bits: u32) {
     let n = keys.len() as u32;
     let values: Vec<u32> = (0..n).collect();
-    let pairs = Pairs { keys: fenced(device, keys), values: fenced(device, &values) };
+    let pairs = Pairs { keys: with_sentinel(device, keys), values: with_sentinel(device, &values) };
     let count = Count::known(device, "n", n, &[Sort::block(device, n)]).unwrap();
     let sort = Sort::new(device, n).unwrap();
     let mut recording = Recording::new();
@@ -82,8 +82,8 @@ fn check_sort(device: &Device, keys: &[u32], bits: u32) {
         .zip(sorted.values.read_first(device, n as usize).unwrap())
         .collect();
     assert!(got == expected, "n = {n}, {bits} bits");
-    unfence(device, &pairs.keys);
-    unfence(device, &pairs.values);
+    without_sentinel(device, &pairs.keys);
+    without_sentinel(device, &pairs.values);
 }
 
 #[test]
@@ -112,10 +112,10 @@ fn compaction_gather_and_segmented_sum() {
         let kept: Vec<u32> = (0..n).filter(|i| flags[*i as usize] != 0).collect();
         let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
         let kept_count = Count::new(&device, "kept", n, &[]).unwrap();
-        let flags_on_device = fenced(&device, &flags);
-        let offsets = fenced(&device, &vec![0; n as usize]);
-        let indices = fenced(&device, &vec![0; n as usize]);
-        let gathered = fenced(&device, &vec![0; n as usize]);
+        let flags_on_device = with_sentinel(&device, &flags);
+        let offsets = with_sentinel(&device, &vec![0; n as usize]);
+        let indices = with_sentinel(&device, &vec![0; n as usize]);
+        let gathered = with_sentinel(&device, &vec![0; n as usize]);
         let scan = Scan::new(&device, n).unwrap();
         let mut recording = Recording::new();
         scan.record(&mut recording, &count, &flags_on_device, &offsets, Some(&kept_count.value));
@@ -123,8 +123,8 @@ fn compaction_gather_and_segmented_sum() {
         kept_count.prepare(&mut recording);
         gather(&mut recording, &kept_count, &indices, &flags_on_device, &gathered);
         device.run(recording).unwrap();
-        assert_eq!(unfence(&device, &indices)[..kept.len()], kept, "n = {n}");
-        assert!(unfence(&device, &gathered)[..kept.len()].iter().all(|f| *f == 1));
+        assert_eq!(without_sentinel(&device, &indices)[..kept.len()], kept, "n = {n}");
+        assert!(without_sentinel(&device, &gathered)[..kept.len()].iter().all(|f| *f == 1));
     }
 
     // All kept, and none.
@@ -132,15 +132,15 @@ fn compaction_gather_and_segmented_sum() {
         for n in [1, 256, Scan::block(&device) + 1, 70_001] {
             let flags = vec![flag; n as usize];
             let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
-            let (flags, offsets) = (fenced(&device, &flags), fenced(&device, &vec![9; n as usize]));
-            let indices = fenced(&device, &vec![u32::MAX; n as usize]);
+            let (flags, offsets) = (with_sentinel(&device, &flags), with_sentinel(&device, &vec![9; n as usize]));
+            let indices = with_sentinel(&device, &vec![u32::MAX; n as usize]);
             let scan = Scan::new(&device, n).unwrap();
             let mut recording = Recording::new();
             scan.record(&mut recording, &count, &flags, &offsets, None);
             compact(&mut recording, &count, &flags, &offsets, &indices);
             device.run(recording).unwrap();
             let expected: Vec<u32> = (0..n).map(|i| if flag == 1 { i } else { u32::MAX }).collect();
-            assert_eq!(unfence(&device, &indices), expected, "n = {n}, all {flag}");
+            assert_eq!(without_sentinel(&device, &indices), expected, "n = {n}, all {flag}");
         }
     }
 

@@ -10,7 +10,7 @@ pub use shared::shared;
 
 use qirf_vk::gpu::{Device, DeviceOptions};
 
-/// The device under test: validation layers on, every buffer born full of NaN and fenced.
+/// The device under test: validation layers on, every buffer born full of NaN and with a red zone behind it.
 pub fn device() -> Device {
     Device::open(&DeviceOptions { validation: true, guarded: true, ..Default::default() }).expect("a Vulkan device")
 }
@@ -19,7 +19,7 @@ pub fn device() -> Device {
 pub fn finish(device: &Device) {
     assert!(device.validates(), "the validation layers are installed (tools/setup)");
     assert_eq!(Device::validation_messages(), 0, "validation messages are printed above");
-    assert_eq!(device.broken_fences(), Vec::<String>::new(), "kernels wrote behind these buffers");
+    assert_eq!(device.overrun_buffers(), Vec::<String>::new(), "kernels wrote behind these buffers");
 }
 
 /// A number that the test prints, so that its failure can be had again.

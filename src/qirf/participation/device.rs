@@ -1,7 +1,7 @@
 //! The generalized eigenproblem on the device: the low-rank solver in float32, a batch of blocks at a time, so that only
 //! participations come to the host.
 
-use crate::gpu::{Error, Groups, Recording, Timings};
+use crate::gpu::{Error, Groups, Readback, Recording, Timings};
 use crate::kernels::constants::participation;
 use crate::kernels::qirf::{Participation as Kernel, ParticipationPush, ParticipationSpec};
 use crate::qirf::CHANNELS;
@@ -57,7 +57,7 @@ impl Assembly<'_> {
         let floats = |b: &Batch| b.members.len() + EXTRA * b.blocks.len();
         let most = self.batches().iter().map(floats).max().unwrap_or(0);
         let solutions = self.device.buffer("solutions", most)?;
-        let submit = |batch: &Batch, landing| {
+        let submit = |batch: &Batch, readback: &mut Readback<f32>| {
             let mut recording = Recording::new();
             self.record(&mut recording, batch);
             let kernel = Kernel {
@@ -75,11 +75,11 @@ impl Assembly<'_> {
                 spec: ParticipationSpec { workgroup: self.arrays.rows },
             };
             recording.scope("participation", |r| r.dispatch(&kernel, Groups::Count(batch.blocks.len() as u32)));
-            self.device.submit_reading(recording, &[(&solutions, floats(batch))], landing)
+            readback.submit(&self.device, recording, &[(&solutions, floats(batch))])
         };
-        let landing = || self.device.landing("solutions", most);
-        self.ahead([landing()?, landing()?], submit, |batch, landing| {
-            let mut rest = landing.values();
+        let readback = || self.device.readback("solutions", most);
+        self.overlapped([readback()?, readback()?], submit, |batch, values| {
+            let mut rest = values;
             for b in batch.blocks.clone() {
                 let m = (self.starts[b + 1] - self.starts[b]) as usize;
                 let (own, others) = rest.split_at(m + EXTRA);

@@ -1,0 +1,183 @@
+//! Encoding a recording into a command buffer.
+
+use super::buffer::RawBuffer;
+use super::device::Context;
+use super::error::{During, Error};
+use super::frame::Frame;
+use super::hazards::Barrier;
+use super::pipeline::Pipeline;
+use super::recording::{Command, Recording, Size};
+use ash::vk;
+use std::ffi::CString;
+use std::sync::Arc;
+
+/// A named scope of a recording, with the queries that its begin and end write.
+pub(super) struct Scope {
+    pub name: &'static str,
+    pub begin: u32,
+    pub end: u32,
+}
+
+/// Writes commands into a frame's command buffer, which is in its initial state; whoever submits it keeps alive what it uses.
+pub(super) struct Encoder<'a> {
+    context: &'a Context,
+    frame: &'a Frame,
+    timed: bool,
+    scopes: Vec<Scope>,
+    open: Vec<usize>,
+    queries: u32,
+}
+
+impl<'a> Encoder<'a> {
+    /// An encoder of one recording.
+    pub fn new(context: &'a Context, frame: &'a Frame) -> Self {
+        let timed = context.info.timestamp_period > 0.0 && frame.capacity > 0;
+        Self { context, frame, timed, scopes: Vec::new(), open: Vec::new(), queries: 0 }
+    }
+
+    /// Encodes a recording with the barriers before its commands and the pipelines of its dispatches; gives its timed scopes.
+    pub fn encode(
+        mut self,
+        recording: &Recording,
+        barriers: &[Option<Barrier>],
+        pipelines: &[Arc<Pipeline>],
+    ) -> Result<Vec<Scope>, Error> {
+        let (device, commands) = (&self.context.raw, self.frame.commands);
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the command buffer is in its initial state.
+        unsafe { device.begin_command_buffer(commands, &begin) }.during("begin commands")?;
+        if self.timed {
+            // SAFETY: the pool holds as many queries.
+            unsafe { device.cmd_reset_query_pool(commands, self.frame.queries, 0, self.frame.capacity) };
+        }
+        let mut pipelines = pipelines.iter();
+        for (command, barrier) in recording.commands.iter().zip(barriers) {
+            if let Some(barrier) = barrier {
+                self.barrier(barrier.source(), Barrier::destination());
+            }
+            self.command(command, &mut pipelines);
+        }
+        // What the host reads after the fence was written by copies.
+        self.barrier(
+            (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE),
+            (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ),
+        );
+        // SAFETY: the command buffer is being recorded.
+        unsafe { device.end_command_buffer(commands) }.during("end commands")?;
+        Ok(self.scopes)
+    }
+
+    fn barrier(
+        &self,
+        (source, source_access): (vk::PipelineStageFlags, vk::AccessFlags),
+        (destination, destination_access): (vk::PipelineStageFlags, vk::AccessFlags),
+    ) {
+        let (device, commands, none) = (&self.context.raw, self.frame.commands, vk::DependencyFlags::empty());
+        let memory = [vk::MemoryBarrier::default().src_access_mask(source_access).dst_access_mask(destination_access)];
+        // SAFETY: the command buffer is being recorded.
+        unsafe { device.cmd_pipeline_barrier(commands, source, destination, none, &memory, &[], &[]) };
+    }
+
+    fn command<'b>(&mut self, command: &Command, pipelines: &mut impl Iterator<Item = &'b Arc<Pipeline>>) {
+        let (device, commands) = (&self.context.raw, self.frame.commands);
+        // SAFETY: the command buffer is being recorded; every buffer is alive, and the recording keeps it so.
+        unsafe {
+            match command {
+                Command::Dispatch { shader, push, buffers, size, .. } => {
+                    let pipeline = pipelines.next().expect("one pipeline a dispatch");
+                    self.label(Some(shader.name));
+                    self.bind(pipeline, push, buffers);
+                    match size {
+                        Size::Direct([x, y, z]) => device.cmd_dispatch(commands, *x, *y, *z),
+                        Size::Indirect(b, offset) => device.cmd_dispatch_indirect(commands, b.0.raw, *offset),
+                    }
+                    self.label(None);
+                }
+                Command::Fill { buffer, bytes, value } => {
+                    device.cmd_fill_buffer(commands, buffer.0.raw, 0, *bytes, *value);
+                }
+                Command::Update { buffer, data } => device.cmd_update_buffer(commands, buffer.0.raw, 0, data),
+                Command::Copy { from, from_offset, to, to_offset, bytes } => {
+                    let region = [vk::BufferCopy { src_offset: *from_offset, dst_offset: *to_offset, size: *bytes }];
+                    device.cmd_copy_buffer(commands, from.0.raw, to.0.raw, &region);
+                }
+                Command::Begin(name) => {
+                    self.label(Some(name));
+                    self.begin(name);
+                }
+                Command::End => {
+                    self.end();
+                    self.label(None);
+                }
+            }
+        }
+    }
+
+    /// Binds a pipeline with its arguments.
+    fn bind(&self, pipeline: &Pipeline, push: &[u8], buffers: &[RawBuffer]) {
+        let (device, commands, point) = (&self.context.raw, self.frame.commands, vk::PipelineBindPoint::COMPUTE);
+        let infos: Vec<_> = buffers
+            .iter()
+            .map(|b| [vk::DescriptorBufferInfo::default().buffer(b.0.raw).range(vk::WHOLE_SIZE)])
+            .collect();
+        let writes: Vec<_> = infos
+            .iter()
+            .zip(0..)
+            .map(|(info, i)| {
+                vk::WriteDescriptorSet::default()
+                    .dst_binding(i)
+                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .buffer_info(info)
+            })
+            .collect();
+        // SAFETY: the command buffer is being recorded; pipeline and buffers are alive, and are those of one shader.
+        unsafe {
+            device.cmd_bind_pipeline(commands, point, pipeline.raw);
+            self.context.push.cmd_push_descriptor_set(commands, point, pipeline.layout, 0, &writes);
+            if !push.is_empty() {
+                device.cmd_push_constants(commands, pipeline.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
+            }
+        }
+    }
+
+    fn begin(&mut self, name: &'static str) {
+        if let Some(query) = self.timestamp() {
+            self.open.push(self.scopes.len());
+            self.scopes.push(Scope { name, begin: query, end: query });
+        }
+    }
+
+    fn end(&mut self) {
+        if let (Some(scope), Some(query)) = (self.open.pop(), self.timestamp()) {
+            self.scopes[scope].end = query;
+        }
+    }
+
+    /// Writes the time at which all commands so far are over; gives the query that holds it.
+    fn timestamp(&mut self) -> Option<u32> {
+        if !self.timed {
+            return None;
+        }
+        let (stage, query) = (vk::PipelineStageFlags::BOTTOM_OF_PIPE, self.queries);
+        self.queries += 1;
+        // SAFETY: the command buffer is being recorded; the frame has two queries a scope.
+        unsafe {
+            self.context.raw.cmd_write_timestamp(self.frame.commands, stage, self.frame.queries, query);
+        }
+        Some(query)
+    }
+
+    /// Opens (or closes) a debug label.
+    fn label(&self, name: Option<&str>) {
+        let Some(debug) = &self.context.debug else { return };
+        let commands = self.frame.commands;
+        // SAFETY: the command buffer is being recorded; labels are opened and closed in pairs.
+        unsafe {
+            if let Some(name) = name.and_then(|n| CString::new(n).ok()) {
+                debug.cmd_begin_debug_utils_label(commands, &vk::DebugUtilsLabelEXT::default().label_name(&name));
+            } else {
+                debug.cmd_end_debug_utils_label(commands);
+            }
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! The command buffer, fence and queries of one submission.
+
+use super::device::{Context, lock};
+use super::error::{During, Error};
+use ash::vk;
+
+/// What one submission needs besides its commands; kept for the next.
+pub(super) struct Frame {
+    pub commands: vk::CommandBuffer,
+    pub fence: vk::Fence,
+    pub queries: vk::QueryPool,
+    /// Queries that the pool holds.
+    pub capacity: u32,
+    pool: vk::CommandPool,
+}
+
+impl Frame {
+    /// A frame whose work is over, or a new one.
+    pub fn take(context: &Context, queries: u32) -> Result<Self, Error> {
+        let new = Self {
+            pool: vk::CommandPool::null(),
+            commands: vk::CommandBuffer::null(),
+            fence: vk::Fence::null(),
+            queries: vk::QueryPool::null(),
+            capacity: 0,
+        };
+        let mut frame = lock(&context.frames).pop().unwrap_or(new);
+        match frame.prepare(context, queries) {
+            Ok(()) => Ok(frame),
+            Err(e) => {
+                // SAFETY: nothing is under way in a frame that was kept, nor in a new one.
+                unsafe { frame.destroy(&context.raw) };
+                Err(e)
+            }
+        }
+    }
+
+    /// Makes what is missing and resets what was used.
+    fn prepare(&mut self, context: &Context, queries: u32) -> Result<(), Error> {
+        let device = &context.raw;
+        // SAFETY: a kept frame's work is over (its fence was waited for); new handles come from this device.
+        unsafe {
+            if self.pool == vk::CommandPool::null() {
+                let info = vk::CommandPoolCreateInfo::default().queue_family_index(context.queue.family);
+                self.pool = device.create_command_pool(&info, None).during("create command pool")?;
+                let info = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
+                self.commands = device.allocate_command_buffers(&info).during("allocate commands")?[0];
+                self.fence = device.create_fence(&vk::FenceCreateInfo::default(), None).during("create fence")?;
+            } else {
+                device.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()).during("reset commands")?;
+            }
+            if self.capacity < queries {
+                device.destroy_query_pool(self.queries, None);
+                (self.queries, self.capacity) = (vk::QueryPool::null(), 0);
+                let count = queries.next_power_of_two();
+                let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(count);
+                self.queries = device.create_query_pool(&info, None).during("create queries")?;
+                self.capacity = count;
+            }
+            device.reset_fences(&[self.fence]).during("reset fence")
+        }
+    }
+
+    /// # Safety
+    /// The frame's work must be over.
+    pub unsafe fn destroy(self, device: &ash::Device) {
+        // SAFETY: the caller's promise; handles are destroyed once.
+        unsafe {
+            device.destroy_query_pool(self.queries, None);
+            device.destroy_fence(self.fence, None);
+            device.destroy_command_pool(self.pool, None);
+        }
+    }
+}

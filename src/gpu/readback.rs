@@ -1,0 +1,76 @@
+//! Results that come to the host while the device goes on.
+
+use super::buffer::{Buffer, RawBuffer};
+use super::device::Device;
+use super::error::Error;
+use super::profiler::Timings;
+use super::recording::Recording;
+use super::submit::Ticket;
+use ash::vk;
+use bytemuck::Pod;
+use gpu_allocator::MemoryLocation;
+use std::marker::PhantomData;
+
+/// Host memory that submissions copy their results into, one submission at a time.
+///
+/// Only [`Readback::wait`] gives the results, so that the host never reads what the device still writes.
+pub struct Readback<T> {
+    under_way: Option<Ticket>,
+    raw: RawBuffer,
+    len: usize,
+    element: PhantomData<T>,
+}
+
+impl<T: Pod> Readback<T> {
+    /// Submits a recording, and after it copies of the first elements of each buffer, one behind the other. A submission that
+    /// nobody has waited for is waited for first.
+    ///
+    /// # Errors
+    /// Device errors.
+    ///
+    /// # Panics
+    /// When a buffer holds fewer elements than asked for, or this memory too few.
+    pub fn submit(
+        &mut self,
+        device: &Device,
+        mut recording: Recording,
+        from: &[(&Buffer<T>, usize)],
+    ) -> Result<(), Error> {
+        if let Some(ticket) = self.under_way.take() {
+            ticket.wait()?;
+        }
+        let size = size_of::<T>();
+        let mut at = 0;
+        for (buffer, count) in from {
+            assert!(*count <= buffer.len() && at + count <= self.len, "{count} elements do not fit");
+            recording.copy_raw(buffer.raw(), 0, &self.raw, (at * size) as u64, (count * size) as u64);
+            at += count;
+        }
+        self.under_way = Some(device.submit(recording)?);
+        Ok(())
+    }
+
+    /// Waits for the submission under way, if any; gives the results and the time of its scopes. What no submission wrote is
+    /// undefined.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn wait(&mut self) -> Result<(&[T], Timings), Error> {
+        let timings = self.under_way.take().map_or_else(|| Ok(Timings::default()), Ticket::wait)?;
+        let values = &bytemuck::cast_slice(&self.raw.mapped()[..self.len * size_of::<T>()])[..self.len];
+        Ok((values, timings))
+    }
+}
+
+impl Device {
+    /// Host memory for `len` elements of results.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn readback<T: Pod>(&self, name: &str, len: usize) -> Result<Readback<T>, Error> {
+        let bytes = len as u64 * size_of::<T>() as u64;
+        let usage = vk::BufferUsageFlags::TRANSFER_DST;
+        let raw = RawBuffer::new(self.context(), name, bytes, usage, MemoryLocation::GpuToCpu)?;
+        Ok(Readback { under_way: None, raw, len, element: PhantomData })
+    }
+}

@@ -1,0 +1,68 @@
+//! Guards of buffers, for tests: each buffer is born full of NaN, so that an element that no kernel wrote shows, and ends in a
+//! red zone that no kernel may touch. Descriptors span the red zone too: a stray store lands there instead of being dropped.
+
+use super::buffer::{RawBuffer, Storage};
+use super::device::{Context, Device, lock};
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, Weak};
+
+/// Bytes of a red zone: wider than any one invocation's store.
+const RED_ZONE: u64 = 256;
+/// A quiet NaN as a float; as a count it is large enough to be noticed.
+const POISON: u32 = 0x7fc0_dead;
+
+/// The guarded buffers of a device, and those whose red zone was written to.
+#[derive(Default)]
+pub(super) struct Guards {
+    alive: Mutex<HashMap<u64, Weak<Storage>>>,
+    overrun: Mutex<Vec<String>>,
+}
+
+impl Guards {
+    /// Poisons a new buffer, red zone included, and watches it from now on.
+    pub fn watch(&self, buffer: &mut RawBuffer) {
+        for word in buffer.mapped_mut().chunks_exact_mut(4) {
+            word.copy_from_slice(&POISON.to_ne_bytes());
+        }
+        lock(&self.alive).insert(buffer.number(), Arc::downgrade(&buffer.0));
+    }
+
+    /// Checks the red zone of a buffer that is dropped.
+    pub fn leave(&self, storage: &Storage) {
+        lock(&self.alive).remove(&storage.number);
+        if is_overrun(storage) {
+            lock(&self.overrun).push(storage.name.clone());
+        }
+    }
+}
+
+fn is_overrun(storage: &Storage) -> bool {
+    let red_zone = storage.bytes as usize..(storage.bytes + storage.red_zone) as usize;
+    let mapped = storage.mapped().get(red_zone).unwrap_or_default();
+    mapped.chunks_exact(4).any(|word| word != POISON.to_ne_bytes())
+}
+
+impl Context {
+    /// Bytes to add behind a storage buffer.
+    pub fn red_zone(&self) -> u64 {
+        if self.guards.is_some() { RED_ZONE } else { 0 }
+    }
+}
+
+impl Device {
+    /// Names of the buffers, alive or dropped, behind whose end a kernel wrote; always empty unless the device was opened with
+    /// [`super::DeviceOptions::guarded`]. Submitted work must have been waited for.
+    pub fn overrun_buffers(&self) -> Vec<String> {
+        let Some(guards) = &self.context().guards else { return Vec::new() };
+        // Strong references first: the last one may be dropped here, and takes the lock itself.
+        let alive: Vec<Arc<Storage>> = lock(&guards.alive).values().filter_map(Weak::upgrade).collect();
+        let mut names = lock(&guards.overrun).clone();
+        names.extend(alive.iter().filter(|s| is_overrun(s)).map(|s| s.name.clone()));
+        names
+    }
+
+    /// Whether buffers are guarded.
+    pub fn guards(&self) -> bool {
+        self.context().guards.is_some()
+    }
+}
