@@ -3,7 +3,8 @@
 #[path = "../../tools/figures/mod.rs"]
 mod generator;
 
-use generator::{Bench, Origin, Sweep, fill, made};
+use generator::{Bench, Origin, RENDERS, Sweep, fill, made, renders};
+use image::{Rgb, RgbImage};
 use std::path::{Path, PathBuf};
 
 fn fixture() -> PathBuf {
@@ -62,7 +63,7 @@ fn the_pages_here_take_their_figures() {
         for (name, body) in parts {
             assert!(filled.contains(body.trim_end()), "{file}: {name}");
         }
-        // Whatever is shown is there.
+        // Every plot that a page shows is made.
         for shown in filled.split("figures/").skip(1).filter_map(|rest| rest.split_once(".svg)")) {
             assert!(plots.iter().any(|(name, _)| *name == format!("{}.svg", shown.0)), "{file}: {}", shown.0);
         }
@@ -80,10 +81,10 @@ fn tables_say_what_was_measured() {
         ("device", &["| commit | 0123abc |", "GFLOP/s", "2 x 128 MiB"][..]),
         ("sort", &["| sort | 2^20 |", "| scan | 2^22 |", "bytes"]),
         ("frame", &["| 10,000 (58,699 pairs) | project |", "rasterise", "operations"]),
-        ("cost", &["R²", "along pixels", "along pairs", "a million pixels +"]),
-        ("culling", &["| exact has fewer than 3-sigma by | 32.5 % | 46.3 % |"]),
+        ("cost", &["R²", "| pixels, × ", "| pairs, × ", "| all points | "]),
+        ("culling", &["| exact: fewer than 3-sigma by | 32.5 % | 46.3 % |"]),
         ("effects", &["| all off, again |", "| 1.310 | 1.300 to 1.330 |\n| exposure |"]),
-        ("iteration", &["**19,159 pairs an image**", "50 ms or less", "| adam |"]),
+        ("iteration", &["**19,159 pairs per image**", "50 ms or less", "| adam |"]),
         ("kernels", &["| participation | m = 48 | 64 blocks |", "| loss | 144x256 | 36,864 pixels |"]),
         ("sweep", &["**exact**", "| determinant |", "* gradients: "]),
     ] {
@@ -92,7 +93,7 @@ fn tables_say_what_was_measured() {
         }
     }
     let lines = part(&readme, "exactness");
-    assert_eq!(lines.lines().filter(|l| l.starts_with("* ")).count(), 4, "{lines}");
+    assert_eq!(lines.lines().filter(|l| l.starts_with("| ")).count(), 1 + 4, "{lines}");
 }
 
 #[test]
@@ -118,12 +119,7 @@ fn bounds_and_straight_lines_are_what_they_should() {
     }
     let [page, _, _] = all_of(&recorded).expect("figures");
     let cost = part(&page, "cost");
-    assert!(
-        cost.contains(
-            "2.00 ms + 3.00 ms a million pixels + 5.00 ms a million pairs, R² 1.0000, the worst point 0 % off"
-        ),
-        "{cost}"
-    );
+    assert!(cost.contains("| all points | 2.00 | 3.00 | 5.00 | 1.0000 | 0 % off |"), "{cost}");
     // 2^20 words, 12 bytes each, at 1 GB/s, in three times that.
     let row = "| scan | 2^20 | 27.8 | 37.7 [37.7..37.7] | 12.6 | bytes | 3.0 |";
     assert!(part(&page, "sort").contains(row), "{}", part(&page, "sort"));
@@ -140,9 +136,9 @@ fn what_is_missing_is_said() {
     for (page, said) in [
         ("no marks\n".to_owned(), "no line '<!-- figures: begin sort -->'"),
         (format!("{begin}\n"), "no line '<!-- figures: end sort -->'"),
-        (format!("{begin}{end}{begin}"), "stands there 2 times"),
+        (format!("{begin}{end}{begin}"), "occurs 2 times"),
         (format!("{end}\n{begin}"), "comes before its beginning"),
-        (format!("{begin}{end}<!-- figures: begin sortt -->"), "there are no figures 'sortt'; there are sort"),
+        (format!("{begin}{end}<!-- figures: begin sortt -->"), "there are no figures 'sortt'; there are device, sort"),
     ] {
         let error = fill("p.md", &page, &parts).unwrap_err();
         assert!(error.starts_with("p.md: ") && error.contains(said), "{error}");
@@ -174,4 +170,70 @@ fn what_is_missing_is_said() {
     let folder = unfolded(&recorded);
     std::fs::write(folder.path().join("facts/0.json"), "{}").unwrap();
     refused(Bench::read(folder.path()).map(|_| ()), "0.json: no 'id'");
+}
+
+/// The folder of a comparison: three held-out views, whose pruned renders are off by 8, 32 and 16 of 255.
+fn comparison() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let arms = folder.path().join("arms");
+    let save = |path: PathBuf, value: u8| {
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        RgbImage::from_pixel(40, 30, Rgb([value; 3])).save(path).unwrap();
+    };
+    for (name, error) in [("a.png", 8), ("b.png", 32), ("c.png", 16)] {
+        save(arms.join("default/renders/photos").join(name), 100);
+        save(arms.join("dense/renders").join(name), 104);
+        save(arms.join("default/renders").join(name), 100 + error);
+    }
+    let told = serde_json::json!({ "arms": [
+        { "name": "dense", "gaussians": 5000 },
+        { "name": "default", "gaussians": 1400 },
+    ] });
+    std::fs::write(folder.path().join("compare.json"), told.to_string()).unwrap();
+    folder
+}
+
+#[test]
+fn renders_are_one_view_side_by_side() {
+    let folder = comparison();
+    let (jpeg, readme) = renders(folder.path()).expect("renders");
+    let picture = image::load_from_memory(&jpeg).unwrap().to_rgb8();
+    assert_eq!(picture.dimensions(), (3 * 40 + 2 * 6, 30));
+    // The middle of each picture: photo, dense, and the pruned render of median quality.
+    for (x, expected) in [(20, 100_u8), (66, 104), (112, 116)] {
+        assert!(picture.get_pixel(x, 15).0.iter().all(|v| v.abs_diff(expected) <= 3), "{x}");
+    }
+    // 20 lg (255 / 4) and 20 lg (255 / 16).
+    let caption = part(&readme, "renders");
+    for told in ["5,000 Gaussians, 36.1 dB", "28.0 % of them, 1,400 Gaussians, 24.0 dB", RENDERS] {
+        assert!(caption.contains(told), "{told}: {caption}");
+    }
+    assert!(renders(folder.path()).unwrap().0 == jpeg, "the same files give the same bytes");
+
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = read(&root.join("README.md"));
+    assert!(fill("README.md", &page, &readme).expect("markers").contains(caption.trim_end()));
+    assert!(!page.contains(RENDERS) || root.join(RENDERS).is_file(), "README shows {RENDERS}");
+}
+
+#[test]
+fn a_comparison_without_pictures_is_refused() {
+    for (missing, said) in [
+        ("compare.json", "compare.json"),
+        ("arms/dense/renders/b.png", "b.png"),
+        ("arms/default/renders/c.png", "c.png"),
+        ("arms/default/renders/photos", "--arms dense,default"),
+    ] {
+        let folder = comparison();
+        let path = folder.path().join(missing);
+        if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) }.unwrap();
+        let error = renders(folder.path()).map(|_| ()).expect_err(missing);
+        assert!(error.contains(said), "{missing}: {error}");
+    }
+    let folder = comparison();
+    std::fs::write(folder.path().join("compare.json"), "{\"arms\": []}").unwrap();
+    assert!(renders(folder.path()).map(|_| ()).unwrap_err().contains("no arm 'dense'"));
+    let folder = comparison();
+    RgbImage::new(4, 3).save(folder.path().join("arms/dense/renders/a.png")).unwrap();
+    assert!(renders(folder.path()).map(|_| ()).unwrap_err().contains("a.png"), "sizes differ");
 }

@@ -1,29 +1,29 @@
-//! Times that a device cannot go below: bytes over its bandwidth, operations over its rate, both measured on it.
+//! Lower bounds of times: bytes over the device's bandwidth, operations over its rate, both measured.
 
 use super::measured::{Bench, Measured};
 
-/// What a device did at best.
+/// Best rates of a device.
 pub struct Rates {
-    /// Bytes of both buffers of a copy, and bytes it moved in a second.
+    /// For each copy, bytes of both buffers, and bytes moved per second.
     copies: Vec<[f64; 2]>,
-    /// float32 operations a second.
+    /// float32 operations per second.
     pub operations: f64,
 }
 
-/// A bound.
+/// Lower bound of a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bound {
     /// Milliseconds.
     pub ms: f64,
-    /// What binds.
+    /// What limits the time: `bytes`, `operations` or `both`.
     pub by: &'static str,
 }
 
 impl Rates {
-    /// From the group `device`: its fastest samples, since a bound should not be too long.
+    /// From the fastest samples of the group `device`, since a bound must not be too long.
     ///
     /// # Errors
-    /// The name of what was not measured.
+    /// A benchmark that was not run, by name.
     pub fn of(bench: &Bench) -> Result<Self, String> {
         let rate = |m: &Measured, name: &str| m.number(name) / (1e-3 * m.ms[0]);
         let multiply_add = bench.get("device/multiply-add")?;
@@ -38,14 +38,14 @@ impl Rates {
         Ok(Self { copies, operations: rate(multiply_add, "operations") })
     }
 
-    /// Bytes a second at best where so many are moved: of copies of as many or more, since fewer may stay in a cache.
+    /// Best bytes per second for moving `bytes`: from copies of as many or more, since smaller ones may stay in a cache.
     pub fn bandwidth(&self, bytes: f64) -> f64 {
         let most = self.copies.iter().map(|c| c[0]).fold(0.0, f64::max);
         let alike = self.copies.iter().filter(|c| c[0] >= bytes.min(most));
         alike.map(|c| c[1]).fold(0.0, f64::max)
     }
 
-    /// A benchmark's bound; none where nothing is known of it. A sum of stages is bounded as one.
+    /// A benchmark's bound; none without its bytes and operations. A sum of stages is bounded as one.
     pub fn bound(&self, m: &Measured) -> Option<Bound> {
         let (bytes, operations) = (m.number("bytes"), m.number("operations"));
         let [moving, computing] = [bytes / self.bandwidth(bytes), operations / self.operations].map(|s| 1e3 * s);

@@ -7,7 +7,7 @@ use qirf_vk::report::format::decimals;
 /// The group `effects`, in its own order.
 ///
 /// # Errors
-/// What was not measured.
+/// A benchmark that was not run.
 pub fn effects(bench: &Bench) -> Result<String, String> {
     let mut arms: Vec<_> = bench.group("effects").collect();
     arms.sort_by(|a, b| a.1.number("order").total_cmp(&b.1.number("order")));
@@ -20,5 +20,5 @@ pub fn effects(bench: &Bench) -> Result<String, String> {
         vec![name, time(m), times, format!("{low} to {high}")]
     };
     let rows: Vec<Vec<String>> = arms.into_iter().map(row).collect();
-    Ok(table(&["on", "ms", "times all off", "middle half"], 1, &rows))
+    Ok(table(&["on", "ms", "ratio to all off", "middle half"], 1, &rows))
 }

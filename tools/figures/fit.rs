@@ -1,18 +1,18 @@
-//! Least squares: how well a straight line, or a plane, explains times.
+//! Least squares: how well a straight line or a plane explains times.
 
-/// Coefficients, the first of them constant, and how well they do.
+/// Fitted coefficients and the quality of the fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    /// Constant, then one of each column.
+    /// The constant, then one per column.
     pub coefficients: Vec<f64>,
-    /// Share of the values' variance that is explained.
+    /// Share of the values' variance that the fit explains.
     pub r2: f64,
-    /// Largest deviation of a value, as a share of it.
+    /// Largest deviation of a value, relative to the value.
     pub worst: f64,
 }
 
 impl Fit {
-    /// `values[i]` by a constant and `columns[..][i]`; none where the columns do not determine it.
+    /// Fits `values[i]` by a constant and `columns[..][i]`; none where the columns do not determine the coefficients.
     pub fn of(columns: &[&[f64]], values: &[f64]) -> Option<Self> {
         // Columns in units of their largest, so that the normal equations are well conditioned.
         let units: Vec<f64> = columns.iter().map(|c| c.iter().fold(0.0_f64, |m, v| m.max(v.abs()))).collect();
@@ -41,13 +41,13 @@ impl Fit {
         Some(Self { coefficients, r2: 1.0 - left / all, worst })
     }
 
-    /// What it says of a row.
+    /// The fitted value of a row.
     pub fn at(&self, row: &[f64]) -> f64 {
         self.coefficients[0] + row.iter().zip(&self.coefficients[1..]).map(|(x, c)| x * c).sum::<f64>()
     }
 }
 
-/// Gauss with pivots; the last element of a row is its right side.
+/// Gaussian elimination with pivots; the last element of a row is its right-hand side.
 fn solve(mut rows: Vec<Vec<f64>>) -> Option<Vec<f64>> {
     let n = rows.len();
     for c in 0..n {

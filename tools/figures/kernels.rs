@@ -1,18 +1,18 @@
-//! Kernels that are measured by themselves, over several sizes.
+//! Kernels measured by themselves, at several sizes.
 
 use super::bound::Rates;
 use super::measured::Bench;
 use super::tables::{AGAINST, against, table};
 use qirf_vk::report::format::{count, short};
 
-/// Group, what it is a table of, and what its rates count.
+/// Bench group, and the unit of its rates.
 const GROUPS: [(&str, &str); 4] =
     [("loss", "pixels"), ("overlap", "pairs"), ("rrdm", "pairs"), ("participation", "blocks")];
 
 /// Loss, overlaps, density matrices, and the device's eigensolver.
 ///
 /// # Errors
-/// What was not measured.
+/// A benchmark that was not run.
 pub fn kernels(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let mut rows = Vec::new();
@@ -37,11 +37,11 @@ pub fn kernels(bench: &Bench) -> Result<String, String> {
             rows.push(row);
         }
     }
-    let columns = [&["", "", "of", "of them a second"][..], &AGAINST].concat();
+    let columns = [&["stage", "variant", "work", "units/s"][..], &AGAINST].concat();
     Ok(table(&columns, 2, &rows))
 }
 
-/// The numbers in a name: what it is put in order by.
+/// The numbers in a name, by which names are sorted.
 fn sizes(name: &str) -> Vec<u64> {
     name.split(|c: char| !c.is_ascii_digit()).filter_map(|digits| digits.parse().ok()).collect()
 }

@@ -1,28 +1,35 @@
-//! `make figures`: writes the generated parts of pages, and plots, from criterion's folder and a `sweep.json`.
+//! `make figures`: writes the generated parts of pages, the plots and the renders.
 
 #[path = "mod.rs"]
 mod figures;
 
-use figures::{Bench, Origin, Sweep, fill, made};
+use figures::{Bench, Origin, Parts, RENDERS, Sweep, fill, made, renders};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-const USAGE: &str = "usage: figures CRITERION_FOLDER SWEEP.JSON COMMIT COMMAND (from the repository's root)";
+const USAGE: &str = "usage (from the repository's root):
+  figures measured CRITERION_FOLDER SWEEP.JSON COMMIT COMMAND   tables and plots
+  figures renders COMPARISON_FOLDER                             the renders in README.md";
+
+/// A file and what it will hold.
+type File = (PathBuf, Vec<u8>);
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [criterion, sweep, commit, command] = &arguments[..] else {
-        eprintln!("{USAGE}");
-        return ExitCode::from(2);
-    };
-    let origin = Origin { commit: commit.clone(), command: command.clone() };
-    match write(Path::new(criterion), Path::new(sweep), &origin) {
-        Ok(written) => {
-            for path in written {
-                println!("{}", path.display());
-            }
-            ExitCode::SUCCESS
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let files = match arguments[..] {
+        ["measured", criterion, sweep, commit, command] => {
+            let origin = Origin { commit: commit.to_owned(), command: command.to_owned() };
+            measured(Path::new(criterion), Path::new(sweep), &origin)
         }
+        ["renders", comparison] => rendered(Path::new(comparison)),
+        _ => {
+            eprintln!("{USAGE}");
+            return ExitCode::from(2);
+        }
+    };
+    match files.and_then(write) {
+        Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
             eprintln!("figures: {message}");
             ExitCode::from(3)
@@ -30,19 +37,31 @@ fn main() -> ExitCode {
     }
 }
 
-/// All is made before anything is written.
-fn write(criterion: &Path, sweep: &Path, origin: &Origin) -> Result<Vec<PathBuf>, String> {
+fn measured(criterion: &Path, sweep: &Path, origin: &Origin) -> Result<Vec<File>, String> {
     let [page, readme, plots] = made(&Bench::read(criterion)?, &Sweep::read(sweep)?, origin)?;
-    let mut files = Vec::new();
-    for (file, parts) in [("docs/performance.md", &page), ("README.md", &readme)] {
-        let text = std::fs::read_to_string(file).map_err(|e| format!("{file}: {e}"))?;
-        files.push((PathBuf::from(file), fill(file, &text, parts)?));
-    }
+    let mut files = vec![filled("docs/performance.md", &page)?, filled("README.md", &readme)?];
     let folder = Path::new("docs/figures");
-    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    files.extend(plots.into_iter().map(|(name, text)| (folder.join(name), text)));
-    for (path, text) in &files {
-        std::fs::write(path, text).map_err(|e| format!("{}: {e}", path.display()))?;
+    files.extend(plots.into_iter().map(|(name, text)| (folder.join(name), text.into_bytes())));
+    Ok(files)
+}
+
+fn rendered(comparison: &Path) -> Result<Vec<File>, String> {
+    let (picture, readme) = renders(comparison)?;
+    Ok(vec![filled("README.md", &readme)?, (RENDERS.into(), picture)])
+}
+
+fn filled(file: &str, parts: &Parts) -> Result<File, String> {
+    let text = std::fs::read_to_string(file).map_err(|e| format!("{file}: {e}"))?;
+    Ok((file.into(), fill(file, &text, parts)?.into_bytes()))
+}
+
+/// Writes files that were all made before, and prints their paths.
+fn write(files: Vec<File>) -> Result<(), String> {
+    for (path, bytes) in files {
+        let told = |e: std::io::Error| format!("{}: {e}", path.display());
+        path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(told)?;
+        std::fs::write(&path, bytes).map_err(told)?;
+        println!("{}", path.display());
     }
-    Ok(files.into_iter().map(|(path, _)| path).collect())
+    Ok(())
 }

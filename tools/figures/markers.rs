@@ -1,17 +1,19 @@
-//! Where a page's generated parts lie: between `<!-- figures: begin NAME -->` and `<!-- figures: end NAME -->`.
+//! Where a page's generated parts are: between `<!-- figures: begin NAME -->` and `<!-- figures: end NAME -->`.
 
-/// The page with each named part filled, and all else as it was; `file` names it in errors.
+/// Every part that a page may have.
+const KNOWN: [&str; 11] =
+    ["device", "sort", "frame", "cost", "culling", "iteration", "effects", "kernels", "sweep", "exactness", "renders"];
+
+/// The page with each of these parts filled and everything else unchanged; `file` names it in errors.
 ///
 /// # Errors
-/// A part without markers, with several, or whose end comes first; markers of a part that is not among these.
+/// A part without markers, with repeated markers, or whose end comes first; markers of an unknown part.
 pub fn fill(file: &str, page: &str, parts: &[(&'static str, String)]) -> Result<String, String> {
-    for known in ["begin", "end"] {
-        for name in page.split(&format!("<!-- figures: {known} ")).skip(1).filter_map(|rest| rest.split(" -->").next())
-        {
-            if !parts.iter().any(|(part, _)| *part == name) {
-                let names: Vec<&str> = parts.iter().map(|(part, _)| *part).collect();
-                return Err(format!("{file}: there are no figures '{name}'; there are {}", names.join(", ")));
-            }
+    for which in ["begin", "end"] {
+        let mark = format!("<!-- figures: {which} ");
+        let mut names = page.split(&mark).skip(1).filter_map(|rest| rest.split(" -->").next());
+        if let Some(name) = names.find(|name| !KNOWN.contains(name)) {
+            return Err(format!("{file}: there are no figures '{name}'; there are {}", KNOWN.join(", ")));
         }
     }
     parts.iter().try_fold(page.to_owned(), |page, (name, body)| {
@@ -24,7 +26,7 @@ pub fn fill(file: &str, page: &str, parts: &[(&'static str, String)]) -> Result<
                         "{file}: no line '{mark}'; put both marks of '{name}' where its figures belong"
                     ));
                 }
-                n => return Err(format!("{file}: '{mark}' stands there {n} times; leave one")),
+                n => return Err(format!("{file}: '{mark}' occurs {n} times; leave one")),
             }
         }
         let [begin, end] = &marks;

@@ -1,4 +1,4 @@
-//! What criterion and the benchmarks beside it wrote: times by name, and what each was of.
+//! The files of criterion and of the benchmarks: times by name, and the work that each timed.
 
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 pub struct Measured {
     /// Milliseconds: smallest, median, largest of the samples.
     pub ms: [f64; 3],
-    /// What it was of, by name.
+    /// The work, as named numbers.
     pub numbers: BTreeMap<String, f64>,
 }
 
 impl Measured {
-    /// A number of it; 0 where it has none of that name.
+    /// The number of this name; 0 where there is none.
     pub fn number(&self, name: &str) -> f64 {
         self.numbers.get(name).copied().unwrap_or(0.0)
     }
@@ -23,7 +23,7 @@ impl Measured {
 /// All benchmarks of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bench {
-    /// By criterion's names, `group/function/parameter`.
+    /// By criterion's name, `group/function/parameter`.
     all: BTreeMap<String, Measured>,
     /// `device.json` as the benchmarks wrote it.
     pub device: Value,
@@ -69,7 +69,7 @@ impl Bench {
     }
 }
 
-/// Files whose names end so, in this folder's tree, of the latest measurement (`new`) where there are several.
+/// Files in this folder's tree whose names end with `end`; of several measurements the latest (`new`).
 fn found(folder: &Path, end: &str) -> Result<Vec<PathBuf>, String> {
     let mut files = Vec::new();
     let entries = std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;

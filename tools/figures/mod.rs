@@ -1,4 +1,5 @@
-//! `docs/performance.md`'s tables and plots, from what the benchmarks and a sweep left: the work of `make figures`.
+//! The generated figures of `docs/performance.md` and README.md: tables and plots from what the benchmarks and a sweep left,
+//! and renders from a comparison. The work of `make figures`.
 
 mod bound;
 mod effects;
@@ -7,28 +8,30 @@ mod kernels;
 mod markers;
 mod measured;
 mod pictures;
+mod renders;
 mod sweep;
 mod tables;
 
 pub use markers::fill;
 pub use measured::Bench;
+pub use renders::{FILE as RENDERS, renders};
 pub use sweep::Sweep;
 
-/// What the figures were taken with, as the page says it.
+/// How the figures were measured, as the page tells it.
 pub struct Origin {
-    /// Of the working tree.
+    /// Commit of the working tree.
     pub commit: String,
-    /// That takes them again.
+    /// Command that measures them again.
     pub command: String,
 }
 
-/// The parts of a page that are generated, by the names of their markers.
+/// Generated parts of a page, by the names of their markers.
 pub type Parts = Vec<(&'static str, String)>;
 
-/// Everything that the figures are: parts of `docs/performance.md`, parts of README, and files of plots.
+/// Tables and plots: parts of `docs/performance.md`, parts of README.md, and files of plots by name.
 ///
 /// # Errors
-/// What is missing among the measurements.
+/// A measurement that is missing.
 pub fn made(bench: &Bench, sweep: &Sweep, origin: &Origin) -> Result<[Parts; 3], String> {
     let page = vec![
         ("device", tables::device(bench, origin)?),
@@ -41,7 +44,7 @@ pub fn made(bench: &Bench, sweep: &Sweep, origin: &Origin) -> Result<[Parts; 3],
         ("kernels", kernels::kernels(bench)?),
         ("sweep", sweep.table()),
     ];
-    let readme = vec![("exactness", sweep.lines(origin))];
+    let readme = vec![("exactness", sweep.exactness(origin))];
     let plots = vec![
         ("exactness.svg", sweep.plot(&["gradients", "overlap", "solver", "culling"], 2)),
         ("sweep.svg", sweep.plot(&["epsilon", "stop", "storage"], 3)),

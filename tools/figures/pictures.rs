@@ -1,4 +1,4 @@
-//! Frames, iterations, what they cost by pixels and pairs, and ways of culling.
+//! Frames, iterations, their cost by pixels and pairs, and culling.
 
 use super::bound::{Bound, Rates};
 use super::fit::Fit;
@@ -13,10 +13,10 @@ const WHOLE: &str = "whole, by the host's clock";
 /// Gaussians of the frames, as the benchmarks name them.
 const FRAMES: [&str; 3] = ["10k", "100k", "500k"];
 const ITERATION: &str = "10k";
-/// Milliseconds that an iteration may take.
-const ASKED: f64 = 50.0;
+/// Target of an iteration in milliseconds.
+const TARGET: f64 = 50.0;
 
-/// The stages of a group that were timed, with their bounds. Without the device's timestamps there are none.
+/// The timed stages of a group with their bounds; none without device timestamps.
 fn stages<'a>(
     bench: &'a Bench,
     rates: &Rates,
@@ -30,7 +30,7 @@ fn stages<'a>(
     train::STAGES.into_iter().filter_map(timed).collect()
 }
 
-/// The whole, whose stages run one after another: its bound is the sum of theirs.
+/// The whole; its stages run one after another, so its bound is the sum of theirs.
 fn whole<'a>(
     bench: &'a Bench,
     rates: &Rates,
@@ -48,10 +48,10 @@ fn number(m: &Measured, name: &str) -> String {
     count(m.number(name) as usize)
 }
 
-/// Time by stage of one picture.
+/// Time of one picture by stage.
 ///
 /// # Errors
-/// What was not measured.
+/// A benchmark that was not run.
 pub fn frame(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let mut rows = Vec::new();
@@ -114,11 +114,11 @@ fn line(points: &[&Measured], axis: &str) -> Result<Fit, String> {
 /// Time against pixels and against pairs.
 ///
 /// # Errors
-/// What was not measured.
+/// A benchmark that was not run.
 pub fn cost(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let mut out = String::new();
-    let (mut rows, mut told) = (Vec::new(), Vec::new());
+    let (mut rows, mut fits) = (Vec::new(), Vec::new());
     let mut all = Vec::new();
     for (axis, other) in [("pixels", "pairs"), ("pairs", "pixels")] {
         let points = points(bench, axis);
@@ -126,15 +126,13 @@ pub fn cost(bench: &Bench) -> Result<String, String> {
         let (values, others) = (column(&points, axis), column(&points, other));
         let range =
             |v: &[f64]| v.iter().fold(0.0_f64, |m, v| m.max(*v)) / v.iter().fold(f64::INFINITY, |m, v| m.min(*v));
-        told.push(format!(
-            "* along {axis}, {} times as many from the first to the last ({other} {}): {} ms + {} ms a million {axis}, R² {}, the worst point {} % off;",
-            decimals(range(&values), 0),
-            if range(&others) < 1.0005 { "the same".to_owned() } else { format!("within {} %", short_ratio(100.0 * (range(&others) - 1.0))) },
-            digits(fit.coefficients[0]),
-            digits(fit.coefficients[1]),
-            decimals(fit.r2, 4),
-            decimals(100.0 * fit.worst, 0),
-        ));
+        let held = match range(&others) {
+            r if r < 1.0005 => format!("{other} constant"),
+            r => format!("{other} within {} %", short_ratio(100.0 * (r - 1.0))),
+        };
+        let what = format!("{axis}, × {} ({held})", decimals(range(&values), 0));
+        let slope = |of: &str| if of == axis { digits(fit.coefficients[1]) } else { String::new() };
+        fits.push(fitted(what, &fit, [slope("pixels"), slope("pairs")]));
         for m in &points {
             let row = vec![axis.to_owned(), number(m, "pixels"), number(m, "pairs")];
             rows.push([row, against(m, rates.bound(m)).to_vec()].concat());
@@ -143,28 +141,29 @@ pub fn cost(bench: &Bench) -> Result<String, String> {
     }
     let plane = Fit::of(&[&column(&all, "pixels"), &column(&all, "pairs")], &least(&all))
         .ok_or("group 'cost' does not tell pixels from pairs")?;
-    told.push(format!(
-        "* all points by both: {} ms + {} ms a million pixels + {} ms a million pairs, R² {}, the worst point {} % off.",
-        digits(plane.coefficients[0]),
-        digits(plane.coefficients[1]),
-        digits(plane.coefficients[2]),
-        decimals(plane.r2, 4),
-        decimals(100.0 * plane.worst, 0),
-    ));
+    fits.push(fitted("all points".to_owned(), &plane, [digits(plane.coefficients[1]), digits(plane.coefficients[2])]));
     let columns = [&["varied", "pixels", "pairs"][..], &AGAINST].concat();
     out += &table(&columns, 1, &rows);
-    out += &format!("\nStraight lines through the smallest times, by least squares:\n\n{}\n", told.join("\n"));
+    out += "\nLeast-squares fits through the smallest times:\n\n";
+    let columns = ["varied", "constant, ms", "ms per million pixels", "ms per million pairs", "R²", "worst point"];
+    out += &table(&columns, 1, &fits);
     out += "\n![Milliseconds a picture against pixels and against pairs, with straight lines](figures/cost.svg)\n";
     Ok(out)
 }
 
-/// The same with straight lines through them.
+/// A row of the table of fits.
+fn fitted(what: String, fit: &Fit, [pixels, pairs]: [String; 2]) -> Vec<String> {
+    let worst = format!("{} % off", decimals(100.0 * fit.worst, 0));
+    vec![what, digits(fit.coefficients[0]), pixels, pairs, decimals(fit.r2, 4), worst]
+}
+
+/// The same as a plot, with the fitted lines.
 ///
 /// # Errors
-/// What was not measured.
+/// A benchmark that was not run.
 pub fn cost_plot(bench: &Bench) -> Result<String, String> {
     let mut drawings = Vec::new();
-    for (axis, title) in [("pixels", "By pixels, the pairs held"), ("pairs", "By pairs, the pixels held")] {
+    for (axis, title) in [("pixels", "By pixels, pairs constant"), ("pairs", "By pairs, pixels constant")] {
         let points = points(bench, axis);
         let fit = line(&points, axis)?;
         let xs = column(&points, axis);
@@ -174,19 +173,19 @@ pub fn cost_plot(bench: &Bench) -> Result<String, String> {
             vec![Line { name: "measured, smallest", points: measured }, Line { name: "straight line", points: fitted }];
         let name = format!("million {axis}");
         let plot =
-            Lines { title, x: Axis::from_zero(&name), y: Axis::from_zero("ms a picture"), lines, marks: Vec::new() };
+            Lines { title, x: Axis::from_zero(&name), y: Axis::from_zero("ms per picture"), lines, marks: Vec::new() };
         drawings.push(plot.drawing());
     }
     Ok(sheet("Cost against pixels and pairs", &drawings, 2))
 }
 
-/// Ways of culling; without the shared model there is nothing to say but that.
+/// Culling methods; only a remark without the shared model.
 ///
 /// # Errors
-/// What was measured in part.
+/// A benchmark of the group that was not run.
 pub fn culling(bench: &Bench) -> Result<String, String> {
     if bench.group("culling").next().is_none() {
-        return Ok("Not measured: the model was not there.\n".to_owned());
+        return Ok("Not measured: the shared model is missing.\n".to_owned());
     }
     let rungs = ["exact", "box", "3-sigma"].map(|rung| bench.get(&format!("culling/{rung}")).map(|m| (rung, m)));
     let [exact, boxed, wide] = rungs;
@@ -202,19 +201,19 @@ pub fn culling(bench: &Bench) -> Result<String, String> {
     let fewer = |a: f64, b: f64| percent(b - a, b);
     let (exact, wide) = (exact.1, wide.1);
     let gained = vec![
-        "exact has fewer than 3-sigma by".to_owned(),
+        "exact: fewer than 3-sigma by".to_owned(),
         fewer(exact.number("exact_pairs_at_16"), exact.number("three_sigma_pairs_at_16")),
         fewer(exact.number("pairs"), wide.number("pairs")),
         String::new(),
     ];
-    let own = format!("pairs an image, tiles of {}", exact.number("tile"));
-    Ok(table(&["", "pairs an image, tiles of 16", &own, "ms an image"], 1, &[rows, vec![gained]].concat()))
+    let own = format!("pairs per image, tiles of {}", exact.number("tile"));
+    Ok(table(&["culling", "pairs per image, tiles of 16", &own, "ms per image"], 1, &[rows, vec![gained]].concat()))
 }
 
-/// One step of training, by stage.
+/// One training iteration by stage.
 ///
 /// # Errors
-/// What was not measured.
+/// A benchmark that was not run.
 pub fn iteration(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let stages = stages(bench, &rates, "iteration", ITERATION);
@@ -227,13 +226,13 @@ pub fn iteration(bench: &Bench) -> Result<String, String> {
     rows.push([vec![WHOLE.to_owned(), String::new()], against(all, bound).to_vec()].concat());
     let columns = [&["stage", "share"][..], &AGAINST].concat();
     Ok(format!(
-        "{} Gaussians, {} of them visible, {} pixels in tiles of {}: **{} pairs an image**. {} ms or less were asked for; the median is **{} ms**.\n\n{}\n![Milliseconds of an iteration by stage](figures/iteration.svg)\n",
+        "{} Gaussians ({} visible), {} pixels, tiles of {}: **{} pairs per image**. Target: {} ms or less; median: **{} ms**.\n\n{}\n![Milliseconds of an iteration by stage](figures/iteration.svg)\n",
         number(all, "gaussians"),
         number(all, "visible"),
         number(all, "pixels"),
         number(all, "tile"),
         number(all, "pairs"),
-        ASKED,
+        TARGET,
         digits(all.ms[1]),
         table(&columns, 1, &rows)
     ))
@@ -242,7 +241,7 @@ pub fn iteration(bench: &Bench) -> Result<String, String> {
 /// The stages of an iteration as bars.
 ///
 /// # Errors
-/// What was not measured.
+/// A benchmark that was not run.
 pub fn iteration_plot(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let bars: Vec<Bar> = stages(bench, &rates, "iteration", ITERATION)

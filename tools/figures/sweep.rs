@@ -1,4 +1,4 @@
-//! What `qirf-vk sweep` found, from its `sweep.json`: a table, plots, and what exactness costs in four lines.
+//! The results of `qirf-vk sweep`, from its `sweep.json`: a full table, plots, and a short table of what exactness costs.
 
 use super::Origin;
 use super::measured::json;
@@ -45,11 +45,11 @@ impl Sweep {
         rows(&self.axis(axis)?["rungs"]).iter().find(|r| r["name"] == rung)
     }
 
-    /// Every rung, what the next more exact one would cost, why an axis is flat, and what it was all measured on.
+    /// All rungs, the cost of the next more exact one, why an axis is flat, and what was measured.
     pub fn table(&self) -> String {
         let subject = &self.0["subject"];
         let mut out = format!(
-            "{} Gaussians, SH of degree {}: {}. {} views of {} x {}; {}; {} s in all.\n\n",
+            "{} Gaussians, SH degree {}: {}. {} views of {} x {}; {}; {} s in total.\n\n",
             count(subject["gaussians"].as_u64().unwrap_or(0) as usize),
             subject["degree"],
             text(&subject["origin"]).trim_end_matches('.'),
@@ -82,7 +82,7 @@ impl Sweep {
                 ]);
             }
         }
-        out += &table(&["axis", "time; accuracy", "rung", "on the front", "time", "accuracy"], 4, &lines);
+        out += &table(&["axis", "measures of time; accuracy", "rung", "Pareto front", "time", "accuracy"], 4, &lines);
         out.push('\n');
         for axis in self.axes() {
             let told = [&axis["sentence"]].into_iter().chain(rows(&axis["flat"])).chain(rows(&axis["notes"]));
@@ -100,64 +100,67 @@ impl Sweep {
         out + "\n![Accuracy against time](figures/sweep.svg)\n"
     }
 
-    /// What exactness costs, in four lines; those that this device has no rungs for are left out.
-    pub fn lines(&self, origin: &Origin) -> String {
-        let mut out = format!(
-            "The demo scene on {}, {} threads, commit {}, by `qirf-vk sweep` ([all of it](docs/performance.md#sweep)):\n\n",
+    /// What exactness costs, a row a choice; choices that this device has no rungs for are left out.
+    pub fn exactness(&self, origin: &Origin) -> String {
+        let rows = [self.gradients(), self.overlaps(), self.solver(), self.culling()];
+        let rows: Vec<Vec<String>> = rows.into_iter().flatten().map(Vec::from).collect();
+        format!(
+            "Measured on the demo scene; {}, {} threads, commit {} ([full tables](docs/performance.md#sweep)).\n\n{}\n\
+             ![Accuracy against time on four axes](docs/figures/exactness.svg)\n",
             text(&self.0["device"]["name"]),
             self.0["host_threads"],
-            origin.commit
-        );
-        let told = [self.gradients(), self.overlaps(), self.solver(), self.culling()];
-        out += &told.into_iter().flatten().map(|line| format!("* {line}")).collect::<Vec<_>>().join(";\n");
-        out + ".\n\n![Accuracy against time on four axes](docs/figures/exactness.svg)\n"
+            origin.commit,
+            table(&["default", "compared with", "time", "what you get"], 4, &rows)
+        )
     }
 
     fn time(&self, axis: &str, rung: &str) -> Option<f64> {
         self.rung(axis, rung)?["time"]["median"].as_f64()
     }
 
-    fn gradients(&self) -> Option<String> {
+    fn gradients(&self) -> Option<[String; 4]> {
         let (ordered, atomic) = (self.time("gradients", "ordered")?, self.time("gradients", "atomics")?);
-        Some(format!(
-            "the same bits run after run: {} ms an iteration, {} float atomics' {}",
-            digits(ordered),
-            compared(ordered, atomic),
-            digits(atomic)
-        ))
+        let time = format!("{} ms per iteration (float atomics: {} ms)", digits(ordered), digits(atomic));
+        Some(choice("gradients summed in a fixed order", "float atomics", time, "the same bits on every run"))
     }
 
-    fn overlaps(&self) -> Option<String> {
+    fn overlaps(&self) -> Option<[String; 4]> {
         let [qr, other] = ["qr", "determinant"].map(|name| self.rung("overlap", name));
         let flat = other?["figures"]["flat_nan_share"].as_f64().unwrap_or(0.0);
-        Some(format!(
-            "overlaps by QR take {} by the determinant, and are {} off for {}{}",
-            compared(self.time("overlap", "qr")?, self.time("overlap", "determinant")?),
+        let gained = format!(
+            "largest error {} (determinant: {}){}",
             shown(qr?),
             shown(other?),
-            if flat > 0.0 { ", and right where that is NaN" } else { "" }
-        ))
+            if flat > 0.0 { "; no NaN, which the determinant yields for flat Gaussians" } else { "" }
+        );
+        let time = compared(self.time("overlap", "qr")?, self.time("overlap", "determinant")?);
+        Some(choice("overlaps by QR", "by determinant", time, &gained))
     }
 
-    fn solver(&self) -> Option<String> {
+    fn solver(&self) -> Option<[String; 4]> {
         let own = self.time("solver", "low-rank")?;
         let same = self.rung("solver", "low-rank")?["figures"]["kept_jaccard"] == 1.0;
-        Some(format!(
-            "eigenproblems in float64 take {} in float32, and LAPACK's general solver {} times as long{}",
-            compared(own, self.time("solver", "low-rank-f32")?),
-            decimals(self.time("solver", "dsygvd")? / own, 1),
-            if same { " to keep the same Gaussians" } else { "" }
-        ))
+        let gained = format!(
+            "{} LAPACK's general solver, which takes {} times as long",
+            if same { "the same kept set as" } else { "nearly the kept set of" },
+            decimals(self.time("solver", "dsygvd")? / own, 1)
+        );
+        let time = compared(own, self.time("solver", "low-rank-f32")?);
+        Some(choice("eigenproblems in float64", "in float32", time, &gained))
     }
 
-    fn culling(&self) -> Option<String> {
-        let exact = self.rung("culling", "exact")?["accuracy"] == 0.0;
-        Some(format!(
-            "exact ellipses against tiles: a frame in {} ms for {} with boxes of three sigma{}",
+    fn culling(&self) -> Option<[String; 4]> {
+        let exact = self.rung("culling", "exact")?;
+        let time = format!(
+            "{} ms per frame (boxes: {} ms)",
             digits(self.time("culling", "exact")?),
-            digits(self.time("culling", "3-sigma")?),
-            if exact { ", and not a pixel lost" } else { "" }
-        ))
+            digits(self.time("culling", "3-sigma")?)
+        );
+        let gained = match exact["accuracy"].as_f64() {
+            Some(0.0) => "no pixel differs".to_owned(),
+            _ => format!("pixels differ by at most {}", shown(exact)),
+        };
+        Some(choice("exact ellipse-tile test", "boxes of three sigma", time, &gained))
     }
 
     /// Accuracy against time on these axes, those that there are, side by side.
@@ -176,7 +179,7 @@ fn text(value: &Value) -> &str {
     value.as_str().unwrap_or(NONE)
 }
 
-/// A rung's accuracy.
+/// A rung's accuracy as text.
 fn shown(rung: &Value) -> String {
     match rung["accuracy"].as_f64() {
         Some(a) => figure(a),
@@ -185,16 +188,21 @@ fn shown(rung: &Value) -> String {
     }
 }
 
-/// A time beside another, up to the name of what took that.
+/// A row of the short table.
+fn choice(default: &str, other: &str, time: String, gained: &str) -> [String; 4] {
+    [default.to_owned(), other.to_owned(), time, gained.to_owned()]
+}
+
+/// A time compared with another.
 fn compared(time: f64, other: f64) -> String {
     match time / other - 1.0 {
-        d if d.abs() < EQUAL => "as long as".to_owned(),
-        d if d > 0.0 => format!("{:.0} % longer than", 100.0 * d),
-        d => format!("{:.0} % less time than", -100.0 * d),
+        d if d.abs() < EQUAL => "equal".to_owned(),
+        d if d > 0.0 => format!("{:.0} % longer", 100.0 * d),
+        d => format!("{:.0} % shorter", -100.0 * d),
     }
 }
 
-/// As the sweep's own page draws it.
+/// Drawn as on the sweep's own page.
 fn front(axis: &Value) -> Front<'_> {
     let rungs = rows(&axis["rungs"]);
     let measured: Vec<f64> = rungs.iter().filter_map(|r| r["accuracy"].as_f64()).collect();

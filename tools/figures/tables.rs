@@ -1,4 +1,4 @@
-//! Tables of Markdown, and those of devices and primitives.
+//! Markdown tables, and the tables of the device and of the primitives.
 
 use super::Origin;
 use super::bound::{Bound, Rates};
@@ -7,7 +7,7 @@ use qirf_vk::report::format::{NONE, count, decimals, short};
 use std::fmt::Write as _;
 
 /// Titles of the columns of [`against`].
-pub const AGAINST: [&str; 4] = ["ms", "bound, ms", "by", "times the bound"];
+pub const AGAINST: [&str; 4] = ["ms", "bound, ms", "limited by", "ms / bound"];
 
 /// A table; the columns after the first `texts` are numbers.
 pub fn table(columns: &[&str], texts: usize, rows: &[Vec<String>]) -> String {
@@ -38,7 +38,7 @@ pub fn time(m: &Measured) -> String {
     format!("{middle} [{low}..{high}]")
 }
 
-/// Cells of a time, its bound, what binds, and their ratio.
+/// Cells of a time, its bound, what limits it, and their ratio.
 pub fn against(m: &Measured, bound: Option<Bound>) -> [String; 4] {
     let none = || NONE.to_owned();
     let [ms, by, ratio] = bound
@@ -51,10 +51,10 @@ pub fn short_ratio(ratio: f64) -> String {
     decimals(ratio, usize::from(ratio < 9.95))
 }
 
-/// The device, what it can do at best, and how the figures were taken.
+/// The device, its best rates, and how the figures were measured.
 ///
 /// # Errors
-/// What was not measured.
+/// A benchmark that was not run.
 pub fn device(bench: &Bench, origin: &Origin) -> Result<String, String> {
     let d = &bench.device;
     let text = |name: &str| d[name].as_str().unwrap_or("unknown").to_owned();
@@ -65,9 +65,9 @@ pub fn device(bench: &Bench, origin: &Origin) -> Result<String, String> {
         "the host's clock, submissions included"
     };
     let conditions = format!(
-        "{} samples each, one run; times by {clock}{}",
+        "{} samples per benchmark, one run; times by {clock}{}",
         if quick { 10 } else { 20 },
-        load.map(|l| format!("; load {} before the start", decimals(l, 1))).unwrap_or_default()
+        load.map(|l| format!("; load average {} before the start", decimals(l, 1))).unwrap_or_default()
     );
     let row = |name: &str, value: String| vec![name.to_owned(), value];
     let facts = [
@@ -95,12 +95,12 @@ pub fn device(bench: &Bench, origin: &Origin) -> Result<String, String> {
         rows.push(cells);
     }
     let mut out = table(&["", ""], 2, &facts);
-    let _ = write!(out, "\nWhat the device does at best, by the group `device`; medians in brackets.\n\n");
-    out += &table(&["copy between two buffers of", "by a kernel, GB/s", "by command, GB/s"], 1, &rows);
+    let _ = write!(out, "\nBest rates of this device (bench group `device`), medians in brackets:\n\n");
+    out += &table(&["copy between two buffers of", "with a kernel, GB/s", "with a copy command, GB/s"], 1, &rows);
     let middle = bench.get("device/multiply-add")?;
     let _ = write!(
         out,
-        "\nMultiply-adds in float32: {} GFLOP/s ({}).\n",
+        "\nfloat32 multiply-adds: {} GFLOP/s ({}).\n",
         short(1e-9 * rates.operations),
         short(1e-6 * middle.number("operations") / middle.ms[1])
     );
@@ -110,7 +110,7 @@ pub fn device(bench: &Bench, origin: &Origin) -> Result<String, String> {
 /// Sort and scan.
 ///
 /// # Errors
-/// What was not measured.
+/// A benchmark that was not run.
 pub fn sort(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let mut rows = Vec::new();
@@ -126,6 +126,6 @@ pub fn sort(bench: &Bench) -> Result<String, String> {
             rows.push(row);
         }
     }
-    let columns = [&["", "elements", "M a second"][..], &AGAINST].concat();
+    let columns = [&["stage", "elements", "M elements/s"][..], &AGAINST].concat();
     Ok(table(&columns, 2, &rows))
 }
