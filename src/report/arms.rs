@@ -1,4 +1,4 @@
-//! `compare.html`: arms beside each other in figures, in pictures, and in the parts of pictures where they differ most.
+//! `compare.html`: arms side by side in figures, in pictures, and in the crops where they differ most.
 
 use super::compare::{Layer, Stack, compare};
 use super::format::{bytes, count, decimals, percent, seconds};
@@ -13,30 +13,30 @@ use image::imageops::{FilterType, crop_imm, resize};
 use maud::{Markup, html};
 use std::path::Path;
 
-/// Sides of a picture over the side of a crop of it, and the crop's size on the page over its own.
+/// Size of a picture relative to its crop, and magnification of the crop on the page.
 const PARTS: u32 = 4;
 const MAGNIFIED: u32 = 3;
 
-/// One view: its photo, and what each arm made of it.
+/// One view: its photo, and the picture of each arm.
 struct View {
     name: String,
     note: String,
     pictures: Vec<Option<RgbImage>>,
 }
 
-/// The page of a comparison whose arms lie in `folder`; pictures that are absent are left out.
+/// The page of a comparison with its arms in `folder`; missing pictures are left out.
 pub fn page(compared: &CompareRecord, folder: &Path) -> String {
     let views = views(compared, folder);
     let choices: Vec<&str> =
         std::iter::once("ground truth").chain(compared.arms.iter().map(|a| a.name.as_str())).collect();
     let sections = [
         Section::new("figures", "Figures", figures(compared)),
-        Section::new("plots", "What pruning costs", plots(compared)),
+        Section::new("plots", "Cost of pruning", plots(compared)),
         Section::new("pictures", "Pictures", pictures(&choices, &views, |view| view.stack(None))),
         Section::new("crops", "Where arms differ most", pictures(&choices, &views, View::crop)),
     ];
     let subtitle = format!(
-        "{}: {} Gaussians after iteration {}, each arm to iteration {} with the same seed and loss; qirf-vk {} on {}",
+        "{}: {} Gaussians at iteration {}; each arm trained on to iteration {} with the same seed and loss; qirf-vk {} on {}",
         compared.scene,
         count(compared.gaussians),
         compared.prune_point,
@@ -44,7 +44,7 @@ pub fn page(compared: &CompareRecord, folder: &Path) -> String {
         compared.version,
         compared.device.name
     );
-    page::page("Comparison of arms", &subtitle, &sections)
+    page::page("Comparison of pruning methods", &subtitle, &sections)
 }
 
 fn figures(compared: &CompareRecord) -> Markup {
@@ -53,11 +53,11 @@ fn figures(compared: &CompareRecord) -> Markup {
         Column::Number("PSNR / dB"),
         Column::Number("SSIM"),
         Column::Number("LPIPS"),
-        Column::Number("after the prune / dB"),
+        Column::Number("right after the prune / dB"),
         Column::Number("Gaussians"),
         Column::Number("removed"),
         Column::Number("PLY"),
-        Column::Number("frames / s"),
+        Column::Number("frames/s"),
         Column::Number("time"),
     ];
     let row = |a: &ArmRecord| {
@@ -86,23 +86,23 @@ fn plots(compared: &CompareRecord) -> Markup {
     };
     let spot = |a: &ArmRecord| Some(Spot { label: a.name.clone(), group: 0, at: [a.fps?, a.psnr?] });
     let speed = Scatter {
-        title: "Quality against speed",
-        x: Axis::new("frames / s"),
+        title: "Quality and speed",
+        x: Axis::new("frames/s"),
         y: Axis::new("PSNR / dB"),
         groups: &[],
         spots: arms.iter().filter_map(spot).collect(),
     };
     let lost: Vec<Bar> = arms.iter().filter_map(lost).collect();
     if lost.is_empty() {
-        return absent("No view is held out, so quality was not measured.");
+        return absent("No view was held out, so quality was not measured.");
     }
-    side_by_side(&[bars("PSNR below the best arm / dB", &lost), speed.draw()])
+    side_by_side(&[bars("PSNR lost compared with the best arm / dB", &lost), speed.draw()])
 }
 
 fn pictures(choices: &[&str], views: &[View], stack: impl Fn(&View) -> Option<Stack>) -> Markup {
     let stacks: Vec<Stack> = views.iter().filter_map(stack).collect();
     if stacks.is_empty() {
-        return absent("There is no picture to compare.");
+        return absent("There are no pictures to compare.");
     }
     html! { (compare(choices, [0, 1], &stacks)) }
 }
@@ -125,7 +125,7 @@ fn views(compared: &CompareRecord, folder: &Path) -> Vec<View> {
 }
 
 impl View {
-    /// All its pictures, or the same part of each: left, top, width and height.
+    /// All its pictures, or the same crop of each: left, top, width and height.
     fn stack(&self, part: Option<[u32; 4]>) -> Option<Stack> {
         let whole = self.pictures.iter().flatten().next()?.dimensions();
         let cut = |picture: &RgbImage| match part {
@@ -144,13 +144,13 @@ impl View {
         Some(Stack { name: self.name.clone(), note: self.note.clone(), size, layers })
     }
 
-    /// The part of a quarter of its sides in which the arms' pictures differ most from each other.
+    /// The crop, a quarter of the width and height, in which the arms differ most.
     fn crop(&self) -> Option<Stack> {
         let arms: Vec<&RgbImage> = self.pictures.iter().skip(1).flatten().collect();
         let (width, height) = arms.first()?.dimensions();
         let [w, h] = [width, height].map(|side| (side / PARTS).max(1));
         let arms: Vec<_> = arms.into_iter().filter(|a| a.dimensions() == (width, height)).collect();
-        // Spread over the arms at a pixel: the largest value less the smallest, summed over the colours.
+        // Range over the arms at a pixel: largest minus smallest value, summed over the colours.
         let spread = |x: u32, y: u32| -> u64 {
             let range = |c: usize| {
                 let values = arms.iter().map(|a| a.get_pixel(x, y).0[c]);

@@ -1,20 +1,20 @@
-//! Pictures of one view on top of each other, with a slider between any two of them.
+//! Pictures of one view, stacked, with a slider between any two of them.
 
 use maud::{Markup, html};
 
-/// A picture with what it is of.
+/// A picture and its choice.
 pub struct Layer {
-    /// Which of the choices it is.
+    /// Index of its choice.
     pub choice: usize,
     /// The picture as a `data:` URI.
     pub uri: String,
 }
 
-/// Pictures of one view, all of one size.
+/// Pictures of one view, all of the same size.
 pub struct Stack {
     /// The view's name.
     pub name: String,
-    /// What is said of it.
+    /// Caption beside the name.
     pub note: String,
     /// Width and height in pixels.
     pub size: [u32; 2],
@@ -22,7 +22,7 @@ pub struct Stack {
     pub layers: Vec<Layer>,
 }
 
-/// Stacks under one row of choices a side; `at_first` are those shown left and right of the slider before one is made.
+/// Stacks below one row of choices per side; `at_first` are the choices shown left and right of the slider at first.
 /// Choices that no stack has are left out.
 pub fn compare(choices: &[&str], at_first: [usize; 2], stacks: &[Stack]) -> Markup {
     let there = |choice: usize| stacks.iter().any(|s| s.layers.iter().any(|l| l.choice == choice));
@@ -59,7 +59,7 @@ pub fn compare(choices: &[&str], at_first: [usize; 2], stacks: &[Stack]) -> Mark
                             span class="tag" data-side="left" { (choices[left]) }
                             span class="tag" data-side="right" { (choices[right]) }
                             input type="range" min="0" max="100" step="0.1" value="50"
-                                aria-label={ (stack.name) ": share shown of the left picture" };
+                                aria-label={ (stack.name) ": position of the border" };
                         }
                         figcaption { (stack.name) " " span class="note" { (stack.note) } }
                     }

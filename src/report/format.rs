@@ -1,6 +1,6 @@
-//! Figures as a person reads them.
+//! Numbers as people read them.
 
-/// What stands for a figure that does not exist.
+/// Placeholder of a value that does not exist.
 pub const NONE: &str = "–";
 
 /// A whole number in groups of three digits.
@@ -16,7 +16,7 @@ pub fn count(n: usize) -> String {
     out
 }
 
-/// A number with so many decimals; a dash where it is none or not finite.
+/// A number with `places` decimals; a dash if it is none or not finite.
 pub fn decimals(value: impl Into<Option<f64>>, places: usize) -> String {
     match value.into() {
         Some(v) if v.is_finite() => format!("{v:.places$}").replacen('-', "−", 1),
@@ -24,7 +24,7 @@ pub fn decimals(value: impl Into<Option<f64>>, places: usize) -> String {
     }
 }
 
-/// A number in three digits with a suffix for thousands, millions and so on, without trailing zeros.
+/// A number in three digits with a suffix (k, M, ...), without trailing zeros.
 pub fn short(value: f64) -> String {
     if !value.is_finite() {
         return NONE.to_owned();
@@ -52,7 +52,7 @@ pub fn short(value: f64) -> String {
     format!("{text}{suffix}").replacen('-', "−", 1)
 }
 
-/// Seconds; minutes and hours where there are many.
+/// A duration in seconds, minutes or hours.
 pub fn seconds(s: f64) -> String {
     if !s.is_finite() {
         return NONE.to_owned();
@@ -67,7 +67,7 @@ pub fn seconds(s: f64) -> String {
     }
 }
 
-/// Bytes as MB, or GB where there are many.
+/// Bytes in kB, MB or GB.
 pub fn bytes(n: u64) -> String {
     match n {
         10_000_000_000.. => format!("{:.1} GB", n as f64 / 1e9),
@@ -76,7 +76,7 @@ pub fn bytes(n: u64) -> String {
     }
 }
 
-/// `part` of `whole` in %; a dash where there is no whole.
+/// `part` of `whole` in %; a dash if the whole is zero.
 pub fn percent(part: f64, whole: f64) -> String {
     let share = 100.0 * part / whole;
     if share.is_finite() { format!("{} %", decimals(share, 1)) } else { NONE.to_owned() }

@@ -1,6 +1,6 @@
-//! Floor 8: pages for people. Each is one file that loads nothing: style, script, pictures and plots lie within it.
+//! Floor 8: HTML reports. Each page is one self-contained file with its style, script, pictures and plots.
 //!
-//! [`page`] (shell, tables), [`plot`] and [`compare`] are what pages are made of. `maud` escapes every text that comes in.
+//! Pages are built from [`page`] (shell, tables), [`plot`] and [`compare`]. `maud` escapes every text.
 
 mod arms;
 pub mod compare;
@@ -17,8 +17,8 @@ use crate::pipeline::records::{CompareRecord, RunRecord};
 use crate::pipeline::sweep::SweepRecord;
 use std::path::Path;
 
-/// Writes `report.html` of a run into its folder, from its results and from the pictures and `config.toml` there; what
-/// is absent is left out.
+/// Writes `report.html` of a run into its folder, from its results and the folder's pictures and `config.toml`; missing
+/// ones are left out.
 ///
 /// # Errors
 /// [`Error::Write`].

@@ -1,17 +1,17 @@
-//! The shell of every page: style, script, headings; and what sections are made of: tiles, tables, lists.
+//! The shell of every page (style, script, headings) and the parts of its sections (tiles, tables, lists).
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-/// Nothing but what the page itself holds is ever loaded.
+/// The page loads nothing from outside.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
 /// A part of a page under a heading.
 pub struct Section {
-    /// What links name it by.
+    /// Anchor of links.
     pub id: &'static str,
-    /// Its heading.
+    /// Heading.
     pub title: &'static str,
-    /// What is there.
+    /// Content.
     pub body: Markup,
 }
 
@@ -22,7 +22,7 @@ impl Section {
     }
 }
 
-/// A whole page in one file: neither style, script nor pictures lie elsewhere.
+/// A whole page in one self-contained file.
 pub fn page(title: &str, subtitle: &str, sections: &[Section]) -> String {
     html! {
         (DOCTYPE)
@@ -56,13 +56,13 @@ pub fn page(title: &str, subtitle: &str, sections: &[Section]) -> String {
     .into_string()
 }
 
-/// A figure to be seen from afar.
+/// A large figure.
 pub struct Tile {
-    /// What it is.
+    /// Name.
     pub label: &'static str,
-    /// The figure with its unit.
+    /// Value with its unit.
     pub value: String,
-    /// What to hold against it.
+    /// What to compare it with.
     pub note: String,
 }
 
@@ -102,7 +102,7 @@ impl Column<'_> {
     }
 }
 
-/// A table; `foot` is a last row of another kind, such as means. Long ones scroll.
+/// A table; `foot` is a last row of another kind, such as means. Long tables scroll.
 pub fn table(columns: &[Column<'_>], rows: &[Vec<String>], foot: Option<&[String]>) -> Markup {
     let cells = |row: &[String]| {
         html! { tr { @for (cell, column) in row.iter().zip(columns) { td class=[column.class()] { (cell) } } } }
@@ -118,19 +118,19 @@ pub fn table(columns: &[Column<'_>], rows: &[Vec<String>], foot: Option<&[String
     }
 }
 
-/// Names with what belongs to each.
+/// A list of names and values.
 pub fn facts(facts: &[(&str, String)]) -> Markup {
     html! {
         dl class="facts" { @for (name, value) in facts { div { dt { (name) } dd { (value) } } } }
     }
 }
 
-/// Plots or other blocks side by side where there is room.
+/// Plots or other blocks, side by side if there is room.
 pub fn side_by_side(blocks: &[Markup]) -> Markup {
     html! { div class="grid" { @for block in blocks { (block) } } }
 }
 
-/// A sentence in the place of what is not there.
+/// A sentence that replaces missing content.
 pub fn absent(sentence: &str) -> Markup {
     html! { p class="absent" { (sentence) } }
 }

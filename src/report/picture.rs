@@ -1,4 +1,4 @@
-//! Pictures inside a page.
+//! Pictures embedded in a page.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -9,15 +9,15 @@ use std::path::Path;
 
 /// Longest side in a page, in pixels.
 const LONGEST: u32 = 800;
-/// Quality of JPEG, of 100.
+/// JPEG quality, of 100.
 const QUALITY: u8 = 90;
 
-/// A picture of a run, at its own size; none where it is absent or cannot be decoded.
+/// A picture of a run at its own size; none if it is missing or cannot be decoded.
 pub fn read(path: &Path) -> Option<RgbImage> {
     Some(image::open(path).ok()?.to_rgb8())
 }
 
-/// Absolute difference times `gain`; none where the sizes differ.
+/// Absolute difference times `gain`; none if the sizes differ.
 pub fn difference(a: &RgbImage, b: &RgbImage, gain: u8) -> Option<RgbImage> {
     (a.dimensions() == b.dimensions()).then(|| {
         let mut out = a.clone();
@@ -26,8 +26,7 @@ pub fn difference(a: &RgbImage, b: &RgbImage, gain: u8) -> Option<RgbImage> {
     })
 }
 
-/// The picture as a `data:` URI, made smaller where a side is longer than 800 pixels: PNG, or JPEG where that is smaller.
-/// None where it has no pixel.
+/// The picture as a `data:` URI, scaled down to at most 800 pixels: PNG or JPEG, whichever is smaller. None if it is empty.
 pub fn data_uri(picture: &RgbImage) -> Option<String> {
     let longest = picture.width().max(picture.height());
     let smaller = (longest > LONGEST).then(|| {

@@ -1,4 +1,4 @@
-//! `sweep.html`: each axis as accuracy against time, what the next more exact rung costs, and all that was measured.
+//! `sweep.html`: accuracy against time for each axis, the cost of the next more exact rung, and all measurements.
 
 use super::format::{NONE, count, decimals, seconds, short};
 use super::page::{self, Column, Section, absent, facts, side_by_side, table};
@@ -9,7 +9,7 @@ use maud::{Markup, html};
 
 /// The page of a sweep.
 pub fn page(swept: &SweepRecord) -> String {
-    let mut sections = vec![Section::new("summary", "What exactness costs", summary(swept))];
+    let mut sections = vec![Section::new("summary", "Cost of exactness", summary(swept))];
     for axis in &swept.axes {
         sections.push(Section::new(axis.axis.name(), axis.title, body(axis)));
     }
@@ -22,11 +22,11 @@ fn summary(swept: &SweepRecord) -> Markup {
     let s = &swept.subject;
     let mut told = vec![("device", format!("{} ({})", swept.device.name, swept.device.driver))];
     if s.gaussians > 0 {
-        told.push(("model of the light axes", format!("{} Gaussians, SH of degree {}", count(s.gaussians), s.degree)));
+        told.push(("model of the light axes", format!("{} Gaussians, SH degree {}", count(s.gaussians), s.degree)));
         told.push(("views", format!("{} of {} x {}", s.views, s.size[0], s.size[1])));
     }
-    told.push(("threads of the host", swept.host_threads.to_string()));
-    told.push(("the whole sweep", seconds(swept.seconds)));
+    told.push(("host threads", swept.host_threads.to_string()));
+    told.push(("total time", seconds(swept.seconds)));
     html! {
         (facts(&told))
         ul {
@@ -35,8 +35,8 @@ fn summary(swept: &SweepRecord) -> Markup {
             }
         }
         p class="hint" {
-            "Rungs of an axis take turns, round after round; the first round, which also compiles, is not counted. Times are medians, \
-             their whiskers the quartiles: the device's own timestamps where it did the work, else the host's clock."
+            "The rungs of an axis take turns, round after round. The first round is not counted, because it also compiles. Times are \
+             medians; whiskers are quartiles. They are device timestamps where the device did the work, else the host's clock."
         }
     }
 }
@@ -53,7 +53,7 @@ fn body(axis: &AxisRecord) -> Markup {
         }
         @for note in &axis.notes { p class="hint" { (note) } }
         @for t in &axis.tables { (details(t)) }
-        p class="hint" { "Time: " (axis.time) ". Accuracy: " (axis.accuracy) ", against " (axis.against) ". Measuring took " (seconds(axis.seconds)) "." }
+        p class="hint" { "Time: " (axis.time) ". Accuracy: " (axis.accuracy) ", compared with " (axis.against) ". Measuring took " (seconds(axis.seconds)) "." }
     }
 }
 
@@ -75,16 +75,16 @@ fn plot(axis: &AxisRecord) -> Markup {
         })
     };
     let mut points: Vec<Point> = axis.rungs.iter().filter_map(point).collect();
-    let mut legend = ["on the Pareto front", "beaten; the default is ringed"];
+    let mut legend = ["on the Pareto front", "not on the front; the default is ringed"];
     if axis.abscissa.is_some() {
-        // The front is of times, which are not shown here: the line goes through one metric's epsilons.
-        legend = ["epsilons; the default is ringed", "other metrics: dilations"];
+        // The Pareto front is of times, which are not shown here: the line goes through the values of epsilon.
+        legend = ["values of epsilon; the default is ringed", "dilations"];
         for point in &mut points {
             point.front = !point.label.starts_with("t=");
         }
     }
     let xs: Vec<f64> = points.iter().map(|p| p.at[0]).collect();
-    let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's metric");
+    let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's Gram matrix");
     let x = if axis.abscissa.is_some() { Scale::new(title) } else { Scale::from_zero(title) };
     let (x, y) = (x.or_log(&xs), accuracies.axis(axis.accuracy));
     Front { title: axis.title, x, y, legend, points }.draw()
@@ -100,9 +100,9 @@ fn rungs(axis: &AxisRecord) -> Markup {
     ];
     let row = |r: &Rung| {
         let marks = match (r.default, r.front) {
-            (true, true) => "default, front",
+            (true, true) => "default, on the front",
             (true, false) => "default",
-            (false, true) => "front",
+            (false, true) => "on the front",
             _ => "",
         };
         vec![
@@ -116,14 +116,14 @@ fn rungs(axis: &AxisRecord) -> Markup {
     table(&columns, &axis.rungs.iter().map(row).collect::<Vec<_>>(), None)
 }
 
-/// What else was measured of each rung.
+/// Further measurements of each rung.
 fn figures(axis: &AxisRecord) -> Markup {
     let mut names: Vec<&str> = axis.rungs.iter().flat_map(|r| r.figures.keys().copied()).collect();
     names.sort_unstable();
     names.dedup();
     let titles: Vec<String> = names.iter().map(|n| n.replace('_', " ")).collect();
     let columns: Vec<Column<'_>> =
-        [Column::Text("rung"), Column::Number("rounds"), Column::Number("time by the host's clock")]
+        [Column::Text("rung"), Column::Number("rounds"), Column::Number("host's clock")]
             .into_iter()
             .chain(titles.iter().map(|t| Column::Number(t)))
             .collect();

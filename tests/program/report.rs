@@ -190,8 +190,8 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
     let expected = [
         "Summary",
         "Pictures",
-        "Quality against time",
-        "What was pruned",
+        "Quality over time",
+        "Pruning",
         "Time by stage",
         "Held-out views",
         "Protocol",
@@ -211,9 +211,9 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
     assert_eq!(html.select("svg line.event").len(), 2, "the prune, in time and by iterations");
     let tiles = html.texts(".tile");
     assert!(tiles.iter().any(|t| t.contains("1,400") && t.contains("5,000") && t.contains("72.0 %")), "{tiles:?}");
-    assert_eq!(html.texts("#effects p"), ["None simulated."]);
+    assert_eq!(html.texts("#effects p"), ["No effect was simulated."]);
     let guards = html.texts("#guards tr");
-    assert!(guards.iter().any(|g| g.contains("photos damaged7")), "{guards:?}");
+    assert!(guards.iter().any(|g| g.contains("damaged photos7")), "{guards:?}");
     assert!(guards.iter().filter(|g| g.contains("none")).count() >= 7, "{guards:?}");
 }
 

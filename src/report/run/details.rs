@@ -1,4 +1,4 @@
-//! Tables and lists: what the figures stand on.
+//! Tables and lists: views, protocol, effects, guards, memory, configuration.
 
 use crate::metrics::Scores;
 use crate::pipeline::records::RunRecord;
@@ -10,14 +10,14 @@ use maud::{Markup, html};
 /// The scores of each held-out view.
 pub fn views(results: &RunRecord) -> Markup {
     if results.views.is_empty() {
-        return absent("No view is held out.");
+        return absent("No view was held out.");
     }
     let networks = ["LPIPS (VGG)", "LPIPS (VGG, normalised)", "LPIPS (AlexNet)"];
     let distances = |s: &Scores| [s.lpips_vgg, s.lpips_vgg_normalized, s.lpips_alex];
     let known = |k: &usize| results.views.iter().any(|v| distances(&v.scores)[*k].is_some());
     let lpips: Vec<usize> = (0..networks.len()).filter(known).collect();
     let row = |name: String, scores: &Scores| -> Vec<String> {
-        // Equal pictures have no finite PSNR.
+        // The PSNR of equal pictures is infinite.
         let psnr = scores.psnr.map_or("∞".to_owned(), |v| decimals(v, 2));
         let others = lpips.iter().map(|k| decimals(distances(scores)[*k], 4));
         [name, psnr, decimals(scores.ssim, 4)].into_iter().chain(others).collect()
@@ -33,7 +33,7 @@ pub fn views(results: &RunRecord) -> Markup {
     }
 }
 
-/// How the figures came about.
+/// How the scores were measured.
 pub fn protocol(results: &RunRecord) -> Markup {
     let p = &results.protocol;
     let [w, h] = p.image_size;
@@ -46,7 +46,7 @@ pub fn protocol(results: &RunRecord) -> Markup {
         ("photos", p.downscaling.to_owned()),
         ("background", p.background.map(|c| decimals(f64::from(c), 2)).join(", ")),
         ("LPIPS", p.lpips.clone()),
-        ("scores", "of pictures rounded to 8 bits".to_owned()),
+        ("scores", "on pictures rounded to 8 bits".to_owned()),
         ("iterations", number(p.iterations)),
         ("seed", p.seed.map_or(NONE.to_owned(), |n| n.to_string())),
         ("device", format!("{} ({}), Vulkan {}", results.device.name, results.device.driver, results.device.api)),
@@ -54,17 +54,17 @@ pub fn protocol(results: &RunRecord) -> Markup {
     ])
 }
 
-/// What of the cameras was simulated.
+/// The effects that were simulated, with the evidence.
 pub fn effects(results: &RunRecord) -> Markup {
     if results.effects.is_empty() {
-        return absent("None simulated.");
+        return absent("No effect was simulated.");
     }
     let rows: Vec<Vec<String>> = results
         .effects
         .iter()
         .map(|d| {
             let state = if d.on { "on" } else { "off" };
-            let by = if d.forced { ", as asked for" } else { "" };
+            let by = if d.forced { ", as requested" } else { "" };
             let near = if d.near_threshold { "; near its threshold" } else { "" };
             vec![d.name.name().to_owned(), format!("{state}{by}"), d.evidence.clone() + near]
         })
@@ -76,7 +76,7 @@ fn some(n: usize) -> String {
     if n == 0 { "none".to_owned() } else { count(n) }
 }
 
-/// What was repaired, skipped or left out.
+/// Counts of what was repaired, skipped or left out.
 pub fn guards(results: &RunRecord) -> Markup {
     let (g, s) = (&results.guards, &results.guards.scene);
     let names = |names: &Names| {
@@ -87,26 +87,26 @@ pub fn guards(results: &RunRecord) -> Markup {
     let plain = |what: &str, n: usize| row(what, n, String::new());
     let named = |what: &str, n: &Names| row(what, n.count, names(n));
     let mut rows = vec![
-        named("photos listed but absent", &s.missing_images),
-        named("photos of another shape than their camera", &s.mismatched_images),
-        named("photos damaged", &s.damaged_images),
+        named("missing photos", &s.missing_images),
+        named("photos whose shape differs from their camera's", &s.mismatched_images),
+        named("damaged photos", &s.damaged_images),
         named("views without a usable pose", &s.bad_poses),
         named("views listed twice", &s.repeated_views),
-        plain("points not finite", s.bad_points),
+        plain("points that are not finite", s.bad_points),
         plain("track entries without a view", s.track_entries),
-        plain("updates skipped for gradients that were not finite", g.skipped_rows as usize),
-        plain("Gaussians without a rotation or not finite, never drawn", g.undrawable),
+        plain("updates skipped because a gradient was not finite", g.skipped_rows as usize),
+        plain("Gaussians that cannot be drawn: no rotation, or not finite", g.undrawable),
         plain("held-out views that rendered empty", g.empty_views),
     ];
     for (k, prune) in results.prunes.iter().enumerate() {
         let which = if results.prunes.len() > 1 { format!("prune {}", k + 1) } else { String::new() };
         let mut add = |what: &str, n: usize| rows.push(row(what, n, which.clone()));
-        add("blocks whose metric was not positive definite", prune.guards.canonical_blocks);
+        add("blocks whose Gram matrix was not positive definite", prune.guards.canonical_blocks);
         add("blocks without any response", prune.guards.unseen_blocks);
         add("overlaps and responses that were not finite", prune.guards.repaired_values);
     }
     table(
-        &[Column::Text("repaired, skipped or left out"), Column::Number("how many"), Column::Text("which")],
+        &[Column::Text("repaired, skipped or left out"), Column::Number("count"), Column::Text("which")],
         &rows,
         None,
     )
@@ -116,20 +116,20 @@ pub fn guards(results: &RunRecord) -> Markup {
 pub fn memory(results: &RunRecord) -> Markup {
     let m = results.memory;
     facts(&[
-        ("most in use at a time", bytes(m.peak_bytes)),
-        ("expected before the start", bytes(m.estimated_bytes)),
-        ("allowed", bytes(m.limit_bytes)),
+        ("peak", bytes(m.peak_bytes)),
+        ("estimate before the start", bytes(m.estimated_bytes)),
+        ("limit", bytes(m.limit_bytes)),
     ])
 }
 
-/// What reproduces the run.
+/// The configuration that reproduces the run.
 pub fn configuration(config: &str) -> Markup {
     if config.is_empty() {
-        return absent("config.toml is absent.");
+        return absent("config.toml is missing.");
     }
     html! {
         details {
-            summary { "config.toml, which reproduces the run: qirf-vk run --config config.toml" }
+            summary { "config.toml: qirf-vk run --config config.toml -o FOLDER reproduces this run" }
             pre { (config) }
         }
     }

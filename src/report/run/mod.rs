@@ -13,13 +13,13 @@ use super::compare::Stack;
 use super::page::{self, Section};
 use crate::pipeline::records::RunRecord;
 
-/// The page of a run with these pictures, trained as `config` (the text of config.toml) says.
+/// The page of a run with these pictures; `config` is the text of config.toml.
 pub fn page(results: &RunRecord, stacks: &[Stack], config: &str) -> String {
     let sections = [
         Section::new("summary", "Summary", summary::body(results)),
         Section::new("pictures", "Pictures", pictures::body(results, stacks)),
-        Section::new("quality", "Quality against time", quality::body(results)),
-        Section::new("pruning", "What was pruned", pruning::body(results)),
+        Section::new("quality", "Quality over time", quality::body(results)),
+        Section::new("pruning", "Pruning", pruning::body(results)),
         Section::new("time", "Time by stage", time::body(results)),
         Section::new("views", "Held-out views", details::views(results)),
         Section::new("protocol", "Protocol", details::protocol(results)),
@@ -30,8 +30,8 @@ pub fn page(results: &RunRecord, stacks: &[Stack], config: &str) -> String {
     ];
     let [w, h] = results.protocol.image_size;
     let subtitle = format!(
-        "qirf-vk {} on {}; {} training and {} held-out views of up to {w} × {h} pixels",
+        "qirf-vk {} on {}; {} training and {} held-out views, up to {w} × {h} pixels",
         results.version, results.device.name, results.protocol.train_views, results.protocol.test_views
     );
-    page::page("Report of a run", &subtitle, &sections)
+    page::page("Training report", &subtitle, &sections)
 }

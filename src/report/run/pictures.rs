@@ -1,4 +1,4 @@
-//! Photo, dense and final model of a few held-out views, and where the last is wrong.
+//! Photo, dense model, final model and error of a few held-out views.
 
 use crate::pipeline::evaluate::exhibits::exhibits;
 use crate::pipeline::records::{RunRecord, ViewScores};
@@ -9,21 +9,21 @@ use crate::report::picture::{data_uri, difference, read};
 use maud::{Markup, html};
 use std::path::Path;
 
-/// How often the error is magnified.
+/// Factor by which the error is magnified.
 const GAIN: u8 = 4;
-/// What there may be of a view, in order.
+/// The pictures of a view, in order; each may be missing.
 const PHOTO: usize = 0;
 const DENSE: usize = 1;
 const LAST: usize = 2;
 const ERROR: usize = 3;
 
-/// The pictures below the folder `renders` that are shown; those that are absent are left out.
+/// The pictures to show from the folder `renders`; missing ones are left out.
 pub fn stacks(results: &RunRecord, renders: &Path) -> Vec<Stack> {
     let names: Vec<&str> = results.views.iter().map(|v| v.name.as_str()).collect();
     let mut out = Vec::new();
     for exhibit in exhibits(&names) {
         let [photo, last] = [&exhibit.photo, &exhibit.last].map(|file| read(&renders.join(file)));
-        // A dense picture of an earlier run may lie there still.
+        // The folder may still hold a dense picture of an earlier run.
         let dense = if results.prunes.is_empty() { None } else { read(&renders.join(&exhibit.dense)) };
         let error = photo.as_ref().zip(last.as_ref()).and_then(|(a, b)| difference(a, b, GAIN));
         let Some(size) = [&last, &photo, &dense].into_iter().flatten().next().map(|p| p.dimensions().into()) else {
@@ -46,13 +46,13 @@ fn note(view: &ViewScores) -> String {
 
 pub fn body(results: &RunRecord, stacks: &[Stack]) -> Markup {
     if stacks.is_empty() {
-        return absent("No view is held out, so there is no picture to compare.");
+        return absent("No view was held out, so there are no pictures to compare.");
     }
     let last = if results.prunes.is_empty() { "trained" } else { "compressed" };
     html! {
         p class="hint" {
-            "Drag over a picture to move the border between left and right. The error is the absolute difference of photo and "
-            (last) " model, times " (GAIN) "."
+            "Drag across a picture to move the border between left and right. The error is the absolute difference between the photo \
+             and the " (last) " model, times " (GAIN) "."
         }
         (compare(&["ground truth", "dense", last, "error"], [PHOTO, LAST], stacks))
     }

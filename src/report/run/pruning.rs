@@ -1,4 +1,4 @@
-//! Each prune: how many went, and what the blocks told.
+//! Each prune: its counts, and statistics of its blocks.
 
 use crate::pipeline::records::{PruneRecord, PruneSeconds, RunRecord};
 use crate::qirf::select::Selector;
@@ -9,7 +9,7 @@ use maud::{Markup, html};
 
 pub fn body(results: &RunRecord) -> Markup {
     if results.prunes.is_empty() {
-        return absent("Nothing was pruned: the model is dense.");
+        return absent("The model was not pruned.");
     }
     html! {
         @for (k, prune) in results.prunes.iter().enumerate() {
@@ -29,14 +29,14 @@ fn one(prune: &PruneRecord) -> Markup {
         ("ranked by", selector.to_owned()),
         ("Gaussians before", count(prune.before)),
         ("kept", format!("{} ({})", count(prune.after), percent(prune.after as f64, prune.before as f64))),
-        ("of these by the detail safeguard", count(prune.detail)),
+        ("kept by the detail safeguard", count(prune.detail)),
         ("removed", count(removed)),
         ("blocks", count(prune.blocks)),
-        ("mean members of a block", decimals(prune.before as f64 / prune.blocks as f64, 1)),
+        ("mean block size", decimals(prune.before as f64 / prune.blocks as f64, 1)),
         ("edge of the finest voxels", format!("{} world units", short(prune.voxel))),
     ];
     if let Some(merged) = prune.merged {
-        known.push(("blocks merged", format!("{}, {} left", count(merged.accepted), count(merged.refused))));
+        known.push(("blocks merged", format!("{}, {} left unchanged", count(merged.accepted), count(merged.refused))));
     }
     html! {
         (facts(&known))
@@ -51,7 +51,7 @@ fn number(v: f64) -> String {
 fn occupancy(prune: &PruneRecord) -> Markup {
     let name = |bin: usize| (1_usize << bin.min(40)).to_string();
     let bins: Vec<(String, f64)> = prune.occupancy.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
-    let (x, y) = ("Gaussians in a block, from this number to below the next", Axis::from_zero("blocks"));
+    let (x, y) = ("Gaussians in a block: from this number up to the next", Axis::from_zero("blocks"));
     Columns { title: "Block occupancy", x, y, bins: &bins, text: number }.draw()
 }
 
@@ -59,7 +59,7 @@ fn kept_shares(prune: &PruneRecord) -> Markup {
     let name = |bin: usize| format!("{}–{}", 10 * bin, 10 * bin + 10);
     let bins: Vec<(String, f64)> = prune.kept_shares.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
     let (x, y) = ("share of a block that was kept / %", Axis::from_zero("blocks"));
-    Columns { title: "Kept share", x, y, bins: &bins, text: number }.draw()
+    Columns { title: "Share kept", x, y, bins: &bins, text: number }.draw()
 }
 
 fn spectrum(prune: &PruneRecord) -> Markup {
@@ -68,7 +68,7 @@ fn spectrum(prune: &PruneRecord) -> Markup {
     }
     let bins: Vec<(String, f64)> = prune.spectrum.iter().enumerate().map(|(k, l)| ((k + 1).to_string(), *l)).collect();
     let title = "Eigenvalue spectrum, mean over blocks";
-    let (x, y) = ("eigenvalue, largest first", Axis::log("share of a block's sum"));
+    let (x, y) = ("eigenvalue, largest first", Axis::log("share of the block's sum"));
     let text = |l: f64| if l >= 0.001 { percent(l, 1.0) } else { short(l) };
     Columns { title, x, y, bins: &bins, text }.draw()
 }
@@ -79,12 +79,12 @@ fn modes(prune: &PruneRecord) -> Markup {
     }
     let bins: Vec<(String, f64)> =
         prune.modes.iter().enumerate().map(|(k, n)| ((k + 1).to_string(), *n as f64)).collect();
-    let (x, y) = ("eigenvalues that make up the block's energy", Axis::from_zero("blocks"));
+    let (x, y) = ("eigenvalues that reach the energy threshold", Axis::from_zero("blocks"));
     Columns { title: "Modes", x, y, bins: &bins, text: number }.draw()
 }
 
 fn unsolved() -> Markup {
-    absent("This selector solves no eigenproblem.")
+    absent("This selector does not solve an eigenproblem.")
 }
 
 fn times(s: &PruneSeconds) -> Markup {
@@ -93,7 +93,7 @@ fn times(s: &PruneSeconds) -> Markup {
         ("partition", s.partition),
         ("overlaps and solution", s.assemble_and_solve),
         ("selection", s.select),
-        ("merging, compaction", s.merge),
+        ("merging and compaction", s.merge),
     ];
     let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };
     bars(&format!("Time of the prune: {}", seconds(s.total)), &named.map(bar))

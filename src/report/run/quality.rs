@@ -1,4 +1,4 @@
-//! How the scores and the number of Gaussians went.
+//! PSNR and number of Gaussians over the run.
 
 use crate::pipeline::records::{CurvePoint, PruneRecord, RunRecord};
 use crate::report::format::percent;
@@ -9,7 +9,7 @@ use maud::Markup;
 pub fn body(results: &RunRecord) -> Markup {
     let curve = &results.curve;
     if curve.is_empty() {
-        return absent("No view is held out, so quality was not followed.");
+        return absent("No view was held out, so quality was not measured during training.");
     }
     let label = |p: &PruneRecord| {
         let removed = p.before.saturating_sub(p.after);
@@ -35,7 +35,7 @@ pub fn body(results: &RunRecord) -> Markup {
     side_by_side(&[psnr.draw(), gaussians.draw()])
 }
 
-/// When an iteration was done, between the points of the curve in proportion.
+/// Time at which an iteration was done, interpolated between the points of the curve.
 fn seconds(curve: &[CurvePoint], iteration: u32) -> f64 {
     let (mut before, mut at) = ((0, 0.0), f64::NAN);
     for point in curve {
@@ -50,13 +50,13 @@ fn seconds(curve: &[CurvePoint], iteration: u32) -> f64 {
     at
 }
 
-/// The start, the curve's points and both sides of each prune, by iteration.
+/// Number of Gaussians by iteration: the start, the curve's points, and before and after each prune.
 fn gaussians(results: &RunRecord) -> Vec<[f64; 2]> {
     let start = results.gaussians.initial.map(|n| (0, n));
     let mut points: Vec<(u32, usize)> =
         start.into_iter().chain(results.curve.iter().map(|p| (p.iteration, p.gaussians))).collect();
     for prune in &results.prunes {
-        // Of the curve's points at that iteration, the one that is there was taken before the prune.
+        // The curve's point at that iteration was measured before the prune.
         let at = points.partition_point(|(iteration, _)| *iteration <= prune.iteration);
         points.splice(at..at, [(prune.iteration, prune.before), (prune.iteration, prune.after)]);
     }

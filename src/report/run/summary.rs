@@ -1,4 +1,4 @@
-//! The figures to be seen first.
+//! The most important figures, as tiles.
 
 use crate::pipeline::records::RunRecord;
 use crate::report::format::{NONE, bytes, count, decimals, percent, seconds};
@@ -16,19 +16,19 @@ pub fn body(results: &RunRecord) -> Markup {
         _ => decibels(test.and_then(|t| t.psnr)),
     };
     let views = match results.protocol.test_views {
-        0 => "no view is held out".to_owned(),
-        1 => "of one held-out view".to_owned(),
+        0 => "no view was held out".to_owned(),
+        1 => "one held-out view".to_owned(),
         n => format!("mean of {n} held-out views"),
     };
     let tile = |label, value: String, note: String| Tile { label, value, note };
     tiles(&[
-        tile("PSNR", test_psnr, format!("training views {}", decibels(results.train.psnr))),
+        tile("PSNR", test_psnr, format!("on training views: {}", decibels(results.train.psnr))),
         tile("SSIM", decimals(test.map(|t| t.ssim), 4), views),
         tile("LPIPS", decimals(test.and_then(|t| t.lpips_vgg), 4), results.protocol.lpips.clone()),
         gaussians(results),
         tile("Model", bytes(results.model_bytes), "model.ply".to_owned()),
         frames(results),
-        tile("Time", seconds(results.time.total_s), format!("training and pruning {}", seconds(results.time.train_s))),
+        tile("Time", seconds(results.time.total_s), format!("training and pruning: {}", seconds(results.time.train_s))),
         tile("Device", results.device.name.clone(), format!("{}; {}", results.device.kind, results.device.driver)),
     ])
 }
@@ -37,11 +37,11 @@ fn gaussians(results: &RunRecord) -> Tile {
     let n = results.gaussians;
     let note = match n.dense {
         Some(_) if results.prunes.is_empty() => {
-            n.initial.map_or("not pruned".to_owned(), |first| format!("{} at the start; not pruned", count(first)))
+            n.initial.map_or("not pruned".to_owned(), |first| format!("from {} at the start; not pruned", count(first)))
         }
         Some(dense) => {
             let removed = dense.saturating_sub(n.last);
-            format!("of {} dense: {} removed", count(dense), percent(removed as f64, dense as f64))
+            format!("{} before the prune: {} removed", count(dense), percent(removed as f64, dense as f64))
         }
         None => String::new(),
     };
@@ -54,9 +54,9 @@ fn frames(results: &RunRecord) -> Tile {
     let before = results.prunes.first().and_then(|p| p.frames_per_second_before);
     let note = match (before, now) {
         (Some(before), Some(now)) if before > 0.0 => {
-            format!("{} before the first prune: × {}", places(before), decimals(now / before, 2))
+            format!("{} before the first prune: {} times as fast", places(before), decimals(now / before, 2))
         }
-        _ => "rendering alone, at the views' size".to_owned(),
+        _ => "rendering only, at the size of the views".to_owned(),
     };
-    Tile { label: "Frames a second", value: now.map_or(NONE.to_owned(), places), note }
+    Tile { label: "Frames per second", value: now.map_or(NONE.to_owned(), places), note }
 }

@@ -1,4 +1,4 @@
-//! Where the time went.
+//! Time by part of the run and by stage.
 
 use crate::pipeline::records::RunRecord;
 use crate::report::format::{percent, seconds};
@@ -8,7 +8,7 @@ use maud::{Markup, html};
 
 pub fn body(results: &RunRecord) -> Markup {
     let t = &results.time;
-    // Training's seconds hold those of pruning; those of a resumed run hold its earlier parts too.
+    // The seconds of training include pruning and, in a resumed run, its earlier parts.
     let parts = [
         ("photos", t.load_s),
         ("training", (t.train_s - t.prune_s).max(0.0)),
@@ -16,16 +16,16 @@ pub fn body(results: &RunRecord) -> Markup {
         ("evaluation", t.evaluate_s),
     ];
     let known: f64 = parts.iter().map(|(_, s)| s).sum();
-    let rest = ("quality curve, other", (t.total_s - known).max(0.0));
+    let rest = ("quality curve and other", (t.total_s - known).max(0.0));
     let whole: Vec<(&str, f64)> = parts.into_iter().chain([rest]).collect();
     let mut stages: Vec<(&str, f64)> = t.stages_s.iter().map(|(name, s)| (*name, *s)).collect();
     stages.sort_by(|a, b| b.1.total_cmp(&a.1));
     let device = if stages.is_empty() {
         html! {
-            figure class="plot" { figcaption { "Training on the device" } (absent("This device measures no times.")) }
+            figure class="plot" { figcaption { "Training by stage" } (absent("This device has no timestamps.")) }
         }
     } else {
-        bars("Training on the device, since the last start", &shares(&stages))
+        bars("Training by stage, device time since the last start", &shares(&stages))
     };
     side_by_side(&[bars("The whole run", &shares(&whole)), device])
 }
