@@ -1,4 +1,4 @@
-//! Train, compress and measure 3D Gaussian Splatting scenes on any Vulkan device.
+//! Train, prune and measure 3D Gaussian Splatting scenes with Vulkan compute.
 //!
 //! Modules are floors: imports only go down the list. A stage has one name everywhere: shader (`glsl/`), host room,
 //! float64 twin (`reference/`), debug label, profiler scope and benchmark.

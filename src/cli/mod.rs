@@ -32,7 +32,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use tracing_subscriber::filter::LevelFilter;
 
-/// Train, compress and measure 3D Gaussian Splatting scenes on any Vulkan device.
+/// Train, prune and measure 3D Gaussian Splatting scenes with Vulkan compute.
 #[derive(Debug, Parser)]
 #[command(name = "qirf-vk", version, max_term_width = 110, arg_required_else_help = true)]
 #[command(disable_help_subcommand = true)]
