@@ -122,11 +122,10 @@ fn figures(axis: &AxisRecord) -> Markup {
     names.sort_unstable();
     names.dedup();
     let titles: Vec<String> = names.iter().map(|n| n.replace('_', " ")).collect();
-    let columns: Vec<Column<'_>> =
-        [Column::Text("rung"), Column::Number("rounds"), Column::Number("host's clock")]
-            .into_iter()
-            .chain(titles.iter().map(|t| Column::Number(t)))
-            .collect();
+    let columns: Vec<Column<'_>> = [Column::Text("rung"), Column::Number("rounds"), Column::Number("host's clock")]
+        .into_iter()
+        .chain(titles.iter().map(|t| Column::Number(t)))
+        .collect();
     let value = |v: f64| if (0.01..100.0).contains(&v.abs()) { decimals(v, 4) } else { short(v) };
     let row = |r: &Rung| {
         let cells = names.iter().map(|n| r.figures.get(n).map_or(NONE.into(), |v| value(*v)));

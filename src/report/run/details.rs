@@ -105,11 +105,7 @@ pub fn guards(results: &RunRecord) -> Markup {
         add("blocks without any response", prune.guards.unseen_blocks);
         add("overlaps and responses that were not finite", prune.guards.repaired_values);
     }
-    table(
-        &[Column::Text("repaired, skipped or left out"), Column::Number("count"), Column::Text("which")],
-        &rows,
-        None,
-    )
+    table(&[Column::Text("repaired, skipped or left out"), Column::Number("count"), Column::Text("which")], &rows, None)
 }
 
 /// Device memory.
