@@ -113,6 +113,9 @@ pub enum Error {
         /// The configuration that it was made with.
         config: PathBuf,
     },
+    /// A picture that would lie among a scene's own photos: exit code 2.
+    #[error("{} would lie among the scene's own photos", .0.display())]
+    AmongPhotos(PathBuf),
     /// The user pressed Ctrl-C: exit code 130.
     #[error("interrupted; what was finished is kept")]
     Interrupted,
@@ -185,7 +188,7 @@ impl Error {
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
             Self::Train(train::Error::Photos(_)) => 5,
             Self::Usage(_) | Self::NothingHeldOut(_) | Self::OtherRun { .. } | Self::Synth(_) => 2,
-            Self::NothingToTrainOn(_) | Self::Train(train::Error::NoViews) => 2,
+            Self::AmongPhotos(_) | Self::NothingToTrainOn(_) | Self::Train(train::Error::NoViews) => 2,
             Self::Gaussians(gaussians::Error::SameFile { .. }) | Self::Scene(scene::Error::NoImageFolder { .. }) => 2,
             Self::Train(_) => 3,
             Self::Read { .. } | Self::Checkpoint { .. } => 3,

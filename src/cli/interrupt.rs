@@ -1,6 +1,5 @@
 //! Ctrl-C and SIGTERM: the first asks the work to end at the next step, the second ends the program.
 
-use crate::error::Error;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::sync::Arc;
@@ -24,9 +23,9 @@ impl Watch {
         Self(asked)
     }
 
-    /// Ends the work with [`Error::Interrupted`] once Ctrl-C was pressed.
-    pub fn check(&self) -> Result<(), Error> {
-        if self.0.load(Ordering::SeqCst) { Err(Error::Interrupted) } else { Ok(()) }
+    /// Whether Ctrl-C was pressed.
+    pub fn pressed(&self) -> bool {
+        self.0.load(Ordering::SeqCst)
     }
 }
 

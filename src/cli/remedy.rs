@@ -20,6 +20,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
             "update the driver (known bad: Mesa before 23, which ends shader loops after 65,535 iterations), or choose \
              another device with --device",
         ),
+        Error::AmongPhotos(_) => plain("name another folder with -o"),
         Error::NothingToTrainOn(_) => plain("use a larger --eval-every"),
         Error::NothingHeldOut(_) => plain("give --eval-every 1 to score all of them"),
         Error::OtherRun { config, .. } => {
@@ -28,7 +29,9 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Checkpoint { .. } => {
             plain("finish the run with the version that began it, or delete the checkpoint to start afresh")
         }
-        Error::Encode { .. } => plain("this is a fault of the program: please report it"),
+        Error::Encode { .. } => {
+            plain("rename files and folders whose names are not UTF-8; if it happens again, please report it")
+        }
         Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
     }
 }

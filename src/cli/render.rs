@@ -3,22 +3,18 @@
 use super::Global;
 use super::console::Console;
 use super::inspect::read_model;
-use super::interrupt::Watch;
+use super::show::Show;
 use super::style;
 use super::values::{self, Up};
 use crate::error::Error;
-use crate::gaussians::formats::Loaded;
-use crate::gaussians::outline::outline;
-use crate::gaussians::resident::Resident;
-use crate::pipeline::evaluate::pictures::{self, Format};
-use crate::render::{Renderer, Settings};
-use crate::scene::camera::Camera;
+use crate::metrics::Networks;
+use crate::pipeline::Session;
+use crate::pipeline::evaluate::pictures::Format;
+use crate::pipeline::render::{Orbit, RenderConfig, Shot, render, scene_shots};
 use crate::scene::orbit::Look;
 use crate::scene::{OpenOptions, Resize, Scene};
 use clap::ArgGroup;
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk render flowers.ply --orbit 8 -o pictures
@@ -73,12 +69,6 @@ pub(super) struct Arguments {
     rendering: style::Rendering,
 }
 
-/// What to draw, and where to.
-struct Shot {
-    camera: Camera,
-    path: PathBuf,
-}
-
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         if self.output.exists() && !self.output.is_dir() {
@@ -87,63 +77,35 @@ impl Arguments {
         if self.transparent && self.format == Format::Npy {
             return Err(Error::Usage("--transparent is for PNG; npy files always hold alpha".into()));
         }
-        let mut loaded = read_model(&self.model, console)?;
-        let mut settings = self.rendering.style().over(self.background);
+        let model = read_model(&self.model, console)?.gaussians;
+        let settings = self.rendering.style().over(self.background);
+        let mut config = RenderConfig { settings, format: self.format, transparent: self.transparent };
         let shots = match &self.scene {
             Some(scene) => self.scene_shots(scene, console)?,
-            None => self.orbit_shots(&loaded, &mut settings),
+            None => self.orbit().shots(&model, &self.output, &mut config),
         };
         let device = global.open()?;
-        let watch = Watch::begin();
-        let largest = |side: fn(&Camera) -> u32| shots.iter().map(|s| side(&s.camera)).max().unwrap_or(1);
-        let (width, height) = (largest(|c| c.width), largest(|c| c.height));
-        if self.format == Format::Png {
-            // Bands that turn no colour by a step of eight bits are no work; arrays are drawn as the file has it.
-            let degree = loaded.gaussians.degree_in_effect();
-            loaded.gaussians.sh.truncate(degree + 1);
-        }
-        let resident = Resident::upload(&device, &loaded.gaussians)?;
-        let mut renderer = Renderer::new(&device, settings, loaded.gaussians.len(), width, height)?;
-        let begun = Instant::now();
-        let mut drawing = 0.0;
-        let bar = console.bar(shots.len() as u64, "rendering");
-        for shot in &shots {
-            watch.check()?;
-            let started = Instant::now();
-            let image = renderer.render(&resident, &shot.camera)?;
-            drawing += started.elapsed().as_secs_f64();
-            pictures::write(&shot.path, &image, self.format, self.transparent)?;
-            bar.inc(1);
-        }
-        bar.finish_and_clear();
+        let (networks, watcher) = (Networks::default(), Show::new(console));
+        let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
+        let times = render(&session, model, &shots, &config)?;
         console.note(format_args!(
             "{} pictures in {} ({:.1} s; {:.1} ms to draw one, on {})",
             shots.len(),
             self.output.display(),
-            begun.elapsed().as_secs_f64(),
-            drawing / shots.len().max(1) as f64 * 1e3,
+            times.total_s,
+            times.draw_s / shots.len().max(1) as f64 * 1e3,
             device.info().name,
         ));
         Ok(())
     }
 
-    fn orbit_shots(&self, loaded: &Loaded, settings: &mut Settings) -> Vec<Shot> {
+    fn orbit(&self) -> Orbit {
         let look = Look {
             fov: self.fov.unwrap_or(40.0).to_radians(),
             elevation: self.elevation.unwrap_or(15.0).to_radians(),
             size: self.size.unwrap_or((1280, 720)),
         };
-        let up = self.up.unwrap_or(Up::Auto).direction();
-        let outline = outline(&loaded.gaussians, up);
-        let (height, distance) = outline.framing(&look);
-        tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", outline.centre);
-        // A model in small units must not fall before the near plane.
-        settings.near = settings.near.min((0.02 * distance) as f32);
-        let count = self.orbit.unwrap_or(1);
-        let digits = count.to_string().len().max(3);
-        let path = |i| self.output.join(format!("orbit_{i:0digits$}.{}", self.format.extension()));
-        let cameras = outline.cameras(count, &look);
-        cameras.into_iter().enumerate().map(|(i, camera)| Shot { camera, path: path(i) }).collect()
+        Orbit { count: self.orbit.unwrap_or(1), look, up: self.up.unwrap_or(Up::Auto).direction() }
     }
 
     fn scene_shots(&self, path: &Path, console: &Console) -> Result<Vec<Shot>, Error> {
@@ -151,31 +113,6 @@ impl Arguments {
         for line in scene.skipped.summary() {
             console.warn(format_args!("{}: {line}", path.display()));
         }
-        let names = pictures::names(scene.views.iter().map(|v| v.name.as_str()), self.format.extension());
-        let shots: Vec<Shot> = scene
-            .views
-            .iter()
-            .zip(names)
-            .map(|(view, name)| Shot {
-                camera: view.camera_at(self.resolution.unwrap_or(Resize::Full)),
-                path: self.output.join(name),
-            })
-            .collect();
-        refuse_photo_folders(&scene, &shots)?;
-        Ok(shots)
-    }
-}
-
-/// Refuses to put pictures where the scene's photos or masks lie.
-fn refuse_photo_folders(scene: &Scene, shots: &[Shot]) -> Result<(), Error> {
-    let folder = |p: &Path| p.parent().and_then(|p| std::fs::canonicalize(p).ok());
-    let files = scene.views.iter().flat_map(|v| [Some(v.image.as_path()), v.mask.as_deref()]).flatten();
-    let photos: HashSet<PathBuf> = files.filter_map(folder).collect();
-    match shots.iter().find(|s| folder(&s.path).is_some_and(|f| photos.contains(&f))) {
-        Some(shot) => Err(Error::Usage(format!(
-            "{} would lie among the scene's own photos; name another folder with -o",
-            shot.path.display()
-        ))),
-        None => Ok(()),
+        scene_shots(&scene, self.resolution.unwrap_or(Resize::Full), &self.output, self.format)
     }
 }

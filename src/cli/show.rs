@@ -11,46 +11,54 @@ use std::sync::OnceLock;
 pub(super) struct Show<'a> {
     console: &'a Console,
     watch: Watch,
-    bars: [OnceLock<ProgressBar>; 4],
+    photos: OnceLock<ProgressBar>,
+    training: OnceLock<ProgressBar>,
+    responses: OnceLock<ProgressBar>,
+    scores: OnceLock<ProgressBar>,
+    pictures: OnceLock<ProgressBar>,
 }
 
 impl<'a> Show<'a> {
     /// Shows a job, and begins to watch for Ctrl-C.
     pub fn new(console: &'a Console) -> Self {
-        Self { console, watch: Watch::begin(), bars: Default::default() }
+        let [photos, training, responses, scores, pictures] = Default::default();
+        Self { console, watch: Watch::begin(), photos, training, responses, scores, pictures }
     }
 
-    fn step(&self, stage: usize, done: u64, total: u64) -> &ProgressBar {
-        let bar = self.bars[stage].get_or_init(|| match stage {
-            0 => self.console.bar(total, "photos"),
-            1 => self.console.training_bar(total),
-            2 => self.console.bar(total, "scores"),
-            _ => self.console.bar(total, "responses"),
-        });
-        bar.set_position(done);
-        if done == total {
-            bar.finish_and_clear();
-        }
-        bar
+    fn step(&self, bar: &OnceLock<ProgressBar>, what: &'static str, done: usize, total: usize) {
+        advance(bar.get_or_init(|| self.console.bar(total as u64, what)), done as u64, total as u64);
+    }
+}
+
+/// Moves a bar on; it goes once all is done.
+fn advance(bar: &ProgressBar, done: u64, total: u64) {
+    bar.set_position(done);
+    if done == total {
+        bar.finish_and_clear();
     }
 }
 
 impl Watcher for Show<'_> {
     fn loading(&self, done: usize, total: usize) {
-        self.step(0, done as u64, total as u64);
+        self.step(&self.photos, "photos", done, total);
     }
 
     fn training(&self, progress: &Progress, until: u32) {
-        let bar = self.step(1, u64::from(progress.iteration), u64::from(until));
+        let bar = self.training.get_or_init(|| self.console.training_bar(u64::from(until)));
+        advance(bar, u64::from(progress.iteration), u64::from(until));
         bar.set_message(format!("loss {:.4}  {} Gaussians", progress.loss, progress.gaussians));
     }
 
     fn responding(&self, done: usize, total: usize) {
-        self.step(3, done as u64, total as u64);
+        self.step(&self.responses, "responses", done, total);
     }
 
     fn evaluating(&self, done: usize, total: usize) {
-        self.step(2, done as u64, total as u64);
+        self.step(&self.scores, "scores", done, total);
+    }
+
+    fn rendering(&self, done: usize, total: usize) {
+        self.step(&self.pictures, "rendering", done, total);
     }
 
     fn note(&self, line: &str) {
@@ -58,6 +66,6 @@ impl Watcher for Show<'_> {
     }
 
     fn stop(&self) -> bool {
-        self.watch.check().is_err()
+        self.watch.pressed()
     }
 }

@@ -15,6 +15,7 @@ pub mod pairs;
 pub mod prepare;
 pub mod prune;
 pub mod records;
+pub mod render;
 pub mod run;
 pub mod session;
 pub mod setup;

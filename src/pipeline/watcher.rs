@@ -13,6 +13,8 @@ pub trait Watcher {
     fn responding(&self, _done: usize, _total: usize) {}
     /// Held-out views scored so far, of how many.
     fn evaluating(&self, _done: usize, _total: usize) {}
+    /// Pictures written so far, of how many.
+    fn rendering(&self, _done: usize, _total: usize) {}
     /// A line worth reading.
     fn note(&self, _line: &str) {}
     /// Whether to end early; training does so after a checkpoint.

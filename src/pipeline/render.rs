@@ -1,0 +1,127 @@
+//! `qirf-vk render`: pictures of a model, from a scene's cameras or on a circle round it.
+
+use super::evaluate::pictures::{self, Format};
+use super::session::Session;
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::outline::outline;
+use crate::gaussians::resident::Resident;
+use crate::render::{Renderer, Settings};
+use crate::scene::camera::{self, Camera};
+use crate::scene::orbit::Look;
+use crate::scene::{Resize, Scene, View};
+use glam::DVec3;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Nearest depth of an orbit's pictures, as a share of the camera's distance.
+const NEAR: f64 = 0.02;
+
+/// A picture to draw, and the file that it goes to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shot {
+    /// Its camera.
+    pub camera: Camera,
+    /// Its file.
+    pub path: PathBuf,
+}
+
+/// How pictures are drawn and written.
+#[derive(Clone, Copy, Debug)]
+pub struct RenderConfig {
+    /// Image formation.
+    pub settings: Settings,
+    /// File format.
+    pub format: Format,
+    /// Whether PNG files keep alpha in the place of a background.
+    pub transparent: bool,
+}
+
+/// Cameras on a circle round a model.
+#[derive(Clone, Copy, Debug)]
+pub struct Orbit {
+    /// How many.
+    pub count: u32,
+    /// Field of view, elevation and picture size.
+    pub look: Look,
+    /// Up in the world.
+    pub up: DVec3,
+}
+
+impl Orbit {
+    /// The pictures of a model, below `folder`. The near plane of `config` comes closer where the model is small.
+    pub fn shots(&self, model: &Gaussians, folder: &Path, config: &mut RenderConfig) -> Vec<Shot> {
+        let outline = outline(model, self.up);
+        let (height, distance) = outline.framing(&self.look);
+        tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", outline.centre);
+        config.settings.near = config.settings.near.min((NEAR * distance) as f32);
+        let digits = self.count.to_string().len().max(3);
+        let path = |i| folder.join(format!("orbit_{i:0digits$}.{}", config.format.extension()));
+        let cameras = outline.cameras(self.count, &self.look);
+        cameras.into_iter().enumerate().map(|(i, camera)| Shot { camera, path: path(i) }).collect()
+    }
+}
+
+/// The pictures from a scene's cameras, below `folder`, named after its photos.
+///
+/// # Errors
+/// [`Error::Usage`] where a picture would lie among the scene's own photos.
+pub fn scene_shots(scene: &Scene, resize: Resize, folder: &Path, format: Format) -> Result<Vec<Shot>, Error> {
+    let names = pictures::names(scene.views.iter().map(|v| v.name.as_str()), format.extension());
+    let shot = |(view, name): (&View, PathBuf)| Shot { camera: view.camera_at(resize), path: folder.join(name) };
+    let shots: Vec<Shot> = scene.views.iter().zip(names).map(shot).collect();
+    refuse_photo_folders(scene, &shots)?;
+    Ok(shots)
+}
+
+/// Refuses to put pictures where the scene's photos or masks lie.
+fn refuse_photo_folders(scene: &Scene, shots: &[Shot]) -> Result<(), Error> {
+    let folder = |p: &Path| p.parent().and_then(|p| std::fs::canonicalize(p).ok());
+    let files = scene.views.iter().flat_map(|v| [Some(v.image.as_path()), v.mask.as_deref()]).flatten();
+    let photos: HashSet<PathBuf> = files.filter_map(folder).collect();
+    match shots.iter().find(|s| folder(&s.path).is_some_and(|f| photos.contains(&f))) {
+        Some(shot) => Err(Error::AmongPhotos(shot.path.clone())),
+        None => Ok(()),
+    }
+}
+
+/// Seconds of rendering.
+#[derive(Clone, Copy, Debug)]
+pub struct RenderTimes {
+    /// Drawing and writing all pictures.
+    pub total_s: f64,
+    /// Drawing alone.
+    pub draw_s: f64,
+}
+
+/// Draws pictures of a model and writes them.
+///
+/// # Errors
+/// Device memory; device errors; a disk that is full; [`Error::Interrupted`], with whole pictures left.
+pub fn render(
+    session: &Session<'_>,
+    mut model: Gaussians,
+    shots: &[Shot],
+    config: &RenderConfig,
+) -> Result<RenderTimes, Error> {
+    if config.format == Format::Png {
+        // Bands that turn no colour by a step of eight bits are no work; arrays are drawn as the file has it.
+        model.sh.truncate(model.degree_in_effect() + 1);
+    }
+    let [width, height] = camera::largest(shots.iter().map(|s| &s.camera));
+    let resident = Resident::upload(session.device, &model)?;
+    let mut renderer = Renderer::new(session.device, config.settings, model.len(), width, height)?;
+    let begun = Instant::now();
+    let mut draw_s = 0.0;
+    for (done, shot) in shots.iter().enumerate() {
+        session.watcher.rendering(done, shots.len());
+        session.watcher.unless_stopped()?;
+        let started = Instant::now();
+        let image = renderer.render(&resident, &shot.camera)?;
+        draw_s += started.elapsed().as_secs_f64();
+        pictures::write(&shot.path, &image, config.format, config.transparent)?;
+    }
+    session.watcher.rendering(shots.len(), shots.len());
+    Ok(RenderTimes { total_s: begun.elapsed().as_secs_f64(), draw_s })
+}
