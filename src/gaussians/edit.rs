@@ -1,17 +1,11 @@
 //! Whole-model helpers: allocation, selection, bounds, consistency.
 
-use super::{Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
+use super::{Attributes, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
 
 impl Gaussians {
     /// A model of `n` Gaussians of SH degree `degree`, every stored value zero.
     pub fn zeroed(n: usize, degree: usize) -> Self {
-        Self {
-            means: vec![[0.0; 3]; n],
-            log_scales: vec![[0.0; 3]; n],
-            rotations: vec![[0.0; 4]; n],
-            opacity_logits: vec![0.0; n],
-            sh: (0..=degree).map(|l| vec![0.0; n * Self::band_width(l)]).collect(),
-        }
+        Self::of_attributes(Attributes::widths(degree).map(|width| vec![0.0; n * width]), degree + 1)
     }
 
     /// The Gaussians at `indices`, in that order; an index may occur more than once.
@@ -20,17 +14,11 @@ impl Gaussians {
     /// If an index is not below [`Gaussians::len`], as slice indexing does.
     #[must_use]
     pub fn select(&self, indices: &[usize]) -> Self {
-        let band = |l: usize, values: &[f32]| {
-            let width = Self::band_width(l);
+        let picked = |(values, width): (&[f32], usize)| -> Vec<f32> {
             indices.iter().flat_map(|&i| &values[i * width..(i + 1) * width]).copied().collect()
         };
-        Self {
-            means: indices.iter().map(|&i| self.means[i]).collect(),
-            log_scales: indices.iter().map(|&i| self.log_scales[i]).collect(),
-            rotations: indices.iter().map(|&i| self.rotations[i]).collect(),
-            opacity_logits: indices.iter().map(|&i| self.opacity_logits[i]).collect(),
-            sh: self.sh.iter().enumerate().map(|(l, values)| band(l, values)).collect(),
-        }
+        let bands = self.sh.len();
+        Self::of_attributes(self.attributes().zip(Attributes::widths_of_bands(bands)).map(picked), bands)
     }
 
     /// Keeps the Gaussians whose index `keep` approves, in their order.

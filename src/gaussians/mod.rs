@@ -1,5 +1,6 @@
 //! The model: Gaussians as stored, on the host.
 
+mod attributes;
 mod bands;
 mod edit;
 mod error;
@@ -9,6 +10,8 @@ pub mod resident;
 pub mod sh;
 
 pub use crate::kernels::constants::projection::MIN_QUATERNION;
+pub use attributes::Attributes;
+pub(crate) use attributes::rows;
 pub use error::Error;
 
 /// Highest spherical-harmonics degree that the engine knows.

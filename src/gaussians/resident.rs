@@ -1,6 +1,6 @@
 //! The model in device memory.
 
-use super::{Gaussians, MAX_SH_DEGREE};
+use super::{Attributes, Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Result};
 use crate::primitives::{Count, Scan};
 
@@ -8,16 +8,8 @@ use crate::primitives::{Count, Scan};
 pub struct Resident {
     /// Number of Gaussians, on the device.
     pub count: Count,
-    /// n x 3.
-    pub means: Buffer<f32>,
-    /// n x 3.
-    pub log_scales: Buffer<f32>,
-    /// n quaternions (w, x, y, z).
-    pub rotations: Buffer<[f32; 4]>,
-    /// n.
-    pub opacity_logits: Buffer<f32>,
-    /// Band l: n x (2l + 1) x 3; a band that the model lacks is one word that no kernel reads.
-    pub sh: [Buffer<f32>; MAX_SH_DEGREE + 1],
+    /// n x width each; a band that the model lacks is empty, and no kernel reads it.
+    pub parameters: Attributes<Buffer<f32>>,
     /// Bands that have arrays, less one.
     pub degree: usize,
     /// Whether SH coefficients are halves, two a word: to be drawn, not to be trained.
@@ -29,10 +21,7 @@ pub struct Resident {
 impl Resident {
     /// Bytes of a model of `n` Gaussians on the device.
     pub fn bytes(n: usize, degree: usize) -> u64 {
-        let band = |l: usize| Buffer::<f32>::bytes_of(if l <= degree { n * Gaussians::band_width(l) } else { 1 });
-        let bands: u64 = (0..=MAX_SH_DEGREE).map(band).sum();
-        let main = 2 * Buffer::<f32>::bytes_of(3 * n) + Buffer::<[f32; 4]>::bytes_of(n) + Buffer::<f32>::bytes_of(n);
-        Count::bytes() + main + bands
+        Count::bytes() + Attributes::widths(degree).map(|width| Buffer::<f32>::bytes_of(n * width)).sum()
     }
 
     /// Uploads a model.
@@ -40,23 +29,23 @@ impl Resident {
     /// # Errors
     /// Device memory; device errors.
     pub fn upload(device: &Device, model: &Gaussians) -> Result<Self> {
-        let n = model.len();
-        let degree = model.degree().min(MAX_SH_DEGREE);
-        let band = |l: usize| match model.sh.get(l) {
-            Some(values) => device.upload(["sh0", "sh1", "sh2", "sh3"][l], values),
-            None => device.upload("absent band", &[0.0]),
-        };
-        Ok(Self {
-            count: Count::known(device, "Gaussians", n as u32, &[Scan::block(device)])?,
-            means: device.upload("means", model.means.as_flattened())?,
-            log_scales: device.upload("log scales", model.log_scales.as_flattened())?,
-            rotations: device.upload("rotations", &model.rotations)?,
-            opacity_logits: device.upload("opacity logits", &model.opacity_logits)?,
-            sh: [band(0)?, band(1)?, band(2)?, band(3)?],
-            degree,
-            half: false,
-            len: n,
-        })
+        let parameters = Attributes::NAMES.zip(model.attributes());
+        let parameters = parameters.try_map(|(name, values)| device.upload(name, values))?;
+        Self::new(device, parameters, model.degree().min(MAX_SH_DEGREE), model.len())
+    }
+
+    /// A model of `n` Gaussians with these arrays.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn new(device: &Device, parameters: Attributes<Buffer<f32>>, degree: usize, n: usize) -> Result<Self> {
+        let count = Count::known(device, "Gaussians", n as u32, &[Scan::block(device)])?;
+        Ok(Self { count, parameters, degree, half: false, len: n })
+    }
+
+    /// The quaternions (w, x, y, z), n.
+    pub fn quaternions(&self) -> Buffer<[f32; 4]> {
+        self.parameters.rotations.cast()
     }
 
     /// Bytes of a model of `n` Gaussians whose SH coefficients are halves.
@@ -82,7 +71,7 @@ impl Resident {
                 high << 16 | u32::from(half(pair[0]))
             };
             let words: Vec<u32> = band.chunks(2).map(word).collect();
-            resident.sh[l] = device.upload(["half sh0", "half sh1", "half sh2", "half sh3"][l], &words)?.cast();
+            resident.parameters.sh[l] = device.upload(Attributes::NAMES.sh[l], &words)?.cast();
         }
         (resident.degree, resident.half) = (degree, true);
         Ok(resident)
@@ -93,14 +82,8 @@ impl Resident {
     /// # Errors
     /// Device errors.
     pub fn download(&self, device: &Device) -> Result<Gaussians> {
-        let rows3 = |v: Vec<f32>| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-        Ok(Gaussians {
-            means: rows3(self.means.read(device)?),
-            log_scales: rows3(self.log_scales.read(device)?),
-            rotations: self.rotations.read(device)?,
-            opacity_logits: self.opacity_logits.read(device)?,
-            sh: self.sh[..=self.degree].iter().map(|band| band.read(device)).collect::<Result<_>>()?,
-        })
+        let parameters = self.parameters.each_ref().try_map(|values| values.read(device))?;
+        Ok(Gaussians::of_attributes(parameters, self.degree + 1))
     }
 }
 

@@ -49,9 +49,9 @@ impl Default for Metric {
 pub(super) fn record(recording: &mut Recording, arrays: &Arrays, model: &Resident, batch: &Batch, metric: &Metric) {
     let kernel = Axes {
         members: &arrays.members,
-        means: &model.means,
-        log_scales: &model.log_scales,
-        rotations: &model.rotations,
+        means: &model.parameters.means,
+        log_scales: &model.parameters.log_scales,
+        rotations: &model.quaternions(),
         axes: &arrays.axes,
         push: AxesPush {
             first: batch.members.start as u32,

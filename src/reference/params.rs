@@ -1,6 +1,6 @@
 //! The model's stored parameters in float64, so that finite differences can move each by a millionth.
 
-use crate::gaussians::Gaussians;
+use crate::gaussians::{Attributes, Gaussians, rows};
 
 /// Stored parameters of `n` Gaussians (see [`Gaussians`]) widened to float64; gradients by them have the same shape.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,28 +33,46 @@ impl Params {
         self.sh.len().saturating_sub(1)
     }
 
-    /// Zeros of the same shape: where gradients accumulate.
-    #[must_use]
-    pub fn zeros_like(&self) -> Self {
-        Self {
-            means: vec![[0.0; 3]; self.means.len()],
-            log_scales: vec![[0.0; 3]; self.log_scales.len()],
-            rotations: vec![[0.0; 4]; self.rotations.len()],
-            opacity_logits: vec![0.0; self.opacity_logits.len()],
-            sh: self.sh.iter().map(|band| vec![0.0; band.len()]).collect(),
+    /// Each attribute's numbers, Gaussian by Gaussian; none of bands that are not stored.
+    pub fn attributes(&self) -> Attributes<&[f64]> {
+        Attributes {
+            means: self.means.as_flattened(),
+            log_scales: self.log_scales.as_flattened(),
+            rotations: self.rotations.as_flattened(),
+            opacity_logits: &self.opacity_logits,
+            sh: std::array::from_fn(|l| self.sh.get(l).map_or(&[][..], Vec::as_slice)),
         }
     }
 
-    /// The parameter groups by name, each as one flat array: what a test or an optimiser walks over.
-    pub fn groups_mut(&mut self) -> Vec<(String, &mut [f64])> {
-        let mut groups = vec![
-            ("means".to_owned(), self.means.as_flattened_mut()),
-            ("log_scales".to_owned(), self.log_scales.as_flattened_mut()),
-            ("rotations".to_owned(), self.rotations.as_flattened_mut()),
-            ("opacity_logits".to_owned(), self.opacity_logits.as_mut_slice()),
-        ];
-        groups.extend(self.sh.iter_mut().enumerate().map(|(l, band)| (format!("sh{l}"), band.as_mut_slice())));
-        groups
+    /// Parameters of these numbers with so many SH bands.
+    pub fn of_attributes(attributes: Attributes<Vec<f64>>, bands: usize) -> Self {
+        let Attributes { means, log_scales, rotations, opacity_logits, sh } = attributes;
+        Self {
+            means: rows(&means),
+            log_scales: rows(&log_scales),
+            rotations: rows(&rotations),
+            opacity_logits,
+            sh: sh.into_iter().take(bands).collect(),
+        }
+    }
+
+    /// Zeros of the same shape: where gradients accumulate.
+    #[must_use]
+    pub fn zeros_like(&self) -> Self {
+        Self::of_attributes(self.attributes().map(|values| vec![0.0; values.len()]), self.sh.len())
+    }
+
+    /// The attributes by name, each as one flat array: what a test or an optimiser walks over.
+    pub fn groups_mut(&mut self) -> Vec<(&'static str, &mut [f64])> {
+        let (bands, mut sh) = (self.sh.len(), self.sh.iter_mut());
+        let all = Attributes {
+            means: self.means.as_flattened_mut(),
+            log_scales: self.log_scales.as_flattened_mut(),
+            rotations: self.rotations.as_flattened_mut(),
+            opacity_logits: &mut self.opacity_logits,
+            sh: std::array::from_fn(|_| sh.next().map_or(&mut [][..], Vec::as_mut_slice)),
+        };
+        Attributes::NAMES.zip(all).up_to(bands.max(1) - 1).collect()
     }
 
     /// Adds `other`, of the same shape, element by element (gradients of several views).
@@ -68,12 +86,7 @@ impl Params {
 
 impl From<&Gaussians> for Params {
     fn from(model: &Gaussians) -> Self {
-        Self {
-            means: model.means.iter().map(|v| v.map(f64::from)).collect(),
-            log_scales: model.log_scales.iter().map(|v| v.map(f64::from)).collect(),
-            rotations: model.rotations.iter().map(|v| v.map(f64::from)).collect(),
-            opacity_logits: model.opacity_logits.iter().map(|&v| f64::from(v)).collect(),
-            sh: model.sh.iter().map(|band| band.iter().map(|&v| f64::from(v)).collect()).collect(),
-        }
+        let widen = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect();
+        Self::of_attributes(model.attributes().map(widen), model.sh.len())
     }
 }

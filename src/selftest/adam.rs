@@ -5,13 +5,20 @@ use super::backward::weights;
 use super::overlap::worse;
 use super::random::Kind;
 use super::render::{MILD, camera};
-use crate::gaussians::{Gaussians, resident::Resident};
+use crate::gaussians::Gaussians;
 use crate::gpu::{Device, Recording, Result};
 use crate::reference::{self, Params};
 use crate::render::{Backward, Renderer, Settings};
-use crate::train::adam::{self, AdamState, Rates};
+use crate::train::Trainee;
+use crate::train::adam::{self, Rates};
 
-const RATES: Rates = Rates { mean: 1e-3, scale: 5e-3, rotation: 1e-3, opacity: 0.025, dc: 2.5e-3, rest: 1.25e-4 };
+const RATES: Rates = Rates {
+    means: 1e-3,
+    log_scales: 5e-3,
+    rotations: 1e-3,
+    opacity_logits: 0.025,
+    sh: [2.5e-3, 1.25e-4, 1.25e-4, 1.25e-4],
+};
 const STEPS: u32 = 5;
 
 fn model() -> Gaussians {
@@ -28,29 +35,29 @@ struct Stepped {
 
 fn steps(device: &Device, by_image: &[[f32; 4]], with_gradients: bool) -> Result<Stepped> {
     let (model, camera) = (model(), camera(48, 48));
-    let resident = Resident::upload(device, &model)?;
+    let trainee = Trainee::new(device, &model)?;
     let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), [48, 48], 1 << 13)?;
-    renderer.render(&resident, &camera)?;
-    let (state, apart) = (AdamState::zeros(device, &resident)?, AdamState::zeros(device, &resident)?);
+    renderer.render(&trainee.model, &camera)?;
+    let apart = adam::zeros(device, &trainee.model)?;
     let by_image = device.upload("image gradient", by_image)?;
     let mut skipped = 0;
     let mut gradients = Vec::new();
     for k in 1..=STEPS {
         let mut recording = Recording::new();
         renderer.reset_backward_counts(&mut recording);
-        renderer.record(&mut recording, &resident, &camera);
-        renderer.record_backward(&mut recording, &resident, &camera, &by_image, Backward::default());
+        renderer.record(&mut recording, &trainee.model, &camera);
+        renderer.record_backward(&mut recording, &trainee.model, &camera, &by_image, Backward::default());
         if with_gradients {
-            adam::record_gradients(&mut recording, &renderer, &resident, &apart);
+            adam::record_gradients(&mut recording, &renderer, &trainee.model, &apart);
         }
-        adam::record(&mut recording, &renderer, &resident, &state, &RATES, k);
+        adam::record(&mut recording, &renderer, &trainee, &RATES, k);
         device.run(recording)?;
         skipped += renderer.backward_counts()?.skipped_rows;
         if with_gradients {
             gradients.push(super::backward::first_moments(device, &apart, model.degree())?);
         }
     }
-    Ok(Stepped { params: Params::from(&resident.download(device)?), skipped, gradients })
+    Ok(Stepped { params: Params::from(&trainee.model.download(device)?), skipped, gradients })
 }
 
 /// Every parameter after five steps against Adam in float64 on the device's gradients, in units of what is allowed: a
@@ -60,7 +67,7 @@ pub(super) fn ordinary(device: &Device) -> Result<Vec<Measure>> {
     let mut done = steps(device, &weights(&camera(48, 48), 73), true)?;
     let mut twin = Params::from(&model());
     let (mut first, mut second) = (twin.zeros_like(), twin.zeros_like());
-    let rates = [RATES.mean, RATES.scale, RATES.rotation, RATES.opacity, RATES.dc, RATES.rest, RATES.rest, RATES.rest];
+    let rates = RATES.into_array();
     for (k, gradients) in (1..).zip(&mut done.gradients) {
         let groups = twin.groups_mut().into_iter().zip(gradients.groups_mut());
         let moments = first.groups_mut().into_iter().zip(second.groups_mut());
@@ -81,7 +88,7 @@ pub(super) fn ordinary(device: &Device) -> Result<Vec<Measure>> {
 /// The furthest that any parameter went, over its attribute's rate and the steps; infinite where one is no number.
 fn furthest(params: &mut Params) -> f64 {
     let mut start = Params::from(&model());
-    let rates = [RATES.mean, RATES.scale, RATES.rotation, RATES.opacity, RATES.dc, RATES.rest, RATES.rest, RATES.rest];
+    let rates = RATES.into_array();
     let mut most = 0.0;
     for (((_, got), (_, start)), rate) in params.groups_mut().into_iter().zip(start.groups_mut()).zip(rates) {
         for (g, s) in got.iter().zip(start.iter()) {

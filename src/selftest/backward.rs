@@ -4,12 +4,13 @@ use super::Measure;
 use super::overlap::worse;
 use super::random::{Kind, Random};
 use super::render::{self, MILD, camera, stack, straight_on};
-use crate::gaussians::{Gaussians, resident::Resident};
+use crate::gaussians::Gaussians;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::reference::{self, Params};
 use crate::render::{Backward, Image, Renderer, Settings, Style};
 use crate::scene::camera::Camera;
-use crate::train::adam::{AdamState, record_gradients};
+use crate::train::Trainee;
+use crate::train::adam::{Moments, record_gradients};
 use glam::DVec3;
 
 /// A picture and what comes back from it.
@@ -29,18 +30,11 @@ pub fn weights(camera: &Camera, seed: u64) -> Vec<[f32; 4]> {
 }
 
 /// First moments of every parameter: where [`record_gradients`] leaves the gradients.
-pub(super) fn first_moments(device: &Device, state: &AdamState, degree: usize) -> Result<Params> {
-    let read = |buffer: &Buffer<[f32; 2]>| -> Result<Vec<f64>> {
-        Ok(buffer.read(device)?.iter().map(|m| f64::from(m[0])).collect())
+pub(super) fn first_moments(device: &Device, moments: &Moments, degree: usize) -> Result<Params> {
+    let read = |moments: &Buffer<[f32; 2]>| -> Result<Vec<f64>> {
+        Ok(moments.read(device)?.iter().map(|m| f64::from(m[0])).collect())
     };
-    let rows3 = |v: Vec<f64>| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-    Ok(Params {
-        means: rows3(read(&state.means)?),
-        log_scales: rows3(read(&state.log_scales)?),
-        rotations: read(&state.rotations)?.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect(),
-        opacity_logits: read(&state.opacity_logits)?,
-        sh: state.sh[..=degree].iter().map(read).collect::<Result<_>>()?,
-    })
+    Ok(Params::of_attributes(moments.each_ref().try_map(read)?, degree + 1))
 }
 
 /// Draws a model and goes back from the picture.
@@ -54,21 +48,19 @@ pub fn there_and_back(
     settings: Settings,
     weights: &[[f32; 4]],
 ) -> Result<Drawn> {
-    let resident = Resident::upload(device, model)?;
+    let trainee = Trainee::new(device, model)?;
     let size = [camera.width, camera.height];
     let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12)?;
-    let image = renderer.render(&resident, camera)?; // and the pairs have room
-    let state = AdamState::zeros(device, &resident)?;
-    let growth = device.upload("growth", &vec![[0_f32; 2]; model.len()])?;
+    let image = renderer.render(&trainee.model, camera)?; // and the pairs have room
     let by_image = device.upload("image gradient", weights)?;
     let mut recording = Recording::new();
-    renderer.record(&mut recording, &resident, camera);
-    let backward = Backward { growth: Some(&growth), ..Backward::default() };
-    renderer.record_backward(&mut recording, &resident, camera, &by_image, backward);
-    record_gradients(&mut recording, &renderer, &resident, &state);
+    renderer.record(&mut recording, &trainee.model, camera);
+    let backward = Backward { growth: Some(&trainee.growth), ..Backward::default() };
+    renderer.record_backward(&mut recording, &trainee.model, camera, &by_image, backward);
+    record_gradients(&mut recording, &renderer, &trainee.model, &trainee.moments);
     device.run(recording)?;
     let skipped = renderer.backward_counts()?.skipped_rows;
-    Ok(Drawn { image, gradients: first_moments(device, &state, model.degree())?, skipped })
+    Ok(Drawn { image, gradients: first_moments(device, &trainee.moments, model.degree())?, skipped })
 }
 
 /// The twin's gradients of the same.

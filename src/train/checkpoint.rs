@@ -1,13 +1,13 @@
 //! A run's whole state on disk: model, moments, density sums, iteration. Written whole or not at all.
 
-use super::adam::AdamState;
 use super::error::Result;
 use super::exposure::{self, Exposure};
 use super::options::Options;
+use super::trainee::Trainee;
 use super::trainer::Trainer;
 use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
-use crate::gaussians::{Error, Gaussians};
+use crate::gaussians::{Attributes, Error, Gaussians};
 use crate::gpu::{self, Buffer, Device};
 use crate::response::{CHANNELS, ResidentResponses};
 use crate::scene::Photo;
@@ -24,8 +24,8 @@ pub struct Snapshot {
     pub skipped_rows: u64,
     /// The model.
     pub model: Gaussians,
-    /// Moments of means, log scales, rotations, opacity logits, and each SH band, first and second interleaved.
-    pub moments: Vec<Vec<f32>>,
+    /// Moments of each attribute, first and second interleaved; none of bands that the model lacks.
+    pub moments: Attributes<Vec<f32>>,
     /// Density control's sums, two a Gaussian.
     pub growth: Vec<f32>,
     /// Averaged responses, eight a Gaussian, and the iterations that last showed each; empty where there are none.
@@ -43,18 +43,13 @@ impl Trainer {
     /// Device errors.
     pub fn snapshot(&self) -> Result<Snapshot> {
         let read = |buffer: &Buffer<[f32; 2]>| buffer.cast::<f32>().read(&self.device);
-        let state = &self.state;
-        let mut moments =
-            vec![read(&state.means)?, read(&state.log_scales)?, read(&state.rotations)?, read(&state.opacity_logits)?];
-        for band in &state.sh[..=self.model.degree] {
-            moments.push(read(band)?);
-        }
+        let Trainee { moments, growth, .. } = &self.trainee;
         Ok(Snapshot {
             iteration: self.iteration,
             skipped_rows: self.skipped_rows,
             model: self.download()?,
-            moments,
-            growth: read(&self.growth)?,
+            moments: moments.each_ref().try_map(read)?,
+            growth: read(growth)?,
             responses: match &self.responses {
                 Some(r) => (r.values.read(&self.device)?, r.seen.read(&self.device)?),
                 None => Default::default(),
@@ -79,19 +74,14 @@ impl Trainer {
         options: Options,
     ) -> Result<Self> {
         let upload =
-            |k: usize| -> gpu::Result<Buffer<[f32; 2]>> { Ok(device.upload("moments", &snapshot.moments[k])?.cast()) };
-        let absent = || -> gpu::Result<Buffer<[f32; 2]>> { device.buffer("absent moments", 1) };
-        let band = |l: usize| if 4 + l < snapshot.moments.len() { upload(4 + l) } else { absent() };
-        let state = AdamState {
-            means: upload(0)?,
-            log_scales: upload(1)?,
-            rotations: upload(2)?,
-            opacity_logits: upload(3)?,
-            sh: [band(0)?, band(1)?, band(2)?, band(3)?],
+            |name: &str, values: &[f32]| -> gpu::Result<Buffer<[f32; 2]>> { Ok(device.upload(name, values)?.cast()) };
+        let moments = Attributes::NAMES.zip(snapshot.moments.each_ref());
+        let trainee = Trainee {
+            moments: moments.try_map(|(name, values)| upload(&format!("{name}.moments"), values))?,
+            model: Resident::upload(device, &snapshot.model)?,
+            growth: upload("growth", &snapshot.growth)?,
         };
-        let model = Resident::upload(device, &snapshot.model)?;
-        let growth = device.upload("growth", &snapshot.growth)?.cast();
-        let mut trainer = Self::assemble(device, (model, state, growth), photos, extent, options)?;
+        let mut trainer = Self::assemble(device, trainee, photos, extent, options)?;
         let (values, seen) = &snapshot.responses;
         if !seen.is_empty() {
             let (values, seen) = (device.upload("responses", values)?, device.upload("responses' iterations", seen)?);
@@ -128,28 +118,21 @@ fn checksum<'a>(tensors: impl Iterator<Item = (&'a str, &'a [u8])>, notes: &'a H
     crc.sum()
 }
 
-const NAMES: [&str; 8] = ["means", "log_scales", "rotations", "opacity_logits", "sh0", "sh1", "sh2", "sh3"];
-
 impl Snapshot {
     /// Writes the snapshot: to a temporary file, flushed to disk, then renamed.
     ///
     /// # Errors
     /// [`Error::Io`] with the path.
     pub fn write(&self, path: &Path) -> std::result::Result<(), Error> {
-        let m = &self.model;
-        let mut parameters: Vec<&[f32]> =
-            vec![m.means.as_flattened(), m.log_scales.as_flattened(), m.rotations.as_flattened(), &m.opacity_logits];
-        parameters.extend(m.sh.iter().map(Vec::as_slice));
         let mut tensors = Vec::new();
         let mut add = |name: String, data: &[f32]| {
             let bytes = bytemuck::cast_slice::<f32, u8>(data).to_vec();
             tensors.push((name, data.len(), bytes));
         };
-        for (name, data) in NAMES.iter().zip(parameters) {
-            add((*name).to_owned(), data);
-        }
-        for (name, data) in NAMES.iter().zip(&self.moments) {
-            add(format!("{name}.moments"), data);
+        let all = Attributes::NAMES.zip(self.model.attributes().zip(self.moments.each_ref()));
+        for (name, (parameters, moments)) in all.up_to(self.model.degree()) {
+            add(name.to_owned(), parameters);
+            add(format!("{name}.moments"), moments);
         }
         add("growth".to_owned(), &self.growth);
         if !self.responses.1.is_empty() {
@@ -200,29 +183,21 @@ impl Snapshot {
             }
             Ok(tensor.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
         };
-        let bands = (0..4).take_while(|l| file.tensor(NAMES[4 + l]).is_ok()).count();
-        let rows3 = |v: Vec<f32>| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-        let model = Gaussians {
-            means: rows3(floats("means")?),
-            log_scales: rows3(floats("log_scales")?),
-            rotations: floats("rotations")?.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect(),
-            opacity_logits: floats("opacity_logits")?,
-            sh: (0..bands).map(|l| floats(NAMES[4 + l])).collect::<std::result::Result<_, _>>()?,
+        let bands = Attributes::NAMES.sh.into_iter().take_while(|name| file.tensor(name).is_ok()).count();
+        let n = floats("opacity_logits")?.len();
+        let numbers = |name: &str, len: usize| match floats(name)? {
+            values if values.len() == len => Ok(values),
+            _ => Err(bad(name, format!("its length is not that of {n} Gaussians"))),
         };
-        let n = model.len();
-        let widths = [3, 3, 4, 1].into_iter().chain((0..bands).map(Gaussians::band_width));
-        let mut moments = Vec::new();
-        for (name, width) in NAMES.iter().zip(widths) {
-            let (values, own) = (floats(name)?.len(), floats(&format!("{name}.moments"))?);
-            if values != n * width || own.len() != 2 * n * width {
-                return Err(bad(name, format!("its length is not that of {n} Gaussians")));
-            }
-            moments.push(own);
-        }
-        let growth = floats("growth")?;
-        if growth.len() != 2 * n || bands == 0 {
-            return Err(bad("growth", format!("its length is not that of {n} Gaussians")));
-        }
+        let all = Attributes::NAMES.zip(Attributes::widths(bands.max(1) - 1));
+        let each = |suffix: &str, times: usize| {
+            all.try_map(|(name, width)| match width {
+                0 => Ok(Vec::new()),
+                _ => numbers(&format!("{name}{suffix}"), times * n * width),
+            })
+        };
+        let (model, moments) = (Gaussians::of_attributes(each("", 1)?, bands), each(".moments", 2)?);
+        let growth = numbers("growth", 2 * n)?;
         let responses = match file.tensor("responses") {
             Ok(_) => {
                 (floats("responses")?, floats("responses.seen")?.iter().map(|v| v.to_bits()).collect::<Vec<u32>>())

@@ -1,15 +1,15 @@
 //! Density control on the device: clone, split, prune, and the opacity reset.
 
-use super::adam::AdamState;
 use super::schedule::Schedule;
+use super::trainee::Trainee;
+use crate::gaussians::Attributes;
 use crate::gaussians::resident::Resident;
-use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::train::{
     Densify, DensifyPush, DensifySpec, GatherRows, GatherRowsSpec, ResetOpacity, ResetOpacityPush, ResetOpacitySpec,
     Sources, SourcesSpec, Split, SplitPush, SplitSpec,
 };
-use crate::primitives::{Count, Scan, WORKGROUP};
+use crate::primitives::{Scan, WORKGROUP};
 
 /// What one density step decides by.
 #[derive(Clone, Copy, Debug)]
@@ -30,210 +30,169 @@ pub struct Step {
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
     let choice = 3 * words(n) + words(1) + Scan::bytes(device, n as u32) + 2 * words(after);
-    choice + Resident::bytes(after, degree) + AdamState::bytes(after, degree) + Buffer::<[f32; 2]>::bytes_of(after)
+    choice + Trainee::bytes(after, degree)
 }
 
-/// Replaces model and moments by their grown and pruned successors. Returns how many Gaussians there are now.
+/// Replaces a model in training by its grown and pruned successor. Returns how many Gaussians there are now.
 ///
 /// # Errors
-/// Device memory; device errors. Model and moments are then as they were.
-pub fn densify(
-    device: &Device,
-    model: &mut Resident,
-    state: &mut AdamState,
-    growth: &mut Buffer<[f32; 2]>,
-    schedule: &Schedule,
-    step: Step,
-) -> Result<usize> {
-    let n = model.len;
-    let (copies, splits) = (device.buffer("copies", n)?, device.buffer("splits", n)?);
-    let offsets = device.buffer("offsets", n)?;
-    let total = device.buffer::<u32>("new Gaussians", 1)?;
-    let scan = Scan::new(device, n as u32)?;
-    let mut threshold = if n < step.most { schedule.densify_gradient as f32 } else { f32::MAX };
-    let after = loop {
-        let mut recording = Recording::new();
-        let [x, y, z] = step.cameras;
-        let kernel = Densify {
-            count: &model.count.value,
-            growth,
-            means: &model.means,
-            log_scales: &model.log_scales,
-            rotations: &model.rotations,
-            logits: &model.opacity_logits,
-            copies: &copies,
-            splits: &splits,
-            push: DensifyPush {
-                threshold,
-                cameras: [x, y, z, step.extent as f32],
-                split_scale: schedule.clone_scale.ln() as f32,
-                largest_scale: if schedule.prunes_large(step.iteration) {
-                    schedule.prune_scale.ln() as f32
-                } else {
-                    f32::MAX
-                },
-                least_logit: (schedule.prune_opacity / (1.0 - schedule.prune_opacity)).ln() as f32,
-            },
-            spec: DensifySpec { workgroup: WORKGROUP },
-        };
-        recording.dispatch(&kernel, model.count.groups(WORKGROUP));
-        scan.record(&mut recording, &model.count, &copies, &offsets, Some(&total));
-        device.run(recording)?;
-        let after = total.read(device)?[0] as usize;
-        if after <= step.most.max(n) {
-            break after;
-        }
-        // Fewer grow until they fit: those with the largest gradients stay. From 1e-12 that takes 516 rounds at most.
-        threshold = threshold.max(1e-12) * 1.25;
-    };
-    let (sources, kinds) = (device.buffer("sources", after)?, device.buffer("kinds", after)?);
+/// Device memory; device errors. The model is then as it was.
+pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step: Step) -> Result<usize> {
+    let choice = Choice::new(device, trainee, schedule, step)?;
+    let after = choice.after;
+    let rows = Rows { sources: device.buffer("sources", after)?, kinds: device.buffer("kinds", after)? };
     let mut recording = Recording::new();
+    let count = &trainee.model.count;
     let kernel = Sources {
-        count: &model.count.value,
-        copies: &copies,
-        splits: &splits,
-        offsets: &offsets,
-        sources: &sources,
-        kinds: &kinds,
+        count: &count.value,
+        copies: &choice.copies,
+        splits: &choice.splits,
+        offsets: &choice.offsets,
+        sources: &rows.sources,
+        kinds: &rows.kinds,
         spec: SourcesSpec { workgroup: WORKGROUP },
     };
-    recording.dispatch(&kernel, model.count.groups(WORKGROUP));
-
-    let (successor, new_state) = gathered(device, &mut recording, (model, state), &sources, &kinds)?;
+    recording.dispatch(&kernel, count.groups(WORKGROUP));
+    let successor = rows.gather(device, &mut recording, trainee)?;
+    let Resident { count, parameters, .. } = &successor.model;
     let kernel = Split {
-        count: &successor.count.value,
-        kinds: &kinds,
-        rotations: &successor.rotations,
-        means: &successor.means,
-        log_scales: &successor.log_scales,
+        count: &count.value,
+        kinds: &rows.kinds,
+        rotations: &successor.model.quaternions(),
+        means: &parameters.means,
+        log_scales: &parameters.log_scales,
         push: SplitPush { seed: step.seed, iteration: step.iteration },
         spec: SplitSpec { workgroup: WORKGROUP },
     };
-    recording.dispatch(&kernel, successor.count.groups(WORKGROUP));
-    let fresh = device.buffer("growth", after)?;
-    recording.fill(&fresh, 0);
+    recording.dispatch(&kernel, count.groups(WORKGROUP));
     device.run(recording)?;
-    *model = successor;
-    *state = new_state;
-    *growth = fresh;
+    *trainee = successor;
     Ok(after)
 }
 
 /// Keeps only the Gaussians `kept`, in that order, with their moments; sums of growth begin anew.
 ///
 /// # Errors
-/// Device memory; device errors. Model and moments are then as they were.
-pub fn compact(
-    device: &Device,
-    model: &mut Resident,
-    state: &mut AdamState,
-    growth: &mut Buffer<[f32; 2]>,
-    kept: &[u32],
-) -> Result<()> {
-    let sources = device.upload("sources", kept)?;
-    let (kinds, fresh) = (device.buffer("kinds", kept.len())?, device.buffer("growth", kept.len())?);
+/// Device memory; device errors. The model is then as it was.
+pub fn compact(device: &Device, trainee: &mut Trainee, kept: &[u32]) -> Result<()> {
+    let rows = Rows { sources: device.upload("sources", kept)?, kinds: device.buffer("kinds", kept.len())? };
     let mut recording = Recording::new();
-    recording.fill(&kinds, 0);
-    recording.fill(&fresh, 0);
-    let (successor, new_state) = gathered(device, &mut recording, (model, state), &sources, &kinds)?;
+    recording.fill(&rows.kinds, 0);
+    let successor = rows.gather(device, &mut recording, trainee)?;
     device.run(recording)?;
-    *model = successor;
-    *state = new_state;
-    *growth = fresh;
+    *trainee = successor;
     Ok(())
 }
 
-/// Records how model and moments come from the rows `sources` of the old ones, as many as there are.
-fn gathered(
-    device: &Device,
-    recording: &mut Recording,
-    (model, state): (&Resident, &AdamState),
-    sources: &Buffer<u32>,
-    kinds: &Buffer<u32>,
-) -> Result<(Resident, AdamState)> {
-    let after = sources.len();
-    let count = Count::known(device, "Gaussians", after as u32, &[Scan::block(device)])?;
-    let mut rows = Rows { device, recording, count: &count, sources, kinds, after };
-    let ([means, log_scales, rotations, opacity_logits], sh) = rows.parameters(model)?;
-    let state = rows.moments(model.degree, state)?;
-    let rotations = rotations.cast();
-    let degree = model.degree;
-    Ok((Resident { count, means, log_scales, rotations, opacity_logits, sh, degree, half: false, len: after }, state))
-}
-
 /// Records the opacity reset: no Gaussian keeps more than `opacity`.
-pub fn reset_opacity(recording: &mut Recording, model: &Resident, state: &AdamState, opacity: f64) {
+pub fn reset_opacity(recording: &mut Recording, trainee: &Trainee, opacity: f64) {
+    let Trainee { model, moments, .. } = trainee;
     let kernel = ResetOpacity {
         count: &model.count.value,
-        logits: &model.opacity_logits,
-        logits_adam: &state.opacity_logits,
+        logits: &model.parameters.opacity_logits,
+        logits_adam: &moments.opacity_logits,
         push: ResetOpacityPush { limit: (opacity / (1.0 - opacity)).ln() as f32 },
         spec: ResetOpacitySpec { workgroup: WORKGROUP },
     };
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));
 }
 
-type Bands<T> = [Buffer<T>; MAX_SH_DEGREE + 1];
-
-/// Gathers attribute rows of the old model into arrays of the new one.
-struct Rows<'a> {
-    device: &'a Device,
-    recording: &'a mut Recording,
-    count: &'a Count,
-    sources: &'a Buffer<u32>,
-    kinds: &'a Buffer<u32>,
+/// What becomes of each Gaussian.
+struct Choice {
+    /// By Gaussian: how many it becomes, none where it is pruned.
+    copies: Buffer<u32>,
+    /// By Gaussian: whether it is split.
+    splits: Buffer<u32>,
+    /// By Gaussian: the first row of its successors.
+    offsets: Buffer<u32>,
+    /// Gaussians there will be.
     after: usize,
 }
 
-impl Rows<'_> {
-    fn gather(&mut self, name: &str, source: &Buffer<f32>, width: usize, fresh: bool) -> Result<Buffer<f32>> {
-        let target = self.device.buffer(name, self.after * width)?;
-        let kernel = GatherRows {
-            count: &self.count.value,
-            sources: self.sources,
-            kinds: self.kinds,
-            source,
-            target: &target,
-            spec: GatherRowsSpec { workgroup: WORKGROUP, width: width as u32, fresh },
-        };
-        self.recording.dispatch(&kernel, self.count.groups(WORKGROUP));
-        Ok(target)
-    }
-
-    fn parameters(&mut self, model: &Resident) -> Result<([Buffer<f32>; 4], Bands<f32>)> {
-        let main = [
-            self.gather("means", &model.means, 3, false)?,
-            self.gather("log scales", &model.log_scales, 3, false)?,
-            self.gather("rotations", &model.rotations.cast(), 4, false)?,
-            self.gather("opacity logits", &model.opacity_logits, 1, false)?,
-        ];
-        let mut band = |l: usize| -> Result<Buffer<f32>> {
-            if l > model.degree {
-                return Ok(model.sh[l].clone());
+impl Choice {
+    /// Those that want to grow do so, where there is room; else those with the largest gradients.
+    fn new(device: &Device, trainee: &Trainee, schedule: &Schedule, step: Step) -> Result<Self> {
+        let Trainee { model, growth, .. } = trainee;
+        let n = model.len;
+        let (copies, splits) = (device.buffer("copies", n)?, device.buffer("splits", n)?);
+        let offsets = device.buffer("offsets", n)?;
+        let total = device.buffer::<u32>("new Gaussians", 1)?;
+        let scan = Scan::new(device, n as u32)?;
+        let mut threshold = if n < step.most { schedule.densify_gradient as f32 } else { f32::MAX };
+        loop {
+            let mut recording = Recording::new();
+            let kernel = Densify {
+                count: &model.count.value,
+                growth,
+                means: &model.parameters.means,
+                log_scales: &model.parameters.log_scales,
+                rotations: &model.quaternions(),
+                logits: &model.parameters.opacity_logits,
+                copies: &copies,
+                splits: &splits,
+                push: step.limits(schedule, threshold),
+                spec: DensifySpec { workgroup: WORKGROUP },
+            };
+            recording.dispatch(&kernel, model.count.groups(WORKGROUP));
+            scan.record(&mut recording, &model.count, &copies, &offsets, Some(&total));
+            device.run(recording)?;
+            let after = total.read(device)?[0] as usize;
+            if after <= step.most.max(n) {
+                return Ok(Self { copies, splits, offsets, after });
             }
-            self.gather(["sh0", "sh1", "sh2", "sh3"][l], &model.sh[l], Gaussians::band_width(l), false)
-        };
-        Ok((main, [band(0)?, band(1)?, band(2)?, band(3)?]))
+            // Fewer grow until they fit: those with the largest gradients stay. From 1e-12 that takes 516 rounds at most.
+            threshold = threshold.max(1e-12) * 1.25;
+        }
     }
+}
 
-    fn moments(&mut self, degree: usize, state: &AdamState) -> Result<AdamState> {
-        let mut pairs = |name: &str, source: &Buffer<[f32; 2]>, width: usize| -> Result<Buffer<[f32; 2]>> {
-            Ok(self.gather(name, &source.cast(), 2 * width, true)?.cast())
+impl Step {
+    /// What the kernel compares with, a Gaussian growing from the gradient `threshold` on.
+    fn limits(&self, schedule: &Schedule, threshold: f32) -> DensifyPush {
+        let [x, y, z] = self.cameras;
+        let prunes_large = schedule.prunes_large(self.iteration);
+        DensifyPush {
+            threshold,
+            cameras: [x, y, z, self.extent as f32],
+            split_scale: schedule.clone_scale.ln() as f32,
+            largest_scale: if prunes_large { schedule.prune_scale.ln() as f32 } else { f32::MAX },
+            least_logit: (schedule.prune_opacity / (1.0 - schedule.prune_opacity)).ln() as f32,
+        }
+    }
+}
+
+/// Where the rows of a successor come from: the old model's rows, and whether they are kept, cloned or halves.
+struct Rows {
+    sources: Buffer<u32>,
+    kinds: Buffer<u32>,
+}
+
+impl Rows {
+    /// Records how the successor comes from the old model. Moments of new Gaussians are zero, and so is growth.
+    fn gather(&self, device: &Device, recording: &mut Recording, old: &Trainee) -> Result<Trainee> {
+        let degree = old.model.degree;
+        let new = Trainee::room(device, self.sources.len(), degree)?;
+        recording.fill(&new.growth, 0);
+        let count = &new.model.count;
+        let mut gather = |source: &Buffer<f32>, target: &Buffer<f32>, width: usize, fresh: bool| {
+            let kernel = GatherRows {
+                count: &count.value,
+                sources: &self.sources,
+                kinds: &self.kinds,
+                source,
+                target,
+                spec: GatherRowsSpec { workgroup: WORKGROUP, width: width as u32, fresh },
+            };
+            recording.dispatch(&kernel, count.groups(WORKGROUP));
         };
-        let mut band = |l: usize| -> Result<Buffer<[f32; 2]>> {
-            if l > degree {
-                return Ok(state.sh[l].clone());
-            }
-            let name = ["sh0's moments", "sh1's moments", "sh2's moments", "sh3's moments"][l];
-            pairs(name, &state.sh[l], Gaussians::band_width(l))
-        };
-        let sh = [band(0)?, band(1)?, band(2)?, band(3)?];
-        Ok(AdamState {
-            means: pairs("means' moments", &state.means, 3)?,
-            log_scales: pairs("log scales' moments", &state.log_scales, 3)?,
-            rotations: pairs("rotations' moments", &state.rotations, 4)?,
-            opacity_logits: pairs("opacity logits' moments", &state.opacity_logits, 1)?,
-            sh,
-        })
+        let widths = Attributes::widths(degree);
+        let parameters = old.model.parameters.each_ref().zip(new.model.parameters.each_ref());
+        for (width, (source, target)) in widths.zip(parameters).up_to(degree) {
+            gather(source, target, width, false);
+        }
+        for (width, (source, target)) in widths.zip(old.moments.each_ref().zip(new.moments.each_ref())).up_to(degree) {
+            gather(&source.cast(), &target.cast(), 2 * width, true);
+        }
+        Ok(new)
     }
 }

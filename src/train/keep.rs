@@ -4,8 +4,8 @@ use super::density::compact;
 use super::error::Result;
 use super::loss::Weights;
 use super::trainer::Trainer;
-use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
+use crate::gaussians::{Attributes, Gaussians};
 
 impl Trainer {
     /// Goes on with the Gaussians marked in `keep` alone, moments and all. Where `merged` is given (as many Gaussians as
@@ -17,7 +17,7 @@ impl Trainer {
     /// # Panics
     /// When `keep` has not one mark a Gaussian.
     pub fn keep(&mut self, keep: &[bool], merged: Option<&Gaussians>) -> Result<()> {
-        assert_eq!(keep.len(), self.model.len, "one mark a Gaussian");
+        assert_eq!(keep.len(), self.trainee.model.len, "one mark a Gaussian");
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|i| keep[*i as usize]).collect();
         let colours = match merged {
             None => None,
@@ -26,9 +26,10 @@ impl Trainer {
                 Some(Resident::upload(&self.device, &model.select(&kept))?)
             }
         };
-        compact(&self.device, &mut self.model, &mut self.state, &mut self.growth, &kept)?;
-        if let Some(Resident { opacity_logits, sh, .. }) = colours {
-            (self.model.opacity_logits, self.model.sh) = (opacity_logits, sh);
+        compact(&self.device, &mut self.trainee, &kept)?;
+        if let Some(Resident { parameters: Attributes { opacity_logits, sh, .. }, .. }) = colours {
+            let parameters = &mut self.trainee.model.parameters;
+            (parameters.opacity_logits, parameters.sh) = (opacity_logits, sh);
         }
         self.responses = None;
         Ok(())

@@ -1,6 +1,5 @@
 //! What a training run will need of the device's memory, before it begins.
 
-use super::adam::AdamState;
 use super::density;
 use super::device_photos::DevicePhotos;
 use super::exposure::Exposure;
@@ -8,10 +7,10 @@ use super::halve::Halve;
 use super::loss::Loss;
 use super::mask::Mask;
 use super::smoothing::Smoothing;
+use super::trainee::Trainee;
 use super::trainer::Trainer;
 use crate::gaussians::Gaussians;
-use crate::gaussians::resident::Resident;
-use crate::gpu::{Buffer, Device, staging_bytes};
+use crate::gpu::{Device, staging_bytes};
 use crate::render::{Renderer, Style, Uses};
 
 /// What a run's memory depends on.
@@ -45,7 +44,7 @@ impl Trainer {
     /// Bytes of device memory that a run takes at its height.
     pub fn bytes(device: &Device, demand: &Demand) -> u64 {
         let &Demand { gaussians: n, pairs, size, degree, grows, .. } = demand;
-        let model = Resident::bytes(n, degree) + AdamState::bytes(n, degree) + Buffer::<[f32; 2]>::bytes_of(n);
+        let model = Trainee::bytes(n, degree);
         let uses = Uses { training: true, depth_order: demand.style.depth_order };
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
         let pictures =

@@ -17,11 +17,13 @@ mod options;
 mod respond;
 pub mod schedule;
 pub mod smoothing;
+mod trainee;
 mod trainer;
 
 pub use error::{Error, Result};
 pub use memory::Demand;
 pub use options::Options;
+pub use trainee::Trainee;
 pub use trainer::{Progress, Trainer};
 
 use crate::render;

@@ -34,7 +34,7 @@ impl Trainer {
         let responses = full_pass(
             device,
             &mut self.renderer,
-            &self.model,
+            &self.trainee.model,
             &cameras,
             &objective.loss.gradient,
             with_scores,

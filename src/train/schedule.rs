@@ -104,14 +104,14 @@ impl Schedule {
     /// Learning rates of iteration `iteration` (1 at the first) in a scene of this extent.
     pub fn rates(&self, iteration: u32, extent: f64) -> Rates {
         let t = f64::from(iteration) / f64::from(self.iterations.max(1));
+        let (dc, rest) = (self.dc_rate as f32, self.rest_rate as f32);
         let position = self.position_rate.ln() * (1.0 - t) + self.position_rate_end.ln() * t;
         Rates {
-            mean: (position.exp() * extent) as f32,
-            scale: self.scale_rate as f32,
-            rotation: self.rotation_rate as f32,
-            opacity: self.opacity_rate as f32,
-            dc: self.dc_rate as f32,
-            rest: self.rest_rate as f32,
+            means: (position.exp() * extent) as f32,
+            log_scales: self.scale_rate as f32,
+            rotations: self.rotation_rate as f32,
+            opacity_logits: self.opacity_rate as f32,
+            sh: [dc, rest, rest, rest],
         }
     }
 
@@ -202,15 +202,15 @@ mod tests {
     fn position_rates_are_log_linear() {
         for iterations in [30_000, 1000] {
             let s = of(iterations);
-            let at = |share: f64| f64::from(s.rates((f64::from(iterations) * share) as u32, 2.0).mean);
+            let at = |share: f64| f64::from(s.rates((f64::from(iterations) * share) as u32, 2.0).means);
             for (share, right) in [(0.0, 3.2e-4), (0.25, 3.2e-4 * 0.01_f64.powf(0.25)), (0.5, 3.2e-5), (1.0, 3.2e-6)] {
                 assert!((at(share) / right - 1.0).abs() < 1e-6, "{share}: {}", at(share));
             }
         }
         let (first, last) = (of(1000).rates(1, 1.0), of(1000).rates(1000, 5.0));
-        assert_eq!(Rates { mean: 0.0, ..first }, Rates { mean: 0.0, ..last }, "the others stay");
-        assert_eq!((first.scale, first.rotation, first.opacity), (5e-3, 1e-3, 0.05));
-        assert_eq!((first.dc, first.rest), (2.5e-3, 1.25e-4));
+        assert_eq!(Rates { means: 0.0, ..first }, Rates { means: 0.0, ..last }, "the others stay");
+        assert_eq!((first.log_scales, first.rotations, first.opacity_logits), (5e-3, 1e-3, 0.05));
+        assert_eq!(first.sh, [2.5e-3, 1.25e-4, 1.25e-4, 1.25e-4]);
     }
 
     /// Zeros from a file of settings mean "never", and nothing divides by them.
@@ -218,7 +218,7 @@ mod tests {
     fn zeros_do_no_harm() {
         let none = Schedule { densify_every: 0, opacity_reset_every: 0, ..of(100) };
         assert!(when(&none, |s, i| s.densifies(i) || s.resets_opacity(i)).is_empty());
-        assert!(of(0).rates(0, 1.0).mean.is_finite() && of(1).degree(1, 3) <= 3);
+        assert!(of(0).rates(0, 1.0).means.is_finite() && of(1).degree(1, 3) <= 3);
         assert_eq!(Schedule { degree_every: 0.0, ..of(100) }.degree(2, 3), 2);
     }
 }

@@ -41,8 +41,8 @@ impl Smoothing {
         let kernel = Kernel {
             view: &self.views,
             count: &model.count.value,
-            means: &model.means,
-            log_scales: &model.log_scales,
+            means: &model.parameters.means,
+            log_scales: &model.parameters.log_scales,
             push: SmoothingPush { views: self.views.len() as u32 },
             spec: SmoothingSpec { workgroup: WORKGROUP },
         };

@@ -1,7 +1,7 @@
 //! The training loop. An iteration never waits for the host: it runs project to Adam on the device; the host looks every
 //! few iterations, grows what was too small, and repeats what did not count.
 
-use super::adam::{self, AdamState};
+use super::adam;
 use super::density::{self, Step, densify};
 use super::device_photos::DevicePhotos;
 use super::error::{Error, Result};
@@ -10,9 +10,10 @@ use super::halve::{self, Halve};
 use super::objective::{Current, Objective};
 use super::options::Options;
 use super::smoothing::Smoothing;
+use super::trainee::Trainee;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
-use crate::gpu::{Buffer, Device, Recording, Ticket, Timings};
+use crate::gpu::{Device, Recording, Ticket, Timings};
 use crate::random::permutation;
 use crate::render::{Backward, Renderer};
 use crate::response::{Gather, ResidentResponses};
@@ -42,9 +43,7 @@ pub struct Progress {
 pub struct Trainer {
     pub(super) device: Device,
     pub(super) options: Options,
-    pub(super) model: Resident,
-    pub(super) state: AdamState,
-    pub(super) growth: Buffer<[f32; 2]>,
+    pub(super) trainee: Trainee,
     /// Averaged responses, while there are any.
     pub(super) responses: Option<ResidentResponses>,
     pub(super) iteration: u32,
@@ -71,16 +70,13 @@ impl Trainer {
     /// # Errors
     /// Device memory; device errors; no photos.
     pub fn new(device: &Device, model: &Gaussians, photos: Vec<Photo>, extent: f64, options: Options) -> Result<Self> {
-        let model = Resident::upload(device, model)?;
-        let state = AdamState::zeros(device, &model)?;
-        let growth = device.upload("growth", &vec![[0.0; 2]; model.len])?;
-        Self::assemble(device, (model, state, growth), photos, extent, options)
+        Self::assemble(device, Trainee::new(device, model)?, photos, extent, options)
     }
 
-    /// A run with this model, its moments and its density sums, before any iteration.
+    /// A run with this model, before any iteration.
     pub(super) fn assemble(
         device: &Device,
-        (model, state, growth): (Resident, AdamState, Buffer<[f32; 2]>),
+        trainee: Trainee,
         photos: Vec<Photo>,
         extent: f64,
         options: Options,
@@ -89,7 +85,8 @@ impl Trainer {
             return Err(Error::NoViews);
         }
         let size = camera::largest(photos.iter().map(|p| &p.camera));
-        let renderer = Renderer::for_training(device, options.settings, model.len * 5 / 4, size, options.pairs)?;
+        let renderer =
+            Renderer::for_training(device, options.settings, trainee.model.len * 5 / 4, size, options.pairs)?;
         // Photos first: what brings them to the device is gone before the loss's pictures are made.
         let device_photos = DevicePhotos::new(device, &photos)?;
         let objective = Objective::new(device, &photos, size, &options)?;
@@ -103,9 +100,7 @@ impl Trainer {
             device_photos,
             objective,
             device: device.clone(),
-            model,
-            state,
-            growth,
+            trainee,
             responses: None,
             iteration: 0,
             skipped_rows: 0,
@@ -126,7 +121,7 @@ impl Trainer {
 
     /// Gaussians now.
     pub fn len(&self) -> usize {
-        self.model.len
+        self.trainee.model.len
     }
 
     /// Whether none is left.
@@ -136,12 +131,12 @@ impl Trainer {
 
     /// The model in device memory.
     pub fn model(&self) -> &Resident {
-        &self.model
+        &self.trainee.model
     }
 
     /// The model in device memory; all else is given back.
     pub fn into_model(self) -> Resident {
-        self.model
+        self.trainee.model
     }
 
     /// Device time by stage so far.
@@ -167,7 +162,7 @@ impl Trainer {
         }
         self.raise_degree(first + 1)?;
         if self.responses.is_none() && self.options.averaged.contains(&(first + 1)) {
-            self.responses = Some(ResidentResponses::zeros(&self.device, self.model.len)?);
+            self.responses = Some(ResidentResponses::zeros(&self.device, self.trainee.model.len)?);
         }
         let last = self.boundary(until);
         let mut recording = Recording::new();
@@ -196,7 +191,7 @@ impl Trainer {
         let counts = self.renderer.backward_counts()?;
         self.skipped_rows += u64::from(counts.skipped_rows);
         // Without a Gaussian no kernel runs that would count.
-        self.iteration = if self.model.len == 0 { last } else { first + counts.passes };
+        self.iteration = if self.trainee.model.len == 0 { last } else { first + counts.passes };
         let pairs = self.renderer.pairs()?;
         if self.renderer.make_room_for_pairs(pairs)? {
             tracing::debug!("{pairs} pairs did not fit: iterations from {} are repeated", self.iteration + 1);
@@ -212,7 +207,7 @@ impl Trainer {
     }
 
     fn progress(&self) -> Progress {
-        Progress { iteration: self.iteration, loss: self.last_loss, gaussians: self.model.len }
+        Progress { iteration: self.iteration, loss: self.last_loss, gaussians: self.trainee.model.len }
     }
 
     /// The model as it stands, on the host.
@@ -220,7 +215,7 @@ impl Trainer {
     /// # Errors
     /// Device errors.
     pub fn download(&self) -> Result<Gaussians> {
-        Ok(self.model.download(&self.device)?)
+        Ok(self.trainee.model.download(&self.device)?)
     }
 
     /// The last iteration that may run before the host must look.
@@ -235,23 +230,13 @@ impl Trainer {
     }
 
     fn wants_degree(&self, iteration: u32) -> bool {
-        self.options.schedule.degree(iteration, self.options.degree.min(MAX_SH_DEGREE)) > self.model.degree
+        self.options.schedule.degree(iteration, self.options.degree.min(MAX_SH_DEGREE)) > self.trainee.model.degree
     }
 
     /// A band gets its arrays when the run first uses it.
     fn raise_degree(&mut self, iteration: u32) -> Result<()> {
         while self.wants_degree(iteration) {
-            let l = self.model.degree + 1;
-            let len = self.model.len * Gaussians::band_width(l);
-            let name = ["sh0", "sh1", "sh2", "sh3"][l];
-            let (band, moments) = (self.device.buffer(name, len)?, self.device.buffer("SH moments", len)?);
-            let mut recording = Recording::new();
-            recording.fill(&band, 0);
-            recording.fill(&moments, 0);
-            self.device.run(recording)?;
-            self.model.sh[l] = band;
-            self.state.sh[l] = moments;
-            self.model.degree = l;
+            self.trainee.raise_degree(&self.device)?;
         }
         Ok(())
     }
@@ -293,7 +278,7 @@ impl Trainer {
         let (next, at) = (self.view_of(iteration + 1), self.view_of(iteration));
         let halved = self.halved(at, iteration);
         let mut photo = self.device_photos.get(&self.device, &self.photos, at, next)?;
-        let (options, model) = (&self.options, &self.model);
+        let (options, model) = (&self.options, &self.trainee.model);
         let mut recording = Recording::new();
         let mut camera = &self.photos[at].camera;
         if let (Some(half), Some(halved)) = (&self.half, &halved) {
@@ -322,12 +307,12 @@ impl Trainer {
         if responses.is_some() {
             objective.record_residual(&mut recording, seen, current, options);
         }
-        let growth = options.schedule.gathers(iteration).then_some(&self.growth);
+        let growth = options.schedule.gathers(iteration).then_some(&self.trainee.growth);
         let backward = Backward { residual: responses.is_some(), growth, ..Backward::default() };
         let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
         renderer.record_backward(&mut recording, model, camera, gradient, backward);
         let rates = options.schedule.rates(iteration, self.extent);
-        adam::record(&mut recording, renderer, model, &self.state, &rates, iteration);
+        adam::record(&mut recording, renderer, &self.trainee, &rates, iteration);
         if let Some(responses) = responses {
             responses.record(&mut recording, renderer, model, camera, Gather::Average { iteration });
         }
@@ -340,19 +325,18 @@ impl Trainer {
         if schedule.densifies(iteration) {
             let (seed, most) = (self.options.seed, self.options.most);
             let step = Step { iteration, seed, extent: self.extent, cameras: self.cameras, most };
-            let (model, state, growth) = (&mut self.model, &mut self.state, &mut self.growth);
-            densify(&self.device, model, state, growth, schedule, step)?;
+            densify(&self.device, &mut self.trainee, schedule, step)?;
             self.responses = None;
-            self.renderer.make_room_for_gaussians(self.model.len)?;
+            self.renderer.make_room_for_gaussians(self.trainee.model.len)?;
         }
         if schedule.resets_opacity(iteration) {
             let mut recording = Recording::new();
-            density::reset_opacity(&mut recording, &self.model, &self.state, RESET_OPACITY);
+            density::reset_opacity(&mut recording, &self.trainee, RESET_OPACITY);
             self.device.run(recording)?;
         }
         if let Some(smoothing) = self.smoothing_after(iteration) {
             let mut recording = Recording::new();
-            smoothing.record(&mut recording, &self.model);
+            smoothing.record(&mut recording, &self.trainee.model);
             self.timings.merge(&self.device.submit(recording)?.wait()?);
         }
         Ok(())

@@ -3,12 +3,13 @@
 use crate::support::golden::{Case, Fixture};
 use crate::support::synthetic::{Random, narrowed, random_scene, small_camera};
 use crate::support::{device, finish, shared};
-use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings, Style};
 use qirf_vk::scene::camera::Camera;
-use qirf_vk::train::adam::{AdamState, record_gradients};
+use qirf_vk::train::Trainee;
+use qirf_vk::train::adam::record_gradients;
 
 /// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, as the device computes them.
 fn gradients(
@@ -19,37 +20,28 @@ fn gradients(
     weights: &[[f32; 4]],
     through_direction: bool,
 ) -> Params {
-    let resident = Resident::upload(device, model).unwrap();
+    let trainee = Trainee::new(device, model).unwrap();
     let size = [camera.width, camera.height];
     let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12).unwrap();
-    let state = AdamState::zeros(device, &resident).unwrap();
-    let growth = device.upload("growth", &vec![[0_f32; 2]; model.len()]).unwrap();
     let image_gradient = device.upload("image gradient", weights).unwrap();
     loop {
-        renderer.draw(&resident, camera).unwrap(); // so that the pairs have room
+        renderer.draw(&trainee.model, camera).unwrap(); // so that the pairs have room
         let pairs = renderer.pairs().unwrap();
         if !renderer.make_room_for_pairs(pairs).unwrap() {
             break;
         }
     }
     let mut recording = Recording::new();
-    renderer.record(&mut recording, &resident, camera);
-    let backward = Backward { growth: Some(&growth), through_direction, ..Backward::default() };
-    renderer.record_backward(&mut recording, &resident, camera, &image_gradient, backward);
-    record_gradients(&mut recording, &renderer, &resident, &state);
+    renderer.record(&mut recording, &trainee.model, camera);
+    let backward = Backward { growth: Some(&trainee.growth), through_direction, ..Backward::default() };
+    renderer.record_backward(&mut recording, &trainee.model, camera, &image_gradient, backward);
+    record_gradients(&mut recording, &renderer, &trainee.model, &trainee.moments);
     device.run(recording).unwrap();
     assert_eq!(renderer.backward_counts().unwrap(), BackwardCounts { skipped_rows: 0, passes: 1 });
     let first = |buffer: &qirf_vk::gpu::Buffer<[f32; 2]>| -> Vec<f64> {
         buffer.read(device).unwrap().iter().map(|m| f64::from(m[0])).collect()
     };
-    let rows3 = |v: &[f64]| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-    Params {
-        means: rows3(&first(&state.means)),
-        log_scales: rows3(&first(&state.log_scales)),
-        rotations: first(&state.rotations).chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect(),
-        opacity_logits: first(&state.opacity_logits),
-        sh: (0..=model.degree()).map(|l| first(&state.sh[l])).collect(),
-    }
+    Params::of_attributes(trainee.moments.each_ref().map(first), model.sh.len())
 }
 
 /// Relative error in the Euclidean norm.

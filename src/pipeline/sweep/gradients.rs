@@ -9,11 +9,12 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
 use crate::pipeline::pairs;
 use crate::render::{AtomicSums, Backward, Image, Renderer};
-use crate::scene::{FourthByte, Photo, camera};
-use crate::train::adam::{self, AdamState, Rates};
+use crate::scene::camera::{self, Camera};
+use crate::scene::{FourthByte, Photo};
+use crate::train::adam::{self, Rates};
 use crate::train::loss::{self, Loss, Target, Weights};
 use crate::train::schedule::Schedule;
-use crate::train::{self, STAGES};
+use crate::train::{self, STAGES, Trainee};
 use std::time::Instant;
 
 /// Times that each rung's gradients are taken.
@@ -40,7 +41,6 @@ struct Bench<'a> {
     renderer: Renderer,
     loss: Loss,
     photos: Vec<Buffer<u32>>,
-    growth: Buffer<[f32; 2]>,
 }
 
 impl<'a> Bench<'a> {
@@ -60,17 +60,11 @@ impl<'a> Bench<'a> {
             // Makes room for the view's pairs.
             renderer.render(model, &view.camera)?;
         }
-        Ok(Self {
-            context,
-            renderer,
-            loss: Loss::new(device, width, height)?,
-            photos,
-            growth: device.upload("growth", &vec![[0.0; 2]; model.len])?,
-        })
+        Ok(Self { context, renderer, loss: Loss::new(device, width, height)?, photos })
     }
 
     /// Records view `v` forward and back to gradient rows.
-    fn there_and_back(&self, way: &Way, model: &Resident, v: usize) -> Recording {
+    fn there_and_back(&self, way: &Way, Trainee { model, growth, .. }: &Trainee, v: usize) -> Recording {
         let subject = self.context.subject;
         let camera = &subject.views[v].camera;
         let mut recording = Recording::new();
@@ -82,47 +76,43 @@ impl<'a> Bench<'a> {
             let (fourth_byte, background) = (FourthByte::of(&subject.views), settings.background);
             self.loss.record(r, image, Target { photo, size, fourth_byte, background }, Weights::default());
         });
-        let backward = Backward { atomics: way.sums.as_ref(), growth: Some(&self.growth), ..Backward::default() };
+        let backward = Backward { atomics: way.sums.as_ref(), growth: Some(growth), ..Backward::default() };
         self.renderer.record_backward(&mut recording, model, camera, &self.loss.gradient, backward);
         recording
     }
 
     /// One iteration on view `v`; its time.
-    fn step(&self, way: &Way, model: &Resident, state: &AdamState, v: usize, step: Step) -> Result<Sample, Error> {
-        let mut recording = self.there_and_back(way, model, v);
-        adam::record(&mut recording, &self.renderer, model, state, &step.rates, step.number);
+    fn step(&self, way: &Way, trainee: &Trainee, v: usize, step: Step) -> Result<Sample, Error> {
+        let mut recording = self.there_and_back(way, trainee, v);
+        adam::record(&mut recording, &self.renderer, trainee, &step.rates, step.number);
         let started = Instant::now();
         let timings = self.context.session.device.run(recording)?;
         Ok(Sample::of(self.context.session.device, &timings, &STAGES, started))
     }
 
     /// All gradients by view 0, one attribute after the other.
-    fn gradients(&self, way: &Way, model: &Resident, state: &AdamState) -> Result<Vec<f32>, Error> {
-        let mut recording = self.there_and_back(way, model, 0);
-        adam::record_gradients(&mut recording, &self.renderer, model, state);
+    fn gradients(&self, way: &Way, trainee: &Trainee) -> Result<Vec<f32>, Error> {
+        let mut recording = self.there_and_back(way, trainee, 0);
+        adam::record_gradients(&mut recording, &self.renderer, &trainee.model, &trainee.moments);
         self.context.session.device.run(recording)?;
-        let mut out = Vec::new();
-        let all = [&state.means, &state.log_scales, &state.rotations, &state.opacity_logits];
-        for moments in all.into_iter().chain(&state.sh[..=model.degree]) {
-            out.extend(moments.read(self.context.session.device)?.into_iter().map(|m| m[0]));
-        }
-        Ok(out)
+        let moments = trainee.moments.each_ref().try_map(|moments| moments.read(self.context.session.device))?;
+        Ok(moments.into_array().into_iter().flatten().map(|[first, _]| first).collect())
     }
 
     /// A short training, and the picture of its end.
     fn trained(&self, way: &Way) -> Result<Image, Error> {
         let (device, subject) = (self.context.session.device, self.context.subject);
-        let model = Resident::upload(device, &subject.model)?;
-        let state = AdamState::zeros(device, &model)?;
+        let trainee = Trainee::new(device, &subject.model)?;
         let schedule = Schedule::default();
         for step in 1..=STEPS {
             let v = step as usize % subject.views.len();
-            self.step(way, &model, &state, v, Step { number: step, rates: schedule.rates(step, 1.0) })?;
+            self.step(way, &trainee, v, Step { number: step, rates: schedule.rates(step, 1.0) })?;
             self.context.session.watcher.unless_stopped()?;
         }
         let camera = &subject.views[0].camera;
-        let mut renderer = Renderer::new(device, subject.settings, model.len, camera.width, camera.height)?;
-        Ok(renderer.render(&model, camera)?)
+        let (n, Camera { width, height, .. }) = (trainee.model.len, camera);
+        let mut renderer = Renderer::new(device, subject.settings, n, *width, *height)?;
+        Ok(renderer.render(&trainee.model, camera)?)
     }
 }
 
@@ -139,19 +129,18 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
     let (device, subject) = (context.session.device, context.subject);
-    let model = Resident::upload(device, &subject.model)?;
-    let state = AdamState::zeros(device, &model)?;
+    let trainee = Trainee::new(device, &subject.model)?;
     let native = AtomicSums::are_native(device);
     let mut ways = Vec::new();
     for name in rungs {
         let sums = match name.as_str() {
             "ordered" => None,
             "atomics" if !native => continue,
-            other => Some(AtomicSums::new(device, model.len, other == "atomics")?),
+            other => Some(AtomicSums::new(device, trainee.model.len, other == "atomics")?),
         };
         ways.push(Way { name: name.clone(), sums });
     }
-    let bench = Bench::new(context, &model)?;
+    let bench = Bench::new(context, &trainee.model)?;
     let mut axis = AxisRecord::new(
         Axis::Gradients,
         "How a Gaussian's gradients are added up",
@@ -161,13 +150,13 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
             "ms an iteration",
         ],
     );
-    let ordered = bench.gradients(&Way { name: String::new(), sums: None }, &model, &state)?;
+    let ordered = bench.gradients(&Way { name: String::new(), sums: None }, &trainee)?;
     let still = Step { number: 1, rates: Rates::default() };
     for way in &ways {
-        let first = bench.gradients(way, &model, &state)?;
+        let first = bench.gradients(way, &trainee)?;
         let (mut far, mut differing) = (0.0_f64, 0);
         for _ in 1..RUNS {
-            let (f, n) = apart(&first, &bench.gradients(way, &model, &state)?);
+            let (f, n) = apart(&first, &bench.gradients(way, &trainee)?);
             (far, differing) = (far.max(f), differing.max(n));
         }
         let (one, other) = (bench.trained(way)?, bench.trained(way)?);
@@ -182,7 +171,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
     }
     let timed =
         interleaved(ways.len(), (context.seconds, 2 * subject.views.len()), context.session.watcher, |k, round| {
-            bench.step(&ways[k], &model, &state, round % subject.views.len(), still)
+            bench.step(&ways[k], &trainee, round % subject.views.len(), still)
         })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
     tell(&mut axis, native);

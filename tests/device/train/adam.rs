@@ -3,21 +3,20 @@
 use crate::support::synthetic::{Random, narrowed, random_scene, small_camera};
 use crate::support::{device, finish};
 use glam::DVec3;
-use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
-use qirf_vk::train::adam::{self, AdamState, Rates};
+use qirf_vk::train::Trainee;
+use qirf_vk::train::adam::{self, Moments, Rates};
 use qirf_vk::train::schedule::Schedule;
 
 /// A model under training by a fixed gradient of the picture.
 struct Bench {
     device: Device,
     renderer: Renderer,
-    model: Resident,
-    state: AdamState,
-    growth: Buffer<[f32; 2]>,
+    trainee: Trainee,
     camera: Camera,
     by_image: Buffer<[f32; 4]>,
 }
@@ -26,13 +25,10 @@ impl Bench {
     fn new(device: &Device, model: &Gaussians, camera: &Camera, by_image: &[[f32; 4]]) -> Self {
         let size = [camera.width, camera.height];
         let renderer = Renderer::for_training(device, Settings::default(), model.len(), size, 1 << 14).unwrap();
-        let resident = Resident::upload(device, model).unwrap();
         Self {
             device: device.clone(),
             renderer,
-            state: AdamState::zeros(device, &resident).unwrap(),
-            model: resident,
-            growth: device.upload("growth", &vec![[0.0; 2]; model.len()]).unwrap(),
+            trainee: Trainee::new(device, model).unwrap(),
             camera: camera.clone(),
             by_image: device.upload("image gradient", by_image).unwrap(),
         }
@@ -40,40 +36,39 @@ impl Bench {
 
     fn there_and_back(&self, growth: Option<&Buffer<[f32; 2]>>) -> Recording {
         let mut recording = Recording::new();
-        self.renderer.record(&mut recording, &self.model, &self.camera);
+        self.renderer.record(&mut recording, &self.trainee.model, &self.camera);
         let backward = Backward { growth, ..Backward::default() };
-        self.renderer.record_backward(&mut recording, &self.model, &self.camera, &self.by_image, backward);
+        self.renderer.record_backward(&mut recording, &self.trainee.model, &self.camera, &self.by_image, backward);
         recording
     }
 
     fn step(&self, step: u32) {
-        let mut recording = self.there_and_back(Some(&self.growth));
-        adam::record(&mut recording, &self.renderer, &self.model, &self.state, &rates(step), step);
+        let mut recording = self.there_and_back(Some(&self.trainee.growth));
+        adam::record(&mut recording, &self.renderer, &self.trainee, &rates(step), step);
         self.device.run(recording).unwrap();
     }
 
     /// Gradients by the parameters as they are.
     fn gradients(&self) -> Params {
-        let state = AdamState::zeros(&self.device, &self.model).unwrap();
+        let apart = adam::zeros(&self.device, &self.trainee.model).unwrap();
         let mut recording = self.there_and_back(None);
-        adam::record_gradients(&mut recording, &self.renderer, &self.model, &state);
+        adam::record_gradients(&mut recording, &self.renderer, &self.trainee.model, &apart);
         self.device.run(recording).unwrap();
-        let mut out = Params::from(&self.model.download(&self.device).unwrap());
-        for ((_, into), moments) in out.groups_mut().into_iter().zip(moments(&state, &self.device, 3)) {
+        let mut out = Params::from(&self.trainee.model.download(&self.device).unwrap());
+        for ((_, into), moments) in out.groups_mut().into_iter().zip(moments(&apart, &self.device, 3)) {
             into.iter_mut().zip(moments).for_each(|(g, m)| *g = f64::from(m[0]));
         }
         out
     }
 
     fn params(&self) -> Params {
-        Params::from(&self.model.download(&self.device).unwrap())
+        Params::from(&self.trainee.model.download(&self.device).unwrap())
     }
 }
 
 /// Moments of all attributes, in the order of [`Params::groups_mut`].
-fn moments(state: &AdamState, device: &Device, degree: usize) -> Vec<Vec<[f32; 2]>> {
-    let main = [&state.means, &state.log_scales, &state.rotations, &state.opacity_logits];
-    main.into_iter().chain(&state.sh[..=degree]).map(|b| b.read(device).unwrap()).collect()
+fn moments(moments: &Moments, device: &Device, degree: usize) -> Vec<Vec<[f32; 2]>> {
+    moments.each_ref().up_to(degree).map(|b| b.read(device).unwrap()).collect()
 }
 
 /// The twin's parameters and moments.
@@ -92,8 +87,7 @@ impl Twin {
     /// One step; a Gaussian with any gradient that is not finite stays as a whole. Returns how many stayed.
     fn step(&mut self, gradients: &mut Params, step: u32, rates: Rates) -> usize {
         let n = self.params.len();
-        let rates =
-            [rates.mean, rates.scale, rates.rotation, rates.opacity, rates.dc, rates.rest, rates.rest, rates.rest];
+        let rates = rates.into_array();
         let gradients = gradients.groups_mut();
         let bad = |i: usize| {
             gradients.iter().any(|(_, g)| {
@@ -140,9 +134,7 @@ fn adam_of_every_attribute() {
         let mut gradients = bench.gradients();
         assert_eq!(twin.step(&mut gradients, step, rates(step)), 0);
         bench.step(step);
-        let r = rates(step);
-        let rates = [r.mean, r.scale, r.rotation, r.opacity, r.dc, r.rest, r.rest, r.rest];
-        travel.iter_mut().zip(rates).for_each(|(t, r)| *t += f64::from(r));
+        travel.iter_mut().zip(rates(step).into_array()).for_each(|(t, r)| *t += f64::from(r));
     }
     let (mut got, mut moved) = (bench.params(), 0);
     let mut start = Params::from(&model);
@@ -158,7 +150,7 @@ fn adam_of_every_attribute() {
     }
     assert!(moved > 500, "only {moved} elements moved");
     // First moments to 1e-6 of the attribute's norm, second to 1e-4 (square roots halve it).
-    let got = moments(&bench.state, &device, 3);
+    let got = moments(&bench.trainee.moments, &device, 3);
     for (which, allowed) in [(0, 2e-6), (1, 1e-4)] {
         let of = if which == 0 { &mut twin.first } else { &mut twin.second };
         for ((name, right), got) in of.groups_mut().into_iter().zip(&got) {
@@ -236,8 +228,8 @@ fn a_gradient_that_is_not_finite_stays_where_it_is() {
         }
         (
             bench.params(),
-            moments(&bench.state, &device, 3),
-            bench.growth.read(&device).unwrap(),
+            moments(&bench.trainee.moments, &device, 3),
+            bench.trainee.growth.read(&device).unwrap(),
             bench.renderer.backward_counts().unwrap(),
         )
     };

@@ -3,9 +3,9 @@
 use crate::support::synthetic::Random;
 use crate::support::{device, finish};
 use glam::{DQuat, DVec3};
-use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Buffer, Device, Recording};
-use qirf_vk::train::adam::AdamState;
+use qirf_vk::train::Trainee;
 use qirf_vk::train::density::{Step, densify, reset_opacity};
 use qirf_vk::train::schedule::Schedule;
 
@@ -42,31 +42,19 @@ fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
     (model, growth)
 }
 
-/// Model, moments and growth on the device, the moments all different and none of them zero.
-struct Held {
-    model: Resident,
-    state: AdamState,
-    growth: Buffer<[f32; 2]>,
+/// A model in training, the moments all different and none of them zero.
+fn held(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> Trainee {
+    let trainee = Trainee::new(device, model).unwrap();
+    for (a, buffer) in attributes(&trainee).into_iter().enumerate() {
+        let values: Vec<[f32; 2]> = (0..buffer.len()).map(|k| [(a + 1) as f32, 1.0 + k as f32]).collect();
+        buffer.write(device, &values).unwrap();
+    }
+    trainee.growth.write(device, growth).unwrap();
+    trainee
 }
 
-impl Held {
-    fn new(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> Self {
-        let model = Resident::upload(device, model).unwrap();
-        let state = AdamState::zeros(device, &model).unwrap();
-        for (a, buffer) in attributes(&state).into_iter().enumerate() {
-            let values: Vec<[f32; 2]> = (0..buffer.len()).map(|k| [(a + 1) as f32, 1.0 + k as f32]).collect();
-            buffer.write(device, &values).unwrap();
-        }
-        Self { model, state, growth: device.upload("growth", growth).unwrap() }
-    }
-
-    fn densify(&mut self, device: &Device, schedule: &Schedule, step: Step) -> usize {
-        densify(device, &mut self.model, &mut self.state, &mut self.growth, schedule, step).unwrap()
-    }
-}
-
-fn attributes(state: &AdamState) -> Vec<&Buffer<[f32; 2]>> {
-    vec![&state.means, &state.log_scales, &state.rotations, &state.opacity_logits, &state.sh[0], &state.sh[1]]
+fn attributes(trainee: &Trainee) -> Vec<&Buffer<[f32; 2]>> {
+    trainee.moments.each_ref().up_to(1).collect()
 }
 
 /// Attributes row by row, as bits: NaN equals itself.
@@ -123,15 +111,14 @@ fn decisions_and_new_rows() {
         for count in [1, 31, 700] {
             let schedule = Schedule { iterations, ..Schedule::default() };
             let (model, growth) = scene(count, 11);
-            let mut held = Held::new(&device, &model, &growth);
-            let after = held.densify(&device, &schedule, STEP);
+            let mut held = held(&device, &model, &growth);
+            let after = densify(&device, &mut held, &schedule, STEP).unwrap();
             let plan = decide(&model, &growth, &schedule, large_goes);
             assert_eq!(after, plan.len(), "{count} Gaussians, {iterations} iterations");
             let new = held.model.download(&device).unwrap();
             assert_eq!((held.model.len, new.len()), (after, after));
             assert_eq!(held.growth.read(&device).unwrap(), vec![[0.0; 2]; after]);
-            let moments: Vec<Vec<[f32; 2]>> =
-                attributes(&held.state).into_iter().map(|b| b.read(&device).unwrap()).collect();
+            let moments: Vec<Vec<[f32; 2]>> = attributes(&held).into_iter().map(|b| b.read(&device).unwrap()).collect();
             let mut kinds = [0; 3];
             for (row, &(source, kind)) in plan.iter().enumerate() {
                 kinds[kind as usize] += 1;
@@ -177,8 +164,8 @@ fn halves_are_samples_of_their_parent() {
     };
     let growth = vec![[1.0, 1.0]; count];
     let run = |step: Step| {
-        let mut held = Held::new(&device, &model, &growth);
-        assert_eq!(held.densify(&device, &Schedule::default(), step), 2 * count);
+        let mut held = held(&device, &model, &growth);
+        assert_eq!(densify(&device, &mut held, &Schedule::default(), step).unwrap(), 2 * count);
         held.model.download(&device).unwrap()
     };
     let first = run(STEP);
@@ -219,13 +206,13 @@ fn the_limit_is_kept() {
     model.opacity_logits.fill(0.0);
     let growth: Vec<[f32; 2]> = (0..200_u32).map(|i| [2e-4 * (2.0 + (i * 77 % 200) as f32), 1.0]).collect();
     for most in [1, 200, 201, 250, 399, 400, 1000] {
-        let mut held = Held::new(&device, &model, &growth);
-        let after = held.densify(&device, &schedule, Step { most, ..STEP });
+        let mut held = held(&device, &model, &growth);
+        let after = densify(&device, &mut held, &schedule, Step { most, ..STEP }).unwrap();
         assert!((200..=most.max(200)).contains(&after), "{after} of at most {most}");
         assert!(most < 400 || after == 400);
         assert!(most != 250 || after > 220, "{after}: room was left");
         // A clone's moments are zero; its parent stands before it.
-        let moments = held.state.opacity_logits.read(&device).unwrap();
+        let moments = held.moments.opacity_logits.read(&device).unwrap();
         let grew: Vec<usize> =
             (1..after).filter(|i| moments[*i] == [0.0; 2]).map(|i| moments[i - 1][1] as usize - 1).collect();
         assert_eq!(grew.len(), after - 200);
@@ -248,8 +235,8 @@ fn the_limit_is_kept_by_any_gradients() {
     for gradient in [0.0, -1.0, 2e-4] {
         for sum in [0.0, 1e-30, 1.0, 1e30, f32::INFINITY, f32::NAN] {
             let schedule = Schedule { densify_gradient: gradient, ..Schedule::default() };
-            let mut held = Held::new(&device, &model, &vec![[sum, 2.0]; 64]);
-            let after = held.densify(&device, &schedule, Step { most: 100, ..STEP });
+            let mut held = held(&device, &model, &vec![[sum, 2.0]; 64]);
+            let after = densify(&device, &mut held, &schedule, Step { most: 100, ..STEP }).unwrap();
             assert!((64..=100).contains(&after), "gradient {gradient}, sums {sum}: {after}");
         }
     }
@@ -261,10 +248,10 @@ fn all_may_go() {
     let device = device();
     let (mut model, growth) = scene(40, 5);
     model.opacity_logits.fill(-9.0);
-    let mut held = Held::new(&device, &model, &growth);
-    assert_eq!(held.densify(&device, &Schedule::default(), STEP), 0);
+    let mut held = held(&device, &model, &growth);
+    assert_eq!(densify(&device, &mut held, &Schedule::default(), STEP).unwrap(), 0);
     assert!(held.model.download(&device).unwrap().is_empty());
-    assert_eq!(held.densify(&device, &Schedule::default(), STEP), 0);
+    assert_eq!(densify(&device, &mut held, &Schedule::default(), STEP).unwrap(), 0);
     finish(&device);
 }
 
@@ -273,10 +260,10 @@ fn opacity_reset() {
     let device = device();
     let (mut model, growth) = scene(100, 2);
     model.opacity_logits.iter_mut().for_each(|l| *l = if l.is_finite() { *l } else { 0.0 });
-    let held = Held::new(&device, &model, &growth);
-    let before: Vec<Vec<[f32; 2]>> = attributes(&held.state).into_iter().map(|b| b.read(&device).unwrap()).collect();
+    let held = held(&device, &model, &growth);
+    let before: Vec<Vec<[f32; 2]>> = attributes(&held).into_iter().map(|b| b.read(&device).unwrap()).collect();
     let mut recording = Recording::new();
-    reset_opacity(&mut recording, &held.model, &held.state, 0.01);
+    reset_opacity(&mut recording, &held, 0.01);
     device.run(recording).unwrap();
     let after = held.model.download(&device).unwrap();
     let limit = (0.01_f64 / 0.99).ln() as f32;
@@ -287,7 +274,7 @@ fn opacity_reset() {
         assert_eq!(got, right, "all else stays");
     }
     assert!(model.opacity_logits.iter().any(|l| *l < limit) && model.opacity_logits.iter().any(|l| *l > limit));
-    for (a, (buffer, before)) in attributes(&held.state).into_iter().zip(before).enumerate() {
+    for (a, (buffer, before)) in attributes(&held).into_iter().zip(before).enumerate() {
         let now = buffer.read(&device).unwrap();
         assert!(if a == 3 { now.iter().all(|m| *m == [0.0; 2]) } else { now == before }, "attribute {a}");
     }

@@ -8,11 +8,10 @@ use qirf_vk::gpu::Device;
 use qirf_vk::render::{Renderer, Settings, Style, Uses};
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
-use qirf_vk::train::adam::AdamState;
 use qirf_vk::train::device_photos::DevicePhotos;
 use qirf_vk::train::loss::{Loss, Weights};
 use qirf_vk::train::schedule::Schedule;
-use qirf_vk::train::{Demand, Options, Trainer};
+use qirf_vk::train::{Demand, Options, Trainee, Trainer};
 
 fn model(n: usize, degree: usize) -> Gaussians {
     let at = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
@@ -42,9 +41,8 @@ fn owners_know_their_bytes() {
     for n in [0, 1, 777, 20_000] {
         for degree in [0, 1, 3] {
             let (d, m) = (&device, model(n, degree));
-            let resident = Resident::upload(d, &m).unwrap();
             assert_eq!(taken(&|| Box::new(Resident::upload(d, &m).unwrap())), Resident::bytes(n, degree));
-            assert_eq!(taken(&|| Box::new(AdamState::zeros(d, &resident).unwrap())), AdamState::bytes(n, degree));
+            assert_eq!(taken(&|| Box::new(Trainee::new(d, &m).unwrap())), Trainee::bytes(n, degree));
         }
         for size @ [w, h] in [[1, 1], [33, 20], [100, 257]] {
             for pairs in [1, 5000, 1 << 18] {

@@ -3,6 +3,7 @@
 use super::make::{self, Encoding};
 use super::writers::{Model, picture, row, transforms, write};
 use image::ImageEncoder;
+use qirf_vk::gaussians::Attributes;
 use qirf_vk::gaussians::formats::{self, Loaded};
 use qirf_vk::pipeline::RunConfig;
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
@@ -221,7 +222,7 @@ fn checkpoint() -> Vec<u8> {
     let snapshot = Snapshot {
         iteration: 7,
         skipped_rows: 0,
-        moments: [15, 15, 20, 5, 15, 45].map(|n| vec![0.5; 2 * n]).to_vec(),
+        moments: Attributes::widths(1).map(|width| vec![0.5; 2 * 5 * width]),
         growth: vec![0.25; 10],
         responses: (vec![1.0; 40], vec![3; 5]),
         exposures: (vec![1.0; 24], vec![0.0; 48]),
@@ -270,7 +271,7 @@ impl Input {
                 fs::write(&path, bytes).unwrap();
                 said(RunConfig::read(&path)).is_some_and(|config| {
                     let (length, schedule) = (config.schedule.iterations, &config.schedule);
-                    assert!([1, length / 2, length].iter().all(|&i| schedule.rates(i, 1.0).mean.is_finite()));
+                    assert!([1, length / 2, length].iter().all(|&i| schedule.rates(i, 1.0).means.is_finite()));
                     assert!(config.written().is_ok());
                     assert!(config.prune.iter().flat_map(|p| p.iterations(length)).all(|at| at <= length));
                     true
