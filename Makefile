@@ -34,7 +34,7 @@ else
 endif
 
 test: setup ## run all tests on this machine's Vulkan device
-	cargo test --locked
+	@tools/test
 
 faults: ## read 10,000 damaged files of every format (minutes); kills and full disks are part of `make test`
 	cargo test --locked --test program -- --ignored --exact program::faults::mutations::ten_thousand_mutations --nocapture
@@ -43,7 +43,7 @@ soak: ## train, prune, resume and compress for 20,000 iterations in one process;
 	cargo test --locked --test program -- --ignored --nocapture soak::
 
 effects: ## measure what each effect is worth: the table of docs/effects.md (half an hour)
-	cargo test --locked --test device -- --ignored --nocapture effects::worth::table | grep '^|'
+	cargo test --locked --test program -- --ignored --nocapture effects::table | grep '^|'
 
 # Needs `cargo install cargo-fuzz`; RUSTC_BOOTSTRAP lets a stable toolchain accept its flags. Readers are safe Rust, so no
 # sanitizer is needed. Targets: tests/fuzz/targets.

@@ -4,16 +4,30 @@ use super::flowers::{self, VIEWS, fewer};
 use super::{device, facts, group, has_timestamps};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::gaussians::resident::Resident;
+use qirf_vk::gaussians::{Gaussians, formats};
 use qirf_vk::render::{Culling, Renderer, STAGES, Settings};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Culling off is left out: it lists every Gaussian in all of the tiles.
 const RUNGS: [(&str, Culling); 3] =
     [("exact", Culling::Exact), ("box", Culling::Box), ("3-sigma", Culling::ThreeSigma)];
 
+/// The model `flowers_lod2` of the shared data, or none where those are missing.
+fn flowers() -> Option<Gaussians> {
+    let shared = std::env::var_os("QIRF_SHARED")
+        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared")), PathBuf::from);
+    let path = shared.join("models/flowers_lod2_93k_sh2.ply");
+    if !path.is_file() {
+        println!("skipped: no shared data");
+        return None;
+    }
+    Some(formats::read(&path).expect("a model").gaussians)
+}
+
 /// An iteration is the mean picture of the orbit.
 pub fn culling(criterion: &mut Criterion) {
-    let Some(model) = flowers::read() else { return };
+    let Some(model) = flowers() else { return };
     let device = device();
     let cameras = flowers::orbit(&model, 1280, 720);
     let (exact, three_sigma) = flowers::pairs_at_16(&model, &cameras);

@@ -1,25 +1,12 @@
-//! The model `flowers_lod2` of the shared data, an orbit round it, and its pairs counted by the float64 twin.
+//! An orbit round a model, and its pairs counted by the float64 twin.
 
 use glam::DVec3;
-use qirf_vk::gaussians::{Gaussians, formats};
+use qirf_vk::gaussians::Gaussians;
 use qirf_vk::reference::{self, bin, project};
 use qirf_vk::scene::camera::Camera;
-use std::path::PathBuf;
 
 /// Pictures of an orbit.
 pub const VIEWS: u32 = 8;
-
-/// The model, or none where there are no shared data.
-pub fn read() -> Option<Gaussians> {
-    let shared = std::env::var_os("QIRF_SHARED")
-        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared")), PathBuf::from);
-    let path = shared.join("models/flowers_lod2_93k_sh2.ply");
-    if !path.is_file() {
-        println!("skipped: no shared data");
-        return None;
-    }
-    Some(formats::read(&path).expect("a model").gaussians)
-}
 
 /// Cameras at even steps on a circle round the model's median, near enough for the bulk of it to fill the picture.
 pub fn orbit(model: &Gaussians, width: u32, height: u32) -> Vec<Camera> {

@@ -1,8 +1,8 @@
 //! The backward pass on the device, against golden gradients, another engine's, and the float64 twin's.
 
 use crate::support::golden::{Case, Fixture};
-use crate::support::synthetic::{Random, narrowed, random_scene, small_camera};
-use crate::support::{device, finish, shared};
+use crate::support::synthetic::{narrowed, random_scene, small_camera};
+use crate::support::{Random, device, finish, relative};
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference::{self, Params};
@@ -44,14 +44,6 @@ fn gradients(
     Params::of_attributes(trainee.moments.each_ref().map(first), model.sh.len())
 }
 
-/// Relative error in the Euclidean norm.
-fn relative(a: &[f64], b: &[f64]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let difference: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
-    let size: f64 = b.iter().map(|b| b * b).sum();
-    (difference / size.max(f64::MIN_POSITIVE)).sqrt()
-}
-
 fn compare(name: &str, got: &mut Params, expected: &mut Params, allowed: f64) {
     let mut line = format!("{name}:");
     let mut worst = 0_f64;
@@ -85,9 +77,19 @@ fn params(means: &[f64], log_scales: &[f64], rotations: &[f64], logits: &[f64], 
 
 #[test]
 fn golden_gradients() {
-    let Some(shared) = shared() else { return };
+    differentiates(Case::here());
+}
+
+#[test]
+fn golden_gradients_of_the_shared_data() {
+    if let Some(cases) = Case::shared() {
+        differentiates(cases);
+    }
+}
+
+fn differentiates(cases: Vec<Case>) {
     let device = device();
-    for case in Case::all(&shared) {
+    for case in cases {
         let settings = Settings {
             background: case.settings.background.map(|v| v as f32),
             antialias: case.settings.antialias,
@@ -118,19 +120,26 @@ fn golden_gradients() {
 
 #[test]
 fn another_engines_gradients() {
-    let Some(shared) = shared() else { return };
-    let device = device();
-    for name in ["tiny", "basic"] {
-        let fixture = Fixture::read(&shared, name);
-        let weights: Vec<[f32; 4]> =
-            fixture.get("v_out_img").chunks_exact(4).map(|w| [w[0], w[1], w[2], w[3]].map(|x| x as f32)).collect();
-        let settings = Settings { near: 0.01, ..Settings::default() };
-        let mut got = gradients(&device, &fixture.model, &fixture.camera, settings, &weights, false);
-        let get = |key: &str| fixture.get(key);
-        let sh = bands(get("v_coeffs"), 3);
-        let mut expected = params(get("v_means"), get("v_scales"), get("v_quats"), get("v_opacities"), sh);
-        compare(name, &mut got, &mut expected, 1e-4);
+    differentiates_as_another_engine("tiny", &Fixture::tiny());
+}
+
+#[test]
+fn another_engines_gradients_of_the_shared_data() {
+    if let Some(fixture) = Fixture::basic() {
+        differentiates_as_another_engine("basic", &fixture);
     }
+}
+
+fn differentiates_as_another_engine(name: &str, fixture: &Fixture) {
+    let device = device();
+    let weights: Vec<[f32; 4]> =
+        fixture.get("v_out_img").chunks_exact(4).map(|w| [w[0], w[1], w[2], w[3]].map(|x| x as f32)).collect();
+    let settings = Settings { near: 0.01, ..Settings::default() };
+    let mut got = gradients(&device, &fixture.model, &fixture.camera, settings, &weights, false);
+    let get = |key: &str| fixture.get(key);
+    let sh = bands(get("v_coeffs"), 3);
+    let mut expected = params(get("v_means"), get("v_scales"), get("v_quats"), get("v_opacities"), sh);
+    compare(name, &mut got, &mut expected, 1e-4);
     finish(&device);
 }
 

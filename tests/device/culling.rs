@@ -3,13 +3,18 @@
 #[path = "../../benches/engine/flowers.rs"]
 mod flowers;
 
-use crate::support::{device, finish};
+use crate::support::{device, finish, shared};
 use qirf_vk::gaussians::resident::Resident;
+use qirf_vk::gaussians::{Gaussians, formats};
 use qirf_vk::render::{Culling, Renderer, Settings};
+
+fn flowers() -> Option<Gaussians> {
+    Some(formats::read(&shared("models/flowers_lod2_93k_sh2.ply")?).expect("a model").gaussians)
+}
 
 #[test]
 fn exact_culling_lists_a_quarter_less_than_three_sigma() {
-    let Some(model) = flowers::read() else { return };
+    let Some(model) = flowers() else { return };
     let cameras = flowers::orbit(&model, 1280, 720);
     let (exact, three_sigma) = flowers::pairs_at_16(&model, &cameras);
     let fewer = flowers::fewer(exact, three_sigma);
@@ -36,7 +41,7 @@ fn exact_culling_lists_a_quarter_less_than_three_sigma() {
 
 #[test]
 fn exact_culling_loses_nothing_of_flowers() {
-    let Some(model) = flowers::read() else { return };
+    let Some(model) = flowers() else { return };
     let device = device();
     let resident = Resident::upload(&device, &model).unwrap();
     // 30 tiles of 8, all of which list all Gaussians in front of the camera when culling is off.

@@ -1,5 +1,4 @@
-//! Effects: that those which are off cost nothing, and that those which are on help.
+//! Effects: kernels against their twins, and that an effect that is off costs nothing.
 
 mod depth_order;
 mod exposure;
-mod worth;

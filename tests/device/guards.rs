@@ -1,12 +1,12 @@
 //! The guards of the tests' buffers are able to fail.
 
-use crate::support::device;
+use crate::support::{device, new_device};
 use qirf_vk::gpu::{Buffer, Recording};
 use qirf_vk::primitives::{Count, gather};
 
 #[test]
 fn a_store_behind_a_buffers_end_is_found_alive_or_gone() {
-    let device = device();
+    let device = new_device();
     let indices: Vec<u32> = (0..10).collect();
     let (list, source) = (device.upload("list", &indices).unwrap(), device.upload("source", &indices).unwrap());
     let short: Buffer<u32> = device.buffer("too short", 6).unwrap();

@@ -3,8 +3,7 @@
 mod known_pairs;
 mod twin;
 
-use crate::support::synthetic::Random;
-use crate::support::{device, finish};
+use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::Device;
 use qirf_vk::qirf::assemble::{Assembly, Options, unpack_lower, unpack_symmetric};

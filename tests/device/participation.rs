@@ -1,8 +1,7 @@
 //! Participation on the device against its float64 twin.
 
 use super::overlap::{blocks, model};
-use crate::support::synthetic::Random;
-use crate::support::{device, finish};
+use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Error;
 use qirf_vk::qirf::assemble::{Assembly, Options, unpack_symmetric};

@@ -1,6 +1,6 @@
 //! Random hard cases. The seed is printed; `QIRF_SEED` sets another.
 
-use crate::support::{device, finish, seed};
+use crate::support::{Random, device, finish, seed};
 use qirf_vk::qirf::overlap::Method;
 use qirf_vk::selftest::overlap::{errors, random_rows};
 use qirf_vk::selftest::project::{Hard, fare};
@@ -27,16 +27,6 @@ fn overlaps_of_ten_thousand_pairs() {
         }
     }
     finish(&device);
-}
-
-/// A small counter-based generator.
-struct Random(u64);
-
-impl Random {
-    fn within(&mut self, low: f64, high: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        low + (high - low) * qirf_vk::random::uniform(&[self.0])
-    }
 }
 
 /// Gaussians of any shape, size and place before, round and behind the camera: what the twin draws is drawn, alike, and

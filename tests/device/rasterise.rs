@@ -1,8 +1,7 @@
 //! The forward pass on the device, against golden pictures, another engine and the float64 twin.
 
 use crate::support::golden::{Case, Fixture};
-use crate::support::synthetic::Random;
-use crate::support::{device, finish, shared};
+use crate::support::{Random, device, finish};
 use glam::{DMat3, DVec2, DVec3};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::Device;
@@ -95,9 +94,19 @@ fn errors(got: impl Iterator<Item = f32>, expected: &[f64]) -> (f64, f64, f64) {
 
 #[test]
 fn golden_pictures() {
-    let Some(shared) = shared() else { return };
+    draws(Case::here());
+}
+
+#[test]
+fn golden_pictures_of_the_shared_data() {
+    if let Some(cases) = Case::shared() {
+        draws(cases);
+    }
+}
+
+fn draws(cases: Vec<Case>) {
     let device = device();
-    for case in Case::all(&shared) {
+    for case in cases {
         let settings = Settings {
             background: case.settings.background.map(|v| v as f32),
             antialias: case.settings.antialias,
@@ -137,15 +146,22 @@ fn golden_pictures() {
 
 #[test]
 fn another_engines_picture() {
-    let Some(shared) = shared() else { return };
-    let device = device();
-    for name in ["tiny", "basic"] {
-        let fixture = Fixture::read(&shared, name);
-        let image = render(&device, &fixture.model, &fixture.camera, Settings { near: 0.01, ..Settings::default() });
-        let (mean, _, largest) = errors(image.pixels.as_flattened().iter().copied(), fixture.get("out_img"));
-        println!("{name}: mean {mean:.1e}, largest {largest:.1e}");
-        assert!(largest < 1e-4, "{name}");
+    draws_as_another_engine("tiny", &Fixture::tiny());
+}
+
+#[test]
+fn another_engines_picture_of_the_shared_data() {
+    if let Some(fixture) = Fixture::basic() {
+        draws_as_another_engine("basic", &fixture);
     }
+}
+
+fn draws_as_another_engine(name: &str, fixture: &Fixture) {
+    let device = device();
+    let image = render(&device, &fixture.model, &fixture.camera, Settings { near: 0.01, ..Settings::default() });
+    let (mean, _, largest) = errors(image.pixels.as_flattened().iter().copied(), fixture.get("out_img"));
+    println!("{name}: mean {mean:.1e}, largest {largest:.1e}");
+    assert!(largest < 1e-4, "{name}");
     finish(&device);
 }
 

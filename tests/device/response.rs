@@ -1,7 +1,7 @@
 //! Responses on the device, against the float64 twin.
 
-use crate::support::synthetic::{Random, narrowed, random_scene, small_camera};
-use crate::support::{device, finish};
+use crate::support::synthetic::{narrowed, random_scene, small_camera};
+use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Error, Recording};
 use qirf_vk::reference::{self, Params};

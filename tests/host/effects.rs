@@ -57,12 +57,12 @@ fn synthetic_scenes_call_for_what_they_were_made_for() {
 
 #[test]
 fn shared_scenes_call_for_what_they_show() {
-    let Some(shared) = shared() else { return };
+    let Some(scenes) = shared("scenes") else { return };
     for (name, distortion, transparency) in
         [("fox", true, false), ("chair", false, true), ("snowmiku", false, false), ("king", false, false)]
     {
         println!("{name}");
-        let found = decisions(&shared.join("scenes").join(name));
+        let found = decisions(&scenes.join(name));
         assert_eq!(is_on(&found, Effect::Distortion), distortion, "{name}");
         assert_eq!(is_on(&found, Effect::Transparency), transparency, "{name}");
         // King's light changes with the view, which is no exposure; the others have no points to tell by.

@@ -1,6 +1,6 @@
 //! Where training begins.
 
-use crate::support::synthetic::Random;
+use crate::support::Random;
 use glam::DVec3;
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;

@@ -1,6 +1,6 @@
 //! The metrics against published values, and on images that are hard to measure.
 
-use crate::support::shared;
+use crate::support::{shared, skip};
 use qirf_vk::metrics::{self, Error, Image, Kind, Lpips, Networks, Range, Scores};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -29,14 +29,13 @@ fn picture(width: usize, height: usize, seed: u32) -> Vec<f32> {
 fn vgg() -> Option<Lpips> {
     let vgg = Networks::find(None).expect("usable weights").vgg;
     if vgg.is_none() {
-        println!("skipped: no VGG weights (run tools/lpips-weights, or set QIRF_LPIPS)");
+        skip("no VGG weights: run tools/lpips-weights, or set QIRF_LPIPS");
     }
     vgg
 }
 
 fn alex() -> Option<Lpips> {
-    let path = shared()?.join("lpips/lpips-alex.safetensors");
-    Some(Lpips::load(path).expect("AlexNet weights"))
+    Some(Lpips::load(shared("lpips/lpips-alex.safetensors")?).expect("AlexNet weights"))
 }
 
 /// The two distances of the example images; the network's own range.
@@ -53,9 +52,9 @@ fn examples(lpips: &Lpips, folder: &Path) -> [f64; 2] {
 
 #[test]
 fn alexnet_hits_the_published_values() {
-    let (Some(folder), Some(lpips)) = (shared(), alex()) else { return };
+    let (Some(folder), Some(lpips)) = (shared("lpips"), alex()) else { return };
     assert_eq!((lpips.kind(), lpips.least_size()), (Kind::Alex, 31));
-    let found = examples(&lpips, &folder.join("lpips"));
+    let found = examples(&lpips, &folder);
     println!("alex: {found:?}");
     for (found, wanted) in found.into_iter().zip([0.721881, 0.137566]) {
         assert!((found - wanted).abs() < 1e-5, "{found}, published {wanted}");
@@ -64,9 +63,9 @@ fn alexnet_hits_the_published_values() {
 
 #[test]
 fn vgg_hits_the_published_values() {
-    let (Some(folder), Some(lpips)) = (shared(), vgg()) else { return };
+    let (Some(folder), Some(lpips)) = (shared("lpips"), vgg()) else { return };
     assert_eq!((lpips.kind(), lpips.least_size()), (Kind::Vgg, 16));
-    let found = examples(&lpips, &folder.join("lpips"));
+    let found = examples(&lpips, &folder);
     println!("vgg: {found:?}");
     for (found, wanted) in found.into_iter().zip([0.568613, 0.421664]) {
         assert!((found - wanted).abs() < 1e-5, "{found}, published {wanted}");
@@ -176,8 +175,8 @@ fn broken_weights_are_refused() {
     let first = format!(r#"{{"conv0.weight":{{"dtype":"F32","shape":[64,3,3,3],"data_offsets":[0,{count}]}}}}"#);
     assert!(message(&file(&folder, "short", &header(&first, count))).contains("conv0.bias"));
 
-    let Some(shared) = shared() else { return };
-    let whole = std::fs::read(shared.join("lpips/lpips-alex.safetensors")).unwrap();
+    let Some(lpips) = shared("lpips") else { return };
+    let whole = std::fs::read(lpips.join("lpips-alex.safetensors")).unwrap();
     assert!(message(&file(&folder, "cut", &whole[..whole.len() - 5])).contains("safetensors"));
     let mut nan = whole.clone();
     let end = nan.len();

@@ -1,8 +1,8 @@
 //! The float64 twin against golden cases, another engine's gradients, finite differences, and the hard cases.
 
-use crate::support::golden::{Case, Fixture};
-use crate::support::shared;
-use crate::support::synthetic::{Random, difference_quotients, one, random_scene, small_camera};
+use crate::support::golden::{Case, Fixture, Loss};
+use crate::support::synthetic::{difference_quotients, one, random_scene, small_camera};
+use crate::support::{Random, greatest_difference, relative};
 use glam::{DVec2, DVec3};
 use qirf_vk::{
     reference::{
@@ -16,19 +16,6 @@ use qirf_vk::{
     },
     scene::camera::Camera,
 };
-
-/// |a - b| / |b| in the Euclidean norm.
-fn relative(a: &[f64], b: &[f64]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let difference: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
-    let size: f64 = b.iter().map(|b| b * b).sum();
-    (difference / size.max(f64::MIN_POSITIVE)).sqrt()
-}
-
-fn greatest_difference(a: &[f64], b: &[f64]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    a.iter().zip(b).fold(0.0, |m, (a, b)| m.max((a - b).abs()))
-}
 
 /// SH bands one after the other, as the oracle stores them: n x (L + 1)^2 x 3.
 fn interleaved_sh(params: &Params) -> Vec<f64> {
@@ -44,8 +31,18 @@ fn interleaved_sh(params: &Params) -> Vec<f64> {
 
 #[test]
 fn golden_cases() {
-    let Some(shared) = shared() else { return };
-    for case in Case::all(&shared) {
+    agrees_with(Case::here());
+}
+
+#[test]
+fn golden_cases_of_the_shared_data() {
+    if let Some(cases) = Case::shared() {
+        agrees_with(cases);
+    }
+}
+
+fn agrees_with(cases: Vec<Case>) {
+    for case in cases {
         let params = Params::from(&case.model);
         let (mut sum, mut contribution) = (params.zeros_like(), vec![0.0; params.len()]);
         let (mut image_error, mut alpha_error, mut loss_value) = (0f64, 0f64, 0.0);
@@ -83,45 +80,65 @@ fn golden_cases() {
 
 #[test]
 fn another_engines_gradients() {
-    let Some(shared) = shared() else { return };
-    for name in ["tiny", "basic"] {
-        let fixture = Fixture::read(&shared, name);
-        let (params, camera) = (Params::from(&fixture.model), &fixture.camera);
-        let get = |key: &str| fixture.get(key);
-        let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
-        let settings = Settings { near: 0.01, direction_gradient: false, ..Settings::default() };
+    agrees_with_another_engine("tiny", &Fixture::tiny());
+}
 
-        let out = render(&params, camera, &settings);
-        let rgba = get("out_img");
-        let image: Vec<f64> = rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
-        let alpha: Vec<f64> = rgba.chunks_exact(4).map(|p| p[3]).collect();
-        let seen: Vec<_> = out.projected.iter().map(|p| p.expect("visible")).collect();
-        let xys: Vec<f64> = seen.iter().flat_map(|p| p.mean.to_array()).collect();
-        let conics: Vec<f64> = seen.iter().flat_map(|p| p.conic).collect();
-
-        let by_rgba = get("v_out_img");
-        let by_image: Vec<[f64; 3]> = by_rgba.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect();
-        let by_alpha: Vec<f64> = by_rgba.chunks_exact(4).map(|p| p[3]).collect();
-        let g = gradients(&params, camera, &settings, &by_image, Some(&by_alpha));
-        let by_mean: Vec<f64> =
-            g.mean2d_ndc.iter().flat_map(|v| [v[0] / (0.5 * size.x), v[1] / (0.5 * size.y)]).collect();
-        let by_conic: Vec<f64> = g.moments.iter().flat_map(Moments::conic).collect();
-        let errors = [
-            ("image", greatest_difference(out.composite.image.as_flattened(), &image)),
-            ("alpha", greatest_difference(&out.composite.alpha, &alpha)),
-            ("xys", relative(&xys, get("xys"))),
-            ("conics", relative(&conics, get("conics"))),
-            ("v_xy", relative(&by_mean, get("v_xy"))),
-            ("v_conics", relative(&by_conic, get("v_conics"))),
-            ("v_means", relative(g.params.means.as_flattened(), get("v_means"))),
-            ("v_scales", relative(g.params.log_scales.as_flattened(), get("v_scales"))),
-            ("v_quats", relative(g.params.rotations.as_flattened(), get("v_quats"))),
-            ("v_opacities", relative(&g.params.opacity_logits, get("v_opacities"))),
-            ("v_coeffs", relative(&interleaved_sh(&g.params), get("v_coeffs"))),
-        ];
-        println!("{name}: {}", errors.map(|(key, e)| format!("{key} {e:.1e}")).join("  "));
-        assert!(errors.iter().all(|(_, e)| *e < 1e-4), "{name}");
+#[test]
+fn another_engines_gradients_of_the_shared_data() {
+    if let Some(fixture) = Fixture::basic() {
+        agrees_with_another_engine("basic", &fixture);
     }
+}
+
+fn agrees_with_another_engine(name: &str, fixture: &Fixture) {
+    let (params, camera) = (Params::from(&fixture.model), &fixture.camera);
+    let get = |key: &str| fixture.get(key);
+    let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
+    let settings = Settings { near: 0.01, direction_gradient: false, ..Settings::default() };
+
+    let out = render(&params, camera, &settings);
+    let rgba = get("out_img");
+    let image: Vec<f64> = rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    let alpha: Vec<f64> = rgba.chunks_exact(4).map(|p| p[3]).collect();
+    let seen: Vec<_> = out.projected.iter().map(|p| p.expect("visible")).collect();
+    let xys: Vec<f64> = seen.iter().flat_map(|p| p.mean.to_array()).collect();
+    let conics: Vec<f64> = seen.iter().flat_map(|p| p.conic).collect();
+
+    let by_rgba = get("v_out_img");
+    let by_image: Vec<[f64; 3]> = by_rgba.chunks_exact(4).map(|p| [p[0], p[1], p[2]]).collect();
+    let by_alpha: Vec<f64> = by_rgba.chunks_exact(4).map(|p| p[3]).collect();
+    let g = gradients(&params, camera, &settings, &by_image, Some(&by_alpha));
+    let by_mean: Vec<f64> = g.mean2d_ndc.iter().flat_map(|v| [v[0] / (0.5 * size.x), v[1] / (0.5 * size.y)]).collect();
+    let by_conic: Vec<f64> = g.moments.iter().flat_map(Moments::conic).collect();
+    let errors = [
+        ("image", greatest_difference(out.composite.image.as_flattened(), &image)),
+        ("alpha", greatest_difference(&out.composite.alpha, &alpha)),
+        ("xys", relative(&xys, get("xys"))),
+        ("conics", relative(&conics, get("conics"))),
+        ("v_xy", relative(&by_mean, get("v_xy"))),
+        ("v_conics", relative(&by_conic, get("v_conics"))),
+        ("v_means", relative(g.params.means.as_flattened(), get("v_means"))),
+        ("v_scales", relative(g.params.log_scales.as_flattened(), get("v_scales"))),
+        ("v_quats", relative(g.params.rotations.as_flattened(), get("v_quats"))),
+        ("v_opacities", relative(&g.params.opacity_logits, get("v_opacities"))),
+        ("v_coeffs", relative(&interleaved_sh(&g.params), get("v_coeffs"))),
+    ];
+    println!("{name}: {}", errors.map(|(key, e)| format!("{key} {e:.1e}")).join("  "));
+    assert!(errors.iter().all(|(_, e)| *e < 1e-4), "{name}");
+}
+
+#[test]
+fn the_golden_loss() {
+    let golden = Loss::read();
+    let truth: Vec<[f64; 3]> = golden.truth.iter().map(|p| p.map(|byte| f64::from(byte) / 255.0)).collect();
+    let got = loss::loss(&golden.rendered, &truth, golden.size[0] as usize, golden.ssim_weight);
+    for (name, value, right) in
+        [("l1", got.l1, golden.l1), ("ssim", got.ssim, golden.ssim), ("loss", got.value, golden.value)]
+    {
+        assert!((value - right).abs() < 1e-14, "{name}: {value} for {right}");
+    }
+    let error = relative(got.gradient.as_flattened(), golden.gradient.as_flattened());
+    assert!(error < 1e-13, "gradient {error:e}");
 }
 
 /// Asserts that each group agrees in norm, and each element to the same fraction of the group's greatest.

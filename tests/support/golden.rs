@@ -1,4 +1,7 @@
-//! Readers for the golden cases: just enough PLY, COLMAP text and raw float32 for tests that must not trust the engine's own.
+//! Readers for the golden cases of `tests/golden` and of the shared data: just enough PLY, COLMAP text and raw float32 for
+//! tests that must not trust the engine's own.
+
+use super::shared;
 
 use std::{
     fs,
@@ -18,15 +21,15 @@ pub struct Case {
 }
 
 impl Case {
-    /// Every case under `shared/golden`, by name.
-    pub fn all(shared: &Path) -> Vec<Self> {
-        let mut folders: Vec<_> = fs::read_dir(shared.join("golden"))
-            .expect("shared/golden")
-            .map(|entry| entry.expect("entry").path())
-            .filter(|path| path.join("manifest.json").is_file())
-            .collect();
-        folders.sort();
-        folders.into_iter().map(Self::read).collect()
+    /// The small cases of the source tree.
+    pub fn here() -> Vec<Self> {
+        folders(Path::new(HERE)).map(Self::read).collect()
+    }
+
+    /// The other cases of the shared data; none where those are missing.
+    pub fn shared() -> Option<Vec<Self>> {
+        let known = |path: &PathBuf| path.file_name().is_some_and(|name| Path::new(HERE).join(name).is_dir());
+        Some(folders(&shared("golden")?).filter(|path| !known(path)).map(Self::read).collect())
     }
 
     fn read(folder: PathBuf) -> Self {
@@ -59,6 +62,18 @@ impl Case {
         let part = all.len() / self.views.len();
         all[v * part..(v + 1) * part].to_vec()
     }
+}
+
+/// The golden files of the source tree.
+pub const HERE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden");
+
+/// Folders of cases, by name.
+fn folders(root: &Path) -> impl Iterator<Item = PathBuf> {
+    let entries = fs::read_dir(root).expect("golden cases").map(|entry| entry.expect("entry").path());
+    let mut folders: Vec<_> = entries.filter(|path| path.join("manifest.json").is_file()).collect();
+    folders.sort();
+    assert!(!folders.is_empty(), "no golden case in {}", root.display());
+    folders.into_iter()
 }
 
 /// Little-endian float32, widened.
@@ -117,7 +132,7 @@ fn read_cameras(folder: &Path) -> Vec<Camera> {
         .collect()
 }
 
-/// Another engine's forward and gradients (`shared/fixtures/gsplat-cuda-gradients`).
+/// Another engine's picture and gradients.
 pub struct Fixture {
     pub model: Gaussians,
     pub camera: Camera,
@@ -125,9 +140,17 @@ pub struct Fixture {
 }
 
 impl Fixture {
-    /// `name` is `tiny` or `basic`.
-    pub fn read(shared: &Path, name: &str) -> Self {
-        let path = shared.join(format!("fixtures/gsplat-cuda-gradients/{name}_case.safetensors"));
+    /// Four Gaussians, of the source tree.
+    pub fn tiny() -> Self {
+        Self::read(&Path::new(HERE).join("another-engine/tiny_case.safetensors"))
+    }
+
+    /// Sixteen Gaussians, of the shared data; none where those are missing.
+    pub fn basic() -> Option<Self> {
+        Some(Self::read(&shared("fixtures/gsplat-cuda-gradients/basic_case.safetensors")?))
+    }
+
+    fn read(path: &Path) -> Self {
         let bytes = fs::read(path).expect("fixture");
         let file = safetensors::SafeTensors::deserialize(&bytes).expect("safetensors");
         let shape = file.tensor("out_img").expect("out_img").shape().to_vec();
@@ -166,5 +189,58 @@ impl Fixture {
     /// The array `key`, flat.
     pub fn get(&self, key: &str) -> &[f64] {
         &self.arrays.iter().find(|(name, _)| name == key).expect(key).1
+    }
+}
+
+/// Value and gradient of the loss where photo and picture are close, far apart and equal (`loss.py`).
+#[derive(serde::Deserialize)]
+#[serde(from = "Channels")]
+pub struct Loss {
+    pub size: [u32; 2],
+    pub ssim_weight: f64,
+    pub rendered: Vec<[f64; 3]>,
+    pub truth: Vec<[u8; 3]>,
+    pub l1: f64,
+    pub ssim: f64,
+    pub value: f64,
+    pub gradient: Vec<[f64; 3]>,
+}
+
+/// The file's own layout, channel by channel.
+#[derive(serde::Deserialize)]
+struct Channels {
+    width: u32,
+    height: u32,
+    ssim_weight: f64,
+    rendered: [Vec<f64>; 3],
+    truth: [Vec<u8>; 3],
+    l1: f64,
+    ssim: f64,
+    loss: f64,
+    gradient: [Vec<f64>; 3],
+}
+
+impl From<Channels> for Loss {
+    fn from(c: Channels) -> Self {
+        fn pixels<T: Copy>(channels: &[Vec<T>; 3]) -> Vec<[T; 3]> {
+            (0..channels[0].len()).map(|p| [0, 1, 2].map(|c| channels[c][p])).collect()
+        }
+        Self {
+            size: [c.width, c.height],
+            ssim_weight: c.ssim_weight,
+            rendered: pixels(&c.rendered),
+            truth: pixels(&c.truth),
+            l1: c.l1,
+            ssim: c.ssim,
+            value: c.loss,
+            gradient: pixels(&c.gradient),
+        }
+    }
+}
+
+impl Loss {
+    pub fn read() -> Self {
+        let text = fs::read_to_string(Path::new(HERE).join("loss.json")).expect("loss.json");
+        serde_json::from_str(&text).expect("the golden loss")
     }
 }

@@ -1,15 +1,25 @@
-//! Where shared data lie.
+//! Where shared data lie, and what is skipped without them.
 
+use std::fs;
+use std::io::Write;
 use std::path::PathBuf;
 
-/// The folder of shared data, or none; the test then says that it was skipped.
-pub fn shared() -> Option<PathBuf> {
-    let path = std::env::var_os("QIRF_SHARED")
+/// A path below the folder of shared data (`../shared`, or `QIRF_SHARED`); none where it is missing, and the test is skipped.
+pub fn shared(part: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("QIRF_SHARED")
         .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared")), PathBuf::from);
-    if path.is_dir() {
-        Some(path)
-    } else {
-        println!("skipped: no shared data");
-        None
+    let path = root.join(part);
+    if path.exists() {
+        return Some(path);
     }
+    skip("no shared data");
+    None
+}
+
+/// Notes that the running test is skipped. `tools/test` counts the lines: libtest itself counts the test as passed.
+pub fn skip(reason: &str) {
+    println!("skipped: {reason}");
+    let file = fs::OpenOptions::new().create(true).append(true).open(concat!(env!("CARGO_TARGET_TMPDIR"), "/skipped"));
+    let test = std::thread::current().name().unwrap_or("a test").to_owned();
+    file.and_then(|mut file| file.write_all(format!("{reason}\t{test}\n").as_bytes())).expect("a note of the skip");
 }

@@ -1,26 +1,8 @@
 //! Small scenes that take every branch of the renderer, and difference quotients over all their parameters.
 
+use super::Random;
 use glam::{DVec2, DVec3};
 use qirf_vk::{gaussians::Gaussians, reference::Params, scene::camera::Camera};
-
-/// SplitMix64: uniform in [0, 1).
-pub struct Random(pub u64);
-
-impl Random {
-    /// The next number.
-    pub fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e3779b97f4a7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58476d1ce4e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d049bb133111eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Uniform in [low, high).
-    pub fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.next()
-    }
-}
 
 /// A turned camera with unequal focal lengths and a shifted principal point, looking near the origin from 4 units.
 pub fn small_camera(width: u32, height: u32) -> Camera {

@@ -1,7 +1,7 @@
 //! Depth order by tile: two discs through each other, where one order for the whole picture must be wrong.
 
-use super::exposure::config;
-use crate::support::{device, finish};
+use crate::support::runs::config;
+use crate::support::{device, finish, new_device};
 use glam::{DQuat, DVec3};
 use qirf_vk::effects::{Choice, Effect};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
@@ -102,7 +102,7 @@ fn runs_are_trained_in_that_order() {
     let scene = folder.path().join("scene");
     let options = SynthOptions { views: 9, width: 48, height: 36, points: 300, ..Default::default() };
     write(&scene, &options, &|_| ()).expect("a synthetic scene");
-    let device = device();
+    let device = new_device(); // whose peak of memory is this run's
     for choice in [Choice::Auto, Choice::On] {
         let mut config = config(&scene, 60);
         config.effects.set(Effect::DepthOrder, choice);

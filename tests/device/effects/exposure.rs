@@ -1,10 +1,10 @@
 //! Exposure: the kernel against its twin, what it costs when it is off, and the gains that it begins with.
 
+use crate::support::runs::config;
 use crate::support::{device, finish};
-use qirf_vk::effects::Overrides;
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::pipeline::effects;
-use qirf_vk::pipeline::{Init, Preset, RunConfig, Silent, prepare};
+use qirf_vk::pipeline::{RunConfig, Silent, prepare};
 use qirf_vk::reference::exposure as twin;
 use qirf_vk::render::Settings;
 use qirf_vk::scene::{FourthByte, PhotoMemory};
@@ -82,28 +82,6 @@ fn the_kernel_is_its_twin() {
         }
     }
     finish(&device);
-}
-
-pub fn config(scene: &Path, iterations: u32) -> RunConfig {
-    RunConfig {
-        scene: scene.to_owned(),
-        images: None,
-        resolution: None,
-        seed: 1,
-        eval_every: 8,
-        sh_degree: 1,
-        init: Init::Points,
-        init_count: None,
-        background: None,
-        antialias: false,
-        depth_order: false,
-        exposure: false,
-        max_gaussians: 3000,
-        checkpoint_every: 0,
-        schedule: Preset::Quick.schedule(Some(iterations)),
-        prune: None,
-        effects: Overrides::default(),
-    }
 }
 
 fn capture(folder: &Path, effects: &[synth::Effect], views: usize, width: u32) {

@@ -1,7 +1,7 @@
 //! Adam on the device against the float64 twin, and rows whose gradient is not finite.
 
-use crate::support::synthetic::{Random, narrowed, random_scene, small_camera};
-use crate::support::{device, finish};
+use crate::support::synthetic::{narrowed, random_scene, small_camera};
+use crate::support::{Random, device, finish};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Buffer, Device, Recording};

@@ -1,7 +1,6 @@
 //! Density control against a plain implementation on the host.
 
-use crate::support::synthetic::Random;
-use crate::support::{device, finish};
+use crate::support::{Random, device, finish};
 use glam::{DQuat, DVec3};
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Buffer, Device, Recording};

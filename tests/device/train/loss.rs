@@ -1,7 +1,6 @@
 //! The loss kernel against the float64 twin: value and gradient.
 
-use crate::support::synthetic::Random;
-use crate::support::{device, finish};
+use crate::support::{Random, device, finish, golden, relative};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference;
 use qirf_vk::scene::FourthByte;
@@ -81,6 +80,28 @@ fn noise(size: [u32; 2], seed: u64) -> (Vec<[f32; 4]>, Vec<[u8; 4]>) {
     let count = (size[0] * size[1]) as usize;
     let image = (0..count).map(|_| [0; 4].map(|_| r.within(0.0, 1.2) as f32)).collect();
     (image, (0..count).map(|_| [0; 4].map(|_| r.within(0.0, 256.0) as u8)).collect())
+}
+
+#[test]
+fn the_golden_loss() {
+    let device = device();
+    let golden = golden::Loss::read();
+    let case = Case {
+        name: "golden".into(),
+        size: golden.size,
+        image: golden.rendered.iter().map(|p| [p[0] as f32, p[1] as f32, p[2] as f32, 1.0]).collect(),
+        photo: golden.truth.iter().map(|p| [p[0], p[1], p[2], 255]).collect(),
+        fourth_byte: FourthByte::Opaque,
+        background: BLACK,
+        weights: Weights { l1: (1.0 - golden.ssim_weight) as f32, ssim: golden.ssim_weight as f32, l2: 0.0 },
+    };
+    let scratch = Loss::new(&device, golden.size[0], golden.size[1]).unwrap();
+    let (value, gradient) = computed(&device, &scratch, &case);
+    let gradient: Vec<[f64; 3]> = gradient.iter().map(|g| [g[0], g[1], g[2]].map(f64::from)).collect();
+    let error = relative(gradient.as_flattened(), golden.gradient.as_flattened());
+    println!("value {value} for {}, gradient {error:.1e}", golden.value);
+    assert!((f64::from(value) / golden.value - 1.0).abs() < 1e-5 && error < 1e-4);
+    finish(&device);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! What a run is expected to need of the device's memory, against what it takes.
 
-use crate::support::{device, finish};
+use crate::support::{device, finish, new_device};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
@@ -124,7 +124,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
 #[test]
 fn a_run_of_fixed_size_takes_what_was_expected() {
     for (n, degree) in [(500, 0), (4000, 3), (30_000, 2)] {
-        let share = share(&device(), n, degree, false);
+        let share = share(&new_device(), n, degree, false);
         assert!((0.9..=1.0).contains(&share), "{share}");
     }
 }
@@ -132,6 +132,6 @@ fn a_run_of_fixed_size_takes_what_was_expected() {
 /// Growth holds old and new at once at some moment, which depends on how the steps fall: within a half below.
 #[test]
 fn a_growing_run_stays_within_the_estimate() {
-    let share = share(&device(), 20_000, 1, true);
+    let share = share(&new_device(), 20_000, 1, true);
     assert!((0.5..=1.0).contains(&share), "{share}");
 }

@@ -25,7 +25,7 @@ fn sigmoid(x: f32) -> f32 {
 
 #[test]
 fn every_model_loads() {
-    let Some(shared) = shared() else { return };
+    let Some(shared) = shared("") else { return };
     let cases = [
         ("models/flowers_lod2_93k_sh2.ply", 92_802, 2, Format::Ply),
         ("models/guitar_91k_sh0.ply", 90_854, 0, Format::Ply),
@@ -47,7 +47,7 @@ fn every_model_loads() {
 
 #[test]
 fn biker_holds_infinite_logits() {
-    let Some(shared) = shared() else { return };
+    let Some(shared) = shared("") else { return };
     let loaded = load(&shared.join("models/biker.spz"));
     assert!(loaded.repairs.clamped_opacities > 0);
     assert!(loaded.gaussians.opacity_logits.iter().all(|logit| logit.abs() <= 20.0));
@@ -56,7 +56,7 @@ fn biker_holds_infinite_logits() {
 
 #[test]
 fn three_splats_agree_in_three_formats() {
-    let Some(shared) = shared() else { return };
+    let Some(shared) = shared("") else { return };
     let file = |extension: &str| {
         load(&shared.join(format!("fixtures/three-splats/test-splat.3-points-from-train.{extension}"))).gaussians
     };
@@ -78,7 +78,7 @@ fn three_splats_agree_in_three_formats() {
 
 #[test]
 fn minimal_formats_agree() {
-    let Some(shared) = shared() else { return };
+    let Some(shared) = shared("") else { return };
     let file = |name: &str| load(&shared.join("fixtures/minimal-formats").join(name)).gaussians;
     let raw = file("minimal-raw.spz");
     assert_eq!(raw, file("minimal-v2.spz"));
@@ -124,7 +124,7 @@ fn partners(a: &Gaussians, b: &Gaussians, tolerance: impl Fn(f32) -> f32) -> Vec
 
 #[test]
 fn playbot_sog_agrees_with_its_ply() {
-    let Some(shared) = shared() else { return };
+    let Some(shared) = shared("") else { return };
     let ply = load(&shared.join("models/playbot_lod3_31k_sh2.ply")).gaussians;
     let sog = load(&shared.join("models/playbot-sog/3_0")).gaussians;
     // 16 bits over a range of 1.43 in sign(x) ln(1 + |x|): half a step, times 1 + |x|, and rounding.

@@ -30,8 +30,8 @@ fn descriptors(n: usize) -> Vec<[f32; CHANNELS]> {
 
 #[test]
 fn a_thousand_real_blocks() {
-    let Some(shared) = shared() else { return };
-    let model = formats::read(&shared.join("models/flowers_lod2_93k_sh2.ply")).unwrap().gaussians;
+    let Some(model) = shared("models/flowers_lod2_93k_sh2.ply") else { return };
+    let model = formats::read(&model).unwrap().gaussians;
     let start = Instant::now();
     let made = Partition::ADAPTIVE.of(&model.means);
     let blocks = &made.blocks;

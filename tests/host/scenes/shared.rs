@@ -1,20 +1,10 @@
 //! The shared scenes, where they are there.
 
+use crate::support::shared;
 use std::path::PathBuf;
 use std::time::Instant;
 
 use qirf_vk::scene::{FourthByte, LoadOptions, OpenOptions, Photo, Resize, Scene};
-
-fn shared(part: &str) -> Option<PathBuf> {
-    let root = std::env::var("QIRF_SHARED")
-        .map_or_else(|_| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared")), PathBuf::from);
-    let path = root.join(part);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: no shared data");
-    None
-}
 
 fn open(part: &str) -> Option<Scene> {
     Some(Scene::open(&shared(part)?, &OpenOptions::default()).unwrap())

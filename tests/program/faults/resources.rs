@@ -6,6 +6,7 @@
 //! software devices keep their memory in files, which the limit would hit first.
 
 use super::house::{Ended, behind, content, end, program, run, scene, start, undisturbed, whole, works};
+use crate::support::skip;
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::train::checkpoint::Snapshot;
@@ -19,7 +20,7 @@ fn mounts() -> bool {
     let made = Command::new("unshare").args(["-rm", "mount", "-t", "tmpfs", "tmpfs", "/mnt"]).output();
     let can = made.is_ok_and(|o| o.status.success());
     if !can {
-        println!("skipped: no mounts of one's own here");
+        skip("no mounts of one's own");
     }
     can
 }

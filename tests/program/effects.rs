@@ -1,7 +1,7 @@
 //! What effects are worth on synthetic scenes: held-out PSNR with each off and on, where it is called for and where it is
 //! not. `make effects` prints the table of docs/effects.md.
 
-use super::exposure::config;
+use crate::support::runs::config;
 use crate::support::{device, finish};
 use qirf_vk::effects::{Choice, Effect};
 use qirf_vk::gaussians::formats;

@@ -1,0 +1,45 @@
+//! Validated devices, lent to one test at a time.
+
+use qirf_vk::gpu::{Device, DeviceOptions};
+use std::ops::Deref;
+use std::sync::{Mutex, PoisonError};
+
+/// Devices that passed tests gave back. Opening one and making its pipelines takes longer than most tests.
+static FREE: Mutex<Vec<Device>> = Mutex::new(Vec::new());
+
+/// A device for one test alone. It goes back unless the test fails.
+pub struct Lent(Option<Device>);
+
+impl Deref for Lent {
+    type Target = Device;
+
+    fn deref(&self) -> &Device {
+        self.0.as_ref().expect("there until it is dropped")
+    }
+}
+
+impl Drop for Lent {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            FREE.lock().unwrap_or_else(PoisonError::into_inner).extend(self.0.take());
+        }
+    }
+}
+
+/// A device under validation layers whose buffers begin as NaN behind red zones; earlier tests may have used it.
+pub fn device() -> Lent {
+    let free = FREE.lock().unwrap_or_else(PoisonError::into_inner).pop();
+    Lent(Some(free.unwrap_or_else(new_device)))
+}
+
+/// The same without a past, for tests that break their device or measure its peak of memory.
+pub fn new_device() -> Device {
+    Device::open(&DeviceOptions { validation: true, guarded: true, ..Default::default() }).expect("a Vulkan device")
+}
+
+/// Fails the test when the validation layers said anything, or a kernel wrote behind a buffer's end.
+pub fn finish(device: &Device) {
+    assert!(device.validates(), "the validation layers are installed (tools/setup)");
+    assert_eq!(Device::validation_messages(), 0, "validation messages are printed above");
+    assert_eq!(device.overrun_buffers(), Vec::<String>::new(), "kernels wrote behind these buffers");
+}
