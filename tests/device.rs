@@ -3,8 +3,7 @@
 mod support;
 
 mod device {
-    mod backward;
-    mod culling;
+    mod bin;
     mod effects;
     mod guards;
     mod overlap;
@@ -13,8 +12,9 @@ mod device {
     mod project;
     mod random;
     mod rasterise;
+    mod rasterise_backward;
     mod rates;
-    mod response;
+    mod respond;
     mod selftest;
     mod train;
 }

@@ -3,6 +3,7 @@
 mod support;
 
 mod host {
+    mod architecture;
     mod effects;
     mod figures;
     mod formats;

@@ -4,9 +4,13 @@
 
 pub mod adam;
 pub mod bin;
+pub mod densify;
 pub mod exposure;
 pub mod frame;
+pub mod halve;
+pub mod high_pass;
 pub mod loss;
+pub mod mask;
 pub mod overlap;
 pub mod params;
 pub mod participation;
@@ -14,8 +18,10 @@ pub mod project;
 pub mod project_backward;
 pub mod rasterise;
 pub mod rasterise_backward;
-pub mod response;
+pub mod residual;
+pub mod respond;
 pub mod rrdm;
+pub mod score;
 pub mod smoothing;
 
 pub use frame::{Gradients, Rendered, Settings, gradients, render};

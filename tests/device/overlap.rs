@@ -157,7 +157,7 @@ fn values_that_are_no_numbers_stay_where_they_are() {
 }
 
 #[test]
-fn density_matrices_are_their_factors_squares() {
+fn rrdm_is_its_factors_square_as_its_twin_is() {
     let device = device();
     let sizes = [1, 9, 40, 130];
     let (rows, starts) = blocks(&sizes, 5);

@@ -105,7 +105,7 @@ fn sort_is_stable_and_exact() {
 }
 
 #[test]
-fn compaction_gather_and_segmented_sum() {
+fn compact_gather_and_segmented_sum() {
     let device = device();
     for n in sizes(&device) {
         let flags: Vec<u32> = (0..n).map(|i| u32::from(noise(4, u64::from(i)).is_multiple_of(3))).collect();

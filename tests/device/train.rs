@@ -4,6 +4,7 @@ mod adam;
 mod density;
 mod halve;
 mod loss;
+mod mask;
 mod memory;
 mod prune;
 mod runs;

@@ -1,9 +1,11 @@
-//! Density control against a plain implementation on the host.
+//! Density control against its twin.
 
 use crate::support::{Random, device, finish};
 use glam::{DQuat, DVec3};
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Buffer, Device, Recording};
+use qirf_vk::reference::densify::{Kind, Thresholds};
+use qirf_vk::reference::{self, Params};
 use qirf_vk::train::Trainee;
 use qirf_vk::train::density::{Step, densify, reset_opacity};
 use qirf_vk::train::schedule::Schedule;
@@ -63,47 +65,22 @@ fn rows(model: &Gaussians, i: usize) -> Vec<u32> {
     [all, band(0, 3), band(1, 9)].concat().into_iter().map(f32::to_bits).collect()
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
-    Kept,
-    Clone,
-    Half,
-}
-
-/// Source and kind of each row of the new model.
+/// Source and kind of each row of the twin's new model.
 fn decide(model: &Gaussians, growth: &[[f32; 2]], schedule: &Schedule, large_goes: bool) -> Vec<(usize, Kind)> {
-    let mut out = Vec::new();
-    for i in 0..model.len() {
-        let finite =
-            model.means[i].iter().chain(&model.log_scales[i]).chain(&model.rotations[i]).all(|v| v.is_finite())
-                && model.opacity_logits[i].is_finite();
-        let opacity = 1.0 / (1.0 + f64::from(-model.opacity_logits[i]).exp());
-        let largest = f64::from(model.log_scales[i].iter().fold(f32::MIN, |m, s| m.max(*s))).exp();
-        let mean_gradient = f64::from(growth[i][0]) / f64::from(growth[i][1]).max(1.0);
-        let grows = growth[i][1] > 0.0 && mean_gradient >= schedule.densify_gradient;
-        let distance = model.means[i].iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
-        let reach = distance.max(EXTENT);
-        let splits = grows && largest > schedule.clone_scale * reach;
-        if !finite || opacity < schedule.prune_opacity {
-            continue;
-        }
-        // A split is judged by its halves.
-        let left = if splits { largest / 1.6 } else { largest };
-        if large_goes && left > schedule.prune_scale * reach {
-            continue;
-        }
-        if splits {
-            out.extend([(i, Kind::Half); 2]);
-        } else {
-            out.push((i, Kind::Kept));
-            out.extend(grows.then_some((i, Kind::Clone)));
-        }
-    }
-    out
+    let thresholds = Thresholds {
+        gradient: schedule.densify_gradient,
+        clone_scale: schedule.clone_scale,
+        opacity: schedule.prune_opacity,
+        scale: large_goes.then_some(schedule.prune_scale),
+        extent: EXTENT,
+        cameras: DVec3::ZERO,
+    };
+    let growth: Vec<[f64; 2]> = growth.iter().map(|g| g.map(f64::from)).collect();
+    reference::densify::densify(&Params::from(model), &growth, &thresholds)
 }
 
 #[test]
-fn decisions_and_new_rows() {
+fn densify_decides_as_its_twin_and_gathers_rows() {
     let device = device();
     // The share after which large ones go lies before iteration 600 of 2,000 and after it of 30,000.
     for (iterations, large_goes) in [(30_000, false), (2000, true)] {
@@ -150,7 +127,7 @@ fn decisions_and_new_rows() {
 
 /// Halves lie as samples of their parent: in its axes, by its scales, they are standard normal.
 #[test]
-fn halves_are_samples_of_their_parent() {
+fn split_halves_are_samples_of_their_parent() {
     let device = device();
     let mut r = Random(3);
     let count = 3000;
@@ -255,7 +232,7 @@ fn all_may_go() {
 }
 
 #[test]
-fn opacity_reset() {
+fn reset_opacity_keeps_no_more_than_the_limit() {
     let device = device();
     let (mut model, growth) = scene(100, 2);
     model.opacity_logits.iter_mut().for_each(|l| *l = if l.is_finite() { *l } else { 0.0 });

@@ -1,10 +1,11 @@
-//! Photos at half their size: the device against plain host code, and the camera that sees them.
+//! Photos at half their size: the device against its twin, and the camera that sees them.
 
 use super::runs::{bits, capture, options, train};
 use crate::support::{device, finish};
 use glam::{DVec2, DVec3};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::random::uniform;
+use qirf_vk::reference;
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::halve::{self, Halve};
@@ -20,26 +21,8 @@ fn halved(device: &Device, photo: &[u32], size: [u32; 2]) -> Vec<u32> {
     half.photo.read(device).unwrap()
 }
 
-/// The mean of a square in float64: colours by their share, rounded half up.
-fn twin(photo: &[u32], [width, height]: [u32; 2]) -> Vec<u32> {
-    let mean = |x: u32, y: u32| {
-        let at = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| photo[((2 * y + j) * width + 2 * x + i) as usize]);
-        let bytes = at.map(u32::to_le_bytes).map(|b| b.map(f64::from));
-        let alpha: f64 = bytes.iter().map(|b| b[3]).sum();
-        let channel = |c: usize| {
-            let (sum, of): (f64, f64) = match alpha {
-                0.0 => (bytes.iter().map(|b| b[c]).sum(), 4.0),
-                _ => (bytes.iter().map(|b| b[c] * b[3]).sum(), alpha),
-            };
-            (sum / of + 0.5).floor() as u8
-        };
-        u32::from_le_bytes([channel(0), channel(1), channel(2), (alpha / 4.0 + 0.5).floor() as u8])
-    };
-    (0..height / 2).flat_map(|y| (0..width / 2).map(move |x| (x, y))).map(|(x, y)| mean(x, y)).collect()
-}
-
 #[test]
-fn the_device_halves_as_the_host_does() {
+fn the_device_halves_as_its_twin_does() {
     let device = device();
     for size @ [width, height] in [[2, 2], [64, 48], [65, 3], [301, 200]] {
         let byte = |i: u32, c: u64| (uniform(&[7, u64::from(i), c]) * 256.0) as u32;
@@ -48,7 +31,7 @@ fn the_device_halves_as_the_host_does() {
         let alphas: [&dyn Fn(u32) -> u32; 3] = [&|_| 255, &|i| byte(i, 3), &|i| if i % 9 == 0 { 200 } else { 0 }];
         for alpha in alphas {
             let photo: Vec<u32> = (0..width * height).map(|i| word(i, alpha(i))).collect();
-            assert_eq!(halved(&device, &photo, size), twin(&photo, size), "{width} x {height}");
+            assert_eq!(halved(&device, &photo, size), reference::halve::halve(&photo, size), "{width} x {height}");
         }
     }
     finish(&device);

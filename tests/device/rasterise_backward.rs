@@ -144,7 +144,7 @@ fn differentiates_as_another_engine(name: &str, fixture: &Fixture) {
 }
 
 #[test]
-fn the_twins_gradients() {
+fn project_backward_and_rasterise_backward_give_the_twins_gradients() {
     let device = device();
     let camera = small_camera(45, 37);
     for seed in [2, 3, 4] {

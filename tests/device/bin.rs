@@ -13,7 +13,7 @@ fn flowers() -> Option<Gaussians> {
 }
 
 #[test]
-fn exact_culling_lists_a_quarter_less_than_three_sigma() {
+fn bin_lists_a_quarter_less_than_three_sigma_would() {
     let Some(model) = flowers() else { return };
     let cameras = flowers::orbit(&model, 1280, 720);
     let (exact, three_sigma) = flowers::pairs_at_16(&model, &cameras);
@@ -40,7 +40,7 @@ fn exact_culling_lists_a_quarter_less_than_three_sigma() {
 }
 
 #[test]
-fn exact_culling_loses_nothing_of_flowers() {
+fn bin_loses_nothing_of_flowers() {
     let Some(model) = flowers() else { return };
     let device = device();
     let resident = Resident::upload(&device, &model).unwrap();

@@ -55,37 +55,30 @@ fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<[
     (responses.channels, responses.scores)
 }
 
-fn twin(model: &Gaussians, v: usize) -> reference::response::Responded {
+/// Responses and scores of the twin.
+fn twin(model: &Gaussians, v: usize) -> (Vec<[f64; 8]>, Vec<[f64; 4]>) {
     let weights = image_weights(v as u64);
     let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
     let residual: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
-    reference::response::respond(
-        &Params::from(model),
-        &cameras()[v],
-        &reference::Settings::default(),
-        &by_image,
-        &residual,
-    )
+    let (params, camera, settings) = (Params::from(model), &cameras()[v], reference::Settings::default());
+    let channels = reference::respond::respond(&params, camera, &settings, &by_image, &residual);
+    (channels, reference::score::score(&params, camera, &settings))
 }
 
 #[test]
-fn full_pass_is_the_twins_mean() {
+fn respond_and_score_over_a_full_pass_are_the_twins_mean() {
     let device = device();
     for seed in [2, 5] {
         let model = narrowed(&random_scene(&cameras()[0], seed));
         let (values, scores) = pass(&device, &model, 8);
         let [first, second] = [0, 1].map(|v| twin(&model, v));
-        let mean: Vec<[f64; 8]> = first
-            .channels
-            .iter()
-            .zip(&second.channels)
-            .map(|(a, b)| std::array::from_fn(|k| 0.5 * (a[k] + b[k])))
-            .collect();
+        let mean: Vec<[f64; 8]> =
+            first.0.iter().zip(&second.0).map(|(a, b)| std::array::from_fn(|k| 0.5 * (a[k] + b[k]))).collect();
         compare(&format!("seed {seed}"), &values, &mean, 3e-4);
         let both: Vec<[f64; 4]> = first
-            .scores
+            .1
             .iter()
-            .zip(&second.scores)
+            .zip(&second.1)
             .map(|(a, b)| [a[0] + b[0], a[1].max(b[1]), a[2] + b[2], a[3] + b[3]])
             .collect();
         compare(&format!("seed {seed}, scores"), &scores, &both, 3e-4);
@@ -115,7 +108,7 @@ fn averages_decay_as_if_every_iteration_were_counted() {
     let responses = ResidentResponses::zeros(&device, model.len()).unwrap();
     let backward = Backward { residual: true, ..Backward::default() };
     let views = [0_usize, 1, 1, 0, 1];
-    let channels = [twin(&model, 0).channels, twin(&model, 1).channels];
+    let channels = [twin(&model, 0).0, twin(&model, 1).0];
     assert!(
         (0..model.len()).any(|i| channels[0][i][0] > 0.0 && channels[1][i][0] == 0.0),
         "some are seen by one alone"
@@ -161,7 +154,7 @@ fn a_view_whose_pairs_do_not_fit_leaves_nothing() {
 }
 
 #[test]
-fn high_pass_and_residual() {
+fn high_pass_and_residual_are_their_twins() {
     let device = device();
     for [w, h] in [[1, 1], [3, 40], [45, 37]] {
         let n = (w * h) as usize;
@@ -174,25 +167,9 @@ fn high_pass_and_residual() {
         pass.record(&mut recording, &picture, &gradient, [w, h]);
         device.run(recording).unwrap();
         let got = gradient.read(&device).unwrap();
-        let weight = |d: i64| (-(d * d) as f64 / 8.0).exp();
-        for y in 0..i64::from(h) {
-            for x in 0..i64::from(w) {
-                let (mut sum, mut total) = ([0.0; 3], 0.0);
-                for v in (y - 6).max(0)..=(y + 6).min(i64::from(h) - 1) {
-                    for u in (x - 6).max(0)..=(x + 6).min(i64::from(w) - 1) {
-                        let k = weight(u - x) * weight(v - y);
-                        let pixel = image[(v * i64::from(w) + u) as usize];
-                        (0..3).for_each(|c| sum[c] += k * f64::from(pixel[c]));
-                        total += k;
-                    }
-                }
-                let at = (y * i64::from(w) + x) as usize;
-                let d: [f64; 3] = std::array::from_fn(|c| f64::from(image[at][c]) - sum[c] / total);
-                for c in 0..3 {
-                    assert!((f64::from(got[at][c]) - d[c]).abs() < 1e-5, "{w} x {h}, {x}, {y}");
-                }
-                assert!((f64::from(got[at][3]) - d.iter().map(|v| v.abs()).sum::<f64>() / 3.0).abs() < 1e-5);
-            }
+        let wide: Vec<[f64; 4]> = image.iter().map(|p| p.map(f64::from)).collect();
+        for (at, (got, expected)) in got.iter().zip(reference::high_pass::high_pass(&wide, [w, h])).enumerate() {
+            assert!((0..4).all(|c| (f64::from(got[c]) - expected[c]).abs() < 1e-5), "{w} x {h}, pixel {at}");
         }
 
         // Half-transparent photos over a background; the gradient's colours stay.
@@ -203,18 +180,11 @@ fn high_pass_and_residual() {
             let mut recording = Recording::new();
             record_residual(&mut recording, &picture, &photos, &gradient, [w, h], transparent, background);
             device.run(recording).unwrap();
-            for ((after, before), (pixel, word)) in
-                gradient.read(&device).unwrap().iter().zip(&got).zip(image.iter().zip(&photo))
-            {
+            let behind = transparent.then_some(background.map(f64::from));
+            let expected = reference::residual::residual(&wide, &photo, behind);
+            for ((after, before), expected) in gradient.read(&device).unwrap().iter().zip(&got).zip(expected) {
                 assert_eq!(after[..3], before[..3]);
-                let bytes = word.to_le_bytes().map(|b| f64::from(b) / 255.0);
-                let expected: f64 = (0..3)
-                    .map(|c| {
-                        let over = bytes[c] * bytes[3] + f64::from(background[c]) * (1.0 - bytes[3]);
-                        (f64::from(pixel[c]) - if transparent { over } else { bytes[c] }).abs()
-                    })
-                    .sum();
-                assert!((f64::from(after[3]) - expected / 3.0).abs() < 1e-6);
+                assert!((f64::from(after[3]) - expected).abs() < 1e-6);
             }
         }
     }

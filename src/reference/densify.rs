@@ -1,0 +1,65 @@
+//! Density control's decisions: which Gaussians are pruned, cloned or split.
+
+use super::Params;
+use glam::DVec3;
+
+/// How much smaller the halves of a split are than their parent.
+pub const SHRINK: f64 = 1.6;
+
+/// What decides.
+#[derive(Clone, Copy, Debug)]
+pub struct Thresholds {
+    /// Mean gradient norm of the 2D mean, in NDC units, from which on a Gaussian grows.
+    pub gradient: f64,
+    /// Largest axis, as a share of the reach, above which a growing Gaussian is split instead of being cloned.
+    pub clone_scale: f64,
+    /// Opacity below which a Gaussian is pruned.
+    pub opacity: f64,
+    /// Largest axis, as a share of the reach, above which a Gaussian is pruned; none before sizes count.
+    pub scale: Option<f64>,
+    /// The extent among the cameras, world units: the least reach.
+    pub extent: f64,
+    /// Mean of the cameras' centres: the reach of what is farther than the extent is its distance from there.
+    pub cameras: DVec3,
+}
+
+/// How a row of the new model came about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// It was there before.
+    Kept,
+    /// It is the copy of a Gaussian that was kept.
+    Clone,
+    /// It replaces its parent, together with another half.
+    Half,
+}
+
+/// Source row and kind of each row of the new model. `growth` holds for each Gaussian the sum of its gradient norms and the
+/// number of views that saw it.
+pub fn densify(params: &Params, growth: &[[f64; 2]], thresholds: &Thresholds) -> Vec<(usize, Kind)> {
+    let mut rows = Vec::new();
+    for (i, &[sum, views]) in growth.iter().enumerate() {
+        let (mean, scales) = (params.means[i], params.log_scales[i]);
+        let stored = [&mean[..], &scales, &params.rotations[i], &[params.opacity_logits[i]]].concat();
+        let opacity = 1.0 / (1.0 + (-params.opacity_logits[i]).exp());
+        if !stored.iter().all(|v| v.is_finite()) || opacity < thresholds.opacity {
+            continue;
+        }
+        let reach = (DVec3::from(mean) - thresholds.cameras).length().max(thresholds.extent);
+        let largest = scales.into_iter().fold(f64::MIN, f64::max).exp() / reach;
+        let grows = views > 0.0 && sum / views >= thresholds.gradient;
+        let splits = grows && largest > thresholds.clone_scale;
+        // A split is judged by the halves that it would leave.
+        let left = if splits { largest / SHRINK } else { largest };
+        if thresholds.scale.is_some_and(|most| left > most) {
+            continue;
+        }
+        if splits {
+            rows.extend([(i, Kind::Half); 2]);
+        } else {
+            rows.push((i, Kind::Kept));
+            rows.extend(grows.then_some((i, Kind::Clone)));
+        }
+    }
+    rows
+}

@@ -1,0 +1,65 @@
+//! Responses of one view: eight channels of each Gaussian.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use super::{Params, Rendered, Settings, gradients, rasterise::walk, render};
+use crate::scene::camera::Camera;
+
+/// Responses of a view whose loss has the gradient `dl_dimage` by its pixels, with a residual by pixel; n rows: shown or
+/// not; sums over pixels of T alpha, of T alpha times the residual, of alpha, each over the pixels; norms of the gradients by
+/// position in units of the own axes, by log-scale, by logit, and by SH over all bands.
+pub fn respond(
+    params: &Params,
+    camera: &Camera,
+    settings: &Settings,
+    dl_dimage: &[[f64; 3]],
+    residual: &[f64],
+) -> Vec<[f64; 8]> {
+    let mut channels = vec![[0.0; 8]; params.len()];
+    each_sample(params, camera, settings, |i, at, _, alpha, transmittance| {
+        let (c, weight) = (&mut channels[i], transmittance * alpha);
+        c[0] = 1.0;
+        c[1] += weight;
+        c[2] += weight * residual[at];
+        c[3] += alpha;
+    });
+    let pixels = f64::from(camera.width) * f64::from(camera.height);
+    let by = gradients(params, camera, settings, dl_dimage, None).params;
+    for (i, c) in channels.iter_mut().enumerate() {
+        c[1..4].iter_mut().for_each(|v| *v /= pixels);
+        let [w, x, y, z] = params.rotations[i];
+        let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let scale = DVec3::from(params.log_scales[i].map(f64::exp));
+        c[4] = (scale * (axes.transpose() * DVec3::from(by.means[i]))).length();
+        c[5] = DVec3::from(by.log_scales[i]).length();
+        c[6] = by.opacity_logits[i].abs();
+        let squares = by.sh.iter().enumerate().flat_map(|(l, band)| {
+            let width = (2 * l + 1) * 3;
+            band[i * width..(i + 1) * width].iter().map(|g| g * g)
+        });
+        c[7] = squares.sum::<f64>().sqrt();
+    }
+    channels
+}
+
+/// Hands over what each pixel blends: Gaussian, pixel, opacity at the centre, alpha, and the transmittance before it.
+pub(super) fn each_sample(
+    params: &Params,
+    camera: &Camera,
+    settings: &Settings,
+    mut each: impl FnMut(usize, usize, f64, f64, f64),
+) {
+    let Rendered { projected, tiles, .. } = render(params, camera, settings);
+    for t in 0..tiles.offsets.len() - 1 {
+        let list = tiles.list(t);
+        let (columns, rows) = tiles.pixels(t, camera.width, camera.height);
+        for y in rows {
+            for x in columns.clone() {
+                let at = (y * camera.width + x) as usize;
+                walk(list, &projected, (x, y), settings, |k, p, s, transmittance| {
+                    each(list[k] as usize, at, p.opacity, s.alpha, transmittance);
+                });
+            }
+        }
+    }
+}
