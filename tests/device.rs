@@ -15,6 +15,7 @@ mod device {
     mod rasterise_backward;
     mod rates;
     mod respond;
+    mod rrdm;
     mod selftest;
     mod train;
 }

@@ -4,7 +4,7 @@ use super::Measure;
 use super::backward::weights;
 use super::overlap::worse;
 use super::random::Kind;
-use super::render::{MILD, camera};
+use super::rasterise::{MILD, camera};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Device, Recording, Result};
 use crate::reference::{self, Params};

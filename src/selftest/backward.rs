@@ -3,7 +3,7 @@
 use super::Measure;
 use super::overlap::worse;
 use super::random::{Kind, Random};
-use super::render::{self, MILD, camera, stack, straight_on};
+use super::rasterise::{self, MILD, camera, stack, straight_on};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::reference::{self, Params};
@@ -67,7 +67,7 @@ pub fn there_and_back(
 pub fn expected(model: &Gaussians, camera: &Camera, settings: Settings, weights: &[[f32; 4]]) -> Params {
     let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
     let by_alpha: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
-    reference::gradients(&Params::from(model), camera, &render::twin(settings), &by_image, Some(&by_alpha)).params
+    reference::gradients(&Params::from(model), camera, &rasterise::twin(settings), &by_image, Some(&by_alpha)).params
 }
 
 /// Norm of the difference over the twin's norm, or over `least` where that is larger: the worst of all attributes.

@@ -11,7 +11,7 @@ mod participation;
 mod primitives;
 pub mod project;
 mod random;
-mod render;
+mod rasterise;
 
 use crate::gpu::{self, Device, Groups, Recording};
 use crate::kernels::probe::{Loop, LoopPush, LoopSpec};
@@ -107,18 +107,18 @@ const CASES: &[Case] = &[
     full("project", "scales e^-30 to e^20", project::all_scales),
     full("project", "quaternions of any length", project::all_rotations),
     full("project", "opacity logits to infinity", project::all_logits),
-    quick("rasterise", "mild, SH 3", render::mild),
-    full("rasterise", "needles", render::needles),
-    full("rasterise", "flat discs", render::flat),
-    full("rasterise", "saturated", render::saturated),
-    full("rasterise", "anti-aliased dust", render::antialiased),
-    full("rasterise", "depth order by tile", render::depth_order),
-    full("rasterise", "odd sizes", render::odd_sizes),
-    full("rasterise", "1,048,592 x 1 pixels", render::widest),
-    full("rasterise", "100,000 layers in a tile", render::deep),
-    full("rasterise", "10,000 coincident", render::ties),
-    quick("rasterise", "same again", render::repeat),
-    quick("rasterise", "culling off and on", render::culling),
+    quick("rasterise", "mild, SH 3", rasterise::mild),
+    full("rasterise", "needles", rasterise::needles),
+    full("rasterise", "flat discs", rasterise::flat),
+    full("rasterise", "saturated", rasterise::saturated),
+    full("rasterise", "anti-aliased dust", rasterise::antialiased),
+    full("rasterise", "depth order by tile", rasterise::depth_order),
+    full("rasterise", "odd sizes", rasterise::odd_sizes),
+    full("rasterise", "1,048,592 x 1 pixels", rasterise::widest),
+    full("rasterise", "100,000 layers in a tile", rasterise::deep),
+    full("rasterise", "10,000 coincident", rasterise::ties),
+    quick("rasterise", "same again", rasterise::repeat),
+    quick("rasterise", "culling off and on", rasterise::culling),
     quick("backward", "mild, SH 3", backward::mild),
     full("backward", "needles", backward::needles),
     full("backward", "flat discs", backward::flat),

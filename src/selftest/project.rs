@@ -3,7 +3,7 @@
 use super::Measure;
 use super::backward::{ALLOWED, expected, least, relative, there_and_back, weights};
 use super::overlap::worse;
-use super::render;
+use super::rasterise;
 use crate::gaussians::Gaussians;
 use crate::gpu::{Device, Result};
 use crate::reference::{self, Params};
@@ -120,7 +120,7 @@ pub fn fare(device: &Device, hard: &Hard, antialias: bool) -> Result<Fared> {
     };
     let weights = weights(&camera, 72);
     let mut drawn = there_and_back(device, &model, &camera, settings, &weights)?;
-    let twin = reference::render(&Params::from(&model), &camera, &render::twin(settings)).composite;
+    let twin = reference::render(&Params::from(&model), &camera, &rasterise::twin(settings)).composite;
     let mut picture = 0.0;
     for (p, (rgb, alpha)) in drawn.image.pixels.iter().zip(twin.image.iter().zip(&twin.alpha)) {
         for (g, e) in p.iter().zip([rgb[0], rgb[1], rgb[2], *alpha]) {

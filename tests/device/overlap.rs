@@ -1,4 +1,4 @@
-//! Overlaps and density matrices on the device.
+//! Overlaps on the device.
 
 mod known_pairs;
 mod twin;
@@ -6,11 +6,9 @@ mod twin;
 use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::Device;
-use qirf_vk::qirf::assemble::{Assembly, Options, unpack_lower, unpack_symmetric};
+use qirf_vk::qirf::assemble::{Assembly, Options, unpack_symmetric};
 use qirf_vk::qirf::overlap::Metric;
 use qirf_vk::qirf::plan::triangle;
-use qirf_vk::qirf::rrdm::Density;
-use qirf_vk::reference::rrdm;
 use twin::Twin;
 
 pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
@@ -153,51 +151,6 @@ fn values_that_are_no_numbers_stay_where_they_are() {
     assert!((0..m).all(|i| square[i * m + i] == 1.0));
     assert!((square[1] - 1.0).abs() < 1e-6 && (square[m - 1] - 1.0).abs() < 1e-6, "same Gaussian; no rotation");
     assert!(square[2] == 0.0, "a mean that is no number overlaps with nothing");
-    finish(&device);
-}
-
-#[test]
-fn rrdm_is_its_factors_square_as_its_twin_is() {
-    let device = device();
-    let sizes = [1, 9, 40, 130];
-    let (rows, starts) = blocks(&sizes, 5);
-    let n = rows.len();
-    let mut r = Random(9);
-    let h: Vec<[f32; 8]> = (0..n).map(|_| [0; 8].map(|_| r.next() as f32)).collect();
-    // Members in another order than the model's.
-    let members: Vec<u32> = (0..n as u32).map(|i| (i * 7 + 3) % n as u32).collect();
-    let resident = Resident::upload(&device, &model(&rows)).unwrap();
-    let density = Density { full: true, ..Density::default() };
-    let options = Options { density: Some(density), batch_bytes: 4 * 900, ..Options::default() };
-    let assembly = Assembly::new(&device, &resident, &members, &starts, &h, options).unwrap();
-    let mut seen = 0;
-    let check = |batch: &qirf_vk::qirf::assemble::Assembled<'_>| -> Result<(), qirf_vk::gpu::Error> {
-        for (b, block) in batch.iter() {
-            let m = block.m;
-            let own = &members[starts[b] as usize..starts[b + 1] as usize];
-            // The twin takes responses without the channels' weights; the device is handed rows that hold them.
-            let bare = |i: &u32| {
-                let row = h[*i as usize].map(f64::from);
-                std::array::from_fn(|k| row[k] / if k < 4 { 0.75_f64.sqrt() } else { 0.25_f64.sqrt() })
-            };
-            let w = rrdm::w(&own.iter().map(bare).collect::<Vec<_>>(), 0.75, 1e-4);
-            let expected = rrdm::p(&w);
-            let mut p = vec![f64::NAN; m * m];
-            unpack_lower(m, block.density.expect("asked for"), &mut p);
-            for row in 0..m {
-                for k in 0..8 {
-                    assert!((f64::from(block.factor.expect("asked for")[k * m + row]) - w[row][k]).abs() < 1e-6);
-                }
-                for c in 0..=row {
-                    assert!((p[c * m + row] - expected[row * m + c]).abs() < 1e-6, "block {b}, {row}, {c}");
-                }
-            }
-            seen += 1;
-        }
-        Ok(())
-    };
-    assembly.for_each(check).unwrap();
-    assert_eq!(seen, sizes.len());
     finish(&device);
 }
 

@@ -1,7 +1,6 @@
 //! Masks against their twin: what is hidden is background, and no gradient passes there.
 
-use crate::support::synthetic::Random;
-use crate::support::{device, finish};
+use crate::support::{Random, device, finish};
 use qirf_vk::gpu::Recording;
 use qirf_vk::reference::mask;
 use qirf_vk::train::mask::Mask;
