@@ -5,7 +5,8 @@ use super::{device, group, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gpu::{Recording, Timings};
 use qirf_vk::scene::FourthByte;
-use qirf_vk::train::loss::{Loss, Target, Weights};
+use qirf_vk::response::Target;
+use qirf_vk::train::loss::{Loss, Weights};
 use std::time::{Duration, Instant};
 
 /// Pictures of noise against photos of noise.

@@ -9,7 +9,7 @@ use crate::gpu::Device;
 use crate::qirf::CHANNELS;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Choice, Keep};
-use crate::qirf::study::Study;
+use crate::qirf::study::{Observed, Study};
 use crate::response::Responses;
 use crate::train::Trainer;
 use std::time::Instant;
@@ -104,7 +104,8 @@ pub fn plan(
     // Where blocks are solved anyway, the paper's eigenproblem comes with them: it tells how many modes they have.
     let asked = [selector, Selector::Gnso];
     let asked = if selector.of_blocks().is_some() && selector != Selector::Gnso { &asked[..] } else { &asked[..1] };
-    let study = Study::new(device, (resident, &model), responses, &compression.basis, asked, seed)?;
+    let observed = Observed { resident, model: &model, responses };
+    let study = Study::new(device, observed, &compression.basis, asked, seed)?;
     let choosing = Instant::now();
     let choice = study.choose(selector, compression.budget, keep, compression.detail);
     let select = choosing.elapsed().as_secs_f64();

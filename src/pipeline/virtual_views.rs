@@ -150,7 +150,7 @@ pub fn responses(
         high_pass.record(recording, image, &gradient, [cameras[v].width, cameras[v].height]);
         Ok(())
     };
-    let responses = full_pass(device, &mut renderer, model, cameras, &gradient, with_scores, loss)?;
+    let responses = full_pass(&mut renderer, model, cameras, &gradient, with_scores, loss)?;
     follow(cameras.len())?;
     Ok(responses)
 }

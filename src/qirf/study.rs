@@ -119,8 +119,19 @@ fn channel(rows: &[[f32; CHANNELS]], c: usize) -> Vec<f32> {
     rows.iter().map(|row| row[c]).collect()
 }
 
+/// A model, on the device and on the host, and how strongly pictures depend on each of its Gaussians.
+#[derive(Clone, Copy)]
+pub struct Observed<'a> {
+    /// The model on the device.
+    pub resident: &'a Resident,
+    /// The same model on the host.
+    pub model: &'a Gaussians,
+    /// Responses of its Gaussians, n.
+    pub responses: &'a Responses,
+}
+
 impl Study {
-    /// Studies a model: `model` is what `resident` holds.
+    /// Studies a model.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -129,69 +140,87 @@ impl Study {
     /// When there is not one response a Gaussian, or a selector needs scores that are not there.
     pub fn new(
         device: &Device,
-        (resident, model): (&Resident, &Gaussians),
-        responses: &Responses,
+        observed: Observed<'_>,
         basis: &Basis,
         selectors: &[Selector],
         seed: u32,
     ) -> Result<Self> {
+        let Observed { model, responses, .. } = observed;
         assert_eq!(responses.channels.len(), model.len(), "one response a Gaussian");
         let begun = Instant::now();
         let rows = normalise::rows(&responses.channels, basis.eta);
         let partitioned = basis.partition.of(&model.means);
         let dilation = dilation(model, basis.dilate);
-        let mut seconds = Seconds { partition: begun.elapsed().as_secs_f64(), ..Seconds::default() };
-
+        let seconds = Seconds { partition: begun.elapsed().as_secs_f64(), ..Seconds::default() };
         let of_blocks: Vec<BlockSelector> = selectors.iter().filter_map(|s| s.of_blocks()).collect();
-        let mut collected = Collected::new(&partitioned.blocks, of_blocks.len());
         let mut study = Self {
             detail: detail_scores(model, responses),
             dilation,
             rankings: Vec::new(),
-            collected: Collected::default(),
+            collected: Collected::new(&partitioned.blocks, of_blocks.len()),
             partitioned,
             seconds,
         };
         if !of_blocks.is_empty() {
-            let solver = Solver {
-                rung: basis.solver,
-                epsilon: basis.epsilon,
-                tau: basis.tau,
-                eta: basis.eta,
-                selectors: of_blocks,
-                ..Solver::default()
-            };
-            let own = (basis.overlap == Overlap::Raw).then(|| self_overlaps(model));
-            let began = Instant::now();
-            let blocks = &study.partitioned.blocks;
-            let timings = study.overlaps(device, resident, |batch| {
-                let started = Instant::now();
-                let solved: Vec<_> = batch
-                    .par_iter()
-                    .with_max_len(1)
-                    .map(|(b, overlap)| {
-                        let members = blocks.block(*b);
-                        let pick = |values: &[f32]| members.iter().map(|i| values[*i as usize]).collect::<Vec<_>>();
-                        let own = own.as_ref().map(|own| members.iter().map(|i| own[*i as usize]).collect::<Vec<_>>());
-                        solver.solve_one(&Block {
-                            overlap: &full(members.len(), overlap),
-                            rows: &members.iter().map(|i| rows[*i as usize]).collect::<Vec<_>>(),
-                            opacity: &pick(&model.opacity_logits),
-                            self_overlaps: own.as_deref(),
-                        })
-                    })
-                    .collect();
-                for ((b, _), solved) in batch.iter().zip(&solved) {
-                    collected.take(blocks, *b, solved);
-                }
-                seconds.solve += started.elapsed().as_secs_f64();
-            })?;
-            seconds.assemble = timings.total();
-            seconds.wall = began.elapsed().as_secs_f64();
+            study.solve(device, observed, basis, of_blocks, &rows)?;
         }
-        let mut solved = std::mem::take(&mut collected.rankings).into_iter();
+        study.rank(observed, selectors, &rows, seed);
+        Ok(study)
+    }
+
+    /// Assembles the blocks' overlaps and solves them by each of these selectors.
+    fn solve(
+        &mut self,
+        device: &Device,
+        Observed { resident, model, .. }: Observed<'_>,
+        basis: &Basis,
+        selectors: Vec<BlockSelector>,
+        rows: &[[f32; CHANNELS]],
+    ) -> Result<()> {
+        let solver = Solver {
+            rung: basis.solver,
+            epsilon: basis.epsilon,
+            tau: basis.tau,
+            eta: basis.eta,
+            selectors,
+            ..Solver::default()
+        };
+        let own = (basis.overlap == Overlap::Raw).then(|| self_overlaps(model));
+        let (mut collected, mut solve_s) = (std::mem::take(&mut self.collected), 0.0);
+        let began = Instant::now();
+        let blocks = &self.partitioned.blocks;
+        let timings = self.overlaps(device, resident, |batch| {
+            let started = Instant::now();
+            let solved = batch.par_iter().with_max_len(1).map(|(b, overlap)| {
+                let members = blocks.block(*b);
+                let pick = |values: &[f32]| members.iter().map(|i| values[*i as usize]).collect::<Vec<_>>();
+                let own = own.as_ref().map(|own| members.iter().map(|i| own[*i as usize]).collect::<Vec<_>>());
+                solver.solve_one(&Block {
+                    overlap: &full(members.len(), overlap),
+                    rows: &members.iter().map(|i| rows[*i as usize]).collect::<Vec<_>>(),
+                    opacity: &pick(&model.opacity_logits),
+                    self_overlaps: own.as_deref(),
+                })
+            });
+            let solved: Vec<_> = solved.collect();
+            for ((b, _), solved) in batch.iter().zip(&solved) {
+                collected.take(blocks, *b, solved);
+            }
+            solve_s += started.elapsed().as_secs_f64();
+        })?;
+        self.seconds.solve = solve_s;
+        self.seconds.assemble = timings.total();
+        self.seconds.wall = began.elapsed().as_secs_f64();
+        self.collected = collected;
+        Ok(())
+    }
+
+    /// Each selector's order: from the solved blocks, or by a score of each Gaussian alone.
+    fn rank(&mut self, observed: Observed<'_>, selectors: &[Selector], rows: &[[f32; CHANNELS]], seed: u32) {
+        let Observed { model, responses, .. } = observed;
+        let mut solved = std::mem::take(&mut self.collected.rankings).into_iter();
         let statistics = Statistics {
-            rows: &rows,
+            rows,
             opacity: &model.opacity_logits,
             contribution: &column(&responses.scores, 0),
             peak: &column(&responses.scores, 1),
@@ -199,14 +228,11 @@ impl Study {
             log_scales: &model.log_scales,
         };
         for &selector in selectors {
-            let alone = selector.ranking(&study.partitioned.blocks, &statistics, u64::from(seed));
+            let alone = selector.ranking(&self.partitioned.blocks, &statistics, u64::from(seed));
             if let Some(ranking) = alone.or_else(|| solved.next()) {
-                study.rankings.push((selector, ranking));
+                self.rankings.push((selector, ranking));
             }
         }
-        study.collected = collected;
-        study.seconds = seconds;
-        Ok(study)
     }
 
     /// Hands the packed lower triangles of N, a batch of blocks at a time, to `body` while the device assembles the next.

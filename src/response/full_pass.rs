@@ -2,7 +2,7 @@
 
 use super::{Gather, ResidentResponses, ResidentScores, Responses};
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Buffer, Device, Error, Recording};
+use crate::gpu::{Buffer, Error, Recording};
 use crate::render::{Backward, Renderer};
 use crate::scene::camera::Camera;
 
@@ -17,7 +17,6 @@ use crate::scene::camera::Camera;
 /// # Panics
 /// When the renderer was not made [`Renderer::for_training`].
 pub fn full_pass<E: From<Error>>(
-    device: &Device,
     renderer: &mut Renderer,
     model: &Resident,
     cameras: &[Camera],
@@ -25,6 +24,7 @@ pub fn full_pass<E: From<Error>>(
     with_scores: bool,
     mut loss: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>) -> std::result::Result<(), E>,
 ) -> std::result::Result<Responses, E> {
+    let device = &renderer.device().clone();
     let responses = ResidentResponses::zeros(device, model.len)?;
     let scores = with_scores.then(|| ResidentScores::zeros(device, model.len)).transpose()?;
     let backward = Backward { residual: true, ..Backward::default() };

@@ -20,7 +20,7 @@ mod score;
 
 pub use full_pass::full_pass;
 pub use high_pass::HighPass;
-pub use residual::record_residual;
+pub use residual::{Target, record_residual};
 pub use respond::{Gather, KEEP, ResidentResponses};
 pub use score::ResidentScores;
 

@@ -4,26 +4,37 @@ use crate::gpu::{Buffer, Groups, Recording};
 use crate::kernels::constants::photo;
 use crate::kernels::response::{Residual, ResidualPush, ResidualSpec};
 use crate::primitives::WORKGROUP;
+use crate::scene::FourthByte;
+
+/// The photo that a picture is compared with.
+#[derive(Clone, Copy)]
+pub struct Target<'a> {
+    /// RGBA, 8 bits each.
+    pub photo: &'a Buffer<u32>,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// What the photo's fourth byte means.
+    pub fourth_byte: FourthByte,
+    /// Colour that shows through the photo where its fourth byte is below 255.
+    pub background: [f32; 3],
+}
 
 /// Records the mean over the colours of |picture - photo| into the gradient's fourth component, after the loss.
-///
-/// Where `transparent`, the photo's fourth byte is its opacity over `background`.
 pub fn record_residual(
     recording: &mut Recording,
     image: &Buffer<[f32; 4]>,
-    photo: &Buffer<u32>,
+    target: Target<'_>,
     gradient: &Buffer<[f32; 4]>,
-    [width, height]: [u32; 2],
-    transparent: bool,
-    [r, g, b]: [f32; 3],
 ) {
+    let Target { photo, size: [width, height], fourth_byte, background: [r, g, b] } = target;
+    let alpha = if fourth_byte.shows_background() { photo::OPACITY } else { photo::OPAQUE };
     let pixels = width * height;
     let kernel = Residual {
         image: &image.cast(),
         photo,
         gradient: &gradient.cast(),
         push: ResidualPush { background: [r, g, b, 0.0], pixels },
-        spec: ResidualSpec { workgroup: WORKGROUP, alpha: if transparent { photo::OPACITY } else { photo::OPAQUE } },
+        spec: ResidualSpec { workgroup: WORKGROUP, alpha },
     };
     recording.scope("residual", |r| r.dispatch(&kernel, Groups::Count(pixels.div_ceil(WORKGROUP))));
 }

@@ -5,8 +5,9 @@ use super::overlap::worse;
 use super::random::Random;
 use crate::gpu::{Device, Recording, Result};
 use crate::reference;
+use crate::response::Target;
 use crate::scene::FourthByte;
-use crate::train::loss::{Loss, Target, Weights};
+use crate::train::loss::{Loss, Weights};
 
 struct Case {
     width: u32,

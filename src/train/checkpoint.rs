@@ -94,7 +94,7 @@ impl Trainer {
                 return Err(super::Error::Exposures { stored, photos });
             }
             let pixels = e.image.len();
-            trainer.objective.exposure = Some(Exposure::with(device, gains, (affine, moments), pixels)?);
+            trainer.objective.exposure = Some(Exposure::with(device, gains, affine, moments, pixels)?);
         }
         trainer.iteration = snapshot.iteration;
         trainer.skipped_rows = snapshot.skipped_rows;

@@ -48,6 +48,24 @@ pub struct Step<'a> {
     pub rate: f32,
 }
 
+impl<'a> Step<'a> {
+    /// A step that nothing reads, `idle` standing for the pairs.
+    fn none(idle: &'a Buffer<u32>) -> Self {
+        Self { pairs: idle, limit: 0, number: 1, rate: 0.0 }
+    }
+}
+
+/// A rendered picture of a photo.
+#[derive(Clone, Copy)]
+pub struct Rendered<'a> {
+    /// The photo's number among those trained on.
+    pub photo: usize,
+    /// The picture.
+    pub image: &'a Buffer<[f32; 4]>,
+    /// Its pixels.
+    pub pixels: u32,
+}
+
 /// Learning rate of an iteration of a run of this length on so many photos with these gains.
 pub fn rate(gains: Option<&[[f32; 3]]>, iteration: u32, length: u32, photos: usize) -> f32 {
     let rounds = f64::from(length.max(1)) / photos.max(1) as f64;
@@ -83,7 +101,7 @@ impl Exposure {
     /// Device memory; device errors.
     pub fn new(device: &Device, gains: &[[f32; 3]], photos: usize, pixels: usize) -> Result<Self> {
         let affine: Vec<f32> = of_each(gains, photos).flat_map(diagonal).collect();
-        Self::with(device, gains, (&affine, &vec![0.0; 2 * affine.len()]), pixels)
+        Self::with(device, gains, &affine, &vec![0.0; 2 * affine.len()], pixels)
     }
 
     /// These affines (photo x 12) with these moments (first and second interleaved) of photos that began with these
@@ -91,12 +109,7 @@ impl Exposure {
     ///
     /// # Errors
     /// Device memory; device errors.
-    pub fn with(
-        device: &Device,
-        gains: &[[f32; 3]],
-        (affine, moments): (&[f32], &[f32]),
-        pixels: usize,
-    ) -> Result<Self> {
+    pub fn with(device: &Device, gains: &[[f32; 3]], affine: &[f32], moments: &[f32], pixels: usize) -> Result<Self> {
         Ok(Self {
             affine: device.upload("exposures", affine)?,
             gains: device
@@ -107,50 +120,45 @@ impl Exposure {
         })
     }
 
-    /// Records `image` as this photo shows it, into [`Exposure::image`].
-    pub fn apply(&self, recording: &mut Recording, photo: usize, image: &Buffer<[f32; 4]>, pixels: u32) {
-        let step = Step { pairs: &self.partials.cast(), limit: 0, number: 1, rate: 0.0 };
-        let groups = pixels.div_ceil(WORKGROUP);
-        recording.scope(SCOPE, |r| self.phase(r, shader::APPLY, photo, image, image, pixels, step, groups));
+    /// Records the picture as its photo shows it, into [`Exposure::image`].
+    pub fn apply(&self, recording: &mut Recording, rendered: Rendered<'_>) {
+        let idle = self.partials.cast();
+        recording.scope(SCOPE, |r| self.phase(r, shader::APPLY, rendered, rendered.image, Step::none(&idle)));
     }
 
-    /// Records the way back: `gradient`, by the exposed colours, becomes that by `image`; `step` updates the affine,
-    /// none leaves it.
+    /// Records the way back: `gradient`, by the exposed colours, becomes that by the rendered ones; `step` updates the
+    /// affine, none leaves it.
     pub fn backward(
         &self,
         recording: &mut Recording,
-        photo: usize,
-        image: &Buffer<[f32; 4]>,
+        rendered: Rendered<'_>,
         gradient: &Buffer<[f32; 4]>,
-        pixels: u32,
         step: Option<Step<'_>>,
     ) {
         recording.scope(SCOPE, |r| {
             let idle = self.partials.cast();
-            let none = Step { pairs: &idle, limit: 0, number: 1, rate: 0.0 };
-            self.phase(r, shader::BACKWARD, photo, image, gradient, pixels, step.unwrap_or(none), Self::groups(pixels));
+            self.phase(r, shader::BACKWARD, rendered, gradient, step.unwrap_or(Step::none(&idle)));
             if let Some(step) = step {
-                self.phase(r, shader::UPDATE, photo, image, gradient, pixels, step, 1);
+                self.phase(r, shader::UPDATE, rendered, gradient, step);
             }
         });
-    }
-
-    fn groups(pixels: u32) -> u32 {
-        pixels.div_ceil(WORKGROUP).clamp(1, GROUPS)
     }
 
     fn phase(
         &self,
         recording: &mut Recording,
         phase: u32,
-        photo: usize,
-        image: &Buffer<[f32; 4]>,
+        Rendered { photo, image, pixels }: Rendered<'_>,
         gradient: &Buffer<[f32; 4]>,
-        pixels: u32,
         step: Step<'_>,
-        groups: u32,
     ) {
         let correction = |beta: f64| 1.0 - beta.powf(f64::from(step.number));
+        let sums = pixels.div_ceil(WORKGROUP).clamp(1, GROUPS);
+        let groups = match phase {
+            shader::APPLY => pixels.div_ceil(WORKGROUP),
+            shader::BACKWARD => sums,
+            _ => 1,
+        };
         let kernel = Kernel {
             pairs: step.pairs,
             image,
@@ -163,7 +171,7 @@ impl Exposure {
             push: ExposurePush {
                 photo: photo as u32,
                 pixels,
-                groups: Self::groups(pixels),
+                groups: sums,
                 pair_limit: step.limit,
                 rate: step.rate,
                 correction1: (1.0 / correction(BETA1)) as f32,

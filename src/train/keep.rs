@@ -37,6 +37,6 @@ impl Trainer {
 
     /// From now on the loss has these weights.
     pub fn fine_tune(&mut self, weights: Weights) {
-        self.options.weights = weights;
+        self.objective.weights = weights;
     }
 }

@@ -5,7 +5,7 @@ use crate::kernels::constants::loss::{GRADIENT, MAP, MEANS, TAPS};
 use crate::kernels::constants::photo;
 use crate::kernels::train::{Loss as Kernel, LossPush, LossSpec};
 use crate::primitives::{WORKGROUP, reduce};
-use crate::scene::FourthByte;
+use crate::response::Target;
 
 /// The profiler's scope.
 pub const STAGE: &str = "loss";
@@ -35,19 +35,6 @@ impl Default for Weights {
     fn default() -> Self {
         Self { l1: 0.8, ssim: 0.2, l2: 0.0 }
     }
-}
-
-/// The photo that a picture is compared with.
-#[derive(Clone, Copy)]
-pub struct Target<'a> {
-    /// RGBA, 8 bits each.
-    pub photo: &'a Buffer<u32>,
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    /// What the photo's fourth byte means.
-    pub fourth_byte: FourthByte,
-    /// Colour that shows through the photo where its fourth byte is below 255.
-    pub background: [f32; 3],
 }
 
 /// Scratch of the loss for pictures of up to a number of pixels.

@@ -28,29 +28,29 @@ impl Mask {
 
     /// Records `image` with what the photo's fourth byte hides as background, into [`Mask::image`].
     pub fn apply(&self, recording: &mut Recording, photo: &Buffer<u32>, image: &Buffer<[f32; 4]>, pixels: u32) {
-        self.phase(recording, HIDE, photo, image, image, pixels);
+        self.phase(recording, HIDE, photo, image, pixels);
     }
 
     /// Records the way back of `gradient`.
     pub fn backward(&self, recording: &mut Recording, photo: &Buffer<u32>, gradient: &Buffer<[f32; 4]>, pixels: u32) {
-        self.phase(recording, BACKWARD, photo, gradient, gradient, pixels);
+        self.phase(recording, BACKWARD, photo, gradient, pixels);
     }
 
+    /// `values` are the picture's pixels, or on the way back its gradient's.
     fn phase(
         &self,
         recording: &mut Recording,
         phase: u32,
         photo: &Buffer<u32>,
-        image: &Buffer<[f32; 4]>,
-        gradient: &Buffer<[f32; 4]>,
+        values: &Buffer<[f32; 4]>,
         pixels: u32,
     ) {
         let [r, g, b] = self.background;
         let kernel = Kernel {
             photo,
-            image,
+            image: values,
             masked: &self.image,
-            gradient,
+            gradient: values,
             push: MaskPush { background: [r, g, b, 0.0], pixels },
             spec: MaskSpec { workgroup: WORKGROUP, phase },
         };

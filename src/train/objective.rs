@@ -1,12 +1,12 @@
 //! From a rendered picture to the gradient by it: exposure and mask before the loss, and both on the way back.
 
 use super::error::Result;
-use super::exposure::{Exposure, Step};
-use super::loss::{self, Loss, Target};
+use super::exposure::{Exposure, Rendered, Step};
+use super::loss::{self, Loss, Weights};
 use super::mask::Mask;
 use super::options::Options;
 use crate::gpu::{Buffer, Device, Recording};
-use crate::response::record_residual;
+use crate::response::{Target, record_residual};
 use crate::scene::{FourthByte, Photo};
 
 /// The photo that a picture is rendered for.
@@ -23,7 +23,10 @@ pub(super) struct Current<'a> {
 /// Compares pictures with photos.
 pub(super) struct Objective {
     pub loss: Loss,
+    /// Weights of the loss.
+    pub weights: Weights,
     fourth_byte: FourthByte,
+    background: [f32; 3],
     /// Exposures of the photos, if they have any.
     pub exposure: Option<Exposure>,
     /// Hides the masked parts of photos, if they have masks.
@@ -39,7 +42,9 @@ impl Objective {
         let masked = fourth_byte == FourthByte::Mask;
         Ok(Self {
             loss: Loss::new(device, width, height)?,
+            weights: options.weights,
             fourth_byte,
+            background,
             exposure: options
                 .exposure
                 .as_ref()
@@ -56,15 +61,15 @@ impl Objective {
         recording: &mut Recording,
         rendered: &'a Buffer<[f32; 4]>,
         current: Current<'_>,
-        options: &Options,
         with_value: bool,
         step: Option<Step<'_>>,
     ) -> &'a Buffer<[f32; 4]> {
         let Current { number, pixels: photo, size } = current;
         let (gradient, pixels) = (&self.loss.gradient, size[0] * size[1]);
+        let exposed = Rendered { photo: number, image: rendered, pixels };
         let mut seen = rendered;
         if let Some(exposure) = &self.exposure {
-            exposure.apply(recording, number, seen, pixels);
+            exposure.apply(recording, exposed);
             seen = &exposure.image;
         }
         if let Some(mask) = &self.mask {
@@ -72,8 +77,7 @@ impl Objective {
             seen = &mask.image;
         }
         recording.scope(loss::STAGE, |r| {
-            let (fourth_byte, background) = (self.fourth_byte, options.settings.background);
-            self.loss.record(r, seen, Target { photo, size, fourth_byte, background }, options.weights);
+            self.loss.record(r, seen, self.target(current), self.weights);
             if with_value {
                 self.loss.record_value(r, size);
             }
@@ -82,21 +86,17 @@ impl Objective {
             mask.backward(recording, photo, gradient, pixels);
         }
         if let Some(exposure) = &self.exposure {
-            exposure.backward(recording, number, rendered, gradient, pixels, step);
+            exposure.backward(recording, exposed, gradient, step);
         }
         seen
     }
 
     /// Records the residual of what the loss saw into the gradient's fourth component, after [`Objective::record`].
-    pub fn record_residual(
-        &self,
-        recording: &mut Recording,
-        seen: &Buffer<[f32; 4]>,
-        current: Current<'_>,
-        options: &Options,
-    ) {
-        let Current { pixels: photo, size, .. } = current;
-        let (gradient, background) = (&self.loss.gradient, options.settings.background);
-        record_residual(recording, seen, photo, gradient, size, self.fourth_byte.shows_background(), background);
+    pub fn record_residual(&self, recording: &mut Recording, seen: &Buffer<[f32; 4]>, current: Current<'_>) {
+        record_residual(recording, seen, self.target(current), &self.loss.gradient);
+    }
+
+    fn target<'a>(&self, Current { pixels: photo, size, .. }: Current<'a>) -> Target<'a> {
+        Target { photo, size, fourth_byte: self.fourth_byte, background: self.background }
     }
 }

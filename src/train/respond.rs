@@ -30,9 +30,8 @@ impl Trainer {
     {
         let cameras: Vec<_> = self.photos.iter().map(|p| p.camera.clone()).collect();
         let (device, photos, device_photos) = (&self.device, &self.photos, &mut self.device_photos);
-        let (objective, options) = (&self.objective, &self.options);
+        let objective = &self.objective;
         let responses = full_pass(
-            device,
             &mut self.renderer,
             &self.trainee.model,
             &cameras,
@@ -42,8 +41,8 @@ impl Trainer {
                 follow(v)?;
                 let pixels = device_photos.get(device, photos, v, (v + 1) % cameras.len())?;
                 let current = Current { number: v, pixels, size: [cameras[v].width, cameras[v].height] };
-                let seen = objective.record(recording, image, current, options, false, None);
-                objective.record_residual(recording, seen, current, options);
+                let seen = objective.record(recording, image, current, false, None);
+                objective.record_residual(recording, seen, current);
                 Ok(())
             },
         )?;

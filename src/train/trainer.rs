@@ -200,7 +200,7 @@ impl Trainer {
             let view = self.view_of(last);
             let halved = self.halved(view, last);
             let Camera { width, height, .. } = *halved.as_ref().unwrap_or(&self.photos[view].camera);
-            self.last_loss = self.objective.loss.value(&self.device, [width, height], self.options.weights)?;
+            self.last_loss = self.objective.loss.value(&self.device, [width, height], self.objective.weights)?;
             self.after(last)?;
         }
         Ok(self.progress())
@@ -302,10 +302,10 @@ impl Trainer {
         };
         let current = Current { number: at, pixels: photo, size };
         let (objective, rendered) = (&self.objective, self.renderer.image());
-        let seen = objective.record(&mut recording, rendered, current, options, with_value, Some(step));
+        let seen = objective.record(&mut recording, rendered, current, with_value, Some(step));
         let responses = self.responses.as_ref().filter(|_| options.averaged.contains(&iteration));
         if responses.is_some() {
-            objective.record_residual(&mut recording, seen, current, options);
+            objective.record_residual(&mut recording, seen, current);
         }
         let growth = options.schedule.gathers(iteration).then_some(&self.trainee.growth);
         let backward = Backward { residual: responses.is_some(), growth, ..Backward::default() };

@@ -6,7 +6,8 @@ use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Error, Recording};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
-use qirf_vk::response::{Gather, HighPass, KEEP, ResidentResponses, ResidentScores, full_pass, record_residual};
+use qirf_vk::response::{Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Target, full_pass, record_residual};
+use qirf_vk::scene::FourthByte;
 use qirf_vk::scene::camera::Camera;
 
 const SIZE: [u32; 2] = [45, 37];
@@ -49,7 +50,7 @@ fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<[
         r.copy(&weights[v], &gradient, gradient.len());
         Ok::<(), Error>(())
     };
-    let responses = full_pass(device, &mut renderer, &resident, &cameras, &gradient, true, loss).unwrap();
+    let responses = full_pass(&mut renderer, &resident, &cameras, &gradient, true, loss).unwrap();
     let after = resident.download(device).unwrap();
     assert_eq!(&after, model, "the model does not change");
     (responses.channels, responses.scores)
@@ -176,11 +177,12 @@ fn high_pass_and_residual_are_their_twins() {
         let photo: Vec<u32> = (0..n).map(|_| (r.next() * f64::from(u32::MAX)) as u32).collect();
         let photos = device.upload("photo", &photo).unwrap();
         let background = [0.2_f32, 0.5, 0.9];
-        for transparent in [false, true] {
+        for fourth_byte in [FourthByte::Opaque, FourthByte::Alpha] {
             let mut recording = Recording::new();
-            record_residual(&mut recording, &picture, &photos, &gradient, [w, h], transparent, background);
+            let target = Target { photo: &photos, size: [w, h], fourth_byte, background };
+            record_residual(&mut recording, &picture, target, &gradient);
             device.run(recording).unwrap();
-            let behind = transparent.then_some(background.map(f64::from));
+            let behind = fourth_byte.shows_background().then_some(background.map(f64::from));
             let expected = reference::residual::residual(&wide, &photo, behind);
             for ((after, before), expected) in gradient.read(&device).unwrap().iter().zip(&got).zip(expected) {
                 assert_eq!(after[..3], before[..3]);

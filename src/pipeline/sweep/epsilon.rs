@@ -11,7 +11,7 @@ use crate::qirf::overlap::Metric as Overlaps;
 use crate::qirf::participation::Gram;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
-use crate::qirf::study::{Basis, Study, dilation};
+use crate::qirf::study::{Basis, Observed, Study, dilation};
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -34,7 +34,8 @@ fn basis(name: &str) -> Basis {
 fn study(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Result<Study, Error> {
     let subject = context.subject;
     let selectors = [Selector::Gnso];
-    Ok(Study::new(context.session.device, (resident, &subject.model), &subject.responses, basis, &selectors, 1)?)
+    let observed = Observed { resident, model: &subject.model, responses: &subject.responses };
+    Ok(Study::new(context.session.device, observed, basis, &selectors, 1)?)
 }
 
 /// What the paper's rule keeps, by block and without the detail safeguard: nothing else hides the metric.

@@ -10,7 +10,7 @@ use qirf_vk::render::Settings;
 use qirf_vk::scene::{FourthByte, PhotoMemory};
 use qirf_vk::synth::{self, SynthOptions, write};
 use qirf_vk::train::checkpoint::Snapshot;
-use qirf_vk::train::exposure::{Exposure, PULL, SIZE, Step};
+use qirf_vk::train::exposure::{Exposure, PULL, Rendered, SIZE, Step};
 use qirf_vk::train::initialise::{Seed, from_points};
 use qirf_vk::train::loss::Weights;
 use qirf_vk::train::mask::Mask;
@@ -33,14 +33,14 @@ fn the_kernel_is_its_twin() {
             (0..photos * SIZE).map(|k| (twin::IDENTITY[k % SIZE] + 0.3 * (value(k, 3) - 0.5)) as f32).collect();
         let gains: Vec<[f32; 3]> =
             (0..photos).map(|k| [0, 1, 2].map(|c| 0.8 + 0.4 * value(3 * k + c, 5) as f32)).collect();
-        let state = (&affine[..], &vec![0.0; 2 * affine.len()][..]);
-        let exposure = Exposure::with(&device, &gains, state, pixels).unwrap();
+        let exposure = Exposure::with(&device, &gains, &affine, &vec![0.0; 2 * affine.len()], pixels).unwrap();
         let (image, gradient) = (device.upload("image", &picture).unwrap(), device.upload("slope", &slope).unwrap());
         let pairs = device.upload("pairs", &[0, 5]).unwrap();
         let step = |limit| Some(Step { pairs: &pairs, limit, number: 1, rate: 0.01 });
         let mut recording = Recording::new();
-        exposure.apply(&mut recording, photo, &image, pixels as u32);
-        exposure.backward(&mut recording, photo, &image, &gradient, pixels as u32, step(5));
+        let rendered = Rendered { photo, image: &image, pixels: pixels as u32 };
+        exposure.apply(&mut recording, rendered);
+        exposure.backward(&mut recording, rendered, &gradient, step(5));
         assert_eq!(recording.kernels(), ["train/exposure"; 3]);
         device.run(recording).unwrap();
 
@@ -75,7 +75,7 @@ fn the_kernel_is_its_twin() {
         for (limit, slope) in [(4, 1.0), (5, f32::NAN)] {
             let slope = device.upload("slope", &vec![[slope; 4]; pixels]).unwrap();
             let mut recording = Recording::new();
-            exposure.backward(&mut recording, photo, &image, &slope, pixels as u32, step(limit));
+            exposure.backward(&mut recording, rendered, &slope, step(limit));
             device.run(recording).unwrap();
             assert!(exposure.affine.read(&device).unwrap() == after);
             assert!(exposure.moments.read(&device).unwrap() == moments);

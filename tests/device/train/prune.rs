@@ -6,7 +6,7 @@ use qirf_vk::pipeline::config::Compression;
 use qirf_vk::pipeline::prune::{PruneRequest, prune_by};
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};
-use qirf_vk::qirf::study::{Basis, Study};
+use qirf_vk::qirf::study::{Basis, Observed, Study};
 use qirf_vk::response::Responses;
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::{Options, Trainer};
@@ -64,8 +64,8 @@ fn counts_are_exact() {
     let model = trained.download().unwrap();
     let selectors: Vec<Selector> = Selector::NAMES.iter().map(|(s, _)| *s).collect();
     let resident = trained.model();
-    let study =
-        |seed| Study::new(&device, (resident, &model), &responses, &Basis::default(), &selectors, seed).unwrap();
+    let observed = Observed { resident, model: &model, responses: &responses };
+    let study = |seed| Study::new(&device, observed, &Basis::default(), &selectors, seed).unwrap();
     let (one, again) = (study(1), study(1));
     let third = model.len() / 3;
     for &selector in &selectors {
