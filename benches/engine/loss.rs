@@ -4,8 +4,8 @@ use super::bounds::Picture;
 use super::{device, group, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gpu::{Recording, Timings};
-use qirf_vk::scene::FourthByte;
 use qirf_vk::response::Target;
+use qirf_vk::scene::FourthByte;
 use qirf_vk::train::loss::{Loss, Weights};
 use std::time::{Duration, Instant};
 

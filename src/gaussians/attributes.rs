@@ -1,25 +1,25 @@
-//! The attributes of a Gaussian, and whatever comes one for each: arrays, names, widths, moments, learning rates.
+//! One value for each attribute of a Gaussian: arrays, names, widths, moments, learning rates.
 
 use super::{Gaussians, MAX_SH_DEGREE};
 use std::convert::Infallible;
 
-/// SH bands at most.
+/// Largest number of SH bands.
 const BANDS: usize = MAX_SH_DEGREE + 1;
-/// Attributes, each SH band being one.
+/// Number of attributes; each SH band is one.
 const COUNT: usize = 4 + BANDS;
 
-/// One thing for each attribute.
+/// One value for each attribute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Attributes<T> {
-    /// Of centres.
+    /// For centres.
     pub means: T,
-    /// Of the axes' standard deviations, as logarithms.
+    /// For logarithms of the axes' standard deviations.
     pub log_scales: T,
-    /// Of quaternions (w, x, y, z).
+    /// For quaternions (w, x, y, z).
     pub rotations: T,
-    /// Of opacities before the sigmoid.
+    /// For opacities before the sigmoid.
     pub opacity_logits: T,
-    /// Of spherical harmonics, by band.
+    /// For spherical harmonics, by band.
     pub sh: [T; BANDS],
 }
 
@@ -35,7 +35,7 @@ impl Attributes<&'static str> {
 }
 
 impl Attributes<usize> {
-    /// Numbers a Gaussian in a model of this SH degree: 0 in bands beyond it.
+    /// Numbers per Gaussian in a model of this SH degree; 0 for bands beyond it.
     pub fn widths(degree: usize) -> Self {
         Self::widths_of_bands(degree + 1)
     }
@@ -48,39 +48,39 @@ impl Attributes<usize> {
 }
 
 impl<T> Attributes<T> {
-    /// All of them, in order.
+    /// All values, in order.
     pub fn into_array(self) -> [T; COUNT] {
         let [sh0, sh1, sh2, sh3] = self.sh;
         [self.means, self.log_scales, self.rotations, self.opacity_logits, sh0, sh1, sh2, sh3]
     }
 
-    /// Those of a model of this SH degree, in order.
+    /// The values of a model of this SH degree, in order.
     pub fn up_to(self, degree: usize) -> impl Iterator<Item = T> {
         self.into_array().into_iter().take(COUNT - MAX_SH_DEGREE + degree)
     }
 
-    /// References to each.
+    /// References to all values.
     pub fn each_ref(&self) -> Attributes<&T> {
         let Self { means, log_scales, rotations, opacity_logits, sh } = self;
         Attributes { means, log_scales, rotations, opacity_logits, sh: sh.each_ref() }
     }
 
-    /// Mutable references to each.
+    /// Mutable references to all values.
     pub fn each_mut(&mut self) -> Attributes<&mut T> {
         let Self { means, log_scales, rotations, opacity_logits, sh } = self;
         Attributes { means, log_scales, rotations, opacity_logits, sh: sh.each_mut() }
     }
 
-    /// What `f` makes of each, in order.
+    /// The results of `f` for all values, in order.
     pub fn map<U>(self, mut f: impl FnMut(T) -> U) -> Attributes<U> {
         let Ok(mapped) = self.try_map(|t| Ok::<U, Infallible>(f(t)));
         mapped
     }
 
-    /// What `f` makes of each, in order, up to the first error.
+    /// The results of `f` for all values, in order, or its first error.
     ///
     /// # Errors
-    /// The first of `f`.
+    /// The first error of `f`.
     pub fn try_map<U, E>(self, mut f: impl FnMut(T) -> Result<U, E>) -> Result<Attributes<U>, E> {
         let [sh0, sh1, sh2, sh3] = self.sh;
         Ok(Attributes {
@@ -92,7 +92,7 @@ impl<T> Attributes<T> {
         })
     }
 
-    /// Pairs of what both have for the same attribute.
+    /// Pairs of the values of the same attribute.
     pub fn zip<U>(self, other: Attributes<U>) -> Attributes<(T, U)> {
         let ([a, b, c, d], [e, f, g, h]) = (self.sh, other.sh);
         Attributes {
@@ -106,7 +106,7 @@ impl<T> Attributes<T> {
 }
 
 impl Attributes<u64> {
-    /// The sum over all.
+    /// The sum of all values.
     pub fn sum(self) -> u64 {
         self.into_array().into_iter().sum()
     }
@@ -118,7 +118,7 @@ pub(crate) fn rows<T: Copy, const N: usize>(values: &[T]) -> Vec<[T; N]> {
 }
 
 impl Gaussians {
-    /// Each attribute's numbers, Gaussian by Gaussian; none of bands that the model lacks.
+    /// The numbers of each attribute, Gaussian by Gaussian; empty for bands that the model lacks.
     pub fn attributes(&self) -> Attributes<&[f32]> {
         Attributes {
             means: self.means.as_flattened(),
@@ -129,7 +129,7 @@ impl Gaussians {
         }
     }
 
-    /// A model of these numbers with so many SH bands.
+    /// A model with these numbers and so many SH bands.
     pub fn of_attributes(attributes: Attributes<Vec<f32>>, bands: usize) -> Self {
         let Attributes { means, log_scales, rotations, opacity_logits, sh } = attributes;
         Self {

@@ -1,25 +1,25 @@
-//! SH bands: what each does to colours, and which of them no picture shows.
+//! SH bands: how much each changes colours, and which of them have no visible effect.
 
 use super::Gaussians;
 use std::f64::consts::PI;
 
-/// Half a step of eight bits is nothing; a band is in effect from a whole one.
+/// Smallest change of a colour that counts: a whole step of eight bits.
 const STEP: f64 = 1.0 / 255.0;
 
 impl Gaussians {
-    /// By band above 0: the most that it adds to any Gaussian's red, green or blue in any direction. Of a band's
-    /// coefficients c that is |c| sqrt((2 l + 1) / 4 pi), by the addition theorem.
+    /// For each band above 0: the greatest change of any Gaussian's red, green or blue in any direction. For coefficients c of
+    /// a band it is |c| sqrt((2 l + 1) / 4 pi), by the addition theorem.
     pub fn most_by_band(&self) -> Vec<f64> {
         (1..self.sh.len()).map(|l| self.turns(l).fold(0.0, f64::max)).collect()
     }
 
-    /// The least SH degree at which no colour differs by 1/255 from what it is with all bands. A pixel is a mean of colours
-    /// with weights of 1 in all, so that none differs by more either.
+    /// The lowest SH degree at which no colour differs by 1/255 from its value with all bands. A pixel is a weighted mean of
+    /// colours, with weights that sum to 1 at most, and so differs no more than they do.
     pub fn degree_in_effect(&self) -> usize {
         let mut rest = vec![0.0; 3 * self.len()];
         for l in (1..self.sh.len()).rev() {
             rest.iter_mut().zip(self.turns(l)).for_each(|(rest, own)| *rest += own);
-            // What is no number is in effect.
+            // NaN counts as a change.
             if !rest.iter().all(|r| *r < STEP) {
                 return l;
             }
@@ -27,7 +27,7 @@ impl Gaussians {
         0
     }
 
-    /// By Gaussian and channel: the most that band `l` adds.
+    /// By Gaussian and channel: the greatest change by band `l`.
     fn turns(&self, l: usize) -> impl Iterator<Item = f64> {
         let peak = (((2 * l + 1) as f64) / (4.0 * PI)).sqrt();
         let norm = move |row: &[f32], c: usize| {
@@ -65,7 +65,7 @@ mod tests {
         for (seen, most) in seen.iter().zip(&most) {
             assert!(seen <= &(most * (1.0 + 1e-12)) && *seen > 0.5 * most, "{seen} {most}");
         }
-        // Of degree 1 the bound is met.
+        // At degree 1 the bound is attained.
         assert!(seen[0] > 0.999 * most[0]);
     }
 
@@ -74,7 +74,7 @@ mod tests {
         let mut model = Gaussians::zeroed(3, 3);
         assert_eq!((model.degree_in_effect(), model.most_by_band()), (0, vec![0.0; 3]));
         assert_eq!(Gaussians::default().degree_in_effect(), 0);
-        // Two bands of 0.6 steps each are together more than one.
+        // Two bands of 0.6 steps each exceed one step together.
         let peak = |l: usize| ((2 * l + 1) as f64 / (4.0 * PI)).sqrt();
         model.sh[3][21 + 4] = (0.6 * STEP / peak(3)) as f32;
         assert_eq!(model.degree_in_effect(), 0);

@@ -1,9 +1,9 @@
-//! Whole-model helpers: allocation, selection, bounds, consistency.
+//! Operations on whole models: allocation, selection, bounds, consistency.
 
 use super::{Attributes, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
 
 impl Gaussians {
-    /// A model of `n` Gaussians of SH degree `degree`, every stored value zero.
+    /// A model of `n` Gaussians of SH degree `degree` whose stored values are all zero.
     pub fn zeroed(n: usize, degree: usize) -> Self {
         Self::of_attributes(Attributes::widths(degree).map(|width| vec![0.0; n * width]), degree + 1)
     }
@@ -42,8 +42,8 @@ impl Gaussians {
         }))
     }
 
-    /// Gaussians that no picture shows, because the projection's guards leave them out: a value that is not finite (but for
-    /// an opacity logit of either infinity), or a quaternion whose largest component is below [`MIN_QUATERNION`].
+    /// Number of Gaussians that the projection leaves out, because a value is not finite (infinite opacity logits excepted),
+    /// or the largest component of the quaternion is below [`MIN_QUATERNION`].
     pub fn undrawable(&self) -> usize {
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
         let bands = |i: usize| {
@@ -61,7 +61,7 @@ impl Gaussians {
         self.len() - (0..self.len()).filter(drawable).count()
     }
 
-    /// Checks that all arrays have one length and that the SH degree is at most [`MAX_SH_DEGREE`].
+    /// Checks that all arrays have the same length and that the SH degree is at most [`MAX_SH_DEGREE`].
     ///
     /// # Errors
     /// [`Error::Inconsistent`] names the array that differs. A default (empty) model without any band passes.

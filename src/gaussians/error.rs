@@ -1,4 +1,4 @@
-//! The floor's one error type.
+//! Errors of models and their files.
 
 use std::io;
 use std::path::PathBuf;

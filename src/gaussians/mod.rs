@@ -1,4 +1,4 @@
-//! The model: Gaussians as stored, on the host.
+//! Floor 3: models: Gaussians as stored, on the host and on the device, and their file formats.
 
 mod attributes;
 mod bands;
@@ -14,13 +14,13 @@ pub use attributes::Attributes;
 pub(crate) use attributes::rows;
 pub use error::Error;
 
-/// Highest spherical-harmonics degree that the engine knows.
+/// Highest spherical-harmonics degree that the engine supports.
 pub const MAX_SH_DEGREE: usize = 3;
 
 /// A 3DGS model as stored: one array per attribute, all of the same length `n`.
 ///
-/// Stored values are what the optimiser sees: scales are logarithms, opacities are logits, quaternions are (w, x, y, z)
-/// and need no unit length. This is the layout of the standard 3DGS PLY, less its interleaving.
+/// Stored values are those that the optimiser changes: scales are logarithms, opacities are logits, quaternions are
+/// (w, x, y, z) of any length. This is the layout of the standard 3DGS PLY without its interleaving.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians {
     /// Centres in world units, n.

@@ -1,15 +1,15 @@
-//! Where a model stands and how far it reaches, outliers ignored.
+//! Centre and extent of a model, regardless of outliers.
 
 use super::Gaussians;
 use crate::scene::orbit::Outline;
 use glam::DVec3;
 
-/// Gaussians that are looked at: enough for quantiles, and quick for millions.
+/// Gaussians sampled: enough for quantiles, and quick for models of millions.
 const SAMPLES: usize = 200_000;
-/// Heights at which a model's width is taken.
+/// Number of heights at which a model's width is measured.
 const RINGS: usize = 32;
 
-/// Outline of a model by quantiles weighted with opacity: floaters and far background count little.
+/// Outline of a model by quantiles weighted by opacity, on which floaters and far background have little influence.
 pub fn outline(model: &Gaussians, up: DVec3) -> Outline {
     let stride = model.len().div_ceil(SAMPLES).max(1);
     let samples: Vec<(DVec3, f64)> = (0..model.len())
@@ -45,14 +45,14 @@ pub fn outline(model: &Gaussians, up: DVec3) -> Outline {
     let total: f64 = bulk.iter().map(|b| b.1).sum();
     let mut rings = Vec::new();
     for (i, slice) in slices.into_iter().enumerate() {
-        // Thin air with a few floaters is no part of the outline.
+        // A height with nothing but a few floaters does not belong to the outline.
         if slice.iter().map(|s| s.1).sum::<f64>() > 2e-4 * total {
             let height = low + (high - low) * (i as f64 + 0.5) / RINGS as f64 - centre.dot(up);
             rings.push((height, quantile(slice, 0.985)));
         }
     }
     if rings.iter().all(|r| r.1 <= 0.0) && high <= low {
-        // A lone Gaussian has no spread but its own.
+        // A single Gaussian has no extent but its own.
         let own = model.log_scales.first().map_or(0.0, |s| f64::from(s[0].max(s[1]).max(s[2])));
         rings = vec![(0.0, (3.0 * own.exp()).clamp(1e-6, 1e6))];
     }

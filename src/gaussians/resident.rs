@@ -8,13 +8,13 @@ use crate::primitives::{Count, Scan};
 pub struct Resident {
     /// Number of Gaussians, on the device.
     pub count: Count,
-    /// n x width each; a band that the model lacks is empty, and no kernel reads it.
+    /// n x width numbers each; a band that the model lacks is empty, and no kernel reads it.
     pub parameters: Attributes<Buffer<f32>>,
     /// Bands that have arrays, less one.
     pub degree: usize,
-    /// Whether SH coefficients are halves, two a word: to be drawn, not to be trained.
+    /// Whether SH coefficients are halves, two per word. Such a model can be rendered, but not trained.
     pub half: bool,
-    /// Gaussians as uploaded.
+    /// Number of Gaussians.
     pub len: usize,
 }
 
@@ -57,8 +57,8 @@ impl Resident {
         Self::bytes(n, degree) - bands(false) + bands(true)
     }
 
-    /// Uploads a model with its SH coefficients rounded to halves, two a word: half of what most of a model takes. It can be
-    /// drawn, but neither trained nor downloaded.
+    /// Uploads a model with SH coefficients rounded to halves, two per word, which halves the largest part of a model. It can
+    /// be rendered, but neither trained nor downloaded.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -87,7 +87,7 @@ impl Resident {
     }
 }
 
-/// The nearest half of a float, ties to even, as its bits; beyond the largest it is infinite.
+/// Bits of the nearest half of a float, ties to even; infinite beyond the largest half.
 fn half(value: f32) -> u16 {
     let bits = value.to_bits();
     let sign = ((bits >> 16) & 0x8000) as u16;
@@ -95,7 +95,7 @@ fn half(value: f32) -> u16 {
     if size >= 0x7f80_0000 {
         return sign | if size > 0x7f80_0000 { 0x7e00 } else { 0x7c00 };
     }
-    // Below 2^-14 halves are multiples of 2^-24, which float32 rounds to when 0.5 is added and taken off again.
+    // Below 2^-14 halves are multiples of 2^-24, to which float32 rounds when 0.5 is added and subtracted again.
     if size < 0x3880_0000 {
         return sign | (f32::from_bits(size) + 0.5).to_bits().wrapping_sub(0.5_f32.to_bits()) as u16;
     }

@@ -1,4 +1,4 @@
-//! Assembling the blocks' matrices on the device, batch by batch, while the host works on the batch before.
+//! Assembles the blocks' matrices on the device, batch by batch, while the host works on the previous batch.
 
 use super::CHANNELS;
 use super::overlap::{self, Metric};
@@ -11,9 +11,9 @@ use std::ops::Range;
 /// What to assemble.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Of N.
+    /// Parameters of N.
     pub metric: Metric,
-    /// Of W and P; without it only N is assembled.
+    /// Parameters of W and P; without them only N is assembled.
     pub density: Option<Density>,
     /// Bytes of N in a batch, which holds at least one block; results do not depend on it.
     pub batch_bytes: usize,
@@ -31,7 +31,7 @@ impl Options {
     }
 }
 
-/// Assembles N, and where asked for W and P, of all blocks of a partition.
+/// Assembles N, and if asked for W and P, of all blocks of a partition.
 pub struct Assembly<'a> {
     pub(super) device: Device,
     model: &'a Resident,
@@ -57,17 +57,17 @@ pub struct BlockMatrices<'a> {
     pub m: usize,
     /// Lower triangle of N, column by column without gaps: LAPACK's packed "L", m (m + 1) / 2 entries.
     pub overlap: &'a [f32],
-    /// W, m x 8, column by column; only where [`Options::density`] asked for it.
+    /// W, m x 8, column by column; only if [`Options::density`] asks for it.
     pub factor: Option<&'a [f32]>,
-    /// Lower triangle of P, as N's; only where [`Density::full`].
+    /// Lower triangle of P, packed as that of N; only if [`Density::full`].
     pub density: Option<&'a [f32]>,
 }
 
-/// Writes a packed lower triangle into the lower triangle of an m x m matrix, column by column (LAPACK's "L"); the upper one
-/// is left as it is, which is all that a Cholesky factorisation needs.
+/// Writes a packed lower triangle into the lower triangle of an m x m matrix, column by column (LAPACK's "L"). The upper one
+/// stays unchanged: a Cholesky factorisation does not read it.
 ///
 /// # Panics
-/// When a slice is too short.
+/// If a slice is too short.
 pub fn unpack_lower<T: From<f32>>(m: usize, packed: &[f32], out: &mut [T]) {
     let mut at = 0;
     for c in 0..m {
@@ -80,7 +80,7 @@ pub fn unpack_lower<T: From<f32>>(m: usize, packed: &[f32], out: &mut [T]) {
 /// Writes a packed lower triangle into a whole symmetric m x m matrix.
 ///
 /// # Panics
-/// When a slice is too short.
+/// If a slice is too short.
 pub fn unpack_symmetric<T: From<f32> + Copy>(m: usize, packed: &[f32], out: &mut [T]) {
     unpack_lower(m, packed, out);
     for c in 0..m {
@@ -117,9 +117,9 @@ impl Assembled<'_> {
 }
 
 impl<'a> Assembly<'a> {
-    /// Bytes of N's assembly at most, with the host memory that its batches come back to, whatever the partition.
+    /// Largest number of bytes of the assembly of N for any partition, including the host memory for its results.
     pub fn bytes(gaussians: usize, options: &Options) -> u64 {
-        // At worst each member is a block; four tiles a member are what blocks of 4,096 come to where tiles are 8 x 64.
+        // At worst each member is a block of its own; blocks of 4,096 members have four tiles of 8 x 64 per member.
         let lists = Buffer::<u32>::bytes_of(gaussians) + Buffer::<[u32; 4]>::bytes_of(gaussians);
         let tiles = Buffer::<[u32; 2]>::bytes_of(4 * gaussians);
         let axes = Buffer::<[f32; 4]>::bytes_of(4 * gaussians.min(MOST_MEMBERS));
@@ -127,16 +127,17 @@ impl<'a> Assembly<'a> {
         lists + tiles + axes + 3 * batch
     }
 
-    /// Makes room for the batches of a partition: block `b` has the Gaussians `members[starts[b]..starts[b + 1]]`.
+    /// Allocates memory for the batches of a partition: block `b` has the Gaussians `members[starts[b]..starts[b + 1]]`.
     ///
-    /// `h` holds the rows of H, normalised over the scene, with the weights sqrt(eta) and sqrt(1 - eta) in them; where only N
-    /// is asked for it is not looked at.
+    /// `h` holds the rows of H, normalised over the scene, which contain the weights sqrt(eta) and sqrt(1 - eta). It is not
+    /// read if only N is asked for.
     ///
     /// # Errors
     /// [`Error::TooLarge`] for a block whose triangle a kernel cannot bind (8,191 members at 128 MiB); device memory.
     ///
     /// # Panics
-    /// When `starts` does not rise from 0 to the number of members, or `h` has not one row a Gaussian though W is asked for.
+    /// If `starts` does not rise from 0 to the number of members, or if `h` does not hold one row per Gaussian although W is
+    /// asked for.
     pub fn new(
         device: &Device,
         model: &'a Resident,
@@ -212,7 +213,7 @@ impl<'a> Assembly<'a> {
         [batch.entries, w, p]
     }
 
-    /// The matrices among the values that a batch left.
+    /// The matrices within the values of a batch.
     fn matrices<'b>(&'b self, batch: &Batch, values: &'b [f32]) -> Assembled<'b> {
         let [n, w, p] = self.counts(batch);
         let (overlaps, rest) = values.split_at(n);
@@ -222,7 +223,7 @@ impl<'a> Assembly<'a> {
         Assembled { starts: &self.starts, blocks: batch.blocks.clone(), overlaps, factors, densities }
     }
 
-    /// Hands every batch to `body`, in order, while the device assembles the next one. Returns the device's times.
+    /// Calls `body` with every batch, in order, while the device assembles the next one. Returns the device times.
     ///
     /// # Errors
     /// Device errors; the first error of `body`.
@@ -235,7 +236,7 @@ impl<'a> Assembly<'a> {
         self.overlapped(readbacks, submit, |batch, values| body(&self.matrices(batch, values)))
     }
 
-    /// Submits every batch before the results of the one before it are handed to `body`.
+    /// Submits every batch before `body` is called with the results of the previous one.
     pub(super) fn overlapped<E: From<Error>>(
         &self,
         mut readbacks: [Readback<f32>; 2],

@@ -1,4 +1,4 @@
-//! A batch of blocks to ranks and gains, in parallel over blocks: what runs while the device assembles the next batch.
+//! Ranks and gains of a batch of blocks, computed in parallel over blocks while the device assembles the next batch.
 
 use rayon::prelude::*;
 
@@ -8,12 +8,12 @@ use super::partition::Blocks;
 use super::select::{Ranking, css, rank};
 use super::{CHANNELS, Row};
 
-/// Selectors that need a block's overlaps, solved where these are; the others score each Gaussian alone.
+/// Selectors that rank by the overlaps of a block. The others score each Gaussian alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockSelector {
     /// The paper's: participation in the generalized eigenproblem.
     Gnso,
-    /// The same with the identity as metric.
+    /// Participation with the identity as the metric.
     Ordinary,
     /// Norm of the rows of (N + eps I)^(-1/2) W.
     Lowdin,
@@ -21,14 +21,14 @@ pub enum BlockSelector {
     Css,
 }
 
-/// What one block brings.
+/// Input of one block.
 #[derive(Clone, Copy, Debug)]
 pub struct Block<'a> {
     /// Normalised overlaps N, m x m, symmetric, 1 on the diagonal.
     pub overlap: &'a [f32],
     /// Its members' rows of H (see [`super::normalise::rows`]), m.
     pub rows: &'a [[f32; CHANNELS]],
-    /// Its members' opacities or their logits, m: the order of a block without any response.
+    /// Its members' opacities or their logits, m, which rank a block without any response.
     pub opacity: &'a [f32],
     /// S_ii of its members, m (see [`self_overlap`]), for the raw overlap; else none.
     pub self_overlaps: Option<&'a [f64]>,
@@ -51,9 +51,9 @@ pub struct Solver {
     pub tau: f64,
     /// Weight of the rendering channels, as in the rows of H.
     pub eta: f64,
-    /// The column subset stops after this share of a block; the rest is ranked by what it would gain then.
+    /// The column subset stops after this share of a block; the others are ranked by the gain that they would have then.
     pub css_share: f64,
-    /// What to rank by.
+    /// Selectors to rank by.
     pub selectors: Vec<BlockSelector>,
 }
 
@@ -70,7 +70,7 @@ impl Default for Solver {
     }
 }
 
-/// What a block gives.
+/// Results of one block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solved {
     /// One for each of the solver's selectors, in their order.
@@ -143,7 +143,7 @@ impl Solver {
         solved
     }
 
-    /// Ranks by q of W, gains by q of H; the spectrum is that of the last selector of this kind, the paper's first.
+    /// Ranks by q of W, gains by q of H. The spectrum is the paper's if that was asked for, else the identity's.
     fn participation(&self, factor: &Factor, w: &[Row], h: &[Row], solved: &mut Solved) -> Ranking {
         let Participation { spectrum, r, q, canonical } = factor.participation(w, self.tau);
         let paper = !matches!(factor, Factor::Identity);
@@ -155,7 +155,7 @@ impl Solver {
     }
 }
 
-/// A scene's solved blocks, collected batch by batch.
+/// Results of all blocks, collected batch by batch.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Collected {
     /// One ranking for each of the solver's selectors, over all Gaussians.
@@ -183,7 +183,7 @@ impl Collected {
         }
     }
 
-    /// Takes block `b`'s result; the order of calls matters only to the spectrum's rounding.
+    /// Adds the result of block `b`. The order of calls affects only the rounding of the spectrum.
     pub fn take(&mut self, blocks: &Blocks, b: usize, solved: &Solved) {
         for (ranking, ranked) in self.rankings.iter_mut().zip(&solved.ranked) {
             for ((&i, &rank), &gain) in blocks.block(b).iter().zip(&ranked.rank).zip(&ranked.gain) {

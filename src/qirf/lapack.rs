@@ -10,14 +10,14 @@ unsafe extern "C" {
     fn openblas_set_num_threads(threads: i32);
 }
 
-/// One thread a call: blocks are solved in parallel, and a threaded BLAS below would only get in the way.
+/// Limits BLAS to one thread per call: blocks are solved in parallel, which a threaded BLAS would only slow down.
 pub fn single_threaded() {
     static ONCE: Once = Once::new();
     // SAFETY: OpenBLAS exports this function with this signature; it sets one global, here once before any other call.
     ONCE.call_once(|| unsafe { openblas_set_num_threads(1) });
 }
 
-/// Real numbers for which LAPACK is at hand.
+/// Real numbers that LAPACK supports.
 pub trait Real: Copy + Send + Sync + Default + 'static {
     /// Rounds a float64.
     fn of(x: f64) -> Self;

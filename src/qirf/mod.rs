@@ -1,4 +1,4 @@
-//! Floor 6: which Gaussians a scene can do without (the QIRF method and the selectors beside it).
+//! Floor 6: which Gaussians to prune: the QIRF method, and other selectors.
 
 pub mod assemble;
 pub mod batch;

@@ -1,18 +1,18 @@
-//! Responses made comparable over the scene: rows of H from response descriptors.
+//! Normalises responses over the scene: rows of H from response descriptors.
 //!
-//! h = sqrt(x / median of the channel's positive values), clamped at its 99.9th percentile: then P_ii = |H_i|^2 adds up
-//! importance. The rows hold the channels' weights already: H = [sqrt(eta) Hr, sqrt(1 - eta) Ho].
+//! h = sqrt(x / median of the channel's positive values), clamped at its 99.9th percentile, so that P_ii = |H_i|^2 sums up
+//! importance. The rows contain the weights of the channels: H = [sqrt(eta) Hr, sqrt(1 - eta) Ho].
 
 use rayon::prelude::*;
 
 use super::{CHANNELS, Row};
 
-/// Rendering channels come first; the rest are the optimisation's.
+/// Number of rendering channels, which come first; the others are those of optimisation.
 const RENDERING: usize = 4;
 /// Largest values are clamped at this percentile, in thousandths.
 const CLAMP_PERMILLE: usize = 999;
 
-/// Rows of H (n x 8, weighed by `eta`) from descriptors (n x 8, not negative).
+/// Rows of H (n x 8, weighted by `eta`) from descriptors (n x 8, not negative).
 ///
 /// Values that are negative or not finite count as zero; a channel without positive values is zero everywhere.
 pub fn rows(descriptors: &[[f32; CHANNELS]], eta: f64) -> Vec<[f32; CHANNELS]> {
@@ -42,7 +42,7 @@ fn scale(descriptors: &[[f32; CHANNELS]], c: usize) -> (f64, f64) {
     (median, (most / median).sqrt())
 }
 
-/// Rows of W (m x 8) of one block from its rows of H: each group divided by the root of its own trace.
+/// Rows of W (m x 8) of one block from its rows of H: each group of channels is divided by the root of its trace.
 ///
 /// W W^T = P = eta Hr Hr^T / (tr_r + epsilon) + (1 - eta) Ho Ho^T / (tr_o + epsilon), where Hr and Ho are without the
 /// weights that `h` holds. W compares members of this block only.

@@ -10,7 +10,7 @@ use crate::kernels::qirf::{
 };
 use crate::primitives::WORKGROUP;
 
-/// Stands for the logarithm of no dilation at all.
+/// The logarithm used for no dilation.
 const NO_DILATION: f32 = -1e30;
 
 /// How an overlap is computed, all in float32.
@@ -44,8 +44,8 @@ impl Default for Metric {
 
 /// Records the lower triangles of a batch.
 ///
-/// The diagonal is exactly 1 and everything else within [0, 1]; scales are taken within exp(-69)..exp(69), a quaternion
-/// of zero as no rotation, and a mean that is no number overlaps with nothing.
+/// The diagonal is exactly 1, and all other entries lie within [0, 1]. Scales are clamped to exp(-69)..exp(69), a zero
+/// quaternion counts as the identity, and a mean of NaN overlaps with nothing.
 pub(super) fn record(recording: &mut Recording, arrays: &Arrays, model: &Resident, batch: &Batch, metric: &Metric) {
     let kernel = Axes {
         members: &arrays.members,

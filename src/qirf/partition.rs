@@ -1,4 +1,4 @@
-//! Blocks of Gaussians: voxels of their centres, made once on the host, so that every device sees the same blocks.
+//! Blocks of Gaussians: voxels of their centres, computed on the host, so that every device has the same blocks.
 //!
 //! A voxel index is floor(x / v) in float64, clamped to int32. Indices are packed with the Gaussian's own into one
 //! 128-bit key: x, y, z, Gaussian; sorted, blocks are runs and their members ascend.
@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::random::mix;
 
-/// Halves of a split this large are split further on another thread.
+/// Splits of more members than this continue on two threads.
 const PARALLEL: usize = 1 << 15;
-/// Steps of the search for a voxel of the wanted occupancy, and how near (as a ratio's logarithm) is near enough.
+/// Search for the edge of a wanted occupancy: largest number of steps, and tolerance as the logarithm of a ratio.
 const SEARCH: (usize, f64) = (24, 0.02);
 /// Levels of parent voxels: after 32 halvings an index is zero.
 const LEVELS: u32 = 32;
@@ -58,31 +58,31 @@ impl Blocks {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Partition {
-    /// The paper's: voxels of a fixed edge, doubled when there are more than 0.15 blocks a Gaussian.
+    /// The paper's rule: voxels of a fixed edge, doubled if there are more than 0.15 blocks per Gaussian.
     Paper {
         /// Edge in world units.
         voxel: f64,
-        /// Blocks above this many members are split, which the paper does not do: a guard of memory and time.
+        /// Blocks of more members are split, which limits memory and time; the paper does not do so.
         cap: usize,
     },
-    /// An edge solved for a mean occupancy; small blocks join in parent voxels, large ones split.
+    /// Voxels whose edge gives a mean occupancy; small blocks are joined in parent voxels, large ones are split.
     Adaptive {
         /// Mean members of an occupied voxel.
         mean: usize,
-        /// Members of voxels with fewer are binned anew at twice the edge, until no group is smaller.
+        /// Voxels of fewer members are joined in voxels of twice the edge, until no group is smaller.
         least: usize,
-        /// Blocks above this many members are split at the median of their longest axis.
+        /// Blocks of more members are split at the median of their longest axis.
         most: usize,
     },
 }
 
-/// More blocks a Gaussian than this double the paper's voxel.
+/// Blocks per Gaussian above which the paper's voxel is doubled.
 pub const SPARSE: f64 = 0.15;
 
 impl Partition {
     /// The paper's figures.
     pub const PAPER: Self = Self::Paper { voxel: 0.03, cap: 4096 };
-    /// What measurements chose.
+    /// The best figures in measurements.
     pub const ADAPTIVE: Self = Self::Adaptive { mean: 48, least: 8, most: 128 };
 }
 
@@ -92,7 +92,7 @@ impl Default for Partition {
     }
 }
 
-/// Blocks and how they came about.
+/// Blocks, and how they were made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Partitioned {
     /// The blocks.
@@ -101,11 +101,11 @@ pub struct Partitioned {
     pub voxel: f64,
     /// Whether the paper's voxel was doubled.
     pub doubled: bool,
-    /// Gaussians that were binned anew because their voxel held too few.
+    /// Gaussians that were joined in larger voxels because theirs held too few.
     pub rebinned: usize,
-    /// Voxels split because they held too many.
+    /// Voxels that were split because they held too many.
     pub split: usize,
-    /// Most members of a voxel before splitting.
+    /// Largest number of members of a voxel before splitting.
     pub fullest: usize,
 }
 
@@ -134,7 +134,7 @@ impl Partition {
     }
 }
 
-/// Voxel index of a coordinate, offset so that it sorts and halves as an unsigned number.
+/// Voxel index of a coordinate, offset so that it can be sorted and halved as an unsigned number.
 fn index(x: f32, voxel: f64) -> u32 {
     ((f64::from(x) / voxel).floor() as i32 as u32) ^ (1 << 31)
 }
@@ -154,18 +154,18 @@ fn keys(positions: &[[f32; 3]], voxel: f64) -> Vec<u128> {
     keys
 }
 
-/// Keys of one voxel after the other.
+/// The keys, voxel by voxel.
 fn runs(keys: &[u128]) -> impl Iterator<Item = &[u128]> {
     keys.chunk_by(|a, b| a >> 32 == b >> 32)
 }
 
-/// The key in the voxel of twice the edge.
+/// The key of the voxel of twice the edge.
 fn parent(key: u128) -> u128 {
     const LOW: u128 = 0x7fff_ffff_7fff_ffff_7fff_ffff;
     (key >> 33 & LOW) << 32 | key & 0xffff_ffff
 }
 
-/// Blocks of sorted keys: groups below `least` meet in their parents' voxels, those above `most` split.
+/// Blocks of sorted keys: groups smaller than `least` are joined in their parents' voxels, those larger than `most` are split.
 fn gather(positions: &[[f32; 3]], mut keys: Vec<u128>, voxel: f64, least: usize, most: usize) -> Partitioned {
     let mut blocks = Blocks { members: Vec::with_capacity(keys.len()), starts: vec![0] };
     let (mut rebinned, mut split, mut fullest) = (0, 0, 0);
@@ -228,13 +228,13 @@ fn longest_axis(members: &[u32], positions: &[[f32; 3]]) -> usize {
     (1..3).fold(0, |best, axis| if extents[axis] > extents[best] { axis } else { best })
 }
 
-/// The edge at which occupied voxels hold `mean` Gaussians on average, or the nearest that the search finds.
+/// The edge at which occupied voxels hold `mean` Gaussians on average, or the closest one found.
 fn occupied_by(positions: &[[f32; 3]], mean: f64) -> f64 {
     let mut edge = first_guess(positions, mean);
     let (mut finer, mut coarser) = (0.0_f64, f64::INFINITY);
     let mut best = (f64::INFINITY, edge);
     for _ in 0..SEARCH.0 {
-        // Positive where voxels are too full.
+        // Positive if voxels are too full.
         let off = (positions.len().max(1) as f64 / occupied(positions, edge).max(1) as f64 / mean).ln();
         if off.abs() < best.0 {
             best = (off.abs(), edge);
@@ -257,7 +257,7 @@ fn occupied_by(positions: &[[f32; 3]], mean: f64) -> f64 {
     best.1
 }
 
-/// An edge from the spread of the middle nine tenths of a sample, which flyaways leave alone.
+/// An edge from the spread of the middle nine tenths of a sample, which outliers do not affect.
 fn first_guess(positions: &[[f32; 3]], mean: f64) -> f64 {
     let stride = (positions.len() / 4096).max(1);
     let spread = (0..3).map(|axis| {
@@ -290,7 +290,7 @@ fn occupied(positions: &[[f32; 3]], voxel: f64) -> usize {
     positions.par_iter().with_min_len(PARALLEL).fold(Seen::default, seen).reduce(Seen::default, union).len()
 }
 
-/// A hasher for words that are mixed already.
+/// A hasher for words that are already mixed.
 #[derive(Default)]
 struct Mixed(u64);
 

@@ -1,16 +1,16 @@
-//! How blocks are laid out for the device: batches that it assembles at a time, tiles that it works on, and the arrays.
+//! Layout of blocks for the device: the batches that it assembles, the tiles that it works on, and the arrays.
 
 use crate::gpu::{Buffer, Error, Result};
 use crate::kernels::constants::blocks::ROW_SHIFT;
 use std::ops::Range;
 
-/// Members of a batch at most: 64 bytes of axes each stay well within what a kernel can bind.
+/// Largest number of members of a batch: at 64 bytes of axes each, well within what a kernel can bind.
 pub(super) const MOST_MEMBERS: usize = 1 << 19;
-/// Members of a block at most: rows and columns of a tile's corner share a word.
+/// Largest number of members of a block: row and column of a tile's corner share a word.
 pub(super) const LARGEST_BLOCK: usize = 1 << 15;
 const _: () = assert!(LARGEST_BLOCK <= 1 << ROW_SHIFT);
 
-/// Entries of a packed triangle.
+/// Number of entries of a packed triangle.
 pub const fn triangle(m: usize) -> usize {
     m * (m + 1) / 2
 }
@@ -20,10 +20,10 @@ pub const fn triangle(m: usize) -> usize {
 pub struct Batch {
     /// Its blocks.
     pub blocks: Range<usize>,
-    /// Their members, as positions in the list of all.
+    /// Their members, as positions in the list of all members.
     pub members: Range<usize>,
     pub(super) tiles: Range<usize>,
-    /// Entries of its packed triangles.
+    /// Number of entries of its packed triangles.
     pub(super) entries: usize,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct Arrays {
     pub columns: u32,
 }
 
-/// Blocks and tiles as kernels want them, and the batches that they fall into.
+/// Blocks and tiles in the layout of the kernels, and their batches.
 pub(super) struct Plan {
     pub batches: Vec<Batch>,
     pub blocks: Vec<[u32; 4]>,

@@ -1,18 +1,18 @@
-//! The radiance-response density matrix P = W W^T of a batch's blocks: its factor W, and P where a solver wants it.
+//! The radiance-response density matrix P = W W^T of a batch's blocks: its factor W, and P if a solver needs it.
 
 use super::plan::{Arrays, Batch};
 use crate::gpu::{Groups, Recording};
 use crate::kernels::constants::rrdm::{DENSITY, FACTOR};
 use crate::kernels::qirf::{Rrdm, RrdmPush, RrdmSpec};
 
-/// What the density matrix depends on besides the responses.
+/// Parameters of the density matrix, besides the responses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Density {
-    /// Share of the rendering responses; the optimisation responses have the rest.
+    /// Weight of the rendering responses; the optimisation responses have the rest.
     pub eta: f32,
     /// Added to each trace.
     pub epsilon: f32,
-    /// Whether P itself is asked for, which only `dsygvd` does.
+    /// Whether P itself is needed, as by `dsygvd` only.
     pub full: bool,
 }
 
@@ -22,7 +22,7 @@ impl Default for Density {
     }
 }
 
-/// Records W, and P where it is asked for, from rows of H that hold the weights sqrt(eta) and sqrt(1 - eta) already.
+/// Records W, and P if asked for, from rows of H, which contain the weights sqrt(eta) and sqrt(1 - eta).
 pub(super) fn record(recording: &mut Recording, arrays: &Arrays, batch: &Batch, density: &Density) {
     let phases = [(FACTOR, &batch.blocks), (DENSITY, &batch.tiles)];
     for (phase, range) in phases.into_iter().take(if density.full { 2 } else { 1 }) {

@@ -1,5 +1,5 @@
-//! A scene studied: its blocks, and the order that each selector gives them. The device assembles one batch of blocks
-//! while LAPACK solves the batch before on all cores.
+//! The study of a model: its blocks, and the order of its Gaussians by each selector. The device assembles one batch of
+//! blocks while LAPACK solves the previous batch on all cores.
 
 use super::assemble::{Assembly, Options, unpack_symmetric};
 use super::batch::{Block, BlockSelector, Collected, Solver, self_overlap};
@@ -19,33 +19,33 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Bytes of overlaps that are on their way at a time, twice: enough to keep every core busy, little beside a model.
+/// Bytes of overlaps per batch, of which two are in flight: enough to keep every core busy, little besides a model.
 const BATCH_BYTES: usize = 16 << 20;
 
-/// Bytes of device memory that responses and study of `n` Gaussians take at most.
+/// Peak device memory of responses and study of `n` Gaussians, in bytes.
 pub fn bytes(n: usize) -> u64 {
     let batches = Options { batch_bytes: BATCH_BYTES, ..Options::default() };
     Assembly::bytes(n, &batches).max(ResidentResponses::bytes(n) + ResidentScores::bytes(n))
 }
 
-/// Which overlaps are the metric.
+/// The overlaps used as the metric.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Overlap {
-    /// N, of functions of unit norm.
+    /// N: overlaps of functions of unit norm.
     #[default]
     Normalised,
-    /// S as it is: the paper's literal text, which epsilon swamps.
+    /// S, as in the literal text of the paper; epsilon dominates it.
     Raw,
 }
 
-/// How a scene becomes blocks and how these are solved: what an order depends on besides the model and its responses.
+/// How blocks are made and solved: what an order depends on besides the model and its responses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Basis {
     /// How blocks are made.
     pub partition: Partition,
-    /// Which overlaps are the metric.
+    /// The overlaps used as the metric.
     pub overlap: Overlap,
     /// Standard deviation added to every axis for the overlaps, as a multiple of the median largest scale; 0 for none.
     pub dilate: f64,
@@ -55,7 +55,7 @@ pub struct Basis {
     pub epsilon: f64,
     /// Share of the energy that the leading eigenvalues reach.
     pub tau: f64,
-    /// Weight of the rendering channels against the optimisation's.
+    /// Weight of the rendering channels; those of optimisation have the rest.
     pub eta: f64,
 }
 
@@ -83,21 +83,21 @@ pub struct Seconds {
     pub assemble: f64,
     /// Host: eigenproblems and column subsets.
     pub solve: f64,
-    /// Both, as they went on side by side.
+    /// Elapsed time of both, which run concurrently.
     pub wall: f64,
 }
 
-/// A scene's blocks and every asked selector's order.
+/// A model's blocks, and its order by each selector asked for.
 pub struct Study {
-    /// Blocks and how they came about.
+    /// Blocks, and how they were made.
     pub partitioned: Partitioned,
     /// Each selector's order.
     pub rankings: Vec<(Selector, Ranking)>,
-    /// What the solved blocks tell; its rankings have moved to `rankings`.
+    /// Results of the solved blocks; their rankings have moved to `rankings`.
     pub collected: Collected,
     /// Detail scores, n.
     pub detail: Vec<f64>,
-    /// Where the time went.
+    /// Times of the parts.
     pub seconds: Seconds,
     dilation: f32,
 }
@@ -105,9 +105,9 @@ pub struct Study {
 /// Blocks that were merged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Merging {
-    /// Blocks in which the kept now stand for the dropped too.
+    /// Blocks whose kept Gaussians now also represent the dropped ones.
     pub accepted: usize,
-    /// Blocks that were left, since the error would not have fallen.
+    /// Blocks left unchanged, because merging would not have lowered the error.
     pub refused: usize,
 }
 
@@ -137,7 +137,7 @@ impl Study {
     /// Device memory; device errors.
     ///
     /// # Panics
-    /// When there is not one response a Gaussian, or a selector needs scores that are not there.
+    /// If there is not one response per Gaussian, or a selector needs scores that are missing.
     pub fn new(
         device: &Device,
         observed: Observed<'_>,
@@ -168,7 +168,7 @@ impl Study {
         Ok(study)
     }
 
-    /// Assembles the blocks' overlaps and solves them by each of these selectors.
+    /// Assembles the overlaps of all blocks, and solves the blocks for each of these selectors.
     fn solve(
         &mut self,
         device: &Device,
@@ -215,7 +215,7 @@ impl Study {
         Ok(())
     }
 
-    /// Each selector's order: from the solved blocks, or by a score of each Gaussian alone.
+    /// Computes each selector's order, from the solved blocks or from a score of each Gaussian alone.
     fn rank(&mut self, observed: Observed<'_>, selectors: &[Selector], rows: &[[f32; CHANNELS]], seed: u32) {
         let Observed { model, responses, .. } = observed;
         let mut solved = std::mem::take(&mut self.collected.rankings).into_iter();
@@ -235,7 +235,7 @@ impl Study {
         }
     }
 
-    /// Hands the packed lower triangles of N, a batch of blocks at a time, to `body` while the device assembles the next.
+    /// Calls `body` with the packed lower triangles of N, batch by batch, while the device assembles the next batch.
     fn overlaps(
         &self,
         device: &Device,
@@ -252,18 +252,18 @@ impl Study {
         })
     }
 
-    /// What to keep by the order of `selector`, with the detail safeguard's share of all Gaussians.
+    /// Chooses what to keep by the order of `selector`; `detail` is the share of all Gaussians that the safeguard keeps.
     ///
     /// # Panics
-    /// When the study was not asked for that selector.
+    /// If the study was not asked for that selector.
     pub fn choose(&self, selector: Selector, budget: Budget, keep: Keep, detail: f64) -> Choice {
         let (_, ranking) = self.rankings.iter().find(|(s, _)| *s == selector).expect("a selector that was studied");
         let safeguard = (detail > 0.0).then_some(Safeguard { scores: &self.detail, share: detail });
         budget::choose(&self.partitioned.blocks, ranking, &self.collected.r, budget, keep, safeguard)
     }
 
-    /// Lets the kept Gaussians of `model` stand for the dropped ones too: opacities and colours of kept ones change where
-    /// that makes a block's error smaller. `model` is what `resident` holds, and was studied.
+    /// Merges dropped Gaussians of `model` into kept ones: opacities and colours of kept ones change if that lowers the error
+    /// of their block. `model` is the one that was studied, and `resident` holds it.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -328,7 +328,7 @@ fn detail_scores(model: &Gaussians, responses: &Responses) -> Vec<f64> {
     detail::scores(&inputs, Exponents::default())
 }
 
-/// Where each band's numbers begin in a row of all, and the row's width.
+/// Offsets of the bands in a row of all coefficients, and the width of the row.
 fn layout(model: &Gaussians) -> (Vec<usize>, usize) {
     let mut width = 0;
     let mut starts = Vec::with_capacity(MAX_SH_DEGREE + 1);

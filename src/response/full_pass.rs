@@ -1,4 +1,4 @@
-//! Responses and scores by one pass over all views.
+//! Responses and scores from one pass over all views.
 
 use super::{Gather, ResidentResponses, ResidentScores, Responses};
 use crate::gaussians::resident::Resident;
@@ -6,16 +6,16 @@ use crate::gpu::{Buffer, Error, Recording};
 use crate::render::{Backward, Renderer};
 use crate::scene::camera::Camera;
 
-/// A deterministic pass: the mean response over all `cameras`, view by view, and where asked for the scores of other methods.
+/// The mean response over all `cameras`, view by view, and the scores of other methods if `with_scores`; deterministic.
 ///
-/// `loss` records, for a view and its picture, the loss's gradient with the residual in its fourth component into
-/// `image_gradient`, which holds the largest view. The model does not change.
+/// For a view and its picture, `loss` records the gradient of the loss, with the residual in its fourth component, into
+/// `image_gradient`, which has room for the largest view. The model does not change.
 ///
 /// # Errors
-/// Device memory; device errors; what `loss` returns.
+/// Device memory; device errors; errors of `loss`.
 ///
 /// # Panics
-/// When the renderer was not made [`Renderer::for_training`].
+/// If the renderer was not made by [`Renderer::for_training`].
 pub fn full_pass<E: From<Error>>(
     renderer: &mut Renderer,
     model: &Resident,

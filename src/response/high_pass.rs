@@ -1,11 +1,12 @@
-//! What stands for the loss and its residual where there are no photos.
+//! A substitute for the loss and its residual where there are no photos.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::high_pass::{COLUMNS, ROWS, RUN};
 use crate::kernels::response::{HighPass as Kernel, HighPassPush, HighPassSpec};
 use crate::primitives::WORKGROUP;
 
-/// Stands for the loss where there are no photos: L = sum C (C - blur C), the blur's sigma 2 pixels, its bracket constant.
+/// A substitute for the loss where there are no photos: L = sum C (C - blur C), with a blur of sigma 2 pixels and the bracket
+/// held constant.
 pub struct HighPass {
     scratch: Buffer<f32>,
 }
@@ -16,7 +17,7 @@ impl HighPass {
         Buffer::<f32>::bytes_of(3 * pixels)
     }
 
-    /// Scratch for pictures of up to `pixels`.
+    /// Scratch memory for pictures of up to `pixels`.
     ///
     /// # Errors
     /// Device memory.
@@ -24,7 +25,7 @@ impl HighPass {
         Ok(Self { scratch: device.buffer("blurred columns", 3 * pixels)? })
     }
 
-    /// Records C - blur C into the gradient, and the mean over the colours of its absolute value into the fourth component.
+    /// Records C - blur C into the gradient, and the mean of its absolute value over the colours into the fourth component.
     pub fn record(
         &self,
         recording: &mut Recording,

@@ -3,10 +3,10 @@
 //!
 //! | channel | |
 //! |---|---|
-//! | 0 | 1 where a pixel blended it |
-//! | 1 | sum of T alpha, over the pixels |
-//! | 2 | sum of T alpha times the residual, over the pixels |
-//! | 3 | sum of alpha, over the pixels |
+//! | 0 | 1 if any pixel blends it |
+//! | 1 | mean of T alpha over all pixels |
+//! | 2 | mean of T alpha times the residual over all pixels |
+//! | 3 | mean of alpha over all pixels |
 //! | 4 | norm of dL/dmean in units of its own axes |
 //! | 5 | norm of dL/dlog-scale |
 //! | 6 | abs dL/dlogit |
@@ -32,6 +32,6 @@ pub const CHANNELS: usize = crate::kernels::constants::responses::CHANNELS as us
 pub struct Responses {
     /// The eight channels, n.
     pub channels: Vec<[f32; CHANNELS]>,
-    /// See [`ResidentScores::values`], n; empty where they were not asked for.
+    /// See [`ResidentScores::values`], n; empty if they were not asked for.
     pub scores: Vec<[f32; 4]>,
 }

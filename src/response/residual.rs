@@ -19,7 +19,7 @@ pub struct Target<'a> {
     pub background: [f32; 3],
 }
 
-/// Records the mean over the colours of |picture - photo| into the gradient's fourth component, after the loss.
+/// Records the mean of |picture - photo| over the colours into the fourth component of the gradient, after the loss.
 pub fn record_residual(
     recording: &mut Recording,
     image: &Buffer<[f32; 4]>,

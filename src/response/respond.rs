@@ -8,39 +8,39 @@ use crate::primitives::WORKGROUP;
 use crate::render::Renderer;
 use crate::scene::camera::Camera;
 
-/// What an iteration's average keeps of the one before.
+/// Share that each iteration keeps of the previous average.
 pub const KEEP: f64 = 0.995;
 
-/// How views add up.
+/// How the responses of several views are combined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gather {
-    /// r <- 0.995 r + 0.005 x over iterations, this being the given one; where a view does not show a Gaussian, x = 0.
+    /// r <- 0.995 r + 0.005 x at each iteration; x = 0 if the view does not show the Gaussian.
     Average {
-        /// Iterations rise from one call to the next.
+        /// The current iteration, which rises from one call to the next.
         iteration: u32,
     },
-    /// The mean over this many views.
+    /// The mean over all views.
     Mean {
-        /// Views of the whole pass.
+        /// Number of views of the pass.
         views: u32,
     },
 }
 
-/// Responses of all Gaussians, in device memory. Both arrays together are its whole state.
+/// Responses of all Gaussians, in device memory. The two arrays are the whole state.
 pub struct ResidentResponses {
-    /// n x 8: as of the iteration that last showed the Gaussian, since averages decay lazily.
+    /// n x 8: the values at the iteration that last showed the Gaussian, since averages decay lazily.
     pub values: Buffer<f32>,
     /// n: that iteration.
     pub seen: Buffer<u32>,
 }
 
 impl ResidentResponses {
-    /// Bytes of the responses of so many Gaussians.
+    /// Bytes of the responses of `gaussians` Gaussians.
     pub fn bytes(gaussians: usize) -> u64 {
         Buffer::<f32>::bytes_of(CHANNELS * gaussians) + Buffer::<u32>::bytes_of(gaussians)
     }
 
-    /// No response yet.
+    /// Responses of zero.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -54,10 +54,9 @@ impl ResidentResponses {
         Ok(Self { values, seen })
     }
 
-    /// Records this view's responses, after [`Renderer::record_backward`] of the same view
-    /// with [`Backward::residual`].
+    /// Records the responses of a view, after its [`Renderer::record_backward`] with [`Backward::residual`].
     ///
-    /// Nothing happens where the view's pairs did not fit, as in training.
+    /// Nothing changes if the view's pairs did not fit, as in training.
     pub fn record(
         &self,
         recording: &mut Recording,
@@ -97,7 +96,7 @@ impl ResidentResponses {
         recording.scope("respond", |r| r.dispatch(&kernel, model.count.groups(WORKGROUP)));
     }
 
-    /// The responses, one row a Gaussian; averages decayed to the iteration given, means as they are.
+    /// The responses, one row per Gaussian; averages are decayed to the given iteration.
     ///
     /// # Errors
     /// Device errors.

@@ -1,4 +1,4 @@
-//! What other pruning methods rank by: contributions, their largest over rays, hits, and opacity seen through what is before.
+//! Scores that other pruning methods rank by: contribution, peak contribution, hits, and opacity times transmittance.
 
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
@@ -7,7 +7,7 @@ use crate::primitives::WORKGROUP;
 use crate::render::Renderer;
 use crate::scene::camera::Camera;
 
-/// Scores of all Gaussians over the views recorded, in device memory.
+/// Scores of all Gaussians over the recorded views, in device memory.
 pub struct ResidentScores {
     /// n x (sum of T alpha, largest T alpha of a pixel, pixels that blended it, sum of opacity x T).
     pub values: Buffer<[f32; 4]>,
@@ -15,12 +15,12 @@ pub struct ResidentScores {
 }
 
 impl ResidentScores {
-    /// Bytes of the scores of so many Gaussians.
+    /// Bytes of the scores of `gaussians` Gaussians.
     pub fn bytes(gaussians: usize) -> u64 {
         Buffer::<[f32; 4]>::bytes_of(gaussians)
     }
 
-    /// No view yet.
+    /// Scores of no view: zero.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -36,7 +36,7 @@ impl ResidentScores {
     /// sums that it left are overwritten.
     ///
     /// # Panics
-    /// When the renderer was not made [`Renderer::for_training`].
+    /// If the renderer was not made by [`Renderer::for_training`].
     pub fn record(&self, recording: &mut Recording, renderer: &Renderer, model: &Resident, camera: &Camera) {
         let slots = renderer.slots(camera);
         let score = Score {

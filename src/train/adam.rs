@@ -35,8 +35,8 @@ pub fn zeros(device: &Device, model: &Resident) -> Result<Moments> {
     Ok(moments)
 }
 
-/// Where each attribute's gradients begin in a row, and its SH band: a band's gradients are the
-/// colour's times the basis.
+/// The offset of each attribute's gradients in a row, and its SH band. The gradients of a band are those of the colour,
+/// times the basis.
 const PLACES: Attributes<(u32, u32)> = Attributes {
     means: (ROW_MEAN, NO_BAND),
     log_scales: (ROW_LOG_SCALE, NO_BAND),
@@ -45,24 +45,24 @@ const PLACES: Attributes<(u32, u32)> = Attributes {
     sh: [(0, 0), (0, 1), (0, 2), (0, 3)],
 };
 
-/// What becomes of gradients.
+/// What is done with the gradients.
 #[derive(Clone, Copy)]
 enum Outcome<'a> {
     /// A step of Adam, the first being 1.
     Stepped { rates: &'a Rates, step: u32 },
-    /// First moments; the second are 0, and the parameters stay.
+    /// Stored as first moments; second moments become 0, and parameters stay unchanged.
     Stored,
 }
 
 /// Records step `step` (1 at the first) of Adam, after [`Renderer::record_backward`]: moments and parameters change.
 ///
-/// Nothing changes where the picture's pairs did not fit; a Gaussian with a gradient that is not finite stays as it is.
+/// Nothing changes if the picture's pairs did not fit. A Gaussian with a non-finite gradient stays unchanged.
 pub fn record(recording: &mut Recording, renderer: &Renderer, trainee: &Trainee, rates: &Rates, step: u32) {
     let Trainee { model, moments, .. } = trainee;
     recording.scope(STAGE, |r| each(r, renderer, model, moments, Outcome::Stepped { rates, step }));
 }
 
-/// Records that the gradients of [`Renderer::record_backward`] become first moments: what tests and sweeps look at.
+/// Records that the gradients of [`Renderer::record_backward`] are stored as first moments, for tests and sweeps.
 pub fn record_gradients(recording: &mut Recording, renderer: &Renderer, model: &Resident, moments: &Moments) {
     recording.scope(STAGE, |r| each(r, renderer, model, moments, Outcome::Stored));
 }

@@ -1,4 +1,5 @@
-//! A run's whole state on disk: model, moments, density sums, iteration. Written whole or not at all.
+//! The whole state of a run on disk: model, moments, growth, responses, exposures, iteration. A file is written completely or
+//! not at all.
 
 use super::error::Result;
 use super::exposure::{self, Exposure};
@@ -15,24 +16,24 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Everything that a run goes on from.
+/// Everything needed to resume a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
     /// Iterations done.
     pub iteration: u32,
-    /// Rows skipped so far for gradients that were not finite.
+    /// Rows skipped so far because a gradient was not finite.
     pub skipped_rows: u64,
     /// The model.
     pub model: Gaussians,
-    /// Moments of each attribute, first and second interleaved; none of bands that the model lacks.
+    /// Moments of each attribute, first and second interleaved; empty for bands that the model lacks.
     pub moments: Attributes<Vec<f32>>,
-    /// Density control's sums, two a Gaussian.
+    /// [`Trainee::growth`]: two numbers per Gaussian.
     pub growth: Vec<f32>,
-    /// Averaged responses, eight a Gaussian, and the iterations that last showed each; empty where there are none.
+    /// Averaged responses, eight per Gaussian, and the iteration that last showed each Gaussian; empty if there are none.
     pub responses: (Vec<f32>, Vec<u32>),
-    /// Exposures, twelve numbers a photo, and their moments, first and second interleaved; empty where there are none.
+    /// Exposures, twelve numbers per photo, and their moments, first and second interleaved; empty if there are none.
     pub exposures: (Vec<f32>, Vec<f32>),
-    /// What the caller wants to find again, such as its configuration: any text by name.
+    /// Text by name that the caller stores along, such as its configuration.
     pub notes: HashMap<String, String>,
 }
 
@@ -62,10 +63,10 @@ impl Trainer {
         })
     }
 
-    /// A run that goes on from a snapshot, to end as the unbroken run would.
+    /// Resumes a run from a snapshot; it ends with the same bits as the uninterrupted run.
     ///
     /// # Errors
-    /// Device memory; device errors; no photos; exposures of another number of photos.
+    /// Device memory; device errors; no photos; exposures of a different number of photos.
     pub fn resume(
         device: &Device,
         snapshot: &Snapshot,
@@ -102,7 +103,7 @@ impl Trainer {
     }
 }
 
-/// The note that holds the checksum of all else.
+/// The note that holds the checksum of everything else.
 const CHECKSUM: &str = "crc32";
 
 /// CRC-32 of tensors and notes with their names, in the names' order.
@@ -137,7 +138,7 @@ impl Snapshot {
         add("growth".to_owned(), &self.growth);
         if !self.responses.1.is_empty() {
             add("responses".to_owned(), &self.responses.0);
-            // Whole numbers, stored bit by bit.
+            // Integers, whose bits are stored as those of floats.
             add("responses.seen".to_owned(), bytemuck::cast_slice(&self.responses.1));
         }
         if !self.exposures.0.is_empty() {
@@ -162,7 +163,7 @@ impl Snapshot {
     /// Reads a snapshot.
     ///
     /// # Errors
-    /// [`Error::Io`]; [`Error::Malformed`] where the file is not a whole checkpoint.
+    /// [`Error::Io`]; [`Error::Malformed`] if the file is not a complete checkpoint.
     pub fn read(path: &Path) -> std::result::Result<Self, Error> {
         let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.into(), source })?;
         let bad = |record: &str, what: String| Error::Malformed {
@@ -215,7 +216,7 @@ impl Snapshot {
             return Err(bad("exposures", "their lengths do not agree".into()));
         }
         let (iteration, skipped_rows) = (number("iteration")? as u32, number("skipped_rows")?);
-        // A run that went on from a flipped bit would end elsewhere, and nobody would know.
+        // A run resumed from a flipped bit would end with a different model, and nobody would know.
         let all = file.tensors();
         if number(CHECKSUM)? != u64::from(checksum(all.iter().map(|(name, t)| (name.as_str(), t.data())), &notes)) {
             return Err(bad(CHECKSUM, "it is not that of the content: the file is damaged".into()));

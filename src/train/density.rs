@@ -11,10 +11,10 @@ use crate::kernels::train::{
 };
 use crate::primitives::{Scan, WORKGROUP};
 
-/// What one density step decides by.
+/// What a density step depends on besides the model and the schedule.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
-    /// The iteration it follows: key of its random numbers.
+    /// The iteration that it follows; also a key of its random numbers.
     pub iteration: u32,
     /// Seed of the run.
     pub seed: u32,
@@ -22,21 +22,21 @@ pub struct Step {
     pub extent: f64,
     /// Mean of the cameras' centres.
     pub cameras: [f32; 3],
-    /// No more Gaussians than this.
+    /// Largest number of Gaussians.
     pub most: usize,
 }
 
-/// Bytes that [`densify`] takes beside a model of `n` Gaussians that it makes `after` of.
+/// Bytes that [`densify`] needs besides a model of `n` Gaussians, if it makes `after` Gaussians of them.
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
     let choice = 3 * words(n) + words(1) + Scan::bytes(device, n as u32) + 2 * words(after);
     choice + Trainee::bytes(after, degree)
 }
 
-/// Replaces a model in training by its grown and pruned successor. Returns how many Gaussians there are now.
+/// Clones, splits and prunes the Gaussians of a model in training. Returns their new number.
 ///
 /// # Errors
-/// Device memory; device errors. The model is then as it was.
+/// Device memory; device errors. The model is then unchanged.
 pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step: Step) -> Result<usize> {
     let choice = Choice::new(device, trainee, schedule, step)?;
     let after = choice.after;
@@ -70,10 +70,10 @@ pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step
     Ok(after)
 }
 
-/// Keeps only the Gaussians `kept`, in that order, with their moments; sums of growth begin anew.
+/// Keeps only the Gaussians `kept`, in that order, with their moments; growth restarts at zero.
 ///
 /// # Errors
-/// Device memory; device errors. The model is then as it was.
+/// Device memory; device errors. The model is then unchanged.
 pub fn compact(device: &Device, trainee: &mut Trainee, kept: &[u32]) -> Result<()> {
     let rows = Rows { sources: device.upload("sources", kept)?, kinds: device.buffer("kinds", kept.len())? };
     let mut recording = Recording::new();
@@ -84,7 +84,7 @@ pub fn compact(device: &Device, trainee: &mut Trainee, kept: &[u32]) -> Result<(
     Ok(())
 }
 
-/// Records the opacity reset: no Gaussian keeps more than `opacity`.
+/// Records the opacity reset, which limits every Gaussian's opacity to `opacity`.
 pub fn reset_opacity(recording: &mut Recording, trainee: &Trainee, opacity: f64) {
     let Trainee { model, moments, .. } = trainee;
     let kernel = ResetOpacity {
@@ -97,20 +97,21 @@ pub fn reset_opacity(recording: &mut Recording, trainee: &Trainee, opacity: f64)
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));
 }
 
-/// What becomes of each Gaussian.
+/// What a density step does with each Gaussian.
 struct Choice {
-    /// By Gaussian: how many it becomes, none where it is pruned.
+    /// By Gaussian: the number of its successors, 0 if it is pruned.
     copies: Buffer<u32>,
     /// By Gaussian: whether it is split.
     splits: Buffer<u32>,
     /// By Gaussian: the first row of its successors.
     offsets: Buffer<u32>,
-    /// Gaussians there will be.
+    /// Number of Gaussians after the step.
     after: usize,
 }
 
 impl Choice {
-    /// Those that want to grow do so, where there is room; else those with the largest gradients.
+    /// Grows every Gaussian whose gradient reaches the schedule's threshold, or, if that makes too many, those with the largest
+    /// gradients.
     fn new(device: &Device, trainee: &Trainee, schedule: &Schedule, step: Step) -> Result<Self> {
         let Trainee { model, growth, .. } = trainee;
         let n = model.len;
@@ -140,14 +141,14 @@ impl Choice {
             if after <= step.most.max(n) {
                 return Ok(Self { copies, splits, offsets, after });
             }
-            // Fewer grow until they fit: those with the largest gradients stay. From 1e-12 that takes 516 rounds at most.
+            // The threshold rises until the successors fit: at most 516 rounds from 1e-12.
             threshold = threshold.max(1e-12) * 1.25;
         }
     }
 }
 
 impl Step {
-    /// What the kernel compares with, a Gaussian growing from the gradient `threshold` on.
+    /// Limits that the kernel compares with; a Gaussian grows if its gradient reaches `threshold`.
     fn limits(&self, schedule: &Schedule, threshold: f32) -> DensifyPush {
         let [x, y, z] = self.cameras;
         let prunes_large = schedule.prunes_large(self.iteration);
@@ -161,14 +162,14 @@ impl Step {
     }
 }
 
-/// Where the rows of a successor come from: the old model's rows, and whether they are kept, cloned or halves.
+/// Origin of the new model's rows: the row of the old model, and whether it is kept, a clone or half of a split.
 struct Rows {
     sources: Buffer<u32>,
     kinds: Buffer<u32>,
 }
 
 impl Rows {
-    /// Records how the successor comes from the old model. Moments of new Gaussians are zero, and so is growth.
+    /// Records the gathering of a new model from the old one. Moments of new Gaussians, and growth, are zero.
     fn gather(&self, device: &Device, recording: &mut Recording, old: &Trainee) -> Result<Trainee> {
         let degree = old.model.degree;
         let new = Trainee::room(device, self.sources.len(), degree)?;

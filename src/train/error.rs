@@ -1,4 +1,4 @@
-//! What can go wrong in training, besides the device.
+//! Errors of training.
 
 use crate::gpu;
 use std::io;

@@ -1,4 +1,4 @@
-//! Exposures of photos: a 3 x 4 affine of the rendered colours of each, learnt beside the model and used in training only.
+//! Exposures: for each photo a 3 x 4 affine map of the rendered colours, learnt with the model and used in training only.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::adam::float64::{BETA1, BETA2};
@@ -8,48 +8,48 @@ use crate::primitives::WORKGROUP;
 
 /// Numbers of an affine map: three rows of red, green, blue and a constant.
 pub const SIZE: usize = shader::SIZE as usize;
-/// Learning rate at the beginning where gains were measured, to within a percent: what is left to learn is little.
+/// Initial learning rate if gains were measured: they are within a percent, so that little is left to learn.
 const REFINE: f64 = 0.004;
-/// Where they were not: the 3DGS reference's, and faster where photos are drawn less than a hundred times.
+/// Initial learning rate otherwise: the 3DGS reference's, and a higher one for photos drawn less than a hundred times.
 const RATE: (f64, f64) = (0.01, 0.05);
-/// Share of it that is left at the end.
+/// Share of the initial rate that is left at the end.
 const LEFT: f64 = 0.1;
-/// Pull of each affine towards the gains that it began with, in learning rates a step. What all photos have in common no
-/// loss can tell from the model's own colours: without it both drift apart for good.
+/// Pull of each affine map towards its initial gains, in learning rates per step. No loss can tell a change that all photos
+/// share from a change of the model's colours: without the pull both drift apart for good.
 pub const PULL: f32 = 1.0;
-/// Workgroups that sum gradients at most.
+/// Largest number of workgroups that sum gradients.
 const GROUPS: u32 = 64;
 /// The profiler's scope.
 const SCOPE: &str = "exposure";
 
-/// Affines of all photos with their moments, and a picture's exposed colours.
+/// Affine maps of all photos with their moments, and the exposed colours of a picture.
 pub struct Exposure {
     /// Photo x 12.
     pub affine: Buffer<f32>,
-    /// Photo x red, green, blue: where it begins, and is pulled to.
+    /// Photo x red, green, blue: initial values, towards which the maps are pulled.
     pub gains: Buffer<f32>,
-    /// First and second moment of each.
+    /// First and second moment of each number of `affine`.
     pub moments: Buffer<[f32; 2]>,
     /// The picture as the loss sees it.
     pub image: Buffer<[f32; 4]>,
     partials: Buffer<f32>,
 }
 
-/// The step of a photo's affine.
+/// A step of Adam of one photo's map.
 #[derive(Clone, Copy)]
 pub struct Step<'a> {
     /// Word 1: the most (tile, Gaussian) pairs ever needed; beyond `limit` nothing is updated.
     pub pairs: &'a Buffer<u32>,
     /// Pairs that there is room for.
     pub limit: u32,
-    /// Steps of this photo with this one.
+    /// Steps of this photo so far, including this one.
     pub number: u32,
     /// Learning rate.
     pub rate: f32,
 }
 
 impl<'a> Step<'a> {
-    /// A step that nothing reads, `idle` standing for the pairs.
+    /// A placeholder that no kernel reads.
     fn none(idle: &'a Buffer<u32>) -> Self {
         Self { pairs: idle, limit: 0, number: 1, rate: 0.0 }
     }
@@ -66,7 +66,7 @@ pub struct Rendered<'a> {
     pub pixels: u32,
 }
 
-/// Learning rate of an iteration of a run of this length on so many photos with these gains.
+/// Learning rate at an iteration of a run of `length` iterations on `photos` photos.
 pub fn rate(gains: Option<&[[f32; 3]]>, iteration: u32, length: u32, photos: usize) -> f32 {
     let rounds = f64::from(length.max(1)) / photos.max(1) as f64;
     let t = f64::from(iteration) / f64::from(length.max(1));
@@ -75,12 +75,12 @@ pub fn rate(gains: Option<&[[f32; 3]]>, iteration: u32, length: u32, photos: usi
     (begin * LEFT.powf(t)) as f32
 }
 
-/// The gains of so many photos; 1 for those beyond the list.
+/// Gains of each photo; 1 for photos beyond the list.
 fn of_each(gains: &[[f32; 3]], photos: usize) -> impl Iterator<Item = [f32; 3]> {
     (0..photos).map(|k| gains.get(k).copied().unwrap_or([1.0; 3]))
 }
 
-/// The affine that multiplies channels by these gains.
+/// The affine map that multiplies channels by these gains.
 fn diagonal(gains: [f32; 3]) -> [f32; SIZE] {
     let mut affine = [0.0; SIZE];
     (0..3).for_each(|c| affine[5 * c] = gains[c]);
@@ -88,14 +88,14 @@ fn diagonal(gains: [f32; 3]) -> [f32; SIZE] {
 }
 
 impl Exposure {
-    /// Bytes of exposures of so many photos of at most `pixels`.
+    /// Bytes of the exposures of `photos` photos of at most `pixels`.
     pub fn bytes(photos: usize, pixels: usize) -> u64 {
         let affine = Buffer::<f32>::bytes_of(SIZE * photos) + Buffer::<f32>::bytes_of(3 * photos);
         let affine = affine + Buffer::<[f32; 2]>::bytes_of(SIZE * photos);
         affine + Buffer::<[f32; 4]>::bytes_of(pixels) + Buffer::<f32>::bytes_of(SIZE * GROUPS as usize)
     }
 
-    /// So many photos that begin with these gains of red, green and blue; 1 for those beyond the list.
+    /// Exposures whose maps begin as these gains of red, green and blue; 1 for photos beyond the list.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -104,8 +104,7 @@ impl Exposure {
         Self::with(device, gains, &affine, &vec![0.0; 2 * affine.len()], pixels)
     }
 
-    /// These affines (photo x 12) with these moments (first and second interleaved) of photos that began with these
-    /// gains.
+    /// Exposures with these maps (photo x 12) and moments (first and second interleaved), which began as these gains.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -120,14 +119,14 @@ impl Exposure {
         })
     }
 
-    /// Records the picture as its photo shows it, into [`Exposure::image`].
+    /// Records the exposure of a picture as its photo has it, into [`Exposure::image`].
     pub fn apply(&self, recording: &mut Recording, rendered: Rendered<'_>) {
         let idle = self.partials.cast();
         recording.scope(SCOPE, |r| self.phase(r, shader::APPLY, rendered, rendered.image, Step::none(&idle)));
     }
 
-    /// Records the way back: `gradient`, by the exposed colours, becomes that by the rendered ones; `step` updates the
-    /// affine, none leaves it.
+    /// Records the backward pass: `gradient` changes from that by the exposed colours to that by the rendered ones. `step`
+    /// updates the map; without it the map stays unchanged.
     pub fn backward(
         &self,
         recording: &mut Recording,

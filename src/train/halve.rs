@@ -1,14 +1,14 @@
-//! Photos at half their size, for a run's first iterations: coarse structure settles at a quarter of the pixels.
+//! Photos at half their size for the first iterations of a run: coarse structure settles at a quarter of the pixels.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::train::{Halve as Kernel, HalvePush, HalveSpec};
 use crate::primitives::WORKGROUP;
 use crate::scene::camera::Camera;
 
-/// Pictures are not halved where a side would get shorter than this: they cost little, and show little.
+/// Shortest side of a halved picture, in pixels. Smaller pictures cost little, and show little.
 const LEAST: u32 = 64;
 
-/// A view's camera at half its size, pixel for pixel where [`Halve`] puts them; none where that would be too small.
+/// A camera at half its size, whose pixels are those of [`Halve`]; none if the picture would be too small.
 pub fn camera(camera: &Camera) -> Option<Camera> {
     let (width, height) = (camera.width / 2, camera.height / 2);
     let (focal, principal) = (camera.focal / 2.0, camera.principal / 2.0);
@@ -35,7 +35,7 @@ impl Halve {
         Ok(Self { photo: device.buffer("half photo", pixels(size) as usize)? })
     }
 
-    /// Records `photo` of this size at half of it into [`Halve::photo`].
+    /// Records `photo`, of this size, at half its size into [`Halve::photo`].
     pub fn record(&self, recording: &mut Recording, photo: &Buffer<u32>, size: [u32; 2]) {
         let kernel =
             Kernel { photo, halved: &self.photo, push: HalvePush { size }, spec: HalveSpec { workgroup: WORKGROUP } };

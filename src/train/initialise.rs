@@ -1,4 +1,4 @@
-//! Where training begins: Gaussians on reconstructed points, or on random points where several cameras look.
+//! Initial models: Gaussians on reconstructed points, or on random points that several cameras see.
 
 use super::error::{Error, Result};
 use crate::gaussians::Gaussians;
@@ -13,23 +13,23 @@ use rstar::RTree;
 use rstar::primitives::GeomWithData;
 use std::io;
 
-/// Opacity of every Gaussian at the start.
+/// Initial opacity.
 const OPACITY: f64 = 0.1;
 /// Floor of the mean squared distance to the nearest neighbours, in square world units.
 const LEAST_SQUARED_DISTANCE: f64 = 1e-7;
-/// Depths tried along a random ray; the one whose photos agree best stays.
+/// Depths tried along a random ray; the one on which the photos agree best is taken.
 const DEPTHS: u64 = 12;
-/// A random point must lie within this many views (or all, where there are fewer).
+/// Number of views that must see a random point (or all views, if there are fewer).
 const SEEN_BY: usize = 3;
-/// Views that a random point's colour is compared in.
+/// Number of views in which a random point's colour is compared.
 const COMPARED: usize = 8;
 /// Half the side of the cube that Blender scenes lie in (the reference's).
 const BLENDER_CUBE: f64 = 1.3;
-/// Rays tried for each point asked for, and in any case, before the cameras are held to leave no place.
+/// Rays tried before the search gives up: per point asked for, and at least.
 const TRIES: (u64, u64) = (50, 20_000);
-/// Rays drawn at a time at most, so that what is kept of them stays small.
+/// Largest number of rays drawn at a time, which bounds memory.
 const ROUND: u64 = 1 << 20;
-/// Leeway over the near plane: rounding to 32 bits must not take a point across.
+/// Margin beyond the near plane: rounding to 32 bits must not move a point across it.
 const NEAR_LEEWAY: f64 = 1.001;
 
 /// A point with a colour in [0, 1].
@@ -41,10 +41,10 @@ pub struct Seed {
     pub colour: DVec3,
 }
 
-/// Gaussians on points: round, as large as their three nearest neighbours are far, of opacity 0.1, SH degree 0.
+/// Isotropic Gaussians on points: their scale is the distance of the three nearest neighbours, opacity 0.1, SH degree 0.
 pub fn from_points(points: &[Seed]) -> Gaussians {
     let entry = |(i, p): (usize, &Seed)| GeomWithData::new(p.position.to_array(), i);
-    // The tree has no order for a NaN; such a Gaussian is left to density control.
+    // The tree cannot order a NaN; density control removes such a Gaussian.
     let finite = |p: &Seed| p.position.is_finite();
     let tree = RTree::bulk_load(points.iter().enumerate().filter(|(_, p)| finite(p)).map(entry).collect());
     let log_scale = |i: usize, p: &Seed| -> f32 {
@@ -53,7 +53,7 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
         }
         let near = tree.nearest_neighbor_iter_with_distance_2(p.position.to_array());
         let (sum, n) = near.filter(|(e, _)| e.data != i).take(3).fold((0.0, 0), |(s, n), (_, d)| (s + d, n + 1));
-        // A point alone has no neighbour to be sized by.
+        // A single point has no neighbour that could give its size.
         let mean = if n == 0 { 1e-4 } else { sum / f64::from(n) };
         (0.5 * mean.max(LEAST_SQUARED_DISTANCE).ln()) as f32
     };
@@ -67,15 +67,16 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
     }
 }
 
-/// Random points for a scene without any: along rays through random pixels, between a fifth and three times the distance
-/// at which the cameras' axes meet, where at least three cameras see them. Of `DEPTHS` depths tried on a ray the one
-/// whose photos agree best on its colour stays: a plane sweep of random planes, which costs a second and starts training
-/// near the surfaces. Blender scenes: within their cube. No point lies before the near plane of a camera that looks at it.
+/// Random points for a scene without points. They lie on rays through random pixels, between a fifth of and three times the
+/// distance at which the cameras' axes meet, where at least three cameras see them. `DEPTHS` depths are tried on a ray, and
+/// the one on whose colour the photos agree best is taken: a plane sweep of random planes, which costs a second and starts
+/// training near the surfaces. In Blender scenes points lie within the cube. No point lies between a camera that sees it and
+/// the near plane.
 ///
-/// Rays that find no place are drawn anew until there are `count` points; the same seed gives the same points.
+/// Rays without a suitable depth are replaced until there are `count` points; the same seed gives the same points.
 ///
 /// # Errors
-/// [`Error::NoViews`]; [`Error::Points`] where the cameras leave no place; photos in a file that cannot be read.
+/// [`Error::NoViews`]; [`Error::Points`] if too few rays have a suitable depth; photos in a file that cannot be read.
 pub fn random(photos: &[Photo], count: usize, blender: bool, seed: u64) -> Result<Vec<Seed>> {
     if photos.is_empty() {
         return Err(Error::NoViews);
@@ -90,7 +91,7 @@ pub fn random(photos: &[Photo], count: usize, blender: bool, seed: u64) -> Resul
             return Err(Error::Points { found, asked: count, tries: tried, near, cameras });
         }
         let missing = (count - found.len()) as u64;
-        // As many as the share of rays that found a place until now calls for, and a few more.
+        // As many rays as the share that succeeded so far suggests, and a few more.
         let round = if tried == 0 { missing } else { missing * tried / (found.len() as u64).max(tried / 64) + 64 };
         let round = round.min(ROUND).min(most - tried);
         let rays = tried..tried + round;
@@ -102,7 +103,7 @@ pub fn random(photos: &[Photo], count: usize, blender: bool, seed: u64) -> Resul
     Ok(found)
 }
 
-/// Where random points are looked for.
+/// The space searched for random points.
 struct Search<'a> {
     photos: &'a [Photo],
     focus: DVec3,
@@ -111,14 +112,14 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The point on one random ray, where it has a place.
+    /// The point on one random ray; none if no depth is suitable.
     fn on_ray(&self, key: &[u64]) -> io::Result<Option<Seed>> {
         let draw = |n: u64| uniform(&[key[0], key[1], key[2], n]);
         let camera = &self.photos[(draw(0) * self.photos.len() as f64) as usize].camera;
         let pixel = DVec2::new(draw(1) * f64::from(camera.width), draw(2) * f64::from(camera.height));
         let ray = ((pixel - camera.principal) / camera.focal).extend(1.0);
         let distance = (camera.rotation * self.focus + camera.translation).z.max(1e-3);
-        // Where the cameras' axes meet before the near plane, or nowhere, points lie behind it all the same.
+        // Points lie beyond the near plane even if the cameras' axes meet before it, or nowhere.
         let low = (self.near / distance).max(0.2);
         let high = (5.0 * low).max(3.0);
         let mut best: Option<(f64, Seed)> = None;
@@ -133,12 +134,12 @@ impl Search<'_> {
                 best = Some((disagreement, Seed { position, colour }));
             }
         }
-        // What one camera sees well may hang before another's lens.
+        // A point that one camera sees well may hang before the lens of another.
         let clear = |seed: &Seed| self.photos.iter().all(|p| !before_lens(&p.camera, seed.position, self.near));
         Ok(best.map(|(_, seed)| seed).filter(clear))
     }
 
-    /// (variance of the colours, mean colour) of a point in the photos that see it; none where too few do.
+    /// (variance of the colours, mean colour) of a point in the photos that see it; none if too few do.
     fn agreement(&self, position: DVec3, key: &[u64]) -> io::Result<Option<(f64, DVec3)>> {
         let photos = self.photos;
         let start = (uniform(&[key[0], key[1], key[2], 999]) * photos.len() as f64) as usize;
@@ -165,12 +166,12 @@ impl Search<'_> {
     }
 }
 
-/// Whether a world point lies in the picture, yet before the near plane.
+/// Whether a world point lies within the picture but before the near plane.
 fn before_lens(camera: &Camera, position: DVec3, near: f64) -> bool {
     project(camera, position).is_some_and(|(_, depth)| depth < near)
 }
 
-/// Pixel that a world point falls on, and its depth, where it lies inside the picture and not behind the camera.
+/// Pixel and depth of a world point; none if it lies outside the picture or behind the camera.
 fn project(camera: &Camera, position: DVec3) -> Option<([u32; 2], f64)> {
     let p = camera.rotation * position + camera.translation;
     if p.z <= 0.0 {
@@ -181,7 +182,7 @@ fn project(camera: &Camera, position: DVec3) -> Option<([u32; 2], f64)> {
     inside.then_some(([at.x as u32, at.y as u32], p.z))
 }
 
-/// The point nearest to all cameras' axes; the cameras' centre, moved along their mean view, where the axes are parallel.
+/// The point nearest to all cameras' axes; if the axes are parallel, the cameras' centre moved along their mean direction.
 fn focus<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> DVec3 {
     let (mut a, mut b, mut centre, mut forward, mut n) = (DMat3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, 0.0);
     for camera in cameras.clone() {
@@ -197,6 +198,6 @@ fn focus<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> DVec3 {
     let spread = cameras.clone().map(|c| c.centre().distance(centre)).fold(0.0, f64::max).max(1e-3);
     let met = if a.determinant() > 1e-6 * n { a.inverse() * b } else { centre + forward.normalize_or_zero() * spread };
     let in_front = cameras.filter(|c| (c.rotation * met + c.translation).z > 0.0).count();
-    // Cameras that look outward meet behind themselves.
+    // The axes of cameras that look outward meet behind them.
     if in_front as f64 > 0.5 * n { met } else { centre + forward.normalize_or_zero() * spread }
 }

@@ -1,4 +1,4 @@
-//! From a keep mask to a smaller model in training.
+//! Pruning a model in training by a keep mask, and fine-tuning.
 
 use super::density::compact;
 use super::error::Result;
@@ -8,14 +8,14 @@ use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
 
 impl Trainer {
-    /// Goes on with the Gaussians marked in `keep` alone, moments and all. Where `merged` is given (as many Gaussians as
-    /// there are now), opacities and colours are its.
+    /// Removes the Gaussians that `keep` does not mark; the others keep their moments. If `merged` is given (of as many
+    /// Gaussians as there are now), opacities and colours are taken from it.
     ///
     /// # Errors
-    /// Device memory; device errors. The run is then as it was.
+    /// Device memory; device errors. The run is then unchanged.
     ///
     /// # Panics
-    /// When `keep` has not one mark a Gaussian.
+    /// If `keep` does not hold one mark per Gaussian.
     pub fn keep(&mut self, keep: &[bool], merged: Option<&Gaussians>) -> Result<()> {
         assert_eq!(keep.len(), self.trainee.model.len, "one mark a Gaussian");
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|i| keep[*i as usize]).collect();
@@ -35,7 +35,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// From now on the loss has these weights.
+    /// Changes the weights of the loss.
     pub fn fine_tune(&mut self, weights: Weights) {
         self.objective.weights = weights;
     }

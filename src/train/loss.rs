@@ -1,4 +1,4 @@
-//! L1 + SSIM (+ L2) of a picture against a photo, and its gradient by the picture.
+//! The loss: L1, SSIM and on request L2 of a picture against a photo, and its gradient by the picture.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::loss::{GRADIENT, MAP, MEANS, TAPS};
@@ -10,12 +10,12 @@ use crate::response::Target;
 /// The profiler's scope.
 pub const STAGE: &str = "loss";
 
-/// Runs of the rows phase and of a columns phase.
+/// Numbers of runs of the rows phase and of a columns phase.
 fn runs([width, height]: [u32; 2], rounds: u32) -> [u32; 2] {
     [3 * height * width.div_ceil(TAPS * (rounds - 1) + 1), 3 * width * height.div_ceil(TAPS * rounds)]
 }
 
-/// Terms of a picture of this size, or of one that fits in it, at most.
+/// Largest number of terms of a picture of at most this size.
 fn terms(size: [u32; 2], rounds: u32) -> usize {
     runs(size, rounds).iter().map(|r| *r as usize).sum()
 }
@@ -37,7 +37,7 @@ impl Default for Weights {
     }
 }
 
-/// Scratch of the loss for pictures of up to a number of pixels.
+/// Scratch memory of the loss for pictures of at most a number of pixels.
 pub struct Loss {
     rounds: u32,
     means: Buffer<f32>,
@@ -57,7 +57,7 @@ impl Loss {
         planes + of(terms([width, height], device.tuning().loss_rounds)) + of(1) + of(pixels)
     }
 
-    /// Scratch for pictures of at most `width` x `height`.
+    /// Scratch memory for pictures of at most `width` x `height`.
     ///
     /// # Errors
     /// Device memory.
@@ -107,12 +107,12 @@ impl Loss {
         }
     }
 
-    /// Records the sums that [`Loss::value`] reads: only iterations that someone looks at pay for them.
+    /// Records the sums that [`Loss::value`] reads, which only iterations that the host checks need.
     pub fn record_value(&self, recording: &mut Recording, size: [u32; 2]) {
         reduce(recording, &self.terms, runs(size, self.rounds).iter().sum(), &self.sums);
     }
 
-    /// The value of the loss recorded last with its sums.
+    /// The value of the last loss whose sums were recorded.
     ///
     /// # Errors
     /// Device errors.

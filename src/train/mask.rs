@@ -1,11 +1,11 @@
-//! Masks: parts of photos that add nothing to the loss.
+//! Masks hide parts of photos from the loss.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::mask::{BACKWARD, HIDE};
 use crate::kernels::train::{Mask as Kernel, MaskPush, MaskSpec};
 use crate::primitives::WORKGROUP;
 
-/// The picture with its hidden parts as background.
+/// A picture whose hidden parts show the background.
 pub struct Mask {
     /// The picture as the loss sees it.
     pub image: Buffer<[f32; 4]>,
@@ -26,17 +26,17 @@ impl Mask {
         Ok(Self { image: device.buffer("masked image", pixels)?, background })
     }
 
-    /// Records `image` with what the photo's fourth byte hides as background, into [`Mask::image`].
+    /// Records `image`, with the background where the photo's fourth byte hides it, into [`Mask::image`].
     pub fn apply(&self, recording: &mut Recording, photo: &Buffer<u32>, image: &Buffer<[f32; 4]>, pixels: u32) {
         self.phase(recording, HIDE, photo, image, pixels);
     }
 
-    /// Records the way back of `gradient`.
+    /// Records the backward pass of `gradient`.
     pub fn backward(&self, recording: &mut Recording, photo: &Buffer<u32>, gradient: &Buffer<[f32; 4]>, pixels: u32) {
         self.phase(recording, BACKWARD, photo, gradient, pixels);
     }
 
-    /// `values` are the picture's pixels, or on the way back its gradient's.
+    /// `values` are the picture's pixels, or in the backward pass those of its gradient.
     fn phase(
         &self,
         recording: &mut Recording,

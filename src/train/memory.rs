@@ -1,4 +1,4 @@
-//! What a training run will need of the device's memory, before it begins.
+//! Estimate of the device memory that a training run will need.
 
 use super::density;
 use super::device_photos::DevicePhotos;
@@ -13,35 +13,35 @@ use crate::gaussians::Gaussians;
 use crate::gpu::{Device, staging_bytes};
 use crate::render::{Renderer, Style, Uses};
 
-/// What a run's memory depends on.
+/// What the memory of a run depends on.
 #[derive(Clone, Debug)]
 pub struct Demand {
-    /// Gaussians at most.
+    /// Largest number of Gaussians.
     pub gaussians: usize,
-    /// (tile, Gaussian) pairs of a picture at most.
+    /// Largest number of (tile, Gaussian) pairs of a picture.
     pub pairs: u32,
-    /// Width and height that every picture fits in.
+    /// Largest width and height of a picture.
     pub size: [u32; 2],
     /// Bytes of each photo.
     pub photos: Vec<u64>,
     /// Highest SH degree.
     pub degree: usize,
-    /// Whether photos get exposures of their own.
+    /// Whether each photo has an exposure of its own.
     pub exposure: bool,
     /// Whether photos have masks.
     pub masked: bool,
-    /// How pictures are drawn.
+    /// How pictures are rendered.
     pub style: Style,
     /// Whether the run begins with pictures of half their size.
     pub halves: bool,
-    /// Whether density control acts: it holds the old model and the new at once, as the renderer does when it grows.
+    /// Whether density control acts: it holds the old and the new model at once, as the renderer does when it grows.
     pub grows: bool,
-    /// Bytes that pruning takes beside the model while it lasts; 0 where the run does not prune.
+    /// Bytes that pruning needs besides the model; 0 if the run does not prune.
     pub pruning: u64,
 }
 
 impl Trainer {
-    /// Bytes of device memory that a run takes at its height.
+    /// Peak device memory of a run, in bytes.
     pub fn bytes(device: &Device, demand: &Demand) -> u64 {
         let &Demand { gaussians: n, pairs, size, degree, grows, .. } = demand;
         let model = Trainee::bytes(n, degree);
@@ -55,7 +55,7 @@ impl Trainer {
         let pictures = pictures + if demand.halves { Halve::bytes(size) } else { 0 };
         let pictures = pictures + if demand.style.antialias { Smoothing::bytes(demand.photos.len()) } else { 0 };
         let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
-        // The widest array is what downloads stage; its moments are twice as wide.
+        // Downloads stage one array at a time; the widest are moments, twice as wide as their parameters.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
         let passing = growth.max(demand.pruning).max(staging_bytes(widest));
         model + renderer + pictures + passing

@@ -28,7 +28,7 @@ pub use trainer::{Progress, Trainer};
 
 use crate::render;
 
-/// The stages of an iteration that every run has, in order: scope names of its timings.
+/// The stages of every iteration, in order, by the names of their timings.
 pub const STAGES: [&str; 9] = {
     let ([a, b, c, d, e], [f, g]) = (render::STAGES, render::BACKWARD_STAGES);
     [a, b, c, d, e, loss::STAGE, f, g, adam::STAGE]

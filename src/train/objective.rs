@@ -1,4 +1,4 @@
-//! From a rendered picture to the gradient by it: exposure and mask before the loss, and both on the way back.
+//! The gradient by a rendered picture: exposure and mask, loss, and the backward passes of both.
 
 use super::error::Result;
 use super::exposure::{Exposure, Rendered, Step};

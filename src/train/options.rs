@@ -8,7 +8,7 @@ use std::ops::Range;
 /// What a run depends on besides its photos and model.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Course of the run.
+    /// What happens at which iteration.
     pub schedule: Schedule,
     /// Image formation.
     pub settings: Settings,
@@ -16,15 +16,15 @@ pub struct Options {
     pub seed: u32,
     /// Highest SH degree.
     pub degree: usize,
-    /// No more Gaussians than this.
+    /// Largest number of Gaussians.
     pub most: usize,
     /// If each photo has an exposure of its own: the measured gains of red, green and blue by photo; empty if none could be
     /// measured.
     pub exposure: Option<Vec<[f32; 3]>>,
     /// Weights of the loss.
     pub weights: Weights,
-    /// Iterations, after the last density step, whose responses are averaged for [`super::Trainer::averages`]; none where empty.
+    /// Iterations, after the last density step, whose responses are averaged for [`super::Trainer::averages`]; may be empty.
     pub averaged: Range<u32>,
-    /// Room for (tile, Gaussian) pairs to begin with; results do not depend on it.
+    /// Initial capacity in (tile, Gaussian) pairs; results do not depend on it.
     pub pairs: u32,
 }

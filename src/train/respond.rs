@@ -7,7 +7,7 @@ use crate::gpu;
 use crate::response::{Gather, Responses, full_pass};
 
 impl Trainer {
-    /// Responses, and where asked for other methods' scores, by a pass over all photos; neither model nor moments
+    /// Responses, and the scores of other methods if `with_scores`, by a pass over all photos. Neither model nor moments
     /// change.
     ///
     /// # Errors
@@ -16,10 +16,10 @@ impl Trainer {
         self.responses_with(with_scores, |_| Ok(()))
     }
 
-    /// As [`Trainer::responses`]; `follow` hears how many photos were seen, and may end it.
+    /// As [`Trainer::responses`]; `follow` receives the number of photos done, and may end the pass by an error.
     ///
     /// # Errors
-    /// As [`Trainer::responses`]; what `follow` says.
+    /// As [`Trainer::responses`]; errors of `follow`.
     pub fn responses_with<E>(
         &mut self,
         with_scores: bool,
@@ -50,7 +50,7 @@ impl Trainer {
         Ok(responses)
     }
 
-    /// The responses averaged over [`super::Options::averaged`], decayed to the last iteration done; none before.
+    /// Responses averaged over [`super::Options::averaged`], decayed to the last iteration done; none before those iterations.
     ///
     /// # Errors
     /// Device errors.

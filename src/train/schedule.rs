@@ -1,9 +1,9 @@
-//! What happens when: milestones that scale with the length of the run, intervals that do not.
+//! What happens at which iteration: milestones scale with the length of the run, intervals do not.
 
 use super::adam::Rates;
 use serde::{Deserialize, Serialize};
 
-/// Everything that a run's course depends on, as written to `config.toml`.
+/// The course of a run, as written to `config.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Schedule {
@@ -29,14 +29,14 @@ pub struct Schedule {
     pub densify_until: f64,
     /// Iterations between density steps.
     pub densify_every: u32,
-    /// Mean gradient of the 2D mean, in NDC units, at which a Gaussian grows.
+    /// Mean gradient by the 2D mean, in NDC units, from which a Gaussian grows.
     pub densify_gradient: f64,
-    /// Largest axis, as a share of the reach (the extent, or the distance from the cameras' mean where that is more), up
-    /// to which a growing Gaussian is cloned and not split.
+    /// Growing Gaussians whose largest axis exceeds this share of the reach are split, others are cloned. The reach is the
+    /// scene's extent, or the Gaussian's distance from the cameras' mean if that is greater.
     pub clone_scale: f64,
     /// Opacity below which a Gaussian is pruned.
     pub prune_opacity: f64,
-    /// Largest axis, as a share of the reach, above which a Gaussian is pruned once `prune_scale_from` has passed.
+    /// Gaussians whose largest axis exceeds this share of the reach are pruned, after `prune_scale_from`.
     pub prune_scale: f64,
     /// Share of the run after which large Gaussians are pruned.
     pub prune_scale_from: f64,
@@ -44,7 +44,7 @@ pub struct Schedule {
     pub opacity_reset_every: u32,
     /// Share of the run between steps of the SH degree.
     pub degree_every: f64,
-    /// Share of the run that sees pictures of half their size.
+    /// Share of the run that uses pictures of half their size.
     pub half_until: f64,
 }
 
@@ -75,13 +75,12 @@ impl Default for Schedule {
     }
 }
 
-/// Iterations that the reference's rates are for.
+/// Length of the run that the reference's rates are meant for.
 const REFERENCE: f64 = 30_000.0;
 
 impl Schedule {
-    /// The reference's course in `iterations`, its first part at a quarter of the pixels. Positions, shapes and higher SH
-    /// bands that have fewer steps take longer ones: these are the parameters that the published rates do not bring to
-    /// their place in a short run.
+    /// The reference's course in `iterations`, the first part at a quarter of the pixels. In shorter runs positions, shapes
+    /// and higher SH bands have higher rates: with the published ones they do not converge in so few steps.
     pub fn of(iterations: u32) -> Self {
         let shorter = (REFERENCE / f64::from(iterations.max(1))).max(1.0);
         let whole = Self::default();
@@ -115,7 +114,7 @@ impl Schedule {
         }
     }
 
-    /// Whether iteration `iteration` sees pictures of half their size.
+    /// Whether iteration `iteration` uses pictures of half their size.
     pub fn halves(&self, iteration: u32) -> bool {
         iteration <= self.at(self.half_until)
     }
@@ -138,7 +137,7 @@ impl Schedule {
             && iteration.is_multiple_of(self.densify_every)
     }
 
-    /// Whether large Gaussians are pruned by then.
+    /// Whether large Gaussians are pruned at iteration `iteration`.
     pub fn prunes_large(&self, iteration: u32) -> bool {
         iteration > self.at(self.prune_scale_from)
     }

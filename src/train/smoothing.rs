@@ -1,4 +1,4 @@
-//! 3D smoothing, part of anti-aliasing: no Gaussian gets thinner than the photos can tell.
+//! 3D smoothing, part of anti-aliasing: no Gaussian becomes thinner than the photos can resolve.
 
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result};
@@ -8,7 +8,7 @@ use crate::primitives::WORKGROUP;
 use crate::render::{Settings, view};
 use crate::scene::Photo;
 
-/// Iterations between its turns: scales move by a fifth at most meanwhile.
+/// Iterations between two smoothings: scales change by a fifth at most in between.
 const EVERY: u32 = 16;
 
 /// The cameras of all training photos.

@@ -1,17 +1,18 @@
-//! A model in training, with all that is kept for each of its Gaussians.
+//! A model in training, with everything that is stored per Gaussian.
 
 use super::adam::{self, Moments};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
 use crate::gpu::{Buffer, Device, Recording, Result};
 
-/// A model in training: what density control replaces, and a checkpoint stores.
+/// A model in training: what density control replaces and a checkpoint stores.
 pub struct Trainee {
     /// The model.
     pub model: Resident,
-    /// Adam's.
+    /// Moments of Adam.
     pub moments: Moments,
-    /// n x (sum of the 2D mean's gradient norms in NDC units, views that saw it): what density control decides by.
+    /// n x (sum of the norms of the gradients by the 2D mean, in NDC units; number of views that saw it), which density
+    /// control reads.
     pub growth: Buffer<[f32; 2]>,
 }
 
@@ -22,7 +23,7 @@ impl Trainee {
         Resident::bytes(n, degree) + Attributes::widths(degree).map(|width| of(n * width)).sum() + of(n)
     }
 
-    /// Room for `n` Gaussians of this SH degree: only their count is known.
+    /// Arrays for `n` Gaussians of this SH degree, whose content is undefined.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -34,7 +35,7 @@ impl Trainee {
         Ok(Self { model, moments, growth: device.buffer("growth", n)? })
     }
 
-    /// A model before its first iteration: moments and sums of zero.
+    /// A model before its first iteration: moments and growth are zero.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -45,10 +46,10 @@ impl Trainee {
         Ok(Self { model, moments, growth })
     }
 
-    /// Gives the model one SH band more, of zeros.
+    /// Adds an SH band of zeros to the model.
     ///
     /// # Errors
-    /// Device memory; device errors. The model is then as it was.
+    /// Device memory; device errors. The model is then unchanged.
     pub fn raise_degree(&mut self, device: &Device) -> Result<()> {
         let l = self.model.degree + 1;
         let (name, len) = (Attributes::NAMES.sh[l], self.model.len * Gaussians::band_width(l));

@@ -1,5 +1,5 @@
-//! The training loop. An iteration never waits for the host: it runs project to Adam on the device; the host looks every
-//! few iterations, grows what was too small, and repeats what did not count.
+//! The training loop. All of an iteration, from projection to Adam, runs on the device without waiting for the host. Every
+//! few iterations the host checks, grows buffers that were too small, and repeats the iterations that did not count.
 
 use super::adam;
 use super::density::{self, Step, densify};
@@ -21,19 +21,19 @@ use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
 use std::collections::VecDeque;
 
-/// Iterations between looks of the host.
+/// Iterations between two checks by the host.
 const LOOK_EVERY: u32 = 16;
-/// Submissions under way at a time: the next is encoded while one runs.
+/// Submissions in flight: the next one is encoded while one runs.
 const IN_FLIGHT: usize = 2;
-/// Opacity that a reset leaves at most.
+/// Largest opacity after a reset.
 const RESET_OPACITY: f64 = 0.01;
 
-/// Where a run stands.
+/// Progress of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
     /// Iterations done.
     pub iteration: u32,
-    /// Loss of the last that the host looked at; NaN before the first.
+    /// Loss of the last iteration that the host checked; NaN before the first check.
     pub loss: f32,
     /// Gaussians.
     pub gaussians: usize,
@@ -56,9 +56,9 @@ pub struct Trainer {
     cameras: [f32; 3],
     pub(super) renderer: Renderer,
     pub(super) objective: Objective,
-    /// Room for photos at half their size, where the run begins with those.
+    /// Memory for a photo at half its size, if the run begins with those.
     half: Option<Halve>,
-    /// What keeps Gaussians from getting too thin, where small ones keep their energy.
+    /// Keeps Gaussians from becoming too thin; only with anti-aliasing.
     smoothing: Option<Smoothing>,
     order: (u32, Vec<usize>),
     timings: Timings,
@@ -73,7 +73,7 @@ impl Trainer {
         Self::assemble(device, Trainee::new(device, model)?, photos, extent, options)
     }
 
-    /// A run with this model, before any iteration.
+    /// A run on this model, before any iteration.
     pub(super) fn assemble(
         device: &Device,
         trainee: Trainee,
@@ -87,7 +87,7 @@ impl Trainer {
         let size = camera::largest(photos.iter().map(|p| &p.camera));
         let renderer =
             Renderer::for_training(device, options.settings, trainee.model.len * 5 / 4, size, options.pairs)?;
-        // Photos first: what brings them to the device is gone before the loss's pictures are made.
+        // Photos first: their staging memory is free again before the loss allocates its pictures.
         let device_photos = DevicePhotos::new(device, &photos)?;
         let objective = Objective::new(device, &photos, size, &options)?;
         let half = options.schedule.halves(1).then(|| Halve::new(device, size)).transpose()?;
@@ -124,7 +124,7 @@ impl Trainer {
         self.trainee.model.len
     }
 
-    /// Whether none is left.
+    /// Whether no Gaussian is left.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -134,30 +134,30 @@ impl Trainer {
         &self.trainee.model
     }
 
-    /// The model in device memory; all else is given back.
+    /// The model in device memory; everything else is freed.
     pub fn into_model(self) -> Resident {
         self.trainee.model
     }
 
-    /// Device time by stage so far.
+    /// Device time of each stage so far.
     pub fn timings(&self) -> &Timings {
         &self.timings
     }
 
-    /// Rows whose update was skipped because a gradient was not finite.
+    /// Number of rows whose update was skipped because a gradient was not finite.
     pub fn skipped_rows(&self) -> u64 {
         self.skipped_rows
     }
 
-    /// Trains until `until` iterations are done, or until the next look of the host if that comes first. Returns where
-    /// the run stands: call again until it is there. Where it is there already nothing happens.
+    /// Trains until `until` iterations are done, or until the host's next check if that comes first: call it again until
+    /// [`Progress::iteration`] is `until`. Does nothing if that is so already.
     ///
     /// # Errors
-    /// Device memory; device errors. The model is then as it was after [`Trainer::iteration`].
+    /// Device memory; device errors. The model is then in its state after [`Trainer::iteration`] iterations.
     pub fn advance(&mut self, until: u32) -> Result<Progress> {
         let first = self.iteration;
         if until <= first {
-            // Density control has acted on this iteration and must not do so twice.
+            // Density control has already acted after this iteration, and must not act twice.
             return Ok(self.progress());
         }
         self.raise_degree(first + 1)?;
@@ -190,7 +190,7 @@ impl Trainer {
 
         let counts = self.renderer.backward_counts()?;
         self.skipped_rows += u64::from(counts.skipped_rows);
-        // Without a Gaussian no kernel runs that would count.
+        // Without Gaussians no kernel runs that would count passes.
         self.iteration = if self.trainee.model.len == 0 { last } else { first + counts.passes };
         let pairs = self.renderer.pairs()?;
         if self.renderer.make_room_for_pairs(pairs)? {
@@ -210,7 +210,7 @@ impl Trainer {
         Progress { iteration: self.iteration, loss: self.last_loss, gaussians: self.trainee.model.len }
     }
 
-    /// The model as it stands, on the host.
+    /// The current model, on the host.
     ///
     /// # Errors
     /// Device errors.
@@ -218,7 +218,7 @@ impl Trainer {
         Ok(self.trainee.model.download(&self.device)?)
     }
 
-    /// The last iteration that may run before the host must look.
+    /// The last iteration that may run before the host must check.
     fn boundary(&self, until: u32) -> u32 {
         let schedule = &self.options.schedule;
         let grows = |i: u32| schedule.densifies(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1);
@@ -233,7 +233,7 @@ impl Trainer {
         self.options.schedule.degree(iteration, self.options.degree.min(MAX_SH_DEGREE)) > self.trainee.model.degree
     }
 
-    /// A band gets its arrays when the run first uses it.
+    /// Allocates the arrays of an SH band when the run first uses it.
     fn raise_degree(&mut self, iteration: u32) -> Result<()> {
         while self.wants_degree(iteration) {
             self.trainee.raise_degree(&self.device)?;
@@ -241,7 +241,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Views are drawn without replacement, shuffled anew when all were seen.
+    /// Photos are drawn without replacement, and shuffled again after each round.
     fn view_of(&mut self, iteration: u32) -> usize {
         let n = self.photos.len() as u32;
         let (round, at) = ((iteration - 1) / n, (iteration - 1) % n);
@@ -251,12 +251,12 @@ impl Trainer {
         self.order.1[at as usize]
     }
 
-    /// The camera of a view at half its size, where iteration `iteration` sees it so.
+    /// The camera of a view at half its size, if iteration `iteration` uses that.
     fn halved(&self, view: usize, iteration: u32) -> Option<Camera> {
         self.options.schedule.halves(iteration).then(|| halve::camera(&self.photos[view].camera)).flatten()
     }
 
-    /// What smooths after iteration `iteration`, where that is due.
+    /// The smoothing after iteration `iteration`, if it is due.
     fn smoothing_after(&self, iteration: u32) -> Option<&Smoothing> {
         self.smoothing.as_ref().filter(|_| Smoothing::due(iteration, self.options.schedule.iterations))
     }
@@ -266,7 +266,7 @@ impl Trainer {
         Ok(self.device.submit(recording)?)
     }
 
-    /// Names of the kernels that the next iteration runs, in order: what tests of effects that are off look at.
+    /// Names of the kernels that the next iteration runs, in order, for tests of disabled effects.
     ///
     /// # Errors
     /// Photos that cannot be read.
@@ -291,7 +291,7 @@ impl Trainer {
         let step = exposure::Step {
             pairs: slots.pairs,
             limit: slots.limit,
-            // Each photo is drawn once a round.
+            // Each photo is drawn once per round.
             number: (iteration - 1) / self.photos.len() as u32 + 1,
             rate: exposure::rate(
                 options.exposure.as_deref(),
@@ -319,7 +319,7 @@ impl Trainer {
         Ok(recording)
     }
 
-    /// Density control, opacity reset and smoothing, where they are due after this iteration.
+    /// Density control, opacity reset and smoothing, if they are due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
         let schedule = &self.options.schedule;
         if schedule.densifies(iteration) {

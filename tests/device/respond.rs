@@ -6,7 +6,9 @@ use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Error, Recording};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
-use qirf_vk::response::{Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Target, full_pass, record_residual};
+use qirf_vk::response::{
+    Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Target, full_pass, record_residual,
+};
 use qirf_vk::scene::FourthByte;
 use qirf_vk::scene::camera::Camera;
 

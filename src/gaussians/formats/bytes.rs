@@ -66,8 +66,8 @@ pub(super) fn from_smallest_three(smaller: [f32; 3], greatest: usize) -> [f32; 4
     q
 }
 
-/// The way back: a quaternion's three smaller components over its length, the greatest taken positive, and that one's index.
-/// What is no rotation becomes the identity, whose real part stands at `real`.
+/// The inverse: the three smaller components of a normalised quaternion whose greatest component is positive, and the index of
+/// that one. A zero quaternion becomes the identity, whose real part has the index `real`.
 pub(super) fn to_smallest_three(q: [f32; 4], real: usize) -> ([f64; 3], usize) {
     let q = q.map(f64::from);
     let greatest = (0..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });

@@ -1,6 +1,6 @@
 //! mkkellogg `.ksplat`: sections of Gaussians, plain (level 0) or quantised in buckets (levels 1 and 2).
 //!
-//! A header of 4,096 bytes, then one of 1,024 bytes a section, then each section's bucket lengths, bucket centres and
+//! A header of 4,096 bytes, then one of 1,024 bytes per section, then each section's bucket lengths, bucket centres and
 //! records. A record: mean, linear scale, quaternion (w, x, y, z), 8-bit red, green, blue, opacity, SH of bands 1 and
 //! up, each band channel-major. Level 0 stores f32; levels 1 and 2 halves, 16-bit means about bucket centres; level 2
 //! 8-bit SH (github.com/mkkellogg/GaussianSplats3D).

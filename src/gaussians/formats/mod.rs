@@ -35,7 +35,7 @@ pub enum Format {
     CompressedPly,
     /// Niantic SPZ, versions 1 to 4.
     Spz,
-    /// antimatter15 `.splat`: 32 bytes a Gaussian.
+    /// antimatter15 `.splat`: 32 bytes per Gaussian.
     Splat,
     /// mkkellogg `.ksplat`.
     Ksplat,

@@ -1,4 +1,4 @@
-//! Files written whole or not at all, and never over their own input.
+//! Writes files completely or not at all, and never over the input.
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, OpenOptions};
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::Error;
 
-/// Refuses an `output` that is the same file as `input`, whatever links lead to it.
+/// Refuses an `output` that is the same file as `input`, through whatever links.
 ///
 /// # Errors
 /// [`Error::SameFile`]; [`Error::Io`] if a path that exists cannot be looked at.
@@ -80,7 +80,7 @@ pub fn remove_leftovers(path: &Path) {
         let found = found.to_string_lossy();
         let middle = found.strip_prefix(&prefix).and_then(|rest| rest.strip_suffix(TEMPORARY));
         if middle.is_some_and(|m| !m.is_empty() && m.chars().all(|c| c.is_ascii_digit() || c == '-')) {
-            // One that stays costs some room and nothing else.
+            // A file that cannot be removed costs some space, nothing else.
             let _ = fs::remove_file(entry.path());
         }
     }
@@ -108,7 +108,7 @@ fn fill(file: File, body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::
     out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
 }
 
-/// Makes the rename itself durable where folders can be synced; where they cannot, nothing is lost but that.
+/// Makes the rename itself durable, on systems on which folders can be synced.
 fn sync_folder(path: &Path) {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if let Ok(folder) = File::open(folder) {

@@ -1,4 +1,4 @@
-//! What every reader salvages alike, and the count of it.
+//! Repairs that all readers share, and their counts.
 
 use std::fmt;
 

@@ -1,4 +1,4 @@
-//! antimatter15 `.splat`: no header, 32 bytes a Gaussian.
+//! antimatter15 `.splat`: no header, 32 bytes per Gaussian.
 //!
 //! f32 mean x 3, f32 linear scale x 3, u8 red, green, blue, opacity, u8 quaternion w, x, y, z as 128 + 128 q
 //! (github.com/antimatter15/splat).

@@ -1,5 +1,5 @@
 //! The generalized eigenproblem on the device: the low-rank solver in float32, a batch of blocks at a time, so that only
-//! participations come to the host.
+//! participations are read back.
 
 use crate::gpu::{Error, Groups, Readback, Recording, Timings};
 use crate::kernels::constants::participation;
@@ -11,7 +11,7 @@ use crate::qirf::plan::Batch;
 /// Numbers of a block's solution besides its participations.
 const EXTRA: usize = participation::EXTRA as usize;
 
-/// What the eigenproblem depends on besides its matrices.
+/// Parameters of the eigenproblem, besides its matrices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Problem {
     /// Added to the diagonal of N.
@@ -29,7 +29,7 @@ impl Default for Problem {
 /// One block's solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution<'a> {
-    /// Participation of each member; zero where the solver failed.
+    /// Participation of each member; zero if the solver failed.
     pub q: &'a [f32],
     /// Eigenvalues, descending; those that are negative by rounding are 0.
     pub lambda: [f32; CHANNELS],
@@ -40,14 +40,14 @@ pub struct Solution<'a> {
 }
 
 impl Assembly<'_> {
-    /// Assembles and solves every batch on the device and hands each block's number and solution to `body`, in order,
-    /// while the device goes on with the next batch. Returns the device's times.
+    /// Assembles and solves every batch on the device, and calls `body` with the number and the solution of each block, in
+    /// order, while the device works on the next batch. Returns the device times.
     ///
     /// # Errors
     /// Device memory; device errors; the first error of `body`.
     ///
     /// # Panics
-    /// When the assembly was not asked for W.
+    /// If the assembly was not asked for W.
     pub fn solve_each<E: From<Error>>(
         &self,
         problem: Problem,

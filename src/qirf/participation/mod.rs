@@ -14,7 +14,7 @@ use std::fmt;
 /// Slack of the energy's comparison with tau, so that float32 and float64 agree on a sum that hits it exactly.
 const ENERGY_SLACK: f64 = 1e-6;
 
-/// How the eigenproblem is solved: one answer at three costs.
+/// How the eigenproblem is solved: the same solution at three costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rung {
@@ -128,7 +128,7 @@ pub struct Participation {
     pub canonical: bool,
 }
 
-/// A metric made ready for several right-hand sides W.
+/// A metric factored for several right-hand sides W.
 #[derive(Debug)]
 pub enum Factor {
     /// The metric is the identity.
@@ -169,7 +169,7 @@ impl Factor {
     }
 
     fn fallback(metric: &Gram) -> Self {
-        // Without convergence nothing is known of the metric: the identity keeps the responses' own order.
+        // Without convergence nothing is known of the metric: the identity ranks by the responses themselves.
         metric.canonical(metric.epsilon).map_or(Self::Identity, Self::Canonical)
     }
 

@@ -1,4 +1,4 @@
-//! How many each block keeps, and which: ranks and gains to a keep mask of exactly the count asked for.
+//! How many Gaussians each block keeps, and which: from ranks and gains to a keep mask of exactly the wanted count.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -6,21 +6,21 @@ use serde::{Deserialize, Serialize};
 use super::{Ranking, rounded};
 use crate::qirf::partition::Blocks;
 
-/// Shares are kept as millionths, so that counts come from integers.
+/// Shares are rounded to millionths, so that counts are computed from integers.
 const MILLION: u128 = 1_000_000;
-/// The detail safeguard takes at most this part of what is kept.
+/// Largest share of the kept Gaussians that the detail safeguard may choose.
 const MOST_DETAIL: usize = 5;
 
-/// How the count is divided among blocks.
+/// How the count is distributed over blocks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Budget {
     /// Each block keeps its share.
     PerBlock,
-    /// Half as each block's share, half by gain over the scene.
+    /// Half of the count by the blocks' shares, half by gain over the scene.
     #[default]
     Hybrid,
-    /// All by gain over the scene.
+    /// The whole count by gain over the scene.
     Global,
 }
 
@@ -28,18 +28,18 @@ pub enum Budget {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Keep {
-    /// The paper's: each block keeps max(r, ceil(kappa m)), and the detail safeguard comes on top.
+    /// The paper's rule: each block keeps max(r, ceil(kappa m)), and the detail safeguard is added.
     Paper {
-        /// Least share of a block.
+        /// Smallest share of a block.
         kappa: f64,
     },
-    /// This share of the scene, detail included.
+    /// This share of the scene, including the detail safeguard.
     Share(f64),
-    /// Exactly this many, detail included, or all if there are fewer.
+    /// Exactly this number, including the detail safeguard, or all if there are fewer.
     Count(usize),
 }
 
-/// A keep mask and what it is made of.
+/// A keep mask, and how many were kept for which reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Choice {
     /// Whether each Gaussian is kept, n.
@@ -57,7 +57,7 @@ impl Choice {
     }
 }
 
-/// The safeguard: a score of detail for each Gaussian (n), and the share of the scene that it may keep.
+/// The detail safeguard: a score for each Gaussian, and the share of the scene that it keeps.
 #[derive(Clone, Copy, Debug)]
 pub struct Safeguard<'a> {
     /// See [`super::detail::scores`], n.
@@ -66,7 +66,7 @@ pub struct Safeguard<'a> {
     pub share: f64,
 }
 
-/// Chooses what to keep. `r` holds each block's r, which only [`Keep::Paper`] reads; it always keeps by block.
+/// Chooses what to keep. `r` holds each block's r, which only [`Keep::Paper`] reads; that rule always keeps by block.
 ///
 /// # Panics
 /// If the arrays disagree with `blocks` on their lengths.
@@ -114,9 +114,9 @@ pub fn choose(
     choice
 }
 
-/// Shares of `total` in proportion to the blocks' members by largest remainder, ties by index; they sum to `total`.
+/// Distributes `total` in proportion to the blocks' members by largest remainder, ties by index; the shares sum to `total`.
 ///
-/// No block gets more than it has, as long as `total` is no more than there is.
+/// No block gets more than its members, if `total` is at most the number of all members.
 pub fn quotas(blocks: &Blocks, total: usize) -> Vec<usize> {
     let n = blocks.members.len().max(1) as u128;
     let exact = |members: &[u32]| total as u128 * members.len() as u128;
@@ -140,12 +140,12 @@ fn by_rank(blocks: &Blocks, ranking: &Ranking, quotas: &[usize], keep: &mut [boo
     }
 }
 
-/// The `count` of greatest gain not kept yet; equal gains by place in the block, then by index.
+/// Keeps the `count` of greatest gain that are not kept yet; equal gains by rank in the block, then by index.
 fn by_gain(ranking: &Ranking, count: usize, keep: &mut [bool]) {
     best(count, keep, |i| rounded(ranking.gain[i]), |i| ranking.rank[i]);
 }
 
-/// The `count` of greatest score not kept yet; equal scores by index.
+/// Keeps the `count` of greatest score that are not kept yet; equal scores by index.
 fn by_score(scores: &[f64], count: usize, keep: &mut [bool]) {
     best(count, keep, |i| rounded(scores[i]), |_| 0);
 }

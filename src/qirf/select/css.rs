@@ -1,4 +1,4 @@
-//! Greedy column subset: keep the function that explains most of the weighed rest, then look at what is left of it.
+//! Greedy column subset: repeatedly keep the function that explains most of the weighted rest, and subtract what it explains.
 //!
 //! R := N; pick argmax_i g_i / R_ii over R_ii > 1e-4, g_i = sum_j w_j^2 R_ji^2; R -= R_i R_i^T / R_ii. R is never
 //! formed: R = N - C C^T with one column of C a pick, and with c that column and t = w^2 c
@@ -7,14 +7,14 @@
 use super::Ranking;
 use super::rounded;
 
-/// Functions of which less than this is left are explained by those picked.
+/// Functions with less than this left are explained by the picked ones.
 const EXHAUSTED: f64 = 1e-4;
-/// Entries of C below this are zero: they move gains by far less than the rounding that ranks them.
+/// Entries of C below this count as zero: they change gains by far less than the rounding of ranks.
 const NOTHING: f64 = 1e-7;
 
-/// Order of a block by greedy column subset of `overlap` (m x m) with weights `w` (m), after `picks` by what is left.
+/// Order of a block by greedy column subset of `overlap` (m x m) with weights `w` (m); after `picks` by the remaining gains.
 ///
-/// Gains are those at the pick, never above an earlier one's; explained functions follow by their weights.
+/// A gain is that at the pick, limited to the previous one; explained functions follow in the order of their weights.
 pub fn order(overlap: &[f32], w: &[f64], picks: usize) -> Ranking {
     let m = w.len();
     let finite = |n: f32| if n.is_finite() { f64::from(n) } else { 0.0 };
@@ -55,7 +55,7 @@ pub fn order(overlap: &[f32], w: &[f64], picks: usize) -> Ranking {
     finish(picked, &g, &left, w, &open, last)
 }
 
-/// Ranks of those picked, then of the rest: by what they would gain now, then, if explained, by weight.
+/// Ranks of the picked functions, then of the others by their present gains, then of explained ones by weight.
 fn finish(picked: Vec<(u32, f64)>, g: &[f64], left: &[f64], w: &[f64], open: &[bool], last: f64) -> Ranking {
     let m = w.len();
     let ceiling = if last.is_finite() { last } else { f64::MAX };
@@ -77,7 +77,7 @@ fn finish(picked: Vec<(u32, f64)>, g: &[f64], left: &[f64], w: &[f64], open: &[b
     ranked
 }
 
-/// A column of C: what a picked function explains of each. Most overlaps are nothing, so its support is known.
+/// A column of C: the part of each function that a picked one explains. Most overlaps are zero, so the support is stored.
 struct Column {
     dense: Vec<f64>,
     support: Vec<u32>,
@@ -103,7 +103,7 @@ impl Column {
         Self { dense, support }
     }
 
-    /// R t on this column's support, where alone t is not zero.
+    /// R t on the support of this column, outside of which t is zero.
     fn deflated(&self, n: &[f64], columns: &[Self], t: &[f64]) -> Vec<f64> {
         let m = self.dense.len();
         let along = |values: &[f64]| self.support.iter().zip(t).map(|(&j, t)| t * values[j as usize]).sum::<f64>();

@@ -1,4 +1,4 @@
-//! The detail safeguard's score: small, visible, opaque Gaussians on which the loss still pulls.
+//! The score of the detail safeguard, which favours small, visible, opaque Gaussians with large gradients.
 
 use rayon::prelude::*;
 
@@ -21,7 +21,7 @@ impl Default for Exponents {
     }
 }
 
-/// What the score reads, n each.
+/// Input of the score, n each.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
     /// Size of the positional gradient; its unit does not matter.
@@ -34,7 +34,7 @@ pub struct Inputs<'a> {
     pub opacity_logits: &'a [f32],
 }
 
-/// d of each Gaussian, n; gradient and visibility are divided by their greatest, what is not finite scores 0.
+/// d of each Gaussian, n. Gradient and visibility are divided by their maxima; scores that are not finite become 0.
 ///
 /// # Panics
 /// If the arrays differ in length.

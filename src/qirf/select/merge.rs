@@ -1,4 +1,4 @@
-//! Merging: dropped functions projected on the kept ones of their block, where that makes the local error smaller.
+//! Merging: dropped functions are projected onto the kept ones of their block, if that makes the local error smaller.
 //!
 //! A Gaussian's function is alpha c phi; with phi of unit norm its coefficient is alpha c sqrt(S_ii), and the squared
 //! error of coefficients e is e^T N e. X = (N_AA + 1e-3 I)^-1 N_AD acts on unit-norm functions; alpha scales the
@@ -7,11 +7,11 @@
 use crate::kernels::constants::sh::float64::SH_C0;
 use crate::qirf::lapack::Real;
 
-/// Added to the kept functions' overlaps, so that near duplicates share rather than fight.
+/// Added to the diagonal of the kept functions' overlaps, so that near duplicates share their load.
 const RIDGE: f64 = 1e-3;
-/// A kept opacity falls to no less than this share of itself.
+/// Smallest share to which merging lowers a kept opacity.
 const LEAST_SHARE: f64 = 0.5;
-/// No opacity grows beyond this.
+/// Largest opacity after merging.
 const MOST_OPACITY: f64 = 0.99;
 
 /// One block's functions; `sh` holds m rows of `width` numbers, red, green and blue of the constant band first.
@@ -21,24 +21,24 @@ pub struct Functions {
     pub alpha: Vec<f64>,
     /// Spherical harmonics of all bands, m x `width`.
     pub sh: Vec<f64>,
-    /// Numbers a row of `sh`: 3 or more.
+    /// Numbers per row of `sh`: 3 or more.
     pub width: usize,
     /// S_ii up to a common factor, m (see [`crate::qirf::batch::self_overlap`]).
     pub self_overlaps: Vec<f64>,
 }
 
-/// Errors of a block before and after merging, and whether it was worth it.
+/// Errors of a block before and after merging, and whether merging was accepted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Merged {
-    /// Squared function error if the dropped are simply dropped.
+    /// Squared function error without merging.
     pub dropped: f64,
-    /// Squared function error with the kept ones changed.
+    /// Squared function error after merging.
     pub merged: f64,
-    /// Whether the kept ones were changed: the error fell.
+    /// Whether the kept functions were changed, because the error fell.
     pub accepted: bool,
 }
 
-/// Changes the kept functions of a block so that they stand for the dropped ones too, if the local error falls.
+/// Changes the kept functions of a block so that they also represent the dropped ones, if that lowers the local error.
 ///
 /// `overlap` is N, m x m. Only `alpha` and `sh` of kept members change. `None` if there is nothing to merge, or the
 /// kept ones' overlaps cannot be factored.
@@ -59,7 +59,7 @@ pub fn merge(overlap: &[f32], keep: &[bool], functions: &mut Functions) -> Optio
     let mut factor: Vec<f64> =
         kept.iter().flat_map(|&i| kept.iter().map(move |&j| (i, j))).map(|(i, j)| n(i, j)).collect();
     (0..a).for_each(|i| factor[i * a + i] += RIDGE);
-    // The projection of a sum is the sum of projections: alpha and alpha c are all that is projected, not each function.
+    // The projection of a sum is the sum of projections: only the sums of alpha and alpha c are projected, not each function.
     let before = functions.clone();
     let root: Vec<f64> = before.self_overlaps.iter().map(|s| s.max(0.0).sqrt()).collect();
     let weight = |d: usize| before.alpha[d] * root[d];
@@ -88,7 +88,7 @@ pub fn merge(overlap: &[f32], keep: &[bool], functions: &mut Functions) -> Optio
         }
         let least = LEAST_SHARE * alpha;
         functions.alpha[i] = whole.clamp(least, MOST_OPACITY.max(least));
-        // Where the projection would all but remove a function, its mean colour is noise.
+        // If the projection almost removes a function, the resulting mean colour is noise.
         if whole > least {
             for c in 0..width {
                 let merged = (alpha * before.sh[i * width + c] + right[(1 + c) * a + row] / own) / whole;
@@ -116,7 +116,7 @@ impl Functions {
     }
 }
 
-/// e^T N e summed over opacity and three colours, where e is what `now` leaves of the block's functions.
+/// e^T N e summed over opacity and three colours, where e is the difference of the block's functions to those of `now`.
 fn error(
     m: usize,
     n: impl Fn(usize, usize) -> f64,

@@ -1,6 +1,6 @@
-//! Selection: scores to ranks, ranks to a keep mask.
+//! Selection: from scores to ranks, and from ranks to a keep mask.
 //!
-//! Scores are compared rounded to 12 bits of mantissa, then by index, so that rounding of the last bits decides nothing.
+//! Scores are compared after rounding to 12 bits of mantissa, then by index, so that the last bits never decide.
 
 pub mod budget;
 pub mod css;
@@ -14,17 +14,17 @@ pub use selector::{Selector, Statistics};
 
 use super::partition::Blocks;
 
-/// A selector's order over a block or the scene, n each.
+/// The order of a block or of the scene by one selector, n each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ranking {
-    /// Place of each Gaussian in its block, 0 the first to keep.
+    /// Rank of each Gaussian in its block; 0 is the first to keep.
     pub rank: Vec<u32>,
-    /// What each Gaussian is worth across blocks.
+    /// Worth of each Gaussian, comparable across blocks.
     pub gain: Vec<f64>,
 }
 
 impl Ranking {
-    /// The order by a score of each Gaussian alone (n), within blocks and across them.
+    /// The order by one score per Gaussian (n), within blocks and across them.
     pub fn by_score(blocks: &Blocks, score: &[f64]) -> Self {
         let mut ranks = vec![0; score.len()];
         let of_block = |members: &[u32]| rank(&members.iter().map(|&i| score[i as usize]).collect::<Vec<_>>());
@@ -36,7 +36,7 @@ impl Ranking {
     }
 }
 
-/// A score rounded to 12 bits of mantissa; what is not a number is the least.
+/// A score rounded to 12 bits of mantissa; NaN is the lowest.
 pub fn rounded(score: f64) -> f64 {
     const DROPPED: u32 = 52 - 12;
     if score.is_nan() {
@@ -48,7 +48,7 @@ pub fn rounded(score: f64) -> f64 {
     f64::from_bits((score.to_bits() + (1 << (DROPPED - 1))) & !((1 << DROPPED) - 1))
 }
 
-/// The place of each score in descending order, equal ones by index.
+/// The rank of each score in descending order, equal ones by index.
 pub fn rank(scores: &[f64]) -> Vec<u32> {
     let keys: Vec<f64> = scores.iter().map(|&s| rounded(s)).collect();
     let mut order: Vec<u32> = (0..scores.len() as u32).collect();

@@ -1,4 +1,4 @@
-//! The selectors by name, and the scores of those that look at each Gaussian alone.
+//! The selectors by name, and the scores of those that rank each Gaussian alone.
 
 use std::fmt;
 use std::str::FromStr;
@@ -14,16 +14,16 @@ use crate::random;
 
 /// Salt of the random selector's numbers.
 const SALT: u64 = 0x5e1e_c702;
-/// LightGaussian's exponent of a volume, and the share of volumes below the one it is measured by.
+/// `LightGaussian`: exponent of the volume, and the quantile of volumes by which it is divided.
 const LIGHT: (f64, f64) = (0.1, 0.9);
 
-/// A rule that orders Gaussians from the first to keep to the first to drop.
+/// A rule that orders Gaussians, the first to keep first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Selector {
     /// The paper's generalized, non-orthogonal participation.
     Gnso,
-    /// The same with the identity as metric: the paper's ablation.
+    /// Participation with the identity as the metric: the paper's ablation.
     Ordinary,
     /// Norm of a row of (N + eps I)^(-1/2) W.
     Lowdin,
@@ -33,7 +33,7 @@ pub enum Selector {
     Contribution,
     /// Opacity.
     Opacity,
-    /// A seeded draw.
+    /// A seeded random number.
     Random,
     /// Greedy column subset.
     Css,
@@ -44,7 +44,7 @@ pub enum Selector {
 }
 
 impl Selector {
-    /// Every selector with the name that the command line knows.
+    /// All selectors with their names on the command line.
     pub const NAMES: [(Self, &'static str); 10] = [
         (Self::Gnso, "gnso"),
         (Self::Ordinary, "ordinary"),
@@ -58,7 +58,7 @@ impl Selector {
         (Self::Lightgaussian, "lightgaussian"),
     ];
 
-    /// The form that needs a block's overlaps; none for selectors that look at each Gaussian alone.
+    /// The selector of blocks, for selectors that need overlaps; none for those that score each Gaussian alone.
     pub fn of_blocks(self) -> Option<BlockSelector> {
         match self {
             Self::Gnso => Some(BlockSelector::Gnso),
@@ -116,7 +116,7 @@ impl FromStr for Selector {
     }
 }
 
-/// What is known of each Gaussian, n each; arrays that no selector asked for reads may be empty.
+/// Statistics of each Gaussian, n each; arrays that no requested selector reads may be empty.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Statistics<'a> {
     /// Rows of H.

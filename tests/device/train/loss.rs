@@ -3,8 +3,8 @@
 use crate::support::{Random, device, finish, golden, relative};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference;
-use qirf_vk::scene::FourthByte;
 use qirf_vk::response::Target;
+use qirf_vk::scene::FourthByte;
 use qirf_vk::train::loss::{Loss, Weights};
 
 struct Case {

@@ -13,7 +13,7 @@ use qirf_vk::train::{Options, Trainer};
 
 /// The pass over the views leaves no trace, and gives every time the same.
 #[test]
-fn responses_changes_nothing() {
+fn responses_change_nothing() {
     let device = device();
     let (mut one, mut other) = (trainer(&device, options()), trainer(&device, Options { pairs: 64, ..options() }));
     train(&mut one, 60);

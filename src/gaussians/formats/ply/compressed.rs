@@ -1,4 +1,4 @@
-//! PlayCanvas compressed PLY: chunks of 256 Gaussians with ranges, four packed words a Gaussian.
+//! PlayCanvas compressed PLY: chunks of 256 Gaussians with ranges, four packed words per Gaussian.
 //!
 //! Position and scale: 11, 10, 11 bits between the chunk's limits, first coordinate in the high bits. Rotation: 2 bits
 //! for the greatest of (w, x, y, z), then the others in 10 bits each over +-sqrt(1/2). Colour: 8 bits each of red,

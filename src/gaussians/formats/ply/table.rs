@@ -179,7 +179,7 @@ impl<'a> Body<'a> {
         Ok(rows)
     }
 
-    /// A text element: one line a row, turned into little-endian binary (if kept).
+    /// A text element: one line per row, turned into little-endian binary (if kept).
     fn text(&mut self, element: &Element, keep: bool) -> Result<Vec<u8>, Fault> {
         let mut rows = Vec::new();
         if element.properties.is_empty() {

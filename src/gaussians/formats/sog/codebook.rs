@@ -1,4 +1,4 @@
-//! 256 values that stand for many: Lloyd's algorithm in one dimension.
+//! A codebook of 256 values, by Lloyd's algorithm in one dimension.
 
 const ROUNDS: usize = 12;
 
@@ -6,7 +6,7 @@ const ROUNDS: usize = 12;
 pub(super) struct Codebook(pub [f32; 256]);
 
 impl Codebook {
-    /// Fits finite values; of none, zeros. Begins on quantiles.
+    /// Fits a codebook to finite values, beginning with quantiles; zeros if there are no values.
     pub fn fit(mut values: Vec<f32>) -> Self {
         if values.is_empty() {
             return Self([0.0; 256]);

@@ -1,4 +1,4 @@
-//! PlayCanvas SOG: `meta.json` and lossless WebP textures, one texel a Gaussian, row by row; a bundle is all of them in a
+//! PlayCanvas SOG: `meta.json` and lossless WebP textures, one texel per Gaussian, row by row; a bundle is all of them in a
 //! zip archive.
 //!
 //! Means: low and high bytes of 16 bits between limits, of sign(x) ln(|x| + 1). Quaternions: three smaller components

@@ -80,7 +80,7 @@ pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
     bundle(&meta, textures).map_err(|what| Fault::Unsupported(format!("SOG cannot be packed ({what}); write .ply")))
 }
 
-/// Width of a texture of a texel a Gaussian: about square, in whole blocks of four.
+/// Width of a texture of a texel per Gaussian: about square, in whole blocks of four.
 fn width(gaussians: usize) -> usize {
     ((gaussians as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4
 }

@@ -1,5 +1,5 @@
-//! A palette of vectors that stands for many: halved along the widest axis down to its size, then settled by Lloyd's
-//! algorithm among neighbours.
+//! A palette of vectors: cells are halved along their widest axis until there are enough, then refined by Lloyd's algorithm
+//! among neighbours.
 //!
 //! An exhaustive search over 2^16 entries of 45 numbers takes minutes a round. Here a vector is compared with the entries of
 //! its own branch only, so that a round costs n x BRANCH distances.

@@ -57,7 +57,7 @@ struct Rest {
     files: [String; 2],
 }
 
-/// What each byte of a channel stands for.
+/// The value of each byte of a channel.
 type Lookup = [f32; 256];
 
 /// Reads `meta.json` and the textures beside it.
@@ -114,7 +114,7 @@ fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, 
         }
         webps.push((name, load(name)?));
     }
-    // The low bytes of means are noise, 3 bytes a Gaussian in practice: far less cannot hold so many.
+    // The low bytes of means are noise, 3 bytes per Gaussian in practice: far less cannot hold so many.
     let most = webps[0].1.len() as u64 * 64 + 4096;
     let n = usize::try_from(claimed).ok().filter(|_| claimed <= most).ok_or_else(|| {
         malformed("meta.json", format!("{claimed} Gaussians claimed, more than {} can hold; {AGAIN}", webps[0].0))
@@ -198,7 +198,7 @@ fn rest_bands(model: &mut Gaussians, rest: &Rest, palette: &RgbaImage, labels: &
     Ok(())
 }
 
-/// The quaternion of a texel; zero, which the common repairs remove, where the tag is none.
+/// The quaternion of a texel; zero, which the common repairs remove, if its tag is invalid.
 fn rotation([a, b, c, tag]: [u8; 4]) -> [f32; 4] {
     let component = |byte: u8| (f32::from(byte) / 255.0 * 2.0 - 1.0) * std::f32::consts::FRAC_1_SQRT_2;
     match tag {

@@ -1,7 +1,8 @@
 //! Writing SPZ version 3.
 //!
-//! Version 3 (gzip), not 4 (zstd): readers older than version 4 take it too, and the values stored are the same. SH bits are the official defaults, 5 for band 1 and 4 for the others. Unlike the official
-//! writer, which always takes 12 fractional bits and lets greater coordinates wrap, ours fit the model.
+//! Version 3 (gzip), not 4 (zstd): older readers accept it too, and the stored values are the same. SH bits are the official
+//! defaults, 5 for band 1 and 4 for the others. The number of fractional bits fits the model, whereas the official writer
+//! always uses 12 and lets greater coordinates wrap.
 
 use std::io::Write;
 
@@ -16,7 +17,7 @@ use super::{COLOUR_SCALE, MAGIC, RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
 /// Greatest magnitude of a 24-bit coordinate.
 const FIXED_MAX: f32 = 8_388_607.0;
 const DEFAULT_FRACTIONAL_BITS: i32 = 12;
-/// The reference reader shifts a 32-bit one by the number of bits.
+/// Largest number of fractional bits: the reference reader shifts a 32-bit one by it.
 const MAX_FRACTIONAL_BITS: i32 = 30;
 
 /// Packs a consistent model; fails where its means do not fit 24 bits finely enough.
@@ -57,7 +58,7 @@ pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
     packed.map_err(|error| Fault::Unsupported(format!("compression failed ({error}); write .ply")))
 }
 
-/// Fractional bits of the means: the official 12, or more where the Gaussians are small, as far as 24 bits reach.
+/// Fractional bits of the means: the official 12, or more for small Gaussians, as far as 24 bits reach.
 ///
 /// A step of 1/16 of the median Gaussian's size moves nothing visibly; a step beyond that size ruins the picture.
 fn fractional_bits(model: &Gaussians) -> Result<i32, Fault> {
