@@ -47,6 +47,7 @@ macro_rules! rooms {
 }
 
 rooms!(
-    driver: "driver", scan: "scan", sort: "sort", compact: "compact", sum: "sum", overlap: "overlap", solve: "solve",
-    project: "project", rasterise: "rasterise", backward: "backward", adam: "adam", ssim: "ssim",
+    driver: "driver", scan: "scan", sort: "sort", compact: "compact", sum: "sum", overlap: "overlap",
+    participation: "participation", project: "project", rasterise: "rasterise", backward: "backward", adam: "adam",
+    ssim: "ssim",
 );
