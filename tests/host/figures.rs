@@ -205,7 +205,7 @@ fn renders_are_one_view_side_by_side() {
     }
     // 20 lg (255 / 4) and 20 lg (255 / 16).
     let caption = part(&readme, "renders");
-    for told in ["5,000 Gaussians, 36.1 dB", "28.0 % of them, 1,400 Gaussians, 24.0 dB", RENDERS] {
+    for told in ["5,000 Gaussians, 36.1 dB", "28 % of them, 1,400 Gaussians, 24.0 dB", RENDERS] {
         assert!(caption.contains(told), "{told}: {caption}");
     }
     assert!(renders(folder.path()).unwrap().0 == jpeg, "the same files give the same bytes");

@@ -6,7 +6,7 @@ use super::measured::json;
 use image::codecs::jpeg::JpegEncoder;
 use image::{GenericImage, ImageEncoder, Rgb, RgbImage};
 use qirf_vk::metrics::{Image, psnr};
-use qirf_vk::report::format::{count, decimals, percent};
+use qirf_vk::report::format::{count, decimals};
 use std::path::{Path, PathBuf};
 
 /// Where the picture belongs, from the repository's root.
@@ -111,9 +111,9 @@ fn caption(view: &View, [dense, pruned]: [usize; 2]) -> String {
     format!(
         "![A photo of the demo scene, and the same view rendered from the dense and from the pruned model]({FILE})\n\n\
          *A held-out view of the synthetic demo scene. Left: the photo. Middle: the dense model, {} Gaussians, {before} dB. \
-         Right: the model pruned to {} of them, {} Gaussians, {after} dB. Both were trained equally long.*\n",
+         Right: the model pruned to {} % of them, {} Gaussians, {after} dB. Both were trained equally long.*\n",
         count(dense),
-        percent(pruned as f64, dense as f64),
+        decimals(100.0 * pruned as f64 / dense as f64, 0),
         count(pruned),
     )
 }
