@@ -56,7 +56,8 @@ fuzz: ## fuzz one reader for a minute; TARGET=name, SECONDS_OF_FUZZ=n
 check: ## verify formatting, lints, shaders and documentation
 	cargo fmt --check
 	rustfmt --check --edition 2024 tools/spirv.rs
-	cargo clippy --locked --all-targets -- -D warnings
+	cargo clippy --locked --all-targets --all-features -- -D warnings
+	cargo clippy --locked --lib --no-default-features -- -D warnings
 	@$(MAKE) --no-print-directory shaders
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
 
@@ -84,7 +85,7 @@ bench-quick: ## the same in a few minutes, with a wider spread
 FIGURES := target/figures
 QIRF_BENCH_QUICK ?= 1
 figures: ## measure, then rewrite the plots, renders and tables of README.md and docs/ (half an hour)
-	cargo build --release --locked --bin qirf-vk --example figures
+	cargo build --release --locked --features figures --bins
 	cargo bench --locked --bench engine --no-run
 	rm -rf "$(FIGURES)"
 	mkdir -p "$(FIGURES)"
@@ -95,11 +96,11 @@ figures: ## measure, then rewrite the plots, renders and tables of README.md and
 
 # The tables and plots alone, from existing measurements.
 figures-written:
-	cargo run --release --locked --quiet --example figures -- measured "$(FIGURES)/criterion" "$(FIGURES)/sweep/sweep.json" \
+	cargo run --release --locked --quiet --features figures --bin figures -- measured "$(FIGURES)/criterion" "$(FIGURES)/sweep/sweep.json" \
 		"$$(git describe --always --dirty 2>/dev/null || echo unknown)" "make figures"
 
 # Both arms train equally long, so that the pictures differ by the prune alone.
 renders: ## train the demo scene dense and pruned, and rewrite the three renders of README.md (ten minutes)
 	$(QIRF) synth "$(FIGURES)/views" --size 360x270
 	$(QIRF) compare "$(FIGURES)/views" -o "$(FIGURES)/compare" --preset quick --arms dense,default
-	cargo run --release --locked --quiet --example figures -- renders "$(FIGURES)/compare"
+	cargo run --release --locked --quiet --features figures --bin figures -- renders "$(FIGURES)/compare"

@@ -1,7 +1,54 @@
 //! Train, prune and measure 3D Gaussian Splatting scenes with Vulkan compute.
 //!
+//! To render a model, read it, upload it, and give a renderer a camera:
+//!
+//! ```
+//! use qirf_vk::gaussians::{formats, resident::Resident};
+//! use qirf_vk::gpu::{Device, DeviceOptions};
+//! use qirf_vk::render::{Renderer, Settings};
+//! use qirf_vk::{glam::DVec3, scene::camera::Camera};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # use qirf_vk::gpu::Error;
+//! # if let Err(e @ (Error::NoLoader(_) | Error::NoDevice)) = Device::open(&DeviceOptions::default()) {
+//! #     println!("nothing was rendered: {e}");
+//! #     return Ok(());
+//! # }
+//! let model = formats::read("tools/examples/ring.ply".as_ref())?.gaussians;
+//! let device = Device::open(&DeviceOptions::default())?;
+//! let resident = Resident::upload(&device, &model)?;
+//! let mut renderer = Renderer::new(&device, Settings::default(), model.len(), 640, 480)?;
+//! let eye = DVec3::new(0.0, -1.0, 3.0); // captures have y pointing down
+//! let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::NEG_Y, 1.0, 640, 480);
+//! let image = renderer.render(&resident, &camera)?; // rows of red, green, blue, alpha
+//! assert!(image.pixels.iter().any(|pixel| pixel[3] > 0.5));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! `tools/examples` holds three programs: one renders a model, one trains a scene and prints the loss, and one runs a kernel
+//! of its own.
+//!
+//! # Features
+//!
+//! All are on by default. `default-features = false` leaves the readers and writers of models and captures, the renderer, the
+//! metrics and the float64 twin.
+//!
+//! | feature | adds | needs |
+//! |---|---|---|
+//! | `train` | `train`: loss, schedule, density control, the training loop | |
+//! | `lapack` | `qirf`: which Gaussians a model can do without | the system's OpenBLAS |
+//! | `synth` | `synth`: an embedded scene, ray-traced into a capture | |
+//! | `pipeline` | `pipeline`: whole jobs such as run, compress, compare and sweep; `selftest` | `train`, `lapack`, `synth` |
+//! | `report` | `report`: pages of a job's results | `pipeline` |
+//! | `cli` | the program `qirf-vk` | `report` |
+//!
+//! # Floors
+//!
 //! Modules are floors: imports only go down the list. A stage has one name everywhere: shader (`glsl/`), host room,
-//! float64 twin (`reference/`), debug label, profiler scope and benchmark.
+//! float64 twin ([`reference`](mod@reference)), debug label, profiler scope and benchmark.
+
+pub use glam;
 
 pub mod gpu;
 #[doc(hidden)]
@@ -12,17 +59,26 @@ pub mod primitives;
 pub mod effects;
 pub mod gaussians;
 pub mod metrics;
+#[cfg(feature = "lapack")]
 pub mod qirf;
 pub mod random;
 pub mod reference;
 pub mod render;
 pub mod response;
 pub mod scene;
+#[cfg(feature = "synth")]
 pub mod synth;
+#[cfg(feature = "train")]
 pub mod train;
 
+#[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod cli;
+#[cfg(feature = "pipeline")]
 pub mod error;
+#[cfg(feature = "pipeline")]
 pub mod pipeline;
+#[cfg(feature = "report")]
 pub mod report;
+#[cfg(feature = "pipeline")]
 pub mod selftest;

@@ -5,6 +5,7 @@ mod support;
 mod device {
     mod bin;
     mod effects;
+    mod examples;
     mod guards;
     mod overlap;
     mod participation;

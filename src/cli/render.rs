@@ -100,10 +100,11 @@ impl Arguments {
     }
 
     fn orbit(&self) -> Orbit {
+        let default = Look::default();
         let look = Look {
-            fov: self.fov.unwrap_or(40.0).to_radians(),
-            elevation: self.elevation.unwrap_or(15.0).to_radians(),
-            size: self.size.unwrap_or((1280, 720)),
+            fov: self.fov.map_or(default.fov, f64::to_radians),
+            elevation: self.elevation.map_or(default.elevation, f64::to_radians),
+            size: self.size.unwrap_or(default.size),
         };
         Orbit { count: self.orbit.unwrap_or(1), look, up: self.up.unwrap_or(Up::Auto).direction() }
     }

@@ -7,7 +7,6 @@ use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
 use crate::scene::SceneKind;
 use crate::train::initialise::{self, Seed};
-use glam::DVec3;
 
 /// Random points for each pixel of a picture, and the bounds of their number.
 const POINTS_PER_PIXEL: f64 = 0.3;
@@ -75,13 +74,10 @@ impl Start {
 /// Cameras that leave no place for random points.
 pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Result<Gaussians, Error> {
     let blender = prepared.scene.kind == SceneKind::Blender;
-    let colour = |c: [u8; 3]| DVec3::from(c.map(f64::from)) / 255.0;
     let seeds = match start {
         Start::Model(model) => return Ok(model),
         Start::Resumed(checkpoint) => return Ok(checkpoint.snapshot.model),
-        Start::Points(_) => {
-            prepared.scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p.colour) }).collect()
-        }
+        Start::Points(_) => prepared.scene.points.iter().map(Seed::from).collect(),
         Start::Random(count) => initialise::random(&prepared.train, count, blender, u64::from(config.seed))?,
     };
     let mut model = initialise::from_points(&seeds);

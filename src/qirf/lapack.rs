@@ -2,10 +2,9 @@
 
 #![allow(unsafe_code)]
 
+use lapack_src as _; // links the system's OpenBLAS, which is BLAS and LAPACK in one
 use std::sync::Once;
 
-// OpenBLAS of the system is BLAS and LAPACK in one; naming it here spares a crate that knows how to download and build it.
-#[link(name = "openblas")]
 unsafe extern "C" {
     fn openblas_set_num_threads(threads: i32);
 }

@@ -30,6 +30,13 @@ pub struct Look {
     pub size: (u32, u32),
 }
 
+impl Default for Look {
+    /// From 15 degrees above the horizon, 40 degrees high, 1280 x 720 pixels.
+    fn default() -> Self {
+        Self { fov: 40_f64.to_radians(), elevation: 15_f64.to_radians(), size: (1280, 720) }
+    }
+}
+
 /// Up where nothing else is said: captures keep COLMAP's axes, y down, in every file format.
 pub const UP: DVec3 = DVec3::NEG_Y;
 

@@ -4,6 +4,7 @@
 
 mod adam;
 pub mod backward;
+#[doc(hidden)]
 pub mod hard;
 mod loss;
 pub mod overlap;

@@ -5,8 +5,8 @@ use crate::gaussians::Gaussians;
 use crate::kernels::constants::sh::float64::SH_C0;
 use crate::random::uniform;
 use crate::render::Settings;
-use crate::scene::Photo;
 use crate::scene::camera::Camera;
+use crate::scene::{Photo, Point};
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use rstar::RTree;
@@ -39,6 +39,12 @@ pub struct Seed {
     pub position: DVec3,
     /// Red, green, blue.
     pub colour: DVec3,
+}
+
+impl From<&Point> for Seed {
+    fn from(point: &Point) -> Self {
+        Self { position: point.position, colour: DVec3::from(point.colour.map(f64::from)) / 255.0 }
+    }
 }
 
 /// Isotropic Gaussians on points: their scale is the distance of the three nearest neighbours, opacity 0.1, SH degree 0.

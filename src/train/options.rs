@@ -2,6 +2,7 @@
 
 use super::loss::Weights;
 use super::schedule::Schedule;
+use crate::gaussians::MAX_SH_DEGREE;
 use crate::render::Settings;
 use std::ops::Range;
 
@@ -27,4 +28,21 @@ pub struct Options {
     pub averaged: Range<u32>,
     /// Initial capacity in (tile, Gaussian) pairs; results do not depend on it.
     pub pairs: u32,
+}
+
+impl Default for Options {
+    /// The 3DGS reference's course of 30,000 iterations over a black background.
+    fn default() -> Self {
+        Self {
+            schedule: Schedule::default(),
+            settings: Settings::default(),
+            seed: 1,
+            degree: MAX_SH_DEGREE,
+            most: 4_000_000,
+            exposure: None,
+            weights: Weights::default(),
+            averaged: 0..0,
+            pairs: 1 << 18,
+        }
+    }
 }

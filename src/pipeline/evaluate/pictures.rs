@@ -3,7 +3,6 @@
 use crate::error::Error;
 use crate::gaussians::formats::write_atomically;
 use crate::render::Image;
-use clap::ValueEnum;
 use image::{ColorType, ImageEncoder, codecs::png};
 use npyz::WriterBuilder;
 use std::collections::HashSet;
@@ -11,7 +10,8 @@ use std::io;
 use std::path::{Component, Path, PathBuf};
 
 /// File formats of pictures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Format {
     /// 8 bits a channel, sRGB values as trained
     #[default]
