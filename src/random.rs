@@ -1,4 +1,4 @@
-//! Random numbers keyed by what they are for: no state, so that a resumed run draws the same ones.
+//! Random numbers by key, without state, so that a resumed run draws the same ones; and a sequence of them for tests.
 
 /// SplitMix64's increment: 2^64 over the golden ratio.
 pub const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
@@ -19,6 +19,28 @@ pub fn bits(key: &[u64]) -> u64 {
 /// Uniform in [0, 1).
 pub fn uniform(key: &[u64]) -> f64 {
     (bits(key) >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// A sequence of random numbers from a seed (SplitMix64): the inputs of the selftest and of tests.
+pub struct Random(pub u64);
+
+impl Random {
+    /// 64 random bits.
+    pub fn word(&mut self) -> u64 {
+        let word = mix(self.0);
+        self.0 = self.0.wrapping_add(INCREMENT);
+        word
+    }
+
+    /// Uniform in [0, 1).
+    pub fn unit(&mut self) -> f64 {
+        (self.word() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Uniform in [low, high).
+    pub fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
 }
 
 /// A permutation of 0..n (Fisher and Yates).

@@ -2,10 +2,11 @@
 
 use super::Measure;
 use super::overlap::worse;
-use super::random::{Kind, Random};
+use super::random::Kind;
 use super::rasterise::{self, MILD, camera, stack, straight_on};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::random::Random;
 use crate::reference::{self, Params};
 use crate::render::{Backward, Image, Renderer, Settings, Style};
 use crate::scene::camera::Camera;

@@ -2,8 +2,8 @@
 
 use super::Measure;
 use super::overlap::worse;
-use super::random::Random;
 use crate::gpu::{Device, Recording, Result};
+use crate::random::Random;
 use crate::reference;
 use crate::response::Target;
 use crate::scene::FourthByte;

@@ -2,12 +2,12 @@
 
 use super::Measure;
 use super::hard;
-use super::random::Random;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, Error, Result};
 use crate::qirf::assemble::{Assembly, Options};
 use crate::qirf::overlap::{Method, Metric};
+use crate::random::Random;
 use crate::reference::overlap::{Primitive, overlap};
 use glam::{DMat3, DQuat, DVec3};
 

@@ -1,9 +1,9 @@
 //! Scan, sort, compaction and segmented sum: exact against the host.
 
 use super::Measure;
-use super::random::Random;
 use crate::gpu::{Device, Recording, Result};
 use crate::primitives::{Count, Pairs, Scan, Sort, compact, segmented_sum};
+use crate::random::Random;
 
 const LARGE: u32 = 1_000_003;
 

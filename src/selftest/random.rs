@@ -1,25 +1,9 @@
 //! Embedded random models: the same numbers on every machine.
 
 use crate::gaussians::Gaussians;
-use crate::random::{INCREMENT, mix};
+use crate::random::Random;
 
-/// SplitMix64.
-pub(super) struct Random(pub u64);
-
-impl Random {
-    pub fn word(&mut self) -> u64 {
-        let word = mix(self.0);
-        self.0 = self.0.wrapping_add(INCREMENT);
-        word
-    }
-
-    /// Uniform in [low, high).
-    pub fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.word() >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
-
-/// What a random model is like.
+/// Recipe of a random model.
 pub(super) struct Kind {
     pub count: usize,
     pub seed: u64,
@@ -30,12 +14,12 @@ pub(super) struct Kind {
     /// Range of the opacity logit.
     pub logit: [f64; 2],
     pub degree: usize,
-    /// Range of SH coefficients of degree 0; others are a third of it round zero.
+    /// Range of SH coefficients of degree 0; others are a third of it around zero.
     pub colour: [f64; 2],
 }
 
 impl Kind {
-    /// Gaussians in a cube of side 4 round the origin.
+    /// Gaussians in a cube of side 4 around the origin.
     pub fn model(&self) -> Gaussians {
         let mut r = Random(self.seed);
         let mut model = Gaussians { sh: vec![Vec::new(); self.degree + 1], ..Gaussians::default() };

@@ -16,7 +16,7 @@ fn the_devices_solver_agrees_with_float64() {
     let (rows, starts) = blocks(&sizes, 21);
     let n = rows.len();
     let mut r = Random(8);
-    let h: Vec<[f32; 8]> = (0..n).map(|_| [0; 8].map(|_| r.next().powi(3) as f32)).collect();
+    let h: Vec<[f32; 8]> = (0..n).map(|_| [0; 8].map(|_| r.unit().powi(3) as f32)).collect();
     let members: Vec<u32> = (0..n as u32).rev().collect();
     let resident = Resident::upload(&device, &model(&rows)).unwrap();
     let options = Options { density: Some(Density::default()), batch_bytes: 4 * 2000, ..Options::default() };

@@ -162,7 +162,7 @@ fn high_pass_and_residual_are_their_twins() {
     for [w, h] in [[1, 1], [3, 40], [45, 37]] {
         let n = (w * h) as usize;
         let mut r = Random(6);
-        let image: Vec<[f32; 4]> = (0..n).map(|_| [0; 4].map(|_| r.next() as f32)).collect();
+        let image: Vec<[f32; 4]> = (0..n).map(|_| [0; 4].map(|_| r.unit() as f32)).collect();
         let picture = device.upload("picture", &image).unwrap();
         let gradient = device.upload("gradient", &vec![[f32::NAN; 4]; n]).unwrap();
         let pass = HighPass::new(&device, n).unwrap();
@@ -176,7 +176,7 @@ fn high_pass_and_residual_are_their_twins() {
         }
 
         // Half-transparent photos over a background; the gradient's colours stay.
-        let photo: Vec<u32> = (0..n).map(|_| (r.next() * f64::from(u32::MAX)) as u32).collect();
+        let photo: Vec<u32> = (0..n).map(|_| (r.unit() * f64::from(u32::MAX)) as u32).collect();
         let photos = device.upload("photo", &photo).unwrap();
         let background = [0.2_f32, 0.5, 0.9];
         for fourth_byte in [FourthByte::Opaque, FourthByte::Alpha] {

@@ -16,7 +16,7 @@ fn rrdm_is_its_factors_square_as_its_twin_is() {
     let (rows, starts) = blocks(&sizes, 5);
     let n = rows.len();
     let mut r = Random(9);
-    let h: Vec<[f32; 8]> = (0..n).map(|_| [0; 8].map(|_| r.next() as f32)).collect();
+    let h: Vec<[f32; 8]> = (0..n).map(|_| [0; 8].map(|_| r.unit() as f32)).collect();
     // Members in another order than the model's.
     let members: Vec<u32> = (0..n as u32).map(|i| (i * 7 + 3) % n as u32).collect();
     let resident = Resident::upload(&device, &model(&rows)).unwrap();

@@ -231,7 +231,7 @@ fn loss_through_the_renderer() {
     let params = random_scene(&camera, 4);
     let settings = Settings { smooth_cutoff: true, antialias: true, ..Settings::default() };
     let mut random = Random(5);
-    let truth: Vec<[f64; 3]> = (0..16 * 16).map(|_| [0; 3].map(|_| random.next())).collect();
+    let truth: Vec<[f64; 3]> = (0..16 * 16).map(|_| [0; 3].map(|_| random.unit())).collect();
     let value = |p: &Params| loss::loss(&render(p, &camera, &settings).composite.image, &truth, 16, loss::SSIM_WEIGHT);
     let analytic = gradients(&params, &camera, &settings, &value(&params).gradient, None);
     let quotients = difference_quotients(&params, 1e-5, |p| value(p).value);

@@ -23,7 +23,7 @@ pub fn random_scene(camera: &Camera, seed: u64) -> Params {
         let z = random.within(2.0, 6.0);
         let slope = |random: &mut Random, beyond: bool| {
             if beyond {
-                random.within(0.75, 0.9) * if random.next() < 0.5 { -1.0 } else { 1.0 }
+                random.within(0.75, 0.9) * if random.unit() < 0.5 { -1.0 } else { 1.0 }
             } else {
                 random.within(-0.4, 0.4)
             }
