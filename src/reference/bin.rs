@@ -1,4 +1,4 @@
-//! Which tiles each Gaussian touches, and each tile's Gaussians front to back.
+//! The tiles that each Gaussian touches, and each tile's Gaussians front to back.
 
 use super::{
     Settings,
@@ -7,7 +7,7 @@ use super::{
 use crate::scene::camera::Camera;
 use glam::DVec2;
 
-/// Added to the extent so that rounding never loses a pixel at its very edge; float32 needs a wider one.
+/// Added to the extent, so that rounding never loses a pixel at its very edge; the device's is wider.
 const EXTENT_SLACK: f64 = 1e-9;
 
 /// Per-tile lists of Gaussians, front to back, tiles row by row.
@@ -85,7 +85,7 @@ pub fn bin(projected: &[Result<Projected, Culled>], camera: &Camera, settings: &
 
 /// Calls `each` with every tile that the Gaussian's ellipse {power <= extent} touches, row by row.
 ///
-/// Counting and emission both go through here, so they can never disagree.
+/// Counting and emission both use it, so that they never disagree.
 pub fn touched(p: &Projected, camera: &Camera, settings: &Settings, mut each: impl FnMut(usize)) {
     let (side, all) = (settings.tile, settings.smooth_cutoff);
     let columns = camera.width.div_ceil(side);

@@ -1,4 +1,4 @@
-//! One view from parameters to pixels and back: the stages strung together.
+//! One view from parameters to pixels and back, stage by stage.
 
 use super::{
     Params,
@@ -6,14 +6,14 @@ use super::{
     project::{Culled, Projected, project},
     project_backward::project_backward,
     rasterise::{Composite, rasterise},
-    rasterise_backward::{Moments, rasterise_backward},
+    rasterise_backward::{SlotSums, rasterise_backward},
 };
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::kernels::constants::blending::float64::TRANSMITTANCE_STOP;
 use crate::kernels::constants::view::float64::{DILATION, NEAR};
 use crate::scene::camera::Camera;
 
-/// How a view is formed.
+/// Settings of image formation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Colour behind everything.
@@ -24,10 +24,10 @@ pub struct Settings {
     pub dilation: f64,
     /// Side in pixels of the squares that share a list of Gaussians.
     pub tile: u32,
-    /// Whether each of them orders its list by the depths that the ray through its middle sees; else one order, by the depth
-    /// of means, holds for all. In tiles of one pixel that is the order of each pixel.
+    /// Whether each tile orders its list by the depths at which the ray through its middle meets the Gaussians; else one order,
+    /// by the depth of means, holds for the picture. Tiles of one pixel order each pixel.
     pub depth_order: bool,
-    /// Gaussians whose camera-space z is not greater are culled.
+    /// Gaussians at this camera-space depth, or nearer, are culled.
     pub near: f64,
     /// Tests only: neither the 1/255 skip nor the transmittance stop, so that finite differences hold.
     pub smooth_cutoff: bool,
@@ -75,7 +75,7 @@ pub struct Gradients {
     /// Per Gaussian by its image mean in NDC units (x 0.5 width, x 0.5 height): density control takes its norm.
     pub mean2d_ndc: Vec<[f64; 2]>,
     /// Per Gaussian the rasteriser's sums.
-    pub moments: Vec<Moments>,
+    pub sums: Vec<SlotSums>,
 }
 
 /// Renders one view.
@@ -95,16 +95,16 @@ pub fn gradients(
     dl_dalpha: Option<&[f64]>,
 ) -> Gradients {
     let Rendered { composite, projected, tiles } = render(params, camera, settings);
-    let moments = rasterise_backward(&projected, &tiles, camera, settings, &composite, dl_dimage, dl_dalpha);
+    let sums = rasterise_backward(&projected, &tiles, camera, settings, &composite, dl_dimage, dl_dalpha);
     let mut by_params = params.zeros_like();
     let half = [0.5 * f64::from(camera.width), 0.5 * f64::from(camera.height)];
-    let mean2d_ndc = moments
+    let mean2d_ndc = sums
         .iter()
         .enumerate()
-        .map(|(i, m)| {
-            let by_mean = project_backward(params, i, camera, settings, m, &mut by_params);
+        .map(|(i, own)| {
+            let by_mean = project_backward(params, i, camera, settings, own, &mut by_params);
             [by_mean.x * half[0], by_mean.y * half[1]]
         })
         .collect();
-    Gradients { params: by_params, mean2d_ndc, moments }
+    Gradients { params: by_params, mean2d_ndc, sums }
 }

@@ -1,6 +1,6 @@
 //! Float64 twins of the kernels: slow, obvious, the oracle of tests and of the accuracy axis.
 //!
-//! One file a stage, named as the stage is on the device; [`render`] and [`gradients`] string the stages together.
+//! Each stage is one file, named as on the device; [`render`] and [`gradients`] run the stages in order.
 
 pub mod adam;
 pub mod bin;

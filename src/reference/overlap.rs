@@ -4,12 +4,15 @@
 //! [`Form::Qr`] never forms Si + Sj: in the frame of the flatter Gaussian the 6x3 stack [diag(s_i); diag(s_j) Rj^T Ri]
 //! has a QR factor with R^T R = Ri^T (Si + Sj) Ri, so the determinant is that of R and the exponent |R^-T Ri^T d|^2.
 //! The other forms show what forming the sum costs, in float64 and in float32.
+//!
+//! Householder's method is also the device's. The device's tests compare with a second twin (`tests/device/overlap/twin.rs`)
+//! that shares neither code nor method with it, and `selftest` with values that were computed elsewhere.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 pub use crate::kernels::constants::axes::float64::SCALE_FLOOR;
 
-/// What an overlap depends on.
+/// A Gaussian without its opacity and colour, which an overlap does not depend on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Primitive {
     /// Centre in world units.
@@ -30,7 +33,7 @@ impl Primitive {
     }
 }
 
-/// How an overlap is computed.
+/// Formula of an overlap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
     /// Householder QR of the stacked roots.
@@ -41,7 +44,7 @@ pub enum Form {
     Determinant,
 }
 
-/// N of two Gaussians in float64, scales floored: what the device computes.
+/// N of two Gaussians in float64, scales floored as on the device.
 pub fn overlap(a: &Primitive, b: &Primitive) -> f64 {
     overlap_as::<f64>(Form::Qr, &a.floored(), &b.floored())
 }
@@ -55,7 +58,7 @@ pub fn overlap_as<T: Real>(form: Form, a: &Primitive, b: &Primitive) -> f64 {
         Form::Determinant => return determinant(&a, &b).to(),
     };
     let n = ln.exp().to();
-    // Clamped as the device does, but a NaN stays one.
+    // Clamped as on the device, except that a NaN stays NaN.
     if n > 1.0 { 1.0 } else { n }
 }
 
@@ -214,7 +217,7 @@ fn qr<T: Real>(a: &Shape<T>, b: &Shape<T>) -> T {
         solved[k] = (right[k] - known) / diagonal;
         quadratic = quadratic + solved[k] * solved[k];
     }
-    // Logarithms of what was scaled: ln 2^-40 three times over, to be cancelled later, would cost float32 its last digits.
+    // Logarithms of the scaled values: three times ln 2^-40, to be cancelled later, would cost float32 its last digits.
     T::of(1.5 * std::f64::consts::LN_2) + (i.ln_volume(unit) + j.ln_volume(unit)) / T::of(2.0)
         - ln_r
         - quadratic / T::of(2.0)

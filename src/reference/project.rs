@@ -4,8 +4,8 @@
 //!   t0 = fx/z (V_0 - ux V_2),   t1 = fy/z (V_1 - uy V_2),
 //! and covariance2d = T T^T + d I, d being the dilation. Its determinant needs no difference of large numbers (Cauchy-Binet):
 //!   det0 = |t0 x t1|^2,   det = det0 + d (|t0|^2 + |t1|^2) + d^2,
-//! In float32, on the thinnest needles tried, det is within 4e-7 and det0 within 6e-5 so; as xx yy - xy^2 they are off by
-//! 1.5e-2 and by a factor of 2e4.
+//! In float32, on the thinnest needles tried, the relative error of det is then 4e-7 and that of det0 6e-5. Computed as
+//! xx yy - xy^2, det is off by 1.5e-2 and det0 by a factor of 2e4.
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -38,7 +38,7 @@ pub struct Projected {
     pub mean: DVec2,
     /// Camera-space z.
     pub depth: f64,
-    /// Where rays meet it at its densest.
+    /// The point at which each ray meets it at its densest.
     pub densest: Densest,
     /// Image covariance, dilation included, in square pixels: xx, xy, yy.
     pub covariance: [f64; 3],
@@ -52,11 +52,11 @@ pub struct Projected {
     pub extent: f64,
 }
 
-/// Where rays from the camera meet a Gaussian at its densest. With A the map from camera space to standard deviations along
-/// the axes, density falls with |A (t ray - position)|^2, least at t = (A ray . A position) / |A ray|^2.
+/// Finds the point at which a ray from the camera meets a Gaussian at its densest. With A the map from camera space to standard
+/// deviations along the axes, density falls with |A (t ray - position)|^2, which is least at t = (A ray . A position) / |A ray|^2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Densest {
-    /// A times the least standard deviation: nothing in it is greater than 1.
+    /// A times the least standard deviation: no entry is greater than 1.
     whitened: DMat3,
     /// Camera-space centre.
     position: DVec3,
@@ -65,7 +65,14 @@ pub struct Densest {
 }
 
 impl Densest {
-    /// Camera-space z of that point on the ray (x, y, 1); the centre's where a disc is seen along its edge.
+    /// `depth_row` is row 2 of V.
+    fn new(camera: &Camera, position: DVec3, log_scale: DVec3, quaternion: [f64; 4], depth_row: DVec3) -> Self {
+        let narrow = DVec3::from((log_scale.min_element() - log_scale).to_array().map(f64::exp));
+        let whitened = DMat3::from_diagonal(narrow) * (camera.rotation * rotation(quaternion)).transpose();
+        Self { whitened, position, reach: (2.0 * ALPHA_MIN_INVERSE.ln()).sqrt() * depth_row.length() }
+    }
+
+    /// Camera-space z of that point on the ray (x, y, 1); the centre's where a disc is seen edge-on.
     pub fn depth_along(&self, ray: DVec2) -> f64 {
         let along = self.whitened * ray.extend(1.0);
         let depth = along.dot(self.whitened * self.position) / along.length_squared();
@@ -74,7 +81,7 @@ impl Densest {
     }
 }
 
-/// All that the projection of one Gaussian computes on its way; the backward pass starts from it.
+/// Intermediate results of one Gaussian's projection, from which the backward pass starts.
 #[derive(Clone, Debug)]
 pub struct Geometry {
     /// Centre in camera coordinates.
@@ -111,12 +118,39 @@ pub struct Geometry {
     pub projected: Projected,
 }
 
+/// The ellipse of one Gaussian in the image: its covariance, and values that follow from that alone.
+struct Ellipse {
+    covariance: [f64; 3],
+    conic: [f64; 3],
+    det0: f64,
+    /// det0/det.
+    area_ratio: f64,
+}
+
+impl Ellipse {
+    /// From the rows of T = J V.
+    fn new(t0: DVec3, t1: DVec3, dilation: f64) -> Result<Self, Culled> {
+        let (xx, xy, yy) = (t0.length_squared(), t0.dot(t1), t1.length_squared());
+        let det0 = t0.cross(t1).length_squared();
+        let det = det0 + dilation * (xx + yy) + dilation * dilation;
+        if !det.is_finite() {
+            return Err(Culled::NonFinite);
+        }
+        if det <= 0.0 {
+            return Err(Culled::Determinant);
+        }
+        let covariance = [xx + dilation, xy, yy + dilation];
+        let conic = [covariance[2] / det, -xy / det, covariance[0] / det];
+        Ok(Self { covariance, conic, det0, area_ratio: det0 / det })
+    }
+}
+
 /// Projects every Gaussian of `params`; the result has one entry per Gaussian.
 pub fn project(params: &Params, camera: &Camera, settings: &Settings) -> Vec<Result<Projected, Culled>> {
     (0..params.len()).map(|i| geometry(params, i, camera, settings).map(|g| g.projected)).collect()
 }
 
-/// Projects Gaussian `i`, keeping what its derivative needs.
+/// Projects Gaussian `i`, with the intermediate results that its derivative needs.
 ///
 /// # Errors
 /// The reason where the Gaussian is culled.
@@ -139,10 +173,7 @@ pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings)
     let axes = rotation(quaternion) * DMat3::from_diagonal(scale);
     let v = camera.rotation * axes;
 
-    let narrow = DVec3::from((log_scale.min_element() - log_scale).to_array().map(f64::exp));
-    let whitened = DMat3::from_diagonal(narrow) * (camera.rotation * rotation(quaternion)).transpose();
-    let densest = Densest { whitened, position, reach: (2.0 * ALPHA_MIN_INVERSE.ln()).sqrt() * v.row(2).length() };
-
+    let densest = Densest::new(camera, position, log_scale, quaternion, v.row(2));
     let limit = FIELD_MARGIN * 0.5 * DVec2::new(f64::from(camera.width), f64::from(camera.height)) / camera.focal;
     let unclamped = position.truncate() / z;
     let slope = unclamped.clamp(-limit, limit);
@@ -150,22 +181,10 @@ pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings)
     let t0 = camera.focal.x / z * (v.row(0) - slope.x * v.row(2));
     let t1 = camera.focal.y / z * (v.row(1) - slope.y * v.row(2));
 
-    let dilation = settings.dilation;
-    let (xx, xy, yy) = (t0.length_squared(), t0.dot(t1), t1.length_squared());
-    let det0 = t0.cross(t1).length_squared();
-    let det = det0 + dilation * (xx + yy) + dilation * dilation;
-    if !det.is_finite() {
-        return Err(Culled::NonFinite);
-    }
-    if det <= 0.0 {
-        return Err(Culled::Determinant);
-    }
-    let covariance = [xx + dilation, xy, yy + dilation];
-    let conic = [covariance[2] / det, -xy / det, covariance[0] / det];
+    let Ellipse { covariance, conic, det0, area_ratio } = Ellipse::new(t0, t1, settings.dilation)?;
 
     let sigmoid = sigmoid(params.opacity_logits[i]);
-    let ratio = det0 / det;
-    let factor = if settings.antialias { ratio.max(MIN_ANTIALIAS).sqrt() } else { 1.0 };
+    let factor = if settings.antialias { area_ratio.max(MIN_ANTIALIAS).sqrt() } else { 1.0 };
     let opacity = sigmoid * factor;
     let extent = (ALPHA_MIN_INVERSE * opacity).ln();
     if !settings.smooth_cutoff && opacity < ALPHA_MIN {
@@ -196,7 +215,7 @@ pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings)
         depth_row: v.row(2),
         rows: [t0, t1],
         det0,
-        factor_free: ratio > MIN_ANTIALIAS,
+        factor_free: area_ratio > MIN_ANTIALIAS,
         sigmoid,
         direction,
         distance,
@@ -233,7 +252,7 @@ pub fn rotation([w, x, y, z]: [f64; 4]) -> DMat3 {
     )
 }
 
-/// Bands in use: those stored, no more than asked for.
+/// Bands in use: those stored, up to degree `sh_degree`.
 pub fn bands(params: &Params, sh_degree: usize) -> usize {
     params.sh.len().min(sh_degree.min(MAX_SH_DEGREE) + 1)
 }

@@ -1,7 +1,7 @@
-//! Backward of compositing: per Gaussian the sums over pixels from which all its gradients follow.
+//! Backward pass of compositing: for each Gaussian the sums over pixels from which all its gradients follow.
 //!
 //! Let g be dL/dC of a pixel, gA its dL/dA, bg the background. C = sum w_k c_k + (1 - A) bg with A = sum w_k and
-//! w_k = T_k alpha_k, so a contribution's worth is q_k = g . (c_k - bg) + gA and the background needs no term of its own.
+//! w_k = T_k alpha_k, so a contribution counts q_k = g . (c_k - bg) + gA, and the background needs no term of its own.
 //! With R_0 = sum w_k q_k = g . (C - bg) + gA A, known from the forward pass, front to back
 //!   R_k = R_{k-1} - w_k q_k   (what lies behind k),
 //!   dL/dalpha_k = T_k q_k - R_k / (1 - alpha_k),   dL/dc_k = w_k g.
@@ -20,12 +20,15 @@ use super::{
 use crate::kernels::constants::blending::float64::ONE_MINUS_ALPHA_FLOOR;
 use crate::scene::camera::Camera;
 
-/// Sums over one Gaussian's pixels, with h = alpha dL/dalpha (zero where alpha is clamped) and d the offset in pixels.
+/// Sums over one Gaussian's pixels, in one tile or in all, with h = alpha dL/dalpha (zero where alpha is clamped) and d the
+/// offset in pixels. The device's position sums are `zeroth` and `first`, its covariance sums `second`, its colour sums
+/// `colour`.
 ///
-/// In float32 rather sum moments of (t, dy) = L d, L having rows (1, -xy/yy), (0, 1). conic = L^T D L, D = diag(yy/det, 1/yy),
-/// so dL/dmean2D = L^T D (sum h L d), dL/dcovariance2D = 1/2 L^T D (sum h L d d^T L^T) D L; L d is small.
+/// The device sums moments of (t, dy) = L d instead, where L has the rows (1, -xy/yy) and (0, 1), since L d stays small.
+/// conic = L^T D L with D = diag(yy/det, 1/yy), so dL/dmean2D = L^T D (sum h L d) and
+/// dL/dcovariance2D = 1/2 L^T D (sum h L d d^T L^T) D L.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Moments {
+pub struct SlotSums {
     /// Sum of h: the gradient by ln opacity.
     pub zeroth: f64,
     /// Sum of h d.
@@ -38,7 +41,7 @@ pub struct Moments {
     pub contribution: f64,
 }
 
-impl Moments {
+impl SlotSums {
     /// Gradient by the mean in pixels: conic times the first moment.
     pub fn mean(&self, [a, b, c]: [f64; 3]) -> DVec2 {
         DVec2::new(a * self.first.x + b * self.first.y, b * self.first.x + c * self.first.y)
@@ -59,9 +62,9 @@ impl Moments {
     }
 }
 
-/// The moments of every Gaussian of the model, zero where it touches no pixel.
+/// The sums of every Gaussian of the model, zero where it touches no pixel.
 ///
-/// `dl_dimage` and `dl_dalpha` hold one entry per pixel, row by row. The sums' order is fixed, as in the forward pass.
+/// `dl_dimage` and `dl_dalpha` hold one entry per pixel, row by row. The order of summation is fixed, as in the forward pass.
 pub fn rasterise_backward(
     projected: &[Result<Projected, Culled>],
     tiles: &Tiles,
@@ -70,13 +73,13 @@ pub fn rasterise_backward(
     forward: &Composite,
     dl_dimage: &[[f64; 3]],
     dl_dalpha: Option<&[f64]>,
-) -> Vec<Moments> {
+) -> Vec<SlotSums> {
     let background = DVec3::from(settings.background);
-    let slots: Vec<Vec<Moments>> = (0..tiles.offsets.len() - 1)
+    let slots: Vec<Vec<SlotSums>> = (0..tiles.offsets.len() - 1)
         .into_par_iter()
         .map(|t| {
             let list = tiles.list(t);
-            let mut slots = vec![Moments::default(); list.len()];
+            let mut slots = vec![SlotSums::default(); list.len()];
             let (columns, rows) = tiles.pixels(t, camera.width, camera.height);
             for y in rows {
                 for x in columns.clone() {
@@ -108,7 +111,7 @@ pub fn rasterise_backward(
         })
         .collect();
 
-    let mut sums = vec![Moments::default(); projected.len()];
+    let mut sums = vec![SlotSums::default(); projected.len()];
     for (t, slots) in slots.iter().enumerate() {
         for (&i, slot) in tiles.list(t).iter().zip(slots) {
             sums[i as usize].add(slot);

@@ -5,9 +5,11 @@ use glam::{DMat3, DQuat, DVec3};
 use super::{Params, Rendered, Settings, gradients, rasterise::walk, render};
 use crate::scene::camera::Camera;
 
-/// Responses of a view whose loss has the gradient `dl_dimage` by its pixels, with a residual by pixel; n rows: shown or
-/// not; sums over pixels of T alpha, of T alpha times the residual, of alpha, each over the pixels; norms of the gradients by
-/// position in units of the own axes, by log-scale, by logit, and by SH over all bands.
+/// Responses of a view whose loss has the gradient `dl_dimage` by its pixels, with a residual by pixel; n x 8.
+///
+/// Rendering: 1 where shown; sums over pixels of T alpha, of T alpha times the residual and of alpha, each divided by the
+/// number of pixels. Optimisation: norms of the gradients by position in units of the own axes, by log-scale, by logit, and by
+/// SH over all bands.
 pub fn respond(
     params: &Params,
     camera: &Camera,

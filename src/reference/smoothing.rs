@@ -1,4 +1,4 @@
-//! 3D smoothing: how thin a Gaussian may be where photos sample it at intervals.
+//! 3D smoothing: the least scale of a Gaussian that photos sample at intervals.
 
 use crate::kernels::constants::smoothing::float64::MARGIN;
 use crate::scene::camera::Camera;

@@ -11,7 +11,7 @@ use qirf_vk::{
         gradients, loss,
         project::{Culled, Geometry, geometry},
         rasterise::{rasterise, sample},
-        rasterise_backward::Moments,
+        rasterise_backward::SlotSums,
         render,
     },
     scene::camera::Camera,
@@ -56,7 +56,7 @@ fn agrees_with(cases: Vec<Case>) {
             contribution.iter_mut().zip(&out.contribution).for_each(|(a, b)| *a += b);
             let by_image: Vec<[f64; 3]> = weights.chunks_exact(3).map(|w| [w[0], w[1], w[2]]).collect();
             let gradients = gradients(&params, camera, &case.settings, &by_image, None);
-            for (m, c) in gradients.moments.iter().zip(&out.contribution) {
+            for (m, c) in gradients.sums.iter().zip(&out.contribution) {
                 assert!((m.contribution - c).abs() <= 1e-12 * c.abs(), "both passes sum the same contribution");
             }
             sum.add(&gradients.params);
@@ -109,7 +109,7 @@ fn agrees_with_another_engine(name: &str, fixture: &Fixture) {
     let by_alpha: Vec<f64> = by_rgba.chunks_exact(4).map(|p| p[3]).collect();
     let g = gradients(&params, camera, &settings, &by_image, Some(&by_alpha));
     let by_mean: Vec<f64> = g.mean2d_ndc.iter().flat_map(|v| [v[0] / (0.5 * size.x), v[1] / (0.5 * size.y)]).collect();
-    let by_conic: Vec<f64> = g.moments.iter().flat_map(Moments::conic).collect();
+    let by_conic: Vec<f64> = g.sums.iter().flat_map(SlotSums::conic).collect();
     let errors = [
         ("image", greatest_difference(out.composite.image.as_flattened(), &image)),
         ("alpha", greatest_difference(&out.composite.alpha, &alpha)),

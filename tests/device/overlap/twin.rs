@@ -1,5 +1,6 @@
-//! A normalised overlap in float64, by Cholesky of scaled summed covariances in the world frame: another way than the
-//! device's, and exact to about 1e-9 for scales floored at a thousandth.
+//! A second float64 twin of the overlap, exact to about 1e-9 for scales floored at a thousandth. `reference::overlap` takes the
+//! device's own method, Householder QR; this one takes modified Gram-Schmidt, applied twice, and shares no code with either, so
+//! that an error of the method would show. It also knows the dilation.
 
 use glam::{DMat3, DQuat, DVec3};
 
