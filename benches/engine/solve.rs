@@ -4,7 +4,7 @@
 use super::{group, scenes::noise};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::qirf::CHANNELS;
-use qirf_vk::qirf::participation::{Factor, Gram, Rung};
+use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram};
 use qirf_vk::qirf::partition::Partition;
 use qirf_vk::qirf::select::Ranking;
 use qirf_vk::qirf::select::budget::{Budget, Keep, choose};
@@ -17,15 +17,15 @@ fn block(m: usize) -> (Gram, Vec<[f64; CHANNELS]>) {
     (Gram::new(m, &overlap, None, 1e-4), (0..m).map(row).collect())
 }
 
-/// Every rung at the sizes that a partition may give.
+/// Every solver at the sizes that a partition may give.
 pub fn participation(criterion: &mut Criterion) {
     let mut group = group(criterion, "participation host");
     for m in [16_usize, 64, 256] {
         let (metric, rows) = block(m);
-        for rung in Rung::ALL {
+        for solver in Eigensolver::ALL {
             group.throughput(Throughput::Elements(1));
-            group.bench_function(BenchmarkId::new(rung.to_string(), m), |b| {
-                b.iter(|| Factor::new(&metric, rung).participation(&rows, 0.95));
+            group.bench_function(BenchmarkId::new(solver.to_string(), m), |b| {
+                b.iter(|| Factor::new(&metric, solver).participation(&rows, 0.95));
             });
         }
     }

@@ -2,7 +2,7 @@
 
 use super::values;
 use crate::pipeline::config::Compression;
-use crate::qirf::participation::Rung;
+use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
@@ -41,8 +41,8 @@ pub(super) struct Choices {
     #[arg(long, value_name = "T", value_parser = values::not_negative)]
     dilate: Option<f64>,
     /// Eigensolver: dsygvd, low-rank or low-rank-f32 [default: low-rank]
-    #[arg(long, value_name = "NAME", value_parser = values::named::<Rung>)]
-    solver: Option<Rung>,
+    #[arg(long, value_name = "NAME", value_parser = values::named::<Eigensolver>)]
+    solver: Option<Eigensolver>,
     /// Added to the metric's diagonal [default: 1e-4]
     #[arg(long, value_name = "E", value_parser = values::not_negative)]
     epsilon: Option<f64>,

@@ -10,7 +10,7 @@ use super::training::Training;
 use super::values::{self, Up};
 use crate::error::Error;
 use crate::metrics::Networks;
-use crate::pipeline::sweep::results::figure;
+use crate::pipeline::sweep::records::figure;
 use crate::pipeline::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Output, Preset, RunConfig, Session};
@@ -73,14 +73,14 @@ impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let begun = Instant::now();
         let asked = if self.axis.is_empty() { Asked::light() } else { self.axis.clone() };
-        if let Some(twice) = (1..asked.len()).find(|i| asked[..*i].iter().any(|a| a.axis == asked[*i].axis)) {
-            return Err(Error::Usage(format!("--axis {} is there twice", asked[twice].axis.name())));
+        if let Some(twice) = (1..asked.len()).find(|i| asked[..*i].iter().any(|a| a.axis() == asked[*i].axis())) {
+            return Err(Error::Usage(format!("--axis {} is there twice", asked[twice].axis().name())));
         }
         let scene = is_scene(&self.path);
-        if let Some(heavy) = asked.iter().find(|a| a.axis.heavy() && !scene) {
+        if let Some(heavy) = asked.iter().find(|a| a.axis().heavy() && !scene) {
             return Err(Error::Usage(format!(
                 "axis {} trains, and {} is no scene: name a folder of photos with poses",
-                heavy.axis.name(),
+                heavy.axis().name(),
                 self.path.display()
             )));
         }
@@ -95,12 +95,12 @@ impl Arguments {
         let (watcher, host_bytes) = (Show::new(console), self.resources.host_bytes());
         let session = Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &watcher };
         let (described, mut axes) = self.light(&session, console, &asked)?;
-        if asked.iter().any(|a| a.axis.heavy()) {
+        if asked.iter().any(|a| a.axis().heavy()) {
             let networks = self.resources.networks(console)?;
             let session = Session { networks: &networks, ..session };
             axes.extend(self.heavy(session, &asked)?);
         }
-        let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis == axis.axis);
+        let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis() == axis.axis);
         axes.sort_by_key(place);
         let swept = SweepRecord {
             schema: 1,
@@ -125,7 +125,7 @@ impl Arguments {
         console: &Console,
         asked: &[Asked],
     ) -> Result<(Described, Vec<AxisRecord>), Error> {
-        if asked.iter().all(|a| a.axis.heavy()) {
+        if asked.iter().all(|a| a.axis().heavy()) {
             let path = self.path.display().to_string();
             let origin = "every rung is a training of its own".to_owned();
             return Ok((Described { path, origin, ..Described::default() }, Vec::new()));

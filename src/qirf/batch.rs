@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::normalise::within_block;
-use super::participation::{Factor, Gram, Participation, Rung, lowdin, norm};
+use super::participation::{Eigensolver, Factor, Gram, Participation, lowdin, norm};
 use super::partition::Blocks;
 use super::select::{Ranking, css, rank};
 use super::{CHANNELS, Row};
@@ -44,7 +44,7 @@ pub fn self_overlap(log_scales: [f32; 3]) -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solver {
     /// How the eigenproblem is solved.
-    pub rung: Rung,
+    pub eigensolver: Eigensolver,
     /// Added to the metric's diagonal, and to traces.
     pub epsilon: f64,
     /// Share of the energy that the leading eigenvalues reach.
@@ -60,7 +60,7 @@ pub struct Solver {
 impl Default for Solver {
     fn default() -> Self {
         Self {
-            rung: Rung::default(),
+            eigensolver: Eigensolver::default(),
             epsilon: 1e-4,
             tau: 0.95,
             eta: 0.75,
@@ -125,7 +125,7 @@ impl Solver {
         solved.repaired += metric.repaired;
         for selector in &self.selectors {
             let ranked = match selector {
-                BlockSelector::Gnso => self.participation(&Factor::new(&metric, self.rung), &w, &h, &mut solved),
+                BlockSelector::Gnso => self.participation(&Factor::new(&metric, self.eigensolver), &w, &h, &mut solved),
                 BlockSelector::Ordinary => self.participation(&Factor::Identity, &w, &h, &mut solved),
                 BlockSelector::Lowdin => {
                     let [local, gain]: [Vec<f64>; 2] =

@@ -4,7 +4,7 @@
 use super::assemble::{Assembly, Options, unpack_symmetric};
 use super::batch::{Block, BlockSelector, Collected, Solver, self_overlap};
 use super::overlap::Metric;
-use super::participation::Rung;
+use super::participation::Eigensolver;
 use super::partition::{Blocks, Partition, Partitioned};
 use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
 use super::select::detail::{self, Exponents, Inputs};
@@ -50,7 +50,7 @@ pub struct Basis {
     /// Standard deviation added to every axis for the overlaps, as a multiple of the median largest scale; 0 for none.
     pub dilate: f64,
     /// How the eigenproblem is solved.
-    pub solver: Rung,
+    pub solver: Eigensolver,
     /// Added to the metric's diagonal, and to traces.
     pub epsilon: f64,
     /// Share of the energy that the leading eigenvalues reach.
@@ -61,12 +61,12 @@ pub struct Basis {
 
 impl Default for Basis {
     fn default() -> Self {
-        let Solver { rung, epsilon, tau, eta, .. } = Solver::default();
+        let Solver { eigensolver, epsilon, tau, eta, .. } = Solver::default();
         Self {
             partition: Partition::ADAPTIVE,
             overlap: Overlap::default(),
             dilate: 0.0,
-            solver: rung,
+            solver: eigensolver,
             epsilon,
             tau,
             eta,
@@ -178,7 +178,7 @@ impl Study {
         rows: &[[f32; CHANNELS]],
     ) -> Result<()> {
         let solver = Solver {
-            rung: basis.solver,
+            eigensolver: basis.solver,
             epsilon: basis.epsilon,
             tau: basis.tau,
             eta: basis.eta,

@@ -4,7 +4,7 @@ use super::format::{NONE, count, decimals, seconds, short};
 use super::page::{self, Column, Section, absent, facts, side_by_side, table};
 use super::plot::{Accuracies, Axis as Scale, Front, Point};
 use crate::pipeline::sweep::SweepRecord;
-use crate::pipeline::sweep::results::{AxisRecord, Better, Rung, Table};
+use crate::pipeline::sweep::records::{AxisRecord, Better, RungRecord, Table};
 use maud::{Markup, html};
 
 /// The page of a sweep.
@@ -60,7 +60,7 @@ fn body(axis: &AxisRecord) -> Markup {
 fn plot(axis: &AxisRecord) -> Markup {
     let measured: Vec<f64> = axis.rungs.iter().filter_map(|r| r.accuracy).collect();
     let accuracies = Accuracies::new(&measured, axis.better == Better::Lower);
-    let point = |r: &Rung| {
+    let point = |r: &RungRecord| {
         let (at, spread) = match axis.abscissa {
             Some(figure) => r.figures.get(figure).map(|v| (*v, [*v; 2]))?,
             None => r.time.map(|t| (t.median, [t.q1, t.q3]))?,
@@ -98,7 +98,7 @@ fn rungs(axis: &AxisRecord) -> Markup {
         Column::Number("accuracy"),
         Column::Text(""),
     ];
-    let row = |r: &Rung| {
+    let row = |r: &RungRecord| {
         let marks = match (r.default, r.front) {
             (true, true) => "default, on the front",
             (true, false) => "default",
@@ -127,7 +127,7 @@ fn figures(axis: &AxisRecord) -> Markup {
         .chain(titles.iter().map(|t| Column::Number(t)))
         .collect();
     let value = |v: f64| if (0.01..100.0).contains(&v.abs()) { decimals(v, 4) } else { short(v) };
-    let row = |r: &Rung| {
+    let row = |r: &RungRecord| {
         let cells = names.iter().map(|n| r.figures.get(n).map_or(NONE.into(), |v| value(*v)));
         let rounds = r.time.map_or(NONE.into(), |t| t.samples.to_string());
         let wall = r.wall.map_or(NONE.into(), |t| short(t.median));

@@ -1,4 +1,4 @@
-//! The eigenproblem of the embedded blocks: LAPACK's three rungs on this machine's CPU, and the device's own solver.
+//! The eigenproblem of the embedded blocks: LAPACK's three solvers on this machine's CPU, and the device's own solver.
 
 use super::Measure;
 use super::hard::{self, Block};
@@ -6,7 +6,7 @@ use super::overlap::worse;
 use crate::gpu::{Device, Groups, Recording, Result};
 use crate::kernels::qirf::{Participation as Kernel, ParticipationPush, ParticipationSpec};
 use crate::qirf::CHANNELS;
-use crate::qirf::participation::{Factor, Gram, Rung};
+use crate::qirf::participation::{Eigensolver, Factor, Gram};
 use crate::qirf::select::rank;
 
 /// Share of the energy that the embedded solutions were made with.
@@ -36,25 +36,25 @@ fn against(solve: impl Fn(&Block) -> Result<Solution>, float32: bool) -> Result<
     Ok(measures)
 }
 
-fn by_rung(rung: Rung) -> Result<Vec<Measure>> {
+fn by_solver(solver: Eigensolver) -> Result<Vec<Measure>> {
     let solve = |block: &Block| {
         let metric = Gram::new(block.m, &block.n.concat(), None, block.eps);
-        let solved = Factor::new(&metric, rung).participation(&block.rows(), TAU);
+        let solved = Factor::new(&metric, solver).participation(&block.rows(), TAU);
         Ok((solved.spectrum.to_vec(), solved.r, solved.q, solved.canonical))
     };
-    against(solve, rung == Rung::LowRankF32)
+    against(solve, solver == Eigensolver::LowRankF32)
 }
 
 pub(super) fn dsygvd(_: &Device) -> Result<Vec<Measure>> {
-    by_rung(Rung::Dsygvd)
+    by_solver(Eigensolver::Dsygvd)
 }
 
 pub(super) fn low_rank(_: &Device) -> Result<Vec<Measure>> {
-    by_rung(Rung::LowRank)
+    by_solver(Eigensolver::LowRank)
 }
 
 pub(super) fn low_rank_f32(_: &Device) -> Result<Vec<Measure>> {
-    by_rung(Rung::LowRankF32)
+    by_solver(Eigensolver::LowRankF32)
 }
 
 /// The device's solver on matrices that the host brings.
@@ -86,7 +86,7 @@ pub(super) fn on_device(device: &Device) -> Result<Vec<Measure>> {
     against(|block| kernel(device, block), true)
 }
 
-/// Overlaps that are no Gram matrix, as rounding might leave them: eigenvalues 2.2, -0.2 and 1. LAPACK's rungs solve the
+/// Overlaps that are no Gram matrix, as rounding might leave them: eigenvalues 2.2, -0.2 and 1. LAPACK's solvers solve the
 /// canonical form, the device says that it failed; nobody answers with what a broken factor gives.
 pub(super) fn indefinite(device: &Device) -> Result<Vec<Measure>> {
     let block = Block {
@@ -105,13 +105,13 @@ pub(super) fn indefinite(device: &Device) -> Result<Vec<Measure>> {
     // Along (1, 1) / sqrt 2 the eight equal columns have energy 16 over 2.2001; along the third axis 2 over 1.0001.
     let expected = 16.0 / 2.2001 + 2.0 / 1.0001;
     let (mut silent, mut seen) = (0, 0.0);
-    for rung in Rung::ALL {
-        let solved = Factor::new(&metric, rung).participation(&block.rows(), TAU);
+    for solver in Eigensolver::ALL {
+        let solved = Factor::new(&metric, solver).participation(&block.rows(), TAU);
         silent += usize::from(!solved.canonical);
         seen = worse(seen, (solved.spectrum[0] / expected - 1.0).abs());
     }
     let (.., q, failed) = kernel(device, &block)?;
     silent += usize::from(!failed || q.iter().any(|q| *q != 0.0));
     // 1.2 is stored as float32, 2e-8 off.
-    Ok(vec![("rungs that do not say so", silent as f64, 0.0), ("eigenvalue of the rest", seen, 1e-7)])
+    Ok(vec![("solvers that do not say so", silent as f64, 0.0), ("eigenvalue of the rest", seen, 1e-7)])
 }

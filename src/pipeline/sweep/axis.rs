@@ -1,8 +1,11 @@
 //! The axes by name, their rungs, and how the command line asks for them.
 
-use crate::effects::{Effect, Overrides};
+use crate::effects::{Choice, Effect, Overrides};
 use crate::pipeline::arm::Arm;
 use crate::pipeline::config::Compression;
+use crate::qirf::overlap::Method;
+use crate::qirf::participation::Eigensolver;
+use crate::render::{Culling, Settings};
 use serde::Serialize;
 
 /// A place where the engine can be more exact or faster.
@@ -117,59 +120,236 @@ impl Axis {
         }
     }
 
-    /// Whether there is such a rung.
-    fn check(self, rung: &str) -> Result<(), String> {
-        let share = |text: &str| text.parse::<f64>().ok().is_some_and(|v| v > 0.0 && v <= 1.0);
-        let not_negative = |text: &str| text.parse::<f64>().ok().is_some_and(|v| (0.0..1e6).contains(&v));
-        let wrong = |what: &str| Err(format!("axis {}: '{rung}' is no rung; {what}", self.name()));
+    /// What a rung may be, where it is none.
+    fn hint(self) -> String {
         match self {
-            Self::Epsilon if not_negative(rung.strip_prefix("t=").unwrap_or(rung)) => Ok(()),
-            Self::Epsilon => wrong("write an epsilon such as 1e-4, or a dilation such as t=0.3"),
-            Self::Stop if rung.parse::<f64>().is_ok_and(|v| (0.0..1.0).contains(&v)) => Ok(()),
-            Self::Stop => wrong("write a transmittance of 0 or more, below 1, such as 1e-3"),
-            Self::Keep if share(rung) => Ok(()),
-            Self::Keep => wrong("write a share above 0 and up to 1, such as 0.28"),
-            Self::Iterations if fraction(rung).is_some() => Ok(()),
-            Self::Iterations => wrong("write a share of the run, such as 1/4 or 0.5"),
-            Self::Selector => Arm::parse(rung, &Compression::default()).map(|_| ()),
-            Self::Effects if rung == "default" => Ok(()),
-            Self::Effects => match Overrides::parse(rung)? {
-                (Effect::Cameras, _) => wrong("this effect cannot be switched"),
-                _ => Ok(()),
-            },
-            _ if self.rungs().contains(&rung) => Ok(()),
-            _ => wrong(&format!("there are {}", self.rungs().join(", "))),
+            Self::Epsilon => "write an epsilon such as 1e-4, or a dilation such as t=0.3".to_owned(),
+            Self::Stop => "write a transmittance of 0 or more, below 1, such as 1e-3".to_owned(),
+            Self::Keep => "write a share above 0 and up to 1, such as 0.28".to_owned(),
+            Self::Iterations => "write a share of the run, such as 1/4 or 0.5".to_owned(),
+            _ => format!("there are {}", self.rungs().join(", ")),
         }
     }
 }
 
+/// A rung of the solver axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Solver {
+    /// One of the host's.
+    Host(Eigensolver),
+    /// The device's own.
+    Device,
+}
+
+impl Solver {
+    fn of(name: &str) -> Option<Self> {
+        let host = Eigensolver::ALL.into_iter().find(|solver| solver.to_string() == name).map(Self::Host);
+        host.or((name == "device-low-rank-f32").then_some(Self::Device))
+    }
+}
+
+/// A rung of the overlap axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Formula {
+    /// The host's, in float64.
+    Twin,
+    /// One of the device's.
+    Device(Method),
+}
+
+impl Formula {
+    fn of(name: &str) -> Option<Self> {
+        match name {
+            "qr-f64" => Some(Self::Twin),
+            "qr" => Some(Self::Device(Method::Qr)),
+            "cholesky" => Some(Self::Device(Method::CholeskyOfSum)),
+            "determinant" => Some(Self::Device(Method::Determinant)),
+            _ => None,
+        }
+    }
+}
+
+/// A rung of the epsilon axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Regularisation {
+    /// Added to the metric's diagonal.
+    Epsilon(f64),
+    /// Width added to every Gaussian, in median scales.
+    Dilation(f64),
+}
+
+impl Regularisation {
+    fn of(name: &str) -> Option<Self> {
+        let (text, make): (_, fn(f64) -> Self) = match name.strip_prefix("t=") {
+            Some(t) => (t, Self::Dilation),
+            None => (name, Self::Epsilon),
+        };
+        text.parse().ok().filter(|v| (0.0..1e6).contains(v)).map(make)
+    }
+}
+
+/// A rung of the storage axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Storage {
+    /// Four bytes a coefficient.
+    Single,
+    /// Two.
+    Half,
+}
+
+/// A rung of the axis of gradient sums.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sums {
+    /// In slot order: the same bits run after run.
+    Ordered,
+    /// By float atomics.
+    Atomics,
+    /// By compare-and-swap of words.
+    CompareAndSwap,
+}
+
+fn culling(name: &str) -> Option<Culling> {
+    match name {
+        "off" => Some(Culling::Off),
+        "exact" => Some(Culling::Exact),
+        "box" => Some(Culling::Box),
+        "3-sigma" => Some(Culling::ThreeSigma),
+        _ => None,
+    }
+}
+
+/// The transmittance of a rung; the default's has a margin that settles a tie: see [`Settings`].
+fn stop(name: &str) -> Option<f32> {
+    if name == Axis::Stop.default_rung() {
+        return Some(Settings::default().stop);
+    }
+    name.parse().ok().filter(|v| (0.0..1.0).contains(v))
+}
+
+fn storage(name: &str) -> Option<Storage> {
+    match name {
+        "f32" => Some(Storage::Single),
+        "f16" => Some(Storage::Half),
+        _ => None,
+    }
+}
+
+fn sums(name: &str) -> Option<Sums> {
+    match name {
+        "ordered" => Some(Sums::Ordered),
+        "atomics" => Some(Sums::Atomics),
+        "compare-and-swap" => Some(Sums::CompareAndSwap),
+        _ => None,
+    }
+}
+
+fn share(name: &str) -> Option<f64> {
+    name.parse().ok().filter(|v| *v > 0.0 && *v <= 1.0)
+}
+
 /// `1/4` or `0.25`: above 0 and up to 1.
-pub(super) fn fraction(text: &str) -> Option<f64> {
-    let value = match text.split_once('/') {
+fn fraction(name: &str) -> Option<f64> {
+    let value = match name.split_once('/') {
         Some((a, b)) => a.parse::<f64>().ok()? / b.parse::<f64>().ok()?,
-        None => text.parse().ok()?,
+        None => name.parse().ok()?,
     };
     (value > 0.0 && value <= 1.0).then_some(value)
 }
 
-/// An axis with the rungs to climb.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Asked {
-    /// The axis.
-    pub axis: Axis,
-    /// Its rungs; none for the axis's own.
-    pub rungs: Vec<String>,
+/// An effect and what becomes of it; none for the run as it is.
+fn switch(name: &str) -> Result<Option<(Effect, Choice)>, String> {
+    if name == Axis::Effects.default_rung() {
+        return Ok(None);
+    }
+    match Overrides::parse(name)? {
+        (Effect::Cameras, _) => Err(format!("axis effects: '{name}' is no rung; this effect cannot be switched")),
+        other => Ok(Some(other)),
+    }
+}
+
+/// A rung: its name, and what it stands for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rung<T> {
+    /// Its name, as the command line and files have it.
+    pub name: String,
+    /// What is measured.
+    pub value: T,
+}
+
+/// An axis with the rungs to measure.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Asked {
+    /// [`Axis::Solver`].
+    Solver(Vec<Rung<Solver>>),
+    /// [`Axis::Overlap`].
+    Overlap(Vec<Rung<Formula>>),
+    /// [`Axis::Epsilon`].
+    Epsilon(Vec<Rung<Regularisation>>),
+    /// [`Axis::Culling`].
+    Culling(Vec<Rung<Culling>>),
+    /// [`Axis::Stop`].
+    Stop(Vec<Rung<f32>>),
+    /// [`Axis::Storage`].
+    Storage(Vec<Rung<Storage>>),
+    /// [`Axis::Gradients`].
+    Gradients(Vec<Rung<Sums>>),
+    /// [`Axis::Keep`]: shares.
+    Keep(Vec<Rung<f64>>),
+    /// [`Axis::Selector`]: names of arms, read once the run's own compression is known.
+    Selector(Vec<Rung<()>>),
+    /// [`Axis::Iterations`]: shares of the run.
+    Iterations(Vec<Rung<f64>>),
+    /// [`Axis::Effects`]; without any rung the scene tells which effects are switched.
+    Effects(Vec<Rung<Option<(Effect, Choice)>>>),
 }
 
 impl Asked {
-    /// All rungs of an axis.
-    pub fn whole(axis: Axis) -> Self {
-        Self { axis, rungs: axis.rungs().iter().map(ToString::to_string).collect() }
+    /// The axis.
+    pub const fn axis(&self) -> Axis {
+        match self {
+            Self::Solver(_) => Axis::Solver,
+            Self::Overlap(_) => Axis::Overlap,
+            Self::Epsilon(_) => Axis::Epsilon,
+            Self::Culling(_) => Axis::Culling,
+            Self::Stop(_) => Axis::Stop,
+            Self::Storage(_) => Axis::Storage,
+            Self::Gradients(_) => Axis::Gradients,
+            Self::Keep(_) => Axis::Keep,
+            Self::Selector(_) => Axis::Selector,
+            Self::Iterations(_) => Axis::Iterations,
+            Self::Effects(_) => Axis::Effects,
+        }
     }
 
-    /// The axes that do not train: what is climbed where nothing is asked for.
+    /// These rungs of an axis.
+    fn new(axis: Axis, names: &[&str]) -> Result<Self, String> {
+        fn rungs<T>(names: &[&str], read: impl Fn(&str) -> Result<T, String>) -> Result<Vec<Rung<T>>, String> {
+            names.iter().map(|name| Ok(Rung { name: (*name).to_owned(), value: read(name)? })).collect()
+        }
+        fn known<T>(axis: Axis, names: &[&str], read: fn(&str) -> Option<T>) -> Result<Vec<Rung<T>>, String> {
+            let wrong = |name: &str| format!("axis {}: '{name}' is no rung; {}", axis.name(), axis.hint());
+            rungs(names, |name| read(name).ok_or_else(|| wrong(name)))
+        }
+        Ok(match axis {
+            Axis::Solver => Self::Solver(known(axis, names, Solver::of)?),
+            Axis::Overlap => Self::Overlap(known(axis, names, Formula::of)?),
+            Axis::Epsilon => Self::Epsilon(known(axis, names, Regularisation::of)?),
+            Axis::Culling => Self::Culling(known(axis, names, culling)?),
+            Axis::Stop => Self::Stop(known(axis, names, stop)?),
+            Axis::Storage => Self::Storage(known(axis, names, storage)?),
+            Axis::Gradients => Self::Gradients(known(axis, names, sums)?),
+            Axis::Keep => Self::Keep(known(axis, names, share)?),
+            Axis::Selector => {
+                Self::Selector(rungs(names, |name| Arm::parse(name, &Compression::default()).map(|_| ()))?)
+            }
+            Axis::Iterations => Self::Iterations(known(axis, names, fraction)?),
+            Axis::Effects => Self::Effects(rungs(names, switch)?),
+        })
+    }
+
+    /// All rungs of the axes that do not train: what is measured unless asked otherwise.
     pub fn light() -> Vec<Self> {
-        Axis::ALL.into_iter().filter(|a| !a.heavy()).map(Self::whole).collect()
+        Axis::ALL.into_iter().filter(|a| !a.heavy()).filter_map(|axis| Self::new(axis, axis.rungs()).ok()).collect()
     }
 
     /// Reads `NAME` or `NAME=RUNG,...`.
@@ -181,15 +361,12 @@ impl Asked {
         let names = || Axis::ALL.map(Axis::name).join(", ");
         let axis = Axis::ALL.into_iter().find(|a| a.name() == name.trim());
         let axis = axis.ok_or_else(|| format!("there is no axis '{name}'; choose {}", names()))?;
-        let Some(rungs) = rungs else { return Ok(Self::whole(axis)) };
-        let rungs: Vec<String> = rungs.split(',').map(|r| r.trim().to_owned()).collect();
-        for (i, rung) in rungs.iter().enumerate() {
-            axis.check(rung)?;
-            if rungs[..i].contains(rung) {
-                return Err(format!("axis {}: {rung} is there twice", axis.name()));
-            }
+        let Some(rungs) = rungs else { return Self::new(axis, axis.rungs()) };
+        let rungs: Vec<&str> = rungs.split(',').map(str::trim).collect();
+        if let Some(twice) = (1..rungs.len()).find(|i| rungs[..*i].contains(&rungs[*i])) {
+            return Err(format!("axis {}: {} is there twice", axis.name(), rungs[twice]));
         }
-        Ok(Self { axis, rungs })
+        Self::new(axis, &rungs)
     }
 }
 
@@ -200,12 +377,16 @@ mod tests {
     #[test]
     fn axes_by_name() {
         for axis in Axis::ALL {
-            assert_eq!(Asked::parse(axis.name()), Ok(Asked::whole(axis)));
-            assert!(axis.rungs().iter().all(|r| axis.check(r).is_ok()), "{axis:?}");
+            assert_eq!(Asked::parse(axis.name()).unwrap().axis(), axis);
             assert!(axis == Axis::Effects || axis.rungs().contains(&axis.default_rung()), "{axis:?}");
         }
-        assert_eq!(Asked::parse("epsilon=1e-3,t=0.3").unwrap().rungs, ["1e-3", "t=0.3"]);
-        assert_eq!(Asked::parse("effects=exposure=on,default").unwrap().rungs, ["exposure=on", "default"]);
+        assert_eq!(Asked::light().len(), 7);
+        let rung = |name: &str, value| Rung { name: name.to_owned(), value };
+        let both = [rung("1e-3", Regularisation::Epsilon(1e-3)), rung("t=0.3", Regularisation::Dilation(0.3))];
+        assert_eq!(Asked::parse("epsilon=1e-3,t=0.3"), Ok(Asked::Epsilon(both.to_vec())));
+        let exposure = Rung { name: "exposure=on".to_owned(), value: Some((Effect::Exposure, Choice::On)) };
+        let default = Rung { name: "default".to_owned(), value: None };
+        assert_eq!(Asked::parse("effects=exposure=on,default"), Ok(Asked::Effects(vec![exposure, default])));
         for wrong in [
             "",
             "speed",

@@ -7,6 +7,7 @@ use crate::gaussians::resident::Resident;
 use crate::qirf::assemble::{Assembly, Options, unpack_symmetric};
 use crate::qirf::overlap::Metric;
 use crate::qirf::partition::{Blocks, Partition};
+use crate::qirf::study::Basis;
 use crate::qirf::{CHANNELS, Row, normalise};
 
 /// Gaussians whose blocks are measured: blocks are left out evenly where there are more.
@@ -80,8 +81,9 @@ pub fn problems(
     resident: &Resident,
     blocks: &Blocks,
     metric: Metric,
-    (eta, epsilon): (f64, f64),
+    basis: &Basis,
 ) -> Result<Vec<Problem>, Error> {
+    let Basis { eta, epsilon, .. } = *basis;
     let h = rows(context, eta);
     let options = Options { metric, ..Options::default() };
     let assembly = Assembly::new(context.session.device, resident, &blocks.members, &blocks.starts, &[], options)?;

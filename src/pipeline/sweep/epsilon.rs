@@ -1,10 +1,10 @@
 //! The axis of what is added to the metric: epsilon on its diagonal, or a width on every Gaussian.
 
 use super::Context;
-use super::axis::Axis;
+use super::axis::{Axis, Regularisation, Rung};
 use super::blocks::{self, jaccard};
-use super::measure::{Sample, interleaved};
-use super::results::{AxisRecord, Rung};
+use super::records::{AxisRecord, RungRecord};
+use super::timing::{Sample, interleaved};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::qirf::overlap::Metric as Overlaps;
@@ -23,11 +23,10 @@ const KEPT: f64 = 0.28;
 const LEAST: f64 = 1e-6;
 
 /// The engine's basis but for this rung.
-fn basis(name: &str) -> Basis {
-    let value = |text: &str| text.parse().unwrap_or(0.0);
-    match name.strip_prefix("t=") {
-        Some(t) => Basis { dilate: value(t), ..Basis::default() },
-        None => Basis { epsilon: value(name), ..Basis::default() },
+fn basis(value: Regularisation) -> Basis {
+    match value {
+        Regularisation::Dilation(dilate) => Basis { dilate, ..Basis::default() },
+        Regularisation::Epsilon(epsilon) => Basis { epsilon, ..Basis::default() },
     }
 }
 
@@ -49,18 +48,18 @@ fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Resu
     let sampled = blocks::sampled(model, basis.partition);
     let some = blocks::of(sampled.iter().step_by(sampled.len().div_ceil(CONDITIONED).max(1)).map(<[u32]>::to_vec));
     let metric = Overlaps { dilation: dilation(model, basis.dilate), ..Overlaps::default() };
-    let problems = blocks::problems(context, resident, &some, metric, (basis.eta, basis.epsilon))?;
+    let problems = blocks::problems(context, resident, &some, metric, basis)?;
     let condition = |p: &blocks::Problem| Gram::new(p.len(), &p.overlap, None, basis.epsilon).condition();
     let mut all: Vec<f64> = problems.par_iter().filter_map(condition).collect();
     all.sort_by(f64::total_cmp);
     Ok((all.get(all.len() / 2).copied().unwrap_or(1.0), all.last().copied().unwrap_or(1.0)))
 }
 
-/// Climbs the axis.
+/// Measures the axis.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn measure(context: &Context<'_>, rungs: &[Rung<Regularisation>]) -> Result<AxisRecord, Error> {
     let resident = Resident::upload(context.session.device, &context.subject.model)?;
     let mut axis = AxisRecord::new(
         Axis::Epsilon,
@@ -73,10 +72,10 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
     );
     axis.abscissa = Some("condition");
     let truth = kept(&study(context, &resident, &Basis { epsilon: LEAST, ..Basis::default() })?);
-    for name in rungs {
-        let basis = basis(name);
+    for Rung { name, value } in rungs {
+        let basis = basis(*value);
         let (middle, most) = conditions(context, &resident, &basis)?;
-        let mut rung = Rung::new(Axis::Epsilon, name);
+        let mut rung = RungRecord::new(Axis::Epsilon, name);
         let same = jaccard(&kept(&study(context, &resident, &basis)?), &truth);
         rung.accuracy = Some(1.0 - same);
         rung.exact = basis.dilate == 0.0 && basis.epsilon == LEAST;
@@ -85,9 +84,9 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         rung.figures.insert("largest_condition", most);
         axis.rungs.push(rung);
     }
-    let timed = interleaved(rungs.len(), (0.5 * context.seconds, 5), context.session.watcher, |k, _| {
+    let timed = interleaved(rungs.len(), 0.5 * context.seconds, 5, context.session.watcher, |k, _| {
         let started = Instant::now();
-        let wall = study(context, &resident, &basis(&rungs[k]))?.seconds.wall;
+        let wall = study(context, &resident, &basis(rungs[k].value))?.seconds.wall;
         Ok(Sample { device: None, wall: wall.min(started.elapsed().as_secs_f64()) })
     })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();

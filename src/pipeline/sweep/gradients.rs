@@ -1,9 +1,9 @@
 //! The axis of gradient sums: in slot order, the same bits run after run, or by float atomics, in the order in which threads come.
 
 use super::Context;
-use super::axis::Axis;
-use super::measure::{Sample, interleaved};
-use super::results::{AxisRecord, Rung, figure};
+use super::axis::{Axis, Rung, Sums};
+use super::records::{AxisRecord, RungRecord, figure};
+use super::timing::{Sample, interleaved};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
@@ -124,20 +124,20 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
     (f64::from(far) / f64::from(most), a.iter().zip(b).filter(|(a, b)| a.to_bits() != b.to_bits()).count())
 }
 
-/// Climbs the axis.
+/// Measures the axis.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord, Error> {
     let (device, subject) = (context.session.device, context.subject);
     let trainee = Trainee::new(device, &subject.model)?;
     let native = AtomicSums::are_native(device);
     let mut ways = Vec::new();
-    for name in rungs {
-        let sums = match name.as_str() {
-            "ordered" => None,
-            "atomics" if !native => continue,
-            other => Some(AtomicSums::new(device, trainee.model.len, other == "atomics")?),
+    for Rung { name, value } in rungs {
+        let sums = match value {
+            Sums::Ordered => None,
+            Sums::Atomics if !native => continue,
+            Sums::Atomics | Sums::CompareAndSwap => Some(AtomicSums::new(device, trainee.model.len, *value == Sums::Atomics)?),
         };
         ways.push(Way { name: name.clone(), sums });
     }
@@ -162,7 +162,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         }
         let (one, other) = (bench.trained(way)?, bench.trained(way)?);
         let (picture, _) = apart(one.pixels.as_flattened(), other.pixels.as_flattened());
-        let mut rung = Rung::new(Axis::Gradients, &way.name);
+        let mut rung = RungRecord::new(Axis::Gradients, &way.name);
         rung.accuracy = Some(far);
         rung.exact = differing == 0;
         rung.figures.insert("differing_share", differing as f64 / first.len().max(1) as f64);
@@ -171,7 +171,7 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         axis.rungs.push(rung);
     }
     let timed =
-        interleaved(ways.len(), (context.seconds, 2 * subject.views.len()), context.session.watcher, |k, round| {
+        interleaved(ways.len(), context.seconds, 2 * subject.views.len(), context.session.watcher, |k, round| {
             bench.step(&ways[k], &trainee, round % subject.views.len(), still)
         })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();

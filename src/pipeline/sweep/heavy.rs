@@ -1,14 +1,14 @@
 //! The axes whose rungs are trainings: kept shares and selectors from one checkpoint, lengths and effects as runs of their own.
 
-use super::axis::{Asked, Axis, fraction};
-use super::measure::{Spread, Timed};
-use super::results::{AxisRecord, Better, Rung};
-use crate::effects::{Choice, Effect, Overrides};
+use super::axis::{Asked, Axis, Rung};
+use super::records::{AxisRecord, Better, RungRecord};
+use super::timing::{Spread, Timed};
+use crate::effects::{Choice, Decision, Effect};
 use crate::error::Error;
 use crate::pipeline::arm::Arm;
 use crate::pipeline::compare::compare;
 use crate::pipeline::config::{Compression, Pruning};
-use crate::pipeline::records::{ArmRecord, RunRecord};
+use crate::pipeline::records::{ArmRecord, CompareRecord, RunRecord};
 use crate::pipeline::run::run;
 use crate::pipeline::{Output, Preset, RunConfig, Session};
 use crate::qirf::select::budget::Keep;
@@ -32,73 +32,76 @@ fn once(seconds: Option<f64>) -> Timed {
     Timed { device: None, wall: seconds.and_then(|s| Spread::of(vec![s])) }
 }
 
-/// The arm that a rung of keep or selector is: one for both where they mean the same.
-fn arm(axis: Axis, rung: &str, given: Keep) -> String {
-    match (axis, rung.parse()) {
-        (Axis::Keep, Ok(1.0)) => "dense".to_owned(),
-        (Axis::Keep, Ok(share)) if given == Keep::Share(share) => "default".to_owned(),
-        (Axis::Keep, _) => format!("default@{rung}"),
-        _ => rung.to_owned(),
+/// The rungs of keep or selector, each with the name of its arm, which is one where two rungs mean the same; none of other
+/// axes.
+fn arms_of(asked: &Asked, given: Keep) -> Vec<(&str, String)> {
+    let kept = |rung: &Rung<f64>| match rung.value {
+        1.0 => "dense".to_owned(),
+        share if given == Keep::Share(share) => "default".to_owned(),
+        _ => format!("default@{}", rung.name),
+    };
+    match asked {
+        Asked::Keep(rungs) => rungs.iter().map(|rung| (rung.name.as_str(), kept(rung))).collect(),
+        Asked::Selector(rungs) => rungs.iter().map(|rung| (rung.name.as_str(), rung.name.clone())).collect(),
+        _ => Vec::new(),
     }
 }
 
-/// Climbs keep and selector, one or both, from one checkpoint at the prune point.
+/// Measures keep and selector, one or both, from one checkpoint at the prune point; nothing where neither is asked for.
 ///
 /// # Errors
 /// As a comparison's.
-pub fn forked(training: &Training<'_>, asked: &[&Asked]) -> Result<Vec<AxisRecord>, Error> {
+pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let given = &training.pruning.compression;
+    let asked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis(), Axis::Keep | Axis::Selector)).collect();
+    if asked.is_empty() {
+        return Ok(Vec::new());
+    }
     let mut arms: Vec<Arm> = Vec::new();
-    for asked in asked {
-        for rung in &asked.rungs {
-            let arm = Arm::parse(&arm(asked.axis, rung, given.keep), given).map_err(Error::Usage)?;
-            if arms.iter().all(|a| a.name != arm.name) {
-                arms.push(arm);
-            }
+    for (_, name) in asked.iter().flat_map(|asked| arms_of(asked, given.keep)) {
+        if arms.iter().all(|arm| arm.name != name) {
+            arms.push(Arm::parse(&name, given).map_err(Error::Usage)?);
         }
     }
-    let shared =
-        training.config.clone().pruned(Pruning { compression: Compression::default(), ..training.pruning.clone() });
+    let pruning = Pruning { compression: Compression::default(), ..training.pruning.clone() };
+    let shared = training.config.clone().pruned(pruning);
     let compared = compare(&training.session, &shared, &arms, &training.folder.join("fork"), false)?;
-    let common = format!(
-        "All rungs go on from one checkpoint, {} Gaussians after iteration {} of {}, with the same seed and loss. Frame rates are taken in \
-         turn; training is not repeated.",
-        compared.gaussians, compared.prune_point, compared.iterations
-    );
-    let of = |asked: &&Asked| {
-        let mut axis = match asked.axis {
-            Axis::Keep => AxisRecord::new(
-                Axis::Keep,
-                "Share of the Gaussians that is kept",
-                ["PSNR / dB", "held-out photos", "ms a frame"],
-            ),
-            _ => AxisRecord::new(
-                Axis::Selector,
-                "What a prune ranks by",
-                ["PSNR / dB", "held-out photos, at equal count", "s to select and prune"],
-            ),
-        };
-        axis.better = Better::Higher;
-        for rung in &asked.rungs {
-            let name = arm(asked.axis, rung, given.keep);
-            let Some(found) = compared.arms.iter().find(|a| a.name == name) else { continue };
-            axis.rungs.push(of_arm(asked.axis, rung, found));
-        }
-        axis.notes.push(common.clone());
-        if compared.arms.iter().all(|a| a.psnr.is_none()) {
-            axis.notes.push("No view is held out, so quality was not measured.".to_owned());
-        }
-        axis.judged([
-            "these rungs differ in what they keep, not in what they do.",
-            "the held-out views cannot tell these rungs apart.",
-        ])
-    };
-    Ok(asked.iter().map(of).collect())
+    Ok(asked.iter().map(|asked| of_arms(asked.axis(), &arms_of(asked, given.keep), &compared)).collect())
 }
 
-fn of_arm(axis: Axis, name: &str, arm: &ArmRecord) -> Rung {
+/// An axis of which every rung is an arm of a comparison.
+fn of_arms(axis: Axis, rungs: &[(&str, String)], compared: &CompareRecord) -> AxisRecord {
+    let mut axis = match axis {
+        Axis::Keep => {
+            AxisRecord::new(axis, "Share of the Gaussians that is kept", ["PSNR / dB", "held-out photos", "ms a frame"])
+        }
+        _ => AxisRecord::new(
+            axis,
+            "What a prune ranks by",
+            ["PSNR / dB", "held-out photos, at equal count", "s to select and prune"],
+        ),
+    };
+    axis.better = Better::Higher;
+    for (name, arm) in rungs {
+        axis.rungs.extend(compared.arms.iter().find(|a| a.name == *arm).map(|found| of_arm(axis.axis, name, found)));
+    }
+    axis.notes.push(format!(
+        "All rungs go on from one checkpoint, {} Gaussians after iteration {} of {}, with the same seed and loss. Frame rates \
+         are taken in turn; training is not repeated.",
+        compared.gaussians, compared.prune_point, compared.iterations
+    ));
+    if compared.arms.iter().all(|a| a.psnr.is_none()) {
+        axis.notes.push("No view is held out, so quality was not measured.".to_owned());
+    }
+    axis.judged([
+        "these rungs differ in what they keep, not in what they do.",
+        "the held-out views cannot tell these rungs apart.",
+    ])
+}
+
+fn of_arm(axis: Axis, name: &str, arm: &ArmRecord) -> RungRecord {
     let pruning: f64 = arm.prunes.iter().map(|p| p.seconds.total).sum();
-    let rung = Rung::new(axis, name);
+    let rung = RungRecord::new(axis, name);
     let mut rung = match axis {
         Axis::Keep => rung.timed(&once(arm.fps.map(|f| 1.0 / f)), 1e3),
         _ => rung.timed(&once((!arm.prunes.is_empty()).then_some(pruning)), 1.0),
@@ -124,8 +127,8 @@ fn whole(training: &Training<'_>, config: &RunConfig, name: &str) -> Result<RunR
     run(&training.session, config, &output, false)
 }
 
-fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> Rung {
-    let mut rung = Rung::new(axis, name).timed(&once(Some(seconds)), 1.0);
+fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> RungRecord {
+    let mut rung = RungRecord::new(axis, name).timed(&once(Some(seconds)), 1.0);
     let test = results.test.as_ref();
     rung.accuracy = test.and_then(|t| t.psnr);
     rung.figures.insert("ssim", test.map_or(f64::NAN, |t| t.ssim));
@@ -137,17 +140,17 @@ fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> Rung {
     rung
 }
 
-/// Climbs the axis of lengths: schedules scale as a whole, so that each rung is a run of its own.
+/// Measures the axis of lengths: schedules scale as a whole, so that each rung is a run of its own.
 ///
 /// # Errors
 /// As a run's.
-pub fn iterations(training: &Training<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Iterations, "Length of the run", ["PSNR / dB", "held-out photos", "s of training"]);
     axis.better = Better::Higher;
     let longest = training.config.schedule.iterations;
-    for name in rungs {
-        let length = ((fraction(name).unwrap_or(1.0) * f64::from(longest)).round() as u32).max(1);
+    for Rung { name, value: share } in rungs {
+        let length = ((share * f64::from(longest)).round() as u32).max(1);
         let schedule = training.preset.schedule(Some(length));
         let config = RunConfig { checkpoint_every: 0, schedule, ..training.config.clone() };
         let config = config.pruned(training.pruning.clone());
@@ -163,11 +166,21 @@ pub fn iterations(training: &Training<'_>, rungs: &[String]) -> Result<AxisRecor
     Ok(axis.judged(["every rung trained for as long.", "the held-out views cannot tell these lengths apart."]))
 }
 
-/// Climbs the axis of effects: each that can be switched the other way than the run has it.
+/// The effect of a decision and the other choice; none where what photos lack would have to be switched on.
+fn switched(decision: &Decision) -> Option<(Effect, Choice)> {
+    match (decision.name, decision.on) {
+        (Effect::Cameras, _) => None,
+        (effect, true) => Some((effect, Choice::Off)),
+        (effect @ (Effect::ViewDependence | Effect::Exposure | Effect::Antialias), false) => Some((effect, Choice::On)),
+        _ => None,
+    }
+}
+
+/// Measures the axis of effects: each that can be switched the other way than the run has it.
 ///
 /// # Errors
 /// As a run's.
-pub fn effects(training: &Training<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Effects, "What is simulated", ["PSNR / dB", "held-out photos", "ms an iteration"]);
     axis.better = Better::Higher;
@@ -176,20 +189,9 @@ pub fn effects(training: &Training<'_>, rungs: &[String]) -> Result<AxisRecord, 
     let per_iteration = |r: &RunRecord| r.time.train_s / f64::from(base.schedule.iterations.max(1)) * 1e3;
     let results = whole(training, &base, "effects-default")?;
     let others: Vec<(Effect, Choice)> = if rungs.is_empty() {
-        let switched = |effect: Effect| {
-            let decision = results.effects.iter().find(|d| d.name == effect)?;
-            match (effect, decision.on) {
-                (Effect::Cameras, _) => None,
-                (_, true) => Some((effect, Choice::Off)),
-                // What photos do not have cannot be switched on.
-                (Effect::ViewDependence | Effect::Exposure | Effect::Antialias, false) => Some((effect, Choice::On)),
-                _ => None,
-            }
-        };
-        Effect::ALL.into_iter().filter_map(switched).collect()
+        results.effects.iter().filter_map(|decision| switched(decision)).collect()
     } else {
-        let named = rungs.iter().filter(|r| *r != "default");
-        named.map(|r| Overrides::parse(r)).collect::<Result<_, _>>().map_err(Error::Usage)?
+        rungs.iter().filter_map(|rung| rung.value).collect()
     };
     axis.rungs.push(of_run(Axis::Effects, "default", &results, per_iteration(&results)));
     for (effect, choice) in others {

@@ -1,19 +1,20 @@
-//! `qirf-vk sweep`: what accuracy costs in time. Each axis of the engine is climbed rung by rung in one process on one device.
+//! `qirf-vk sweep`: what accuracy costs in time. Each axis of the engine is measured rung by rung in one process on one
+//! device.
 
 pub mod axis;
 mod blocks;
 mod epsilon;
 mod gradients;
 pub mod heavy;
-pub mod measure;
 mod overlap;
 mod pictures;
-pub mod results;
+pub mod records;
 mod solver;
 pub mod subject;
+pub mod timing;
 
 pub use axis::{Asked, Axis};
-pub use results::{AxisRecord, Described, SweepRecord};
+pub use records::{AxisRecord, Described, SweepRecord};
 pub use subject::Subject;
 
 use crate::error::Error;
@@ -32,49 +33,43 @@ pub struct Context<'a> {
     pub seconds: f64,
 }
 
-/// Climbs one light axis.
+/// Measures one light axis; none for a heavy one.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>, Error> {
-    let rungs = &asked.rungs;
     let begun = Instant::now();
-    let result = match asked.axis {
-        Axis::Solver => solver::climb(context, rungs),
-        Axis::Overlap => overlap::climb(context, rungs),
-        Axis::Epsilon => epsilon::climb(context, rungs),
-        Axis::Culling => pictures::cull(context, rungs),
-        Axis::Stop => pictures::stop(context, rungs),
-        Axis::Storage => pictures::storage(context, rungs),
-        Axis::Gradients => gradients::climb(context, rungs),
-        Axis::Keep | Axis::Selector | Axis::Iterations | Axis::Effects => return Ok(None),
-    };
-    let mut axis = result?;
+    let mut axis = match asked {
+        Asked::Solver(rungs) => solver::measure(context, rungs),
+        Asked::Overlap(rungs) => overlap::measure(context, rungs),
+        Asked::Epsilon(rungs) => epsilon::measure(context, rungs),
+        Asked::Culling(rungs) => pictures::culling(context, rungs),
+        Asked::Stop(rungs) => pictures::stop(context, rungs),
+        Asked::Storage(rungs) => pictures::storage(context, rungs),
+        Asked::Gradients(rungs) => gradients::measure(context, rungs),
+        Asked::Keep(_) | Asked::Selector(_) | Asked::Iterations(_) | Asked::Effects(_) => return Ok(None),
+    }?;
     axis.seconds = begun.elapsed().as_secs_f64();
-    context.session.watcher.note(&format!("{}: {:.1} s. {}", asked.axis.name(), axis.seconds, axis.sentence));
+    context.session.watcher.note(&format!("{}: {:.1} s. {}", axis.axis.name(), axis.seconds, axis.sentence));
     Ok(Some(axis))
 }
 
-/// Climbs the heavy axes among those asked for, in the order of [`Axis::ALL`].
+/// Measures the heavy axes among those asked for: first those that share a checkpoint.
 ///
 /// # Errors
 /// As runs and comparisons.
 pub fn heavy(training: &heavy::Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let begun = Instant::now();
-    let mut out = Vec::new();
-    let forked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis, Axis::Keep | Axis::Selector)).collect();
-    if !forked.is_empty() {
-        out = heavy::forked(training, &forked)?;
-        let seconds = begun.elapsed().as_secs_f64() / out.len() as f64;
-        for axis in &mut out {
-            axis.seconds = seconds;
-        }
+    let mut out = heavy::forked(training, asked)?;
+    let seconds = begun.elapsed().as_secs_f64() / out.len().max(1) as f64;
+    for axis in &mut out {
+        axis.seconds = seconds;
     }
     for asked in asked {
         let begun = Instant::now();
-        let axis = match asked.axis {
-            Axis::Iterations => heavy::iterations(training, &asked.rungs)?,
-            Axis::Effects => heavy::effects(training, &asked.rungs)?,
+        let axis = match asked {
+            Asked::Iterations(rungs) => heavy::iterations(training, rungs)?,
+            Asked::Effects(rungs) => heavy::effects(training, rungs)?,
             _ => continue,
         };
         out.push(AxisRecord { seconds: begun.elapsed().as_secs_f64(), ..axis });

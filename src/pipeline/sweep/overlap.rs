@@ -2,10 +2,10 @@
 //! Gaussians laid flat.
 
 use super::Context;
-use super::axis::Axis;
+use super::axis::{Axis, Formula, Rung};
 use super::blocks;
-use super::measure::{Sample, Timed, interleaved};
-use super::results::{AxisRecord, Rung, Table, figure};
+use super::records::{AxisRecord, RungRecord, Table, figure};
+use super::timing::{Sample, Timed, interleaved};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
@@ -21,18 +21,6 @@ use std::time::Instant;
 
 /// A Gaussian this much thinner than long is a thin one.
 const THIN: f64 = 1.0 / 30.0;
-/// The rung that the host computes.
-const TWIN: &str = "qr-f64";
-
-fn method(name: &str) -> Option<Method> {
-    match name {
-        "qr" => Some(Method::Qr),
-        "cholesky" => Some(Method::CholeskyOfSum),
-        "determinant" => Some(Method::Determinant),
-        _ => None,
-    }
-}
-
 fn primitives(model: &Gaussians) -> Vec<Primitive> {
     let one = |i: usize| Primitive {
         position: model.means[i].map(f64::from),
@@ -149,96 +137,116 @@ fn assembly<'a>(
     Ok(Assembly::new(context.session.device, resident, &blocks.members, &blocks.starts, &[], options)?)
 }
 
-/// All packed overlaps by one formula of the device.
-fn found(context: &Context<'_>, resident: &Resident, blocks: &Blocks, method: Method) -> Result<Vec<f32>, Error> {
-    let mut out = Vec::new();
-    assembly(context, resident, blocks, method)?.for_each(|batch| -> Result<(), Error> {
-        batch.iter().for_each(|(_, m)| out.extend_from_slice(m.overlap));
-        Ok(())
-    })?;
-    Ok(out)
+/// A model, and the true overlaps within its blocks.
+struct Case<'a> {
+    blocks: &'a Blocks,
+    resident: Resident,
+    primitives: Vec<Primitive>,
+    truth: Vec<f32>,
 }
 
-/// Climbs the axis.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
-pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
-    let model = &context.subject.model;
-    let resident = Resident::upload(context.session.device, model)?;
-    let blocks = blocks::sampled(model, Basis::default().partition);
-    let own = primitives(model);
-    let truth = twin(&own, &blocks);
-    let [pairs, thin_pairs] = kinds(&own, &blocks);
-    let mut axis = AxisRecord::new(
-        Axis::Overlap,
-        "Overlap of two Gaussians",
-        ["largest error of an overlap, a NaN counting as 1", "QR in float64, pair by pair", "ms a million pairs"],
-    );
-    let mut tables = [
-        "The scene's own neighbouring pairs",
-        "Of these, pairs of two thin Gaussians",
-        "The same pairs, the Gaussians of each block laid into one plane",
-    ]
-    .map(|title| Table {
-        title: title.to_owned(),
-        columns: vec!["formula", "pairs", "NaN", "largest error of the rest"],
-        rows: Vec::new(),
-    });
-    tables[1].title += &format!(" (thinner than 1:{:.0})", 1.0 / THIN);
-    tables[2].title += &format!(" and pressed to 1:{:.0}, as on a wall after long training", 1.0 / SCALE_FLOOR);
-
-    let flat_model = pressed(model, &blocks);
-    let flat = Resident::upload(context.session.device, &flat_model)?;
-    let flat_truth = twin(&primitives(&flat_model), &blocks);
-    for name in rungs {
-        let (as_is, as_flat) = match method(name) {
-            None => (truth.clone(), flat_truth.clone()),
-            Some(m) => (found(context, &resident, &blocks, m)?, found(context, &flat, &blocks, m)?),
-        };
-        let fates = [
-            Fate::of(&as_is, &truth, &pairs),
-            Fate::of(&as_is, &truth, &thin_pairs),
-            Fate::of(&as_flat, &flat_truth, &pairs),
-        ];
-        let mut rung = Rung::new(Axis::Overlap, name);
-        rung.accuracy = Some(fates[0].error());
-        rung.exact = name == TWIN;
-        rung.figures.insert("nan_share", fates[0].nan_share());
-        rung.figures.insert("largest_error", fates[0].worst);
-        rung.figures.insert("thin_nan_share", fates[1].nan_share());
-        rung.figures.insert("thin_largest_error", fates[1].worst);
-        rung.figures.insert("flat_nan_share", fates[2].nan_share());
-        rung.figures.insert("flat_largest_error", fates[2].worst);
-        for (table, fate) in tables.iter_mut().zip(fates) {
-            table.rows.push(fate.cells(name));
-        }
-        axis.rungs.push(rung);
+impl<'a> Case<'a> {
+    fn new(context: &Context<'_>, model: &Gaussians, blocks: &'a Blocks) -> Result<Self, Error> {
+        let primitives = primitives(model);
+        let truth = twin(&primitives, blocks);
+        Ok(Self { blocks, resident: Resident::upload(context.session.device, model)?, primitives, truth })
     }
 
-    let million: f64 = 1e6 / pairs.iter().filter(|p| **p).count().max(1) as f64;
-    let ready: Vec<Option<Assembly<'_>>> = rungs
-        .iter()
-        .map(|r| method(r).map(|m| assembly(context, &resident, &blocks, m)).transpose())
-        .collect::<Result<_, _>>()?;
-    let timed: Vec<Timed> =
-        interleaved(rungs.len(), (context.seconds, 3), context.session.watcher, |k, _| match &ready[k] {
-            None => Ok(Sample::host(|| twin(&own, &blocks)).1),
+    /// All packed overlaps by one formula.
+    fn found(&self, context: &Context<'_>, formula: Formula) -> Result<Vec<f32>, Error> {
+        let Formula::Device(method) = formula else { return Ok(self.truth.clone()) };
+        let mut out = Vec::new();
+        assembly(context, &self.resident, self.blocks, method)?.for_each(|batch| -> Result<(), Error> {
+            batch.iter().for_each(|(_, m)| out.extend_from_slice(m.overlap));
+            Ok(())
+        })?;
+        Ok(out)
+    }
+
+    /// Times of the formulas, in turn.
+    fn times(&self, context: &Context<'_>, rungs: &[Rung<Formula>]) -> Result<Vec<Timed>, Error> {
+        let ready = |rung: &Rung<Formula>| match rung.value {
+            Formula::Twin => Ok(None),
+            Formula::Device(method) => assembly(context, &self.resident, self.blocks, method).map(Some),
+        };
+        let ready: Vec<Option<Assembly<'_>>> = rungs.iter().map(ready).collect::<Result<_, _>>()?;
+        interleaved(rungs.len(), context.seconds, 3, context.session.watcher, |k, _| match &ready[k] {
+            None => Ok(Sample::host(|| twin(&self.primitives, self.blocks)).1),
             Some(assembly) => {
                 let started = Instant::now();
                 let timings = assembly.for_each(|_| -> Result<(), Error> { Ok(()) })?;
                 Ok(Sample::of(context.session.device, &timings, &["overlap"], started))
             }
-        })?;
+        })
+    }
+}
+
+fn tables() -> [Table; 3] {
+    [
+        "The scene's own neighbouring pairs".to_owned(),
+        format!("Of these, pairs of two thin Gaussians (thinner than 1:{:.0})", 1.0 / THIN),
+        format!(
+            "The same pairs, the Gaussians of each block laid into one plane and pressed to 1:{:.0}, as on a wall after long \
+             training",
+            1.0 / SCALE_FLOOR
+        ),
+    ]
+    .map(|title| Table {
+        title,
+        columns: vec!["formula", "pairs", "NaN", "largest error of the rest"],
+        rows: Vec::new(),
+    })
+}
+
+/// Measures the axis.
+///
+/// # Errors
+/// Device memory; device errors; [`Error::Interrupted`].
+pub fn measure(context: &Context<'_>, rungs: &[Rung<Formula>]) -> Result<AxisRecord, Error> {
+    let model = &context.subject.model;
+    let blocks = blocks::sampled(model, Basis::default().partition);
+    let own = Case::new(context, model, &blocks)?;
+    let flat = Case::new(context, &pressed(model, &blocks), &blocks)?;
+    let [pairs, thin_pairs] = kinds(&own.primitives, &blocks);
+    let mut axis = AxisRecord::new(
+        Axis::Overlap,
+        "Overlap of two Gaussians",
+        ["largest error of an overlap, a NaN counting as 1", "QR in float64, pair by pair", "ms a million pairs"],
+    );
+    let mut tables = tables();
+    for Rung { name, value } in rungs {
+        let (as_is, as_flat) = (own.found(context, *value)?, flat.found(context, *value)?);
+        let fates = [
+            Fate::of(&as_is, &own.truth, &pairs),
+            Fate::of(&as_is, &own.truth, &thin_pairs),
+            Fate::of(&as_flat, &flat.truth, &pairs),
+        ];
+        let mut rung = RungRecord::new(Axis::Overlap, name);
+        rung.accuracy = Some(fates[0].error());
+        rung.exact = *value == Formula::Twin;
+        let keys = [
+            ("nan_share", "largest_error"),
+            ("thin_nan_share", "thin_largest_error"),
+            ("flat_nan_share", "flat_largest_error"),
+        ];
+        for ((table, fate), (nan_share, largest_error)) in tables.iter_mut().zip(fates).zip(keys) {
+            rung.figures.insert(nan_share, fate.nan_share());
+            rung.figures.insert(largest_error, fate.worst);
+            table.rows.push(fate.cells(name));
+        }
+        axis.rungs.push(rung);
+    }
+    let timed = own.times(context, rungs)?;
+    let [count, thin] = [&pairs, &thin_pairs].map(|kind| kind.iter().filter(|p| **p).count());
+    let million = 1e6 / count.max(1) as f64;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3 * million)).collect();
     extra(&mut axis);
     let entries: usize = blocks.iter().map(|b| triangle(b.len())).sum();
     axis.notes.push(format!(
-        "{} pairs within {} blocks ({entries} entries); {:.1} % are pairs of two thin Gaussians. The float64 rung runs on all of the \
-         host's threads and, as a twin that is to be obvious, prepares each Gaussian anew for every pair.",
-        pairs.iter().filter(|p| **p).count(),
+        "{count} pairs within {} blocks ({entries} entries); {:.1} % are pairs of two thin Gaussians. The float64 rung runs on \
+         all threads of the host and, as a twin kept simple, prepares each Gaussian anew for every pair.",
         blocks.len(),
-        100.0 * thin_pairs.iter().filter(|p| **p).count() as f64 / pairs.iter().filter(|p| **p).count().max(1) as f64
+        100.0 * thin as f64 / count.max(1) as f64
     ));
     axis.tables = tables.into();
     Ok(axis

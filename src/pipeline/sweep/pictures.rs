@@ -1,9 +1,9 @@
 //! The axes of drawing: culling, where blending stops, and how colours are stored.
 
 use super::Context;
-use super::axis::Axis;
-use super::measure::{Sample, interleaved};
-use super::results::{AxisRecord, Better, Rung};
+use super::axis::{Axis, Rung, Storage};
+use super::records::{AxisRecord, Better, RungRecord};
+use super::timing::{Sample, interleaved};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::render::{Culling, Image, Renderer, STAGES, Settings};
@@ -95,31 +95,22 @@ fn crop(camera: &Camera, width: u32, height: u32) -> Camera {
     Camera { principal: camera.principal - corner, width, height, ..camera.clone() }
 }
 
-fn culling(name: &str) -> Culling {
-    match name {
-        "box" => Culling::Box,
-        "3-sigma" => Culling::ThreeSigma,
-        "off" => Culling::Off,
-        _ => Culling::Exact,
-    }
-}
-
-/// Climbs the axis of culling.
+/// Measures the axis of culling.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let model = Resident::upload(context.session.device, &subject.model)?;
-    let way = |name: &str| Way {
+    let way = |name: &str, culling| Way {
         name: name.to_owned(),
-        settings: Settings { culling: culling(name), ..subject.settings },
+        settings: Settings { culling, ..subject.settings },
         model: &model,
     };
-    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(r)).collect();
+    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(&r.name, r.value)).collect();
     let cameras = subject.cameras();
     let first = &cameras[0];
-    let tile = renderer(context, &way("exact"), &cameras[..1])?.tile();
+    let tile = renderer(context, &way("", Culling::Exact), &cameras[..1])?.tile();
     let tiles = |c: &Camera| c.width.div_ceil(tile) as usize * c.height.div_ceil(tile) as usize;
     // A whole number of tiles of the picture's own shape, as many as culling nothing can afford.
     let affordable = MOST_PAIRS / subject.model.len().max(1);
@@ -131,7 +122,7 @@ pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error
         let side = |pixels: u32| ((f64::from(pixels) * share / f64::from(tile)) as u32).max(1) * tile;
         cameras.iter().take(CROPS).map(|c| crop(c, side(c.width), side(c.height))).collect()
     };
-    let truth = way("off");
+    let truth = way("", Culling::Off);
     let on_crops = compare(context, &ways, &truth, &crops)?;
     let mut axis = AxisRecord::new(
         Axis::Culling,
@@ -140,9 +131,9 @@ pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error
     );
     let mut full: Vec<(Renderer, f64)> = Vec::new();
     for (way, (cropped, far)) in ways.iter().zip(on_crops) {
-        let mut rung = Rung::new(Axis::Culling, &way.name);
+        let mut rung = RungRecord::new(Axis::Culling, &way.name);
         rung.accuracy = Some(far.largest);
-        rung.exact = way.name == "off";
+        rung.exact = way.settings.culling == Culling::Off;
         axis.rungs.push(rung);
         if whole || way.settings.culling == Culling::Off {
             full.push((cropped, far.pairs));
@@ -157,7 +148,7 @@ pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error
     }
     let area = |c: &[Camera]| c.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum::<f64>() / c.len() as f64;
     let ratio = area(&cameras) / area(&crops);
-    let timed = interleaved(ways.len(), (context.seconds, 2 * cameras.len()), context.session.watcher, |k, round| {
+    let timed = interleaved(ways.len(), context.seconds, 2 * cameras.len(), context.session.watcher, |k, round| {
         let (renderer, way) = (&full[k].0, &ways[k]);
         if way.settings.culling == Culling::Off {
             return Ok(frame(context, renderer, way, &crops[round % crops.len()])?.times(ratio));
@@ -184,55 +175,54 @@ pub fn cull(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error
     ]))
 }
 
-/// Climbs the axis of the transmittance at which blending stops.
+/// Measures the axis of the transmittance at which blending stops.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn stop(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn stop(context: &Context<'_>, rungs: &[Rung<f32>]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let model = Resident::upload(context.session.device, &subject.model)?;
-    let way = |name: &str| {
-        // The default's margin settles a tie; see `Settings`.
-        let value =
-            if name == Axis::Stop.default_rung() { Settings::default().stop } else { name.parse().unwrap_or(0.0) };
-        Way { name: name.to_owned(), settings: Settings { stop: value, ..subject.settings }, model: &model }
+    let way = |name: &str, stop| Way {
+        name: name.to_owned(),
+        settings: Settings { stop, ..subject.settings },
+        model: &model,
     };
-    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(r)).collect();
+    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(&r.name, r.value)).collect();
     let axis = AxisRecord::new(
         Axis::Stop,
         "Transmittance at which a pixel is done",
         ["PSNR / dB", "blending every Gaussian, however little light is left", "ms a frame"],
     );
-    let axis = drawn(context, axis, &ways, &way("0"), |rung, _| rung.exact = rung.name.parse() == Ok(0.0))?;
+    let axis = drawn(context, axis, &ways, &way("", 0.0), |rung, way| rung.exact = way.settings.stop == 0.0)?;
     Ok(axis.judged([
         "few pixels of these views are opaque before their last Gaussian, so stopping early saves little.",
         "no pixel of these views has so little light left.",
     ]))
 }
 
-/// Climbs the axis of storage.
+/// Measures the axis of storage.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn storage(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn storage(context: &Context<'_>, rungs: &[Rung<Storage>]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let (n, degree) = (subject.model.len(), subject.model.degree());
     let single = Resident::upload(context.session.device, &subject.model)?;
     let half = Resident::upload_half(context.session.device, &subject.model)?;
-    let way = |name: &str| Way {
+    let way = |name: &str, storage| Way {
         name: name.to_owned(),
         settings: subject.settings,
-        model: if name == "f16" { &half } else { &single },
+        model: if storage == Storage::Half { &half } else { &single },
     };
-    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(r)).collect();
+    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(&r.name, r.value)).collect();
     let axis = AxisRecord::new(
         Axis::Storage,
         "How SH coefficients are stored",
         ["PSNR / dB", "coefficients in float32", "ms a frame"],
     );
-    let mut axis = drawn(context, axis, &ways, &way("f32"), |rung, _| {
-        rung.exact = rung.name == "f32";
-        let bytes = if rung.name == "f16" { Resident::half_bytes(n, degree) } else { Resident::bytes(n, degree) };
+    let mut axis = drawn(context, axis, &ways, &way("", Storage::Single), |rung, way| {
+        rung.exact = !way.model.half;
+        let bytes = if way.model.half { Resident::half_bytes(n, degree) } else { Resident::bytes(n, degree) };
         rung.figures.insert("model_bytes", bytes as f64);
     })?;
     axis.notes.push(format!(
@@ -251,20 +241,20 @@ fn drawn(
     mut axis: AxisRecord,
     ways: &[Way<'_>],
     truth: &Way<'_>,
-    tell: impl Fn(&mut Rung, &Far),
+    tell: impl Fn(&mut RungRecord, &Way<'_>),
 ) -> Result<AxisRecord, Error> {
     axis.better = Better::Higher;
     let cameras = context.subject.cameras();
     let compared = compare(context, ways, truth, &cameras)?;
-    let timed = interleaved(ways.len(), (context.seconds, 2 * cameras.len()), context.session.watcher, |k, round| {
+    let timed = interleaved(ways.len(), context.seconds, 2 * cameras.len(), context.session.watcher, |k, round| {
         frame(context, &compared[k].0, &ways[k], &cameras[round % cameras.len()])
     })?;
     for ((way, (_, far)), timed) in ways.iter().zip(&compared).zip(&timed) {
-        let mut rung = Rung::new(axis.axis, &way.name).timed(timed, 1e3);
+        let mut rung = RungRecord::new(axis.axis, &way.name).timed(timed, 1e3);
         rung.accuracy = far.psnr();
         rung.figures.insert("largest_error", far.largest);
         rung.figures.insert("pairs", far.pairs);
-        tell(&mut rung, far);
+        tell(&mut rung, way);
         // Equal pictures are exact, whatever drew them.
         rung.exact |= rung.accuracy.is_none();
         axis.rungs.push(rung);

@@ -1,15 +1,15 @@
 //! The axis of eigensolvers: on the subject's own blocks, and by their size.
 
 use super::Context;
-use super::axis::Axis;
+use super::axis::{Axis, Rung, Solver};
 use super::blocks::{self, Problem, jaccard};
-use super::measure::{Sample, Timed, interleaved};
-use super::results::{AxisRecord, Rung, Table, figure};
+use super::records::{AxisRecord, RungRecord, Table, figure};
+use super::timing::{Sample, Timed, interleaved};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::qirf::assemble::{Assembly, Options};
 use crate::qirf::overlap::Metric as Overlaps;
-use crate::qirf::participation::{Factor, Gram, Rung as Way, device};
+use crate::qirf::participation::{Eigensolver, Factor, Gram, device};
 use crate::qirf::partition::Blocks;
 use crate::qirf::rrdm::Density;
 use crate::qirf::select::rank;
@@ -21,7 +21,8 @@ use std::time::Instant;
 const SIZES: [(usize, usize); 4] = [(16, 8), (64, 8), (256, 3), (1024, 1)];
 /// Share of a block whose set is compared: the paper's kappa.
 const KAPPA: (usize, usize) = (22, 100);
-const DEVICE: &str = "device-low-rank-f32";
+/// The solver that the others are compared with.
+const EXACT: Solver = Solver::Host(Eigensolver::Dsygvd);
 /// Members beyond which the device's kernel, one subgroup a block, is left out: blocks have 128 at most unless asked otherwise.
 const DEVICE_MOST: usize = 512;
 
@@ -33,14 +34,9 @@ struct Solution {
     failed: bool,
 }
 
-/// The host's solver of this name.
-fn way(name: &str) -> Option<Way> {
-    Way::ALL.into_iter().find(|w| w.to_string() == name)
-}
-
-fn solve(problem: &Problem, way: Way, basis: &Basis) -> Solution {
+fn solve(problem: &Problem, solver: Eigensolver, basis: &Basis) -> Solution {
     let metric = Gram::new(problem.len(), &problem.overlap, None, basis.epsilon);
-    let p = Factor::new(&metric, way).participation(&problem.rows, basis.tau);
+    let p = Factor::new(&metric, solver).participation(&problem.rows, basis.tau);
     Solution { lambda: p.spectrum.to_vec(), q: p.q, failed: p.canonical }
 }
 
@@ -86,8 +82,7 @@ struct Measured<'a> {
 impl<'a> Measured<'a> {
     fn new(context: &Context<'_>, resident: &'a Resident, blocks: &Blocks) -> Result<Self, Error> {
         let basis = Basis::default();
-        let weights = (basis.eta, basis.epsilon);
-        let problems = blocks::problems(context, resident, blocks, Overlaps::default(), weights)?;
+        let problems = blocks::problems(context, resident, blocks, Overlaps::default(), &basis)?;
         let density = Density { eta: basis.eta as f32, epsilon: basis.epsilon as f32, full: false };
         let options = Options { density: Some(density), ..Options::default() };
         let h = blocks::rows(context, basis.eta);
@@ -96,9 +91,9 @@ impl<'a> Measured<'a> {
     }
 
     /// Solves all blocks, the host's on `parallel` threads or on one.
-    fn run(&self, context: &Context<'_>, name: &str, parallel: bool) -> Result<(Vec<Solution>, Sample), Error> {
-        if let Some(way) = way(name) {
-            let one = |p: &Problem| solve(p, way, &self.basis);
+    fn run(&self, context: &Context<'_>, solver: Solver, parallel: bool) -> Result<(Vec<Solution>, Sample), Error> {
+        if let Solver::Host(solver) = solver {
+            let one = |p: &Problem| solve(p, solver, &self.basis);
             return Ok(Sample::host(|| {
                 if parallel {
                     self.problems.par_iter().with_max_len(1).map(one).collect()
@@ -119,34 +114,34 @@ impl<'a> Measured<'a> {
     }
 
     fn truth(&self) -> Vec<Solution> {
-        self.problems.par_iter().with_max_len(1).map(|p| solve(p, Way::Dsygvd, &self.basis)).collect()
+        self.problems.par_iter().with_max_len(1).map(|p| solve(p, Eigensolver::Dsygvd, &self.basis)).collect()
     }
 
     /// Each rung's distance from `dsygvd`, and its times.
     fn measure(
         &self,
         context: &Context<'_>,
-        rungs: &[String],
+        rungs: &[Rung<Solver>],
         parallel: bool,
         budget: f64,
     ) -> Result<Vec<(Distance, Timed)>, Error> {
         let truth = self.truth();
         let mut distances = Vec::new();
-        for name in rungs {
-            distances.push(distance(&self.run(context, name, parallel)?.0, &truth));
+        for rung in rungs {
+            distances.push(distance(&self.run(context, rung.value, parallel)?.0, &truth));
         }
-        let timed = interleaved(rungs.len(), (budget, 3), context.session.watcher, |k, _| {
-            self.run(context, &rungs[k], parallel).map(|(_, sample)| sample)
+        let timed = interleaved(rungs.len(), budget, 3, context.session.watcher, |k, _| {
+            self.run(context, rungs[k].value, parallel).map(|(_, sample)| sample)
         })?;
         Ok(distances.into_iter().zip(timed).collect())
     }
 }
 
-/// Climbs the axis.
+/// Measures the axis.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Error> {
+pub fn measure(context: &Context<'_>, rungs: &[Rung<Solver>]) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let resident = Resident::upload(context.session.device, model)?;
     let scene = blocks::sampled(model, Basis::default().partition);
@@ -156,10 +151,12 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
         ["largest relative error of q", "dsygvd in float64, block by block", "ms for all blocks measured"],
     );
     let measured = Measured::new(context, &resident, &scene)?;
-    for (name, (d, timed)) in rungs.iter().zip(measured.measure(context, rungs, true, context.seconds)?) {
-        let mut rung = Rung::new(Axis::Solver, name).timed(&timed, 1e3);
+    for (Rung { name, value }, (d, timed)) in
+        rungs.iter().zip(measured.measure(context, rungs, true, context.seconds)?)
+    {
+        let mut rung = RungRecord::new(Axis::Solver, name).timed(&timed, 1e3);
         rung.accuracy = Some(d.q);
-        rung.exact = name == "dsygvd";
+        rung.exact = *value == EXACT;
         rung.figures.insert("lambda_error", d.lambda);
         rung.figures.insert("kept_jaccard", d.jaccard);
         rung.figures.insert("failed_blocks", d.failed as f64);
@@ -179,7 +176,12 @@ pub fn climb(context: &Context<'_>, rungs: &[String]) -> Result<AxisRecord, Erro
 }
 
 /// What a block of each size takes on one thread.
-fn by_size(context: &Context<'_>, resident: &Resident, rungs: &[String], axis: &mut AxisRecord) -> Result<(), Error> {
+fn by_size(
+    context: &Context<'_>,
+    resident: &Resident,
+    rungs: &[Rung<Solver>],
+    axis: &mut AxisRecord,
+) -> Result<(), Error> {
     let mut table = Table {
         title:
             "By members of a block, one block at a time on one thread: microseconds, and the set kept against dsygvd's"
@@ -201,11 +203,12 @@ fn by_size(context: &Context<'_>, resident: &Resident, rungs: &[String], axis: &
             continue;
         }
         let measured = Measured::new(context, resident, &blocks)?;
-        let rungs: Vec<String> = rungs.iter().filter(|r| m <= DEVICE_MOST || *r != DEVICE).cloned().collect();
+        let rungs: Vec<Rung<Solver>> =
+            rungs.iter().filter(|r| m <= DEVICE_MOST || r.value != Solver::Device).cloned().collect();
         let results = measured.measure(context, &rungs, false, 0.2 * context.seconds)?;
         let time = |t: &Timed| t.device.or(t.wall).map_or(f64::NAN, |s| s.median * 1e6 / blocks.len() as f64);
-        let whole = rungs.iter().position(|r| r == "dsygvd").map(|k| time(&results[k].1));
-        for (name, (d, timed)) in rungs.iter().zip(&results) {
+        let whole = rungs.iter().position(|r| r.value == EXACT).map(|k| time(&results[k].1));
+        for (Rung { name, .. }, (d, timed)) in rungs.iter().zip(&results) {
             let ratio = whole.map_or_else(|| "–".to_owned(), |w| figure(w / time(timed)));
             let cells = [figure(time(timed)), ratio, figure(d.q), figure(d.lambda), format!("{:.4}", d.jaccard)];
             table.rows.push([name.clone(), m.to_string()].into_iter().chain(cells).collect());
@@ -219,8 +222,8 @@ fn by_size(context: &Context<'_>, resident: &Resident, rungs: &[String], axis: &
     }
     axis.tables.push(table);
     axis.notes.push(format!(
-        "The set kept is the first {} % of a block by q, scores rounded to 12 bits as the engine rounds them ({DEVICE}: \
-         blocks that fail in float32 are the host's, and have its answer).",
+        "The set kept is the first {} % of a block by q, scores rounded to 12 bits as the engine rounds them (on the device: blocks \
+         that fail in float32 are the host's, and have its answer).",
         KAPPA.0
     ));
     Ok(())

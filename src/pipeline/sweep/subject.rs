@@ -1,6 +1,6 @@
 //! What the light axes look at: a model, its responses, and views of it.
 
-use super::results::Described;
+use super::records::Described;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, formats};

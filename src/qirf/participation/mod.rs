@@ -17,7 +17,7 @@ const ENERGY_SLACK: f64 = 1e-6;
 /// How the eigenproblem is solved: the same solution at three costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Rung {
+pub enum Eigensolver {
     /// LAPACK's full generalized eigensolver in float64, as the paper does.
     Dsygvd,
     /// Cholesky and an 8x8 eigenproblem in float64.
@@ -27,12 +27,12 @@ pub enum Rung {
     LowRankF32,
 }
 
-impl Rung {
-    /// Every rung, dearest first.
+impl Eigensolver {
+    /// All solvers, the slowest first.
     pub const ALL: [Self; 3] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32];
 }
 
-impl fmt::Display for Rung {
+impl fmt::Display for Eigensolver {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Dsygvd => "dsygvd",
@@ -133,7 +133,7 @@ pub struct Participation {
 pub enum Factor {
     /// The metric is the identity.
     Identity,
-    /// For [`Rung::Dsygvd`], which factors anew each time.
+    /// For [`Eigensolver::Dsygvd`], which factors anew each time.
     Full(Gram),
     /// Lower Cholesky factor, m x m, float64.
     Cholesky(Vec<f64>),
@@ -144,21 +144,21 @@ pub enum Factor {
 }
 
 impl Factor {
-    /// Factors `metric` as `rung` asks, falling back to its canonical form.
-    pub fn new(metric: &Gram, rung: Rung) -> Self {
+    /// Factors `metric` by `solver`, falling back to its canonical form.
+    pub fn new(metric: &Gram, solver: Eigensolver) -> Self {
         let m = metric.m;
         if m == 0 {
             return Self::Identity;
         }
-        match rung {
-            Rung::Dsygvd => return Self::Full(metric.clone()),
-            Rung::LowRank => {
+        match solver {
+            Eigensolver::Dsygvd => return Self::Full(metric.clone()),
+            Eigensolver::LowRank => {
                 let mut l = metric.values.clone();
                 if f64::potrf(m, &mut l) {
                     return Self::Cholesky(l);
                 }
             }
-            Rung::LowRankF32 => {
+            Eigensolver::LowRankF32 => {
                 let mut l: Vec<f32> = metric.values.iter().map(|&v| v as f32).collect();
                 if f32::potrf(m, &mut l) {
                     return Self::CholeskyF32(l);

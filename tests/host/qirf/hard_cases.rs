@@ -1,6 +1,6 @@
 //! The design's hard cases: `hard-cases.json` holds 12 pairs with overlaps of 60-digit arithmetic, and 10 blocks.
 
-use qirf_vk::qirf::participation::{Factor, Gram, Rung, norm};
+use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram, norm};
 use qirf_vk::qirf::select::{css, rank};
 use qirf_vk::reference::overlap::{Form, Primitive, overlap, overlap_as};
 use qirf_vk::selftest::hard::{Block, Pair, blocks, pairs as figures};
@@ -58,25 +58,25 @@ fn float32_breaks_the_forms_that_make_the_sum() {
 }
 
 #[test]
-fn every_rung_solves_the_blocks() {
+fn every_solver_solves_the_blocks() {
     assert_eq!(blocks().count(), 10);
     for (name, block) in blocks() {
         let metric = Gram::new(block.m, &block.n.concat(), None, block.eps);
         let w = block.rows();
-        for rung in Rung::ALL {
-            let solved = Factor::new(&metric, rung).participation(&w, 0.95);
-            let tolerance = Block::tolerance(name, rung == Rung::LowRankF32);
+        for solver in Eigensolver::ALL {
+            let solved = Factor::new(&metric, solver).participation(&w, 0.95);
+            let tolerance = Block::tolerance(name, solver == Eigensolver::LowRankF32);
             let most = block.lam[0].max(1e-12);
             for (got, expected) in solved.spectrum.iter().zip(&block.lam) {
-                assert!((got - expected).abs() <= tolerance * most, "{name} {rung}: lambda {got} for {expected}");
+                assert!((got - expected).abs() <= tolerance * most, "{name} {solver}: lambda {got} for {expected}");
             }
-            assert_eq!(solved.r, block.r, "{name} {rung}");
+            assert_eq!(solved.r, block.r, "{name} {solver}");
             let most = block.q.iter().copied().fold(1e-12, f64::max);
             for (got, expected) in solved.q.iter().zip(&block.q) {
-                assert!((got - expected).abs() <= tolerance * most, "{name} {rung}: q {got} for {expected}");
+                assert!((got - expected).abs() <= tolerance * most, "{name} {solver}: q {got} for {expected}");
             }
-            assert_eq!(first(&rank(&solved.q), block.k), block.paper_topk, "{name} {rung}");
-            assert!(!solved.canonical, "{name} {rung}");
+            assert_eq!(first(&rank(&solved.q), block.k), block.paper_topk, "{name} {solver}");
+            assert!(!solved.canonical, "{name} {solver}");
         }
     }
 }

@@ -1,9 +1,9 @@
-//! The rungs agree; fallbacks; batches.
+//! The solvers agree; fallbacks; batches.
 
 use proptest::prelude::*;
 use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
 use qirf_vk::qirf::normalise::within_block;
-use qirf_vk::qirf::participation::{Factor, Gram, Rung, lowdin};
+use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram, lowdin};
 use qirf_vk::qirf::select::{css, rank};
 use qirf_vk::qirf::{CHANNELS, Row};
 use qirf_vk::random::uniform;
@@ -34,11 +34,11 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn the_rungs_agree(m in 1..90_usize, density in 0.05..20.0_f64, seed in any::<u64>()) {
+    fn the_solvers_agree(m in 1..90_usize, density in 0.05..20.0_f64, seed in any::<u64>()) {
         let (n, rows) = random_block(m, density, seed);
         let metric = Gram::new(m, &n, None, 1e-4);
         let w = within_block(&wide(&rows), 0.75, 1e-4);
-        let [full, low, single] = Rung::ALL.map(|rung| Factor::new(&metric, rung).participation(&w, 0.95));
+        let [full, low, single] = Eigensolver::ALL.map(|solver| Factor::new(&metric, solver).participation(&w, 0.95));
         let most = full.q.iter().copied().fold(0.0, f64::max);
         for k in 0..CHANNELS {
             prop_assert!((full.spectrum[k] - low.spectrum[k]).abs() <= 1e-10 * full.spectrum[0]);
@@ -55,7 +55,7 @@ proptest! {
 }
 
 #[test]
-fn every_rung_agrees_with_the_twin() {
+fn every_solver_agrees_with_the_twin() {
     for (m, density, seed) in [(1, 1.0, 1), (5, 0.1, 2), (24, 20.0, 3), (60, 3.0, 4), (90, 0.5, 5)] {
         let (n, rows) = random_block(m, density, seed);
         let gram = Gram::new(m, &n, None, 1e-4);
@@ -63,14 +63,20 @@ fn every_rung_agrees_with_the_twin() {
         let overlaps: Vec<f64> = n.iter().map(|&x| f64::from(x)).collect();
         let twin = participation(&overlaps, &w, 1e-4, 0.95).expect("a positive definite metric");
         let most = twin.q.iter().copied().fold(0.0, f64::max);
-        for (rung, allowed) in Rung::ALL.into_iter().zip([1e-8, 1e-8, 2e-2]) {
-            let solved = Factor::new(&gram, rung).participation(&w, 0.95);
-            assert!(rung == Rung::LowRankF32 || solved.r == twin.r, "{rung}, {m} members");
+        for (solver, allowed) in Eigensolver::ALL.into_iter().zip([1e-8, 1e-8, 2e-2]) {
+            let solved = Factor::new(&gram, solver).participation(&w, 0.95);
+            assert!(solver == Eigensolver::LowRankF32 || solved.r == twin.r, "{solver}, {m} members");
             for (got, expected) in solved.spectrum.iter().zip(&twin.spectrum) {
-                assert!((got - expected).abs() <= allowed * twin.spectrum[0], "{rung}, {m} members: {got}, {expected}");
+                assert!(
+                    (got - expected).abs() <= allowed * twin.spectrum[0],
+                    "{solver}, {m} members: {got}, {expected}"
+                );
             }
             for (got, expected) in solved.q.iter().zip(&twin.q) {
-                assert!(rung == Rung::LowRankF32 || (got - expected).abs() <= allowed * most, "{rung}, {m} members");
+                assert!(
+                    solver == Eigensolver::LowRankF32 || (got - expected).abs() <= allowed * most,
+                    "{solver}, {m} members"
+                );
             }
         }
     }
@@ -82,7 +88,7 @@ fn float32_keeps_the_same_set_of_separate_functions() {
         let (n, rows) = random_block(64, 0.3, seed);
         let metric = Gram::new(64, &n, None, 1e-4);
         let w = within_block(&wide(&rows), 0.75, 1e-4);
-        let [full, _, single] = Rung::ALL.map(|rung| Factor::new(&metric, rung).participation(&w, 0.95));
+        let [full, _, single] = Eigensolver::ALL.map(|solver| Factor::new(&metric, solver).participation(&w, 0.95));
         let kept = |q: &[f64]| rank(q).iter().map(|&place| place < 18).collect::<Vec<_>>();
         let differing = kept(&full.q).iter().zip(kept(&single.q)).filter(|(a, b)| **a != *b).count();
         assert!(differing <= 2, "{differing} of block {seed}"); // at most one near tie changes sides
@@ -111,12 +117,12 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
     let n = [1.0, 1.2, 0.0, 1.2, 1.0, 0.0, 0.0, 0.0, 1.0];
     let metric = Gram::new(3, &n, None, 1e-4);
     let w: Vec<Row> = vec![[1.0; CHANNELS], [1.0; CHANNELS], [0.5; CHANNELS]];
-    for rung in Rung::ALL {
-        let solved = Factor::new(&metric, rung).participation(&w, 0.95);
-        assert!(solved.canonical, "{rung}");
+    for solver in Eigensolver::ALL {
+        let solved = Factor::new(&metric, solver).participation(&w, 0.95);
+        assert!(solved.canonical, "{solver}");
         // Along (1, 1)/sqrt 2: lambda = 16 / 2.2001; along e_3: 8/4 / 1.0001; their sum is of rank one, 8 columns alike.
         let expected = 16.0 / 2.2001 + 2.0 / 1.0001;
-        assert!((solved.spectrum[0] - expected).abs() < 1e-6, "{rung}: {}", solved.spectrum[0]);
+        assert!((solved.spectrum[0] - expected).abs() < 1e-6, "{solver}: {}", solved.spectrum[0]);
         assert!(solved.q.iter().all(|q| q.is_finite() && *q > 0.0));
         assert!((solved.q[0] - solved.q[1]).abs() < 1e-12);
     }
@@ -125,8 +131,8 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
 #[test]
 fn a_metric_without_any_positive_eigenvalue_still_answers() {
     let metric = Gram::new(2, &[-1.0, 0.0, 0.0, -2.0], None, 1e-4);
-    for rung in Rung::ALL {
-        let solved = Factor::new(&metric, rung).participation(&[[1.0; CHANNELS]; 2], 0.95);
+    for solver in Eigensolver::ALL {
+        let solved = Factor::new(&metric, solver).participation(&[[1.0; CHANNELS]; 2], 0.95);
         assert_eq!((solved.q, solved.r, solved.canonical), (vec![0.0; 2], 1, true));
     }
     assert_eq!(lowdin(&metric, &[&[[1.0; CHANNELS]; 2]]), [[0.0; 2]]);
@@ -140,7 +146,7 @@ fn lowdin_is_the_metrics_inverse_root() {
     // sum of squares of the scores = tr W^T M^-1 W = the sum of the eigenvalues.
     let scores = &lowdin(&metric, &[&w])[0];
     let sum: f64 = scores.iter().map(|x| x * x).sum();
-    let solved = Factor::new(&metric, Rung::LowRank).participation(&w, 0.95);
+    let solved = Factor::new(&metric, Eigensolver::LowRank).participation(&w, 0.95);
     let total: f64 = solved.spectrum.iter().sum();
     assert!((sum / total - 1.0).abs() < 1e-9);
     let identity: Vec<f32> = (0..9).map(|k| if k % 4 == 0 { 1.0 } else { 0.0 }).collect();
@@ -219,7 +225,7 @@ fn the_literal_raw_overlap_drowns_in_epsilon() {
     let (n, rows) = random_block(20, 3.0, 1);
     let own = vec![1e-9; 20];
     let w = within_block(&wide(&rows), 0.75, 1e-4);
-    let raw = Factor::new(&Gram::new(20, &n, Some(&own), 1e-4), Rung::LowRank).participation(&w, 0.95);
+    let raw = Factor::new(&Gram::new(20, &n, Some(&own), 1e-4), Eigensolver::LowRank).participation(&w, 0.95);
     let ordinary = Factor::Identity.participation(&w, 0.95);
     assert_eq!(rank(&raw.q), rank(&ordinary.q));
 }
@@ -241,8 +247,8 @@ fn microseconds_a_block() {
         };
         time("metric", &|| drop(Gram::new(m, &n, None, 1e-4)));
         let metric = Gram::new(m, &n, None, 1e-4);
-        for rung in Rung::ALL {
-            time(&rung.to_string(), &|| drop(Factor::new(&metric, rung).participation(&w, 0.95)));
+        for solver in Eigensolver::ALL {
+            time(&solver.to_string(), &|| drop(Factor::new(&metric, solver).participation(&w, 0.95)));
         }
         time("lowdin", &|| drop(lowdin(&metric, &[&w])));
         let weights: Vec<f64> = w.iter().map(|row| row.iter().map(|x| x * x).sum::<f64>().sqrt()).collect();

@@ -1,4 +1,4 @@
-//! Blocks of a real model, with random responses: the rungs give one answer, and what they cost.
+//! Blocks of a real model, with random responses: the solvers give one answer, and what they cost.
 
 use crate::support::shared;
 use std::time::{Duration, Instant};
@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use qirf_vk::gaussians::formats;
 use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
 use qirf_vk::qirf::normalise::{rows, within_block};
-use qirf_vk::qirf::participation::{Factor, Gram, Rung};
+use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram};
 use qirf_vk::qirf::partition::Partition;
 use qirf_vk::qirf::select::budget::{Budget, Keep, choose};
 use qirf_vk::qirf::select::rank;
@@ -59,7 +59,7 @@ fn a_thousand_real_blocks() {
         let wide: Vec<Row> = gathered[b].iter().map(|row| row.map(f64::from)).collect();
         let w = within_block(&wide, ETA, EPSILON);
         let metric = Gram::new(m, &all[b], None, EPSILON);
-        let [full, low, single] = Rung::ALL.map(|rung| Factor::new(&metric, rung).participation(&w, TAU));
+        let [full, low, single] = Eigensolver::ALL.map(|solver| Factor::new(&metric, solver).participation(&w, TAU));
         for (x, y) in full.spectrum.iter().zip(&low.spectrum) {
             assert!((x - y).abs() <= 1e-10 * full.spectrum[0].max(f64::MIN_POSITIVE), "block {b}: {x} and {y}");
         }

@@ -1,7 +1,7 @@
 //! What a sweep measured: `sweep.json`, schema 1, and its lines as `sweep.csv`.
 
 use super::axis::Axis;
-use super::measure::{Spread, Timed};
+use super::timing::{Spread, Timed};
 use crate::gpu::DeviceInfo;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -57,7 +57,7 @@ pub enum Better {
 
 /// One step of an axis.
 #[derive(Clone, Debug, Serialize)]
-pub struct Rung {
+pub struct RungRecord {
     /// Its name: what `--axis NAME=` takes.
     pub name: String,
     /// Whether the engine takes it unless asked otherwise.
@@ -76,7 +76,7 @@ pub struct Rung {
     pub figures: BTreeMap<&'static str, f64>,
 }
 
-impl Rung {
+impl RungRecord {
     /// A rung without any measure yet.
     pub fn new(axis: Axis, name: &str) -> Self {
         Self {
@@ -127,7 +127,7 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
 }
 
-/// An axis, climbed.
+/// An axis, measured.
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisRecord {
     /// Which.
@@ -145,7 +145,7 @@ pub struct AxisRecord {
     /// The figure that the plot has in the place of time; none for time.
     pub abscissa: Option<&'static str>,
     /// The rungs.
-    pub rungs: Vec<Rung>,
+    pub rungs: Vec<RungRecord>,
     /// What the next more exact rung would cost, in a sentence.
     pub sentence: String,
     /// Where the axis is flat, and why; empty where it is not.
@@ -193,7 +193,7 @@ impl AxisRecord {
             values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)))
         };
         if self.rungs.len() > 1 {
-            let (low, high) = range(self.rungs.iter().filter_map(Rung::seconds).collect());
+            let (low, high) = range(self.rungs.iter().filter_map(RungRecord::seconds).collect());
             let times: Vec<Spread> = self.rungs.iter().filter_map(|r| r.time).filter(|t| t.samples > 1).collect();
             let together = times.len() == self.rungs.len() && times.iter().all(|a| times.iter().all(|b| a.overlaps(b)));
             if low > 0.0 && (high / low < EQUALLY_FAST || together) {
@@ -218,7 +218,7 @@ impl AxisRecord {
         let Some(own) = default.badness(self.better) else {
             return format!("The accuracy of the default, {}, could not be measured.", default.name);
         };
-        let of = |r: &Rung| Some((r.badness(self.better)?, r.seconds()?));
+        let of = |r: &RungRecord| Some((r.badness(self.better)?, r.seconds()?));
         let others = || self.rungs.iter().filter(|r| !r.default).filter_map(|r| Some((r, of(r)?)));
         let next = others().filter(|(_, (bad, _))| *bad < own).max_by(|(_, a), (_, b)| {
             // The least step; of equal ones the faster.
@@ -252,7 +252,7 @@ impl AxisRecord {
     }
 
     /// How a rung's time differs from another's, in words and figures.
-    fn change(&self, rung: &Rung, from: &Rung) -> String {
+    fn change(&self, rung: &RungRecord, from: &RungRecord) -> String {
         let (Some(a), Some(b)) = (rung.time, from.time) else { return "takes a time that was not measured".to_owned() };
         let figures = format!("{} instead of {} {}", figure(a.median), figure(b.median), self.time);
         let words = match a.median / b.median {
@@ -266,7 +266,7 @@ impl AxisRecord {
     }
 
     /// A rung's accuracy as it is read.
-    pub fn shown(&self, rung: &Rung) -> String {
+    pub fn shown(&self, rung: &RungRecord) -> String {
         match rung.accuracy {
             Some(a) => figure(a),
             None if rung.exact => "exact".to_owned(),
@@ -332,7 +332,11 @@ mod tests {
         let mut axis = AxisRecord::new(Axis::Stop, "", ["error", "", "ms a frame"]);
         for (name, time, error) in points {
             let time = Spread { median: *time, q1: *time, q3: *time, samples: 3 };
-            axis.rungs.push(Rung { accuracy: Some(*error), time: Some(time), ..Rung::new(Axis::Stop, name) });
+            axis.rungs.push(RungRecord {
+                accuracy: Some(*error),
+                time: Some(time),
+                ..RungRecord::new(Axis::Stop, name)
+            });
         }
         axis.judged(["so it is.", "so it is."])
     }

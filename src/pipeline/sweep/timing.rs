@@ -93,7 +93,8 @@ pub struct Timed {
 /// The first of a body; [`Error::Interrupted`].
 pub fn interleaved(
     rungs: usize,
-    (budget, least): (f64, usize),
+    budget: f64,
+    least: usize,
     watcher: &dyn Watcher,
     mut body: impl FnMut(usize, usize) -> Result<Sample, Error>,
 ) -> Result<Vec<Timed>, Error> {
@@ -136,7 +137,7 @@ mod tests {
     #[test]
     fn rungs_take_turns_and_slow_ones_sit_out() {
         let mut turns = Vec::new();
-        let timed = interleaved(3, (0.0, 5), &Silent, |rung, round| {
+        let timed = interleaved(3, 0.0, 5, &Silent, |rung, round| {
             turns.push((round, rung));
             if rung == 1 {
                 std::thread::sleep(std::time::Duration::from_millis(30));
