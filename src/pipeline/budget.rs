@@ -14,7 +14,7 @@ use crate::gpu::{Device, staging_bytes};
 use crate::qirf::study;
 use crate::render::Style;
 use crate::response::{ResidentResponses, ResidentScores};
-use crate::train::{Demand, Trainer};
+use crate::train::{Trainer, TrainerNeeds};
 
 /// How often its first number of Gaussians a run is assumed to reach, where `--max-gaussians` allows it.
 const GROWTH: usize = 4;
@@ -47,8 +47,9 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         let (antialias, halves) = (config.effects.forced(Effect::Antialias) != Some(false), schedule.halves(1));
         let depth_order = config.effects.forced(Effect::DepthOrder) == Some(true);
         let style = Style { antialias, depth_order };
-        let demand = Demand { gaussians, pairs, size, photos, degree, exposure, masked, style, halves, grows, pruning };
-        Trainer::bytes(device, &demand) + Evaluator::bytes(device, gaussians, size, style)
+        let trainer =
+            TrainerNeeds { gaussians, pairs, size, photos, degree, exposure, masked, style, halves, grows, pruning };
+        Trainer::bytes(device, &trainer) + Evaluator::bytes(device, gaussians, size, style)
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
     let expected = grown.max(now);
@@ -105,7 +106,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
     let evaluates = resident + Evaluator::bytes(device, gaussians, size, style);
     let studies = resident + study::bytes(gaussians);
     let responds = resident + virtual_views::bytes(device, gaussians, size, pairs, style);
-    let demand = Demand {
+    let trainer = TrainerNeeds {
         gaussians: trained,
         pairs: pairs::most(device, trained),
         size,
@@ -119,7 +120,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
         pruning: study::bytes(trained),
     };
     let rows = ResidentResponses::bytes(trained) + ResidentScores::bytes(trained);
-    let trains = if trained > 0 { Trainer::bytes(device, &demand) + rows } else { 0 };
+    let trains = if trained > 0 { Trainer::bytes(device, &trainer) + rows } else { 0 };
     let needed = evaluates.max(studies).max(trains).max(if own_pictures { responds } else { 0 });
     let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };
     check(device, "the compression", gaussians, size, needed, relief)

@@ -8,7 +8,7 @@ use crate::gaussians::outline::outline;
 use crate::gaussians::resident::Resident;
 use crate::render::{Renderer, Settings};
 use crate::scene::camera::{self, Camera};
-use crate::scene::orbit::Look;
+use crate::scene::orbit::{Framing, Look};
 use crate::scene::{Resize, Scene, View};
 use glam::DVec3;
 use std::collections::HashSet;
@@ -53,7 +53,7 @@ impl Orbit {
     /// The pictures of a model, below `folder`. The near plane of `config` comes closer where the model is small.
     pub fn shots(&self, model: &Gaussians, folder: &Path, config: &mut RenderConfig) -> Vec<Shot> {
         let outline = outline(model, self.up);
-        let (height, distance) = outline.framing(&self.look);
+        let Framing { height, distance } = outline.framing(&self.look);
         tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", outline.centre);
         config.settings.near = config.settings.near.min((NEAR * distance) as f32);
         let digits = self.count.to_string().len().max(3);

@@ -14,7 +14,7 @@ pub use count::Count;
 pub use gather::gather;
 pub use reduce::reduce;
 pub use scan::Scan;
-pub use segmented_sum::segmented_sum;
+pub use segmented_sum::{Segments, segmented_sum};
 pub use sort::{Pairs, Sort};
 
 /// Invocations of a workgroup where nothing asks for another number.

@@ -68,6 +68,13 @@ impl Shape {
     }
 }
 
+/// Bits of a key that one pass sorts by.
+#[derive(Clone, Copy)]
+struct Digit {
+    shift: u32,
+    width: u32,
+}
+
 impl Sort {
     /// Pairs that one workgroup takes, for sorts of this capacity on this device.
     pub fn block(device: &Device, capacity: u32) -> u32 {
@@ -106,7 +113,7 @@ impl Sort {
         for pass in 0..passes {
             // Passes of even width: 11 bits are 6 and 5, not 8 and 3.
             let width = (bits - shift).div_ceil(passes - pass);
-            self.pass(recording, count, from, to, shift, width);
+            self.pass(recording, count, from, to, Digit { shift, width });
             shift += width;
             std::mem::swap(&mut from, &mut to);
         }
@@ -118,7 +125,8 @@ impl Sort {
         if bits.div_ceil(DIGIT_BITS).is_multiple_of(2) { pairs } else { &self.other }
     }
 
-    fn pass(&self, recording: &mut Recording, count: &Count, from: &Pairs, to: &Pairs, shift: u32, width: u32) {
+    fn pass(&self, recording: &mut Recording, count: &Count, from: &Pairs, to: &Pairs, digit: Digit) {
+        let Digit { shift, width } = digit;
         let kernel = |phase| Kernel {
             count: &count.value,
             keys_in: &from.keys,

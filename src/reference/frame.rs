@@ -6,7 +6,7 @@ use super::{
     project::{Culled, Projected, project},
     project_backward::project_backward,
     rasterise::{Composite, rasterise},
-    rasterise_backward::{SlotSums, rasterise_backward},
+    rasterise_backward::{ImageGradient, SlotSums, rasterise_backward},
 };
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::kernels::constants::blending::float64::TRANSMITTANCE_STOP;
@@ -15,6 +15,7 @@ use crate::scene::camera::Camera;
 
 /// Settings of image formation.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::struct_excessive_bools, reason = "switches of the formula, each on its own")]
 pub struct Settings {
     /// Colour behind everything.
     pub background: [f64; 3],
@@ -95,7 +96,8 @@ pub fn gradients(
     dl_dalpha: Option<&[f64]>,
 ) -> Gradients {
     let Rendered { composite, projected, tiles } = render(params, camera, settings);
-    let sums = rasterise_backward(&projected, &tiles, camera, settings, &composite, dl_dimage, dl_dalpha);
+    let gradient = ImageGradient { colour: dl_dimage, alpha: dl_dalpha };
+    let sums = rasterise_backward(&projected, &tiles, camera, settings, &composite, gradient);
     let mut by_params = params.zeros_like();
     let half = [0.5 * f64::from(camera.width), 0.5 * f64::from(camera.height)];
     let mean2d_ndc = sums

@@ -62,17 +62,24 @@ impl SlotSums {
     }
 }
 
-/// The sums of every Gaussian of the model, zero where it touches no pixel.
-///
-/// `dl_dimage` and `dl_dalpha` hold one entry per pixel, row by row. The order of summation is fixed, as in the forward pass.
+/// A loss's derivatives, one entry per pixel, row by row.
+#[derive(Clone, Copy)]
+pub struct ImageGradient<'a> {
+    /// By the pixels' red, green and blue.
+    pub colour: &'a [[f64; 3]],
+    /// By their opacities; none for zeros.
+    pub alpha: Option<&'a [f64]>,
+}
+
+/// The sums of every Gaussian of the model, zero where it touches no pixel. The order of summation is fixed, as in the
+/// forward pass.
 pub fn rasterise_backward(
     projected: &[Result<Projected, Culled>],
     tiles: &Tiles,
     camera: &Camera,
     settings: &Settings,
     forward: &Composite,
-    dl_dimage: &[[f64; 3]],
-    dl_dalpha: Option<&[f64]>,
+    gradient: ImageGradient<'_>,
 ) -> Vec<SlotSums> {
     let background = DVec3::from(settings.background);
     let slots: Vec<Vec<SlotSums>> = (0..tiles.offsets.len() - 1)
@@ -84,8 +91,8 @@ pub fn rasterise_backward(
             for y in rows {
                 for x in columns.clone() {
                     let at = (y * camera.width + x) as usize;
-                    let g = DVec3::from(dl_dimage[at]);
-                    let ga = dl_dalpha.map_or(0.0, |v| v[at]);
+                    let g = DVec3::from(gradient.colour[at]);
+                    let ga = gradient.alpha.map_or(0.0, |v| v[at]);
                     let mut behind = g.dot(DVec3::from(forward.image[at]) - background) + ga * forward.alpha[at];
                     walk(list, projected, (x, y), settings, |k, p, s, transmittance| {
                         let weight = transmittance * s.alpha;

@@ -37,19 +37,28 @@ impl Default for Look {
     }
 }
 
-/// Up where nothing else is said: captures keep COLMAP's axes, y down, in every file format.
+/// Where a camera on the circle looks, and from how far.
+#[derive(Clone, Copy, Debug)]
+pub struct Framing {
+    /// Height of the point looked at over the centre, in world units.
+    pub height: f64,
+    /// Distance of the camera from that point, in world units.
+    pub distance: f64,
+}
+
+/// Up, unless said otherwise: captures keep COLMAP's axes, y down, in every file format.
 pub const UP: DVec3 = DVec3::NEG_Y;
 
 impl Outline {
-    /// Where to look (height over the centre) and from how far, so that the whole fills the picture and sits in its middle.
-    pub fn framing(&self, look: &Look) -> (f64, f64) {
+    /// Where to look and from how far, so that the whole fills the picture and sits in its middle.
+    pub fn framing(&self, look: &Look) -> Framing {
         let reach = self.rings.iter().map(|(h, r)| h.hypot(*r)).fold(0.0, f64::max);
         let (mut near, mut far) = (0.0, reach * 200.0 + f64::MIN_POSITIVE);
         for _ in 0..60 {
             let middle = 0.5 * (near + far);
             if self.fits(look, middle).1 { far = middle } else { near = middle }
         }
-        (self.fits(look, far).0, far)
+        Framing { height: self.fits(look, far).0, distance: far }
     }
 
     /// For a distance: the height to look at, and whether all is in the picture.
@@ -95,7 +104,8 @@ impl Outline {
         self.camera_at(turns, look, self.framing(look))
     }
 
-    fn camera_at(&self, turns: f64, look: &Look, (height, distance): (f64, f64)) -> Camera {
+    fn camera_at(&self, turns: f64, look: &Look, framing: Framing) -> Camera {
+        let Framing { height, distance } = framing;
         let front = if self.up.z.abs() > 0.5 { DVec3::NEG_Y } else { DVec3::NEG_Z };
         let side = self.up.cross(front);
         let target = self.centre + self.up * height;

@@ -2,7 +2,7 @@
 
 use super::Measure;
 use crate::gpu::{Device, Recording, Result};
-use crate::primitives::{Count, Pairs, Scan, Sort, compact, segmented_sum};
+use crate::primitives::{Count, Pairs, Scan, Segments, Sort, compact, segmented_sum};
 use crate::random::Random;
 
 const LARGE: u32 = 1_000_003;
@@ -131,7 +131,8 @@ pub(super) fn segments(device: &Device) -> Result<Vec<Measure>> {
     let (d_starts, d_lengths) = (device.upload("starts", &starts)?, device.upload("lengths", &lengths)?);
     let d_rows = device.upload("rows", &data)?;
     let mut recording = Recording::new();
-    segmented_sum(&mut recording, &count, &d_starts, &d_lengths, &d_rows, &sums, width);
+    let segments = Segments { starts: &d_starts, lengths: &d_lengths };
+    segmented_sum(&mut recording, &count, segments, &d_rows, &sums, width);
     device.run(recording)?;
     let expected: Vec<f32> = (0..lengths.len() * width as usize)
         .map(|i| {

@@ -91,7 +91,7 @@ pub fn ahead() -> Camera {
 
 /// How a hard Gaussian fares.
 #[derive(Clone, Copy, Debug)]
-pub struct Fared {
+pub struct CaseErrors {
     /// Largest error of a pixel's red, green, blue or alpha.
     pub picture: f64,
     /// Whether one of device and twin draws it and the other does not.
@@ -108,7 +108,7 @@ pub struct Fared {
 ///
 /// # Errors
 /// Device memory; device errors.
-pub fn fare(device: &Device, hard: &Hard, antialias: bool) -> Result<Fared> {
+pub fn case_errors(device: &Device, hard: &Hard, antialias: bool) -> Result<CaseErrors> {
     let camera = ahead();
     let settings = Settings { near: NEAR, ..Style { antialias, ..Style::default() }.over([0.0; 3]) };
     let model = Gaussians {
@@ -131,19 +131,19 @@ pub fn fare(device: &Device, hard: &Hard, antialias: bool) -> Result<Fared> {
     let differs = (alpha > 0.0) != twin.alpha.iter().any(|a| *a > 0.0);
     let mut slopes = expected(&model, &camera, settings, &weights);
     let gradient = relative(&mut drawn.gradients, &mut slopes, least(&weights));
-    Ok(Fared { picture, differs, alpha, gradient, skipped: drawn.skipped })
+    Ok(CaseErrors { picture, differs, alpha, gradient, skipped: drawn.skipped })
 }
 
 fn all(device: &Device, cases: &[Hard], allowed: f64) -> Result<Vec<Measure>> {
     let (mut picture, mut gradient, mut differing, mut skipped, mut alpha) = (0.0, 0.0, 0, 0, 0.0_f64);
     for hard in cases {
         for antialias in [false, true] {
-            let fared = fare(device, hard, antialias)?;
-            picture = worse(picture, fared.picture);
-            gradient = worse(gradient, fared.gradient);
-            differing += usize::from(fared.differs);
-            skipped += fared.skipped;
-            alpha = alpha.max(f64::from(fared.alpha));
+            let errors = case_errors(device, hard, antialias)?;
+            picture = worse(picture, errors.picture);
+            gradient = worse(gradient, errors.gradient);
+            differing += usize::from(errors.differs);
+            skipped += errors.skipped;
+            alpha = alpha.max(f64::from(errors.alpha));
         }
     }
     Ok(vec![

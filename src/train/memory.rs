@@ -15,7 +15,8 @@ use crate::render::{Renderer, Style, Uses};
 
 /// What the memory of a run depends on.
 #[derive(Clone, Debug)]
-pub struct Demand {
+#[expect(clippy::struct_excessive_bools, reason = "facts about a run, each on its own")]
+pub struct TrainerNeeds {
     /// Largest number of Gaussians.
     pub gaussians: usize,
     /// Largest number of (tile, Gaussian) pairs of a picture.
@@ -42,22 +43,22 @@ pub struct Demand {
 
 impl Trainer {
     /// Peak device memory of a run, in bytes.
-    pub fn bytes(device: &Device, demand: &Demand) -> u64 {
-        let &Demand { gaussians: n, pairs, size, degree, grows, .. } = demand;
+    pub fn bytes(device: &Device, needs: &TrainerNeeds) -> u64 {
+        let &TrainerNeeds { gaussians: n, pairs, size, degree, grows, .. } = needs;
         let model = Trainee::bytes(n, degree);
-        let uses = Uses { training: true, depth_order: demand.style.depth_order };
+        let uses = Uses { training: true, depth_order: needs.style.depth_order };
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
         let pictures =
-            DevicePhotos::bytes(&demand.photos, device.memory_limit()) + Loss::bytes(device, size[0], size[1]);
+            DevicePhotos::bytes(&needs.photos, device.memory_limit()) + Loss::bytes(device, size[0], size[1]);
         let pixels = size[0] as usize * size[1] as usize;
-        let exposures = if demand.exposure { Exposure::bytes(demand.photos.len(), pixels) } else { 0 };
-        let pictures = pictures + exposures + if demand.masked { Mask::bytes(pixels) } else { 0 };
-        let pictures = pictures + if demand.halves { Halve::bytes(size) } else { 0 };
-        let pictures = pictures + if demand.style.antialias { Smoothing::bytes(demand.photos.len()) } else { 0 };
+        let exposures = if needs.exposure { Exposure::bytes(needs.photos.len(), pixels) } else { 0 };
+        let pictures = pictures + exposures + if needs.masked { Mask::bytes(pixels) } else { 0 };
+        let pictures = pictures + if needs.halves { Halve::bytes(size) } else { 0 };
+        let pictures = pictures + if needs.style.antialias { Smoothing::bytes(needs.photos.len()) } else { 0 };
         let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
         // Downloads stage one array at a time; the widest are moments, twice as wide as their parameters.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
-        let passing = growth.max(demand.pruning).max(staging_bytes(widest));
+        let passing = growth.max(needs.pruning).max(staging_bytes(widest));
         model + renderer + pictures + passing
     }
 }

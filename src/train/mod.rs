@@ -21,7 +21,7 @@ mod trainee;
 mod trainer;
 
 pub use error::{Error, Result};
-pub use memory::Demand;
+pub use memory::TrainerNeeds;
 pub use options::Options;
 pub use trainee::Trainee;
 pub use trainer::{Progress, Trainer};

@@ -2,7 +2,7 @@
 
 use crate::support::{device, finish};
 use qirf_vk::gpu::{Buffer, Device, Recording};
-use qirf_vk::primitives::{Count, Pairs, Scan, Sort, WORKGROUP, compact, gather, reduce, segmented_sum};
+use qirf_vk::primitives::{Count, Pairs, Scan, Segments, Sort, WORKGROUP, compact, gather, reduce, segmented_sum};
 
 /// Sizes round every boundary: subgroups, workgroups, blocks, powers of two.
 fn sizes(device: &Device) -> Vec<u32> {
@@ -159,7 +159,8 @@ fn compact_gather_and_segmented_sum() {
     let (starts_d, lengths_d) = (device.upload("s", &starts).unwrap(), device.upload("l", &lengths).unwrap());
     let rows_d = device.upload("rows", &rows).unwrap();
     let mut recording = Recording::new();
-    segmented_sum(&mut recording, &count, &starts_d, &lengths_d, &rows_d, &sums, 3);
+    let segments = Segments { starts: &starts_d, lengths: &lengths_d };
+    segmented_sum(&mut recording, &count, segments, &rows_d, &sums, 3);
     device.run(recording).unwrap();
     let expected: Vec<f32> = (0..600)
         .map(|i| {
@@ -183,7 +184,8 @@ fn one_segment_may_be_everything() {
     let (starts_d, lengths_d) = (device.upload("s", &starts).unwrap(), device.upload("l", &lengths).unwrap());
     let rows_d = device.upload("rows", &rows).unwrap();
     let mut recording = Recording::new();
-    segmented_sum(&mut recording, &count, &starts_d, &lengths_d, &rows_d, &sums, 1);
+    let segments = Segments { starts: &starts_d, lengths: &lengths_d };
+    segmented_sum(&mut recording, &count, segments, &rows_d, &sums, 1);
     device.run(recording).unwrap();
     let long = rows[..100_003].iter().fold(0.0, |s: f32, r| s + r);
     assert_eq!(sums.read(&device).unwrap(), [0.0, long, 0.0, 0.0, rows[100_003]], "to the bit, in order");

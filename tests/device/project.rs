@@ -3,13 +3,13 @@
 use crate::support::{device, finish};
 use qirf_vk::render::Settings;
 use qirf_vk::selftest::backward::{there_and_back, weights};
-use qirf_vk::selftest::project::{Hard, ahead, fare, logits, places, rotations, scales};
+use qirf_vk::selftest::project::{Hard, ahead, case_errors, logits, places, rotations, scales};
 
 fn table(cases: &[Hard]) {
     let device = device();
     for hard in cases {
         for antialias in [false, true] {
-            let f = fare(&device, hard, antialias).unwrap();
+            let f = case_errors(&device, hard, antialias).unwrap();
             println!(
                 "{:<36} {} picture {:.1e}, alpha {:.3}, gradients {:.1e}",
                 hard.name,

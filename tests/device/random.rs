@@ -3,7 +3,7 @@
 use crate::support::{Random, device, finish, seed};
 use qirf_vk::qirf::overlap::Method;
 use qirf_vk::selftest::overlap::{errors, random_rows};
-use qirf_vk::selftest::project::{Hard, fare};
+use qirf_vk::selftest::project::{Hard, case_errors};
 
 #[test]
 fn overlaps_of_ten_thousand_pairs() {
@@ -52,17 +52,17 @@ fn gaussians_of_any_kind() {
             },
             logit: r.within(-8.0, 30.0) as f32,
         };
-        let fared = fare(&device, &hard, k % 2 == 0).unwrap();
+        let errors = case_errors(&device, &hard, k % 2 == 0).unwrap();
         let told = format!(
-            "{}: {fared:?}; {:?} {:?} {:?} {}",
+            "{}: {errors:?}; {:?} {:?} {:?} {}",
             hard.name, hard.mean, hard.log_scale, hard.rotation, hard.logit
         );
-        drawn += usize::from(fared.alpha > 0.0);
-        worst_picture = worst_picture.max(fared.picture);
-        worst_gradient = worst_gradient.max(fared.gradient);
-        assert!(fared.skipped == 0 && fared.alpha <= 0.99 + 1e-6, "{told}");
+        drawn += usize::from(errors.alpha > 0.0);
+        worst_picture = worst_picture.max(errors.picture);
+        worst_gradient = worst_gradient.max(errors.gradient);
+        assert!(errors.skipped == 0 && errors.alpha <= 0.99 + 1e-6, "{told}");
         // One pixel at the edge of 1/255 may be drawn by one alone.
-        assert!(fared.picture < 8e-3 && fared.gradient < 1e-3, "{told}");
+        assert!(errors.picture < 8e-3 && errors.gradient < 1e-3, "{told}");
     }
     println!("{drawn} of 200 drawn; largest errors: picture {worst_picture:.1e}, gradients {worst_gradient:.1e}");
     assert!(drawn > 60);

@@ -73,7 +73,7 @@ impl Conv {
                 let (y, x) = (first + (block * BLOCK + p) / width, (block * BLOCK + p) % width);
                 self.gather(input, y, x, patch);
             }
-            matrix_product(patches, weights, out, (pixels, patch, channels));
+            matrix_product(patches, weights, out, [pixels, patch, channels]);
             for pixel in out.chunks_exact_mut(channels) {
                 pixel.iter_mut().zip(&self.bias).for_each(|(v, b)| *v = (*v + b).max(0.0));
             }

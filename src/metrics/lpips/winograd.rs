@@ -97,7 +97,7 @@ impl Buffers {
     /// 36 matrix products; on all threads where this block is the only one.
     fn multiply(&mut self, tiles: usize, weights: &[f32], inputs: usize, outputs: usize, alone: bool) {
         self.outputs.resize(PLACES * tiles * outputs, 0.0);
-        let size = (tiles, inputs, outputs);
+        let size = [tiles, inputs, outputs];
         let product = |place: usize, out: &mut [f32]| {
             let a = &self.inputs[place * tiles * inputs..][..tiles * inputs];
             matrix_product(a, &weights[place * inputs * outputs..][..inputs * outputs], out, size);

@@ -137,7 +137,9 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord
         let sums = match value {
             Sums::Ordered => None,
             Sums::Atomics if !native => continue,
-            Sums::Atomics | Sums::CompareAndSwap => Some(AtomicSums::new(device, trainee.model.len, *value == Sums::Atomics)?),
+            Sums::Atomics | Sums::CompareAndSwap => {
+                Some(AtomicSums::new(device, trainee.model.len, *value == Sums::Atomics)?)
+            }
         };
         ways.push(Way { name: name.clone(), sums });
     }

@@ -189,7 +189,7 @@ pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]
     let per_iteration = |r: &RunRecord| r.time.train_s / f64::from(base.schedule.iterations.max(1)) * 1e3;
     let results = whole(training, &base, "effects-default")?;
     let others: Vec<(Effect, Choice)> = if rungs.is_empty() {
-        results.effects.iter().filter_map(|decision| switched(decision)).collect()
+        results.effects.iter().filter_map(switched).collect()
     } else {
         rungs.iter().filter_map(|rung| rung.value).collect()
     };

@@ -11,7 +11,7 @@ use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::device_photos::DevicePhotos;
 use qirf_vk::train::loss::{Loss, Weights};
 use qirf_vk::train::schedule::Schedule;
-use qirf_vk::train::{Demand, Options, Trainee, Trainer};
+use qirf_vk::train::{Options, Trainee, Trainer, TrainerNeeds};
 
 fn model(n: usize, degree: usize) -> Gaussians {
     let at = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
@@ -101,7 +101,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
     }
     assert_eq!(trainer.model().degree, degree);
     trainer.download().unwrap();
-    let demand = Demand {
+    let demand = TrainerNeeds {
         gaussians: n,
         pairs,
         size,
