@@ -5,21 +5,8 @@ use rayon::prelude::*;
 use super::normalise::within_block;
 use super::participation::{Eigensolver, Factor, Gram, Participation, lowdin, norm};
 use super::partition::Blocks;
-use super::select::{Ranking, css, rank};
+use super::select::{BlockSelector, Ranking, css, rank};
 use super::{CHANNELS, Row};
-
-/// Selectors that rank by the overlaps of a block. The others score each Gaussian alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BlockSelector {
-    /// The paper's: participation in the generalized eigenproblem.
-    Gnso,
-    /// Participation with the identity as the metric.
-    Ordinary,
-    /// Norm of the rows of (N + eps I)^(-1/2) W.
-    Lowdin,
-    /// Greedy column subset of N weighed by response.
-    Css,
-}
 
 /// Input of one block.
 #[derive(Clone, Copy, Debug)]

@@ -2,14 +2,14 @@
 //! blocks while LAPACK solves the previous batch on all cores.
 
 use super::assemble::{Assembly, Options, unpack_symmetric};
-use super::batch::{Block, BlockSelector, Collected, Solver, self_overlap};
+use super::batch::{Block, Collected, Solver, self_overlap};
 use super::overlap::Metric;
 use super::participation::Eigensolver;
 use super::partition::{Blocks, Partition, Partitioned};
 use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
 use super::select::detail::{self, Exponents, Inputs};
 use super::select::merge::{Functions, merge};
-use super::select::{Ranking, Selector, Statistics};
+use super::select::{BlockSelector, Ranking, Selector, Statistics};
 use super::{CHANNELS, normalise};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};

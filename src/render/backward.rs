@@ -1,8 +1,8 @@
 //! The backward pass: how it goes, what it counts, and what its stages hand on.
 
+use super::atomic_sums::AtomicSums;
 use super::bin;
 use super::frame::{Frame, Launch, SlotSums};
-use super::rasterise_backward_atomic::AtomicSums;
 use crate::gpu::Buffer;
 use crate::primitives::Pairs;
 

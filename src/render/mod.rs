@@ -1,5 +1,6 @@
 //! Floor 5: from Gaussians and a camera to a picture: project, depth sort, bin, tile sort, rasterise.
 
+mod atomic_sums;
 mod backward;
 mod bin;
 mod frame;
@@ -12,9 +13,9 @@ mod renderer;
 mod settings;
 mod slots;
 
+pub use atomic_sums::AtomicSums;
 pub use backward::{Backward, BackwardCounts};
 pub use frame::Uses;
-pub use rasterise_backward_atomic::AtomicSums;
 pub use renderer::{BACKWARD_STAGES, Image, Renderer, STAGES};
 pub use settings::{Culling, Settings, Style, view};
 pub use slots::{GradientRows, Slots};

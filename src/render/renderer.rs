@@ -4,7 +4,7 @@ use super::backward::{Backward, BackwardCounts, Pass};
 use super::frame::{Frame, Launch, PairBuffers, Uses};
 use super::settings::{Settings, view};
 use super::slots::{GradientRows, Slots};
-use super::{bin, project, project_backward, rasterise, rasterise_backward};
+use super::{bin, project, project_backward, rasterise, rasterise_backward, rasterise_backward_atomic};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result, Timings};
 use crate::scene::camera::Camera;
@@ -219,7 +219,7 @@ impl Renderer {
         let tiles = self.tiles(camera) as u32;
         let pass = Pass { launch, frame, image_gradient, tiles, options: backward };
         let sums = recording.scope(BACKWARD_STAGES[0], |r| match backward.atomics {
-            Some(atomics) => atomics.record(r, &pass),
+            Some(atomics) => rasterise_backward_atomic::record(r, &pass, atomics),
             None => rasterise_backward::record(r, &pass, frame.pairs.sums.as_ref().expect(FOR_TRAINING)),
         });
         let guards = self.guards.as_ref().expect(FOR_TRAINING);

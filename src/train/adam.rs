@@ -1,9 +1,11 @@
 //! Adam, attribute by attribute, from the rows of gradients that the backward pass leaves.
 
 use super::trainee::Trainee;
+
+pub use super::moments::{Moments, zeros};
 use crate::gaussians::Attributes;
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::gpu::{Groups, Recording};
 use crate::kernels::constants::adam::float64::{BETA1, BETA2};
 use crate::kernels::constants::adam::{GRADIENT, NO_BAND, UPDATE};
 use crate::kernels::constants::gradient_row::{ROW_LOG_SCALE, ROW_LOGIT, ROW_MEAN, ROW_ROTATION};
@@ -16,24 +18,6 @@ pub const STAGE: &str = "adam";
 
 /// Learning rates of one step, in units of the stored parameters.
 pub type Rates = Attributes<f32>;
-
-/// First and second moment of every parameter, laid out as the parameters are.
-pub type Moments = Attributes<Buffer<[f32; 2]>>;
-
-/// Moments of zero for a model.
-///
-/// # Errors
-/// Device memory; device errors.
-pub fn zeros(device: &Device, model: &Resident) -> Result<Moments> {
-    let mut recording = Recording::new();
-    let moments = Attributes::NAMES.zip(Attributes::widths(model.degree)).try_map(|(name, width)| {
-        let buffer = device.buffer(&format!("{name}.moments"), model.len * width)?;
-        recording.fill(&buffer, 0);
-        Ok(buffer)
-    })?;
-    device.run(recording)?;
-    Ok(moments)
-}
 
 /// The offset of each attribute's gradients in a row, and its SH band. The gradients of a band are those of the colour,
 /// times the basis.

@@ -12,6 +12,7 @@ mod keep;
 pub mod loss;
 pub mod mask;
 mod memory;
+mod moments;
 mod objective;
 mod options;
 mod respond;

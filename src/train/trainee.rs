@@ -1,6 +1,6 @@
 //! A model in training, with everything that is stored per Gaussian.
 
-use super::adam::{self, Moments};
+use super::moments::{self, Moments};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
 use crate::gpu::{Buffer, Device, Recording, Result};
@@ -41,7 +41,7 @@ impl Trainee {
     /// Device memory; device errors.
     pub fn new(device: &Device, model: &Gaussians) -> Result<Self> {
         let model = Resident::upload(device, model)?;
-        let moments = adam::zeros(device, &model)?;
+        let moments = moments::zeros(device, &model)?;
         let growth = device.upload("growth", &vec![[0.0; 2]; model.len])?;
         Ok(Self { model, moments, growth })
     }

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 
 use super::Ranking;
 use crate::qirf::CHANNELS;
-use crate::qirf::batch::BlockSelector;
 use crate::qirf::partition::Blocks;
 use crate::random;
 
@@ -16,6 +15,19 @@ use crate::random;
 const SALT: u64 = 0x5e1e_c702;
 /// `LightGaussian`: exponent of the volume, and the quantile of volumes by which it is divided.
 const LIGHT: (f64, f64) = (0.1, 0.9);
+
+/// Selectors that rank by the overlaps of a block. The others score each Gaussian alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BlockSelector {
+    /// The paper's: participation in the generalized eigenproblem.
+    Gnso,
+    /// Participation with the identity as the metric.
+    Ordinary,
+    /// Norm of the rows of (N + eps I)^(-1/2) W.
+    Lowdin,
+    /// Greedy column subset of N weighed by response.
+    Css,
+}
 
 /// A rule that orders Gaussians, the first to keep first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]

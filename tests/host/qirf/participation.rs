@@ -1,10 +1,10 @@
 //! The solvers agree; fallbacks; batches.
 
 use proptest::prelude::*;
-use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
+use qirf_vk::qirf::batch::{Block, Collected, Solver};
 use qirf_vk::qirf::normalise::within_block;
 use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram, lowdin};
-use qirf_vk::qirf::select::{css, rank};
+use qirf_vk::qirf::select::{BlockSelector, css, rank};
 use qirf_vk::qirf::{CHANNELS, Row};
 use qirf_vk::random::uniform;
 use qirf_vk::reference::overlap::{Primitive, block as overlaps};

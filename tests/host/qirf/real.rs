@@ -4,10 +4,11 @@ use crate::support::shared;
 use std::time::{Duration, Instant};
 
 use qirf_vk::gaussians::formats;
-use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
+use qirf_vk::qirf::batch::{Block, Collected, Solver};
 use qirf_vk::qirf::normalise::{rows, within_block};
 use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram};
 use qirf_vk::qirf::partition::Partition;
+use qirf_vk::qirf::select::BlockSelector;
 use qirf_vk::qirf::select::budget::{Budget, Keep, choose};
 use qirf_vk::qirf::select::rank;
 use qirf_vk::qirf::{CHANNELS, Row};

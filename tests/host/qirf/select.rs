@@ -2,10 +2,10 @@
 
 use proptest::prelude::*;
 use qirf_vk::qirf::CHANNELS;
-use qirf_vk::qirf::batch::{Block, BlockSelector, Collected, Solver};
+use qirf_vk::qirf::batch::{Block, Collected, Solver};
 use qirf_vk::qirf::select::budget::{Budget, Keep, Safeguard, choose, quotas};
 use qirf_vk::qirf::select::merge::{Functions, merge};
-use qirf_vk::qirf::select::{Ranking, Selector, Statistics, detail, rank, rounded};
+use qirf_vk::qirf::select::{BlockSelector, Ranking, Selector, Statistics, detail, rank, rounded};
 use qirf_vk::random::uniform;
 
 const BUDGETS: [Budget; 3] = [Budget::PerBlock, Budget::Hybrid, Budget::Global];

@@ -1,0 +1,23 @@
+//! Adam's moments in device memory.
+
+use crate::gaussians::Attributes;
+use crate::gaussians::resident::Resident;
+use crate::gpu::{Buffer, Device, Recording, Result};
+
+/// First and second moment of every parameter, laid out as the parameters are.
+pub type Moments = Attributes<Buffer<[f32; 2]>>;
+
+/// Moments of zero for a model.
+///
+/// # Errors
+/// Device memory; device errors.
+pub fn zeros(device: &Device, model: &Resident) -> Result<Moments> {
+    let mut recording = Recording::new();
+    let moments = Attributes::NAMES.zip(Attributes::widths(model.degree)).try_map(|(name, width)| {
+        let buffer = device.buffer(&format!("{name}.moments"), model.len * width)?;
+        recording.fill(&buffer, 0);
+        Ok(buffer)
+    })?;
+    device.run(recording)?;
+    Ok(moments)
+}
