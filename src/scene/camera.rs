@@ -3,7 +3,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-/// A pinhole camera: where it stands and how it projects.
+/// A pinhole camera: its pose and its intrinsics.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// Rotation from world to camera coordinates.
@@ -35,7 +35,7 @@ impl Camera {
 
     /// A camera at `eye` looking at `target`, principal point centred, with the given vertical field of view (radians).
     ///
-    /// `up` is the world direction that points up in the picture; where it is parallel to the view, another is taken.
+    /// `up` is the world direction that points up in the picture; another is taken if it is parallel to the view.
     #[must_use]
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov_y: f64, width: u32, height: u32) -> Self {
         let forward = (target - eye).try_normalize().unwrap_or(DVec3::Z);
@@ -54,18 +54,18 @@ impl Camera {
     }
 }
 
-/// Width and height that the pictures of all cameras fit in; 1 x 1 for none.
+/// The least width and height that the pictures of all cameras fit in; 1 x 1 without cameras.
 pub fn largest<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> [u32; 2] {
     cameras.into_iter().fold([1, 1], |[w, h], c| [w.max(c.width), h.max(c.height)])
 }
 
-/// Mean of the cameras' centres, in world units; the origin for none.
+/// Mean of the cameras' centres, in world units; the origin without cameras.
 pub fn mean_centre<'a>(cameras: impl Iterator<Item = &'a Camera>) -> DVec3 {
     let (sum, count) = cameras.fold((DVec3::ZERO, 0), |(sum, n), c| (sum + c.centre(), n + 1));
     sum / f64::from(count.max(1))
 }
 
-/// Extent of 3DGS: 1.1 times the largest distance of a camera from the mean of all, in world units.
+/// The scene extent of 3DGS: 1.1 times the largest distance of a camera from the mean of all, in world units.
 pub fn extent<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> f64 {
     let centre = mean_centre(cameras.clone());
     1.1 * cameras.map(|c| c.centre().distance(centre)).fold(0.0, f64::max)

@@ -1,4 +1,4 @@
-//! What can go wrong between a folder of files and a [`Scene`](super::Scene).
+//! Errors of reading a [`Scene`](super::Scene) and its photos.
 
 use std::path::{Path, PathBuf};
 
@@ -22,17 +22,17 @@ pub enum Error {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// A file was read, but one of its records is not what the format demands.
+    /// A record of a file violates the format.
     #[error("{path}, {record}: {what}")]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// The record within it, as a person would look it up.
+        /// The record within it, in words by which a person finds it.
         record: String,
         /// What is wrong and what to do.
         what: String,
     },
-    /// A camera names a model that the engine does not know.
+    /// A camera has a model that the engine does not know.
     #[error("{path}, {record}: camera model {model} is not supported; known are {}", super::lens::LensModel::names())]
     UnknownModel {
         /// The file.
@@ -42,7 +42,7 @@ pub enum Error {
         /// The model's name or number as found.
         model: String,
     },
-    /// The folder holds photos, but nobody has found out where they were taken from.
+    /// The folder holds photos, but no camera poses.
     #[error("{images} holds {photos} photos, but {root} says nowhere where they were taken from")]
     NoPoses {
         /// The folder given.
@@ -52,7 +52,7 @@ pub enum Error {
         /// How many photos it holds.
         photos: usize,
     },
-    /// Nothing that looks like a scene lies there.
+    /// The path holds no scene.
     #[error(
         "{root} holds no scene; looked for {looked_for}, and for photos (jpg, png, webp) in it, its images and its input \
          folder"
@@ -73,14 +73,14 @@ pub enum Error {
         /// Folders of the scene that hold photos.
         known: Vec<String>,
     },
-    /// Cameras are there, but none of their photos can be used.
+    /// The scene has cameras, but none of their photos can be used.
     #[error("none of the {listed} photos of {root} can be used ({what})")]
     NoPhotos {
         /// The scene's folder.
         root: PathBuf,
         /// How many photos the scene lists.
         listed: usize,
-        /// The first photo sought, and why it was not used.
+        /// Why the first photo was not used.
         what: String,
     },
     /// The scene lists no camera with a usable pose.

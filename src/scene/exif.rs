@@ -1,12 +1,12 @@
-//! What a photo's EXIF header says of its exposure.
+//! The exposure of a photo by its EXIF header.
 
-use super::View;
+use super::view::View;
 use exif::{Exif, In, Reader, Tag, Value};
 use std::fs::File;
 use std::io::BufReader;
 
 impl View {
-    /// Light that the photo was given, in stops: log2 of time times sensitivity over the aperture's square. None where the
+    /// The photo's exposure in stops: log2 of time times sensitivity over the square of the aperture's f-number. None if the
     /// header lacks one of the three.
     pub fn exposure_stops(&self) -> Option<f64> {
         let file = File::open(&self.image).ok()?;

@@ -1,4 +1,4 @@
-//! The size of a photo from its header, without reading the rest.
+//! The size of a photo, read from its header alone.
 
 use std::fs::File;
 use std::io::{BufReader, Error, ErrorKind, Read};
@@ -16,7 +16,7 @@ pub(crate) fn image_size(path: &Path) -> Result<(u32, u32), Error> {
     reader.into_dimensions().map_err(|e| Error::new(ErrorKind::InvalidData, e))
 }
 
-/// Walks the markers to the frame header; ends at the file's end at the latest.
+/// Walks from marker to marker up to the frame header, or to the end of the file.
 fn jpeg_size(file: &mut BufReader<File>) -> Result<(u32, u32), Error> {
     loop {
         while byte(file)? != 0xff {}

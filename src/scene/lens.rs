@@ -15,7 +15,7 @@
 
 use glam::{DMat2, DVec2};
 
-/// Displacement in pixels from which a lens counts as distorting: below it, photos are used as they are.
+/// Displacement in pixels above which a lens counts as distorting; below it, photos are used as they are.
 pub const VISIBLE_DISPLACEMENT: f64 = 0.5;
 
 /// Samples along one image edge when a lens is examined.
@@ -80,7 +80,7 @@ impl LensModel {
         MODELS[self as usize].2
     }
 
-    /// How many parameters COLMAP stores.
+    /// Number of parameters that COLMAP stores.
     pub fn parameters(self) -> usize {
         MODELS[self as usize].3
     }
@@ -161,7 +161,7 @@ impl Distortion {
     }
 }
 
-/// A real camera's inside: image size, focal lengths, principal point and distortion.
+/// The intrinsics of a real camera: image size, focal lengths, principal point and distortion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     /// The model that it was calibrated with.
@@ -174,7 +174,7 @@ pub struct Lens {
     pub focal: DVec2,
     /// Principal point in pixels from the upper left corner.
     pub principal: DVec2,
-    /// How rays bend.
+    /// Coefficients that bend rays.
     pub distortion: Distortion,
 }
 
@@ -191,8 +191,8 @@ impl Lens {
     /// A lens of COLMAP's `model` from its parameters in COLMAP's order.
     ///
     /// # Errors
-    /// Text that says what is wrong: a wrong number of parameters, values that are not finite, a size or focal length
-    /// that no camera has.
+    /// A sentence that says what is wrong: the number of parameters, a value that is not finite, an impossible size or
+    /// focal length.
     pub fn from_colmap(model: LensModel, width: u64, height: u64, p: &[f64]) -> Result<Self, String> {
         if p.len() != model.parameters() {
             return Err(format!("{} takes {} parameters, found {}", model.name(), model.parameters(), p.len()));
@@ -239,7 +239,7 @@ impl Lens {
         Self { model, width: size(width), height: size(height), focal, principal, distortion }.checked()
     }
 
-    /// The lens itself if a camera could have it.
+    /// The lens itself, if a camera could have it.
     pub(crate) fn checked(self) -> Result<Self, String> {
         let pixels = u64::from(self.width) * u64::from(self.height);
         if pixels == 0 || pixels > 1 << 30 {
@@ -277,13 +277,13 @@ impl Lens {
         Self { width, height, focal: self.focal * ratio, principal: self.principal * ratio, ..*self }
     }
 
-    /// Whether a photo of this size can be this lens's, enlarged or reduced: sides in proportion, within rounding and 1 %.
+    /// Whether a photo of this size fits the lens, perhaps enlarged or reduced: sides in proportion within rounding and 1 %.
     pub fn fits(&self, width: u32, height: u32) -> bool {
         let ratio = f64::from(width) / f64::from(self.width);
         (f64::from(height) - f64::from(self.height) * ratio).abs() <= 1.0 + ratio.max(1.0) + 0.01 * f64::from(height)
     }
 
-    /// Where the lens puts the normalised point (x / z, y / z), normalised.
+    /// The normalised image of the normalised point (x / z, y / z).
     pub fn distort(&self, point: DVec2) -> DVec2 {
         let d = &self.distortion;
         if !d.fisheye {
@@ -293,8 +293,8 @@ impl Lens {
         d.bend(if r > 1e-12 { point * (r.atan() / r) } else { point })
     }
 
-    /// The normalised point (x / z, y / z) that the lens puts at `distorted`, or none where no ray before the camera
-    /// arrives there on the branch that holds the optical axis.
+    /// The normalised point (x / z, y / z) whose image is `distorted`; none if no ray in front of the camera arrives there
+    /// on the branch that holds the optical axis.
     pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
         let w = self.distortion.unbend(distorted)?;
         if !self.distortion.fisheye {
@@ -312,8 +312,8 @@ impl Lens {
         self.distort(point) * self.focal + self.principal
     }
 
-    /// The farthest, in pixels, that the lens moves a pixel of a pinhole image of the same intrinsics (129 x 129 grid
-    /// over the image, edges included); infinite where the distortion has a pole.
+    /// The largest displacement, in pixels, against a pinhole image of the same intrinsics (129 x 129 grid over the image,
+    /// edges included); infinite if the distortion has a pole.
     pub fn max_displacement(&self) -> f64 {
         if self.distortion == Distortion::default() {
             return 0.0;
@@ -330,8 +330,8 @@ impl Lens {
         farthest
     }
 
-    /// The ideal pinhole for an image of the same size (see the module's protocol), or none where the distortion folds
-    /// the image so that no rectangle is whole.
+    /// The ideal pinhole for an image of the same size (see the module's protocol); none if the distortion folds the image
+    /// so that no rectangle is whole.
     pub fn ideal(&self) -> Option<Pinhole> {
         let size = DVec2::new(f64::from(self.width), f64::from(self.height));
         let reach = WIDEST * 0.5 * size / self.focal;

@@ -30,7 +30,7 @@ pub use pixels::{PhotoFile, Pixels};
 pub use skipped::{Names, Skipped};
 pub use view::{Resize, Role, View};
 
-/// Every how many views, by sorted name, one is held out: the protocol of the 3DGS papers.
+/// The number of views, sorted by name, of which one is held out: the protocol of the 3DGS papers.
 pub const EVAL_EVERY: usize = 8;
 
 /// The format that a scene came in.
@@ -50,7 +50,7 @@ pub enum SceneKind {
 /// A point of the reconstruction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// Place in world coordinates.
+    /// Position in world coordinates.
     pub position: DVec3,
     /// Red, green, blue.
     pub colour: [u8; 3],
@@ -60,17 +60,17 @@ pub struct Point {
     pub track: Vec<u32>,
 }
 
-/// Choices at opening.
+/// Options of opening a scene.
 #[derive(Clone, Debug, Default)]
 pub struct OpenOptions {
-    /// Photo folder: a name within the scene (`images_4`) or a path; none takes the data set's own.
+    /// Photo folder: a name within the scene (`images_4`) or a path; the data set's own if none is given.
     pub images: Option<PathBuf>,
-    /// Whether photos are undistorted; none does so where the lens moves some pixel by more than
+    /// Whether photos are undistorted; if not given, those whose lens moves some pixel by more than
     /// [`lens::VISIBLE_DISPLACEMENT`].
     pub undistort: Option<bool>,
 }
 
-/// A capture: views sorted by name, and the points that were reconstructed with them.
+/// A capture: views sorted by name, and the points reconstructed from them.
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// The format read.
@@ -83,11 +83,11 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Points of the reconstruction; empty where the format has none.
     pub points: Vec<Point>,
-    /// What was left out, and why.
+    /// Everything left out since the scene was opened.
     pub skipped: Skipped,
 }
 
-/// Which views train and which are held out, as indices into [`Scene::views`], ascending.
+/// The training and the held-out views, as ascending indices into [`Scene::views`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Split {
     /// Views trained on.
@@ -97,7 +97,7 @@ pub struct Split {
 }
 
 impl Scene {
-    /// Drops the views whose photo is absent or of another shape than its camera, and counts them.
+    /// Drops and counts the views whose photo is absent or of another shape than its camera.
     ///
     /// # Errors
     /// [`Error::NoPhotos`] where no view is left.
@@ -168,7 +168,7 @@ impl Scene {
         self.views.iter().any(|view| view.mask.is_some())
     }
 
-    /// Keeps the views whose flag is set (views beyond the flags are dropped); the points' tracks follow.
+    /// Keeps the views whose flag is set (views beyond the flags are dropped) and renumbers the points' tracks.
     pub fn retain_views(&mut self, keep: &[bool]) {
         let mut next = 0;
         let renumbered: Vec<Option<u32>> = (0..self.views.len())
@@ -185,10 +185,10 @@ impl Scene {
         }
     }
 
-    /// The train/test split of the views there are now: the data set's own where it marks views, else every
-    /// `eval_every`-th view, from the first, is test; 0 holds none out.
+    /// The train/test split of the present views: the data set's own if it marks views; otherwise every `eval_every`-th
+    /// view, beginning with the first, is held out (none if that is 0).
     ///
-    /// Take it after [`Scene::require_photos`] and [`Scene::load_photos`], which renumber views.
+    /// [`Scene::require_photos`] and [`Scene::load_photos`] renumber views: take the split after them.
     pub fn split(&self, eval_every: usize) -> Split {
         let of = |wanted: &[Role]| -> Vec<usize> {
             (0..self.views.len()).filter(|&i| wanted.contains(&self.views[i].role)).collect()

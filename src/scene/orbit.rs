@@ -5,10 +5,10 @@ use glam::DVec3;
 
 /// Points of a ring that are projected.
 const RING_POINTS: u32 = 16;
-/// How much of the picture a model may fill.
+/// Share of the picture's sides that a model may fill.
 const FILL: f64 = 0.92;
 
-/// Where an object stands, and how far it reaches.
+/// An object's centre and extent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
     /// Middle of its box.
@@ -19,7 +19,7 @@ pub struct Outline {
     pub rings: Vec<(f64, f64)>,
 }
 
-/// How to look at it.
+/// The size, field of view and elevation of an orbit's cameras.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
     /// Vertical field of view in radians.
@@ -37,7 +37,7 @@ impl Default for Look {
     }
 }
 
-/// Where a camera on the circle looks, and from how far.
+/// The point that a camera on the circle looks at, and its distance.
 #[derive(Clone, Copy, Debug)]
 pub struct Framing {
     /// Height of the point looked at over the centre, in world units.
@@ -46,11 +46,11 @@ pub struct Framing {
     pub distance: f64,
 }
 
-/// Up, unless said otherwise: captures keep COLMAP's axes, y down, in every file format.
+/// The default up direction: captures keep COLMAP's axes, y down, in every file format.
 pub const UP: DVec3 = DVec3::NEG_Y;
 
 impl Outline {
-    /// Where to look and from how far, so that the whole fills the picture and sits in its middle.
+    /// The view from which the whole object fills the picture, centred.
     pub fn framing(&self, look: &Look) -> Framing {
         let reach = self.rings.iter().map(|(h, r)| h.hypot(*r)).fold(0.0, f64::max);
         let (mut near, mut far) = (0.0, reach * 200.0 + f64::MIN_POSITIVE);
@@ -61,7 +61,7 @@ impl Outline {
         Framing { height: self.fits(look, far).0, distance: far }
     }
 
-    /// For a distance: the height to look at, and whether all is in the picture.
+    /// The height to look at from a distance, and whether the whole object is then in the picture.
     fn fits(&self, look: &Look, distance: f64) -> (f64, bool) {
         let tan = (0.5 * look.fov).tan();
         let aspect = f64::from(look.size.0) / f64::from(look.size.1);

@@ -1,4 +1,4 @@
-//! Decoded photos on the host: in memory, or, where there are too many for it, in a temporary file.
+//! Decoded pixels on the host: in memory, or in a temporary file if there are too many.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -6,7 +6,7 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Bytes of a pixel: red, green, blue, alpha.
+/// Bytes of a pixel: red, green, blue, and a fourth.
 const PIXEL: usize = 4;
 
 /// The pixels of one photo: RGBA, 8 bits each, row by row.
@@ -26,7 +26,7 @@ pub enum Pixels {
 }
 
 impl Pixels {
-    /// Bytes.
+    /// Number of bytes.
     pub fn len(&self) -> usize {
         match self {
             Self::Held(bytes) => bytes.len(),
@@ -85,11 +85,11 @@ impl FromIterator<u8> for Pixels {
     }
 }
 
-/// A nameless file of photos, which goes with the process, however that ends.
+/// A nameless file of photos, which vanishes with the process, however that ends.
 pub struct PhotoFile(Arc<File>);
 
 impl PhotoFile {
-    /// A file in this folder.
+    /// Creates the file in this folder.
     ///
     /// # Errors
     /// A folder that cannot be written to.
@@ -97,7 +97,7 @@ impl PhotoFile {
         tempfile::tempfile_in(folder).map(|file| Self(Arc::new(file)))
     }
 
-    /// Stores a photo at an offset of its own.
+    /// Stores a photo from this byte on.
     ///
     /// # Errors
     /// A full disk, above all.

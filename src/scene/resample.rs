@@ -116,7 +116,7 @@ pub(crate) fn undistort<const C: usize>(source: &Raster<C>, lens: &Lens, camera:
     Raster { width: camera.width, height: camera.height, pixels }
 }
 
-/// The image at a place in pixels (centres at + 0.5), edges repeated.
+/// The image's value at a position in pixels (centres at + 0.5), edges repeated.
 fn bilinear<const C: usize>(source: &Raster<C>, at: Vec2, alpha: bool) -> [f32; C] {
     let last = Vec2::new((source.width - 1) as f32, (source.height - 1) as f32);
     let at = (at - 0.5).clamp(Vec2::ZERO, last);

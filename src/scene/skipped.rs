@@ -1,14 +1,14 @@
-//! What a scene lists but cannot be used, counted with a few names.
+//! Unusable parts of a scene, counted, with a few of their names.
 
 use serde::Serialize;
 
-/// How many names are kept as examples.
+/// Number of names kept as examples.
 const EXAMPLES: usize = 5;
 
 /// A count with its first few names.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Names {
-    /// How many.
+    /// Their number.
     pub count: usize,
     /// The first five.
     pub examples: Vec<String>,
@@ -35,16 +35,16 @@ pub struct Skipped {
     pub damaged_images: Names,
     /// Views whose pose is not finite or not a rotation.
     pub bad_poses: Names,
-    /// Views listed twice over, alike in all.
+    /// Views listed twice with the same fields.
     pub repeated_views: Names,
-    /// Points whose place is not finite.
+    /// Points whose position is not finite.
     pub bad_points: usize,
     /// Entries of points' tracks that name no view of the scene.
     pub track_entries: usize,
 }
 
 impl Skipped {
-    /// One sentence for each kind of thing left out; none where all was used.
+    /// A phrase for each kind of part left out; none if everything was used.
     pub fn summary(&self) -> Vec<String> {
         let named = [
             (&self.missing_images, "photos listed but absent"),

@@ -1,4 +1,4 @@
-//! One view of a capture: where the photo lies, the lens that took it, and the ideal camera that the engine renders.
+//! One view of a capture: its photo's file, the lens that took it, and the ideal camera that the engine renders.
 
 use std::path::PathBuf;
 
@@ -8,11 +8,11 @@ use super::Error;
 use super::camera::Camera;
 use super::lens::{Lens, Pinhole};
 
-/// Said of a lens without an ideal pinhole.
+/// The fault of a lens without an ideal pinhole.
 pub(crate) const FOLDED: &str =
     "the lens's distortion folds the image: no part of it can be undistorted; check the calibration";
 
-/// What the data set says a view is for.
+/// The role that the data set gives to a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Role {
     /// The data set does not say.
@@ -20,26 +20,26 @@ pub enum Role {
     Unsaid,
     /// For training.
     Train,
-    /// For validation while methods are tuned; stands in for test where no view is marked so, else unused.
+    /// For validation while methods are tuned; held out if no view is marked for test, otherwise unused.
     Validation,
     /// Held out.
     Test,
 }
 
-/// The image size to work at.
+/// The working size of images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Resize {
     /// The photo's own size.
     #[default]
     Full,
-    /// At most so many pixels wide, the height in proportion; photos are never enlarged.
+    /// At most this many pixels wide, the height in proportion; photos are never enlarged.
     Width(u32),
-    /// Width and height divided by this, rounded to nearest, at least one pixel.
+    /// Width and height divided by this and rounded to nearest, at least one pixel.
     Divide(u32),
 }
 
 impl Resize {
-    /// The size that an image of `width` x `height` pixels gets; zero means [`Resize::Full`].
+    /// The working size of an image of `width` x `height` pixels; zero means [`Resize::Full`].
     pub fn apply(self, width: u32, height: u32) -> (u32, u32) {
         let part = |n: u32, over: u32, of: u32| {
             let (n, over, of) = (u64::from(n), u64::from(over), u64::from(of));
@@ -58,9 +58,9 @@ impl Resize {
 pub struct View {
     /// The photo's name as the data set writes it, with extension if any, `/` between folders.
     pub name: String,
-    /// Where the photo lies or would lie.
+    /// The photo's file, which may be absent.
     pub image: PathBuf,
-    /// The mask, where one exists: black pixels are not trained on.
+    /// The mask's file, if there is one: black pixels are not trained on.
     pub mask: Option<PathBuf>,
     /// The lens at the photo's size.
     pub lens: Lens,
@@ -68,9 +68,9 @@ pub struct View {
     pub camera: Camera,
     /// Views with equal numbers were taken by one physical camera (COLMAP's camera id, or counted from 0).
     pub camera_id: u32,
-    /// What the data set says the view is for.
+    /// The role that the data set gives to the view.
     pub role: Role,
-    /// The photo's real size, where a photo with a legible header was found.
+    /// The photo's real size, if a photo with a legible header was found.
     pub photo_size: Option<(u32, u32)>,
     undistorts: bool,
 }
@@ -101,15 +101,15 @@ impl View {
         view
     }
 
-    /// Whether the photo is resampled to an ideal pinhole; if not, it is used as it is.
+    /// Whether the photo is resampled to an ideal pinhole rather than used as it is.
     pub fn undistorts(&self) -> bool {
         self.undistorts
     }
 
-    /// Switches undistortion on or off, which changes [`View::camera`].
+    /// Switches undistortion on or off and sets [`View::camera`] accordingly.
     ///
     /// # Errors
-    /// [`Error::Photo`] where the distortion leaves no rectangle of the photo whole.
+    /// [`Error::Photo`] if the distortion leaves no rectangle of the photo whole.
     pub fn set_undistort(&mut self, on: bool) -> Result<(), Error> {
         let ideal = if on { Some(self.lens.ideal().ok_or_else(|| Error::photo(&self.image, FOLDED))?) } else { None };
         self.put(ideal);
@@ -123,12 +123,12 @@ impl View {
         (self.camera.focal, self.camera.principal) = (focal, principal);
     }
 
-    /// Whether the photo found has the size of the view's lens: where it was found to be of another shape, it has not.
+    /// The size of the photo found, if it is not the lens's: its shape did not fit.
     pub(crate) fn mismatched(&self) -> Option<(u32, u32)> {
         self.photo_size.filter(|&size| size != (self.lens.width, self.lens.height))
     }
 
-    /// The camera that the engine renders at a working size; needs no photo.
+    /// The camera that the engine renders at a working size; the photo may be absent.
     #[must_use]
     pub fn camera_at(&self, resize: Resize) -> Camera {
         let (width, height) = resize.apply(self.camera.width, self.camera.height);

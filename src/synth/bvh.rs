@@ -1,15 +1,15 @@
-//! A bounding-volume hierarchy over the solids: few hundred solids, tens of millions of rays.
+//! A bounding-volume hierarchy for a few hundred solids and tens of millions of rays.
 
 use glam::{Vec3, Vec3A};
 
 use super::geometry::{Ray, Solid};
 
 const LEAF: usize = 2;
-/// Nodes that may wait at once: one a level, and the heuristic's trees of a few hundred solids have some 20 levels.
+/// Greatest number of nodes on the stack: one a level, and the heuristic's trees of a few hundred solids have about 20.
 const STACK: usize = 64;
 
 struct Node {
-    /// Corners, in the form that SIMD takes.
+    /// Corners, in the form for SIMD.
     low: Vec3A,
     high: Vec3A,
     /// First solid of a leaf; index of the right child of an inner node (the left child comes next).
@@ -58,7 +58,7 @@ impl Bvh {
             }
         }
         let (_, order, left) = best;
-        // No cost is finite where a box is not: such solids stay together in one leaf.
+        // Without a finite box no cost is finite: such solids stay together in one leaf.
         if order.is_empty() {
             self.nodes.push(node);
             return;
@@ -75,7 +75,7 @@ impl Bvh {
     pub fn first(&self, solids: &[Solid], ray: &Ray, mut limit: f32) -> Option<(f32, u32)> {
         let mut found = None;
         self.walk(ray, limit, |i| {
-            if let Some(t) = solids[i as usize].meet(ray)
+            if let Some(t) = solids[i as usize].hit(ray)
                 && t < limit
             {
                 limit = t;
@@ -90,13 +90,13 @@ impl Bvh {
     pub fn any(&self, solids: &[Solid], ray: &Ray, limit: f32) -> bool {
         let mut met = false;
         self.walk(ray, limit, |i| {
-            met = solids[i as usize].meet(ray).is_some_and(|t| t < limit);
+            met = solids[i as usize].hit(ray).is_some_and(|t| t < limit);
             (!met).then_some(limit)
         });
         met
     }
 
-    /// Shows `visit` the solids whose boxes the ray meets before the limit; it returns the new limit, or `None` to stop.
+    /// Calls `visit` for the solids whose boxes the ray hits before the limit; it returns the new limit, or `None` to stop.
     fn walk(&self, ray: &Ray, mut limit: f32, mut visit: impl FnMut(u32) -> Option<f32>) {
         if self.nodes.is_empty() {
             return;
@@ -143,7 +143,7 @@ impl Bvh {
     }
 }
 
-/// The box round the boxes of some solids.
+/// The bounding box of some solids' boxes.
 fn around(bounds: &[(Vec3, Vec3)], solids: &[u32]) -> (Vec3, Vec3) {
     let boxes = solids.iter().map(|&i| bounds[i as usize]);
     boxes.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)))
@@ -176,7 +176,7 @@ mod tests {
             let target = Vec3::new((a * 3.1).sin() * 2.0, (a * 1.9).cos() * 2.0, 1.0 + (a * 0.7).sin());
             let ray = Ray { origin, direction: (target - origin).normalize() };
             let plain = (0..solids.len())
-                .filter_map(|s| solids[s].meet(&ray).map(|t| (t, s as u32)))
+                .filter_map(|s| solids[s].hit(&ray).map(|t| (t, s as u32)))
                 .min_by(|x, y| x.0.total_cmp(&y.0));
             assert_eq!(bvh.first(&solids, &ray, f32::INFINITY), plain);
             assert_eq!(bvh.any(&solids, &ray, f32::INFINITY), plain.is_some());

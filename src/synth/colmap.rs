@@ -19,7 +19,8 @@ pub(super) struct Point {
     pub seen: Vec<(usize, DVec2)>,
 }
 
-/// From the stage's world (z up) to the files' (y down, as COLMAP's models usually lie and viewers of Gaussians expect).
+/// Rotation from the plaza's world (z up) to the files' (y down, as COLMAP's models usually lie and viewers of Gaussians
+/// expect).
 fn file_world() -> DMat3 {
     DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y)
 }

@@ -1,10 +1,10 @@
-//! What can go wrong while a synthetic scene is made.
+//! Errors of making a synthetic scene.
 
 use std::path::{Path, PathBuf};
 
 use super::Effect;
 
-/// Why no synthetic scene was written.
+/// The reason why no synthetic scene was written.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The effect is not in the list of [`Effect::ALL`].

@@ -1,4 +1,4 @@
-//! The folder that a scene goes into: never another's data.
+//! The folder of a synthetic scene; folders with other data are refused.
 
 use std::{fs, io, path::Path};
 
@@ -6,10 +6,10 @@ use serde_json::{Value, json};
 
 use super::{Error, SynthOptions, path::View};
 
-/// Name of the file that marks a synth scene and tells how to make it again.
+/// Name of the file that marks a synth scene and records its options.
 pub(super) const MARK: &str = "synth.json";
 const MADE_BY: &str = "qirf-vk synth";
-/// A mark of 9,999 photos has 2 MB: what is larger than this is no mark.
+/// Greatest size of the mark in bytes: that of 9,999 photos has 2 MB.
 const MARK_LIMIT: u64 = 16 << 20;
 
 /// Makes the folder, or empties an earlier synth scene of its photos and masks; other files in it are left alone.
@@ -23,7 +23,7 @@ pub(super) fn prepare(dir: &Path) -> Result<(), Error> {
                 let views = earlier_views(dir).ok_or_else(|| Error::Foreign(dir.to_path_buf()))?;
                 clear(&dir.join("images"), views)?;
                 clear(&dir.join("masks"), views)?;
-                // Gone only if nothing of the user's is in it.
+                // Fails if the folder holds files of the user's.
                 let _ = fs::remove_dir(dir.join("masks"));
             }
         }
@@ -35,7 +35,7 @@ pub(super) fn prepare(dir: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Number of photos of the synth scene in the folder, or `None` where it is none.
+/// Number of photos of the synth scene in the folder; none if it holds no synth scene.
 fn earlier_views(dir: &Path) -> Option<u64> {
     let path = dir.join(MARK);
     if fs::metadata(&path).ok()?.len() > MARK_LIMIT {
@@ -45,7 +45,7 @@ fn earlier_views(dir: &Path) -> Option<u64> {
     (mark["made_by"] == MADE_BY).then(|| mark["options"]["views"].as_u64())?
 }
 
-/// Removes the pictures that an earlier run with so many views has written.
+/// Removes the pictures that an earlier run with this many views wrote.
 fn clear(folder: &Path, views: u64) -> Result<(), Error> {
     let entries = match fs::read_dir(folder) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),

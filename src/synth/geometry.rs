@@ -1,4 +1,4 @@
-//! Rays, solids and where they meet. World: right-handed, z up, the floor at z = 0, lengths in metres.
+//! Rays, solids and their intersections. World: right-handed, z up, the floor at z = 0, lengths in metres.
 
 use glam::{Mat3, Vec3};
 
@@ -56,9 +56,9 @@ impl Solid {
     }
 
     /// Distance along the ray to its first entry in front of the origin; solids are never seen from within.
-    pub fn meet(&self, ray: &Ray) -> Option<f32> {
+    pub fn hit(&self, ray: &Ray) -> Option<f32> {
         match *self {
-            Self::Sphere { centre, radius } => meet_sphere(ray, centre, radius),
+            Self::Sphere { centre, radius } => hit_sphere(ray, centre, radius),
             Self::Block { centre, half, axes } => {
                 let to_local = axes.transpose();
                 let (o, d) = (to_local * (ray.origin - centre), to_local * ray.direction);
@@ -67,8 +67,8 @@ impl Solid {
                 let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
                 (enter > 0.0 && enter <= leave).then_some(enter)
             }
-            Self::Cylinder { base, radius, height } => meet_cylinder(ray, base, radius, height),
-            Self::Rod { from, axis, length, radius } => meet_rod(ray, from, axis, length, radius),
+            Self::Cylinder { base, radius, height } => hit_cylinder(ray, base, radius, height),
+            Self::Rod { from, axis, length, radius } => hit_rod(ray, from, axis, length, radius),
         }
     }
 
@@ -159,7 +159,7 @@ impl Solid {
     }
 }
 
-fn meet_sphere(ray: &Ray, centre: Vec3, radius: f32) -> Option<f32> {
+fn hit_sphere(ray: &Ray, centre: Vec3, radius: f32) -> Option<f32> {
     let to = centre - ray.origin;
     let nearest = to.dot(ray.direction);
     // The perpendicular itself, not |to|^2 - nearest^2, which loses small radii at large distances in f32.
@@ -172,7 +172,7 @@ fn meet_sphere(ray: &Ray, centre: Vec3, radius: f32) -> Option<f32> {
     (t > 0.0).then_some(t)
 }
 
-fn meet_cylinder(ray: &Ray, base: Vec3, radius: f32, height: f32) -> Option<f32> {
+fn hit_cylinder(ray: &Ray, base: Vec3, radius: f32, height: f32) -> Option<f32> {
     let (o, d) = (ray.origin - base, ray.direction);
     let a = d.x * d.x + d.y * d.y;
     let b = o.x * d.x + o.y * d.y;
@@ -191,7 +191,7 @@ fn meet_cylinder(ray: &Ray, base: Vec3, radius: f32, height: f32) -> Option<f32>
     (t > 0.0 && x * x + y * y <= radius * radius).then_some(t)
 }
 
-fn meet_rod(ray: &Ray, from: Vec3, axis: Vec3, length: f32, radius: f32) -> Option<f32> {
+fn hit_rod(ray: &Ray, from: Vec3, axis: Vec3, length: f32, radius: f32) -> Option<f32> {
     // Start near the rod, so that f32 resolves rods thinner than 1/1000 of the distance.
     let start = (from + axis * (0.5 * length) - ray.origin).dot(ray.direction);
     let o = ray.at(start) - from;
@@ -210,7 +210,7 @@ fn meet_rod(ray: &Ray, from: Vec3, axis: Vec3, length: f32, radius: f32) -> Opti
             return (start + t > 0.0).then_some(start + t);
         }
     }
-    let ends = [from, from + axis * length].map(|end| meet_sphere(ray, end, radius));
+    let ends = [from, from + axis * length].map(|end| hit_sphere(ray, end, radius));
     match ends {
         [Some(p), Some(q)] => Some(p.min(q)),
         [p, q] => p.or(q),
@@ -236,7 +236,7 @@ mod tests {
                 let origin = Vec3::new(6.0 * angle.cos(), 6.0 * angle.sin(), 0.2 + (i % 13) as f32 * 0.3);
                 let target = Vec3::new((i % 7) as f32 * 0.1 - 0.3, (i % 11) as f32 * 0.1 - 0.5, (i % 5) as f32 * 0.2);
                 let ray = Ray { origin, direction: (target - origin).normalize() };
-                if let Some(t) = solid.meet(&ray) {
+                if let Some(t) = solid.hit(&ray) {
                     met += 1;
                     let p = ray.at(t);
                     assert!(solid.distance(p).abs() < 1e-4, "{solid:?}: {}", solid.distance(p));

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-/// How a lens bends the ideal picture; coordinates on the plane z = 1.
+/// A lens by the way it bends the ideal picture; coordinates on the plane z = 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Lens {
     /// The ideal pinhole.
@@ -14,7 +14,7 @@ pub(super) enum Lens {
 }
 
 impl Lens {
-    /// Where the ideal point `u` lands in the picture.
+    /// The image of the ideal point `u`.
     pub fn distort(&self, u: DVec2) -> DVec2 {
         match *self {
             Self::Pinhole => u,
@@ -29,7 +29,7 @@ impl Lens {
         }
     }
 
-    /// The direction (z = 1) that lands at `v` in the picture: the inverse of [`Lens::distort`].
+    /// The direction (z = 1) whose image is `v`: the inverse of [`Lens::distort`].
     pub fn direction(&self, v: DVec2) -> DVec3 {
         let ideal = match *self {
             Self::Pinhole => v,

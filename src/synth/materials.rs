@@ -1,4 +1,4 @@
-//! What surfaces are painted with: albedo in linear light as a function of place.
+//! Paints of surfaces: albedo in linear light as a function of position.
 
 use std::f32::consts::{PI, TAU};
 
@@ -32,7 +32,7 @@ pub(super) enum Paint {
     Pot,
 }
 
-/// How a surface mirrors: Fresnel reflection and a Blinn-Phong highlight.
+/// Reflection of a surface: Fresnel reflection and a Blinn-Phong highlight.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gloss {
     /// Reflectance at normal incidence.
@@ -224,7 +224,7 @@ fn meadow(p: Vec3, r: f32) -> Vec3 {
     if cover > 0.0 { haze.lerp(flower(p), cover) } else { haze }
 }
 
-/// Where a flower covers the grass: one in some of the cells of a grid, away from the cell's border.
+/// How much a flower covers the grass: some cells of a grid hold one, away from the cell's border.
 fn bloom(p: Vec3) -> f32 {
     let (x, y) = (whole(p.x / 0.34), whole(p.y / 0.34));
     if cell(x, y, 21) > 0.42 {

@@ -1,7 +1,7 @@
-//! The embedded scene, ray-traced on the CPU into a capture: photos, cameras and points, nothing to download.
+//! Ray-traces the embedded scene on the CPU into a capture of photos, cameras and points; nothing is downloaded.
 //!
-//! The folder looks like a COLMAP project: `images/*.png`, `sparse/0/{cameras,images,points3D}.txt`, `masks/*.png` where
-//! something moves, and `synth.json`, which tells how to make it again. Equal options give equal bytes on any number of
+//! The folder looks like a COLMAP project: `images/*.png`, `sparse/0/{cameras,images,points3D}.txt`, `masks/*.png` if
+//! something moves, and `synth.json`, which records the options. Equal options give equal bytes on any number of
 //! threads.
 
 mod bvh;
@@ -14,12 +14,12 @@ mod materials;
 mod noise;
 mod options;
 mod path;
+mod plaza;
 mod points;
 mod random;
 mod render;
 mod shade;
 mod sky;
-mod stage;
 mod tiles;
 
 use std::{
@@ -35,22 +35,22 @@ pub use self::{
     error::Error,
     options::{Effect, SynthOptions},
 };
-use self::{path::View, render::Photo, stage::Stage};
+use self::{path::View, plaza::Plaza, render::Picture};
 
-/// What was written.
+/// Counts of a synthetic capture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SynthReport {
-    /// Photos in all.
+    /// Number of photos.
     pub photos: usize,
-    /// Photos that the evaluation protocol (every 8th name) holds back.
+    /// Number of photos that the evaluation protocol (every 8th name) holds out.
     pub test_photos: usize,
-    /// Points in `points3D.txt`.
+    /// Number of points in `points3D.txt`.
     pub points: usize,
-    /// Observations of points in `images.txt`.
+    /// Number of observations of points in `images.txt`.
     pub observations: usize,
     /// Share of the photos' pixels that the masks hide, 0..=1.
     pub masked: f64,
-    /// The effects that the scene was made to call for, besides view-dependent colour.
+    /// The effects that the scene calls for, besides view-dependent colour.
     pub effects: Vec<Effect>,
 }
 
@@ -71,8 +71,8 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
         fs::create_dir_all(&masks).map_err(Error::io(&masks))?;
     }
 
-    let stage = Stage::new(options);
-    let mut candidates = points::candidates(&stage, &views, options);
+    let plaza = Plaza::new(options);
+    let mut candidates = points::candidates(&plaza, &views, options);
     let mut wanted: Vec<Vec<DVec2>> = vec![Vec::new(); views.len()];
     for candidate in &candidates {
         for &(view, pixel) in &candidate.seen {
@@ -84,7 +84,7 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
     let colours = (0..views.len())
         .into_par_iter()
         .map(|i| {
-            let photo = render::photo(&stage, &views[i], options, i);
+            let photo = render::picture(&plaza, &views[i], options, i);
             save(dir, &views[i], &photo, options)?;
             progress(done.fetch_add(1, Ordering::Relaxed) + 1);
             let hidden = photo.mask.iter().filter(|free| !**free).count() as f64 / photo.pixels.len() as f64;
@@ -124,8 +124,8 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
     })
 }
 
-/// Writes a photo, and its mask where it has one, under the same name.
-fn save(dir: &Path, view: &View, photo: &Photo, options: &SynthOptions) -> Result<(), Error> {
+/// Writes a photo, and its mask if it has one, under the same name.
+fn save(dir: &Path, view: &View, photo: &Picture, options: &SynthOptions) -> Result<(), Error> {
     let picture = |path: &Path, bytes: &[u8], kind| {
         image::save_buffer_with_format(path, bytes, photo.width, photo.height, kind, image::ImageFormat::Png)
             .map_err(|source| Error::Picture { path: path.to_path_buf(), source })

@@ -1,4 +1,4 @@
-//! Value noise and the small helpers that procedural textures are made of.
+//! Value noise and other parts of procedural textures.
 
 use glam::{Vec2, Vec3};
 
@@ -34,7 +34,7 @@ pub(super) fn noise(p: Vec3) -> f32 {
     a + (face(1) - a) * u.z
 }
 
-/// Smooth value noise of the plane in [0, 1), one cell a unit; at half the cost of [`noise`].
+/// Smooth value noise in the plane, in [0, 1), one cell a unit, at half the cost of [`noise`].
 fn plane_noise(p: Vec2, layer: i32) -> f32 {
     let (x, y) = (whole(p.x), whole(p.y));
     let f = p - Vec2::new(x as f32, y as f32);
@@ -47,7 +47,7 @@ fn plane_noise(p: Vec2, layer: i32) -> f32 {
     a + (edge(1) - a) * u.y
 }
 
-/// As [`fbm`], of the plane; `layer` tells one texture from another.
+/// As [`fbm`] in the plane; `layer` separates textures.
 pub(super) fn plane_fbm(mut p: Vec2, layer: i32, octaves: u32) -> f32 {
     let (mut sum, mut weight, mut total) = (0.0, 0.5, 0.0);
     for octave in 0..octaves {

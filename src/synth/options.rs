@@ -1,10 +1,10 @@
-//! What a user may choose of the synthetic scene.
+//! Options of the synthetic scene.
 
 use std::{fmt, str::FromStr};
 
 use super::Error;
 
-/// A part of image formation that the scene is made to call for.
+/// A part of image formation that the scene can be made to call for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Effect {
     /// Every photo has its own gain and white balance.
@@ -93,7 +93,7 @@ impl FromStr for Effect {
     }
 }
 
-/// What to make: equal options give equal bytes, on any number of threads.
+/// Options of the synthetic scene: equal options give equal bytes, on any number of threads.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SynthOptions {
     /// Number of photos, 1..=9999.
@@ -102,11 +102,11 @@ pub struct SynthOptions {
     pub width: u32,
     /// Height of a photo in pixels, 16..=8192.
     pub height: u32,
-    /// Seed of all that is random: camera jitter, sampling, scattered objects.
+    /// Seed of all random numbers: camera jitter, sampling, scattered objects.
     pub seed: u64,
-    /// Most points in `points3D.txt`, 0..=1,000,000; there are fewer where cameras see too little.
+    /// Greatest number of points in `points3D.txt`, 0..=1,000,000; there are fewer if cameras see too little.
     pub points: usize,
-    /// What the scene shall call for; the order is of no account, and neither are repetitions.
+    /// Effects that the scene calls for; order and repetitions do not matter.
     pub effects: Vec<Effect>,
 }
 
@@ -117,7 +117,7 @@ impl Default for SynthOptions {
 }
 
 impl SynthOptions {
-    /// Whether the scene shall call for `effect`.
+    /// Whether the scene calls for `effect`.
     pub fn has(&self, effect: Effect) -> bool {
         self.effects.contains(&effect)
     }

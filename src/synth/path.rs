@@ -1,4 +1,4 @@
-//! Where the photos are taken from, with what, and how they are exposed.
+//! Cameras of the photos: positions, devices and exposures.
 
 use std::f64::consts::TAU;
 
@@ -9,8 +9,8 @@ use super::{
     geometry::{Ray, Solid},
     lens::Lens,
     materials::Paint,
+    plaza,
     random::{Random, Stream},
-    stage,
 };
 use crate::scene::camera::Camera;
 
@@ -50,17 +50,17 @@ pub(super) struct View {
     pub lens: Lens,
     /// Factors on the finished red, green and blue.
     pub gain: [f32; 3],
-    /// What stands at another place in every photo.
+    /// The object that stands at another place in every photo.
     pub mover: Vec<(Solid, Paint)>,
 }
 
 impl View {
-    /// Whether the evaluation protocol (every 8th name) holds this view back.
+    /// Whether the evaluation protocol (every 8th name) holds this view out.
     pub const fn is_test(index: usize) -> bool {
         index.is_multiple_of(8)
     }
 
-    /// Pixel of a world point, or `None` where it is behind the camera or outside of the picture.
+    /// Pixel of a world point; none behind the camera or outside the picture.
     pub fn project(&self, p: DVec3) -> Option<DVec2> {
         let local = self.camera.rotation * p + self.camera.translation;
         if local.z < 0.05 {
@@ -71,7 +71,7 @@ impl View {
         (pixel.cmpge(DVec2::ONE).all() && pixel.cmple(size - 1.0).all()).then_some(pixel)
     }
 
-    /// The ray through a place of the picture, in pixels.
+    /// The ray through a position in the picture, in pixels.
     pub fn ray(&self, pixel: DVec2) -> Ray {
         let local = self.lens.direction((pixel - self.camera.principal) / self.camera.focal);
         let world = self.camera.rotation.transpose() * local;
@@ -88,7 +88,7 @@ pub(super) fn devices(options: &SynthOptions) -> Vec<Device> {
     };
     let device = |width: u32, height: u32, zoom: f64, shift: DVec2| {
         let (w, h) = (f64::from(width), f64::from(height));
-        // A portrait shows the same breadth as three quarters of a landscape do.
+        // A portrait is as wide as three quarters of a landscape.
         let side = h.min(1.2 * w);
         let half = 0.5 * field.to_radians();
         let reach = if options.has(Effect::Fisheye) { half } else { half.tan() };
@@ -119,7 +119,7 @@ fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
     let per_ring = options.views.div_ceil(3) as f64;
     let turn = TAU * (step + ring as f64 / 3.0 + jitter(0.12)) / per_ring;
     let rise = (RINGS[ring] + jitter(1.2)).to_radians();
-    // Another third than the rings', so that each ring has all distances and devices.
+    // Not the ring's own third, so that each ring has all distances and devices.
     let third = (i + i / 3) % 3;
     let mut distance = DISTANCE * (1.0 + jitter(0.02));
     if options.has(Effect::Scales) {
@@ -146,7 +146,7 @@ fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
     let mover = if options.has(Effect::Masks) {
         // On the near side, where it is seen, between the things in the middle and the fence.
         let (place, reach) = (turn + random.between(-1.2, 1.2), random.between(2.05, 2.3));
-        stage::mover(Vec3::new((place.cos() * reach) as f32, (place.sin() * reach) as f32, 0.0))
+        plaza::mover(Vec3::new((place.cos() * reach) as f32, (place.sin() * reach) as f32, 0.0))
     } else {
         Vec::new()
     };

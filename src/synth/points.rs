@@ -1,4 +1,4 @@
-//! Surface points and the photos that see them, as structure from motion would find them, less its errors.
+//! Surface points and the photos that see them, as structure from motion would find them, but without its errors.
 
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
@@ -6,16 +6,16 @@ use rayon::prelude::*;
 use super::{
     Effect, SynthOptions, materials,
     path::View,
+    plaza::Plaza,
     random::{Random, Stream},
     shade::{Thing, World},
-    stage::Stage,
 };
 
-/// Share of the candidates that are kept on floor and sky: the objects are what a photographer came for.
+/// Share of the candidates on floor and sky that are kept: most points belong on the objects.
 const KEEP_PLAZA: f64 = 0.55;
 const KEEP_MEADOW: f64 = 0.25;
 const KEEP_SKY: f64 = 0.3;
-/// Distance in pixels at which a seen point's surroundings must show the same thing.
+/// Distance in pixels within which a view must show the same thing around a point.
 const CLEARANCE: f64 = 0.75;
 
 /// A point of a visible surface.
@@ -25,31 +25,31 @@ pub(super) struct Candidate {
     pub seen: Vec<(usize, DVec2)>,
 }
 
-/// Surface points, each seen by two views or more (by one, where there is but one).
-pub(super) fn candidates(stage: &Stage, views: &[View], options: &SynthOptions) -> Vec<Candidate> {
+/// Surface points, each seen by at least two views (or by the only one).
+pub(super) fn candidates(plaza: &Plaza, views: &[View], options: &SynthOptions) -> Vec<Candidate> {
     let mut found = Vec::new();
-    // A fixed number of rounds: where little can be seen, fewer points are the answer.
+    // A fixed number of rounds: if cameras see little, there are fewer points.
     for round in 0..8 {
         let missing = options.points - found.len();
         if missing == 0 {
             break;
         }
-        // Half as many again as are missing: some land on what only one view sees.
+        // Half as many again as are missing: some are seen by one view only.
         let tries = (missing + missing / 2 + 64) as u64;
         let first = round << 32;
         let more: Vec<_> =
-            (first..first + tries).into_par_iter().filter_map(|i| candidate(stage, views, options, i)).collect();
+            (first..first + tries).into_par_iter().filter_map(|i| candidate(plaza, views, options, i)).collect();
         found.extend(more.into_iter().take(missing));
     }
     found
 }
 
-fn candidate(stage: &Stage, views: &[View], options: &SynthOptions, i: u64) -> Option<Candidate> {
+fn candidate(plaza: &Plaza, views: &[View], options: &SynthOptions, i: u64) -> Option<Candidate> {
     let mut random = Random::new(options.seed, Stream::Points, i);
     let view = &views[(random.bits() % views.len() as u64) as usize];
     let size = DVec2::new(f64::from(view.camera.width), f64::from(view.camera.height));
     let ray = view.ray(DVec2::new(random.unit(), random.unit()) * size);
-    let (t, thing) = World { stage, mover: &view.mover }.meet(&ray);
+    let (t, thing) = World { plaza, mover: &view.mover }.hit(&ray);
     let share = match thing {
         Thing::Mover(_) => 0.0,
         Thing::Floor | Thing::Sky if options.has(Effect::Alpha) => 0.0,
@@ -63,16 +63,16 @@ fn candidate(stage: &Stage, views: &[View], options: &SynthOptions, i: u64) -> O
     }
     let p = ray.at(t);
     let seen: Vec<_> =
-        views.iter().enumerate().filter_map(|(i, view)| Some((i, sees(stage, view, p, thing)?))).collect();
+        views.iter().enumerate().filter_map(|(i, view)| Some((i, sees(plaza, view, p, thing)?))).collect();
     (seen.len() >= 2.min(views.len())).then(|| Candidate { position: p.as_dvec3(), seen })
 }
 
-/// Where a view sees the point `p` of a thing; `None` where something hides it or it lies at the thing's edge.
-fn sees(stage: &Stage, view: &View, p: Vec3, thing: Thing) -> Option<DVec2> {
+/// The pixel at which a view sees the point `p` of a thing; none if something hides it or it lies at the thing's edge.
+fn sees(plaza: &Plaza, view: &View, p: Vec3, thing: Thing) -> Option<DVec2> {
     let pixel = view.project(p.as_dvec3())?;
-    let world = World { stage, mover: &view.mover };
+    let world = World { plaza, mover: &view.mover };
     let ray = view.ray(pixel);
-    let (t, first) = world.meet(&ray);
+    let (t, first) = world.hit(&ray);
     let far = p.distance(ray.origin);
     if first != thing || (t - far).abs() > 0.003 * far {
         return None;
@@ -81,8 +81,8 @@ fn sees(stage: &Stage, view: &View, p: Vec3, thing: Thing) -> Option<DVec2> {
     if thing != Thing::Sky && -normal.dot(ray.direction) < 0.08 {
         return None;
     }
-    let thin = matches!(thing, Thing::Solid(i) if stage.looks[i as usize].thin);
+    let thin = matches!(thing, Thing::Solid(i) if plaza.looks[i as usize].thin);
     let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
-    let clear = |(x, y): (f64, f64)| world.meet(&view.ray(pixel + DVec2::new(x, y) * CLEARANCE)).1 == thing;
+    let clear = |(x, y): (f64, f64)| world.hit(&view.ray(pixel + DVec2::new(x, y) * CLEARANCE)).1 == thing;
     (thin || corners.into_iter().all(clear)).then_some(pixel)
 }

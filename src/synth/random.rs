@@ -1,6 +1,6 @@
-//! Random numbers by counter: a value depends on its key alone, never on who asked first.
+//! Random numbers by counter: a value depends on its key alone, never on the order of calls.
 
-/// What a random number is for; keeps the streams apart.
+/// The purpose of a random number; streams of different purposes are independent.
 #[derive(Clone, Copy)]
 #[repr(u64)]
 pub(super) enum Stream {
@@ -12,9 +12,9 @@ pub(super) enum Stream {
     Pixel,
     /// Choice of surface points.
     Points,
-    /// Leaves, pebbles and other scattered things.
+    /// Leaves, pebbles and other scattered objects.
     Scatter,
-    /// Place of the moving object.
+    /// Position of the moving object.
     Mover,
 }
 

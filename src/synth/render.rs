@@ -5,9 +5,9 @@ use glam::{DVec2, Vec3};
 use super::{
     Effect, SynthOptions,
     path::View,
+    plaza::Plaza,
     random::{Random, Stream},
     shade::{Openness, Sun, Thing, World},
-    stage::Stage,
     tiles::{Outlook, TILE},
 };
 
@@ -15,27 +15,27 @@ use super::{
 const GRID: usize = 4;
 const SAMPLES: usize = GRID * GRID;
 
-/// A finished photo.
-pub(super) struct Photo {
+/// A finished photo with its mask.
+pub(super) struct Picture {
     pub width: u32,
     pub height: u32,
     /// Red, green, blue, alpha; rows from the top; alpha is straight, not premultiplied.
     pub pixels: Vec<[u8; 4]>,
-    /// Whether the pixel is free of the moving object; empty where nothing moves.
+    /// Whether the pixel is free of the moving object; empty if nothing moves.
     pub mask: Vec<bool>,
 }
 
 /// Takes the photo with index `index`.
-pub(super) fn photo(stage: &Stage, view: &View, options: &SynthOptions, index: usize) -> Photo {
+pub(super) fn picture(plaza: &Plaza, view: &View, options: &SynthOptions, index: usize) -> Picture {
     let (width, height) = (view.camera.width, view.camera.height);
-    let world = World { stage, mover: &view.mover };
+    let world = World { plaza, mover: &view.mover };
     let sun = Sun::new();
     let cut_out = options.has(Effect::Alpha);
     let number = width as usize * height as usize;
     let (mut pixels, mut touched) = (Vec::with_capacity(number), Vec::with_capacity(number));
     let origin = view.camera.centre().as_vec3();
     let turn = view.camera.rotation.transpose();
-    let outlook = Outlook::new(&stage.solids, origin);
+    let outlook = Outlook::new(&plaza.solids, origin);
     let mut lists = vec![Vec::new(); width.div_ceil(TILE) as usize];
     for y in 0..height {
         if y % TILE == 0 {
@@ -75,7 +75,7 @@ pub(super) fn photo(stage: &Stage, view: &View, options: &SynthOptions, index: u
         }
     }
     let mask = if view.mover.is_empty() { Vec::new() } else { grown(&touched, width as usize) };
-    Photo { width, height, pixels, mask }
+    Picture { width, height, pixels, mask }
 }
 
 /// From linear radiance to display values: an exponential shoulder (film's), then sRGB's curve (IEC 61966-2-1).
@@ -96,8 +96,8 @@ fn grown(touched: &[bool], width: usize) -> Vec<bool> {
     (0..touched.len()).map(free).collect()
 }
 
-impl Photo {
-    /// Colour (0..=255) between the four pixels round a place, or `None` where they are masked or mostly transparent.
+impl Picture {
+    /// Colour (0..=255) interpolated between the four nearest pixels; none if one of them is masked or mostly transparent.
     pub fn colour_at(&self, place: DVec2) -> Option<[f32; 3]> {
         let at = (place - 0.5).max(DVec2::ZERO);
         let (x, y) = (at.x as usize, at.y as usize);

@@ -1,44 +1,44 @@
-//! Light: what a ray sees.
+//! Shading: the light along a ray.
 
 use glam::Vec3;
 
 use super::{
     geometry::{Ray, Solid},
     materials::{self, Gloss, Paint},
+    plaza::Plaza,
     sky,
-    stage::Stage,
 };
 
 /// Sunlight on a surface that faces it.
 const SUN: Vec3 = Vec3::new(2.1, 1.9, 1.55);
 /// Radius of the sun's disc as seen from the ground, in radians: larger than the real one, for soft shadows.
 const SUN_RADIUS: f32 = 0.03;
-/// Places on the sun's disc: cells of a square grid, and places within a cell.
+/// Points on the sun's disc: cells along a side of a square grid, and points along a side of a cell.
 const SUN_CELLS: usize = 4;
 const SUN_PLACES: usize = 4;
-/// Above so many solids the hierarchy is faster than a list.
+/// Number of solids above which the hierarchy is faster than a list.
 const SHORT_LIST: usize = 8;
-/// How far off a surface secondary rays start, in metres.
+/// Distance from a surface at which secondary rays start, in metres.
 const LIFT: f32 = 1e-3;
 
-/// What a ray met.
+/// The first thing along a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Thing {
-    /// Index in the stage.
+    /// Index among the plaza's solids.
     Solid(u32),
-    /// Index in the moving object.
+    /// Index among the moving object's solids.
     Mover(u32),
     Floor,
     Sky,
 }
 
-/// The stage with the moving object of one photo.
+/// The plaza with the moving object of one photo.
 pub(super) struct World<'a> {
-    pub stage: &'a Stage,
+    pub plaza: &'a Plaza,
     pub mover: &'a [(Solid, Paint)],
 }
 
-/// Unit vectors to places spread evenly over the sun's disc.
+/// Unit vectors to points spread evenly over the sun's disc.
 pub(super) struct Sun {
     towards: Vec<Vec3>,
 }
@@ -58,43 +58,43 @@ impl Sun {
         Self { towards: (0..side * side).map(place).collect() }
     }
 
-    /// The vector for one of the 16 cells; random `bits` choose the place within it.
+    /// The vector for one of the 16 cells; random `bits` choose the point within it.
     pub fn towards(&self, cell: usize, bits: u64) -> Vec3 {
         let places = SUN_PLACES * SUN_PLACES;
         self.towards[(cell * places + bits as usize % places) % self.towards.len()]
     }
 }
 
-/// How open the last surface was: neighbouring samples share it, as it varies slowly.
+/// The openness of the last surface: neighbouring samples share it, as it varies slowly.
 #[derive(Default)]
 pub(super) struct Openness {
     last: Option<(Thing, Vec3, f32)>,
 }
 
-/// What one sample saw.
+/// The result of one sample.
 pub(super) struct Sample {
     /// Linear radiance.
     pub colour: Vec3,
     pub thing: Thing,
-    /// Whether the moving object had a part in the colour, by itself, its shadow or its reflection.
+    /// Whether the moving object contributed to the colour, by itself, its shadow or its reflection.
     pub moved: bool,
 }
 
 impl World<'_> {
     /// The first thing along a ray and its distance.
-    pub fn meet(&self, ray: &Ray) -> (f32, Thing) {
-        self.meet_by(ray, |limit| self.stage.bvh.first(&self.stage.solids, ray, limit))
+    pub fn hit(&self, ray: &Ray) -> (f32, Thing) {
+        self.hit_by(ray, |limit| self.plaza.bvh.first(&self.plaza.solids, ray, limit))
     }
 
-    /// As [`World::meet`], where only the solids of a short list can be met.
-    fn meet_listed(&self, ray: &Ray, list: &[u32]) -> (f32, Thing) {
+    /// As [`World::hit`], if the ray can hit only the solids of a list.
+    fn hit_listed(&self, ray: &Ray, list: &[u32]) -> (f32, Thing) {
         if list.len() > SHORT_LIST {
-            return self.meet(ray);
+            return self.hit(ray);
         }
-        self.meet_by(ray, |limit| {
+        self.hit_by(ray, |limit| {
             let mut first = None;
             for &i in list {
-                if let Some(t) = self.stage.solids[i as usize].meet(ray)
+                if let Some(t) = self.plaza.solids[i as usize].hit(ray)
                     && t < first.map_or(limit, |(t, _)| t)
                 {
                     first = Some((t, i));
@@ -104,8 +104,8 @@ impl World<'_> {
         })
     }
 
-    fn meet_by(&self, ray: &Ray, solid: impl FnOnce(f32) -> Option<(f32, u32)>) -> (f32, Thing) {
-        let (mut limit, mut thing) = (sky::meet_dome(ray), Thing::Sky);
+    fn hit_by(&self, ray: &Ray, solid: impl FnOnce(f32) -> Option<(f32, u32)>) -> (f32, Thing) {
+        let (mut limit, mut thing) = (sky::hit_dome(ray), Thing::Sky);
         if ray.direction.z < 0.0 {
             let t = -ray.origin.z / ray.direction.z;
             if t > 0.0 && t < limit {
@@ -116,7 +116,7 @@ impl World<'_> {
             (limit, thing) = (t, Thing::Solid(i));
         }
         for (i, (solid, _)) in self.mover.iter().enumerate() {
-            if let Some(t) = solid.meet(ray)
+            if let Some(t) = solid.hit(ray)
                 && t < limit
             {
                 (limit, thing) = (t, Thing::Mover(i as u32));
@@ -128,17 +128,17 @@ impl World<'_> {
     /// Outward unit normal of a thing at a point; the sky has none and gives zero.
     pub fn normal(&self, thing: Thing, p: Vec3) -> Vec3 {
         match thing {
-            Thing::Solid(i) => self.stage.solids[i as usize].normal(p),
+            Thing::Solid(i) => self.plaza.solids[i as usize].normal(p),
             Thing::Mover(i) => self.mover[i as usize].0.normal(p),
             Thing::Floor => Vec3::Z,
             Thing::Sky => Vec3::ZERO,
         }
     }
 
-    /// The colour along a ray, for one place on the sun's disc; `open` is kept between the samples of a pixel.
-    /// `list` names all solids that the ray may meet.
+    /// The colour along a ray, for one point on the sun's disc; `open` is kept between the samples of a pixel.
+    /// `list` names all solids that the ray may hit.
     pub fn trace(&self, ray: &Ray, list: &[u32], towards: Vec3, open: &mut Openness) -> Sample {
-        let (t, thing) = self.meet_listed(ray, list);
+        let (t, thing) = self.hit_listed(ray, list);
         let p = ray.at(t);
         if thing == Thing::Sky {
             return Sample { colour: sky::radiance(p / sky::DOME), thing, moved: false };
@@ -168,12 +168,12 @@ impl World<'_> {
         Sample { colour, thing, moved }
     }
 
-    /// What a mirror shows; mirrors in mirrors are matte.
+    /// The light that a mirror reflects; mirrors in mirrors are matte.
     fn reflection(&self, ray: &Ray, towards: Vec3) -> (Vec3, bool) {
-        let (t, thing) = self.meet(ray);
+        let (t, thing) = self.hit(ray);
         let p = ray.at(t);
         if thing == Thing::Sky {
-            // The sun's own disc is the highlight's business.
+            // The highlight accounts for the sun's disc.
             return (sky::radiance(p / sky::DOME).min(Vec3::splat(1.6)), false);
         }
         let normal = self.normal(thing, p);
@@ -194,7 +194,7 @@ impl World<'_> {
             paint.albedo(solid.local(p), local_normal)
         };
         let albedo = match thing {
-            Thing::Solid(i) => painted(&self.stage.solids[i as usize], self.stage.looks[i as usize].paint),
+            Thing::Solid(i) => painted(&self.plaza.solids[i as usize], self.plaza.looks[i as usize].paint),
             Thing::Mover(i) => painted(&self.mover[i as usize].0, self.mover[i as usize].1),
             Thing::Floor => materials::floor(p),
             Thing::Sky => return Vec3::ZERO,
@@ -204,8 +204,8 @@ impl World<'_> {
 
     fn gloss(&self, thing: Thing) -> Option<Gloss> {
         match thing {
-            Thing::Solid(i) => self.stage.looks[i as usize].gloss,
-            Thing::Floor => self.stage.floor_gloss,
+            Thing::Solid(i) => self.plaza.looks[i as usize].gloss,
+            Thing::Floor => self.plaza.floor_gloss,
             Thing::Mover(_) | Thing::Sky => None,
         }
     }
@@ -217,18 +217,18 @@ impl World<'_> {
             return (0.0, false);
         }
         let ray = Ray { origin: p + normal * LIFT, direction: towards };
-        // Nothing stands outside of the fence, and no shadow reaches further than this.
+        // Nothing stands outside the fence, and no shadow reaches further than this.
         if p.length_squared() > 49.0 {
             return (height, false);
         }
-        if self.stage.bvh.any(&self.stage.solids, &ray, f32::INFINITY) {
+        if self.plaza.bvh.any(&self.plaza.solids, &ray, f32::INFINITY) {
             return (0.0, false);
         }
-        let blocked = self.mover.iter().any(|(solid, _)| solid.meet(&ray).is_some());
+        let blocked = self.mover.iter().any(|(solid, _)| solid.hit(&ray).is_some());
         (if blocked { 0.0 } else { height }, blocked)
     }
 
-    /// Share of the sky that neighbours leave open, about 0.3..=1: by how much less room there is along the normal
+    /// Share of the sky that neighbours leave open, about 0.3..=1, by how much less room there is along the normal
     /// than on a plain (Evans 2006, "Fast approximations for global illumination on dynamic scenes").
     fn openness(&self, p: Vec3, normal: Vec3) -> f32 {
         const STEPS: [(f32, f32); 3] = [(0.06, 1.0), (0.2, 0.8), (0.5, 0.6)];
@@ -236,8 +236,8 @@ impl World<'_> {
             return 1.0;
         }
         let mut room = STEPS.map(|(h, _)| (p.z + normal.z * h).min(h));
-        for &i in &self.stage.shading {
-            let solid = &self.stage.solids[i as usize];
+        for &i in &self.plaza.shading {
+            let solid = &self.plaza.solids[i as usize];
             let here = solid.distance(p);
             if here > 1.0 {
                 continue;

@@ -1,4 +1,4 @@
-//! The background: a painted dome at a finite distance, so that points on it have a place.
+//! The background: a painted dome at a finite distance, so that points on it have a position.
 
 use glam::Vec3;
 
@@ -16,7 +16,7 @@ pub(super) const fn sun() -> Vec3 {
 }
 
 /// Distance to the dome from a point within it.
-pub(super) fn meet_dome(ray: &Ray) -> f32 {
+pub(super) fn hit_dome(ray: &Ray) -> f32 {
     let b = ray.origin.dot(ray.direction);
     (b * b - ray.origin.length_squared() + DOME * DOME).max(0.0).sqrt() - b
 }

@@ -1,4 +1,4 @@
-//! Which solids a tile of the picture can show: the rays of a tile need not search the whole scene.
+//! The solids that a tile of the picture can show, so that its rays need not search the whole scene.
 
 use glam::{DVec2, Vec3};
 
@@ -7,7 +7,7 @@ use super::{geometry::Solid, path::View};
 /// Side of a tile in pixels.
 pub(super) const TILE: u32 = 8;
 
-/// For each solid its bounding sphere as one photo sees it: direction, distance and the sine of its angular radius.
+/// For each solid, the direction to its bounding sphere and the sphere's angular radius, as one photo sees them.
 pub(super) struct Outlook {
     spheres: Vec<(Vec3, f32)>,
 }

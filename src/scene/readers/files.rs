@@ -1,4 +1,4 @@
-//! Where photos and masks lie: folders, extensions, real sizes.
+//! Files of a scene: photos and masks by folder and extension, sizes of photos, whole files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,18 +9,18 @@ use crate::scene::image_size::image_size;
 /// Extensions of photos, in the order in which they are tried for names without one.
 const EXTENSIONS: [&str; 8] = ["png", "jpg", "jpeg", "JPG", "PNG", "JPEG", "webp", "WEBP"];
 
-/// Whether the path ends like a photo.
+/// Whether the path has a photo's extension.
 pub(super) fn is_photo_name(path: &Path) -> bool {
     path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
 }
 
-/// Number of photos directly in a folder; 0 where there is none.
+/// Number of photos directly in a folder; 0 if there is no such folder.
 pub(super) fn count_photos(folder: &Path) -> usize {
     let Ok(entries) = fs::read_dir(folder) else { return 0 };
     entries.flatten().filter(|e| is_photo_name(&e.path()) && e.path().is_file()).count()
 }
 
-/// The photo folder that the user names: within the scene, or else a path of its own.
+/// The photo folder that the user names: within the scene, otherwise a path of its own.
 pub(super) fn image_folder(root: &Path, asked: &Path) -> Result<PathBuf, Error> {
     [root.join(asked), asked.to_owned()].into_iter().find(|p| p.is_dir()).ok_or_else(|| {
         let mut known: Vec<String> = fs::read_dir(root)
@@ -35,7 +35,7 @@ pub(super) fn image_folder(root: &Path, asked: &Path) -> Result<PathBuf, Error> 
     })
 }
 
-/// The first candidate that exists, as named, with another photo extension, or with one appended; else the first as
+/// The first candidate that exists as named, with another photo extension or with one appended; otherwise the first as
 /// named.
 pub(super) fn find_photo(candidates: &[PathBuf]) -> PathBuf {
     for candidate in candidates {
@@ -53,7 +53,7 @@ pub(super) fn find_photo(candidates: &[PathBuf]) -> PathBuf {
     candidates.first().cloned().unwrap_or_default()
 }
 
-/// `path.extension`, whatever dots the path holds already.
+/// `path.extension`, even if the path has dots already.
 fn appended(path: &Path, extension: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".");
@@ -75,7 +75,7 @@ pub(super) fn find_mask(folder: &Path, name: &str) -> Option<PathBuf> {
     [appended(&plain, "png"), plain.with_extension("png"), plain].into_iter().find(|p| p.is_file())
 }
 
-/// Width and height of the photo at `path` where there is one with a legible header.
+/// Width and height of the photo at `path`, if there is one with a legible header.
 ///
 /// Only regular files are opened: a name may lead anywhere.
 pub(super) fn photo_size(path: &Path) -> Option<(u32, u32)> {

@@ -1,8 +1,8 @@
-//! Readers of the field's scene formats, and the way from what they found to a [`Scene`].
+//! Readers of the field's scene formats, and the assembly of a [`Scene`] from their findings.
 //!
-//! Readers only see what the files say (`Listing`); photo folders, real photo sizes, undistortion and the views' order
-//! are settled here, alike for all formats. Bad input is refused by file and record, or skipped and counted; counts that
-//! a file claims are checked against its size before anything is allocated for them.
+//! Readers return only what the files say (`Listing`); photo folders, real photo sizes, undistortion and the order of the
+//! views are settled here for all formats alike. Bad input is refused by file and record, or skipped and counted; counts
+//! in a file are checked against its size before anything is allocated for them.
 
 mod colmap;
 mod files;
@@ -21,7 +21,7 @@ use super::lens::{Lens, Pinhole, VISIBLE_DISPLACEMENT};
 use super::view::{FOLDED, Role, View};
 use super::{Error, OpenOptions, Point, Scene, SceneKind, Skipped};
 
-/// What a scene's own files say.
+/// The contents of a scene's files.
 struct Listing {
     kind: SceneKind,
     root: PathBuf,
@@ -31,7 +31,7 @@ struct Listing {
     skipped: Skipped,
 }
 
-/// A view as listed; `id` is what tracks call it.
+/// A view as listed; tracks name it by `id`.
 struct ListedView {
     id: u32,
     name: String,
@@ -66,7 +66,7 @@ impl Scene {
 const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, in sparse/0, sparse and colmap/sparse/0, \
                           transforms.json, transforms_train.json";
 
-/// Finds out what lies at `path` and reads it.
+/// Finds the scene at `path` and reads it.
 fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
     std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
     let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
@@ -105,7 +105,7 @@ fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
     Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR })
 }
 
-/// Sorts views, looks at their photos' headers, chooses ideal cameras and renumbers tracks.
+/// Sorts views, reads their photos' headers, chooses ideal cameras and renumbers tracks.
 fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error> {
     let source = listing.source.clone();
     listing.views.sort_by(|a, b| a.name.cmp(&b.name));
@@ -133,7 +133,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     Ok(Scene { kind: listing.kind, root: listing.root, source, views, points, skipped })
 }
 
-/// Of views listed twice alike one stays; one name with two poses or cameras is refused, as either may be wrong.
+/// Drops views listed twice with the same fields; refuses a name with two poses or cameras, as either may be wrong.
 fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -> Result<Vec<ListedView>, Error> {
     let mut kept: Vec<ListedView> = Vec::with_capacity(views.len());
     for view in views {
@@ -154,7 +154,7 @@ fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -
     Ok(kept)
 }
 
-/// Views at their photos' real sizes, where a photo is there and has the camera's shape, with their ideal cameras.
+/// The views with their ideal cameras, at the real size of their photo if it is present and of the camera's shape.
 fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Result<Vec<View>, Error> {
     let sizes: Vec<_> = listed.par_iter().map(|view| files::photo_size(&view.image)).collect();
     let mut ideals: HashMap<Vec<u64>, Option<Pinhole>> = HashMap::new(); // most scenes have few lenses, and many views

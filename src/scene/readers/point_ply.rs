@@ -1,4 +1,4 @@
-//! Point clouds in PLY files, as nerfstudio puts beside its transforms.json: places and colours, nothing else.
+//! Point clouds in PLY files, which nerfstudio puts beside its transforms.json: positions and colours only.
 
 use std::path::Path;
 

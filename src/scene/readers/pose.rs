@@ -1,11 +1,11 @@
-//! Poses from quaternions and matrices, or none where they are no rigid motion.
+//! Poses from quaternions and matrices; none if they are no rigid motion.
 
 use glam::{DMat3, DQuat, DVec3};
 
-/// Largest coordinate that a pose or point may have; beyond it float32 has nothing left for detail.
+/// Largest coordinate of a pose or point; beyond it float32 has no precision left for detail.
 const FARTHEST: f64 = 1e15;
 
-/// Whether a place can be used.
+/// Whether a position can be used.
 pub(super) fn is_place(p: DVec3) -> bool {
     p.is_finite() && p.abs().max_element() < FARTHEST
 }

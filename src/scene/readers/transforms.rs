@@ -2,7 +2,7 @@
 //!
 //! Poses are camera-to-world with OpenGL's camera axes. The world stays as the file has it: nerfstudio's
 //! `applied_transform` (how it differs from COLMAP's) is not undone, and its point cloud lies in the same world. instant-ngp's
-//! `scale`, `offset` and `aabb_scale` concern its own volume only and are passed over.
+//! `scale`, `offset` and `aabb_scale` concern its own volume only and are ignored.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -47,7 +47,7 @@ struct Frame {
     mask_path: Option<String>,
 }
 
-/// What nerfstudio's file says about all of its frames.
+/// Fields of nerfstudio's file that concern all frames.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Whole {
@@ -63,12 +63,12 @@ struct Reader<'a> {
     images: Option<PathBuf>,
     views: Vec<ListedView>,
     skipped: Skipped,
-    /// The first size found, for views that nothing else gives one.
+    /// The first size found, for views without a size of their own.
     usual_size: Option<(u32, u32)>,
     camera_ids: HashMap<Vec<u64>, u32>,
 }
 
-/// Reads the transforms file `path` of the scene at `root`; a file of Blender's brings its sisters along.
+/// Reads the transforms file `path` of the scene at `root`, for Blender with its sister files.
 pub(super) fn read(root: &Path, path: &Path, options: &OpenOptions) -> Result<Listing, Error> {
     let images = options.images.as_ref().map(|asked| files::image_folder(root, asked)).transpose()?;
     let mut reader = Reader {
@@ -148,7 +148,7 @@ impl Reader<'_> {
                 Some(size) => Some(size),
                 None => files::photo_size(&usual),
             };
-            // Blender's files give no size; where this frame's photo is absent, it has the size of the others.
+            // Blender's files give no size; a frame whose photo is absent has the size of the others.
             self.usual_size = self.usual_size.or(size).or_else(|| self.first_size(frames));
             let Some((width, height)) = size.or(self.usual_size) else {
                 let what = format!("gives no w and h, and {} is not there to tell; add them", usual.display());
@@ -180,7 +180,7 @@ impl Reader<'_> {
         Ok(whole)
     }
 
-    /// The size of the first photo that is there.
+    /// The size of the first photo that exists.
     fn first_size(&self, frames: &[Value]) -> Option<(u32, u32)> {
         frames.iter().find_map(|frame| {
             let name = tidy(frame.get("file_path")?.as_str()?);
@@ -188,7 +188,7 @@ impl Reader<'_> {
         })
     }
 
-    /// The photo of a frame: as listed, or in the folder asked for, under its name less the first folder, its whole name
+    /// The photo of a frame: as listed, or in the requested folder under its name without the first folder, its whole name
     /// or its last part.
     fn photo(&self, name: &str, usual: PathBuf) -> PathBuf {
         let Some(folder) = &self.images else { return usual };
@@ -208,14 +208,14 @@ impl Reader<'_> {
         files::find_mask(&folder, inner).or_else(|| files::find_mask(&folder, name))
     }
 
-    /// Equal lenses share a number.
+    /// The number of the physical camera: equal lenses share one.
     fn camera_id(&mut self, lens: &Lens) -> u32 {
         let next = self.camera_ids.len() as u32;
         *self.camera_ids.entry(lens.key()).or_insert(next)
     }
 }
 
-/// A path as other systems or careless writers put it.
+/// The path with forward slashes and without a leading `./`.
 fn tidy(path: &str) -> String {
     let path = path.replace('\\', "/");
     path.strip_prefix("./").unwrap_or(&path).to_owned()
@@ -227,7 +227,7 @@ enum LensFault {
 }
 
 impl Intrinsics {
-    /// These where given, else the file's; a frame's own field of view replaces the file's focal length.
+    /// The frame's own values if given, otherwise the file's; a frame's own field of view replaces the file's focal length.
     fn over(&self, common: &Self) -> Self {
         let angles = self.camera_angle_x.is_some() && self.fl_x.is_none();
         let focal = |own: Option<f64>, file: Option<f64>| if angles { own } else { own.or(file) };
@@ -253,7 +253,7 @@ impl Intrinsics {
         }
     }
 
-    /// Width and height where given; absurd ones become 0, which no lens passes.
+    /// Width and height if given; absurd ones become 0, which no lens accepts.
     fn size(&self) -> Option<(u32, u32)> {
         let whole = |x: f64| x.round() as u32; // saturates; NaN gives 0
         Some((whole(self.w?), whole(self.h?)))

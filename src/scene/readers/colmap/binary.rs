@@ -114,7 +114,7 @@ pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
     Ok(cameras)
 }
 
-/// images.bin; the 2D points are passed over.
+/// images.bin; the 2D points are ignored.
 pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
     records::<_, String>(
         path,

@@ -16,7 +16,7 @@ use crate::scene::{Error, OpenOptions, SceneKind, Skipped};
 /// Cameras by COLMAP's ids.
 type Cameras = HashMap<u32, Lens>;
 
-/// A row of images.bin or images.txt, less its 2D points.
+/// A row of images.bin or images.txt without its 2D points.
 struct ImageRow {
     id: u32,
     quaternion: [f64; 4],
@@ -42,7 +42,7 @@ fn has(folder: &Path, extension: &str) -> bool {
     ["cameras", "images"].iter().all(|f| folder.join(f).with_extension(extension).is_file())
 }
 
-/// Reads the model in `model`, which belongs to the scene at `root`; binary wins where both are there.
+/// Reads the model in `model`, which belongs to the scene at `root`; binary files take precedence over text.
 pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<Listing, Error> {
     let binary = has(model, "bin");
     let extension = if binary { "bin" } else { "txt" };
@@ -100,15 +100,15 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     Ok(Listing { kind, root, source, views, points: kept, skipped })
 }
 
-/// The scene that a model folder given by itself belongs to: the nearest folder up, three at most, with photos.
+/// The scene of a model folder given by itself: the folder or the nearest of its three parents with photos.
 fn scene_of(model: &Path) -> PathBuf {
     let absolute = std::path::absolute(model).unwrap_or_else(|_| model.to_owned());
     let found = absolute.ancestors().take(4).find(|a| a.join("images").is_dir());
     found.unwrap_or(model).to_owned()
 }
 
-/// The folder that image names are relative to: as asked, else images, else input or the scene itself where the first
-/// photos lie there.
+/// The folder that image names are relative to: as requested, otherwise images, otherwise input or the scene itself if the
+/// first photos lie there.
 fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result<PathBuf, Error> {
     if let Some(asked) = &options.images {
         return files::image_folder(root, asked);
@@ -121,7 +121,7 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
     Ok([root.join("input"), root.to_owned()].into_iter().find(holds).unwrap_or(usual))
 }
 
-/// Adds a camera, once.
+/// Adds a camera; refuses an id that is taken.
 fn add_camera(cameras: &mut Cameras, id: u32, lens: Lens) -> Result<(), String> {
     match cameras.insert(id, lens) {
         Some(_) => Err(format!("camera {id} is listed twice; remove the wrong entry")),
@@ -129,7 +129,7 @@ fn add_camera(cameras: &mut Cameras, id: u32, lens: Lens) -> Result<(), String> 
     }
 }
 
-/// What can be wrong with a camera's record.
+/// A fault of a camera's record.
 enum CameraFault {
     Model(String),
     Other(String),
@@ -150,7 +150,7 @@ impl From<String> for CameraFault {
     }
 }
 
-/// COLMAP's models that the engine lacks, by name where the number is known.
+/// The model with COLMAP's number; the fault names the models that the engine lacks.
 fn model_of(id: i32) -> Result<LensModel, CameraFault> {
     LensModel::from_id(id).ok_or_else(|| {
         CameraFault::Model(match id {

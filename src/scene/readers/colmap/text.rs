@@ -41,7 +41,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// Lines that hold something, with their numbers from 1.
+/// Lines that hold a record, with their numbers from 1.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, line)| is_record(line))
 }
@@ -73,7 +73,7 @@ fn camera(line: &str, cameras: &mut Cameras) -> Result<(), CameraFault> {
     Ok(add_camera(cameras, id, Lens::from_colmap(model, width, height, &parameters)?)?)
 }
 
-/// images.txt: each image takes a line of its own and one, perhaps empty, of 2D points, which is passed over.
+/// images.txt: each image takes two lines; the second, its 2D points, is ignored.
 pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
     let text = files::read_text(path)?;
     let mut rows = Vec::new();
@@ -85,7 +85,7 @@ pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
         let fault = |what: String| Error::malformed(path, format!("line {}", i + 1), what);
         rows.push(image(line).map_err(fault)?);
         let points = all.next().map_or("", |(_, line)| line);
-        // A file whose writer forgot these lines would lose every other image without a word.
+        // If the writer forgot these lines, every other image would be lost silently.
         if points.split_whitespace().count() % 3 != 0 {
             let what = "is not a list of 2D points (triples X Y POINT3D_ID): each image takes two lines, the second may \
                         be empty";

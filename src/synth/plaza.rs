@@ -1,4 +1,4 @@
-//! The embedded scene: what stands on the plaza.
+//! The embedded scene: the objects on the plaza.
 
 use std::f32::consts::TAU;
 
@@ -13,7 +13,7 @@ use super::{
     random::{Random, Stream},
 };
 
-/// What a solid is made of.
+/// Material of a solid.
 #[derive(Clone, Debug)]
 pub(super) struct Look {
     pub paint: Paint,
@@ -22,22 +22,22 @@ pub(super) struct Look {
     pub thin: bool,
 }
 
-/// The scene less floor and sky.
-pub(super) struct Stage {
+/// The scene without floor and sky.
+pub(super) struct Plaza {
     pub solids: Vec<Solid>,
     pub looks: Vec<Look>,
     pub bvh: Bvh,
-    /// Indices of the solids that are large enough to darken what is near them.
+    /// Indices of the solids that are large enough to darken their surroundings.
     pub shading: Vec<u32>,
     pub floor_gloss: Option<Gloss>,
 }
 
 /// The polish of the one glossy object.
 const ENAMEL: Gloss = Gloss { f0: 0.16, shininess: 180.0 };
-/// The polish of everything else where all shall be glossy.
+/// The polish of everything else if every surface reflects.
 const VARNISH: Gloss = Gloss { f0: 0.08, shininess: 60.0 };
 
-/// Solids and looks while the scene is put together.
+/// Solids and looks of the scene under construction.
 struct Builder {
     solids: Vec<Solid>,
     looks: Vec<Look>,
@@ -55,7 +55,7 @@ impl Builder {
     }
 }
 
-impl Stage {
+impl Plaza {
     pub fn new(options: &SynthOptions) -> Self {
         let mut b = Builder { solids: Vec::new(), looks: Vec::new() };
         glossy_sphere(&mut b);
@@ -109,7 +109,7 @@ fn buildings(b: &mut Builder) {
     b.solids.push(Solid::Block { centre, half, axes });
     b.looks.push(Look { paint: Paint::Sign(half), gloss: None, thin: false });
     for side in [-0.4, 0.4] {
-        // Within the board where they carry it, so that they hide no letter.
+        // The heads lie inside the board, so that they hide no letter.
         let head = centre + axes * Vec3::new(side, 0.0, 0.0);
         b.put(Solid::rod(head.with_z(0.0), head, 0.026), Paint::Plain(rgb(0x5a4026)));
     }
@@ -196,7 +196,7 @@ fn pennant(b: &mut Builder) {
     b.put(Solid::Block { centre, half, axes }, Paint::Bands(0xf2b632, 0x2f5f9e, 0.075));
 }
 
-/// Small balls strewn over the plaza, clear of the larger things.
+/// Small balls strewn over the plaza, clear of the larger objects.
 fn marbles(b: &mut Builder, seed: u64) {
     let fixed = b.solids.len();
     let mut random = Random::new(seed, Stream::Scatter, 1);
@@ -220,7 +220,7 @@ fn marbles(b: &mut Builder, seed: u64) {
     }
 }
 
-/// The object that moves: a little figure at a place of the floor, matte.
+/// The moving object: a little matte figure that stands at `foot`.
 pub(super) fn mover(foot: Vec3) -> Vec<(Solid, Paint)> {
     vec![
         (Solid::rod(foot.with_z(0.2), foot.with_z(0.55), 0.2), Paint::Bands(0xd0359a, 0xf7e04a, 0.12)),
