@@ -110,7 +110,7 @@ impl Arguments {
 
     fn evaluation(&self) -> Result<Evaluation, Error> {
         let file = self.config.as_deref().map(RunConfig::read).transpose()?;
-        let style = self.rendering.style().or(file.as_ref().map(RunConfig::style).unwrap_or_default());
+        let style = self.rendering.style().or(file.as_ref().map(|c| c.style).unwrap_or_default());
         let exposure = file.as_ref().is_some_and(|c| c.exposure);
         let base = file.map(|c| c.selection());
         // A scene of one's own has photos of its own.

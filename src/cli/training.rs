@@ -6,6 +6,7 @@ use crate::effects::{Choice, Effect, Overrides};
 use crate::pipeline::config::Pruning;
 use crate::pipeline::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::pipeline::{Init, Preset, RunConfig};
+use crate::render::Style;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -100,8 +101,7 @@ impl Training {
             init: init(&self.init),
             init_count: self.init_count.map(|n| n as usize),
             background: self.background,
-            antialias: false,
-            depth_order: false,
+            style: Style::default(),
             exposure: false,
             max_gaussians: self.max_gaussians as usize,
             checkpoint_every: self.checkpoint_every,

@@ -1,57 +1,60 @@
-//! Effects that the colours of points tell of: exposure, and dependence on the direction of view.
+//! Detectors that read the colours of points: exposure, and dependence on the direction of view.
 
+use super::decision::{Decision, is_near};
+use super::effect::Effect;
+use super::quantile::quantile;
 use super::tracks::Observation;
-use super::{Decision, Effect, TrainingSet, is_near, quantile};
+use super::training_set::TrainingSet;
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::gaussians::sh::basis;
 use crate::scene::View;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Spread of the photos' log-gains from which each gets its own exposure.
+/// Spread of the photos' log-gains above which each photo gets an exposure of its own.
 pub const GAINS: f64 = 0.02;
-/// Share of the points' differences between photos that gains must explain: less is light that changed, or surfaces that
+/// Share of the points' differences between photos that gains must explain: if it is less, light changed or surfaces
 /// reflect, which no exposure undoes.
 pub const EXPLAINED: f64 = 1.0 / 3.0;
-/// Deviation of a point's colours from which they depend on the view: beyond the noise of photos made small.
+/// Deviation of a point's colours above which they depend on the view: beyond the noise of thumbnails.
 pub const DEVIATION: f64 = 0.005;
-/// Share of points, the smoothest, whose colours are looked at for it: others change with the texture round them.
+/// Share of points, the smoothest, whose deviation counts: colours of others change with the texture around them.
 const SMOOTH: f64 = 0.1;
-/// A higher degree is taken while the held-back error is no more than this times the least.
+/// The highest degree is taken whose held-back error is at most this times the least.
 const AS_GOOD: f64 = 1.005;
-/// Channels in this range are neither lost in noise nor clipped.
-const EXPOSED: (f64, f64) = (0.06, 0.94);
-/// Rounds of fitting gains to points and points to gains.
+/// Range of channels that are neither lost in noise nor clipped.
+const USABLE: (f64, f64) = (0.06, 0.94);
+/// Rounds of fitting gains to points, then points to gains.
 const ROUNDS: usize = 8;
-/// Photos that must show points in common before gains are believed, and common colours of each.
+/// Least number of photos that show common points before gains are believed, and of common colours of each photo.
 const COMMON: (usize, usize) = (3, 20);
-/// Observations that a point must have to show how its colour turns.
+/// Least number of observations by which a point shows how its colour depends on the view.
 const OBSERVED: usize = 8;
-/// Parts that a point's observations are held back in, one after the other.
+/// Number of parts of a point's observations, each held back once.
 const FOLDS: usize = 4;
-/// Pull of SH coefficients towards 0, in observations.
+/// Weight of the pull of SH coefficients towards 0, in observations.
 const RIDGE: f64 = 1.0;
-/// Coefficients up to degree 3.
+/// Number of coefficients up to degree 3.
 const TERMS: usize = 16;
 
-/// How bright each photo is against the others.
+/// Brightness of each photo against the others.
 #[derive(Clone, Debug, Default)]
 pub struct Gains {
-    /// By photo: log-gains of red, green and blue; their mean over photos is 0.
+    /// For each photo, the log-gains of red, green and blue; their mean over photos is 0.
     pub log: Vec<DVec3>,
-    /// By photo: their standard errors; infinite where there is too little to tell.
+    /// For each photo, their standard errors; infinite without enough common colours.
     pub errors: Vec<DVec3>,
-    /// Standard deviation of the log-gains, less what the measurement's own error explains.
+    /// Standard deviation of the log-gains, without the part that the errors explain.
     pub spread: f64,
-    /// Share of what points' log-colours differ by between photos, in absolute values, that the gains explain.
+    /// Share of the absolute differences of points' log-colours between photos that the gains explain.
     pub explained: f64,
-    /// Photos that share enough points with others.
+    /// Number of photos that share enough points with others.
     pub photos: usize,
 }
 
 impl Gains {
-    /// By photo: gains of red, green and blue, each drawn to 1 as far as its error is large against the spread of all; none
-    /// where photos share too little to be compared.
+    /// For each photo, the gains of red, green and blue, each drawn towards 1 as its error grows against the spread of all;
+    /// empty if photos share too little to be compared.
     pub fn believed(&self) -> Vec<[f32; 3]> {
         if self.photos == 0 {
             return Vec::new();
@@ -65,7 +68,7 @@ impl Gains {
     }
 }
 
-/// Fits gains to the colours of points that photos share: log colour = point + gain, by medians in turn.
+/// Fits gains of `count` photos to the colours of common points: log colour = point + gain, by medians in turn.
 pub fn gains(tracks: &[Vec<Observation>], count: usize) -> Gains {
     let fits: Vec<Channel> = (0..3).into_par_iter().map(|c| channel(tracks, count, c)).collect();
     let channels = |of: &dyn Fn(usize) -> f64| DVec3::new(of(0), of(1), of(2));
@@ -91,17 +94,17 @@ pub fn gains(tracks: &[Vec<Observation>], count: usize) -> Gains {
 
 /// Gains of one channel.
 struct Channel {
-    /// By photo, logarithms.
+    /// Log-gain of each photo.
     gains: Vec<f64>,
-    /// Their standard errors; infinite where there is too little to tell.
+    /// Their standard errors; infinite without enough common colours.
     errors: Vec<f64>,
-    /// Sums of absolute differences of log-colours from their points', without the gains and with them.
+    /// Sums of the absolute differences between log-colours and those of their points, without the gains and with them.
     apart: [f64; 2],
 }
 
-/// Log-gains of one channel by photo.
+/// Fits the gains of channel `c`.
 fn channel(tracks: &[Vec<Observation>], count: usize, c: usize) -> Channel {
-    let usable = |o: &&Observation| o.colour[c] > EXPOSED.0 && o.colour[c] < EXPOSED.1;
+    let usable = |o: &&Observation| o.colour[c] > USABLE.0 && o.colour[c] < USABLE.1;
     let logs: Vec<Vec<(usize, f64)>> = tracks
         .iter()
         .map(|seen| seen.iter().filter(usable).map(|o| (o.photo, o.colour[c].ln())).collect())
@@ -118,7 +121,7 @@ fn channel(tracks: &[Vec<Observation>], count: usize, c: usize) -> Channel {
         for (s, values) in by_photo.iter_mut().enumerate().filter(|(_, v)| v.len() >= COMMON.1) {
             gains[s] = quantile(values, 0.5);
             let mut deviations: Vec<f64> = values.iter().map(|v| (v - gains[s]).abs()).collect();
-            // Of a median of normal values, its scale from the median deviation.
+            // The standard error of a median of normal values whose scale is known by the median deviation.
             errors[s] = 1.2533 * 1.4826 * quantile(&mut deviations, 0.5) / (values.len() as f64).sqrt();
         }
         let known = || errors.iter().zip(&gains).filter(|(e, _)| e.is_finite()).map(|(_, g)| *g);
@@ -132,15 +135,15 @@ fn channel(tracks: &[Vec<Observation>], count: usize, c: usize) -> Channel {
     Channel { gains, errors, apart }
 }
 
-/// What is left of a point's log-colours, by photo, without the photos' gains and the point's own: their median.
+/// A point's log-colours by photo, without the photos' gains and the point's own log-colour, their median.
 fn from_point(seen: &[(usize, f64)], gains: &[f64]) -> Vec<f64> {
     let left: Vec<f64> = seen.iter().map(|(s, l)| l - gains[*s]).collect();
     let point = quantile(&mut left.clone(), 0.5);
     left.into_iter().map(|l| l - point).collect()
 }
 
-/// What the photos' headers say of their exposures: beside the measure, which decides. Cameras that expose by themselves
-/// give darker motifs more light, so that stops say what was set and not how photos differ.
+/// The exposures in the photos' headers, which are reported and decide nothing: cameras that expose automatically give darker
+/// motifs more light, so that stops tell what was set, not how photos differ.
 fn headers(set: &TrainingSet<'_>) -> String {
     let views = set.train.par_iter().filter_map(|i| set.scene.views.get(*i));
     let stops: Vec<f64> = views.filter_map(View::exposure_stops).collect();
@@ -151,7 +154,7 @@ fn headers(set: &TrainingSet<'_>) -> String {
     }
 }
 
-/// Whether photos call for exposures of their own.
+/// Exposures of photos, by their gains.
 pub fn exposure(set: &TrainingSet<'_>, tracks: &[Vec<Observation>], gains: &Gains) -> Decision {
     let headers = headers(set);
     if gains.photos == 0 {
@@ -174,17 +177,17 @@ pub fn exposure(set: &TrainingSet<'_>, tracks: &[Vec<Observation>], gains: &Gain
         100.0 * gains.explained
     );
     let decision = Decision::by(Effect::Exposure, gains.spread, GAINS, evidence);
-    // Either measure can keep it off; where one is far below, the other's nearness is of no account.
+    // Either measure can keep it off; if one is far below its threshold, the other's nearness does not matter.
     let (explains, near) = (gains.explained > EXPLAINED, is_near(gains.explained, EXPLAINED));
     let near = (decision.near_threshold && (explains || near)) || (near && decision.on);
     Decision { on: decision.on && explains, near_threshold: near, ..decision }
 }
 
-/// Degree where colours call for none: the first band, cheap and small, makes up for shapes that are not right yet, which look
-/// different from each side; higher ones fit the photos at the cost of all other views.
+/// Degree of a scene whose colours call for none: the first band, cheap and small, makes up for shapes that are not right yet
+/// and look different from each side; higher ones fit the photos at the cost of all other views.
 const LEAST_DEGREE: usize = 1;
 
-/// Which SH degree the colours of points call for; with none to tell, the highest allowed.
+/// The SH degree that the colours of points call for; the highest allowed without such points.
 pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) -> Decision {
     let most = most.min(MAX_SH_DEGREE);
     let even = gains.spread <= GAINS;
@@ -227,7 +230,7 @@ pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) 
     Decision { degree: Some(degree), on: true, ..decision }
 }
 
-/// Mean contrast of a point's surroundings.
+/// Mean contrast around a point.
 fn contrast(seen: &[Observation]) -> f64 {
     seen.iter().map(|o| o.contrast).sum::<f64>() / seen.len().max(1) as f64
 }
@@ -238,19 +241,19 @@ fn deviation(seen: &[Observation]) -> f64 {
     (seen.iter().map(|o| (o.colour - mean).length_squared()).sum::<f64>() / (3 * seen.len()) as f64).sqrt()
 }
 
-/// By SH degree: mean absolute error of a point's colours, each foretold from those of other photos.
+/// For each SH degree, the mean absolute error of a point's colours, each predicted from those of other photos.
 fn held_back(seen: &[Observation]) -> [f64; MAX_SH_DEGREE + 1] {
     let mut errors = [0.0; MAX_SH_DEGREE + 1];
     for fold in 0..FOLDS {
-        // Neighbours in the list are often neighbours in space: they go into different parts.
+        // Neighbours in the list are often neighbours in space and must be in different parts.
         let (held, fitted): (Vec<_>, Vec<_>) = seen.iter().enumerate().partition(|(i, _)| i % FOLDS == fold);
         for (degree, error) in errors.iter_mut().enumerate() {
             let terms = (degree + 1) * (degree + 1);
             let coefficients = fit(&fitted, terms);
             for (_, o) in &held {
-                let foretold: DVec3 =
+                let predicted: DVec3 =
                     terms_of(o.direction).into_iter().zip(coefficients).take(terms).map(|(b, c)| c * b).sum();
-                *error += (o.colour - foretold).abs().element_sum() / (3 * seen.len()) as f64;
+                *error += (o.colour - predicted).abs().element_sum() / (3 * seen.len()) as f64;
             }
         }
     }

@@ -1,21 +1,24 @@
-//! Effects that cameras and the photos' fourth channel tell of.
+//! Detectors that read cameras, lenses and the photos' fourth byte.
 
-use super::{Decision, Effect, TrainingSet, quantile};
+use super::decision::Decision;
+use super::effect::Effect;
+use super::quantile::quantile;
+use super::training_set::TrainingSet;
 use crate::scene::lens::VISIBLE_DISPLACEMENT;
 use crate::scene::{FourthByte, SceneKind, View};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
-/// Ratio of a point's pixel footprints from which filters by pixel size are called for.
+/// Ratio of a point's pixel footprints above which a scene calls for anti-aliasing.
 pub const FOOTPRINTS: f64 = 1.5;
-/// Points whose footprints are compared.
+/// Number of points whose footprints are compared.
 const POINTS: usize = 4000;
-/// Views that must see a point.
+/// Number of views that must see a point.
 const SEEN_BY: usize = 3;
-/// Share of pixels below which transparency or masks may as well be flaws of the photos.
+/// Share of pixels below which transparency or masks may be flaws of the photos.
 const FEW: f64 = 1e-3;
 
-/// How differently large the same thing is in the photos.
+/// Anti-aliasing, by how differently large the same point is in the photos.
 pub fn antialias(set: &TrainingSet<'_>) -> Decision {
     let mut ratios = footprint_ratios(set);
     if ratios.is_empty() {
@@ -31,7 +34,7 @@ pub fn antialias(set: &TrainingSet<'_>) -> Decision {
     Decision::by(Effect::Antialias, middle, FOOTPRINTS, evidence)
 }
 
-/// By point: the 95th over the 5th percentile of its footprints (depth over focal length).
+/// For each point, the 95th over the 5th percentile of its footprints (depth over focal length).
 fn footprint_ratios(set: &TrainingSet<'_>) -> Vec<f64> {
     let points: Vec<(DVec3, Option<&[u32]>)> = if set.scene.points.iter().any(|p| !p.track.is_empty()) {
         set.scene.points.iter().map(|p| (p.position, Some(p.track.as_slice()))).collect()
@@ -39,10 +42,6 @@ fn footprint_ratios(set: &TrainingSet<'_>) -> Vec<f64> {
         middle_of(set).into_iter().map(|p| (p, None)).collect()
     };
     let count = points.len().min(POINTS);
-    let mut trains = vec![false; set.scene.views.len()];
-    for view in set.train {
-        trains[*view] = true;
-    }
     let ratio = |k: usize| {
         let (position, track) = points[k * points.len() / count];
         let sees = |i: &usize| track.is_none_or(|t| t.binary_search(&(*i as u32)).is_ok());
@@ -54,7 +53,7 @@ fn footprint_ratios(set: &TrainingSet<'_>) -> Vec<f64> {
     (0..count).filter_map(ratio).filter(|r| r.is_finite()).collect()
 }
 
-/// World units that a pixel covers at a point's depth; none where the view does not show it.
+/// World units that a pixel covers at a point's depth; none if the view does not show the point.
 fn footprint(view: &View, position: DVec3) -> Option<f64> {
     let camera = &view.camera;
     let p = camera.rotation * position + camera.translation;
@@ -66,17 +65,16 @@ fn footprint(view: &View, position: DVec3) -> Option<f64> {
     inside.then(|| p.z / camera.focal.element_product().sqrt())
 }
 
-/// Stands for points where a scene has none: a ball round where the cameras look, half as wide as they stand away
-/// (Blender scenes: within the reference's cube's inner ball).
+/// Substitutes for points of a scene without any: a ball around the place where the cameras look, of half their distance in
+/// radius (Blender scenes: the unit ball, inside the reference's cube).
 fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
-    let cameras: Vec<_> = set.train.iter().map(|i| &set.scene.views[*i].camera).collect();
-    let n = cameras.len().max(1) as f64;
-    let centre = cameras.iter().map(|c| c.centre()).sum::<DVec3>() / n;
-    let forward = cameras.iter().map(|c| c.rotation.row(2)).sum::<DVec3>() / n;
+    let cameras = || set.views().map(|v| &v.camera);
+    let centre = set.scene.centre(set.train);
+    let forward = cameras().map(|c| c.rotation.row(2)).sum::<DVec3>() / set.train.len().max(1) as f64;
     let blender = set.scene.kind == SceneKind::Blender;
-    let spread = cameras.iter().map(|c| c.centre().distance(centre)).fold(0.0, f64::max);
+    let spread = cameras().map(|c| c.centre().distance(centre)).fold(0.0, f64::max);
     let (middle, radius) = if blender { (DVec3::ZERO, 1.0) } else { (centre + forward * spread, 0.5 * spread) };
-    // A spiral over spheres: even enough, and the same each time.
+    // A spiral over spheres: sufficiently even, and the same each time.
     let at = |k: usize| {
         let (t, turn) = ((k as f64 + 0.5) / 256.0, k as f64 * 2.399963229728653);
         let z = 1.0 - 2.0 * t;
@@ -86,11 +84,10 @@ fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
     (0..256).map(at).collect()
 }
 
-/// How far a lens moves pixels.
+/// Undistortion, by how far lenses move pixels.
 pub fn distortion(set: &TrainingSet<'_>) -> Decision {
-    let views = set.train.iter().map(|i| &set.scene.views[*i]);
-    let moved = views.clone().map(|v| v.lens.max_displacement()).fold(0.0, f64::max);
-    let undistorted = views.filter(|v| v.undistorts()).count();
+    let moved = set.views().map(|v| v.lens.max_displacement()).fold(0.0, f64::max);
+    let undistorted = set.views().filter(|v| v.undistorts()).count();
     let evidence = if moved == 0.0 {
         "every lens is an ideal pinhole".to_owned()
     } else {
@@ -99,7 +96,7 @@ pub fn distortion(set: &TrainingSet<'_>) -> Decision {
     Decision::by(Effect::Distortion, moved, VISIBLE_DISPLACEMENT, evidence)
 }
 
-/// How many photos hide something by a fourth byte of this meaning, and the share of all pixels that they hide.
+/// The number of photos whose fourth byte, of this meaning, hides something, and the share of all pixels hidden.
 fn hidden(set: &TrainingSet<'_>, by: FourthByte) -> (usize, f64) {
     let (mut photos, mut missing, mut pixels) = (0, 0.0, 0_usize);
     for photo in set.photos {
@@ -113,7 +110,7 @@ fn hidden(set: &TrainingSet<'_>, by: FourthByte) -> (usize, f64) {
     (photos, missing / pixels.max(1) as f64)
 }
 
-/// Whether photos have transparent pixels.
+/// Transparency, by the photos' alpha.
 pub fn transparency(set: &TrainingSet<'_>) -> Decision {
     let (photos, share) = hidden(set, FourthByte::Alpha);
     let evidence = match photos {
@@ -124,9 +121,9 @@ pub fn transparency(set: &TrainingSet<'_>) -> Decision {
     Decision { near_threshold: photos > 0 && share < FEW, measured: Some(share), threshold: Some(0.0), ..decision }
 }
 
-/// Whether photos have masks.
+/// Masks, by what they hide.
 pub fn masks(set: &TrainingSet<'_>) -> Decision {
-    let listed = set.train.iter().filter(|i| set.scene.views[**i].mask.is_some()).count();
+    let listed = set.views().filter(|v| v.mask.is_some()).count();
     let (photos, share) = hidden(set, FourthByte::Mask);
     let evidence = match (listed, photos) {
         (0, _) => "no photo has a mask".to_owned(),
@@ -137,10 +134,10 @@ pub fn masks(set: &TrainingSet<'_>) -> Decision {
     Decision { near_threshold: photos > 0 && share < FEW, measured: Some(share), threshold: Some(0.0), ..decision }
 }
 
-/// How many different cameras there are.
+/// Several cameras, by their intrinsics.
 pub fn cameras(set: &TrainingSet<'_>) -> Decision {
-    let kind = |i: &usize| {
-        let lens = &set.scene.views[*i].lens;
+    let kind = |view: &View| {
+        let lens = &view.lens;
         let bits = |v: f64| v.to_bits();
         (
             lens.width,
@@ -151,7 +148,7 @@ pub fn cameras(set: &TrainingSet<'_>) -> Decision {
             bits(lens.principal.y),
         )
     };
-    let kinds: BTreeSet<_> = set.train.iter().map(kind).collect();
+    let kinds: BTreeSet<_> = set.views().map(kind).collect();
     let sizes: BTreeSet<_> = kinds.iter().map(|k| (k.0, k.1)).collect();
     let list: Vec<_> = sizes.iter().take(4).map(|(w, h)| format!("{w}x{h}")).collect();
     let more = if sizes.len() > list.len() { ", ..." } else { "" };

@@ -1,12 +1,12 @@
-//! Colours of the reconstruction's points in the photos that saw them.
+//! Colours of the reconstruction's points in the photos that see them.
 
-use super::TrainingSet;
+use super::training_set::TrainingSet;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Points looked at, evenly over the list.
+/// Number of points used, evenly spread over the list.
 const POINTS: usize = 4000;
-/// Views that must have seen a point.
+/// Number of views that must see a point.
 const SEEN_BY: usize = 3;
 
 /// One photo's colour of a point.
@@ -18,11 +18,11 @@ pub struct Observation {
     pub colour: DVec3,
     /// Unit vector from the camera to the point.
     pub direction: DVec3,
-    /// Range of brightness in the 4 x 4 pixels round it.
+    /// Range of brightness of the nearest 4 x 4 pixels.
     pub contrast: f64,
 }
 
-/// By point: its colours in at least three training photos.
+/// For each point, its colours in at least three training photos.
 pub fn observations(set: &TrainingSet<'_>) -> Vec<Vec<Observation>> {
     let mut photo_of = vec![None; set.scene.views.len()];
     for (photo, view) in set.train.iter().enumerate() {

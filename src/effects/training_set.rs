@@ -1,14 +1,32 @@
-//! Photos made small, as detectors look at them.
+//! What detectors look at: the scene, and small copies of its training photos.
 
 use crate::scene::camera::Camera;
-use crate::scene::{FourthByte, Photo};
+use crate::scene::{FourthByte, Photo, Scene, View};
 use glam::{DVec2, DVec3};
 use std::io;
 
-/// Width that thumbnails have at most.
-pub const WIDTH: u32 = 480;
-/// Pixels whose fourth byte is less tell nothing of a colour.
+/// Greatest width of a thumbnail in pixels.
+pub const THUMBNAIL_WIDTH: u32 = 480;
+/// Least fourth byte of a pixel whose colour is used.
 const OPAQUE: u8 = 250;
+
+/// A scene and the photos that are trained on.
+pub struct TrainingSet<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Indices of the training views.
+    pub train: &'a [usize],
+    /// Their photos, in that order.
+    pub photos: &'a [Thumbnail],
+}
+
+impl<'a> TrainingSet<'a> {
+    /// The training views.
+    pub fn views(&self) -> impl Iterator<Item = &'a View> + use<'a> {
+        let views = &self.scene.views;
+        self.train.iter().map(|i| &views[*i])
+    }
+}
 
 /// A photo made small: undistorted, with the camera of that size.
 pub struct Thumbnail {
@@ -21,14 +39,14 @@ pub struct Thumbnail {
 }
 
 impl Thumbnail {
-    /// Averages squares of a photo's pixels, so that the width is [`WIDTH`] or less.
+    /// Averages squares of a photo's pixels, so that the width is [`THUMBNAIL_WIDTH`] or less.
     ///
     /// # Errors
     /// A photo that lies in a file which cannot be read.
     pub fn of(photo: &Photo) -> io::Result<Self> {
         let bytes = photo.pixels.read()?;
         let (w, h) = (photo.camera.width, photo.camera.height);
-        let side = w.div_ceil(WIDTH).max(1);
+        let side = w.div_ceil(THUMBNAIL_WIDTH).max(1);
         let (width, height) = (w.div_ceil(side), h.div_ceil(side));
         let mut pixels = Vec::with_capacity(4 * width as usize * height as usize);
         for y in 0..height {
@@ -47,7 +65,7 @@ impl Thumbnail {
                 pixels.extend(sum.map(|s| ((s + n / 2) / n) as u8));
             }
         }
-        // Pixels of the rim may be parts of squares: the scale is that of whole ones.
+        // Squares at the rim may be cut off: the scale is that of whole ones.
         let scale = f64::from(side);
         let Camera { focal, principal, .. } = photo.camera;
         let camera =
@@ -55,8 +73,8 @@ impl Thumbnail {
         Ok(Self { camera, pixels, fourth_byte: photo.fourth_byte })
     }
 
-    /// Colour of a world point, between the four pixels round it, and the range of brightness among sixteen; none near
-    /// the photo's rim or where it is not opaque.
+    /// The colour at a world point, interpolated between the four nearest pixels, and the range of brightness of the nearest
+    /// sixteen; none near the photo's rim or where one of them is not opaque.
     pub(super) fn colour_of(&self, position: DVec3) -> Option<(DVec3, f64)> {
         let p = self.camera.rotation * position + self.camera.translation;
         if p.z <= 0.0 {

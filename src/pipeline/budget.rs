@@ -1,6 +1,7 @@
 //! Whether a job fits the device's memory, before its work starts.
 
 use super::config::{Init, RunConfig};
+use super::effects;
 use super::evaluate::Evaluator;
 use super::pairs;
 use super::prepare::Opened;
@@ -39,14 +40,12 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
     let degree = config.sh_degree.max(start.degree());
     let needed = |gaussians: usize| {
         let photos = photos.clone();
-        // Whether the scene calls for exposures is not known yet.
-        let exposure = config.effects.forced(Effect::Exposure) != Some(false);
+        // Which effects the scene calls for is not known yet.
+        let exposure = config.effects.allow(Effect::Exposure);
         let masked = opened.scene.has_masks();
         let pairs = pairs::room(gaussians);
         let pruning = if config.prune.is_some() { study::bytes(gaussians) } else { 0 };
-        let (antialias, halves) = (config.effects.forced(Effect::Antialias) != Some(false), schedule.halves(1));
-        let depth_order = config.effects.forced(Effect::DepthOrder) == Some(true);
-        let style = Style { antialias, depth_order };
+        let (style, halves) = (effects::style(|effect| config.effects.allow(effect)), schedule.halves(1));
         let trainer =
             TrainerNeeds { gaussians, pairs, size, photos, degree, exposure, masked, style, halves, grows, pruning };
         Trainer::bytes(device, &trainer) + Evaluator::bytes(device, gaussians, size, style)

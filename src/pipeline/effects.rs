@@ -6,6 +6,7 @@ use crate::effects::{self, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbna
 use crate::error::Error;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
+use crate::render::Style;
 use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, View, load_photos};
 use crate::train;
 use rayon::prelude::*;
@@ -72,12 +73,16 @@ impl RunConfig {
         let degree = decisions.iter().find(|d| d.name == Effect::ViewDependence).and_then(|d| d.degree);
         Self {
             sh_degree: degree.unwrap_or(self.sh_degree).min(self.sh_degree),
-            antialias: effects::is_on(decisions, Effect::Antialias),
-            depth_order: effects::is_on(decisions, Effect::DepthOrder),
+            style: style(|effect| effects::is_on(decisions, effect)),
             exposure: effects::is_on(decisions, Effect::Exposure),
             ..self.clone()
         }
     }
+}
+
+/// The style of a model with these effects.
+pub fn style(on: impl Fn(Effect) -> bool) -> Style {
+    Style { antialias: on(Effect::Antialias), depth_order: on(Effect::DepthOrder) }
 }
 
 /// A line that says which effects are on, and which may as well be otherwise.

@@ -100,8 +100,8 @@ impl Opened {
     /// No photo can be decoded; a temporary file that cannot be written.
     pub fn load(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
         let Self { mut scene, resize, selection } = self;
-        let wanted = |effect| selection.effects.forced(effect) != Some(false);
-        let options = LoadOptions { resize, alpha: wanted(Effect::Transparency), masks: wanted(Effect::Masks), memory };
+        let [alpha, masks] = [Effect::Transparency, Effect::Masks].map(|effect| selection.effects.allow(effect));
+        let options = LoadOptions { resize, alpha, masks, memory };
         let total = scene.views.len();
         let photos = scene.load_photos(&options, &|done| watcher.loading(done, total))?;
         for line in scene.skipped.summary() {

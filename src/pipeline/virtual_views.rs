@@ -160,7 +160,7 @@ pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], pairs: u32, styl
     let pixels = size[0] as usize * size[1] as usize;
     let pictures = Buffer::<[f32; 4]>::bytes_of(pixels) + HighPass::bytes(pixels);
     let rows = ResidentResponses::bytes(gaussians) + ResidentScores::bytes(gaussians);
-    let uses = Uses { training: true, depth_order: style.depth_order };
+    let uses = Uses { training: true, style };
     Renderer::bytes(device, gaussians, size, pairs, uses) + pictures + rows
 }
 

@@ -19,7 +19,7 @@ pub(super) fn depth_sort<'a>(
     let order = &frame.by_depth.values;
     compact(recording, &model.count, &frame.visible, &frame.offsets, order);
     frame.visible_count.prepare(recording);
-    if launch.settings.depth_order {
+    if launch.settings.style.depth_order {
         return &frame.by_depth;
     }
     gather(recording, &frame.visible_count, order, &frame.depth, &frame.by_depth.keys);
@@ -56,7 +56,7 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
             workgroup: WORKGROUP,
             tile: launch.tuning.tile,
             culling: launch.settings.culling as u32,
-            depth_order: launch.settings.depth_order,
+            depth_order: launch.settings.style.depth_order,
         },
     };
     recording.dispatch(&kernel, frame.visible_count.groups(WORKGROUP));

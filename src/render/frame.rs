@@ -1,6 +1,6 @@
 //! Intermediate arrays of one frame, and how its kernels are launched.
 
-use super::settings::Settings;
+use super::settings::{Settings, Style};
 use crate::gpu::{Buffer, Device, Result, Tuning};
 use crate::kernels::View;
 use crate::kernels::constants::gradient_row::ROW;
@@ -22,13 +22,13 @@ impl Launch {
     }
 }
 
-/// What a renderer is for, as far as its memory goes.
+/// The features that a renderer needs memory for.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Uses {
     /// Whether it also goes backward.
     pub training: bool,
-    /// Whether tiles have a depth order of their own.
-    pub depth_order: bool,
+    /// Effects of the model.
+    pub style: Style,
 }
 
 /// Intermediate arrays of one frame.
@@ -92,7 +92,7 @@ impl PairBuffers {
         let n = capacity as usize;
         let sums = if uses.training { SlotSums::bytes(n) } else { 0 };
         let lists = Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(n) + Sort::bytes(device, capacity);
-        let tiles = if uses.depth_order { Buffer::<u32>::bytes_of(n) } else { 0 };
+        let tiles = if uses.style.depth_order { Buffer::<u32>::bytes_of(n) } else { 0 };
         Count::bytes() + lists + tiles + sums
     }
 
@@ -104,7 +104,7 @@ impl PairBuffers {
             by_tile: Pairs::new(device, "pairs by tile", capacity)?,
             owners: device.buffer("pair owners", n)?,
             sort: Sort::new(device, capacity)?,
-            tiles: uses.depth_order.then(|| device.buffer("pair tiles", n)).transpose()?,
+            tiles: uses.style.depth_order.then(|| device.buffer("pair tiles", n)).transpose()?,
             sums: uses.training.then(|| SlotSums::new(device, n)).transpose()?,
         })
     }

@@ -41,7 +41,7 @@ pub(super) fn record(
         push: ProjectBackwardPush { pair_limit: frame.pairs.count.limit() },
         spec: ProjectBackwardSpec {
             workgroup: WORKGROUP,
-            antialias: launch.settings.antialias,
+            antialias: launch.settings.style.antialias,
             degree: model.degree as u32,
             direction_gradient: options.through_direction,
             statistics: options.growth.is_some(),

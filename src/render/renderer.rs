@@ -75,7 +75,7 @@ impl Renderer {
         let launch = Launch::new(device, settings);
         let tile = launch.tuning.tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
-        let uses = Uses { training, depth_order: settings.depth_order };
+        let uses = Uses { training, style: settings.style };
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, uses)?;
         let guards = training.then(|| device.upload("guards", &[0, 0])).transpose()?;
         Ok(Self { device: device.clone(), launch, frame, gaussians, uses, guards })

@@ -7,6 +7,7 @@ use crate::kernels::constants::view::float64::FIELD_MARGIN;
 use crate::kernels::constants::view::{DILATION, DILATION_ANTIALIAS, NEAR};
 use crate::scene::camera::Camera;
 use glam::DVec2;
+use serde::{Deserialize, Serialize};
 
 /// How tiles that a Gaussian cannot touch are left out; as numbers, the shader's CULLING.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,13 +29,10 @@ pub enum Culling {
 pub struct Settings {
     /// Colour behind the Gaussians.
     pub background: [f32; 3],
-    /// Keep each Gaussian's energy when it is smaller than a pixel.
-    pub antialias: bool,
+    /// Effects of the model.
+    pub style: Style,
     /// Added to a splat's variance, in square pixels.
     pub dilation: f32,
-    /// Whether each tile has a depth order of its own: by the depth at which a Gaussian is densest along the ray through the
-    /// tile's middle. Else one holds for the picture: by the depth of means.
-    pub depth_order: bool,
     /// Which tiles are listed.
     pub culling: Culling,
     /// Blending ends before transmittance would fall below this.
@@ -47,9 +45,8 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             background: [0.0; 3],
-            antialias: false,
+            style: Style::default(),
             dilation: DILATION,
-            depth_order: false,
             culling: Culling::Exact,
             stop: TRANSMITTANCE_STOP,
             near: NEAR,
@@ -57,28 +54,29 @@ impl Default for Settings {
     }
 }
 
-/// Effects that a model is trained with, and must be rendered with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Effects that a model is trained with, and must be rendered with. Files hold these fields among their own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Style {
-    /// Gaussians smaller than a pixel keep their energy.
+    /// Keep each Gaussian's energy when it is smaller than a pixel.
     pub antialias: bool,
-    /// Each tile has a depth order of its own.
+    /// Give each tile a depth order of its own: by the depth at which a Gaussian is densest along the ray through the
+    /// tile's middle. Otherwise one order, by the depth of means, holds for the whole picture.
+    #[serde(default)]
     pub depth_order: bool,
 }
 
 impl Style {
-    /// What either asks for.
+    /// The union of both styles.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self { antialias: self.antialias || other.antialias, depth_order: self.depth_order || other.depth_order }
     }
 
-    /// Settings of pictures in this style, over a background.
+    /// The settings of image formation for this style and background.
     #[must_use]
     pub fn over(self, background: [f32; 3]) -> Settings {
-        let Self { antialias, depth_order } = self;
-        let dilation = if antialias { DILATION_ANTIALIAS } else { DILATION };
-        Settings { background, antialias, dilation, depth_order, ..Settings::default() }
+        let dilation = if self.antialias { DILATION_ANTIALIAS } else { DILATION };
+        Settings { background, style: self, dilation, ..Settings::default() }
     }
 }
 

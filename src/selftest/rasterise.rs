@@ -38,11 +38,11 @@ fn draw(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings)
 pub(super) fn twin(settings: Settings) -> reference::Settings {
     reference::Settings {
         background: settings.background.map(f64::from),
-        antialias: settings.antialias,
+        antialias: settings.style.antialias,
         dilation: f64::from(settings.dilation),
         transmittance_stop: f64::from(settings.stop),
         near: f64::from(settings.near),
-        depth_order: settings.depth_order,
+        depth_order: settings.style.depth_order,
         ..reference::Settings::default()
     }
 }

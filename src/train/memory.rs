@@ -46,7 +46,7 @@ impl Trainer {
     pub fn bytes(device: &Device, needs: &TrainerNeeds) -> u64 {
         let &TrainerNeeds { gaussians: n, pairs, size, degree, grows, .. } = needs;
         let model = Trainee::bytes(n, degree);
-        let uses = Uses { training: true, depth_order: needs.style.depth_order };
+        let uses = Uses { training: true, style: needs.style };
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
         let pictures =
             DevicePhotos::bytes(&needs.photos, device.memory_limit()) + Loss::bytes(device, size[0], size[1]);

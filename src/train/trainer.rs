@@ -91,7 +91,7 @@ impl Trainer {
         let device_photos = DevicePhotos::new(device, &photos)?;
         let objective = Objective::new(device, &photos, size, &options)?;
         let half = options.schedule.halves(1).then(|| Halve::new(device, size)).transpose()?;
-        let antialias = options.settings.antialias;
+        let antialias = options.settings.style.antialias;
         let smoothing = antialias.then(|| Smoothing::new(device, &photos, &options.settings)).transpose()?;
         Ok(Self {
             half,

@@ -9,7 +9,7 @@ use qirf_vk::kernels::constants::blending::float64::ALPHA_MIN;
 use qirf_vk::reference::bin::{bin, depth_order};
 use qirf_vk::reference::rasterise::{rasterise, sample};
 use qirf_vk::reference::{self, Rendered};
-use qirf_vk::render::{Culling, Image, Renderer, Settings};
+use qirf_vk::render::{Culling, Image, Renderer, Settings, Style};
 use qirf_vk::scene::camera::Camera;
 
 /// Renders one picture with a renderer of its own.
@@ -109,7 +109,7 @@ fn draws(cases: Vec<Case>) {
     for case in cases {
         let settings = Settings {
             background: case.settings.background.map(|v| v as f32),
-            antialias: case.settings.antialias,
+            style: Style { antialias: case.settings.antialias, ..Style::default() },
             ..Settings::default()
         };
         let twin_settings = reference::Settings {

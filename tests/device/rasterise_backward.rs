@@ -92,7 +92,7 @@ fn differentiates(cases: Vec<Case>) {
     for case in cases {
         let settings = Settings {
             background: case.settings.background.map(|v| v as f32),
-            antialias: case.settings.antialias,
+            style: Style { antialias: case.settings.antialias, ..Style::default() },
             ..Settings::default()
         };
         let mut sum = Params::from(&case.model).zeros_like();

@@ -88,7 +88,7 @@ impl Case {
             selection.effects.set(Effect::Distortion, Choice::Auto);
         }
         let exposure = self.effect == Effect::Exposure;
-        let evaluation = Evaluation { selection, style: run.style(), exposure };
+        let evaluation = Evaluation { selection, style: run.style, exposure };
         let networks = Networks::default();
         let scored = eval(&Session::new(device, &networks), path, &model, &evaluation, None).unwrap();
         scored.test.unwrap().psnr.unwrap()

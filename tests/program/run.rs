@@ -3,6 +3,7 @@
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::{Init, Preset, RunConfig, Session, Silent, prepare, run};
+use qirf_vk::render::Style;
 use qirf_vk::scene::{PhotoMemory, Pixels};
 use qirf_vk::synth::{SynthOptions, write};
 use std::path::{Path, PathBuf};
@@ -205,8 +206,7 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
         init: Init::Random,
         init_count: Some(900),
         background: None,
-        antialias: false,
-        depth_order: false,
+        style: Style::default(),
         exposure: false,
         max_gaussians: 5000,
         checkpoint_every: 0,

@@ -2,6 +2,7 @@
 
 use qirf_vk::effects::Overrides;
 use qirf_vk::pipeline::config::{Init, Preset, RunConfig};
+use qirf_vk::render::Style;
 use std::path::Path;
 
 /// A dense run of the quick preset on a scene's own photos, without effects, checkpoints and prunes.
@@ -16,8 +17,7 @@ pub fn config(scene: &Path, iterations: u32) -> RunConfig {
         init: Init::Points,
         init_count: None,
         background: None,
-        antialias: false,
-        depth_order: false,
+        style: Style::default(),
         exposure: false,
         max_gaussians: 3000,
         checkpoint_every: 0,

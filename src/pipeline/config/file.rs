@@ -26,3 +26,71 @@ impl RunConfig {
         toml::to_string(self).map_err(|e| Error::encoding("config.toml", e))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Overrides;
+    use crate::pipeline::config::{Init, Preset};
+    use crate::render::Style;
+
+    fn config() -> RunConfig {
+        RunConfig {
+            scene: "capture".into(),
+            images: None,
+            resolution: None,
+            seed: 1,
+            eval_every: 8,
+            sh_degree: 3,
+            init: Init::Points,
+            init_count: None,
+            background: Some([0.5, 0.25, 1.0]),
+            style: Style { antialias: true, depth_order: false },
+            exposure: false,
+            max_gaussians: 4000,
+            checkpoint_every: 50,
+            schedule: Preset::Quick.schedule(None),
+            prune: None,
+            effects: Overrides::default(),
+        }
+    }
+
+    /// The keys and their order are those of all earlier versions: a style lies among them, not in a table of its own.
+    #[test]
+    fn what_was_written_is_read_back() {
+        let text = config().written().unwrap();
+        let (keys, schedule) = text.split_once("\n\n[schedule]\n").unwrap();
+        assert!(schedule.contains("iterations = 2000"));
+        let expected = [
+            r#"scene = "capture""#,
+            "seed = 1",
+            "eval_every = 8",
+            "sh_degree = 3",
+            r#"init = "points""#,
+            "background = [0.5, 0.25, 1.0]",
+            "antialias = true",
+            "depth_order = false",
+            "exposure = false",
+            "max_gaussians = 4000",
+            "checkpoint_every = 50",
+        ];
+        assert_eq!(keys.lines().collect::<Vec<_>>(), expected);
+        assert_eq!(toml::from_str::<RunConfig>(&text).unwrap(), config());
+    }
+
+    #[test]
+    fn unknown_and_absent_keys_are_refused_by_name() {
+        let text = config().written().unwrap();
+        // Files from before the effect was there.
+        let older = text.replace("depth_order = false\n", "");
+        assert_eq!(toml::from_str::<RunConfig>(&older).unwrap(), config());
+        for (text, key) in [
+            (text.replace("antialias = true\n", ""), "antialias"),
+            (text.replace("depth_order", "deep_order"), "deep_order"),
+            (format!("colour = 3\n{text}"), "colour"),
+        ] {
+            let error = toml::from_str::<RunConfig>(&text).unwrap_err().to_string();
+            assert!(error.contains(key), "{error}");
+        }
+    }
+}

@@ -126,6 +126,7 @@ fn compression(c: &Compression) -> Result<(), String> {
 mod tests {
     use super::*;
     use crate::pipeline::config::{Init, Preset};
+    use crate::render::Style;
 
     fn config() -> RunConfig {
         RunConfig {
@@ -138,8 +139,7 @@ mod tests {
             init: Init::Points,
             init_count: None,
             background: None,
-            antialias: false,
-            depth_order: false,
+            style: Style::default(),
             exposure: false,
             max_gaussians: 4_000_000,
             checkpoint_every: 5000,

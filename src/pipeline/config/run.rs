@@ -95,11 +95,10 @@ pub struct RunConfig {
     /// Colour behind everything; white for photos with alpha and black for others where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub background: Option<[f32; 3]>,
-    /// Whether Gaussians smaller than a pixel keep their energy: what was decided, where that is left to the scene.
-    pub antialias: bool,
-    /// Whether tiles order Gaussians by the depths that their own rays see.
-    #[serde(default)]
-    pub depth_order: bool,
+    /// Effects that the model is trained and rendered with: the user's choice, or the decision where that is left to the
+    /// scene.
+    #[serde(flatten)]
+    pub style: Style,
     /// Whether each photo gets an exposure of its own: what was decided, where that is left to the scene.
     #[serde(default)]
     pub exposure: bool,
@@ -135,11 +134,6 @@ pub struct Selection {
 }
 
 impl RunConfig {
-    /// How the model is rendered.
-    pub fn style(&self) -> Style {
-        Style { antialias: self.antialias, depth_order: self.depth_order }
-    }
-
     /// The same run, pruned: nothing grows any more once the first prune is due.
     #[must_use]
     pub fn pruned(mut self, pruning: Pruning) -> Self {

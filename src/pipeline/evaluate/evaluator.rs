@@ -116,7 +116,7 @@ impl Evaluator {
 
     /// Bytes of an evaluator for views of at most this size, and of a picture's way back.
     pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], style: Style) -> u64 {
-        let uses = Uses { training: false, depth_order: style.depth_order };
+        let uses = Uses { training: false, style };
         let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
         Renderer::bytes(device, gaussians, size, pairs::room(gaussians), uses) + staging_bytes(picture)
     }

@@ -5,6 +5,7 @@ use super::run::Memory;
 use crate::gpu::DeviceInfo;
 use crate::metrics::{Scores, mean};
 use crate::pipeline::config::Compression;
+use crate::render::Style;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -48,10 +49,9 @@ pub struct CompressProtocol {
     pub image_size: [u32; 2],
     /// Colour behind everything.
     pub background: [f32; 3],
-    /// Whether Gaussians smaller than a pixel keep their energy.
-    pub antialias: bool,
-    /// Whether tiles order Gaussians by the depths that their own rays see.
-    pub depth_order: bool,
+    /// Effects that pictures were rendered with.
+    #[serde(flatten)]
+    pub style: Style,
     /// Iterations of fine-tuning.
     pub fine_tune: u32,
     /// Key of all random numbers.

@@ -1,6 +1,6 @@
 //! The axes by name, their rungs, and how the command line asks for them.
 
-use crate::effects::{Choice, Effect, Overrides};
+use crate::effects::{Choice, Effect, Overrides, Trigger};
 use crate::pipeline::arm::Arm;
 use crate::pipeline::config::Compression;
 use crate::qirf::overlap::Method;
@@ -262,7 +262,9 @@ fn switch(name: &str) -> Result<Option<(Effect, Choice)>, String> {
         return Ok(None);
     }
     match Overrides::parse(name)? {
-        (Effect::Cameras, _) => Err(format!("axis effects: '{name}' is no rung; this effect cannot be switched")),
+        (effect, _) if effect.trigger() == Trigger::Always => {
+            Err(format!("axis effects: '{name}' is no rung; this effect cannot be switched"))
+        }
         other => Ok(Some(other)),
     }
 }

@@ -3,7 +3,7 @@
 use super::axis::{Asked, Axis, Rung};
 use super::records::{AxisRecord, Better, RungRecord};
 use super::timing::{Spread, Timed};
-use crate::effects::{Choice, Decision, Effect};
+use crate::effects::{Choice, Decision, Effect, Trigger};
 use crate::error::Error;
 use crate::pipeline::arm::Arm;
 use crate::pipeline::compare::compare;
@@ -168,11 +168,10 @@ pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRe
 
 /// The effect of a decision and the other choice; none where what photos lack would have to be switched on.
 fn switched(decision: &Decision) -> Option<(Effect, Choice)> {
-    match (decision.name, decision.on) {
-        (Effect::Cameras, _) => None,
-        (effect, true) => Some((effect, Choice::Off)),
-        (effect @ (Effect::ViewDependence | Effect::Exposure | Effect::Antialias), false) => Some((effect, Choice::On)),
-        _ => None,
+    match (decision.name.trigger(), decision.on) {
+        (Trigger::Always, _) | (Trigger::Photos | Trigger::Request, false) => None,
+        (_, true) => Some((decision.name, Choice::Off)),
+        (Trigger::Measure, false) => Some((decision.name, Choice::On)),
     }
 }
 
@@ -197,12 +196,7 @@ pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]
     for (effect, choice) in others {
         let mut config = base.clone();
         config.effects.set(effect, choice);
-        let state = match choice {
-            Choice::On => "on",
-            Choice::Off => "off",
-            Choice::Auto => "auto",
-        };
-        let name = format!("{}={state}", effect.name());
+        let name = format!("{}={}", effect.name(), choice.name());
         let results = whole(training, &config, &format!("effects-{name}"))?;
         axis.rungs.push(of_run(Axis::Effects, &name, &results, per_iteration(&results)));
     }

@@ -90,7 +90,7 @@ pub fn of_scene(
         model,
         responses,
         views: few(prepared.train.clone(), VIEWS),
-        settings: config.style().over(prepared.background),
+        settings: config.style.over(prepared.background),
         described: Described::default(),
     };
     let from = match &config.init {

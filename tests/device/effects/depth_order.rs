@@ -114,7 +114,7 @@ fn runs_are_trained_in_that_order() {
         assert_eq!((decision.on, decision.seconds.is_some()), (on, on));
         assert!(results.memory.peak_bytes <= results.memory.estimated_bytes);
         let written = RunConfig::read(&output.folder().join("config.toml")).unwrap();
-        assert_eq!(written.style().depth_order, on);
+        assert_eq!(written.style.depth_order, on);
     }
     finish(&device);
 }

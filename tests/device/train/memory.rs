@@ -47,8 +47,9 @@ fn owners_know_their_bytes() {
         for size @ [w, h] in [[1, 1], [33, 20], [100, 257]] {
             for pairs in [1, 5000, 1 << 18] {
                 for depth_order in [false, true] {
-                    let s = Style { depth_order, ..Style::default() }.over([0.0; 3]);
-                    let right = Renderer::bytes(&device, n, size, pairs, Uses { training: true, depth_order });
+                    let style = Style { depth_order, ..Style::default() };
+                    let right = Renderer::bytes(&device, n, size, pairs, Uses { training: true, style });
+                    let s = style.over([0.0; 3]);
                     let made = taken(&|| Box::new(Renderer::for_training(&device, s, n, size, pairs).unwrap()));
                     assert_eq!(made, right, "{n} at {w} x {h}, {pairs} pairs, {depth_order}");
                 }

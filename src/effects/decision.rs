@@ -1,0 +1,70 @@
+//! Whether an effect is simulated, and why.
+
+use super::effect::Effect;
+use serde::Serialize;
+
+/// The decision on one effect, with the evidence.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Decision {
+    /// The effect.
+    pub name: Effect,
+    /// Whether it is simulated.
+    pub on: bool,
+    /// Whether the user said so, not the scene.
+    pub forced: bool,
+    /// Whether the measure lies so near its threshold that the other choice may do as well.
+    pub near_threshold: bool,
+    /// The measure; null where there was nothing to measure.
+    pub measured: Option<f64>,
+    /// Above this the scene calls for the effect; null where that is not a matter of degree.
+    pub threshold: Option<f64>,
+    /// SH degree, of [`Effect::ViewDependence`] alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub degree: Option<usize>,
+    /// Device seconds of training that it took; null where it has no stage of its own, or nothing was trained.
+    pub seconds: Option<f64>,
+    /// The evidence, in a sentence.
+    pub evidence: String,
+}
+
+/// Whether a measure lies within a quarter of its threshold, so that the other choice may do as well.
+pub(super) fn is_near(measured: f64, threshold: f64) -> bool {
+    measured > threshold / 1.25 && measured < threshold * 1.25
+}
+
+/// Whether an effect is on among decisions.
+pub fn is_on(decisions: &[Decision], effect: Effect) -> bool {
+    decisions.iter().any(|d| d.name == effect && d.on)
+}
+
+impl Decision {
+    /// The decision by a number against its threshold.
+    pub(super) fn by(name: Effect, measured: f64, threshold: f64, evidence: String) -> Self {
+        Self {
+            near_threshold: is_near(measured, threshold),
+            measured: measured.is_finite().then_some(measured),
+            threshold: Some(threshold),
+            ..Self::plain(name, measured > threshold, evidence)
+        }
+    }
+
+    /// The decision on view dependence for a model without photos.
+    pub fn of_degree(degree: usize, evidence: String) -> Self {
+        Self { degree: Some(degree), ..Self::plain(Effect::ViewDependence, degree > 0, evidence) }
+    }
+
+    /// The decision without a number.
+    pub(super) fn plain(name: Effect, on: bool, evidence: String) -> Self {
+        Self {
+            name,
+            on,
+            forced: false,
+            near_threshold: false,
+            measured: None,
+            threshold: None,
+            degree: None,
+            seconds: None,
+            evidence,
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! The effects by name, and what sets each off.
+
+use serde::{Deserialize, Serialize};
+
+/// A part of image formation or training that not every scene needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Effect {
+    /// Colour depends on the direction of view: SH bands 1 to 3.
+    ViewDependence,
+    /// Each photo has an exposure of its own: a 3 x 4 affine of the colours.
+    Exposure,
+    /// Gaussians smaller than a pixel keep their energy.
+    Antialias,
+    /// Photos are undistorted.
+    Distortion,
+    /// Alpha is opacity over the background.
+    Transparency,
+    /// Masked parts of photos are not trained on.
+    Masks,
+    /// Photos have several sizes or intrinsics.
+    Cameras,
+    /// Each tile orders Gaussians by the depths that its own ray sees.
+    DepthOrder,
+}
+
+/// What switches an effect on where the user does not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trigger {
+    /// A measure of the scene passes a threshold; other scenes can be trained with the effect, too.
+    Measure,
+    /// The photos hold something, such as masks, without which there is nothing to simulate.
+    Photos,
+    /// Nothing: the effect is on at the user's request only.
+    Request,
+    /// Nothing: the effect costs nothing and is always simulated.
+    Always,
+}
+
+impl Effect {
+    /// All effects, in the order in which they are reported.
+    pub const ALL: [Self; 8] = [
+        Self::ViewDependence,
+        Self::Exposure,
+        Self::Antialias,
+        Self::Distortion,
+        Self::Transparency,
+        Self::Masks,
+        Self::Cameras,
+        Self::DepthOrder,
+    ];
+
+    /// The effect's name in files and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ViewDependence => "view_dependence",
+            Self::Exposure => "exposure",
+            Self::Antialias => "antialias",
+            Self::Distortion => "distortion",
+            Self::Transparency => "transparency",
+            Self::Masks => "masks",
+            Self::Cameras => "cameras",
+            Self::DepthOrder => "depth_order",
+        }
+    }
+
+    /// What switches the effect on where the user does not.
+    pub const fn trigger(self) -> Trigger {
+        match self {
+            Self::ViewDependence | Self::Exposure | Self::Antialias => Trigger::Measure,
+            Self::Distortion | Self::Transparency | Self::Masks => Trigger::Photos,
+            Self::DepthOrder => Trigger::Request,
+            Self::Cameras => Trigger::Always,
+        }
+    }
+
+    /// The profiler's scope that counts the effect's time alone; none where its time is part of other stages.
+    pub const fn scope(self) -> Option<&'static str> {
+        match self {
+            Self::Exposure => Some("exposure"),
+            Self::Masks => Some("masks"),
+            // The 2D filter is two operations of the projection; the scope is that of 3D smoothing.
+            Self::Antialias => Some("antialias"),
+            Self::DepthOrder => Some("depth order"),
+            Self::ViewDependence | Self::Distortion | Self::Transparency | Self::Cameras => None,
+        }
+    }
+}

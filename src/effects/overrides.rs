@@ -1,0 +1,97 @@
+//! What users decide on effects.
+
+use super::effect::{Effect, Trigger};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Whether an effect is simulated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Choice {
+    /// The scene decides.
+    #[default]
+    Auto,
+    /// The effect is on.
+    On,
+    /// The effect is off.
+    Off,
+}
+
+impl Choice {
+    /// The choice's name in files and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::On => "on",
+            Self::Off => "off",
+        }
+    }
+}
+
+/// The user's choices by effect; the scene decides on all others.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Overrides(BTreeMap<Effect, Choice>);
+
+impl Overrides {
+    /// Reads `NAME=on|off|auto`.
+    ///
+    /// # Errors
+    /// A sentence that says what is wrong.
+    pub fn parse(text: &str) -> Result<(Effect, Choice), String> {
+        let names = || Effect::ALL.map(Effect::name).join(", ");
+        let (name, value) =
+            text.split_once('=').ok_or_else(|| format!("write NAME=on, NAME=off or NAME=auto; names: {}", names()))?;
+        let effect = Effect::ALL.into_iter().find(|e| e.name() == name.trim());
+        let effect = effect.ok_or_else(|| format!("there is no effect '{name}'; names: {}", names()))?;
+        let choice = [Choice::Auto, Choice::On, Choice::Off].into_iter().find(|c| c.name() == value.trim());
+        let choice = choice.ok_or_else(|| format!("'{}' is none of on, off and auto", value.trim()))?;
+        Ok((effect, choice))
+    }
+
+    /// Sets one choice; the last one counts.
+    pub fn set(&mut self, effect: Effect, choice: Choice) {
+        match choice {
+            Choice::Auto => self.0.remove(&effect),
+            _ => self.0.insert(effect, choice),
+        };
+    }
+
+    /// Whether every effect is left to the scene.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The user's choice for an effect; [`Choice::Auto`] if there is none.
+    pub fn of(&self, effect: Effect) -> Choice {
+        self.0.get(&effect).copied().unwrap_or_default()
+    }
+
+    /// On or off if the user said so.
+    pub fn forced(&self, effect: Effect) -> Option<bool> {
+        match self.of(effect) {
+            Choice::Auto => None,
+            Choice::On => Some(true),
+            Choice::Off => Some(false),
+        }
+    }
+
+    /// Whether the effect may turn out to be on, before the scene was looked at.
+    pub fn allow(&self, effect: Effect) -> bool {
+        self.forced(effect).unwrap_or(effect.trigger() != Trigger::Request)
+    }
+
+    /// Refuses choices for effects that cannot be switched.
+    ///
+    /// # Errors
+    /// A sentence that says why.
+    pub fn check(&self) -> Result<(), String> {
+        match self.0.keys().find(|effect| effect.trigger() == Trigger::Always) {
+            Some(effect) => Err(format!(
+                "effect {} cannot be set: every view has uniforms of its own, at no cost: there is nothing to switch",
+                effect.name()
+            )),
+            None => Ok(()),
+        }
+    }
+}
