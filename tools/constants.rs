@@ -6,7 +6,7 @@
 //     const float BETA1 = 0.9;
 //
 // Its value is a plain literal, so that nothing is evaluated here; anything else is an error that names file and line. The
-// constants of `glsl/lib/adam.glsl` and of `glsl/render/adam.comp` go to `constants::adam`.
+// constants of `glsl/lib/adam.glsl` and of `glsl/train/adam.comp` go to `constants::adam`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
