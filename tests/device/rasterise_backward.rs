@@ -5,6 +5,7 @@ use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish, relative};
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Device, Recording};
+use qirf_vk::kernels::constants::blending::TRANSMITTANCE_STOP;
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings, Style};
 use qirf_vk::scene::camera::Camera;
@@ -235,7 +236,7 @@ fn stacks_of_layers_alike() {
     let device = device();
     for logit in [-5.4, -5.0, -4.0, -3.0, -1.0, 1.0] {
         for count in [10, 100, 1000, 10_000] {
-            for (alike, stop) in [(true, 1.00001e-4), (false, 1.00001e-4), (true, 0.0)] {
+            for (alike, stop) in [(true, TRANSMITTANCE_STOP), (false, TRANSMITTANCE_STOP), (true, 0.0)] {
                 let (error, drawn) = layers(&device, count, logit, alike, stop);
                 let allowed = 8.0 + (drawn as f64).sqrt();
                 println!(
