@@ -1,6 +1,6 @@
 //! Faults: damaged files, kills, lost devices, full disks, too little memory. Errors name the cause, and what was there stays whole.
 
-mod house;
+mod harness;
 mod killed;
 mod lost;
 mod mutate;

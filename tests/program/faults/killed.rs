@@ -1,6 +1,6 @@
 //! Kills and interruptions: what is resumed ends with the bytes of the undisturbed run.
 
-use super::house::{FIRST_PRUNE, content, end, program, run, start, start_telling, undisturbed, whole, works};
+use super::harness::{FIRST_PRUNE, content, end, program, run, start, start_telling, undisturbed, whole, works};
 use qirf_vk::random;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::fs;

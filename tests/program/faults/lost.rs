@@ -2,7 +2,7 @@
 //! The program ends with the code of the cause, what was there stays whole, and what is resumed ends with the bytes of the
 //! undisturbed run.
 
-use super::house::{Ended, end, program, run, scene, start_telling, undisturbed, whole, works};
+use super::harness::{Ended, end, program, run, scene, start_telling, undisturbed, whole, works};
 use qirf_vk::gpu::{Device, DeviceOptions, Error};
 use std::fs;
 use std::path::Path;

@@ -5,7 +5,7 @@
 //! have them; where it does not, only the limit on the size of files (`ulimit -f`) is tried, on a command without a device:
 //! software devices keep their memory in files, which the limit would hit first.
 
-use super::house::{Ended, behind, content, end, program, run, scene, start, undisturbed, whole, works};
+use super::harness::{Ended, behind, content, end, program, run, scene, start, undisturbed, whole, works};
 use crate::support::skip;
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::{Device, DeviceOptions};

@@ -1,0 +1,133 @@
+//! Files: their bytes, what is refused, and what others keep in the folder.
+
+use super::colmap::Model;
+use super::{make, options};
+use qirf_vk::synth::{self, Effect, Error, SynthOptions};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// All files below a folder with their bytes.
+fn bytes(dir: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![dir.to_path_buf()];
+    while let Some(folder) = open.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                found.insert(path.strip_prefix(dir).unwrap().display().to_string(), fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn the_same_bytes_on_any_number_of_threads_and_others_for_another_seed() {
+    let o = options(6, &[Effect::Masks, Effect::Exposure, Effect::Distortion]);
+    let on = |threads: usize, o: &SynthOptions| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| bytes(make(o).0.path()))
+    };
+    let (one, two) = (on(1, &o), on(2, &o));
+    assert_eq!(one.len(), 6 + 6 + 3 + 1);
+    assert!(one == two, "two threads changed the files");
+    let other = on(2, &SynthOptions { seed: 2, ..o });
+    assert_ne!(one["images/view_0000.png"], other["images/view_0000.png"]);
+}
+
+#[test]
+fn what_others_keep_in_a_folder_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("thesis.tex"), "ten years").unwrap();
+    let small = SynthOptions { width: 16, height: 16, ..options(3, &[]) };
+    let refused = synth::write(dir.path(), &small, &|_| ());
+    assert!(matches!(refused, Err(Error::Foreign(_))), "{refused:?}");
+    fs::write(dir.path().join("synth.json"), r#"{"made_by": "a synthesizer", "options": {"views": 3}}"#).unwrap();
+    assert!(matches!(synth::write(dir.path(), &small, &|_| ()), Err(Error::Foreign(_))));
+    assert_eq!(bytes(dir.path()).len(), 2);
+    let file = dir.path().join("thesis.tex");
+    assert!(matches!(synth::write(&file, &small, &|_| ()), Err(Error::NotFolder(_))));
+
+    // A synth scene is renewed; what the user added to it is left alone, even where it is named like a photo.
+    let (scene, _) = make(&options(5, &[Effect::Masks]));
+    for added in ["model.ply", "images/view_0099.png", "images/mine.png"] {
+        fs::write(scene.path().join(added), "mine").unwrap();
+    }
+    synth::write(scene.path(), &small, &|_| ()).unwrap();
+    let after = bytes(scene.path());
+    assert_eq!(after["model.ply"], b"mine");
+    assert_eq!(after["images/mine.png"], b"mine");
+    assert_eq!(after["images/view_0099.png"], b"mine");
+    assert!(!after.contains_key("images/view_0004.png") && !scene.path().join("masks").exists());
+    assert_eq!(after.len(), 3 + 3 + 3 + 1);
+}
+
+#[test]
+fn numbers_out_of_range_and_impossible_effects_are_refused_before_anything_is_written() {
+    let parent = tempfile::tempdir().unwrap();
+    let dir = parent.path().join("scene");
+    let base = options(3, &[]);
+    let bad = [
+        SynthOptions { width: 15, ..base.clone() },
+        SynthOptions { height: 1, ..base.clone() },
+        SynthOptions { width: 8193, ..base.clone() },
+        SynthOptions { views: 0, ..base.clone() },
+        SynthOptions { views: 10_000, ..base.clone() },
+        SynthOptions { points: usize::MAX, ..base.clone() },
+        SynthOptions { effects: vec![Effect::Matte, Effect::Glossy], ..base.clone() },
+        SynthOptions { effects: vec![Effect::Fisheye, Effect::Distortion], ..base },
+    ];
+    for o in bad {
+        let error = synth::write(&dir, &o, &|_| ()).unwrap_err();
+        assert!(matches!(error, Error::Range { .. } | Error::Conflict(..)), "{error}");
+        assert!(!dir.exists());
+    }
+}
+
+#[test]
+fn the_smallest_scene_is_written_and_progress_counts_photos() {
+    let last = AtomicU64::new(0);
+    let dir = tempfile::tempdir().unwrap();
+    let o = SynthOptions { views: 1, width: 16, height: 16, points: 50, ..SynthOptions::default() };
+    let report = synth::write(&dir.path().join("a/b"), &o, &|n| {
+        last.fetch_max(n, Ordering::Relaxed);
+    });
+    let report = report.unwrap();
+    assert_eq!((report.photos, report.test_photos, report.points), (1, 1, 50));
+    assert_eq!(last.into_inner(), 1);
+}
+
+#[test]
+fn effects_have_names() {
+    for effect in Effect::ALL {
+        assert_eq!(effect.to_string().parse::<Effect>().unwrap(), effect);
+        assert!(!effect.description().is_empty());
+    }
+    let error = "sparkle".parse::<Effect>().unwrap_err().to_string();
+    assert!(error.contains("sparkle") && error.contains("fisheye"), "{error}");
+}
+
+/// `SYNTH_DIR=out SYNTH_EFFECTS=masks,alpha cargo test --release --test synth -- --ignored --nocapture`
+#[test]
+#[ignore = "writes a scene of the default size to look at"]
+fn a_scene_to_look_at() {
+    let Ok(dir) = std::env::var("SYNTH_DIR") else { return };
+    let number = |name: &str, default: u64| std::env::var(name).map_or(default, |v| v.parse().unwrap());
+    let mut o = SynthOptions::default();
+    o.views = number("SYNTH_VIEWS", 48) as usize;
+    o.width = number("SYNTH_WIDTH", 240) as u32;
+    o.height = o.width * 3 / 4;
+    let effects = std::env::var("SYNTH_EFFECTS").unwrap_or_default();
+    o.effects = effects.split(',').filter(|e| !e.is_empty()).map(|e| e.parse().unwrap()).collect();
+    let start = std::time::Instant::now();
+    let report = synth::write(Path::new(&dir), &o, &|_| ()).unwrap();
+    println!(
+        "{report:?} in {:.1} s; footprints {:.2}",
+        start.elapsed().as_secs_f64(),
+        Model::read(Path::new(&dir)).footprint_ratio()
+    );
+}

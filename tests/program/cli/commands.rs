@@ -1,0 +1,115 @@
+//! `convert`, `inspect`, `synth`, `device`, `selftest`, help and completions.
+
+use super::{Sandbox, model};
+use qirf_vk::gaussians::formats;
+use std::fs;
+use std::process::Command;
+
+#[test]
+fn models_are_converted_and_never_over_themselves() {
+    let sandbox = Sandbox::new();
+    sandbox.works(&["convert", "model.ply", "model.spz"]);
+    sandbox.works(&["convert", "model.ply", "copy.ply"]);
+    assert_eq!(formats::read(&sandbox.path("copy.ply")).unwrap().gaussians, model(20));
+    let ran = sandbox.works(&["inspect", "model.spz", "--json"]);
+    assert_eq!(ran.json()["gaussians"], 20);
+
+    let before = sandbox.content();
+    sandbox.fails(2, &["convert", "model.ply", "model.ply"], &["model.ply", "another name"]);
+    sandbox.fails(2, &["convert", "model.ply", "./scene/../model.ply"], &["another name"]);
+    sandbox.fails(2, &["convert", "model.ply", "model.obj"], &["model.obj", ".ply, .spz or .sog"]);
+    sandbox.fails(2, &["convert", "model.ply", "scene"], &["scene", "folder"]);
+    sandbox.fails(3, &["convert", "absent.ply", "out.ply"], &["absent.ply", "check"]);
+    sandbox.fails(5, &["convert", "model.ply", "absent/out.ply"], &["absent"]);
+    assert_eq!(sandbox.content(), before, "nothing was written or changed");
+}
+
+#[test]
+fn inspect_tells_what_is_there() {
+    let sandbox = Sandbox::new();
+    let model = sandbox.works(&["inspect", "model.ply", "--json"]).json();
+    assert_eq!((&model["kind"], &model["format"]), (&"model".into(), &"PLY".into()));
+    assert_eq!((&model["gaussians"], &model["sh_degree"]), (&20.into(), &1.into()));
+    assert_eq!(model["bytes"], fs::metadata(sandbox.path("model.ply")).unwrap().len());
+    assert!(model["opacity"]["p50"].as_f64().is_some_and(|o| (o - 0.8176).abs() < 1e-3));
+    assert_eq!(model["repairs"]["non_finite_rows"], 0);
+
+    let scene = sandbox.works(&["inspect", "scene", "--json"]).json();
+    assert_eq!((&scene["kind"], &scene["views"]), (&"scene".into(), &2.into()));
+    assert_eq!((&scene["points"], &scene["photos_present"]), (&1.into(), &0.into()));
+    assert_eq!((&scene["test_views"], &scene["train_views"]), (&1.into(), &1.into()));
+    for path in ["model.ply", "scene"] {
+        let ran = sandbox.works(&["inspect", path]);
+        assert!(ran.out.lines().count() > 8 && !ran.out.contains('{'), "{}", ran.out);
+    }
+}
+
+#[test]
+fn a_synthetic_capture_can_be_made_inspected_and_rendered() {
+    let sandbox = Sandbox::new();
+    let make = ["synth", "made", "--views", "3", "--size", "32x24", "--seed", "7", "--points", "50", "--effects"];
+    sandbox.works(&[&make[..], &["distortion,alpha"]].concat());
+    let scene = sandbox.works(&["inspect", "made", "--json"]).json();
+    assert_eq!((&scene["views"], &scene["photos_with_alpha"]), (&3.into(), &3.into()));
+    assert!(scene["cameras"][0]["distortion_px"].as_f64().is_some_and(|d| d > 0.1));
+    sandbox.works(&["render", "model.ply", "--scene", "made", "-o", "out"]);
+    assert_eq!(fs::read_dir(sandbox.path("out")).unwrap().count(), 3);
+
+    let before = sandbox.content();
+    // Pictures never land among photos.
+    sandbox.fails(2, &["render", "model.ply", "--scene", "made", "-o", "made/images"], &["photos", "-o"]);
+    sandbox.fails(2, &[&make[..], &["gloss"]].concat(), &["gloss", "glossy"]);
+    sandbox.fails(2, &["synth", "made", "--effects", "glossy,matte"], &["exclude"]);
+    sandbox.fails(2, &["synth", "scene"], &["not empty"]);
+    sandbox.fails(2, &["synth", "model.ply"], &["file"]);
+    sandbox.fails(2, &["synth", "new", "--views", "0"], &["views"]);
+    assert_eq!(sandbox.content(), before, "nothing was written or changed");
+}
+
+#[test]
+fn this_machine_tells_and_checks_its_device() {
+    let sandbox = Sandbox::new();
+    let devices = sandbox.works(&["device", "--json"]).json();
+    let index = devices["chosen"].as_u64().unwrap();
+    assert!(devices["devices"].as_array().unwrap().iter().any(|d| d["index"] == index));
+    let chosen = index.to_string();
+    assert!(
+        sandbox.works(&["device", "--device", &chosen]).out.lines().any(|l| l.starts_with(&format!("* {chosen} ")))
+    );
+    sandbox.fails(4, &["device", "--device", "no such device"], &["no such device", "there are"]);
+    sandbox.fails(4, &["render", "model.ply", "--orbit", "1", "-o", "o", "--device", "99"], &["99"]);
+    assert!(!sandbox.path("o").exists());
+
+    let told = sandbox.works(&["selftest", "--quick", "--json"]).json();
+    assert_eq!(told["passed"], true);
+    let checks = told["checks"].as_array().unwrap();
+    assert!(checks.len() > 8 && checks.iter().all(|c| c["seen"].as_f64() <= c["allowed"].as_f64()));
+}
+
+#[test]
+fn help_and_completions_are_there() {
+    let sandbox = Sandbox::new();
+    for command in ["render", "convert", "inspect", "synth", "device", "selftest", "completions"] {
+        let ran = sandbox.works(&[command, "--help"]);
+        assert!(ran.out.contains("Examples:") && ran.out.contains("Global options:"), "{command}");
+        assert!(sandbox.works(&["--help"]).out.contains(command));
+    }
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        assert!(sandbox.works(&["completions", shell]).out.contains("selftest"), "{shell}");
+    }
+    assert!(sandbox.works(&["--version"]).out.starts_with("qirf-vk "));
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
+        .args(["completions", "zsh"])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    assert!(output.stderr.is_empty());
+}

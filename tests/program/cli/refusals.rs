@@ -1,0 +1,140 @@
+//! Wrong command lines, bad models, bad scenes, and what cannot be held or written: exit codes and messages.
+
+use super::{Sandbox, model};
+use qirf_vk::gaussians::formats;
+use std::fs;
+use std::process::Command;
+
+#[test]
+fn a_wrong_command_line_is_usage() {
+    let sandbox = Sandbox::new();
+    let render = ["render", "model.ply", "-o", "out"];
+    let with = |more: &[&'static str]| [&render[..], more].concat();
+    for arguments in [
+        vec!["paint"],
+        vec!["render"],
+        vec!["render", "model.ply", "--orbit", "2"],
+        with(&[]),
+        with(&["--orbit", "0"]),
+        with(&["--orbit", "-1"]),
+        with(&["--orbit", "many"]),
+        with(&["--orbit", "2", "--scene", "scene"]),
+        with(&["--orbit", "2", "--resolution", "/2"]),
+        with(&["--orbit", "2", "--size", "0x5"]),
+        with(&["--orbit", "2", "--size", "99999999999x5"]),
+        with(&["--orbit", "2", "--fov", "nan"]),
+        with(&["--orbit", "2", "--up", "w"]),
+        with(&["--orbit", "2", "--format", "gif"]),
+        with(&["--orbit", "2", "--background", "1,2,3"]),
+        with(&["--orbit", "2", "--format", "npy", "--transparent"]),
+        with(&["--scene", "scene", "--resolution", "/0"]),
+        with(&["--scene", "scene", "--size", "5x5"]),
+        with(&["--scene", "scene", "--images", "images_4"]),
+        vec!["render", "model.ply", "--orbit", "1", "-o", "model.ply"],
+        vec!["synth", "x", "--size", "2x2"],
+        vec!["inspect", "model.ply", "-q", "-v"],
+        vec!["completions", "cobol"],
+    ] {
+        sandbox.fails(2, &arguments, &[]);
+    }
+    assert!(!sandbox.path("out").exists());
+    assert_eq!(formats::read(&sandbox.path("model.ply")).unwrap().gaussians, model(20));
+}
+
+#[test]
+fn bad_models_are_refused_by_name_or_salvaged() {
+    let sandbox = Sandbox::new();
+    let good = fs::read(sandbox.path("model.ply")).unwrap();
+    let body = good.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    let write = |name: &str, bytes: &[u8]| fs::write(sandbox.path(name), bytes).unwrap();
+    write("cut.ply", &good[..good.len() - 5]);
+    write("header.ply", &good[..40]);
+    write("empty.ply", b"");
+    let header = String::from_utf8_lossy(&good[..body]).replace("vertex 20", "vertex 4000000000");
+    write("claims.ply", &[header.as_bytes(), &good[body..]].concat());
+    write("noise.spz", &[7; 300]);
+    write("noise.sog", b"PK\x03\x04nothing");
+    write("photo.jpg", &[0xff, 0xd8, 0xff, 0xe0]);
+    fs::create_dir(sandbox.path("sog")).unwrap();
+    write("sog/meta.json", b"{\"version\": 2, \"count\": 99999999999}");
+    for name in
+        ["cut.ply", "header.ply", "empty.ply", "claims.ply", "noise.spz", "noise.sog", "photo.jpg", "sog", "absent.ply"]
+    {
+        sandbox.fails(3, &["inspect", name], &[name]);
+        sandbox.fails(3, &["render", name, "--orbit", "1", "-o", "out"], &[name]);
+        sandbox.fails(3, &["convert", name, "out.ply"], &[name]);
+    }
+    assert!(!sandbox.path("out").exists() && !sandbox.path("out.ply").exists());
+
+    // A NaN row is left out, infinite logits are clamped, and both are told.
+    let mut hurt = model(20);
+    hurt.means[3][1] = f32::NAN;
+    hurt.opacity_logits[5] = f32::INFINITY;
+    formats::write(&sandbox.path("hurt.ply"), &hurt).unwrap();
+    let ran = sandbox.works(&["render", "hurt.ply", "--orbit", "1", "-o", "hurt", "--size", "16x16"]);
+    assert!(ran.err.contains("warning:") && ran.err.contains("1 Gaussians removed"), "{}", ran.err);
+    let told = sandbox.works(&["inspect", "hurt.ply", "--json"]).json();
+    assert_eq!((&told["gaussians"], &told["repairs"]["clamped_opacities"]), (&19.into(), &1.into()));
+}
+
+#[test]
+fn bad_scenes_are_refused_with_file_and_record() {
+    let sandbox = Sandbox::new();
+    let render = |scene: &str, says: &[&str]| {
+        sandbox.fails(3, &["render", "model.ply", "--scene", scene, "-o", "out"], says);
+        sandbox.fails(3, &["inspect", scene], says);
+    };
+    render("absent", &["absent"]);
+    sandbox.scene("model", "1 FOV 40 30 35 35 20 15 0.1", &["a.jpg"]);
+    render("model", &["cameras.txt", "FOV", "undistort"]);
+    sandbox.scene("short", "1 PINHOLE 40 30 35", &["a.jpg"]);
+    render("short", &["cameras.txt"]);
+    sandbox.scene("nothing", "1 PINHOLE 40 30 35 35 20 15", &[]);
+    render("nothing", &["images.txt"]);
+    sandbox.scene("nowhere", "2 PINHOLE 40 30 35 35 20 15", &["a.jpg"]);
+    render("nowhere", &["images.txt"]);
+    sandbox.scene("huge", "1 PINHOLE 4000000000 4000000000 35 35 20 15", &["a.jpg"]);
+    let ran = sandbox.run(&["render", "model.ply", "--scene", "huge", "-o", "out"]);
+    assert!(ran.code == 3 || ran.code == 5, "{}", ran.err);
+
+    let cut = sandbox.path("cut/sparse/0");
+    fs::create_dir_all(&cut).unwrap();
+    fs::write(cut.join("cameras.bin"), [9, 0, 0, 0, 0, 0, 0, 0, 1, 0]).unwrap();
+    fs::write(cut.join("images.bin"), [1, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+    fs::write(cut.join("points3D.bin"), [0; 8]).unwrap();
+    render("cut", &["cameras.bin"]);
+
+    fs::create_dir_all(sandbox.path("photos/images")).unwrap();
+    image::RgbImage::new(8, 8).save(sandbox.path("photos/images/a.png")).unwrap();
+    render("photos", &["colmap mapper"]);
+    fs::write(sandbox.path("transforms.json"), "{\"frames\": [").unwrap();
+    render("transforms.json", &["transforms.json"]);
+    assert!(!sandbox.path("out").exists());
+
+    // A pose that is no number is left out and counted; the other view is rendered.
+    let scene = sandbox.scene("pose", "1 PINHOLE 40 30 35 35 20 15", &["a.jpg"]);
+    let images = scene.join("sparse/0/images.txt");
+    let text = fs::read_to_string(&images).unwrap() + "7 1 0 0 0 nan 0 4 1 b.jpg\n\n";
+    fs::write(&images, text).unwrap();
+    let ran = sandbox.works(&["render", "model.ply", "--scene", "pose", "-o", "posed"]);
+    assert!(ran.err.contains("b.jpg"), "{}", ran.err);
+    assert!(sandbox.path("posed/a.png").is_file() && !sandbox.path("posed/b.png").exists());
+}
+
+#[test]
+fn what_cannot_be_held_or_written_is_resources() {
+    let sandbox = Sandbox::new();
+    // More pixels than any device binds in one buffer.
+    sandbox.fails(5, &["render", "model.ply", "--orbit", "1", "-o", "out", "--size", "65535x65535"], &["bytes"]);
+    assert!(!sandbox.path("out").exists());
+    // A file where a folder must be made.
+    sandbox.fails(5, &["render", "model.ply", "--orbit", "1", "-o", "model.ply/out", "--size", "8x8"], &["model.ply"]);
+    #[cfg(target_os = "linux")]
+    {
+        let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let ran =
+            Command::new(env!("CARGO_BIN_EXE_qirf-vk")).args(["completions", "bash"]).stdout(full).output().unwrap();
+        assert_eq!(ran.status.code(), Some(5));
+        assert!(String::from_utf8_lossy(&ran.stderr).contains("standard output"));
+    }
+}

@@ -1,0 +1,137 @@
+//! `render`: pictures of scenes and orbits, their formats, and an interrupt.
+
+use super::{Sandbox, model};
+use qirf_vk::gaussians::formats;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+fn size(path: &Path) -> (u32, u32) {
+    image::image_dimensions(path).unwrap()
+}
+
+#[test]
+fn pictures_of_a_scene_are_named_after_its_images() {
+    let sandbox = Sandbox::new();
+    let ran = sandbox.works(&["render", "model.ply", "--scene", "scene", "-o", "out"]);
+    assert!(ran.out.is_empty() && ran.err.contains("2 pictures"), "{}", ran.err);
+    let first = fs::read(sandbox.path("out/one.png")).unwrap();
+    assert_eq!((size(&sandbox.path("out/one.png")), size(&sandbox.path("out/b/two.png"))), ((40, 30), (40, 30)));
+    let picture = image::open(sandbox.path("out/one.png")).unwrap().into_rgb8();
+    assert!(picture.pixels().any(|p| p.0[0] > 60), "something is drawn");
+
+    // Again: the same bytes in the same place. Half the size; quiet.
+    sandbox.works(&["render", "model.ply", "--scene", "scene", "-o", "out"]);
+    assert_eq!(fs::read(sandbox.path("out/one.png")).unwrap(), first);
+    let ran = sandbox.works(&["-q", "render", "model.ply", "--scene", "scene", "-o", "half", "--resolution", "/2"]);
+    assert!(ran.err.is_empty() && ran.out.is_empty());
+    assert_eq!(size(&sandbox.path("half/b/two.png")), (20, 15));
+    sandbox.works(&["render", "model.ply", "--scene", "scene/sparse/0", "-o", "w", "--resolution", "10"]);
+    assert_eq!(size(&sandbox.path("w/one.png")), (10, 8));
+}
+
+#[test]
+fn npy_holds_float32_height_width_4() {
+    let sandbox = Sandbox::new();
+    let background = ["--background", "0.25,0.5,1"];
+    sandbox.works(
+        &[&["render", "model.ply", "--scene", "scene", "-o", "out", "--format", "npy"], &background[..]].concat(),
+    );
+    let file =
+        npyz::NpyFile::new(fs::File::open(sandbox.path("out/one.npy")).map(std::io::BufReader::new).unwrap()).unwrap();
+    assert_eq!(file.shape(), [30, 40, 4]);
+    assert_eq!(file.order(), npyz::Order::C);
+    let values: Vec<f32> = file.into_vec().unwrap();
+    let empty = values.chunks_exact(4).find(|p| p[3] == 0.0).expect("a pixel without Gaussians");
+    assert_eq!(empty, [0.25, 0.5, 1.0, 0.0]);
+
+    // The PNG holds the same values in 8 bits.
+    sandbox.works(&[&["render", "model.ply", "--scene", "scene", "-o", "out"], &background[..]].concat());
+    let picture = image::open(sandbox.path("out/one.png")).unwrap().into_rgb8();
+    for (pixel, value) in picture.pixels().zip(values.chunks_exact(4)) {
+        for c in 0..3 {
+            assert!((f32::from(pixel.0[c]) / 255.0 - value[c].clamp(0.0, 1.0)).abs() < 0.51 / 255.0);
+        }
+    }
+}
+
+#[test]
+fn orbits_of_any_model_show_it() {
+    let sandbox = Sandbox::new();
+    sandbox.works(&[
+        "render",
+        "model.ply",
+        "--orbit",
+        "3",
+        "-o",
+        "out",
+        "--size",
+        "64x48",
+        "--up",
+        "-z",
+        "--fov",
+        "60",
+    ]);
+    for i in 0..3 {
+        let path = sandbox.path(&format!("out/orbit_00{i}.png"));
+        assert_eq!(size(&path), (64, 48));
+        let picture = image::open(path).unwrap().into_rgb8();
+        assert!(picture.pixels().filter(|p| p.0[0] > 30).count() > 100);
+    }
+    sandbox.works(&[
+        "render",
+        "model.ply",
+        "--orbit",
+        "1",
+        "-o",
+        "clear",
+        "--size",
+        "64x48",
+        "--transparent",
+        "--antialias",
+    ]);
+    let picture = image::open(sandbox.path("clear/orbit_000.png")).unwrap();
+    assert!(picture.color().has_alpha());
+    assert!(picture.into_rgba8().pixels().any(|p| p.0[3] == 0));
+
+    // One Gaussian, none at all, a picture of one pixel, a model a thousandth the size.
+    let mut tiny = model(20);
+    tiny.means.iter_mut().flatten().for_each(|v| *v *= 1e-3);
+    tiny.log_scales.iter_mut().flatten().for_each(|v| *v -= 6.9);
+    for (name, model) in [("lone.ply", model(1)), ("none.ply", model(0)), ("tiny.ply", tiny)] {
+        formats::write(&sandbox.path(name), &model).unwrap();
+        sandbox.works(&["render", name, "--orbit", "1", "-o", name.trim_end_matches(".ply"), "--size", "32x32"]);
+        sandbox.works(&["render", name, "--orbit", "1", "-o", "one", "--size", "1x1"]);
+    }
+    let shown = |name: &str| {
+        let picture = image::open(sandbox.path(name).join("orbit_000.png")).unwrap().into_rgb8();
+        picture.pixels().filter(|p| p.0[0] > 30).count()
+    };
+    assert!(shown("lone") > 20 && shown("tiny") > 50 && shown("none") == 0);
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_with_130_and_whole_pictures() {
+    use std::process::Stdio;
+    let sandbox = Sandbox::new();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
+        .args(["render", "model.ply", "--orbit", "100000", "-o", "out", "--size", "64x48"])
+        .current_dir(sandbox.folder.path())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let begun = std::time::Instant::now();
+    while !sandbox.path("out/orbit_000003.png").exists() {
+        assert!(begun.elapsed().as_secs() < 60 && child.try_wait().unwrap().is_none(), "no picture came");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("interrupted"));
+    for entry in fs::read_dir(sandbox.path("out")).unwrap() {
+        let path = entry.unwrap().path();
+        assert!(path.extension().is_some_and(|e| e == "png") && image::open(&path).is_ok(), "{}", path.display());
+    }
+}
