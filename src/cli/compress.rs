@@ -26,10 +26,10 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compress model.ply -o small.ply --scene capture --resolution /4 --fine-tune 3000
   qirf-vk compress model.ply -o small.ply --selector importance --budget per-block --json
 
-Without photos the model's own pictures, from all round it, tell which Gaussians they need. Where a capture is at hand,
---scene is the better choice, and for rooms and landscapes, which surround their cameras, the only good one.";
+Without photos, pictures of the model itself, from all around it, tell which Gaussians they need. If you have the capture,
+--scene is the better choice; for rooms and landscapes, which surround their cameras, it is the only good one.";
 
-/// Prune a model that is there: keep the Gaussians that its pictures need.
+/// Prune an existing model: keep the Gaussians that its pictures need.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -52,10 +52,10 @@ pub(super) struct Arguments {
     preset: Preset,
     #[command(flatten)]
     choices: Choices,
-    /// Key of all random numbers: the same seed on the same device gives the same bytes
+    /// Random seed: the same seed on the same device gives the same bytes
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Compression")]
     seed: u32,
-    /// Virtual cameras round the model, every eighth held out for the scores [default: 48]
+    /// Virtual cameras around the model; every eighth is held out for the scores [default: 48]
     #[arg(long, value_name = "N", help_heading = "Without photos", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     views: Option<u32>,
     /// Picture size of virtual cameras [default: 400x400]
@@ -64,7 +64,7 @@ pub(super) struct Arguments {
     /// Which way is up: x, y, z, -x, -y, -z, or auto (as captures have it: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
-    /// Scene whose photos are what counts: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    /// Scene whose photos the model is judged by: a COLMAP, Blender, instant-ngp or nerfstudio folder
     #[arg(long, value_name = "SCENE", help_heading = "Photos")]
     scene: Option<PathBuf>,
     /// Photo folder (such as images_4)
@@ -73,7 +73,7 @@ pub(super) struct Arguments {
     /// Picture size as width, or as a divisor of the photos' size
     #[arg(long, value_name = "W|/K", help_heading = "Photos", requires = "scene", value_parser = values::resolution_text)]
     resolution: Option<String>,
-    /// Hold every N-th photo out for the scores; 0 holds none out [default: 8]
+    /// Hold out every N-th photo for the scores; 0 holds out none [default: 8]
     #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene")]
     eval_every: Option<usize>,
     #[command(flatten)]

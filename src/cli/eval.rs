@@ -20,7 +20,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk eval small.spz --against original.ply
 
 Photos are held out, scaled and scored as `qirf-vk run` does it: a run's model.ply has the run's own scores.
-Against a model the judges are that model's pictures, from the views that `qirf-vk compress` holds out.";
+With --against, the model is scored against pictures of its original, from the views that `qirf-vk compress` holds out.";
 
 /// Score a model of any format against a scene's held-out photos, or against another model's pictures.
 #[derive(Debug, clap::Args)]
@@ -34,10 +34,10 @@ pub(super) struct Arguments {
     /// Folder for metrics.json and renders/; made where it is absent
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// The model that this one stands for, before some tool compressed it
+    /// The original of this model, before any tool compressed it
     #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every"])]
     against: Option<PathBuf>,
-    /// Take scene, photos and rendering from a run's config.toml; options given here come first
+    /// Take scene, photos and rendering from a run's config.toml; options given here take precedence
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     #[command(flatten)]
@@ -54,7 +54,7 @@ pub(super) struct Arguments {
     /// Picture size as width, or as a divisor of the photos' size
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
-    /// Hold every N-th photo out for the scores [default: 8]
+    /// Hold out every N-th photo for the scores [default: 8]
     #[arg(long, value_name = "N", help_heading = "Photos")]
     eval_every: Option<usize>,
     /// LPIPS weights: a file, or a folder of them (tools/lpips-weights makes them)

@@ -29,8 +29,8 @@ impl Watch {
     }
 }
 
-/// Makes a write beyond the process's file-size limit an error, which tells file and cause, where the system would end the
-/// program in its place.
+/// Makes a write beyond the process's file-size limit an error that names file and cause; the system would end the program
+/// instead.
 pub(super) fn outlive_the_file_size_limit() {
     #[cfg(unix)]
     if let Err(e) = flag::register(signal_hook::consts::SIGXFSZ, Arc::default()) {

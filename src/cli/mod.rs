@@ -47,13 +47,13 @@ struct Cli {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Global options")]
 struct Global {
-    /// Vulkan device: its index, or part of its name (default: $QIRF_DEVICE, else the fastest kind there is)
+    /// Vulkan device: its index, or part of its name (default: $QIRF_DEVICE, else the fastest kind available)
     #[arg(long, global = true, value_name = "NAME|INDEX")]
     device: Option<String>,
-    /// Say only results and errors
+    /// Print only results and errors
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// Say more; twice: much more
+    /// Print more; repeat it for much more
     #[arg(short, long, global = true, action = ArgAction::Count, conflicts_with = "quiet")]
     verbose: u8,
     /// When to colour text
@@ -71,13 +71,13 @@ enum Command {
     Sweep(sweep::Arguments),
     /// Score a model of any format against a scene's held-out photos
     Eval(eval::Arguments),
-    /// Prune a model that is there: keep the Gaussians that its pictures need
+    /// Prune an existing model: keep the Gaussians that its pictures need
     Compress(compress::Arguments),
-    /// Render a model's pictures: from a scene's cameras, or on a circle round it
+    /// Render pictures of a model, from a scene's cameras or on a circle around it
     Render(render::Arguments),
     /// Convert a model between file formats
     Convert(convert::Arguments),
-    /// Tell what a model or a scene holds
+    /// Show what a model or a scene holds
     Inspect(inspect::Arguments),
     /// Make a synthetic capture: photos, cameras and points, nothing to download
     Synth(synth::Arguments),
@@ -109,7 +109,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk selftest
 
 Exit codes: 0 done, 2 usage, 3 bad input, 4 device, 5 no memory or disk, 130 interrupted.
-`qirf-vk COMMAND --help` tells a command's options.";
+`qirf-vk COMMAND --help` lists a command's options.";
 
 /// The command line as clap knows it, commands in groups.
 fn command() -> clap::Command {

@@ -22,17 +22,17 @@ const EXAMPLES: &str = "Examples:
   qirf-vk render model.ply --scene capture --resolution /2 -o pictures
   qirf-vk render model.ply --scene capture --format npy -o arrays";
 
-/// Render a model's pictures: from a scene's cameras, or on a circle round it.
+/// Render pictures of a model, from a scene's cameras or on a circle around it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 #[command(group = ArgGroup::new("cameras").required(true).args(["scene", "orbit"]))]
 pub(super) struct Arguments {
     /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
     model: PathBuf,
-    /// Cameras of this scene (COLMAP, Blender, instant-ngp, nerfstudio); its photos need not be there
+    /// Cameras of this scene (COLMAP, Blender, instant-ngp, nerfstudio); its photos may be absent
     #[arg(long, value_name = "SCENE", help_heading = "Cameras")]
     scene: Option<PathBuf>,
-    /// This many cameras on a circle round the model
+    /// This many cameras on a circle around the model
     #[arg(long, value_name = "N", help_heading = "Cameras", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     orbit: Option<u32>,
     /// Picture size as width, or as a divisor of the photos' size

@@ -40,7 +40,7 @@ pub(super) struct Arguments {
     /// Folder for the results; made where it is absent
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Axis to climb, all of its rungs or those named; repeat it for others [default: every light axis]
+    /// Axis to measure: all of its rungs, or the named ones; repeat it for more axes [default: every light axis]
     #[arg(long, value_name = "NAME[=RUNG,...]", value_parser = Asked::parse)]
     axis: Vec<Asked>,
     /// Model that the light axes look at, from the scene's cameras
@@ -49,7 +49,7 @@ pub(super) struct Arguments {
     /// Iterations of the brief training that gives a scene's light axes their model
     #[arg(long, value_name = "N", default_value_t = 600, conflicts_with = "model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     train: u32,
-    /// Seconds for the turns of each light axis; three rounds are taken whatever they cost
+    /// Time budget per light axis, in seconds; warm-up and three rounds are always taken
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = values::not_negative)]
     budget_per_axis: f64,
     /// Picture size of a model's virtual cameras [default: 400x400]

@@ -29,7 +29,7 @@ pub(super) struct Arguments {
     /// Most points of the reconstruction
     #[arg(long, value_name = "N", default_value_t = SynthOptions::default().points)]
     points: usize,
-    /// What the scene shall call for, with commas between (--help lists them)
+    /// Effects that the scene calls for, separated by commas (--help lists them)
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     effects: Vec<String>,
 }

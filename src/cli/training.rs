@@ -25,29 +25,29 @@ pub(super) struct Training {
     /// Degree of the spherical harmonics [default: by the scene, 1 to 3; preset paper: 3]
     #[arg(long, value_name = "L", help_heading = "Effects", value_parser = clap::value_parser!(u8).range(0..=3))]
     sh_degree: Option<u8>,
-    /// Key of all random numbers: the same seed on the same device gives the same bytes
+    /// Random seed: the same seed on the same device gives the same bytes
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Training")]
     seed: u32,
-    /// Begin on: points (the scene's own, else random), random, or a model file
+    /// Initial Gaussians: points (the scene's own, else random), random, or a model file
     #[arg(long, value_name = "points|random|MODEL", default_value = "points", help_heading = "Training")]
     init: String,
     /// Number of random points [default: by picture size]
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..))]
     init_count: Option<u32>,
-    /// Never more Gaussians than this
+    /// Largest number of Gaussians
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
     max_gaussians: u32,
     /// Keep each Gaussian's energy where it is smaller than a pixel
     #[arg(long, help_heading = "Effects")]
     antialias: bool,
     /// Simulate an effect or not, whatever the scene calls for: view_dependence, exposure, antialias, distortion,
-    /// transparency or masks; repeat it for others (`qirf-vk inspect SCENE` tells what a scene calls for)
+    /// transparency or masks; repeat it for others (`qirf-vk inspect SCENE` shows what a scene calls for)
     #[arg(long, value_name = "NAME=on|off|auto", value_parser = Overrides::parse, help_heading = "Effects")]
     effect: Vec<(Effect, Choice)>,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Training")]
     background: Option<[f32; 3]>,
-    /// Iterations between checkpoints; 0 for none but on Ctrl-C
+    /// Iterations between checkpoints; with 0 only Ctrl-C writes one
     #[arg(long, value_name = "N", default_value_t = 5000, help_heading = "Training")]
     checkpoint_every: u32,
     /// Photo folder (such as images_4)
@@ -56,7 +56,7 @@ pub(super) struct Training {
     /// Picture size as width, or as a divisor of the photos' size
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
-    /// Hold every N-th photo out for the scores; 0 holds none out
+    /// Hold out every N-th photo for the scores; 0 holds out none
     #[arg(long, value_name = "N", default_value_t = 8, help_heading = "Photos")]
     eval_every: usize,
 }

@@ -136,7 +136,7 @@ impl Context {
             push: khr::push_descriptor::Device::new(&instance.raw, &raw),
             debug: instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
             queue: Queue::new(queue, candidate.queue_family, options.fault.or_else(Fault::from_environment)),
-            tuning: Tuning::new(class.unwrap_or(info.class), &info),
+            tuning: Tuning::new(class.unwrap_or(info.class), info.subgroup_size, info.max_workgroup),
             pipelines: Pipelines::new(&raw, candidate.pipeline_cache_uuid)?,
             hazards: Mutex::default(),
             frames: Mutex::default(),

@@ -305,7 +305,7 @@ impl Report {
             index,
             name: text(self.base.device_name_as_c_str()),
             kind,
-            class: DeviceClass::of(kind, self.base.vendor_id),
+            class: DeviceClass::of(kind == DeviceKind::Cpu, self.base.vendor_id),
             driver: format!(
                 "{} {}",
                 text(self.driver.driver_name_as_c_str()),

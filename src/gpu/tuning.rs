@@ -4,7 +4,6 @@
 //! the order in which sums are formed, and with it the last bits of results.
 
 use super::error::Error;
-use super::select::{DeviceInfo, DeviceKind};
 use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;
@@ -34,10 +33,10 @@ impl DeviceClass {
     pub const ALL: [Self; 7] =
         [Self::Cpu, Self::Gpu, Self::Nvidia, Self::Amd, Self::Intel, Self::Apple, Self::Qualcomm];
 
-    /// The class of a device, by its kind and its maker's number in the Vulkan (or PCI) registry.
-    pub(super) fn of(kind: DeviceKind, vendor: u32) -> Self {
-        match (kind, vendor) {
-            (DeviceKind::Cpu, _) => Self::Cpu,
+    /// The class of a device, which may be a CPU, by its maker's number in the Vulkan (or PCI) registry.
+    pub(super) fn of(is_cpu: bool, vendor: u32) -> Self {
+        match (is_cpu, vendor) {
+            (true, _) => Self::Cpu,
             (_, 0x10de) => Self::Nvidia,
             (_, 0x1002) => Self::Amd,
             (_, 0x8086) => Self::Intel,
@@ -120,16 +119,16 @@ pub struct Tuning {
 
 impl Tuning {
     /// The row of a class, for a device of this width and these limits.
-    pub fn new(class: DeviceClass, info: &DeviceInfo) -> Self {
+    pub fn new(class: DeviceClass, subgroup: u32, max_workgroup: u32) -> Self {
         match class {
-            DeviceClass::Cpu => Self::cpu(info.subgroup_size),
+            DeviceClass::Cpu => Self::cpu(subgroup),
             // One row for all GPUs until one is measured.
             DeviceClass::Gpu
             | DeviceClass::Nvidia
             | DeviceClass::Amd
             | DeviceClass::Intel
             | DeviceClass::Apple
-            | DeviceClass::Qualcomm => Self::gpu(class, info.subgroup_size, info.max_workgroup),
+            | DeviceClass::Qualcomm => Self::gpu(class, subgroup, max_workgroup),
         }
     }
 
@@ -200,9 +199,9 @@ mod tests {
 
     #[test]
     fn classes_by_kind_and_maker() {
-        assert_eq!(DeviceClass::of(DeviceKind::Cpu, 0x8086), DeviceClass::Cpu);
-        assert_eq!(DeviceClass::of(DeviceKind::Integrated, 0x8086), DeviceClass::Intel);
-        assert_eq!(DeviceClass::of(DeviceKind::Discrete, 0x1234), DeviceClass::Gpu);
+        assert_eq!(DeviceClass::of(true, 0x8086), DeviceClass::Cpu);
+        assert_eq!(DeviceClass::of(false, 0x8086), DeviceClass::Intel);
+        assert_eq!(DeviceClass::of(false, 0x1234), DeviceClass::Gpu);
     }
 
     #[test]

@@ -28,7 +28,7 @@ const GROWTH: usize = 4;
 pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Start) -> Result<u64, Error> {
     let schedule = &config.schedule;
     let grows = (1..=schedule.iterations).any(|i| schedule.densifies(i));
-    // Points are thinned to what is allowed, a model is not; a broken run tells what it began with.
+    // Points are thinned to what is allowed, a model is not; an interrupted run has noted what it began with.
     let first = match start {
         Start::Model(model) => model.len(),
         Start::Points(n) | Start::Random(n) => (*n).min(config.max_gaussians),

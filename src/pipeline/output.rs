@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 pub struct Output(PathBuf);
 
 impl Output {
-    /// A folder, made where it is absent. What a killed program had begun to write there goes: nobody else would remove it.
+    /// A folder, made if absent. Temporary files that a killed program left there are removed.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -47,7 +47,7 @@ impl Output {
         self.0.join("metrics.json")
     }
 
-    /// The page of it all.
+    /// The report.
     pub fn report(&self) -> PathBuf {
         self.0.join("report.html")
     }

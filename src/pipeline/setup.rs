@@ -80,7 +80,7 @@ impl<'a> Setup<'a> {
 fn checkpoint(output: &Output, watcher: &dyn Watcher) -> Result<Option<Checkpoint>, Error> {
     let path = output.checkpoint();
     if !path.exists() {
-        watcher.note("no checkpoint is there yet: starting afresh");
+        watcher.note("no checkpoint yet: starting afresh");
         return Ok(None);
     }
     let checkpoint = Checkpoint::read(&path)?;

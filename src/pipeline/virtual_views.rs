@@ -1,4 +1,4 @@
-//! Views of a model that has no photos: cameras all round it, and its own pictures as what is true.
+//! Views of a model without photos: cameras all around it, and its own pictures as the ground truth.
 
 use super::evaluate::rgb;
 use super::pairs;
@@ -24,7 +24,7 @@ const FIELD_OF_VIEW: f64 = 0.7;
 const TURN: f64 = 0.381_966_011_250_105;
 /// Nearest depth that is drawn, as a share of the camera's distance.
 const NEAR: f64 = 0.02;
-/// Every so many-th view is held out, as of photos.
+/// Every eighth view is held out, as of photos.
 const HOLD_OUT: usize = 8;
 
 /// Views asked for.
@@ -75,7 +75,7 @@ impl VirtualCameras {
     }
 }
 
-/// A model's own pictures from all round it.
+/// A model's own pictures from all around it.
 pub struct OwnPictures {
     /// Views to learn from; without pixels where those were not asked for.
     pub train: Vec<Photo>,

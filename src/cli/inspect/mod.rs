@@ -13,7 +13,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk inspect model.ply
   qirf-vk inspect capture --json";
 
-/// Tell what a model or a scene holds.
+/// Show what a model or a scene holds.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -56,7 +56,7 @@ fn read(path: &Path) -> Result<Loaded, Error> {
     Ok(formats::read(path)?)
 }
 
-/// Reads a model and tells what was repaired.
+/// Reads a model and warns of what was repaired.
 pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error> {
     let loaded = read(path)?;
     if loaded.repairs.any() {
@@ -87,7 +87,7 @@ fn print(console: &Console, document: &Value) -> Result<(), Error> {
             console.print(format_args!("{:<26} {line}", if i == 0 { label.as_str() } else { "" }))?;
         }
         if lines.len() > LIST_LINES {
-            console.print(format_args!("{:<26} and {} more (--json tells all)", "", lines.len() - LIST_LINES))?;
+            console.print(format_args!("{:<26} and {} more (--json shows all)", "", lines.len() - LIST_LINES))?;
         }
     }
     Ok(())

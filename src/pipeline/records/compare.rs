@@ -5,7 +5,7 @@ use super::run::ViewScores;
 use crate::gpu::DeviceInfo;
 use serde::{Deserialize, Serialize};
 
-/// What an arm came to.
+/// Results of one arm.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ArmRecord {
     /// Its name.
@@ -34,7 +34,7 @@ pub struct ArmRecord {
     pub views: Vec<ViewScores>,
 }
 
-/// What a comparison came to: `compare.json`.
+/// Results of a comparison: `compare.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct CompareRecord {
     /// Version of this layout.

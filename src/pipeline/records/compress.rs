@@ -9,7 +9,7 @@ use crate::render::Style;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// All that `qirf-vk compress` tells.
+/// The whole of a compression's JSON report.
 #[derive(Clone, Debug, Serialize)]
 pub struct CompressRecord {
     /// Version of this layout.
@@ -18,13 +18,13 @@ pub struct CompressRecord {
     pub version: &'static str,
     /// The device.
     pub device: DeviceInfo,
-    /// How the figures came about.
+    /// Conditions of the measurement.
     pub protocol: CompressProtocol,
     /// The model as it was.
     pub input: ModelFile,
     /// The model as it is now.
     pub output: ModelFile,
-    /// What was chosen, and what the blocks told.
+    /// The prune: what was chosen, and what the blocks showed.
     pub prune: PruneRecord,
     /// Mean scores of the held-out views.
     pub test: StageScores,
@@ -36,7 +36,7 @@ pub struct CompressRecord {
     pub memory: Memory,
 }
 
-/// How the figures came about.
+/// Conditions of the measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct CompressProtocol {
     /// What pictures were compared with.

@@ -17,7 +17,7 @@ pub struct RunRecord {
     pub version: &'static str,
     /// The device.
     pub device: DeviceInfo,
-    /// How the figures came about.
+    /// Conditions of the measurement.
     pub protocol: Protocol,
     /// Numbers of Gaussians.
     pub gaussians: Counts,
@@ -50,7 +50,7 @@ pub struct RunRecord {
     pub memory: Memory,
 }
 
-/// How the figures came about.
+/// Conditions of the measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct Protocol {
     /// Views held out.
@@ -104,7 +104,7 @@ pub struct ViewScores {
     pub scores: Scores,
 }
 
-/// Where the run stood at some moment.
+/// A point of the quality curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CurvePoint {
