@@ -3,7 +3,7 @@
 use super::{device, facts, group, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gpu::Recording;
-use qirf_vk::gpu::rates::{By, Copy, MultiplyAdd};
+use qirf_vk::primitives::rates::{By, Copy, MultiplyAdd};
 use std::time::{Duration, Instant};
 
 /// MiB of each of two buffers: within a core's cache, within a shared one, and in memory. The largest is what every device

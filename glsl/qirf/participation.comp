@@ -45,7 +45,7 @@ void set_entry(uint row, uint column, float value) {
     else factors[factor_at + (row - m) * m + column] = value;
 }
 
-void meet() {
+void full_barrier() {
     memoryBarrierBuffer();
     memoryBarrierShared();
     barrier();
@@ -64,11 +64,11 @@ bool factorise(uint lane) {
             for (uint k = 0; k < c; k++) sum -= entry(row, k) * overlaps[at(c, k)];
             set_entry(row, c, sum / root);
         }
-        meet();
+        full_barrier();
         // Written last, since no later column reads it.
         if (lane == 0) overlaps[at(c, c)] = root;
     }
-    meet();
+    full_barrier();
     return true;
 }
 
@@ -88,7 +88,7 @@ void gram(uint lane) {
             }
         }
     }
-    meet();
+    full_barrier();
 }
 
 // Cyclic Jacobi (Golub and Van Loan): lanes share the entries of the two rows and columns that a rotation changes.
@@ -103,13 +103,13 @@ void diagonalise(uint lane) {
                 bool idle = !(off * off > 1e-16 * abs(g[p][p] * g[q][q])) || isinf(theta);
                 t = idle ? 0 : t;
                 float c = inversesqrt(1 + t * t), s = t * c;
-                meet();
+                full_barrier();
                 for (uint k = lane; k < CHANNELS; k += SUBGROUP) {
                     vec2 row = vec2(g[p][k], g[q][k]);
                     g[p][k] = c * row.x - s * row.y;
                     g[q][k] = s * row.x + c * row.y;
                 }
-                meet();
+                full_barrier();
                 for (uint k = lane; k < CHANNELS; k += SUBGROUP) {
                     vec2 column = vec2(g[k][p], g[k][q]), v = vec2(y[k][p], y[k][q]);
                     g[k][p] = c * column.x - s * column.y;
@@ -117,7 +117,7 @@ void diagonalise(uint lane) {
                     y[k][p] = c * v.x - s * v.y;
                     y[k][q] = s * v.x + c * v.y;
                 }
-                meet();
+                full_barrier();
             }
         }
     }
@@ -130,7 +130,7 @@ uint leading(uint lane) {
         for (uint o = 0; o < CHANNELS; o++) before += g[o][o] > g[k][k] || (g[o][o] == g[k][k] && o < k) ? 1 : 0;
         place[before] = k;
     }
-    meet();
+    full_barrier();
     float total = 0;
     for (uint k = 0; k < CHANNELS; k++) total += max(g[k][k], 0.0);
     float sum = 0;
@@ -153,7 +153,7 @@ void participate(uint lane, uint r, uint out_at) {
             factors[factor_at + k * m + row] = k < r ? x : 0;
         }
     }
-    meet();
+    full_barrier();
     for (uint c = m; c-- > 0;) {
         float root = overlaps[at(c, c)];
         float x[CHANNELS];
@@ -167,7 +167,7 @@ void participate(uint lane, uint r, uint out_at) {
             float l = overlaps[at(c, row)];
             for (uint k = 0; k < CHANNELS; k++) factors[factor_at + k * m + row] -= l * x[k];
         }
-        meet();
+        full_barrier();
     }
 }
 

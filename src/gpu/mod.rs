@@ -15,7 +15,6 @@ mod pipeline;
 mod probe;
 mod profiler;
 mod queue;
-pub mod rates;
 mod readback;
 mod recording;
 mod red_zone;

@@ -4,6 +4,7 @@
 mod compact;
 mod count;
 mod gather;
+pub mod rates;
 mod reduce;
 mod scan;
 mod segmented_sum;

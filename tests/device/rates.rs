@@ -2,7 +2,7 @@
 
 use crate::support::{device, finish};
 use qirf_vk::gpu::Recording;
-use qirf_vk::gpu::rates::{By, Copy, MultiplyAdd};
+use qirf_vk::primitives::rates::{By, Copy, MultiplyAdd};
 
 #[test]
 fn rates_do_the_work_that_they_count() {

@@ -1,17 +1,13 @@
 //! What a device can do at best: bytes that it copies and float32 operations that it does in a second. The times of stages
 //! are held against them.
 
-use super::buffer::Buffer;
-use super::device::Device;
-use super::error::Error;
-use super::recording::{Groups, Recording};
+use super::WORKGROUP;
+use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::multiply_add::UNROLLED;
 use crate::kernels::rates::{
     Copy as CopyKernel, CopyPush, CopySpec, MultiplyAdd as Kernel, MultiplyAddPush, MultiplyAddSpec,
 };
 
-/// Invocations of a workgroup.
-const WORKGROUP: u32 = 256;
 /// Bytes that a measure of copying moves at least, small buffers again and again: starting a dispatch is then nothing.
 const MOVED: u64 = 64 << 20;
 /// Dependent chains an invocation: as many as hide the latency of two units, and fit the 16 registers of AVX2.
@@ -41,7 +37,7 @@ impl Copy {
     ///
     /// # Errors
     /// Device memory; device errors.
-    pub fn new(device: &Device, words: usize, by: By) -> Result<Self, Error> {
+    pub fn new(device: &Device, words: usize, by: By) -> Result<Self> {
         let (from, to) = (device.buffer("rates: from", words)?, device.buffer("rates: to", words)?);
         let mut recording = Recording::new();
         // Pages that nobody wrote may all be the same one.
@@ -98,7 +94,7 @@ impl MultiplyAdd {
     ///
     /// # Errors
     /// Device memory.
-    pub fn new(device: &Device) -> Result<Self, Error> {
+    pub fn new(device: &Device) -> Result<Self> {
         let (groups, rounds) = (device.tuning().multiply_workgroups, device.tuning().multiply_rounds);
         Ok(Self { sums: device.buffer("rates: sums", (groups * WORKGROUP) as usize)?, rounds })
     }
@@ -128,7 +124,7 @@ impl MultiplyAdd {
     ///
     /// # Errors
     /// Device errors.
-    pub fn sums(&self, device: &Device) -> Result<Vec<f32>, Error> {
+    pub fn sums(&self, device: &Device) -> Result<Vec<f32>> {
         self.sums.read(device)
     }
 }
