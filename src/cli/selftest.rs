@@ -3,8 +3,10 @@
 use super::Global;
 use super::console::Console;
 use crate::error::Error;
-use crate::selftest::{self, Check};
+use crate::gpu::{Device, DeviceKind};
+use crate::selftest::{self, Case, Check, News};
 use serde_json::json;
+use std::thread;
 use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
@@ -35,19 +37,11 @@ impl Arguments {
             console.print(format_args!("{} ({})", info.name, info.driver))?;
             console.print(format_args!("{:<11} {:<44} {:>9} {:>9}", "room", "check", "seen", "allowed"))?;
         }
-        let bar = console.bar(selftest::cases(self.quick).count() as u64, "checking");
-        let mut checks: Vec<Check> = Vec::new();
-        for case in selftest::cases(self.quick) {
-            let made = case.run(&device).inspect_err(|_| bar.finish_and_clear())?;
-            if !self.json {
-                // The bar steps aside for the lines.
-                let printed = bar.suspend(|| made.iter().try_for_each(|c| console.print(row(console, c))));
-                printed?;
-            }
-            checks.extend(made);
-            bar.inc(1);
+        let mut handles = vec![device.clone()];
+        if info.kind == DeviceKind::Cpu && thread::available_parallelism().is_ok_and(|n| n.get() > 1) {
+            handles.push(global.open()?);
         }
-        bar.finish_and_clear();
+        let checks = self.checks(console, &handles)?;
         let verdict = verdict(&checks, &info.name, &info.driver);
         let seconds = begun.elapsed().as_secs_f64();
         if self.json {
@@ -58,6 +52,32 @@ impl Arguments {
         console.note(format_args!("all {} checks passed ({seconds:.1} s)", checks.len()));
         Ok(())
     }
+
+    /// Runs the cases; a line of progress names those under way, and results are printed in their order.
+    fn checks(&self, console: &Console, handles: &[Device]) -> Result<Vec<Check>, Error> {
+        let bar = console.bar(selftest::cases(self.quick).count() as u64, "checking");
+        let checks = selftest::run(handles, self.quick, |news| {
+            match news {
+                News::UnderWay(cases) => bar.set_message(under_way(cases)),
+                News::Done(checks) => {
+                    bar.inc(1);
+                    if !self.json {
+                        // The bar steps aside for the lines.
+                        bar.suspend(|| checks.iter().try_for_each(|c| console.print(row(console, c))))?;
+                    }
+                }
+            }
+            Ok::<(), Error>(())
+        });
+        bar.finish_and_clear();
+        checks
+    }
+}
+
+/// The cases under way, by room and name.
+fn under_way(cases: &[&Case]) -> String {
+    let names: Vec<String> = cases.iter().map(|case| format!("{}: {}", case.room(), case.name())).collect();
+    format!("checking {}", names.join("; "))
 }
 
 /// One check that fails is enough: whatever stands on its part of the engine may be wrong.

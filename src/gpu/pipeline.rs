@@ -3,11 +3,15 @@
 use super::device::{Context, lock};
 use super::error::{During, Error};
 use super::kernel::Shader;
+use super::recording::Recording;
 use super::select::Feature;
 use ash::vk;
 use std::collections::HashMap;
+use std::num::NonZero;
+use std::panic::resume_unwind;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
+use std::thread;
 
 /// A shader with its constants, ready to be dispatched.
 pub(super) struct Pipeline {
@@ -18,7 +22,7 @@ pub(super) struct Pipeline {
 }
 
 /// The name of a shader, and the values of its constants.
-type Key = (&'static str, Vec<u32>);
+pub(super) type Key = (&'static str, Vec<u32>);
 
 /// A device's pipelines.
 pub(super) struct Pipelines {
@@ -132,16 +136,21 @@ impl Pipelines {
         Ok(Self { made: Mutex::default(), cache, file })
     }
 
-    /// The pipeline of a shader with these constants, made where it is not there yet.
-    pub fn get(&self, context: &Context, shader: &'static Shader, constants: Vec<u32>) -> Result<Arc<Pipeline>, Error> {
-        let key = (shader.name, constants);
-        let mut pipelines = lock(&self.made);
-        if let Some(found) = pipelines.get(&key) {
-            return Ok(Arc::clone(found));
+    /// The pipelines of a recording's dispatches, in their order. Those that are not there yet are made side by side.
+    pub fn of(&self, context: &Context, recording: &Recording) -> Result<Vec<Arc<Pipeline>>, Error> {
+        let wanted: Vec<(Key, &'static Shader)> = recording.pipelines().collect();
+        let mut made = lock(&self.made);
+        let mut missing: Vec<_> = wanted.iter().filter(|(key, _)| !made.contains_key(key)).collect();
+        missing.sort_unstable_by_key(|(key, _)| key);
+        missing.dedup_by(|(a, _), (b, _)| a == b);
+        let mut failed = None;
+        for (key, result) in make(context, &missing) {
+            match result {
+                Ok(pipeline) => drop(made.insert(key, Arc::new(pipeline))),
+                Err(e) => failed = Some(e),
+            }
         }
-        let made = Arc::new(Pipeline::new(context, shader, &key.1)?);
-        pipelines.insert(key, Arc::clone(&made));
-        Ok(made)
+        failed.map_or_else(|| Ok(wanted.iter().map(|(key, _)| Arc::clone(&made[key])).collect()), Err)
     }
 
     /// Writes the driver's cache for the next process, unless it is as it was.
@@ -176,4 +185,24 @@ impl Pipelines {
             device.destroy_pipeline_cache(self.cache, None);
         }
     }
+}
+
+/// Makes pipelines on as many threads as the host has cores. Threads of their own: a thread of a pool might take up work that
+/// waits for the lock that is held meanwhile.
+fn make(context: &Context, wanted: &[&(Key, &'static Shader)]) -> Vec<(Key, Result<Pipeline, Error>)> {
+    if wanted.is_empty() {
+        return Vec::new();
+    }
+    let cores = thread::available_parallelism().map_or(1, NonZero::get);
+    thread::scope(|scope| {
+        let threads = wanted.chunks(wanted.len().div_ceil(cores)).map(|share| {
+            scope.spawn(|| {
+                let make =
+                    |(key, shader): &&(Key, &'static Shader)| (key.clone(), Pipeline::new(context, shader, &key.1));
+                share.iter().map(make).collect::<Vec<_>>()
+            })
+        });
+        let threads: Vec<_> = threads.collect();
+        threads.into_iter().flat_map(|t| t.join().unwrap_or_else(|e| resume_unwind(e))).collect()
+    })
 }

@@ -3,6 +3,7 @@
 use super::buffer::{Buffer, RawBuffer};
 use super::hazards::{Barrier, Hazards, Use};
 use super::kernel::{Access, Kernel, Shader};
+use super::pipeline::Key;
 use crate::kernels::constants::arguments::MAX_GROUPS;
 use bytemuck::Pod;
 
@@ -139,6 +140,14 @@ impl Recording {
     /// The barrier before each command, given what earlier recordings left pending.
     pub fn barriers(&self, hazards: &mut Hazards) -> Vec<Option<Barrier>> {
         self.commands.iter().map(|c| hazards.next(&c.uses())).collect()
+    }
+
+    /// What the dispatches need: names of shaders with their constants, and the shaders.
+    pub(super) fn pipelines(&self) -> impl Iterator<Item = (Key, &'static Shader)> {
+        self.commands.iter().filter_map(|c| match c {
+            Command::Dispatch { shader, constants, .. } => Some(((shader.name, constants.clone()), *shader)),
+            _ => None,
+        })
     }
 
     pub(super) fn scopes(&self) -> usize {

@@ -6,7 +6,7 @@ use super::error::{During, Error};
 use super::frame::Frame;
 use super::pipeline::Pipeline;
 use super::profiler::Timings;
-use super::recording::{Command, Recording};
+use super::recording::Recording;
 use ash::vk;
 use std::sync::Arc;
 
@@ -38,12 +38,7 @@ impl Device {
             return Err(Error::Lost("queue submit")); // nothing that a lost device still holds is touched again
         }
         // Pipelines first: hazards must not advance for a recording that is never submitted.
-        let mut pipelines = Vec::new();
-        for command in &recording.commands {
-            if let Command::Dispatch { shader, constants, .. } = command {
-                pipelines.push(context.pipelines.get(context, shader, constants.clone())?);
-            }
-        }
+        let pipelines = context.pipelines.of(context, &recording)?;
         let frame = Frame::take(context, recording.scopes() as u32 * 2)?;
         // The queue's lock spans deriving and submitting, so that barriers see the true order of submissions.
         let queue = context.queue.lock();

@@ -13,6 +13,9 @@ mod primitives;
 pub mod project;
 mod random;
 mod rasterise;
+mod run;
+
+pub use run::{News, run};
 
 use crate::gpu::{self, Device, Groups, Recording};
 use crate::kernels::probe::{Loop, LoopPush, LoopSpec};
@@ -56,6 +59,11 @@ impl Case {
     /// The part of the engine that it is of.
     pub fn room(&self) -> &'static str {
         self.room
+    }
+
+    /// What it computes.
+    pub fn name(&self) -> &'static str {
+        self.name
     }
 
     /// Runs the case; a device error is a failed check with its reason.

@@ -1,0 +1,96 @@
+//! Running the cases: one after the other, or several side by side.
+
+use super::{Case, Check, cases};
+use crate::gpu::{self, Device};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
+/// What a run of the cases tells while it goes on.
+pub enum News<'a> {
+    /// The cases under way are now these.
+    UnderWay(&'a [&'static Case]),
+    /// A case is over; cases come in their order, whichever ended first.
+    Done(&'a [Check]),
+}
+
+/// What workers tell.
+enum Step {
+    Begun(usize, &'static Case),
+    Done(usize, gpu::Result<Vec<Check>>),
+}
+
+/// Cases that no worker has taken yet, by position.
+type Waiting = Mutex<VecDeque<(usize, &'static Case)>>;
+
+/// Runs the cases, all or only the quick ones, on handles of one device, each on a thread of its own. Drivers of CPU devices
+/// compile a kernel at its first dispatch, on the thread of the queue, so that two handles keep two cores busy.
+///
+/// # Errors
+/// A lost device, and a lack of memory; the first error of `watch`, which hears the news on the caller's thread.
+pub fn run<E: From<gpu::Error>>(
+    handles: &[Device],
+    only_quick: bool,
+    mut watch: impl FnMut(News<'_>) -> Result<(), E>,
+) -> Result<Vec<Check>, E> {
+    let waiting: Waiting = Mutex::new(cases(only_quick).enumerate().collect());
+    let (tell, hear) = mpsc::channel();
+    thread::scope(|scope| {
+        for (n, device) in handles.iter().enumerate() {
+            let (waiting, tell) = (&waiting, tell.clone());
+            scope.spawn(move || work(device, waiting, n % 2 == 1, &tell));
+        }
+        drop(tell);
+        let heard = gather(&hear, &mut watch);
+        if heard.is_err() {
+            waiting.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        }
+        heard
+    })
+}
+
+/// Takes cases from one end until none is left, or one fails for want of a device. From both ends two workers meet late, and
+/// so seldom compile the same kernel at the same time.
+fn work(device: &Device, waiting: &Waiting, from_the_end: bool, tell: &Sender<Step>) {
+    loop {
+        let mut cases = waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        let next = if from_the_end { cases.pop_back() } else { cases.pop_front() };
+        drop(cases);
+        let Some((index, case)) = next else { return };
+        // Where nobody hears any more, the caller has ended with an error.
+        let _ = tell.send(Step::Begun(index, case));
+        let done = case.run(device);
+        let over = done.is_err();
+        if tell.send(Step::Done(index, done)).is_err() || over {
+            return;
+        }
+    }
+}
+
+/// Brings what the workers tell into order.
+fn gather<E: From<gpu::Error>>(
+    hear: &Receiver<Step>,
+    watch: &mut impl FnMut(News<'_>) -> Result<(), E>,
+) -> Result<Vec<Check>, E> {
+    let mut under_way: Vec<(usize, &'static Case)> = Vec::new();
+    let mut ended: BTreeMap<usize, Vec<Check>> = BTreeMap::new();
+    let (mut all, mut next) = (Vec::new(), 0);
+    for step in hear {
+        match step {
+            Step::Begun(index, case) => under_way.push((index, case)),
+            Step::Done(index, checks) => {
+                under_way.retain(|(i, _)| *i != index);
+                ended.insert(index, checks?);
+                while let Some(checks) = ended.remove(&next) {
+                    watch(News::Done(&checks))?;
+                    all.extend(checks);
+                    next += 1;
+                }
+            }
+        }
+        let cases: Vec<_> = under_way.iter().map(|(_, case)| *case).collect();
+        watch(News::UnderWay(&cases))?;
+    }
+    Ok(all)
+}
