@@ -1,4 +1,4 @@
-//! Tests of what runs on a Vulkan device, stage by stage, under validation layers, with poisoned and fenced buffers.
+//! Tests of what runs on a Vulkan device, stage by stage, under validation layers, with poisoned buffers that end in red zones.
 
 mod support;
 
@@ -19,4 +19,5 @@ mod device {
     mod rrdm;
     mod selftest;
     mod train;
+    mod tuning;
 }

@@ -1,8 +1,7 @@
-//! Typed device buffers, and the staging that moves them to and from the host.
+//! Typed device buffers.
 
 use super::device::{Context, Device};
 use super::error::{During, Error};
-use super::recording::Recording;
 use ash::vk;
 use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
@@ -11,22 +10,15 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes that one staging transfer moves: larger arrays go in turns, so that staging memory stays small.
-const STAGING_BYTES: u64 = 64 << 20;
-
 /// Vulkan knows no empty buffers, and a fill needs a multiple of four.
 const fn stored(bytes: u64) -> u64 {
     if bytes < 4 { 4 } else { bytes.next_multiple_of(4) }
 }
 
-/// Bytes of staging that moving an array of `bytes` to or from the device takes meanwhile.
-pub fn staging_bytes(bytes: u64) -> u64 {
-    bytes.min(STAGING_BYTES)
-}
-
 static NEXT: AtomicU64 = AtomicU64::new(1);
 
 /// A buffer without its element type; freed when the last holder, recordings included, lets go.
+#[derive(Clone)]
 pub struct RawBuffer(pub(super) Arc<Storage>);
 
 pub(super) struct Storage {
@@ -125,10 +117,6 @@ impl RawBuffer {
         self.0.number
     }
 
-    fn share(&self) -> Self {
-        Self(Arc::clone(&self.0))
-    }
-
     pub(super) fn mapped(&self) -> &[u8] {
         self.0.mapped()
     }
@@ -142,12 +130,6 @@ impl RawBuffer {
 impl Storage {
     pub fn mapped(&self) -> &[u8] {
         self.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or_default()
-    }
-}
-
-impl Clone for RawBuffer {
-    fn clone(&self) -> Self {
-        self.share()
     }
 }
 
@@ -176,7 +158,7 @@ pub struct Buffer<T> {
 
 impl<T> Clone for Buffer<T> {
     fn clone(&self) -> Self {
-        Self { raw: self.raw.share(), len: self.len, element: PhantomData }
+        Self { raw: self.raw.clone(), len: self.len, element: PhantomData }
     }
 }
 
@@ -204,72 +186,12 @@ impl<T: Pod> Buffer<T> {
     pub fn cast<U: Pod>(&self) -> Buffer<U> {
         let bytes = self.len * size_of::<T>();
         assert!(bytes.is_multiple_of(size_of::<U>()), "{bytes} bytes are no whole number of elements");
-        Buffer { raw: self.raw.share(), len: bytes / size_of::<U>(), element: PhantomData }
+        Buffer { raw: self.raw.clone(), len: bytes / size_of::<U>(), element: PhantomData }
     }
 
     /// The buffer without its type.
     pub fn raw(&self) -> &RawBuffer {
         &self.raw
-    }
-
-    /// Copies the first `count` elements to the host; waits for the device.
-    ///
-    /// # Errors
-    /// Device errors; memory for staging.
-    pub fn read_first(&self, device: &Device, count: usize) -> Result<Vec<T>, Error> {
-        let size = size_of::<T>();
-        let count = count.min(self.len);
-        let mut out = Vec::with_capacity(count);
-        let step = (STAGING_BYTES as usize / size).max(1);
-        for start in (0..count).step_by(step) {
-            let n = step.min(count - start);
-            let staging = RawBuffer::new(
-                device.context(),
-                "read-back",
-                (n * size) as u64,
-                vk::BufferUsageFlags::TRANSFER_DST,
-                MemoryLocation::GpuToCpu,
-            )?;
-            let mut recording = Recording::new();
-            recording.copy_raw(&self.raw, (start * size) as u64, &staging, 0, (n * size) as u64);
-            device.run(recording)?;
-            out.extend(staging.mapped()[..n * size].chunks_exact(size).map(bytemuck::pod_read_unaligned::<T>));
-        }
-        Ok(out)
-    }
-
-    /// Copies everything to the host; waits for the device.
-    ///
-    /// # Errors
-    /// Device errors; memory for staging.
-    pub fn read(&self, device: &Device) -> Result<Vec<T>, Error> {
-        self.read_first(device, self.len)
-    }
-
-    /// Copies `data` into the buffer from its start; waits for the device.
-    ///
-    /// # Errors
-    /// Device errors; memory for staging.
-    ///
-    /// # Panics
-    /// When `data` is longer than the buffer.
-    pub fn write(&self, device: &Device, data: &[T]) -> Result<(), Error> {
-        assert!(data.len() <= self.len, "{} elements do not fit a buffer of {}", data.len(), self.len);
-        let bytes: &[u8] = bytemuck::cast_slice(data);
-        for (i, chunk) in bytes.chunks(STAGING_BYTES as usize).enumerate() {
-            let mut staging = RawBuffer::new(
-                device.context(),
-                "upload",
-                chunk.len() as u64,
-                vk::BufferUsageFlags::TRANSFER_SRC,
-                MemoryLocation::CpuToGpu,
-            )?;
-            staging.mapped_mut()[..chunk.len()].copy_from_slice(chunk);
-            let mut recording = Recording::new();
-            recording.copy_raw(&staging, 0, &self.raw, i as u64 * STAGING_BYTES, chunk.len() as u64);
-            device.run(recording)?;
-        }
-        Ok(())
     }
 }
 
@@ -286,15 +208,5 @@ impl Device {
         let bytes = len as u64 * size_of::<T>() as u64;
         let raw = RawBuffer::new(self.context(), name, bytes, usage, MemoryLocation::GpuOnly)?;
         Ok(Buffer { raw, len, element: PhantomData })
-    }
-
-    /// A buffer that holds `data`.
-    ///
-    /// # Errors
-    /// As [`Device::buffer`]; device errors of the copy.
-    pub fn upload<T: Pod>(&self, name: &str, data: &[T]) -> Result<Buffer<T>, Error> {
-        let buffer = self.buffer(name, data.len())?;
-        buffer.write(self, data)?;
-        Ok(buffer)
     }
 }

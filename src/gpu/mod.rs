@@ -19,10 +19,11 @@ mod readback;
 mod recording;
 mod red_zone;
 mod select;
+mod staging;
 mod submit;
 mod tuning;
 
-pub use buffer::{Buffer, RawBuffer, staging_bytes};
+pub use buffer::{Buffer, RawBuffer};
 pub use device::{Device, DeviceOptions};
 pub use error::Error;
 pub use fault::{Answer, Call, Fault};
@@ -32,6 +33,7 @@ pub use profiler::Timings;
 pub use readback::Readback;
 pub use recording::{Groups, Recording};
 pub use select::{DeviceInfo, DeviceKind, Feature, list};
+pub use staging::staging_bytes;
 pub use submit::Ticket;
 pub use tuning::{DeviceClass, Tuning};
 

@@ -1,0 +1,91 @@
+//! Copies between buffers and the host, through staging memory.
+
+use super::buffer::{Buffer, RawBuffer};
+use super::device::Device;
+use super::error::Error;
+use super::recording::Recording;
+use ash::vk;
+use bytemuck::Pod;
+use gpu_allocator::MemoryLocation;
+
+/// Bytes that one staging transfer moves: larger arrays go in turns, so that staging memory stays small.
+const STAGING_BYTES: u64 = 64 << 20;
+
+/// Bytes of staging memory in use while an array of `bytes` moves to or from the device.
+pub fn staging_bytes(bytes: u64) -> u64 {
+    bytes.min(STAGING_BYTES)
+}
+
+impl<T: Pod> Buffer<T> {
+    /// Copies the first `count` elements to the host; waits for the device.
+    ///
+    /// # Errors
+    /// Device errors; memory for staging.
+    pub fn read_first(&self, device: &Device, count: usize) -> Result<Vec<T>, Error> {
+        let size = size_of::<T>();
+        let count = count.min(self.len());
+        let mut out = Vec::with_capacity(count);
+        let step = (STAGING_BYTES as usize / size).max(1);
+        for start in (0..count).step_by(step) {
+            let n = step.min(count - start);
+            let staging = RawBuffer::new(
+                device.context(),
+                "read-back",
+                (n * size) as u64,
+                vk::BufferUsageFlags::TRANSFER_DST,
+                MemoryLocation::GpuToCpu,
+            )?;
+            let mut recording = Recording::new();
+            recording.copy_raw(self.raw(), (start * size) as u64, &staging, 0, (n * size) as u64);
+            device.run(recording)?;
+            out.extend(staging.mapped()[..n * size].chunks_exact(size).map(bytemuck::pod_read_unaligned::<T>));
+        }
+        Ok(out)
+    }
+
+    /// Copies everything to the host; waits for the device.
+    ///
+    /// # Errors
+    /// Device errors; memory for staging.
+    pub fn read(&self, device: &Device) -> Result<Vec<T>, Error> {
+        self.read_first(device, self.len())
+    }
+
+    /// Copies `data` into the buffer from its start; waits for the device.
+    ///
+    /// # Errors
+    /// Device errors; memory for staging.
+    ///
+    /// # Panics
+    /// When `data` is longer than the buffer.
+    pub fn write(&self, device: &Device, data: &[T]) -> Result<(), Error> {
+        assert!(data.len() <= self.len(), "{} elements do not fit a buffer of {}", data.len(), self.len());
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        for (i, chunk) in bytes.chunks(STAGING_BYTES as usize).enumerate() {
+            let mut staging = RawBuffer::new(
+                device.context(),
+                "upload",
+                chunk.len() as u64,
+                vk::BufferUsageFlags::TRANSFER_SRC,
+                MemoryLocation::CpuToGpu,
+            )?;
+            staging.mapped_mut()[..chunk.len()].copy_from_slice(chunk);
+            let mut recording = Recording::new();
+            recording.copy_raw(&staging, 0, self.raw(), i as u64 * STAGING_BYTES, chunk.len() as u64);
+            device.run(recording)?;
+        }
+        Ok(())
+    }
+}
+
+impl Device {
+    /// A buffer that holds `data`.
+    ///
+    /// # Errors
+    /// As [`Device::buffer`]; device errors of the copy.
+    pub fn upload<T: Pod>(&self, name: &str, data: &[T]) -> Result<Buffer<T>, Error> {
+        let buffer = self.buffer(name, data.len())?;
+        buffer.write(self, data)?;
+        Ok(buffer)
+    }
+}
