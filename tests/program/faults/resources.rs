@@ -263,10 +263,7 @@ fn device_memory_that_runs_out_comes_back() {
         if let Err(e) = made {
             refused += 1;
             let said = e.to_string();
-            assert!(
-                e.is_resources() && said.contains("out of memory") && said.contains("use fewer Gaussians"),
-                "{said}"
-            );
+            assert!(e.is_resources() && said.contains("out of memory"), "{said}");
         }
         assert_eq!(device.memory_used().0, 0, "at {kilobytes} KiB");
         assert_eq!(Device::validation_messages(), 0);
