@@ -1,4 +1,4 @@
-//! What ends the program early, and with which exit code.
+//! Errors that end the program early, and their exit codes.
 
 use crate::{gaussians, gpu, scene, synth, train};
 use std::io;
@@ -7,10 +7,10 @@ use std::path::PathBuf;
 /// Any error that ends a job: one line that names the cause. The command line adds the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A request that makes no sense, whoever made it: exit code 2.
+    /// A request that makes no sense, from the command line or from code: exit code 2.
     #[error("{0}")]
     Usage(String),
-    /// A file or folder that should be read: exit code 3.
+    /// A file or folder that cannot be read: exit code 3.
     #[error("cannot read {}: {source}", path.display())]
     Read {
         /// The file or folder.
@@ -18,7 +18,7 @@ pub enum Error {
         /// The system's reason.
         source: io::Error,
     },
-    /// A file or folder that should be written: exit code 5.
+    /// A file or folder that cannot be written: exit code 5.
     #[error("cannot write {}: {source}", path.display())]
     Write {
         /// The file or folder.
@@ -26,7 +26,7 @@ pub enum Error {
         /// The system's reason.
         source: io::Error,
     },
-    /// Figures or options that JSON or TOML cannot hold: exit code 5.
+    /// Figures or options that JSON or TOML cannot represent: exit code 5.
     #[error("{what} cannot be written: {reason}")]
     Encode {
         /// The file or document.
@@ -34,7 +34,7 @@ pub enum Error {
         /// The encoder's reason.
         reason: String,
     },
-    /// A checkpoint that another version of the program wrote: exit code 3.
+    /// A checkpoint of another version of the program: exit code 3.
     #[error("{}: this checkpoint is of another version of the program: {what}", path.display())]
     Checkpoint {
         /// The file.
@@ -48,16 +48,16 @@ pub enum Error {
     /// The device floor: exit code 4, or 5 where memory ran out.
     #[error(transparent)]
     Device(#[from] gpu::Error),
-    /// Training: 2 without photos, 3 for poses that leave no place, 5 for the photos' temporary file.
+    /// Training: 2 without photos, 3 for poses that leave no room for random points, 5 for the photos' temporary file.
     #[error(transparent)]
     Train(train::Error),
-    /// A model file that is no good: exit code 3.
+    /// An invalid model file: exit code 3.
     #[error(transparent)]
     Gaussians(gaussians::Error),
-    /// A scene that is no good: exit code 3.
+    /// An invalid scene: exit code 3.
     #[error(transparent)]
     Scene(scene::Error),
-    /// A job that the device's memory cannot hold: exit code 5.
+    /// A job that does not fit into the device's memory: exit code 5.
     #[error(
         "{what} would need about {needed} bytes of device memory ({gaussians} Gaussians, pictures of {width} x {height}), and {device} allows {there}"
     )]
@@ -76,10 +76,10 @@ pub enum Error {
         there: u64,
         /// The device's name.
         device: String,
-        /// What would make the job fit.
+        /// A change that would make the job fit.
         relief: Relief,
     },
-    /// The synthetic scene's own errors: 2 for the options and the folder's choice, 5 for writing.
+    /// The synthetic scene's own errors: 2 for options or an unsuitable folder, 5 for writing.
     #[error(transparent)]
     Synth(#[from] synth::Error),
     /// Networks that cannot be read, or pictures that cannot be scored: exit code 3.
@@ -92,7 +92,7 @@ pub enum Error {
         failed: usize,
         /// Checks made.
         checks: usize,
-        /// The parts of the engine that they were of.
+        /// The parts of the engine whose checks failed.
         rooms: String,
         /// The device's name.
         device: String,
@@ -113,7 +113,7 @@ pub enum Error {
         /// The configuration that it was made with.
         config: PathBuf,
     },
-    /// A picture that would lie among a scene's own photos: exit code 2.
+    /// A picture that would be written among a scene's own photos: exit code 2.
     #[error("{} would lie among the scene's own photos", .0.display())]
     AmongPhotos(PathBuf),
     /// The user pressed Ctrl-C: exit code 130.
@@ -121,14 +121,14 @@ pub enum Error {
     Interrupted,
 }
 
-/// What would make a job fit into the device's memory, besides smaller photos.
+/// A change that would make a job fit into the device's memory, besides smaller photos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Relief {
     /// Nothing else.
     None,
-    /// No more Gaussians than this.
+    /// At most this many Gaussians.
     Gaussians(usize),
-    /// A smaller model to begin with.
+    /// A smaller initial model.
     SmallerModel,
     /// Smaller pictures of the model itself.
     SmallerPictures,
@@ -163,12 +163,12 @@ impl From<scene::Error> for Error {
 }
 
 impl Error {
-    /// What an encoder of JSON or TOML refused to write.
+    /// An error of the JSON or TOML encoder.
     pub(crate) fn encoding(what: &'static str, reason: impl std::fmt::Display) -> Self {
         Self::Encode { what, reason: reason.to_string() }
     }
 
-    /// The same error where the floor of models was writing, not reading.
+    /// The same error, marked as one of writing a model instead of reading it.
     #[must_use]
     pub fn writing(error: gaussians::Error) -> Self {
         match error {

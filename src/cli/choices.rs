@@ -1,4 +1,5 @@
-//! How Gaussians are chosen: the options that run, compress and compare share. What is not given stays as the preset has it.
+//! Options for choosing Gaussians, shared by run, compress and compare. Options that are not given keep the preset's
+//! values.
 
 use super::values;
 use crate::pipeline::config::Compression;
@@ -16,7 +17,7 @@ pub(super) struct Choices {
     /// Share of the Gaussians to keep, detail included [default: 0.28; preset paper: by block, 0.22 and detail]
     #[arg(long, value_name = "SHARE", value_parser = values::share, conflicts_with = "target_count")]
     keep: Option<f64>,
-    /// Keep exactly so many Gaussians
+    /// Keep exactly this number of Gaussians
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     target_count: Option<u32>,
     /// Rank by: gnso, ordinary, lowdin, importance, css, radsplat, lightgaussian, contribution, opacity or random
@@ -28,10 +29,10 @@ pub(super) struct Choices {
     /// Share of the Gaussians that small, visible detail keeps [default: 0.05]
     #[arg(long, value_name = "SHARE", value_parser = values::share_or_none)]
     detail: Option<f64>,
-    /// Let the kept Gaussians take over colour and opacity of the dropped ones that they overlap [default: true]
+    /// Merge the colour and opacity of dropped Gaussians into the kept ones that they overlap [default: true]
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     merge: Option<bool>,
-    /// Blocks: adaptive, of so many members at most, paper, or an edge in world units [default: adaptive]
+    /// Blocks: adaptive (optionally with a largest size), paper, or an edge in world units [default: adaptive]
     #[arg(long, value_name = "adaptive[:MOST]|paper|EDGE", value_parser = values::partition)]
     partition: Option<Partition>,
     /// Metric: normalised, or raw as in the paper's literal text [default: normalised]
@@ -49,7 +50,7 @@ pub(super) struct Choices {
 }
 
 impl Choices {
-    /// What was asked for, over a preset's choice.
+    /// The preset with the given options in place of its own.
     pub fn over(&self, mut preset: Compression) -> Compression {
         fn set<T: Copy>(to: &mut T, given: Option<T>) {
             *to = given.unwrap_or(*to);

@@ -35,16 +35,16 @@ order. The folder holds compare.html, compare.csv, compare.json, and each arm's 
 pub(super) struct Arguments {
     /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
     scene: PathBuf,
-    /// Folder for the results; made where it is absent
+    /// Folder for the results; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// What to compare, by commas [default: every selector, the default and the dense model]
+    /// Arms to compare, separated by commas [default: every selector, the default and the dense model]
     #[arg(long, value_name = "ARM,...")]
     arms: Option<String>,
-    /// Compare what the paper's ablations compare
+    /// Compare the arms of the paper's ablations
     #[arg(long, conflicts_with = "arms")]
     ablation: bool,
-    /// Take over what an earlier comparison of the same options finished
+    /// Reuse finished parts of an earlier comparison with the same options
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
@@ -70,7 +70,7 @@ impl Arguments {
         if let Some(twice) = (1..arms.len()).find(|i| arms[..*i].iter().any(|a| a.name == arms[*i].name)) {
             return Err(Error::Usage(format!("--arms: {} is there twice", arms[twice].name)));
         }
-        // What the arms share ends where they part: another choice of arms goes on from the same checkpoint.
+        // The arms share everything up to the checkpoint: another choice of arms continues from it.
         let config = self
             .training
             .configuration(self.scene.clone())

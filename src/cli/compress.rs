@@ -47,7 +47,7 @@ pub(super) struct Arguments {
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
-    /// Named choice: standard, or paper with every figure as published
+    /// Preset: standard, or paper with every value as published
     #[arg(long, value_name = "standard|paper", default_value = "standard", help_heading = "Compression")]
     preset: Preset,
     #[command(flatten)]
@@ -61,10 +61,10 @@ pub(super) struct Arguments {
     /// Picture size of virtual cameras [default: 400x400]
     #[arg(long, value_name = "WxH", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::size)]
     size: Option<(u32, u32)>,
-    /// Which way is up: x, y, z, -x, -y, -z, or auto (as captures have it: -y) [default: auto]
+    /// Up direction: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
-    /// Scene whose photos the model is judged by: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    /// Scene whose photos are used to score the model: a COLMAP, Blender, instant-ngp or nerfstudio folder
     #[arg(long, value_name = "SCENE", help_heading = "Photos")]
     scene: Option<PathBuf>,
     /// Photo folder (such as images_4)
@@ -81,17 +81,17 @@ pub(super) struct Arguments {
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
-    /// Device memory that may be used, such as 2G or 800M [default: the device's]
+    /// Limit on device memory, such as 2G or 800M [default: the device's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Rendering")]
     memory_budget: Option<u64>,
 }
 
-/// A named choice of everything under "Compression".
+/// A preset of all options under "Compression".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Preset {
-    /// What measurements chose
+    /// Chosen by measurements
     Standard,
-    /// The QIRF paper's figures
+    /// The values of the QIRF paper
     Paper,
 }
 
@@ -113,7 +113,7 @@ impl Arguments {
         if self.json { console.json(&json) } else { report(console, &figures) }
     }
 
-    /// Refuses outputs that could not be written in the end, or that would hide the input, before any work.
+    /// Refuses outputs that cannot be written or would overwrite the input, before any work.
     fn check_outputs(&self) -> Result<(), Error> {
         formats::check_output(&self.output).map_err(Error::writing)?;
         for path in [Some(&self.output), self.report.as_ref()].into_iter().flatten() {
@@ -132,7 +132,7 @@ impl Arguments {
 
     fn configuration(&self) -> CompressConfig {
         let preset = match self.preset {
-            // Without training after it, what each block loses stays lost: every block keeps its share.
+            // Without training afterwards, what each block loses stays lost: every block keeps its share.
             Preset::Standard if self.fine_tune == 0 => {
                 Compression { budget: Budget::PerBlock, ..Compression::default() }
             }
@@ -174,7 +174,7 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
         "Gaussians  {} of {} kept ({} in {} blocks)",
         output.gaussians, input.gaussians, prune.selector, prune.blocks
     ))?;
-    // Another format may well be larger: 28 % of a SOG model as PLY.
+    // The output may be larger in another format: 28 % of a SOG model's Gaussians written as PLY.
     let [before, after] = [input.bytes, output.bytes].map(|bytes| bytes.max(1) as f64);
     let (ratio, what) = if after <= before { (before / after, "smaller") } else { (after / before, "larger") };
     console.print(format_args!(

@@ -1,4 +1,4 @@
-//! Where text goes: results to standard output, all else to standard error, colour and bars only for a person.
+//! Output: results go to standard output, all else to standard error; colour and bars appear only on a terminal.
 
 use crate::error::Error;
 use clap::ValueEnum;
@@ -7,10 +7,10 @@ use serde::Serialize;
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
 
-/// When to colour text.
+/// Choice of when to colour text.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Colour {
-    /// Where a terminal reads it and NO_COLOR is not set.
+    /// On a terminal, if NO_COLOR is not set.
     #[default]
     Auto,
     /// Always.
@@ -20,7 +20,7 @@ pub enum Colour {
 }
 
 impl Colour {
-    /// Whether to colour what goes to a stream that is, or is not, a terminal.
+    /// Returns true if text is coloured; `terminal` is true if the stream is a terminal.
     pub fn on(self, terminal: bool) -> bool {
         match self {
             Self::Auto => terminal && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty()),
@@ -33,9 +33,9 @@ impl Colour {
 /// The program's two output streams.
 #[derive(Clone, Debug)]
 pub struct Console {
-    /// Only results and errors.
+    /// True if only results and errors are printed.
     pub quiet: bool,
-    /// When to colour.
+    /// Choice of when to colour.
     pub colour: Colour,
 }
 
@@ -44,7 +44,7 @@ impl Console {
     /// Writes a line to standard output.
     ///
     /// # Errors
-    /// [`Error::Print`]; a reader that went away (`| head`) is one too, which `main` passes over in silence.
+    /// [`Error::Print`]; also if the reader closed the pipe (`| head`), which `main` ignores.
     pub fn print(&self, line: impl std::fmt::Display) -> Result<(), Error> {
         writeln!(io::stdout().lock(), "{line}").map_err(Error::Print)
     }
@@ -58,7 +58,7 @@ impl Console {
         self.print(format_args!("{value:#}"))
     }
 
-    /// Tells a person how things went, on standard error; a program, or a person in a hurry, need not see it.
+    /// Prints a remark on standard error, unless quiet.
     pub fn note(&self, line: impl std::fmt::Display) {
         if !self.quiet {
             self.error(line);
@@ -73,17 +73,17 @@ impl Console {
         }
     }
 
-    /// Writes to standard error; where that fails there is nobody left to tell.
+    /// Writes to standard error; failures are ignored.
     pub fn error(&self, line: impl std::fmt::Display) {
         let _ = writeln!(io::stderr().lock(), "{line}");
     }
 
-    /// Text in an ANSI colour, where this stream is coloured.
+    /// Text in an ANSI colour, if this stream is coloured.
     pub fn paint(&self, code: &str, text: &str, terminal: bool) -> String {
         if self.colour.on(terminal) { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_owned() }
     }
 
-    /// A progress bar on standard error; hidden where that is no terminal, or quiet was asked for.
+    /// A progress bar on standard error; hidden if that is not a terminal, or with `--quiet`.
     pub fn bar(&self, length: u64, what: &'static str) -> ProgressBar {
         if self.quiet || !io::stderr().is_terminal() {
             return ProgressBar::hidden();
@@ -98,7 +98,7 @@ impl Console {
         bar
     }
 
-    /// A progress bar of training: its message follows the loss.
+    /// A progress bar of training: its message shows the loss.
     pub fn training_bar(&self, iterations: u64) -> ProgressBar {
         let bar = self.bar(iterations, "training");
         if let Ok(style) =
@@ -109,7 +109,7 @@ impl Console {
         bar
     }
 
-    /// Whether standard output is a terminal.
+    /// Returns true if standard output is a terminal.
     pub fn stdout_is_terminal() -> bool {
         io::stdout().is_terminal()
     }

@@ -12,7 +12,7 @@ const EXAMPLES: &str = "Examples:
   QIRF_DEVICE=llvmpipe qirf-vk device
   QIRF_TUNING=gpu qirf-vk device";
 
-/// List the Vulkan devices, which one would be used, and how its kernels are tuned.
+/// List the Vulkan devices, the default one, and the tuning of its kernels.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -24,7 +24,7 @@ pub(super) struct Arguments {
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let devices = gpu::list()?;
-        // Opening is the test that matters: it checks features and, on CPU devices, the driver.
+        // Opening the device is the real test: it checks features and, on CPU devices, the driver.
         let opened = global.open();
         let chosen = opened.as_ref().ok().map(|d| d.info().index);
         let tuning = opened.as_ref().ok().map(Device::tuning);
@@ -41,7 +41,7 @@ impl Arguments {
     }
 }
 
-/// A device in words; the one that would be used comes with its tuning.
+/// A device as text; the default one with its tuning.
 fn describe(info: &DeviceInfo, tuning: Option<&Tuning>) -> String {
     let mark = if tuning.is_some() { "* " } else { "  " };
     let optional: Vec<String> = info.optional.iter().map(ToString::to_string).collect();
@@ -66,7 +66,7 @@ fn describe(info: &DeviceInfo, tuning: Option<&Tuning>) -> String {
     )
 }
 
-/// A tuning's fields, four a line.
+/// A tuning's fields, four per line.
 fn shapes(tuning: &Tuning) -> String {
     let json = json!(tuning);
     let fields = json.as_object().into_iter().flatten().filter(|(name, _)| *name != "class");
@@ -75,7 +75,7 @@ fn shapes(tuning: &Tuning) -> String {
     format!("\n    tuning      {}: {}", tuning.class, lines.join(",\n                "))
 }
 
-/// Bytes in the unit that reads best.
+/// Bytes in a suitable unit.
 pub(super) fn bytes(n: u64) -> String {
     let units = ["B", "KiB", "MiB", "GiB", "TiB"];
     let mut value = n as f64;

@@ -31,10 +31,10 @@ pub(super) struct Arguments {
     /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
     #[arg(required_unless_present_any = ["config", "against"])]
     scene: Option<PathBuf>,
-    /// Folder for metrics.json and renders/; made where it is absent
+    /// Folder for metrics.json and renders/; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// The original of this model, before any tool compressed it
+    /// The original of this model, before compression
     #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every"])]
     against: Option<PathBuf>,
     /// Take scene, photos and rendering from a run's config.toml; options given here take precedence
@@ -45,7 +45,7 @@ pub(super) struct Arguments {
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
-    /// Device memory that may be used, such as 2G or 800M [default: the device's]
+    /// Limit on device memory, such as 2G or 800M [default: the device's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Rendering")]
     memory_budget: Option<u64>,
     /// Photo folder (such as images_4)
@@ -113,7 +113,7 @@ impl Arguments {
         let style = self.rendering.style().or(file.as_ref().map(|c| c.style).unwrap_or_default());
         let exposure = file.as_ref().is_some_and(|c| c.exposure);
         let base = file.map(|c| c.selection());
-        // A scene of one's own has photos of its own.
+        // The configuration's photo folder does not apply to a scene given as an argument.
         let of_scene = base.as_ref().filter(|_| self.scene.is_none());
         let selection = Selection {
             scene: self.scene.clone().or(base.as_ref().map(|b| b.scene.clone())).unwrap_or_default(),

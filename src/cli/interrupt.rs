@@ -1,18 +1,19 @@
-//! Ctrl-C and SIGTERM: the first asks the work to end at the next step, the second ends the program.
+//! Ctrl-C and SIGTERM: the first one asks the work to end at the next step, the second one ends the program.
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Whether Ctrl-C was pressed since the watch began. Commands without steps keep no watch, and Ctrl-C ends them at once.
+/// Notes whether Ctrl-C was pressed since the watch started. Commands without steps keep no watch: Ctrl-C ends them at
+/// once.
 pub(super) struct Watch(Arc<AtomicBool>);
 
 impl Watch {
-    /// Begins to watch.
+    /// Starts to watch.
     pub fn begin() -> Self {
         let asked = Arc::new(AtomicBool::new(false));
-        // In this order, the first Ctrl-C finds the flag down and raises it, the second finds it raised.
+        // In this order, the first Ctrl-C finds the flag unset and sets it, the second finds it set.
         for signal in [SIGINT, SIGTERM] {
             let watching = flag::register_conditional_shutdown(signal, 130, Arc::clone(&asked))
                 .and_then(|_| flag::register(signal, Arc::clone(&asked)));
@@ -23,14 +24,14 @@ impl Watch {
         Self(asked)
     }
 
-    /// Whether Ctrl-C was pressed.
+    /// Returns true if Ctrl-C was pressed.
     pub fn pressed(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
 }
 
-/// Makes a write beyond the process's file-size limit an error that names file and cause; the system would end the program
-/// instead.
+/// Turns a write beyond the process's file-size limit into an error that names file and cause; otherwise the system
+/// would end the program.
 pub(super) fn outlive_the_file_size_limit() {
     #[cfg(unix)]
     if let Err(e) = flag::register(signal_hook::consts::SIGXFSZ, Arc::default()) {

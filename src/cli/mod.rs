@@ -1,4 +1,4 @@
-//! Floor 8: the command line. One file a command; each holds its arguments and what it does with them.
+//! Floor 8: the command line. One file per command: its arguments, and its work.
 
 mod choices;
 mod compare;
@@ -56,7 +56,7 @@ struct Global {
     /// Print more; repeat it for much more
     #[arg(short, long, global = true, action = ArgAction::Count, conflicts_with = "quiet")]
     verbose: u8,
-    /// When to colour text
+    /// Choose when to colour text
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
     color: Colour,
 }
@@ -77,9 +77,9 @@ enum Command {
     Render(render::Arguments),
     /// Convert a model between file formats
     Convert(convert::Arguments),
-    /// Show what a model or a scene holds
+    /// Show the contents of a model or a scene
     Inspect(inspect::Arguments),
-    /// Make a synthetic capture: photos, cameras and points, nothing to download
+    /// Make a synthetic capture: photos, cameras and points, without a download
     Synth(synth::Arguments),
     /// List the Vulkan devices, and which one would be used
     Device(device::Arguments),
@@ -89,7 +89,7 @@ enum Command {
     Completions(completions::Arguments),
 }
 
-/// The top help's groups of commands.
+/// Groups of commands in the top-level help.
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Training and compression", &["run", "compress", "compare", "sweep", "eval"]),
     ("Models and pictures", &["render", "convert", "inspect"]),
@@ -111,7 +111,7 @@ const EXAMPLES: &str = "Examples:
 Exit codes: 0 done, 2 usage, 3 bad input, 4 device, 5 no memory or disk, 130 interrupted.
 `qirf-vk COMMAND --help` lists a command's options.";
 
-/// The command line as clap knows it, commands in groups.
+/// The command line for clap, with commands in groups.
 fn command() -> clap::Command {
     let command = Cli::command();
     let line = |name: &&str| {
@@ -131,7 +131,7 @@ fn command() -> clap::Command {
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
-    // Colour must be known before clap may have an error to print.
+    // Colour must be known before clap prints an error.
     let asked: Vec<String> = std::env::args().skip(1).collect();
     let never = asked.iter().any(|a| a == "--color=never") || asked.windows(2).any(|w| w == ["--color", "never"]);
     let choice = if never { ColorChoice::Never } else { ColorChoice::Auto };
@@ -158,7 +158,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Networks of LPIPS by their weights, given or found; says what is left out where there are none.
+/// Networks of LPIPS from the given or default weights; prints what is skipped if there are none.
 fn networks(weights: Option<&Path>, console: &Console) -> Result<Networks, Error> {
     let networks = Networks::find(weights)?;
     if let Some(note) = networks.note() {
@@ -187,12 +187,12 @@ impl Cli {
 }
 
 impl Global {
-    /// Opens the device asked for.
+    /// Opens the device that the options select.
     fn open(&self) -> Result<Device, Error> {
         self.open_with(None)
     }
 
-    /// Opens the device asked for, to use no more than this many bytes of its memory.
+    /// Opens the device that the options select, with a limit on its memory in bytes.
     fn open_with(&self, memory_limit: Option<u64>) -> Result<Device, Error> {
         let device =
             Device::open(&DeviceOptions { device: self.device.clone(), memory_limit, ..DeviceOptions::default() })?;
@@ -214,7 +214,7 @@ fn log(global: &Global) {
         .with_ansi(global.color.on(io::stderr().is_terminal()))
         .without_time()
         .with_target(false);
-    // Fails only where a host program has set up its own.
+    // Fails only if a host program has installed its own subscriber.
     let _ = subscriber.try_init();
 }
 

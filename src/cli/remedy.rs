@@ -1,10 +1,10 @@
-//! What a user can do about an error. The floors below name causes and know no options; the remedies are told here.
+//! Remedies for errors. The floors below name causes and know no options; this file adds the advice.
 
 use crate::error::{Error, Relief};
 use crate::{gaussians, gpu, metrics, scene, synth, train};
 use std::path::Path;
 
-/// What to do about `error`, as a clause that follows its cause; `None` where the cause says it all.
+/// Advice on `error`, as a clause that follows its cause; `None` if the cause is enough.
 pub(super) fn remedy(error: &Error) -> Option<String> {
     match error {
         Error::Read { .. } => plain("check that it exists and that you may read it"),
@@ -75,7 +75,7 @@ fn training(error: &train::Error) -> Option<String> {
 fn model(error: &gaussians::Error) -> Option<String> {
     match error {
         gaussians::Error::SameFile { .. } => plain("give the output another name"),
-        // What a file of some format lacks, its reader knows best.
+        // The reader of a format describes best what its file lacks.
         _ => None,
     }
 }
@@ -113,7 +113,7 @@ fn scores(error: &metrics::Error) -> Option<String> {
     }
 }
 
-/// How a job gets by with less memory.
+/// Advice on running a job with less memory.
 fn smaller(relief: Relief) -> String {
     let first = match relief {
         Relief::None => String::new(),
@@ -124,7 +124,7 @@ fn smaller(relief: Relief) -> String {
     format!("give{first} a smaller --resolution, a larger --memory-budget where there is one, or another --device")
 }
 
-/// The commands that find out where photos were taken from.
+/// The COLMAP commands that estimate camera poses.
 fn colmap(root: &Path, images: &Path) -> String {
     let (database, sparse) = (quoted(&root.join("database.db")), quoted(&root.join("sparse")));
     let (images, root) = (quoted(images), quoted(root));
@@ -139,7 +139,7 @@ fn colmap(root: &Path, images: &Path) -> String {
     )
 }
 
-/// A path as a shell takes it.
+/// A path quoted for a shell.
 fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,:@%=".contains(c);

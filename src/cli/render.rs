@@ -32,7 +32,7 @@ pub(super) struct Arguments {
     /// Cameras of this scene (COLMAP, Blender, instant-ngp, nerfstudio); its photos may be absent
     #[arg(long, value_name = "SCENE", help_heading = "Cameras")]
     scene: Option<PathBuf>,
-    /// This many cameras on a circle around the model
+    /// Number of cameras on a circle around the model
     #[arg(long, value_name = "N", help_heading = "Cameras", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     orbit: Option<u32>,
     /// Picture size as width, or as a divisor of the photos' size
@@ -50,10 +50,10 @@ pub(super) struct Arguments {
     /// Height of an orbit above the horizon, in degrees [default: 15]
     #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, conflicts_with = "scene", allow_negative_numbers = true)]
     elevation: Option<f64>,
-    /// World axis that is up in an orbit: x, y, z, -x, -y, -z, or auto: -y, as captures have it [default: auto]
+    /// World axis that is up in an orbit: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, conflicts_with = "scene", allow_hyphen_values = true)]
     up: Option<Up>,
-    /// Folder for the pictures; made where it is absent
+    /// Folder for the pictures; created if absent
     #[arg(short, long, value_name = "DIR", help_heading = "Pictures")]
     output: PathBuf,
     /// File format

@@ -1,4 +1,4 @@
-//! What a job may use, and what it is judged with: no part of its configuration.
+//! Resources and weights of a job, which are no part of its configuration.
 
 use super::console::Console;
 use super::{Global, networks, values};
@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// Memory limits and LPIPS weights.
 #[derive(Args, Clone, Debug)]
 pub(super) struct Resources {
-    /// Device memory that the run may use, such as 2G or 800M, and the most that decoded photos take of the host's
+    /// Limit on the run's device memory, such as 2G or 800M, and on the host memory of decoded photos
     /// [default: the device's, and a quarter of the host's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Training")]
     memory_budget: Option<u64>,
@@ -27,7 +27,7 @@ impl Resources {
         global.open_with(self.memory_budget)
     }
 
-    /// The networks of LPIPS, where there are weights.
+    /// The networks of LPIPS; empty without weights.
     pub fn networks(&self, console: &Console) -> Result<Networks, Error> {
         networks(self.lpips_weights.as_deref(), console)
     }

@@ -28,7 +28,7 @@ pub(super) struct Arguments {
     /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
     #[arg(required_unless_present = "config", conflicts_with = "config")]
     scene: Option<PathBuf>,
-    /// Folder for the results; made where it is absent
+    /// Folder for the results; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Train a dense model only
@@ -36,10 +36,10 @@ pub(super) struct Arguments {
     no_prune: bool,
     #[command(flatten)]
     choices: Choices,
-    /// Go on from the folder's checkpoint, if there is one
+    /// Continue from the folder's checkpoint, if there is one
     #[arg(long)]
     resume: bool,
-    /// Take every option from this file: an earlier run's config.toml
+    /// Read all options from this file: an earlier run's config.toml
     #[arg(long, value_name = "FILE", conflicts_with_all = ["Training", "Choices", "no_prune"])]
     config: Option<PathBuf>,
     #[command(flatten)]

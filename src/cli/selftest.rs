@@ -15,8 +15,8 @@ const EXAMPLES: &str = "Examples:
 
 /// Check this machine's device against the host, number by number.
 ///
-/// Every kernel computes embedded hard cases whose results are known, or which the host computes too, exactly or in float64.
-/// Exit code 4 where any error is larger than it may be.
+/// Runs every kernel on embedded hard cases and compares the results with known ones or with the host's, exact or in
+/// float64. Exit code 4 if any error exceeds its bound.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -53,7 +53,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// Runs the cases; a line of progress names those under way, and results are printed in their order.
+    /// Runs the cases: the progress line names those in progress, and results are printed in order.
     fn checks(&self, console: &Console, handles: &[Device]) -> Result<Vec<Check>, Error> {
         let bar = console.bar(selftest::cases(self.quick).count() as u64, "checking");
         let checks = selftest::run(handles, self.quick, |news| {
@@ -62,7 +62,7 @@ impl Arguments {
                 News::Done(checks) => {
                     bar.inc(1);
                     if !self.json {
-                        // The bar steps aside for the lines.
+                        // Hides the bar while lines are printed.
                         bar.suspend(|| checks.iter().try_for_each(|c| console.print(row(console, c))))?;
                     }
                 }
@@ -74,13 +74,13 @@ impl Arguments {
     }
 }
 
-/// The cases under way, by room and name.
+/// The cases in progress, by room and name.
 fn under_way(cases: &[&Case]) -> String {
     let names: Vec<String> = cases.iter().map(|case| format!("{}: {}", case.room(), case.name())).collect();
     format!("checking {}", names.join("; "))
 }
 
-/// One check that fails is enough: whatever stands on its part of the engine may be wrong.
+/// One failed check is enough: everything that uses this part of the engine may be wrong.
 fn verdict(checks: &[Check], device: &str, driver: &str) -> Result<(), Error> {
     let failed: Vec<&Check> = checks.iter().filter(|c| !c.passed()).collect();
     if failed.is_empty() {

@@ -7,7 +7,7 @@ use crate::train::Progress;
 use indicatif::ProgressBar;
 use std::sync::OnceLock;
 
-/// Shows a job on the console; each bar appears with its stage.
+/// Shows a job on the console; each stage has a bar of its own.
 pub(super) struct Show<'a> {
     console: &'a Console,
     watch: Watch,
@@ -19,7 +19,7 @@ pub(super) struct Show<'a> {
 }
 
 impl<'a> Show<'a> {
-    /// Shows a job, and begins to watch for Ctrl-C.
+    /// Shows a job, and starts to watch for Ctrl-C.
     pub fn new(console: &'a Console) -> Self {
         let [photos, training, responses, scores, pictures] = Default::default();
         Self { console, watch: Watch::begin(), photos, training, responses, scores, pictures }
@@ -30,7 +30,7 @@ impl<'a> Show<'a> {
     }
 }
 
-/// Moves a bar on; it goes once all is done.
+/// Advances a bar; removes it when all is done.
 fn advance(bar: &ProgressBar, done: u64, total: u64) {
     bar.set_position(done);
     if done == total {

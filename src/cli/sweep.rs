@@ -37,25 +37,25 @@ The folder holds sweep.html, sweep.csv and sweep.json.";
 pub(super) struct Arguments {
     /// Scene (a COLMAP, Blender, instant-ngp or nerfstudio folder) or model file
     path: PathBuf,
-    /// Folder for the results; made where it is absent
+    /// Folder for the results; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Axis to measure: all of its rungs, or the named ones; repeat it for more axes [default: every light axis]
     #[arg(long, value_name = "NAME[=RUNG,...]", value_parser = Asked::parse)]
     axis: Vec<Asked>,
-    /// Model that the light axes look at, from the scene's cameras
+    /// Model for the light axes, viewed from the scene's cameras
     #[arg(long, value_name = "MODEL")]
     model: Option<PathBuf>,
-    /// Iterations of the brief training that gives a scene's light axes their model
+    /// Iterations of the short training that gives the light axes of a scene their model
     #[arg(long, value_name = "N", default_value_t = 600, conflicts_with = "model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     train: u32,
-    /// Time budget per light axis, in seconds; warm-up and three rounds are always taken
+    /// Time budget per light axis, in seconds; warm-up and three rounds are always measured
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = values::not_negative)]
     budget_per_axis: f64,
     /// Picture size of a model's virtual cameras [default: 400x400]
     #[arg(long, value_name = "WxH", value_parser = values::size)]
     size: Option<(u32, u32)>,
-    /// Which way is up in a model: x, y, z, -x, -y, -z, or auto (as captures have it: -y) [default: auto]
+    /// Up direction of a model: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
     #[command(flatten)]
@@ -118,7 +118,7 @@ impl Arguments {
         if self.json { console.print(json) } else { self.report(console, &swept) }
     }
 
-    /// Climbs the light axes, where any are asked for.
+    /// Measures the requested light axes.
     fn light(
         &self,
         session: &Session<'_>,
@@ -155,7 +155,7 @@ impl Arguments {
         subject::of_model(session, &self.path, model, VirtualCameras { size, up, ..default }, background)
     }
 
-    /// Climbs the heavy axes among those asked for.
+    /// Measures the requested heavy axes.
     fn heavy(&self, session: Session<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
         let training = heavy::Training {
             session,

@@ -17,16 +17,16 @@ const EXAMPLES: &str = "Examples:
 pub(super) struct Arguments {
     /// Folder to write: new, empty, or an earlier synthetic capture
     dir: PathBuf,
-    /// Photos
+    /// Number of photos
     #[arg(long, value_name = "N", default_value_t = 48)]
     views: usize,
     /// Size of a photo
     #[arg(long, value_name = "WxH", default_value = "240x180", value_parser = values::size)]
     size: (u32, u32),
-    /// Seed of all that is random
+    /// Random seed
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Most points of the reconstruction
+    /// Largest number of points in the reconstruction
     #[arg(long, value_name = "N", default_value_t = SynthOptions::default().points)]
     points: usize,
     /// Effects that the scene calls for, separated by commas (--help lists them)

@@ -1,4 +1,4 @@
-//! How a model is trained and on which photos: the options that run and compare share.
+//! Options of training and photos, shared by run and compare.
 
 use super::choices::Choices;
 use super::values;
@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// Options of training.
 #[derive(Args, Clone, Debug)]
 pub(super) struct Training {
-    /// Named schedule
+    /// Preset of the schedule
     #[arg(long, default_value = "standard", help_heading = "Training")]
     preset: Preset,
     /// Prune once, or in steps
@@ -37,7 +37,7 @@ pub(super) struct Training {
     /// Largest number of Gaussians
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
     max_gaussians: u32,
-    /// Keep each Gaussian's energy where it is smaller than a pixel
+    /// Keep the energy of Gaussians smaller than a pixel
     #[arg(long, help_heading = "Effects")]
     antialias: bool,
     /// Simulate an effect or not, whatever the scene calls for: view_dependence, exposure, antialias, distortion,
@@ -61,7 +61,7 @@ pub(super) struct Training {
     eval_every: usize,
 }
 
-/// How often to prune.
+/// One prune, or several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Steps {
     /// Once, at half the run
@@ -79,7 +79,7 @@ fn init(text: &str) -> Init {
 }
 
 impl Training {
-    /// When and how a run prunes.
+    /// Pruning of a run: its steps and its choices.
     pub fn pruning(&self, choices: &Choices) -> Pruning {
         let mut pruning = self.preset.pruning();
         if self.schedule == Steps::Gradual {
@@ -89,7 +89,7 @@ impl Training {
         pruning
     }
 
-    /// What a run on `scene` is to do; it does not prune.
+    /// The configuration of a run on `scene`, without pruning.
     pub fn configuration(&self, scene: PathBuf) -> RunConfig {
         RunConfig {
             scene,
@@ -111,12 +111,12 @@ impl Training {
         }
     }
 
-    /// The named schedule.
+    /// The preset of the schedule.
     pub fn preset(&self) -> Preset {
         self.preset
     }
 
-    /// The colour asked for behind the Gaussians.
+    /// The requested colour behind the Gaussians.
     pub fn background(&self) -> Option<[f32; 3]> {
         self.background
     }

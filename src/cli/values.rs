@@ -16,12 +16,12 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
     parts.ok_or_else(|| format!("write WIDTHxHEIGHT, each 1 to {LARGEST_SIDE}, such as 1280x720"))
 }
 
-/// `640` (wide, at most) or `/4` (divided by).
+/// `640` (largest width) or `/4` (divisor).
 pub(super) fn resolution(text: &str) -> Result<Resize, String> {
     crate::pipeline::prepare::resolution(text)
 }
 
-/// As [`resolution`], kept as it was written.
+/// As [`resolution`], but returns the text as given.
 pub(super) fn resolution_text(text: &str) -> Result<String, String> {
     resolution(text).map(|_| text.to_owned())
 }
@@ -56,12 +56,12 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "write a number of 0 or more".to_owned())
 }
 
-/// One of a type's names, as its configuration file writes them.
+/// One of a type's names, spelled as in the configuration file.
 pub(super) fn named<T: DeserializeOwned>(text: &str) -> Result<T, String> {
     T::deserialize(IntoDeserializer::<serde::de::value::Error>::into_deserializer(text)).map_err(|e| e.to_string())
 }
 
-/// `adaptive`, `adaptive:MOST` members a block, `paper`, or an edge of voxels in world units.
+/// `adaptive`, `adaptive:MOST` (largest number of members), `paper`, or an edge of voxels in world units.
 pub(super) fn partition(text: &str) -> Result<Partition, String> {
     let edge = || text.parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
     let most = text.strip_prefix("adaptive:").and_then(|n| n.parse::<usize>().ok()).filter(|n| (16..=8000).contains(n));
@@ -91,12 +91,12 @@ pub(super) fn colour(text: &str) -> Result<[f32; 3], String> {
         .ok_or_else(|| "write three numbers from 0 to 1, such as 1,1,1, or black, grey or white".to_owned())
 }
 
-/// Which world direction is up.
+/// The world direction that is up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Up {
-    /// As captures have it.
+    /// As in captures.
     Auto,
-    /// This one.
+    /// The given direction.
     Axis(DVec3),
 }
 

@@ -11,38 +11,38 @@ use crate::scene::View;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Spread of the photos' log-gains above which each photo gets an exposure of its own.
+/// Spread of the photos' log-gains above which each photo gets its own exposure.
 pub const GAINS: f64 = 0.02;
 /// Share of the points' differences between photos that gains must explain: if it is less, light changed or surfaces
-/// reflect, which no exposure undoes.
+/// reflect, which no exposure corrects.
 pub const EXPLAINED: f64 = 1.0 / 3.0;
-/// Deviation of a point's colours above which they depend on the view: beyond the noise of thumbnails.
+/// Deviation of a point's colours above which they depend on the view: larger than the noise of thumbnails.
 pub const DEVIATION: f64 = 0.005;
 /// Share of points, the smoothest, whose deviation counts: colours of others change with the texture around them.
 const SMOOTH: f64 = 0.1;
-/// The highest degree is taken whose held-back error is at most this times the least.
+/// The highest degree is chosen whose held-back error is at most this factor times the smallest.
 const AS_GOOD: f64 = 1.005;
 /// Range of channels that are neither lost in noise nor clipped.
 const USABLE: (f64, f64) = (0.06, 0.94);
 /// Rounds of fitting gains to points, then points to gains.
 const ROUNDS: usize = 8;
-/// Least number of photos that show common points before gains are believed, and of common colours of each photo.
+/// Smallest number of photos with common points, and of common colours of each photo, for gains to be trusted.
 const COMMON: (usize, usize) = (3, 20);
-/// Least number of observations by which a point shows how its colour depends on the view.
+/// Smallest number of observations of a point for a fit of its dependence on the view.
 const OBSERVED: usize = 8;
 /// Number of parts of a point's observations, each held back once.
 const FOLDS: usize = 4;
-/// Weight of the pull of SH coefficients towards 0, in observations.
+/// Strength of the pull of SH coefficients towards 0, in observations.
 const RIDGE: f64 = 1.0;
 /// Number of coefficients up to degree 3.
 const TERMS: usize = 16;
 
-/// Brightness of each photo against the others.
+/// Brightness of each photo relative to the others.
 #[derive(Clone, Debug, Default)]
 pub struct Gains {
     /// For each photo, the log-gains of red, green and blue; their mean over photos is 0.
     pub log: Vec<DVec3>,
-    /// For each photo, their standard errors; infinite without enough common colours.
+    /// For each photo, their standard errors; infinite if it has too few common colours.
     pub errors: Vec<DVec3>,
     /// Standard deviation of the log-gains, without the part that the errors explain.
     pub spread: f64,
@@ -53,8 +53,8 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// For each photo, the gains of red, green and blue, each drawn towards 1 as its error grows against the spread of all;
-    /// empty if photos share too little to be compared.
+    /// For each photo, the gains of red, green and blue, each drawn towards 1 as its error grows relative to the spread
+    /// of all; empty if photos share too little to be compared.
     pub fn believed(&self) -> Vec<[f32; 3]> {
         if self.photos == 0 {
             return Vec::new();
@@ -68,7 +68,7 @@ impl Gains {
     }
 }
 
-/// Fits gains of `count` photos to the colours of common points: log colour = point + gain, by medians in turn.
+/// Fits gains of `count` photos to the colours of common points: log colour = point + gain, alternating medians.
 pub fn gains(tracks: &[Vec<Observation>], count: usize) -> Gains {
     let fits: Vec<Channel> = (0..3).into_par_iter().map(|c| channel(tracks, count, c)).collect();
     let channels = |of: &dyn Fn(usize) -> f64| DVec3::new(of(0), of(1), of(2));
@@ -96,9 +96,9 @@ pub fn gains(tracks: &[Vec<Observation>], count: usize) -> Gains {
 struct Channel {
     /// Log-gain of each photo.
     gains: Vec<f64>,
-    /// Their standard errors; infinite without enough common colours.
+    /// Their standard errors; infinite for a photo with too few common colours.
     errors: Vec<f64>,
-    /// Sums of the absolute differences between log-colours and those of their points, without the gains and with them.
+    /// Sums of the absolute differences between log-colours and those of their points, without and with the gains.
     apart: [f64; 2],
 }
 
@@ -121,7 +121,7 @@ fn channel(tracks: &[Vec<Observation>], count: usize, c: usize) -> Channel {
         for (s, values) in by_photo.iter_mut().enumerate().filter(|(_, v)| v.len() >= COMMON.1) {
             gains[s] = quantile(values, 0.5);
             let mut deviations: Vec<f64> = values.iter().map(|v| (v - gains[s]).abs()).collect();
-            // The standard error of a median of normal values whose scale is known by the median deviation.
+            // The standard error of the median of normal values, with the scale from the median absolute deviation.
             errors[s] = 1.2533 * 1.4826 * quantile(&mut deviations, 0.5) / (values.len() as f64).sqrt();
         }
         let known = || errors.iter().zip(&gains).filter(|(e, _)| e.is_finite()).map(|(_, g)| *g);
@@ -135,15 +135,15 @@ fn channel(tracks: &[Vec<Observation>], count: usize, c: usize) -> Channel {
     Channel { gains, errors, apart }
 }
 
-/// A point's log-colours by photo, without the photos' gains and the point's own log-colour, their median.
+/// A point's log-colours by photo, minus the photos' gains and the point's own log-colour (their median).
 fn from_point(seen: &[(usize, f64)], gains: &[f64]) -> Vec<f64> {
     let left: Vec<f64> = seen.iter().map(|(s, l)| l - gains[*s]).collect();
     let point = quantile(&mut left.clone(), 0.5);
     left.into_iter().map(|l| l - point).collect()
 }
 
-/// The exposures in the photos' headers, which are reported and decide nothing: cameras that expose automatically give darker
-/// motifs more light, so that stops tell what was set, not how photos differ.
+/// The exposures in the photos' headers: reported, but not used. Cameras that expose automatically give darker motifs
+/// more light, so that stops show the settings, not how photos differ.
 fn headers(set: &TrainingSet<'_>) -> String {
     let views = set.train.par_iter().filter_map(|i| set.scene.views.get(*i));
     let stops: Vec<f64> = views.filter_map(View::exposure_stops).collect();
@@ -154,7 +154,7 @@ fn headers(set: &TrainingSet<'_>) -> String {
     }
 }
 
-/// Exposures of photos, by their gains.
+/// Exposures of photos: compares their gains.
 pub fn exposure(set: &TrainingSet<'_>, tracks: &[Vec<Observation>], gains: &Gains) -> Decision {
     let headers = headers(set);
     if gains.photos == 0 {
@@ -183,11 +183,11 @@ pub fn exposure(set: &TrainingSet<'_>, tracks: &[Vec<Observation>], gains: &Gain
     Decision { on: decision.on && explains, near_threshold: near, ..decision }
 }
 
-/// Degree of a scene whose colours call for none: the first band, cheap and small, makes up for shapes that are not right yet
-/// and look different from each side; higher ones fit the photos at the cost of all other views.
+/// Degree of a scene whose colours call for none: the first band is cheap and small, and compensates for shapes that
+/// are not right yet and look different from each side; higher bands fit the photos at the cost of all other views.
 const LEAST_DEGREE: usize = 1;
 
-/// The SH degree that the colours of points call for; the highest allowed without such points.
+/// The SH degree that the colours of points call for; the highest allowed if there are no such points.
 pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) -> Decision {
     let most = most.min(MAX_SH_DEGREE);
     let even = gains.spread <= GAINS;
@@ -267,7 +267,7 @@ fn terms_of(direction: DVec3) -> [f64; TERMS] {
     terms
 }
 
-/// Ridge regression of colours on the first `terms` functions; the constant one is free.
+/// Ridge regression of colours on the first `terms` functions; the constant one is not penalised.
 fn fit(seen: &[(usize, &Observation)], terms: usize) -> [DVec3; TERMS] {
     let mut a = [[0.0; TERMS]; TERMS];
     let mut b = [DVec3::ZERO; TERMS];
@@ -283,7 +283,7 @@ fn fit(seen: &[(usize, &Observation)], terms: usize) -> [DVec3; TERMS] {
     for (i, row) in a.iter_mut().enumerate().take(terms) {
         row[i] += if i == 0 { 1e-9 } else { RIDGE };
     }
-    // Gauss's elimination: the matrix is positive definite, so that no pivot vanishes.
+    // Gaussian elimination: the matrix is positive definite, so that no pivot vanishes.
     for i in 0..terms {
         for k in i + 1..terms {
             let share = a[k][i] / a[i][i];

@@ -1,4 +1,4 @@
-//! Whether an effect is simulated, and why.
+//! The decision to simulate an effect, with its evidence.
 
 use super::effect::Effect;
 use serde::Serialize;
@@ -8,37 +8,37 @@ use serde::Serialize;
 pub struct Decision {
     /// The effect.
     pub name: Effect,
-    /// Whether it is simulated.
+    /// True if it is simulated.
     pub on: bool,
-    /// Whether the user said so, not the scene.
+    /// True if the user decided, not the scene.
     pub forced: bool,
-    /// Whether the measure lies so near its threshold that the other choice may do as well.
+    /// True if the measure is so close to its threshold that the other choice may do as well.
     pub near_threshold: bool,
-    /// The measure; null where there was nothing to measure.
+    /// The measure; null if there was nothing to measure.
     pub measured: Option<f64>,
-    /// Above this the scene calls for the effect; null where that is not a matter of degree.
+    /// The scene calls for the effect above this value; null if the decision has no threshold.
     pub threshold: Option<f64>,
-    /// SH degree, of [`Effect::ViewDependence`] alone.
+    /// SH degree; only for [`Effect::ViewDependence`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub degree: Option<usize>,
-    /// Device seconds of training that it took; null where it has no stage of its own, or nothing was trained.
+    /// Device seconds of training that it took; null if it has no stage of its own, or nothing was trained.
     pub seconds: Option<f64>,
     /// The evidence, in a sentence.
     pub evidence: String,
 }
 
-/// Whether a measure lies within a quarter of its threshold, so that the other choice may do as well.
+/// Returns true if a measure is within a quarter of its threshold, so that the other choice may do as well.
 pub(super) fn is_near(measured: f64, threshold: f64) -> bool {
     measured > threshold / 1.25 && measured < threshold * 1.25
 }
 
-/// Whether an effect is on among decisions.
+/// Returns true if an effect is on among decisions.
 pub fn is_on(decisions: &[Decision], effect: Effect) -> bool {
     decisions.iter().any(|d| d.name == effect && d.on)
 }
 
 impl Decision {
-    /// The decision by a number against its threshold.
+    /// The decision that compares a number with its threshold.
     pub(super) fn by(name: Effect, measured: f64, threshold: f64, evidence: String) -> Self {
         Self {
             near_threshold: is_near(measured, threshold),

@@ -1,4 +1,4 @@
-//! The effects by name, and what sets each off.
+//! The effects by name, with their triggers.
 
 use serde::{Deserialize, Serialize};
 
@@ -24,12 +24,12 @@ pub enum Effect {
     DepthOrder,
 }
 
-/// What switches an effect on where the user does not.
+/// Condition that switches an effect on unless the user decides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trigger {
     /// A measure of the scene passes a threshold; other scenes can be trained with the effect, too.
     Measure,
-    /// The photos hold something, such as masks, without which there is nothing to simulate.
+    /// The photos contain something, such as masks, without which there is nothing to simulate.
     Photos,
     /// Nothing: the effect is on at the user's request only.
     Request,
@@ -64,7 +64,7 @@ impl Effect {
         }
     }
 
-    /// What switches the effect on where the user does not.
+    /// Condition that switches the effect on unless the user decides.
     pub const fn trigger(self) -> Trigger {
         match self {
             Self::ViewDependence | Self::Exposure | Self::Antialias => Trigger::Measure,
@@ -74,7 +74,7 @@ impl Effect {
         }
     }
 
-    /// The profiler's scope that counts the effect's time alone; none where its time is part of other stages.
+    /// The profiler scope that measures this effect's time alone; none if its time is part of other stages.
     pub const fn scope(self) -> Option<&'static str> {
         match self {
             Self::Exposure => Some("exposure"),

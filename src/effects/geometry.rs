@@ -18,7 +18,7 @@ const SEEN_BY: usize = 3;
 /// Share of pixels below which transparency or masks may be flaws of the photos.
 const FEW: f64 = 1e-3;
 
-/// Anti-aliasing, by how differently large the same point is in the photos.
+/// Anti-aliasing: compares the sizes of the same point in the photos.
 pub fn antialias(set: &TrainingSet<'_>) -> Decision {
     let mut ratios = footprint_ratios(set);
     if ratios.is_empty() {
@@ -65,8 +65,8 @@ fn footprint(view: &View, position: DVec3) -> Option<f64> {
     inside.then(|| p.z / camera.focal.element_product().sqrt())
 }
 
-/// Substitutes for points of a scene without any: a ball around the place where the cameras look, of half their distance in
-/// radius (Blender scenes: the unit ball, inside the reference's cube).
+/// Substitute points for a scene without any: a ball around the place where the cameras look, whose radius is half
+/// their distance (Blender scenes: the unit ball, inside the reference's cube).
 fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
     let cameras = || set.views().map(|v| &v.camera);
     let centre = set.scene.centre(set.train);
@@ -74,7 +74,7 @@ fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
     let blender = set.scene.kind == SceneKind::Blender;
     let spread = cameras().map(|c| c.centre().distance(centre)).fold(0.0, f64::max);
     let (middle, radius) = if blender { (DVec3::ZERO, 1.0) } else { (centre + forward * spread, 0.5 * spread) };
-    // A spiral over spheres: sufficiently even, and the same each time.
+    // A spiral over spheres: sufficiently even, and deterministic.
     let at = |k: usize| {
         let (t, turn) = ((k as f64 + 0.5) / 256.0, k as f64 * 2.399963229728653);
         let z = 1.0 - 2.0 * t;
@@ -84,7 +84,7 @@ fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
     (0..256).map(at).collect()
 }
 
-/// Undistortion, by how far lenses move pixels.
+/// Undistortion: measures how far lenses move pixels.
 pub fn distortion(set: &TrainingSet<'_>) -> Decision {
     let moved = set.views().map(|v| v.lens.max_displacement()).fold(0.0, f64::max);
     let undistorted = set.views().filter(|v| v.undistorts()).count();
@@ -96,7 +96,7 @@ pub fn distortion(set: &TrainingSet<'_>) -> Decision {
     Decision::by(Effect::Distortion, moved, VISIBLE_DISPLACEMENT, evidence)
 }
 
-/// The number of photos whose fourth byte, of this meaning, hides something, and the share of all pixels hidden.
+/// The number of photos in which a fourth byte of this meaning hides something, and the share of all pixels hidden.
 fn hidden(set: &TrainingSet<'_>, by: FourthByte) -> (usize, f64) {
     let (mut photos, mut missing, mut pixels) = (0, 0.0, 0_usize);
     for photo in set.photos {
@@ -110,7 +110,7 @@ fn hidden(set: &TrainingSet<'_>, by: FourthByte) -> (usize, f64) {
     (photos, missing / pixels.max(1) as f64)
 }
 
-/// Transparency, by the photos' alpha.
+/// Transparency: reads the photos' alpha.
 pub fn transparency(set: &TrainingSet<'_>) -> Decision {
     let (photos, share) = hidden(set, FourthByte::Alpha);
     let evidence = match photos {
@@ -121,7 +121,7 @@ pub fn transparency(set: &TrainingSet<'_>) -> Decision {
     Decision { near_threshold: photos > 0 && share < FEW, measured: Some(share), threshold: Some(0.0), ..decision }
 }
 
-/// Masks, by what they hide.
+/// Masks: measures the share of pixels that they hide.
 pub fn masks(set: &TrainingSet<'_>) -> Decision {
     let listed = set.views().filter(|v| v.mask.is_some()).count();
     let (photos, share) = hidden(set, FourthByte::Mask);
@@ -134,7 +134,7 @@ pub fn masks(set: &TrainingSet<'_>) -> Decision {
     Decision { near_threshold: photos > 0 && share < FEW, measured: Some(share), threshold: Some(0.0), ..decision }
 }
 
-/// Several cameras, by their intrinsics.
+/// Several cameras: compares their intrinsics.
 pub fn cameras(set: &TrainingSet<'_>) -> Decision {
     let kind = |view: &View| {
         let lens = &view.lens;

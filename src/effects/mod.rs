@@ -1,4 +1,5 @@
-//! Floor 4: which effects a scene calls for, found from its training photos, cameras and points alone, with the evidence.
+//! Floor 4: decides which effects a scene calls for, from its training photos, cameras and points alone, with the
+//! evidence.
 //!
 //! | effect | on when | detector | what it switches |
 //! |---|---|---|---|
@@ -41,7 +42,7 @@ use colour::Gains;
 /// Decides on every effect, in the order of [`Effect::ALL`]; also gives the gains of the photos. `most` is the highest SH
 /// degree allowed.
 ///
-/// The evidence is the scene's, whatever the user decided.
+/// The evidence always comes from the scene, also for effects that the user decided.
 pub fn decide(set: &TrainingSet<'_>, overrides: &Overrides, most: usize) -> (Vec<Decision>, Gains) {
     let tracks = tracks::observations(set);
     let gains = colour::gains(&tracks, set.photos.len());

@@ -1,10 +1,10 @@
-//! What users decide on effects.
+//! The user's decisions on effects.
 
 use super::effect::{Effect, Trigger};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Whether an effect is simulated.
+/// The user's choice for one effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Choice {
@@ -37,7 +37,7 @@ impl Overrides {
     /// Reads `NAME=on|off|auto`.
     ///
     /// # Errors
-    /// A sentence that says what is wrong.
+    /// A sentence that names the fault.
     pub fn parse(text: &str) -> Result<(Effect, Choice), String> {
         let names = || Effect::ALL.map(Effect::name).join(", ");
         let (name, value) =
@@ -57,7 +57,7 @@ impl Overrides {
         };
     }
 
-    /// Whether every effect is left to the scene.
+    /// Returns true if every effect is left to the scene.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -67,7 +67,7 @@ impl Overrides {
         self.0.get(&effect).copied().unwrap_or_default()
     }
 
-    /// On or off if the user said so.
+    /// On or off if the user decided.
     pub fn forced(&self, effect: Effect) -> Option<bool> {
         match self.of(effect) {
             Choice::Auto => None,
@@ -76,7 +76,7 @@ impl Overrides {
         }
     }
 
-    /// Whether the effect may turn out to be on, before the scene was looked at.
+    /// Returns true if the effect may turn out to be on, before the scene is examined.
     pub fn allow(&self, effect: Effect) -> bool {
         self.forced(effect).unwrap_or(effect.trigger() != Trigger::Request)
     }
@@ -84,7 +84,7 @@ impl Overrides {
     /// Refuses choices for effects that cannot be switched.
     ///
     /// # Errors
-    /// A sentence that says why.
+    /// A sentence that gives the reason.
     pub fn check(&self) -> Result<(), String> {
         match self.0.keys().find(|effect| effect.trigger() == Trigger::Always) {
             Some(effect) => Err(format!(

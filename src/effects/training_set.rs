@@ -1,4 +1,4 @@
-//! What detectors look at: the scene, and small copies of its training photos.
+//! Input of the detectors: the scene, and small copies of its training photos.
 
 use crate::scene::camera::Camera;
 use crate::scene::{FourthByte, Photo, Scene, View};
@@ -7,7 +7,7 @@ use std::io;
 
 /// Greatest width of a thumbnail in pixels.
 pub const THUMBNAIL_WIDTH: u32 = 480;
-/// Least fourth byte of a pixel whose colour is used.
+/// Smallest fourth byte of a pixel whose colour is used.
 const OPAQUE: u8 = 250;
 
 /// A scene and the photos that are trained on.
@@ -16,7 +16,7 @@ pub struct TrainingSet<'a> {
     pub scene: &'a Scene,
     /// Indices of the training views.
     pub train: &'a [usize],
-    /// Their photos, in that order.
+    /// Their photos, in the same order.
     pub photos: &'a [Thumbnail],
 }
 
@@ -28,21 +28,21 @@ impl<'a> TrainingSet<'a> {
     }
 }
 
-/// A photo made small: undistorted, with the camera of that size.
+/// A photo reduced in size: undistorted, with the camera of that size.
 pub struct Thumbnail {
     /// Its camera.
     pub camera: Camera,
     /// Width x height x RGBA, 8 bits each, colours not multiplied by the fourth byte.
     pub pixels: Vec<u8>,
-    /// What the fourth byte of each pixel means.
+    /// Meaning of the fourth byte of each pixel.
     pub fourth_byte: FourthByte,
 }
 
 impl Thumbnail {
-    /// Averages squares of a photo's pixels, so that the width is [`THUMBNAIL_WIDTH`] or less.
+    /// Averages squares of a photo's pixels, so that the width is at most [`THUMBNAIL_WIDTH`].
     ///
     /// # Errors
-    /// A photo that lies in a file which cannot be read.
+    /// A photo in a file that cannot be read.
     pub fn of(photo: &Photo) -> io::Result<Self> {
         let bytes = photo.pixels.read()?;
         let (w, h) = (photo.camera.width, photo.camera.height);

@@ -1,4 +1,4 @@
-//! A run under way: training, prunes, checkpoints, and what is left at its end. `run` conducts one, `compare` many from one
+//! A run in progress: training, prunes, checkpoints, and final results. `run` drives one, `compare` several from one
 //! checkpoint.
 
 use super::checkpoint::{Checkpoint, Notes};
@@ -20,10 +20,10 @@ use crate::train::{Options, Trainer};
 use std::ops::Range;
 use std::time::Instant;
 
-/// Points of the quality curve.
+/// Number of points of the quality curve.
 const CURVE_POINTS: u32 = 8;
 
-/// A run under way.
+/// A run in progress.
 pub struct ActiveRun<'a> {
     setup: &'a Setup<'a>,
     config: &'a RunConfig,
@@ -34,10 +34,10 @@ pub struct ActiveRun<'a> {
 }
 
 impl<'a> ActiveRun<'a> {
-    /// Begins, or goes on from a snapshot.
+    /// Starts a run, or continues from a snapshot.
     ///
     /// # Errors
-    /// Device memory; device errors; cameras that leave no place for random points.
+    /// Device memory; device errors; cameras that leave no room for random points.
     pub fn start(setup: &'a Setup<'a>, config: &'a RunConfig, output: &'a Output, start: Start) -> Result<Self, Error> {
         let Setup { session, prepared, .. } = setup;
         let device = session.device;
@@ -76,8 +76,8 @@ impl<'a> ActiveRun<'a> {
         Ok(run)
     }
 
-    /// Trains until `until` iterations are done, pruning and keeping checkpoints on the way. A prune due after the last of
-    /// them is left to whoever goes on.
+    /// Trains until `until` iterations are done, with prunes and checkpoints on the way. A prune due after the last of
+    /// them is left to the caller.
     ///
     /// # Errors
     /// Device memory; device errors; a checkpoint that cannot be written; [`Error::Interrupted`] after one.
@@ -113,7 +113,7 @@ impl<'a> ActiveRun<'a> {
         Ok(())
     }
 
-    /// Prunes as the configuration says, whatever the iteration.
+    /// Prunes as configured, at any iteration.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -122,14 +122,14 @@ impl<'a> ActiveRun<'a> {
         self.prune(steps)
     }
 
-    /// Goes on with the loss of fine-tuning.
+    /// Continues with the loss of fine-tuning.
     pub fn fine_tune(&mut self) {
         if let Some(pruning) = &self.config.prune {
             self.trainer.fine_tune(Weights { l2: pruning.l2 as f32, ..Weights::default() });
         }
     }
 
-    /// Mean PSNR of the held-out views as the model stands, in dB.
+    /// Mean PSNR of the held-out views with the current model, in dB.
     ///
     /// # Errors
     /// Device errors.
@@ -137,7 +137,7 @@ impl<'a> ActiveRun<'a> {
         self.evaluator.psnr(self.trainer.model(), self.setup.prepared.test.iter().map(|(_, view)| view))
     }
 
-    /// How strongly the training photos depend on each Gaussian of the model as it stands.
+    /// Responses of the training photos to each Gaussian of the current model.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -175,7 +175,7 @@ impl<'a> ActiveRun<'a> {
         Ok(())
     }
 
-    /// All that it takes to go on from here.
+    /// The state needed to continue from here.
     ///
     /// # Errors
     /// Device errors.
@@ -183,10 +183,10 @@ impl<'a> ActiveRun<'a> {
         Checkpoint::new(self.trainer.snapshot()?, self.notes.clone())
     }
 
-    /// Writes the model, scores it, and writes what was measured.
+    /// Writes the model, scores it, and writes the results.
     ///
     /// # Errors
-    /// Device errors; a disk that is full.
+    /// Device errors; a full disk.
     pub fn finish(mut self) -> Result<RunRecord, Error> {
         let Setup { session, prepared, .. } = self.setup;
         let Session { networks, watcher, .. } = *session;
@@ -213,7 +213,7 @@ impl<'a> ActiveRun<'a> {
         Ok(record)
     }
 
-    /// An evaluation's record with what training adds to it.
+    /// An evaluation's record with the figures of training added.
     fn record(self, evaluated: RunRecord, evaluate_s: f64) -> RunRecord {
         let Self { setup, trainer, notes, .. } = self;
         RunRecord {

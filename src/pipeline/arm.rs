@@ -1,25 +1,25 @@
-//! The arms of a comparison: ways to go on from the prune point.
+//! The arms of a comparison: ways to continue from the prune point.
 
 use super::config::{Compression, Pruning, RunConfig};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
 
-/// One way to go on from the prune point.
+/// One way to continue from the prune point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arm {
-    /// Its name, as it was asked for: a folder's name too.
+    /// Its name, as given on the command line.
     pub name: String,
-    /// How it prunes; the dense arm does not.
+    /// Its choice of Gaussians; none for the dense arm.
     pub compression: Option<Compression>,
 }
 
 impl Arm {
-    /// Reads `dense`, `default`, `paper`, or a selector's name with any of `:BUDGET`, `+merge`, `-detail` and `@SHARE` after
-    /// it. A selector alone divides its count per block and does not merge. `given` is what `default` stands for, and
-    /// gives every arm its share, its detail and its blocks.
+    /// Reads `dense`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail` and
+    /// `@SHARE`. A selector alone divides its count per block and does not merge. `given` is the meaning of `default`,
+    /// and gives every arm its share, its detail and its blocks.
     ///
     /// # Errors
-    /// A sentence that says what is wrong.
+    /// A sentence that names the fault.
     pub fn parse(text: &str, given: &Compression) -> Result<Self, String> {
         let name = text.to_owned();
         let (rest, keep) = match text.split_once('@') {
@@ -62,13 +62,13 @@ impl Arm {
         Ok(Self { name, compression: Some(compression) })
     }
 
-    /// Its folder's name, which every file system allows.
+    /// Its folder's name, valid on every file system.
     #[must_use]
     pub fn folder(name: &str) -> String {
         name.replace([':', '@'], "-")
     }
 
-    /// The arm's run: the shared one's, but for how it prunes.
+    /// The arm's run: the shared one's, with the arm's pruning.
     pub fn configuration(&self, shared: &RunConfig) -> RunConfig {
         let prune = match (&self.compression, &shared.prune) {
             (Some(compression), Some(pruning)) => Some(Pruning { compression: compression.clone(), ..pruning.clone() }),

@@ -1,4 +1,4 @@
-//! Whether a job fits the device's memory, before its work starts.
+//! Checks that a job fits the device's memory, before its work starts.
 
 use super::config::{Init, RunConfig};
 use super::effects;
@@ -17,18 +17,18 @@ use crate::render::Style;
 use crate::response::{ResidentResponses, ResidentScores};
 use crate::train::{Trainer, TrainerNeeds};
 
-/// How often its first number of Gaussians a run is assumed to reach, where `--max-gaussians` allows it.
+/// Assumed growth of a run's number of Gaussians, as far as `--max-gaussians` allows.
 const GROWTH: usize = 4;
 
-/// Bytes of device memory that a run will need: with four times the Gaussians that it begins with, or as many as it may
-/// have if those are fewer.
+/// Bytes of device memory that a run will need: with four times its initial Gaussians, or with the largest
+/// number allowed if that is less.
 ///
 /// # Errors
-/// [`Error::Memory`] where the device does not allow as much.
+/// [`Error::Memory`] if the device allows less.
 pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Start) -> Result<u64, Error> {
     let schedule = &config.schedule;
     let grows = (1..=schedule.iterations).any(|i| schedule.densifies(i));
-    // Points are thinned to what is allowed, a model is not; an interrupted run has noted what it began with.
+    // Points are thinned to the limit, a model is not; an interrupted run has noted its initial number.
     let first = match start {
         Start::Model(model) => model.len(),
         Start::Points(n) | Start::Random(n) => (*n).min(config.max_gaussians),
@@ -75,24 +75,24 @@ pub fn for_eval(device: &Device, opened: &Opened, model: &Gaussians, style: Styl
     check(device, "the evaluation", gaussians, size, needed, Relief::None)
 }
 
-/// What a compression's memory depends on besides the model.
+/// Parameters of a compression's memory besides the model.
 #[derive(Clone, Debug)]
 pub struct CompressNeeds {
     /// Width and height that every picture fits in.
     pub size: [u32; 2],
-    /// Whether the model's own pictures stand for photos.
+    /// True if the model's own pictures replace photos.
     pub own_pictures: bool,
-    /// Bytes of each photo that is trained on.
+    /// Bytes of each training photo.
     pub photos: Vec<u64>,
-    /// Whether the photos have masks.
+    /// True if the photos have masks.
     pub masked: bool,
-    /// How it is rendered.
+    /// Style of rendering.
     pub style: Style,
-    /// Gaussians that a trainer holds at most, for responses or for fine-tuning.
+    /// Largest number of Gaussians in a trainer, for responses or for fine-tuning.
     pub trained: usize,
 }
 
-/// Bytes of device memory that a compression will need: what its widest stage takes.
+/// Bytes of device memory that a compression will need: the largest need of its stages.
 ///
 /// # Errors
 /// As [`for_run`].
@@ -125,7 +125,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
     check(device, "the compression", gaussians, size, needed, relief)
 }
 
-/// The largest number up to `limit` that fits, where every smaller one does; 0 for none.
+/// The largest number up to `limit` that fits, if every smaller one does; 0 for none.
 fn most(limit: usize, fits: impl Fn(usize) -> bool) -> usize {
     let (mut low, mut high) = (0, limit);
     while low < high {

@@ -1,5 +1,5 @@
-//! A run's checkpoint: the trainer's state with the run's own notes. Notes that cannot be read are an error: a run that
-//! forgot its prunes would prune again.
+//! A run's checkpoint: the trainer's state with the run's own notes. Notes that cannot be read are an error: without
+//! its prunes, a run would prune again.
 
 use super::records::{CurvePoint, PruneRecord};
 use crate::error::Error;
@@ -12,7 +12,7 @@ use std::path::Path;
 /// Notes that [`Snapshot`] keeps for itself.
 const OWN_NOTES: [&str; 3] = ["iteration", "skipped_rows", "crc32"];
 
-/// What a run remembers besides the trainer's state.
+/// The state of a run besides the trainer's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Notes {
     /// The text of its `config.toml`.
@@ -28,7 +28,7 @@ pub struct Notes {
 }
 
 impl Notes {
-    /// Text by name: `config` as it is, all else as JSON.
+    /// Text by name: `config` unchanged, all else as JSON.
     fn to_text(&self) -> serde_json::Result<HashMap<String, String>> {
         Ok([
             ("config", self.config.clone()),
@@ -41,7 +41,7 @@ impl Notes {
         .into())
     }
 
-    /// Reads the notes of a snapshot, or says which of them is missing, unknown or unreadable.
+    /// Reads the notes of a snapshot. The error names the one that is missing, unknown or unreadable.
     fn from_text(notes: &HashMap<String, String>) -> Result<Self, String> {
         fn json<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, String> {
             serde_json::from_str(text).map_err(|e| format!("the note '{name}' cannot be read: {e}"))
@@ -84,7 +84,7 @@ impl Checkpoint {
     /// Reads a checkpoint.
     ///
     /// # Errors
-    /// A file that is damaged; [`Error::Checkpoint`] for one of another version.
+    /// A damaged file; [`Error::Checkpoint`] for one of another version.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let snapshot = Snapshot::read(path)?;
         let notes =
@@ -105,7 +105,7 @@ impl Checkpoint {
 mod tests {
     use super::*;
 
-    /// As commit e8c9f27 wrote them.
+    /// The notes as written by commit e8c9f27.
     fn text() -> HashMap<String, String> {
         let prune = r#"[{"iteration":52,"selector":"css","before":900,"after":655,"detail":45,"blocks":20,"voxel":0.25,
             "occupancy":[1,2],"kept_shares":[0,0,0,0,0,0,0,0,0,3],"spectrum":[1.0,0.0,0.0,0.0,0.0,0.0,0.0,0.0],
@@ -148,7 +148,7 @@ mod tests {
         for (name, wrong) in [("curve", ""), ("prunes", "{}"), ("seconds", "long"), ("initial", "-1")] {
             assert!(with(name, Some(wrong)).contains(&format!("'{name}' cannot be read")), "{name}");
         }
-        // A prune that has a figure more or less is another version's.
+        // A prune with one figure more or fewer is from another version.
         assert!(with("prunes", Some(&text()["prunes"].replace("\"detail\":45,", ""))).contains("'prunes' cannot"));
         let more = text()["prunes"].replace("\"detail\":45,", "\"detail\":45,\"new\":1,");
         assert!(with("prunes", Some(&more)).contains("'prunes' cannot be read"));

@@ -1,5 +1,5 @@
-//! `qirf-vk compare`: one model trained to the prune point, and every arm from that one checkpoint with the same seed, loss
-//! and iterations.
+//! `qirf-vk compare`: one model trained to the prune point, and every arm from that one checkpoint with the same seed,
+//! loss and iterations.
 
 use super::active_run::ActiveRun;
 use super::arm::Arm;
@@ -16,14 +16,14 @@ use crate::gaussians::formats;
 use crate::gaussians::resident::Resident;
 use std::path::Path;
 
-/// Rounds in which the arms' frame rates are taken in turn.
+/// Number of rounds in which the arms' frame rates are taken in turn.
 const ROUNDS: usize = 5;
 
-/// Compares `arms` on one scene; everything lies in `folder`. With `resume`, what an earlier comparison of the same
-/// options finished there is taken over.
+/// Compares `arms` on one scene; all results go to `folder`. With `resume`, finished parts of an earlier comparison
+/// with the same options are reused.
 ///
 /// # Errors
-/// Anything from scene to disk; [`Error::Interrupted`].
+/// Any error from reading the scene to writing results; [`Error::Interrupted`].
 pub fn compare(
     session: &Session<'_>,
     shared: &RunConfig,
@@ -62,18 +62,18 @@ pub fn compare(
     })
 }
 
-/// The folder of an arm, in that of the comparison.
+/// The folder of an arm, inside that of the comparison.
 fn arm_output(folder: &Path, name: &str) -> Result<Output, Error> {
     Output::new(&folder.join("arms").join(Arm::folder(name)))
 }
 
-/// Takes one arm from the fork to its end, or takes over what an earlier comparison finished of it.
+/// Takes one arm from the fork to its end, or reuses its result of an earlier comparison.
 fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume: bool) -> Result<ArmRecord, Error> {
     let output = arm_output(folder, &arm.name)?;
     let config = arm.configuration(&setup.config);
     let (config_text, file) = (config.written()?, output.folder().join("arm.json"));
     if resume && std::fs::read_to_string(output.config()).is_ok_and(|text| text == config_text) {
-        // What cannot be read is done again.
+        // An unreadable result is computed again.
         let read = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str(&text).ok());
         if let Some(record) = read {
             return Ok(record);
@@ -84,7 +84,7 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
         run.prune_now()?;
         run.psnr()?
     } else {
-        // The dense arm goes on with the same loss.
+        // The dense arm continues with the same loss.
         run.fine_tune();
         None
     };
@@ -114,7 +114,7 @@ fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecor
     }
 }
 
-/// Times all arms' models in turn, so that whatever else the machine does falls on all of them.
+/// Times all arms' models in turn, so that other work on the machine affects all of them alike.
 fn frame_rates(setup: &Setup<'_>, arms: &mut [ArmRecord], folder: &Path) -> Result<(), Error> {
     let Setup { session, config, prepared, .. } = setup;
     let settings = config.style.over(prepared.background);

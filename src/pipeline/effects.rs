@@ -1,4 +1,4 @@
-//! What a scene calls for, decided on the photos that a run trains on, and what follows for the run.
+//! Effects that a scene calls for, decided on a run's training photos, and their consequences for the run.
 
 use super::config::RunConfig;
 use super::prepare::Prepared;
@@ -12,8 +12,8 @@ use crate::train;
 use rayon::prelude::*;
 use std::io;
 
-/// Decides on the effects of a prepared scene, from its training photos alone; also gives the gains of those photos, red,
-/// green and blue, against each other.
+/// Decides on the effects of a prepared scene, from its training photos alone; also returns the relative gains of those
+/// photos: red, green and blue.
 ///
 /// # Errors
 /// Photos in a file that cannot be read.
@@ -29,7 +29,7 @@ pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>,
 /// Decides on the effects of a scene on disk; photos that are absent or damaged are left out.
 ///
 /// # Errors
-/// None is known: photos are kept in memory.
+/// No known ones: photos are kept in memory.
 pub fn of_scene(scene: &Scene) -> Result<Vec<Decision>, Error> {
     let mut scene = scene.clone();
     // Without any photo the detectors still name what is missing.
@@ -49,7 +49,7 @@ pub fn of_scene(scene: &Scene) -> Result<Vec<Decision>, Error> {
     Ok(effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0)
 }
 
-/// What a model's pictures call for, of a model without photos: the SH bands that turn a colour by 1/255 or more.
+/// Decides on view dependence for a model without photos: the SH bands that change a colour by 1/255 or more.
 pub fn of_model(model: &Gaussians) -> Decision {
     let degree = model.degree_in_effect();
     let bands: Vec<_> = model.most_by_band().iter().map(|most| format!("{:.1}", 255.0 * most)).collect();
@@ -66,8 +66,8 @@ pub fn of_model(model: &Gaussians) -> Decision {
 }
 
 impl RunConfig {
-    /// The configuration with what was decided: what `config.toml` holds, so that the model can be rendered as it was
-    /// trained.
+    /// The configuration with the decisions filled in: written to `config.toml`, so that the model can be rendered as
+    /// it was trained.
     #[must_use]
     pub fn decided(&self, decisions: &[Decision]) -> Self {
         let degree = decisions.iter().find(|d| d.name == Effect::ViewDependence).and_then(|d| d.degree);
@@ -85,7 +85,7 @@ pub fn style(on: impl Fn(Effect) -> bool) -> Style {
     Style { antialias: on(Effect::Antialias), depth_order: on(Effect::DepthOrder) }
 }
 
-/// A line that says which effects are on, and which may as well be otherwise.
+/// A line with the effects that are on, and those whose decision was close.
 pub fn summary(decisions: &[Decision]) -> String {
     let list = |wanted: &dyn Fn(&Decision) -> bool| {
         let names: Vec<_> = decisions.iter().filter(|d| wanted(d)).map(|d| d.name.name()).collect();
@@ -99,7 +99,7 @@ pub fn summary(decisions: &[Decision]) -> String {
     format!("effects: {}{near}", list(&|d| d.on))
 }
 
-/// The decisions with the time that each effect took in training.
+/// The decisions with the time of each effect in training.
 #[must_use]
 pub fn timed(mut decisions: Vec<Decision>, timings: &Timings) -> Vec<Decision> {
     for d in decisions.iter_mut().filter(|d| d.on) {

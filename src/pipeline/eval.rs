@@ -15,22 +15,22 @@ use crate::render::Style;
 use std::path::Path;
 use std::time::Instant;
 
-/// What is evaluated, and how it is rendered.
+/// Views to evaluate on, and the style of rendering.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
     /// The scene and its held-out views.
     pub selection: Selection,
-    /// How it is rendered: as the model was trained.
+    /// Style of rendering: the one that the model was trained with.
     pub style: Style,
-    /// Whether photos have exposures of their own: fitted before scoring, as a run does it.
+    /// True if photos have exposures of their own: fitted before scoring, as in a run.
     pub exposure: bool,
 }
 
-/// Renders and scores the held-out views of a scene as a run of the same selection does; figures and pictures are
-/// written where there is an `output`. `file` is where `model` was read from.
+/// Renders and scores the held-out views of a scene as a run of the same selection does; writes figures and pictures to
+/// `output`, if given. `file` is the path that `model` was read from.
 ///
 /// # Errors
-/// Anything from scene to disk; no held-out view; [`Error::Interrupted`].
+/// Any error from reading the scene to writing results; no held-out view; [`Error::Interrupted`].
 pub fn eval(
     session: &Session<'_>,
     file: &Path,
@@ -80,8 +80,8 @@ pub fn eval(
     Ok(record)
 }
 
-/// Scores a model by the held-out views that `qirf-vk compress` would judge `original` by, against its pictures: what a
-/// compression by any tool has lost. Both are rendered in `style`, over a background of red, green and blue.
+/// Scores a model against the pictures of `original`, in the held-out views that `qirf-vk compress` would use: the loss
+/// of a compression by any tool. Both are rendered in `style`, over a background of red, green and blue.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].

@@ -1,4 +1,4 @@
-//! Where a job's files lie.
+//! Paths of a job's files.
 
 use crate::error::Error;
 use crate::gaussians::formats;
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 pub struct Output(PathBuf);
 
 impl Output {
-    /// A folder, made if absent. Temporary files that a killed program left there are removed.
+    /// Opens a folder, created if absent. Temporary files that a killed program left there are removed.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -74,7 +74,7 @@ impl Output {
     }
 }
 
-/// Bytes of a model's file, or of all files in its folder; 0 where there is none.
+/// Bytes of a model's file, or of all files in its folder; 0 if there is none.
 pub fn bytes_on_disk(path: &Path) -> u64 {
     let file = |p: &Path| std::fs::metadata(p).map_or(0, |m| m.len());
     match std::fs::read_dir(path) {

@@ -9,15 +9,15 @@ use crate::scene::{FourthByte, LoadOptions, OpenOptions, Photo, PhotoMemory, Res
 
 /// A scene ready to train on.
 pub struct Prepared {
-    /// The scene, its views those whose photos were loaded.
+    /// The scene, with only the views whose photos were loaded.
     pub scene: Scene,
     /// Views trained on.
     pub train: Vec<Photo>,
     /// Views held out, with their names.
     pub test: Vec<(String, Photo)>,
-    /// 1.1 times the largest distance of a training camera from their mean.
+    /// 1.1 times the largest distance of a training camera from the mean of these cameras.
     pub extent: f64,
-    /// Colour behind everything.
+    /// Background colour.
     pub background: [f32; 3],
 }
 
@@ -31,7 +31,7 @@ impl Prepared {
 /// Reads `W` or `/K`.
 ///
 /// # Errors
-/// A sentence that says what is wrong.
+/// A sentence that names the fault.
 pub fn resolution(text: &str) -> Result<Resize, String> {
     let number = |t: &str| t.parse::<u32>().ok().filter(|n| *n > 0);
     let read = match text.strip_prefix('/') {
@@ -41,7 +41,7 @@ pub fn resolution(text: &str) -> Result<Resize, String> {
     read.ok_or_else(|| format!("'{text}' is neither a width in pixels, such as 800, nor a divisor, such as /4"))
 }
 
-/// A scene whose photos are there, not decoded yet.
+/// A scene whose photos exist but are not decoded yet.
 pub struct Opened {
     /// The scene.
     pub scene: Scene,
@@ -52,7 +52,7 @@ pub struct Opened {
 /// Opens a scene.
 ///
 /// # Errors
-/// What the scene's readers refuse; photos that are not there.
+/// Errors of the scene's readers; absent photos.
 pub fn open(selection: &Selection) -> Result<Opened, Error> {
     let resize = match &selection.resolution {
         Some(text) => resolution(text).map_err(Error::Usage)?,
@@ -73,7 +73,7 @@ impl Opened {
         self.scene.views.iter().map(|v| v.camera_at(self.resize)).fold([1, 1], larger)
     }
 
-    /// Pixels of each picture that is trained on; photos that turn out damaged are still among them.
+    /// Pixels of each training picture; includes photos that turn out damaged.
     pub fn train_pixels(&self) -> Vec<u64> {
         let pixels = |i: &usize| {
             let camera = self.scene.views[*i].camera_at(self.resize);
@@ -82,10 +82,10 @@ impl Opened {
         self.scene.split(self.selection.eval_every).train.iter().map(pixels).collect()
     }
 
-    /// As [`Opened::load`], where photos to train on are needed.
+    /// As [`Opened::load`], for jobs that need photos to train on.
     ///
     /// # Errors
-    /// As [`Opened::load`]; none to train on.
+    /// As [`Opened::load`]; no photo to train on.
     pub fn load_to_train(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
         let prepared = self.load(memory, watcher)?;
         if prepared.train.is_empty() {
@@ -94,7 +94,7 @@ impl Opened {
         Ok(prepared)
     }
 
-    /// Decodes the photos and divides them. Skipped ones are reported to `watcher`.
+    /// Decodes the photos and splits them. Skipped ones are reported to `watcher`.
     ///
     /// # Errors
     /// No photo can be decoded; a temporary file that cannot be written.
@@ -112,7 +112,7 @@ impl Opened {
         let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), photos[*i].clone())).collect();
         let extent = scene.extent(&split.train);
         let usual = match FourthByte::of(&photos) {
-            // The field trains and scores Blender scenes on white.
+            // Blender scenes are usually trained and scored on white.
             FourthByte::Alpha => [1.0; 3],
             FourthByte::Opaque | FourthByte::Mask => [0.0; 3],
         };

@@ -14,18 +14,18 @@ use crate::response::Responses;
 use crate::train::Trainer;
 use std::time::Instant;
 
-/// What one prune is asked to do.
+/// Parameters of one prune.
 #[derive(Clone, Copy, Debug)]
 pub struct PruneRequest<'a> {
-    /// How Gaussians are chosen.
+    /// Choice of Gaussians.
     pub compression: &'a Compression,
-    /// How many are kept, in the place of the compression's own number.
+    /// Number or share to keep, in place of the compression's own.
     pub keep: Keep,
     /// Key of all random numbers.
     pub seed: u32,
 }
 
-/// Prunes a model in training, by responses from `source`.
+/// Prunes a model in training, with responses from `source`.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -44,7 +44,7 @@ pub fn prune(
     Ok(record)
 }
 
-/// How strongly the training views depend on each Gaussian, with what else the selector reads.
+/// Responses of the training views to each Gaussian, and the scores that the selector reads.
 fn respond(trainer: &mut Trainer, source: ResponseSource, selector: Selector) -> Result<Responses, Error> {
     let averages = if source == ResponseSource::Average { trainer.averages()? } else { None };
     // Only selectors of other methods read scores, which averages lack.
@@ -55,7 +55,7 @@ fn respond(trainer: &mut Trainer, source: ResponseSource, selector: Selector) ->
     }
 }
 
-/// Prunes a model in training by responses that are known already.
+/// Prunes a model in training with given responses.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -76,18 +76,18 @@ pub fn prune_by(
     Ok(record)
 }
 
-/// What a prune keeps of a model.
+/// The result of planning a prune.
 pub struct PrunePlan {
-    /// What the blocks told, and how long that took.
+    /// Statistics of the blocks, and times.
     pub record: PruneRecord,
-    /// Whether each Gaussian is kept, n.
+    /// For each Gaussian, whether it is kept; n.
     pub keep: Vec<bool>,
-    /// The model, all n; where merging was asked for, the kept stand for the dropped too.
+    /// The model, all n; after merging, the kept Gaussians include the dropped ones' contributions.
     pub model: Gaussians,
 }
 
-/// Decides what to keep of `model`, which `resident` holds on the device: studies its blocks (partition, overlap,
-/// solution), selects, and merges where asked to.
+/// Decides which Gaussians of `model` to keep; `resident` is its copy on the device. Studies its blocks (partition,
+/// overlap, solution), selects, and merges if requested.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -101,7 +101,7 @@ pub fn plan(
     let begun = Instant::now();
     let PruneRequest { compression, keep, seed } = *request;
     let selector = compression.selector;
-    // Where blocks are solved anyway, the paper's eigenproblem comes with them: it tells how many modes they have.
+    // If blocks are solved anyway, the paper's eigenproblem is solved too: it gives their numbers of modes.
     let asked = [selector, Selector::Gnso];
     let asked = if selector.of_blocks().is_some() && selector != Selector::Gnso { &asked[..] } else { &asked[..1] };
     let observed = Observed { resident, model: &model, responses };
@@ -120,7 +120,7 @@ pub fn plan(
     Ok(PrunePlan { record, keep: choice.keep, model })
 }
 
-/// The figures of a study and of the choice made of it, before any iteration is known.
+/// The figures of a study and of its choice; the iteration is filled in later.
 fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
     let blocks = &study.partitioned.blocks;
     let (mut occupancy, mut kept_shares, mut modes) = (Vec::new(), [0; 10], [0; CHANNELS]);

@@ -1,4 +1,4 @@
-//! `qirf-vk render`: pictures of a model, from a scene's cameras or on a circle round it.
+//! `qirf-vk render`: pictures of a model, from a scene's cameras or on a circle around it.
 
 use super::evaluate::pictures::{self, Format};
 use super::session::Session;
@@ -15,10 +15,10 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Nearest depth of an orbit's pictures, as a share of the camera's distance.
+/// Near plane of an orbit's pictures, as a share of the camera's distance.
 const NEAR: f64 = 0.02;
 
-/// A picture to draw, and the file that it goes to.
+/// A picture to draw, and its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shot {
     /// Its camera.
@@ -27,30 +27,30 @@ pub struct Shot {
     pub path: PathBuf,
 }
 
-/// How pictures are drawn and written.
+/// Settings of drawing and writing pictures.
 #[derive(Clone, Copy, Debug)]
 pub struct RenderConfig {
     /// Image formation.
     pub settings: Settings,
     /// File format.
     pub format: Format,
-    /// Whether PNG files keep alpha in the place of a background.
+    /// True if PNG files keep alpha in place of a background.
     pub transparent: bool,
 }
 
-/// Cameras on a circle round a model.
+/// Cameras on a circle around a model.
 #[derive(Clone, Copy, Debug)]
 pub struct Orbit {
-    /// How many.
+    /// Number of cameras.
     pub count: u32,
     /// Field of view, elevation and picture size.
     pub look: Look,
-    /// Up in the world.
+    /// World direction that is up.
     pub up: DVec3,
 }
 
 impl Orbit {
-    /// The pictures of a model, below `folder`. The near plane of `config` comes closer where the model is small.
+    /// The pictures of a model, below `folder`. Moves the near plane of `config` closer for a small model.
     pub fn shots(&self, model: &Gaussians, folder: &Path, config: &mut RenderConfig) -> Vec<Shot> {
         let outline = outline(model, self.up);
         let Framing { height, distance } = outline.framing(&self.look);
@@ -66,7 +66,7 @@ impl Orbit {
 /// The pictures from a scene's cameras, below `folder`, named after its photos.
 ///
 /// # Errors
-/// [`Error::Usage`] where a picture would lie among the scene's own photos.
+/// [`Error::Usage`] if a picture would be written among the scene's own photos.
 pub fn scene_shots(scene: &Scene, resize: Resize, folder: &Path, format: Format) -> Result<Vec<Shot>, Error> {
     let names = pictures::names(scene.views.iter().map(|v| v.name.as_str()), format.extension());
     let shot = |(view, name): (&View, PathBuf)| Shot { camera: view.camera_at(resize), path: folder.join(name) };
@@ -75,7 +75,7 @@ pub fn scene_shots(scene: &Scene, resize: Resize, folder: &Path, format: Format)
     Ok(shots)
 }
 
-/// Refuses to put pictures where the scene's photos or masks lie.
+/// Refuses to write pictures into folders of the scene's photos or masks.
 fn refuse_photo_folders(scene: &Scene, shots: &[Shot]) -> Result<(), Error> {
     let folder = |p: &Path| p.parent().and_then(|p| std::fs::canonicalize(p).ok());
     let files = scene.views.iter().flat_map(|v| [Some(v.image.as_path()), v.mask.as_deref()]).flatten();
@@ -98,7 +98,7 @@ pub struct RenderTimes {
 /// Draws pictures of a model and writes them.
 ///
 /// # Errors
-/// Device memory; device errors; a disk that is full; [`Error::Interrupted`], with whole pictures left.
+/// Device memory; device errors; a full disk; [`Error::Interrupted`], which leaves only whole pictures.
 pub fn render(
     session: &Session<'_>,
     mut model: Gaussians,
@@ -106,7 +106,7 @@ pub fn render(
     config: &RenderConfig,
 ) -> Result<RenderTimes, Error> {
     if config.format == Format::Png {
-        // Bands that turn no colour by a step of eight bits are no work; arrays are drawn as the file has it.
+        // Skips bands that change no colour by a step of eight bits; `.npy` pictures are drawn from the full model.
         model.sh.truncate(model.degree_in_effect() + 1);
     }
     let [width, height] = camera::largest(shots.iter().map(|s| &s.camera));

@@ -9,11 +9,11 @@ use super::setup::Setup;
 use crate::error::Error;
 use crate::gaussians::formats;
 
-/// Trains, prunes where the configuration says so, evaluates and writes a run. With `resume` it goes on from the folder's
-/// checkpoint, if there is one, and ends with the same bytes as the unbroken run.
+/// Trains, prunes if configured, evaluates and writes a run. With `resume` it continues from the folder's checkpoint,
+/// if there is one, and gives the same bytes as an uninterrupted run.
 ///
 /// # Errors
-/// Anything from scene to disk; [`Error::Interrupted`] after a checkpoint.
+/// Any error from reading the scene to writing results; [`Error::Interrupted`] after a checkpoint.
 pub fn run(session: &Session<'_>, config: &RunConfig, output: &Output, resume: bool) -> Result<RunRecord, Error> {
     if let Init::Model(model) = &config.init {
         formats::refuse_overwrite(model, &output.model()).map_err(Error::writing)?;
@@ -23,7 +23,7 @@ pub fn run(session: &Session<'_>, config: &RunConfig, output: &Output, resume: b
     let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
     run.train(setup.config.schedule.iterations)?;
     let record = run.finish()?;
-    // The run is whole: nothing is left to go on from.
+    // The run is complete: its checkpoint is no longer needed.
     let _ = std::fs::remove_file(output.checkpoint());
     Ok(record)
 }

@@ -1,4 +1,4 @@
-//! What every job is given besides its own configuration.
+//! The context of every job besides its own configuration.
 
 use super::records::Memory;
 use super::watcher::{Silent, Watcher};
@@ -7,14 +7,14 @@ use crate::metrics::Networks;
 use crate::scene::PhotoMemory;
 use std::path::Path;
 
-/// The host's memory in bytes, where the system does not tell.
+/// Assumed host memory in bytes, if the system does not report it.
 const HOST: u64 = 8 << 30;
-/// Share of it that decoded photos may take.
+/// Divisor of it that gives the memory for decoded photos.
 const HOST_SHARE: u64 = 4;
-/// The device, the limits and the audience of a job.
+/// The device, the limits and the watcher of a job.
 #[derive(Clone, Copy)]
 pub struct Session<'a> {
-    /// The device that it runs on.
+    /// The device.
     pub device: &'a Device,
     /// The networks of LPIPS.
     pub networks: &'a Networks,
@@ -25,29 +25,29 @@ pub struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// A session that says nothing, whose photos may take a quarter of the host's memory.
+    /// A session that prints nothing, whose photos may take a quarter of the host's memory.
     pub fn new(device: &'a Device, networks: &'a Networks) -> Self {
         Self { device, networks, host_bytes: host_bytes(None), watcher: &Silent }
     }
 
-    /// The memory that decoded photos may take; beyond it they go to a temporary file in `folder`.
+    /// The memory limit of decoded photos, and the `folder` of the temporary file for the rest.
     pub fn photo_memory<'f>(&self, folder: &'f Path) -> PhotoMemory<'f> {
         PhotoMemory { bytes: self.host_bytes, folder }
     }
 
-    /// The device's memory so far, beside an estimate made before the start.
+    /// The device's memory use so far, with an estimate made before the start.
     pub fn memory(&self, estimated_bytes: u64) -> Memory {
         Memory { estimated_bytes, peak_bytes: self.device.memory_used().1, limit_bytes: self.device.memory_limit() }
     }
 }
 
-/// Bytes of the host's memory that decoded photos may take: a quarter of it, or the budget given, if that is less.
+/// Bytes of the host's memory that decoded photos may take: a quarter of it, or the given budget if that is less.
 pub fn host_bytes(given: Option<u64>) -> u64 {
     let quarter = physical().unwrap_or(HOST) / HOST_SHARE;
     given.map_or(quarter, |given| given.min(quarter))
 }
 
-/// Bytes of memory of this machine, or of the container that the program runs in; none where the system does not tell.
+/// Bytes of memory of this machine, or of the program's container; none if the system does not report it.
 fn physical() -> Option<u64> {
     let info = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = info.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;

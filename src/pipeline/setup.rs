@@ -1,4 +1,4 @@
-//! The prologue that runs share: checkpoint, scene, estimate of memory, photos, effects.
+//! The setup that runs share: checkpoint, scene, estimate of memory, photos, effects.
 
 use super::checkpoint::Checkpoint;
 use super::config::RunConfig;
@@ -10,32 +10,32 @@ use crate::effects::Decision;
 use crate::error::Error;
 use std::time::Instant;
 
-/// A scene ready to train on, with all that its runs share.
+/// A scene ready to train on, with the data that its runs share.
 pub struct Setup<'a> {
-    /// Device, limits and audience.
+    /// Device, limits and watcher.
     pub session: Session<'a>,
-    /// The configuration, with what was decided on effects.
+    /// The configuration, with the decisions on effects.
     pub config: RunConfig,
     /// The scene's views.
     pub prepared: Prepared,
-    /// Device memory that was expected before the start, in bytes.
+    /// Estimated device memory in bytes.
     pub estimated_bytes: u64,
-    /// What was decided on each effect.
+    /// The decision on each effect.
     pub decisions: Vec<Decision>,
-    /// By training view: gains of red, green and blue relative to the other views, as measured.
+    /// For each training view, the measured gains of red, green and blue relative to the other views.
     pub gains: Vec<[f32; 3]>,
-    /// When the job began.
+    /// Start time of the job.
     pub begun: Instant,
-    /// Seconds until the photos were there.
+    /// Seconds until the photos were loaded.
     pub load_s: f64,
 }
 
 impl<'a> Setup<'a> {
     /// Opens the scene of `config`, checks that a run on it fits the device, decodes its photos and decides on its effects.
-    /// Also returns what training begins with: with `resume`, the checkpoint in `output`, if there is one.
+    /// Also returns the initial state of training: with `resume`, the checkpoint in `output`, if there is one.
     ///
     /// # Errors
-    /// What the scene's readers refuse; too little device memory; no photo to train on; a full disk; a checkpoint that
+    /// Errors of the scene's readers; too little device memory; no photo to train on; a full disk; a checkpoint that
     /// cannot be read.
     pub fn load(
         session: &Session<'a>,
@@ -61,7 +61,7 @@ impl<'a> Setup<'a> {
         Ok((setup, start))
     }
 
-    /// Writes `config.toml`, once it is sure that `start` is of this configuration.
+    /// Writes `config.toml`, after a check that `start` belongs to this configuration.
     ///
     /// # Errors
     /// [`Error::OtherRun`]; [`Error::Write`].

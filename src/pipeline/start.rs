@@ -1,4 +1,4 @@
-//! The Gaussians that training begins with.
+//! The initial Gaussians of training.
 
 use super::checkpoint::Checkpoint;
 use super::config::{Init, RunConfig};
@@ -8,24 +8,24 @@ use crate::gaussians::{Gaussians, formats};
 use crate::scene::SceneKind;
 use crate::train::initialise::{self, Seed};
 
-/// Random points for each pixel of a picture, and the bounds of their number.
+/// Number of random points per pixel of a picture, and its bounds.
 const POINTS_PER_PIXEL: f64 = 0.3;
 const POINTS: (usize, usize) = (5_000, 100_000);
 
-/// What training begins with, before any photo is looked at.
+/// Initial state of training, before any photo is read.
 pub enum Start {
-    /// This model.
+    /// The given model.
     Model(Gaussians),
-    /// The scene's points: so many.
+    /// The given number of the scene's points.
     Points(usize),
-    /// So many random points.
+    /// The given number of random points.
     Random(usize),
-    /// A run that was broken off.
+    /// An interrupted run.
     Resumed(Box<Checkpoint>),
 }
 
 impl Start {
-    /// What the configuration says of this scene.
+    /// The initial state that the configuration selects for this scene.
     ///
     /// # Errors
     /// A model that cannot be read.
@@ -38,13 +38,13 @@ impl Start {
                 let pixels = opened.train_pixels().into_iter().max().unwrap_or(0) as f64;
                 let count = (pixels * POINTS_PER_PIXEL) as usize;
                 let count = config.init_count.unwrap_or(count.clamp(POINTS.0, POINTS.1));
-                // More would be drawn only to be thinned.
+                // More would only be thinned out again.
                 Self::Random(count.min(config.max_gaussians))
             }
         })
     }
 
-    /// How many Gaussians that is.
+    /// The number of Gaussians.
     pub fn len(&self) -> usize {
         match self {
             Self::Model(model) => model.len(),
@@ -53,7 +53,7 @@ impl Start {
         }
     }
 
-    /// Whether that is none.
+    /// Returns true if there are no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -68,10 +68,10 @@ impl Start {
     }
 }
 
-/// The Gaussians that training begins with.
+/// The initial Gaussians of training.
 ///
 /// # Errors
-/// Cameras that leave no place for random points.
+/// Cameras that leave no room for random points.
 pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Result<Gaussians, Error> {
     let blender = prepared.scene.kind == SceneKind::Blender;
     let seeds = match start {

@@ -16,25 +16,25 @@ use crate::scene::{Photo, Pixels};
 use glam::DVec3;
 use std::ops::RangeInclusive;
 
-/// Heights of the cameras above the horizon, in radians: captures look level or down, seldom from below.
+/// Elevations of the cameras above the horizon, in radians: captures look level or down, seldom from below.
 const ELEVATIONS: RangeInclusive<f64> = -0.35..=1.22;
 /// Vertical field of view in radians.
 const FIELD_OF_VIEW: f64 = 0.7;
-/// From one camera to the next, in turns: the golden angle, which never repeats a direction.
+/// Turn from one camera to the next, as a share of a full turn: the golden angle, which never repeats a direction.
 const TURN: f64 = 0.381_966_011_250_105;
-/// Nearest depth that is drawn, as a share of the camera's distance.
+/// Near plane, as a share of the camera's distance.
 const NEAR: f64 = 0.02;
 /// Every eighth view is held out, as of photos.
 const HOLD_OUT: usize = 8;
 
-/// Views asked for.
+/// Parameters of virtual cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VirtualCameras {
-    /// How many, those held out among them.
+    /// Number of views, including those held out.
     pub views: u32,
     /// Width and height in pixels.
     pub size: (u32, u32),
-    /// Up in the world.
+    /// World direction that is up.
     pub up: DVec3,
 }
 
@@ -45,17 +45,17 @@ impl Default for VirtualCameras {
 }
 
 impl VirtualCameras {
-    /// Cameras all round the model, and how it is rendered from there in a style: over a background, red, green and blue.
+    /// Cameras all around the model, and the settings of rendering in a style over a background of red, green and blue.
     pub fn views(&self, model: &Gaussians, background: [f32; 3], style: Style) -> (Vec<Camera>, Settings) {
         let (cameras, near) = self.cameras(model);
         let settings = style.over(background);
-        // A model in small units must not fall before the near plane.
+        // A model in small units must not lie in front of the near plane.
         let near = settings.near.min(near as f32);
         (cameras, Settings { near, ..settings })
     }
 
-    /// Cameras spread evenly over a band of a sphere round the model, each near enough to fill its picture; and the near
-    /// plane that suits them.
+    /// Cameras spread evenly over a band of a sphere around the model, each near enough to fill its picture; and the
+    /// near plane that suits them.
     fn cameras(&self, model: &Gaussians) -> (Vec<Camera>, f64) {
         let outline = outline(model, self.up);
         let mut nearest = f64::INFINITY;
@@ -77,14 +77,14 @@ impl VirtualCameras {
 
 /// A model's own pictures from all around it.
 pub struct OwnPictures {
-    /// Views to learn from; without pixels where those were not asked for.
+    /// Training views; without pixels unless those were requested.
     pub train: Vec<Photo>,
     /// Views held out, by name.
     pub test: Vec<(String, Photo)>,
 }
 
 impl OwnPictures {
-    /// Draws them; cameras and settings are those of [`VirtualCameras::views`].
+    /// Draws the pictures; cameras and settings are those of [`VirtualCameras::views`].
     ///
     /// # Errors
     /// Device memory; device errors; [`Error::Interrupted`].
@@ -123,7 +123,7 @@ pub fn photo(image: &Image) -> Pixels {
     rgb(image).chunks_exact(3).flat_map(|p| [byte(&p[0]), byte(&p[1]), byte(&p[2]), 255]).collect()
 }
 
-/// Responses of a model to its own pictures, and where asked for other methods' scores: a pass over the cameras.
+/// Responses of a model to its own pictures, and on request the scores of other methods: a pass over the cameras.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].

@@ -1,23 +1,23 @@
-//! Progress of a job, and the wish to end it early.
+//! Progress of a job, and requests to end it early.
 
 use crate::error::Error;
 use crate::train::Progress;
 
-/// Follows a job; every method may be left out.
+/// Follows a job; every method has a default.
 pub trait Watcher {
-    /// Photos decoded so far, of how many.
+    /// Photos decoded so far, and their total.
     fn loading(&self, _done: usize, _total: usize) {}
-    /// Where training stands, and the iteration at which it ends.
+    /// Progress of training, and the iteration at which it ends.
     fn training(&self, _progress: &Progress, _until: u32) {}
-    /// Views that gave their responses so far, of how many.
+    /// Views whose responses are computed so far, and their total.
     fn responding(&self, _done: usize, _total: usize) {}
-    /// Held-out views scored so far, of how many.
+    /// Held-out views scored so far, and their total.
     fn evaluating(&self, _done: usize, _total: usize) {}
-    /// Pictures written so far, of how many.
+    /// Pictures written so far, and their total.
     fn rendering(&self, _done: usize, _total: usize) {}
-    /// A line worth reading.
+    /// A line for the user.
     fn note(&self, _line: &str) {}
-    /// Whether to end early; training does so after a checkpoint.
+    /// Returns true to end early; training then writes a checkpoint first.
     fn stop(&self) -> bool {
         false
     }
@@ -31,7 +31,7 @@ pub trait Watcher {
     }
 }
 
-/// Says nothing, and never ends a job.
+/// Prints nothing, and never ends a job.
 pub struct Silent;
 
 impl Watcher for Silent {}

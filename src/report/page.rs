@@ -62,7 +62,7 @@ pub struct Tile {
     pub label: &'static str,
     /// Value with its unit.
     pub value: String,
-    /// What to compare it with.
+    /// A value or note for comparison.
     pub note: String,
 }
 

@@ -13,7 +13,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk inspect model.ply
   qirf-vk inspect capture --json";
 
-/// Show what a model or a scene holds.
+/// Show the contents of a model or a scene.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -38,7 +38,7 @@ impl Arguments {
     }
 }
 
-/// Folders and JSON files are scenes, save for SOG's `meta.json` and the folder that holds it.
+/// Returns true for folders and JSON files, except for SOG's `meta.json` and the folder that contains it.
 pub(super) fn is_scene(path: &Path) -> bool {
     if path.is_dir() {
         return !path.join("meta.json").is_file();
@@ -47,7 +47,7 @@ pub(super) fn is_scene(path: &Path) -> bool {
     json && path.file_name().is_some_and(|n| n != "meta.json")
 }
 
-/// Reads a model; devices and pipes, which may never end, are refused.
+/// Reads a model; refuses devices and pipes, which may never end.
 fn read(path: &Path) -> Result<Loaded, Error> {
     let data = std::fs::metadata(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
     if !data.is_file() && !data.is_dir() {
@@ -56,7 +56,7 @@ fn read(path: &Path) -> Result<Loaded, Error> {
     Ok(formats::read(path)?)
 }
 
-/// Reads a model and warns of what was repaired.
+/// Reads a model and warns of repairs.
 pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error> {
     let loaded = read(path)?;
     if loaded.repairs.any() {
@@ -68,10 +68,10 @@ pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error
     Ok(loaded)
 }
 
-/// Lines of a list that a person is shown.
+/// Largest number of lines of a list that are printed.
 const LIST_LINES: usize = 6;
 
-/// Prints a JSON document for people: a line a field, lists of objects below one another.
+/// Prints a JSON document as text: one line per field, lists of objects below one another.
 fn print(console: &Console, document: &Value) -> Result<(), Error> {
     for (name, field) in document.as_object().into_iter().flatten() {
         if name == "effects" {
@@ -93,7 +93,7 @@ fn print(console: &Console, document: &Value) -> Result<(), Error> {
     Ok(())
 }
 
-/// Prints what was decided on each effect, and why.
+/// Prints the decision on each effect, with the reason.
 fn effects(console: &Console, decisions: &Value) -> Result<(), Error> {
     for (i, d) in decisions.as_array().into_iter().flatten().enumerate() {
         let text = |key: &str| d[key].as_str().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What a model holds: counts, bounds, and how opacity and size are spread.
+//! Contents of a model: counts, bounds, and the distributions of opacity and size.
 
 use crate::error::Error;
 use crate::gaussians::Gaussians;
@@ -7,7 +7,7 @@ use crate::pipeline::effects;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Shares at which quantiles are told.
+/// Shares at which quantiles are reported.
 const SHARES: [(f64, &str); 7] =
     [(0.0, "min"), (0.01, "p01"), (0.1, "p10"), (0.5, "p50"), (0.9, "p90"), (0.99, "p99"), (1.0, "max")];
 
@@ -46,7 +46,7 @@ pub(super) fn describe(path: &Path, loaded: &Loaded) -> Result<Value, Error> {
     }))
 }
 
-/// Bytes on disk; of a folder, those of its files.
+/// Bytes on disk; for a folder, those of its files.
 fn bytes(path: &Path) -> Result<u64, Error> {
     let read = |source| Error::Read { path: path.to_owned(), source };
     let folder = if path.is_dir() {
@@ -70,7 +70,7 @@ fn rms(values: &[f32]) -> f64 {
     (sum / values.len().max(1) as f64).sqrt()
 }
 
-/// Quantiles by name; none of no values.
+/// Quantiles by name; none if there are no values.
 fn quantiles(mut values: Vec<f64>) -> Value {
     if values.is_empty() {
         return Value::Null;

@@ -1,4 +1,4 @@
-//! What a scene holds: views, cameras, points, what was left out, and the split.
+//! Contents of a scene: views, cameras, points, skipped parts, and the split.
 
 use crate::error::Error;
 use crate::pipeline::effects;
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The scene as one document; training photos are looked at for the effects that they call for.
+/// The scene as one document; reads training photos to decide which effects they call for.
 pub(super) fn describe(path: &Path, images: Option<PathBuf>) -> Result<Value, Error> {
     let scene = Scene::open(path, &OpenOptions { images, undistort: None })?;
     let mut sizes: BTreeMap<(u32, u32), usize> = BTreeMap::new();
@@ -50,7 +50,7 @@ fn camera(id: u32, view: &View, views: usize) -> Value {
         "views": views,
         "size": format!("{}x{}", lens.width, lens.height),
         "focal": [lens.focal.x, lens.focal.y],
-        // Infinite displacement has no JSON number.
+        // JSON has no infinite number.
         "distortion_px": if moved.is_finite() { json!(moved) } else { json!("infinite") },
         "undistorted": view.undistorts(),
     })

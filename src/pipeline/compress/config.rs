@@ -1,4 +1,4 @@
-//! What a compression is asked to do.
+//! Configuration of a compression.
 
 use crate::pipeline::config::{Compression, Selection};
 use crate::pipeline::virtual_views::VirtualCameras;
@@ -7,11 +7,11 @@ use crate::render::Style;
 /// How a model is compressed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompressConfig {
-    /// How Gaussians are chosen.
+    /// Choice of Gaussians.
     pub compression: Compression,
-    /// Views that the model is judged by.
+    /// Views that the model is scored on.
     pub views: ViewSource,
-    /// How it is rendered: as the model was trained.
+    /// Style of rendering: the one that the model was trained with.
     pub style: Style,
     /// Iterations of training after the prune.
     pub fine_tune: u32,
@@ -19,7 +19,7 @@ pub struct CompressConfig {
     pub seed: u32,
 }
 
-/// Where the views come from that a model is judged by.
+/// Source of the views that a model is scored on.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ViewSource {
     /// A scene's photos.

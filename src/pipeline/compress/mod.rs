@@ -20,7 +20,7 @@ use std::path::Path;
 use std::time::Instant;
 use views::Views;
 
-/// A model, the file it was read from, and how long that took.
+/// A model, the file it was read from, and the time of reading.
 pub struct Input<'a> {
     /// The file.
     pub path: &'a Path,
@@ -33,7 +33,7 @@ pub struct Input<'a> {
 /// Compresses a model and writes it to `output`, whose extension decides the format.
 ///
 /// # Errors
-/// Anything from scene to disk; [`Error::Interrupted`], with nothing written.
+/// Any error from reading the model to writing it; [`Error::Interrupted`], with nothing written.
 pub fn compress(
     session: &Session<'_>,
     input: Input<'_>,
@@ -104,7 +104,7 @@ fn seconds(since: Instant) -> f64 {
     since.elapsed().as_secs_f64()
 }
 
-/// A share of few Gaussians rounds to none, which is no model.
+/// Keeps at least one Gaussian: a share of a few may round to none, which is no model.
 fn at_least_one(keep: Keep, gaussians: usize) -> Keep {
     match keep {
         Keep::Share(share) if share * (gaussians as f64) < 1.0 => Keep::Count(1),

@@ -10,11 +10,11 @@ use crate::pipeline::records::Truth;
 use crate::pipeline::session::Session;
 use std::time::Instant;
 
-/// Scores models by the held-out views.
+/// Scores models on the held-out views.
 pub struct Scoring<'a> {
     session: &'a Session<'a>,
     views: &'a Views,
-    /// Views to score in all stages together, and those scored so far.
+    /// Number of views to score in all stages together, and of those scored so far.
     total: usize,
     done: usize,
     /// Seconds spent so far.

@@ -1,4 +1,4 @@
-//! What a compression learns from its training views: responses for the prune, and the kept Gaussians after it.
+//! Training stages of a compression: responses for the prune, and fine-tuning of the kept Gaussians.
 
 use super::config::CompressConfig;
 use super::views::Views;
@@ -17,8 +17,7 @@ use crate::train::loss::Weights;
 use crate::train::schedule::Schedule;
 use crate::train::{Options, Trainer};
 
-/// How strongly the training views depend on each Gaussian; also returns the model on the device, which `resident` holds
-/// before.
+/// Responses of the training views to each Gaussian; also returns the model on the device, given as `resident`.
 pub fn respond(
     session: &Session<'_>,
     model: &Gaussians,
@@ -29,7 +28,7 @@ pub fn respond(
     let Session { device, watcher, .. } = *session;
     let with_scores = config.compression.selector.reads_scores();
     if views.truth == Truth::Photos {
-        // A trainer has the model in its own memory: twice would be too much.
+        // A trainer has its own copy of the model: two copies would be too much.
         drop(resident);
         let mut trainer = trainer(device, model, views, config)?;
         let responses = trainer.responses_with(with_scores, |done| -> Result<(), Error> {
@@ -43,7 +42,7 @@ pub fn respond(
     Ok((responses, resident))
 }
 
-/// Trains the kept Gaussians on.
+/// Trains the kept Gaussians further.
 pub fn fine_tune(
     session: &Session<'_>,
     model: &Gaussians,
@@ -63,7 +62,8 @@ pub fn fine_tune(
 fn trainer(device: &Device, model: &Gaussians, views: &Views, config: &CompressConfig) -> Result<Trainer, Error> {
     let end = Schedule::default().position_rate_end;
     let options = Options {
-        // A trained model goes on where training ends: positions move as slowly, and its number is settled.
+        // A trained model continues with the rates of the end of training: positions move as slowly, and its number is
+        // fixed.
         schedule: Schedule {
             iterations: config.fine_tune,
             position_rate: end,

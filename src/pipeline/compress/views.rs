@@ -1,4 +1,4 @@
-//! The views that a compression judges a model by.
+//! The views that a compression scores a model on.
 
 use super::config::{CompressConfig, ViewSource};
 use crate::error::Error;
@@ -18,7 +18,7 @@ use crate::scene::{Photo, camera};
 /// Training and held-out views of a compression.
 pub struct Views {
     pub truth: Truth,
-    /// Views of responses and fine-tuning; the model's own pictures have pixels only where there is fine-tuning.
+    /// Views of responses and fine-tuning; the model's own pictures have pixels only if there is fine-tuning.
     pub train: Vec<Photo>,
     pub test: Vec<(String, Photo)>,
     /// Scale of the positions' learning rate.
@@ -90,7 +90,7 @@ impl Views {
         Ok((Self { truth: Truth::OwnPictures, train, test, extent, settings, estimated_bytes }, resident))
     }
 
-    /// How the figures came about.
+    /// Conditions of the measurement.
     pub fn protocol(&self, config: &CompressConfig) -> CompressProtocol {
         let views = self.train.iter().chain(self.test.iter().map(|(_, view)| view));
         CompressProtocol {
@@ -106,7 +106,8 @@ impl Views {
         }
     }
 
-    /// The held-out views with their scores before the prune, after it, and after fine-tuning, each absent or one a view.
+    /// The held-out views with their scores before the prune, after it, and after fine-tuning; each list is empty or
+    /// has one entry per view.
     pub fn stages(&self, scores: [Vec<Scores>; 3]) -> Vec<ViewStages> {
         let [mut before, mut pruned, mut fine_tuned] = scores.map(Vec::into_iter);
         let mut next = || StageScores { before: before.next(), pruned: pruned.next(), fine_tuned: fine_tuned.next() };

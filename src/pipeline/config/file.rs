@@ -9,7 +9,7 @@ impl RunConfig {
     /// Reads a `config.toml`.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Usage`] with the file and the line or the field that cannot be.
+    /// [`Error::Read`]; [`Error::Usage`] with the file and the line or the field that is wrong.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         let wrong = |what: String| Error::Usage(format!("{}: {what}", path.display()));
@@ -21,7 +21,7 @@ impl RunConfig {
     /// The text of `config.toml`.
     ///
     /// # Errors
-    /// [`Error::Encode`] for values that TOML cannot hold, such as a path that is not UTF-8.
+    /// [`Error::Encode`] for values that TOML cannot represent, such as a path that is not UTF-8.
     pub fn written(&self) -> Result<String, Error> {
         toml::to_string(self).map_err(|e| Error::encoding("config.toml", e))
     }
@@ -55,7 +55,8 @@ mod tests {
         }
     }
 
-    /// The keys and their order are those of all earlier versions: a style lies among them, not in a table of its own.
+    /// The keys and their order are those of all earlier versions: a style's keys are among them, not in a table of
+    /// their own.
     #[test]
     fn what_was_written_is_read_back() {
         let text = config().written().unwrap();
@@ -81,7 +82,7 @@ mod tests {
     #[test]
     fn unknown_and_absent_keys_are_refused_by_name() {
         let text = config().written().unwrap();
-        // Files from before the effect was there.
+        // Files from before the effect existed.
         let older = text.replace("depth_order = false\n", "");
         assert_eq!(toml::from_str::<RunConfig>(&older).unwrap(), config());
         for (text, key) in [

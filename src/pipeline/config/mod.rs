@@ -1,4 +1,4 @@
-//! What jobs are asked to do, as `config.toml` and the command line have it.
+//! Configurations of jobs, as in `config.toml` and on the command line.
 
 mod file;
 mod pruning;

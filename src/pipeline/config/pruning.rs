@@ -1,4 +1,4 @@
-//! How a model is pruned, and when a run prunes.
+//! How and when a model is pruned.
 
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
@@ -6,19 +6,19 @@ use crate::qirf::select::budget::{Budget, Keep};
 use crate::qirf::study::Basis;
 use serde::{Deserialize, Serialize};
 
-/// How Gaussians are chosen.
+/// Choice of Gaussians.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Compression {
-    /// What they are ranked by.
+    /// Selector that ranks them.
     pub selector: Selector,
-    /// How the count is divided among blocks.
+    /// Division of the count among blocks.
     pub budget: Budget,
-    /// How many are kept.
+    /// Number or share to keep.
     pub keep: Keep,
     /// Share of all Gaussians that the detail safeguard keeps.
     pub detail: f64,
-    /// Whether the kept stand for the dropped too, where that makes a block's error smaller.
+    /// True if dropped Gaussians are merged into kept ones where that reduces a block's error.
     pub merge: bool,
     /// Blocks and their solution.
     pub basis: Basis,
@@ -38,7 +38,7 @@ impl Default for Compression {
 }
 
 impl Compression {
-    /// Every choice as the paper has it.
+    /// Every choice as in the paper.
     pub fn paper() -> Self {
         Self {
             selector: Selector::Gnso,
@@ -51,7 +51,7 @@ impl Compression {
     }
 }
 
-/// Where responses come from.
+/// Source of the responses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ResponseSource {
@@ -66,15 +66,15 @@ pub enum ResponseSource {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Pruning {
-    /// Shares of the run at which it prunes, rising; the counts fall by equal factors from one to the next.
+    /// Shares of the run at which it prunes, ascending; the counts fall by equal factors from one prune to the next.
     pub at: Vec<f64>,
-    /// Where responses come from.
+    /// Source of the responses.
     pub responses: ResponseSource,
     /// Share of the run from which they are averaged.
     pub average_from: f64,
     /// Weight of the mean squared error in the loss of the fine-tuning.
     pub l2: f64,
-    /// How Gaussians are chosen.
+    /// Choice of Gaussians.
     pub compression: Compression,
 }
 
@@ -96,7 +96,7 @@ impl Default for Pruning {
 }
 
 impl Pruning {
-    /// Every choice as the paper has it.
+    /// Every choice as in the paper.
     pub fn paper() -> Self {
         Self { responses: ResponseSource::Average, compression: Compression::paper(), ..Self::default() }
     }
@@ -111,7 +111,7 @@ impl Pruning {
         at
     }
 
-    /// What prune number `step` (from 0) of `steps` keeps of the `now` Gaussians there are.
+    /// Number or share that prune number `step` (from 0) of `steps` keeps of the current `now` Gaussians.
     pub fn keep(&self, step: usize, steps: usize, now: usize) -> Keep {
         let left = steps.saturating_sub(step).max(1) as f64;
         let target = match self.compression.keep {

@@ -1,5 +1,5 @@
-//! What the numbers of a `config.toml` may be: the same as on the command line, and finite. A file that was edited or
-//! damaged is refused by field, before any work.
+//! Ranges of the numbers in a `config.toml`: the same as on the command line, and finite. A file that was edited or
+//! damaged is refused with the name of the field, before any work.
 
 use super::pruning::{Compression, Pruning};
 use super::run::RunConfig;
@@ -12,7 +12,7 @@ use std::ops::RangeInclusive;
 
 /// Longest run.
 pub const MOST_ITERATIONS: u32 = 1_000_000;
-/// Most Gaussians: they are counted in 32 bits, and moments of SH bands hold 42 numbers of each.
+/// Largest number of Gaussians: they are counted in 32 bits, and moments of SH bands have 42 numbers each.
 pub const MOST_GAUSSIANS: usize = 100_000_000;
 /// Members of the largest block: its matrix is square.
 const BLOCK: RangeInclusive<usize> = 16..=8000;
@@ -22,7 +22,7 @@ const SHARE: RangeInclusive<f64> = 0.0..=1.0;
 /// Numbers of 0 or more.
 const WEIGHT: RangeInclusive<f64> = 0.0..=1e6;
 
-/// Refuses a value outside its range; NaN lies in none.
+/// Refuses a value outside its range, and NaN.
 fn within<T: Copy + PartialOrd + Display>(field: &str, value: T, range: &RangeInclusive<T>) -> Result<(), String> {
     if range.contains(&value) {
         return Ok(());
@@ -33,7 +33,7 @@ fn within<T: Copy + PartialOrd + Display>(field: &str, value: T, range: &RangeIn
 /// Checks every number of a configuration.
 ///
 /// # Errors
-/// The field, its value, and what it may be.
+/// The field, its value, and its range.
 pub fn check(config: &RunConfig) -> Result<(), String> {
     within("sh_degree", config.sh_degree, &(0..=MAX_SH_DEGREE))?;
     within("max_gaussians", config.max_gaussians, &(1..=MOST_GAUSSIANS))?;
@@ -167,7 +167,7 @@ mod tests {
             check(&config).expect_err("must be refused")
         };
         let pruned = |f: fn(&mut Pruning)| with(&|c| c.prune.iter_mut().for_each(f));
-        // The share's iteration + 1 left 32 bits.
+        // The iteration at this share, plus 1, would exceed 32 bits.
         assert!(pruned(|p| p.average_from = 1e9).starts_with("prune.average_from = 1000000000:"));
         assert!(pruned(|p| p.at = vec![0.4, 0.2]).contains("from 0.4 to 1"));
         assert!(pruned(|p| p.at = vec![f64::NAN]).contains("prune.at"));

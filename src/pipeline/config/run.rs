@@ -1,4 +1,4 @@
-//! A run's configuration: what `config.toml` holds, and what reproduces the run.
+//! A run's configuration: the contents of `config.toml`, which reproduce the run.
 
 use super::pruning::Pruning;
 use crate::effects::{Choice, Effect, Overrides};
@@ -7,7 +7,7 @@ use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// A named choice of schedule.
+/// A preset of the schedule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
@@ -17,12 +17,12 @@ pub enum Preset {
     /// The 3DGS reference's: 30,000 iterations, densification to 15,000
     #[default]
     Standard,
-    /// A look at the scene: 2,000 iterations
+    /// A quick look at the scene: 2,000 iterations
     Quick,
 }
 
 impl Preset {
-    /// How the preset prunes.
+    /// The preset's pruning.
     pub fn pruning(self) -> Pruning {
         match self {
             Self::Paper => Pruning::paper(),
@@ -30,8 +30,8 @@ impl Preset {
         }
     }
 
-    /// What the preset decides on effects, all else being left to the scene: no anti-aliasing, since viewers draw plain models
-    /// unless they are told otherwise. The paper's has degree 3 and no exposures.
+    /// The preset's decisions on effects; all others are left to the scene. No anti-aliasing, since viewers draw plain
+    /// models by default. The paper's preset has degree 3 and no exposures.
     pub fn effects(self) -> Overrides {
         let mut out = Overrides::default();
         out.set(Effect::Antialias, Choice::Off);
@@ -42,11 +42,11 @@ impl Preset {
         out
     }
 
-    /// The preset's schedule, scaled to another length where one is asked for.
+    /// The preset's schedule, scaled to another length if one is given.
     pub fn schedule(self, iterations: Option<u32>) -> Schedule {
         let whole = Schedule::default();
         match self {
-            // The rates that were published, whatever the length.
+            // The published rates, at any length.
             Self::Paper => {
                 let iterations = iterations.unwrap_or(whole.iterations);
                 Schedule { iterations, densify_until: 13.0 / 30.0, ..whole }
@@ -57,84 +57,84 @@ impl Preset {
     }
 }
 
-/// Where training begins.
+/// Initial Gaussians of training.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Init {
-    /// On the reconstruction's points; random ones where the scene has none.
+    /// On the reconstruction's points; on random points if the scene has none.
     Points,
-    /// On random points where several cameras look.
+    /// On random points in the region where several cameras look.
     Random,
     /// On a model.
     Model(PathBuf),
 }
 
-/// All that reproduces a run.
+/// Everything that reproduces a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunConfig {
     /// The scene's folder or file.
     pub scene: PathBuf,
-    /// Photo folder, where not the scene's own.
+    /// Photo folder, if not the scene's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub images: Option<PathBuf>,
-    /// Width of the pictures, or a divisor of the photos' size as `/K`; full size where absent.
+    /// Width of the pictures, or a divisor of the photos' size as `/K`; full size if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<String>,
     /// Key of all random numbers.
     pub seed: u32,
-    /// Every how many-th photo is held out; 0 holds none out.
+    /// Every n-th photo is held out; 0 holds none out.
     pub eval_every: usize,
-    /// Highest SH degree; lower where the scene does not call for it.
+    /// Highest SH degree; lower if the scene does not call for it.
     pub sh_degree: usize,
-    /// Where training begins.
+    /// Initial Gaussians of training.
     pub init: Init,
-    /// Random points; by image size where absent.
+    /// Number of random points; by image size if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub init_count: Option<usize>,
-    /// Colour behind everything; white for photos with alpha and black for others where absent.
+    /// Background colour; if absent, white for photos with alpha and black for others.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub background: Option<[f32; 3]>,
-    /// Effects that the model is trained and rendered with: the user's choice, or the decision where that is left to the
+    /// Effects that the model is trained and rendered with: the user's choice, or the decision if that is left to the
     /// scene.
     #[serde(flatten)]
     pub style: Style,
-    /// Whether each photo gets an exposure of its own: what was decided, where that is left to the scene.
+    /// True if each photo has its own exposure: the user's choice, or the decision if that is left to the scene.
     #[serde(default)]
     pub exposure: bool,
-    /// No more Gaussians than this.
+    /// Largest number of Gaussians.
     pub max_gaussians: usize,
-    /// Iterations between checkpoints; 0 for none but when interrupted.
+    /// Iterations between checkpoints; with 0 only an interruption writes one.
     pub checkpoint_every: u32,
-    /// Course of the optimisation.
+    /// Schedule of the optimisation.
     pub schedule: Schedule,
-    /// When and how it prunes; never where absent.
+    /// When and how it prunes; never if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prune: Option<Pruning>,
-    /// What the user decided on effects; the scene decides on all others.
+    /// The user's decisions on effects; the scene decides on all others.
     #[serde(default, skip_serializing_if = "Overrides::is_empty")]
     pub effects: Overrides,
 }
 
-/// Which pictures of which scene.
+/// Selection of a scene's pictures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Selection {
     /// The scene's folder or file.
     pub scene: PathBuf,
-    /// Photo folder, where not the scene's own.
+    /// Photo folder, if not the scene's own.
     pub images: Option<PathBuf>,
-    /// Width of the pictures, or a divisor of the photos' size as `/K`; full size where absent.
+    /// Width of the pictures, or a divisor of the photos' size as `/K`; full size if absent.
     pub resolution: Option<String>,
-    /// Every how many-th photo is held out; 0 holds none out.
+    /// Every n-th photo is held out; 0 holds none out.
     pub eval_every: usize,
-    /// Colour behind everything; by the photos where absent.
+    /// Background colour; by the photos if absent.
     pub background: Option<[f32; 3]>,
-    /// What the user decided on effects: on undistortion, transparency and masks.
+    /// The user's decisions on effects; those on undistortion, transparency and masks are used.
     pub effects: Overrides,
 }
 
 impl RunConfig {
-    /// The same run, pruned: nothing grows any more once the first prune is due.
+    /// The same run with pruning: densification ends at the first prune.
     #[must_use]
     pub fn pruned(mut self, pruning: Pruning) -> Self {
         if let Some(first) = pruning.at.first() {
@@ -144,7 +144,7 @@ impl RunConfig {
         self
     }
 
-    /// The pictures that the run is of.
+    /// The pictures of the run.
     pub fn selection(&self) -> Selection {
         Selection {
             scene: self.scene.clone(),

@@ -1,4 +1,4 @@
-//! All that is measured of a model on a scene: scores, frame rate, and how the figures came about.
+//! Assessment of a model on a scene: scores, frame rate, and the conditions of the measurement.
 
 use super::evaluator::{Evaluator, HeldOut};
 use super::exposure_fit;
@@ -14,24 +14,24 @@ use crate::pipeline::records::{Counts, Guards, Protocol, RunRecord, Times, Train
 use crate::scene::camera;
 use std::path::Path;
 
-/// What was measured of a model on a scene.
+/// Measurements of a model on a scene.
 pub struct Assessment {
     /// Scores of the held-out views.
     pub held_out: HeldOut,
-    /// Mean PSNR of the held-out views without fitted exposures, in dB; none where exposures are not fitted.
+    /// Mean PSNR of the held-out views without fitted exposures, in dB; none if exposures are not fitted.
     pub unfitted_psnr: Option<f64>,
     /// Mean PSNR of the training views, in dB; none without any.
     pub train_psnr: Option<f64>,
-    /// Pictures a second, rendering alone; none without views.
+    /// Pictures per second, rendering alone; none without views.
     pub frames_per_second: Option<f64>,
 }
 
 impl Evaluator {
-    /// Measures a model on the views of a scene. Pictures of held-out views go to the folder `renders`, where there is one;
-    /// `follow` hears how many are done, and may end it.
+    /// Measures a model on the views of a scene. Writes pictures of held-out views to the folder `renders`, if given;
+    /// `follow` receives the number of views done, and may end the work.
     ///
     /// # Errors
-    /// Device errors; pictures that cannot be written; what `follow` says.
+    /// Device errors; pictures that cannot be written; errors of `follow`.
     pub fn assess(
         &mut self,
         model: &Resident,
@@ -49,7 +49,7 @@ impl Evaluator {
 }
 
 impl Assessment {
-    /// The record of an evaluation of `model`, which lies in `file`; what training adds to it is left empty.
+    /// The record of an evaluation of `model`, read from `file`; fields that training adds are left empty.
     pub fn record(
         self,
         session: &Session<'_>,
@@ -85,7 +85,7 @@ impl Assessment {
     }
 }
 
-/// The protocol of an evaluation without training; with `fits_exposure` each photo has an exposure of its own.
+/// The protocol of an evaluation without training; with `fits_exposure` each photo has its own exposure.
 pub fn protocol(selection: &Selection, prepared: &Prepared, networks: &Networks, fits_exposure: bool) -> Protocol {
     Protocol {
         test_split: format!("the data set's own, else every {} by name", selection.eval_every),

@@ -15,7 +15,7 @@ use crate::train;
 use std::path::Path;
 use std::time::Instant;
 
-/// Frames that are timed for the frame rate.
+/// Number of frames timed for the frame rate.
 const TIMED_FRAMES: usize = 20;
 /// Alpha below which a whole view counts as empty.
 const EMPTY: f32 = 1e-3;
@@ -23,7 +23,7 @@ const EMPTY: f32 = 1e-3;
 /// Red, green, blue of a photo in [0, 1] over a background, row by row.
 ///
 /// # Errors
-/// A photo that lies in a file which cannot be read.
+/// A photo in a file that cannot be read.
 pub fn truth(view: &Photo, background: [f32; 3]) -> Result<Vec<f32>, Error> {
     let mut out = Vec::with_capacity(view.pixels.len() / 4 * 3);
     for p in view.pixels.read().map_err(train::Error::Photos)?.chunks_exact(4) {
@@ -54,7 +54,7 @@ impl HeldOut {
         metrics::mean(&self.views.iter().map(|v| v.scores.clone()).collect::<Vec<_>>())
     }
 
-    /// Tells of views that rendered empty.
+    /// Reports views that rendered empty.
     pub fn warn(&self, watcher: &dyn Watcher) {
         if self.empty > 0 {
             let n = self.empty;
@@ -63,7 +63,7 @@ impl HeldOut {
     }
 }
 
-/// Width and height, and red, green, blue in [0, 1] of a rendered picture and of its photo.
+/// Width and height, then red, green, blue in [0, 1] of a rendered picture and of its photo.
 type Compared = ([usize; 2], Vec<f32>, Vec<f32>);
 
 /// Renders views of a model one after the other.
@@ -74,7 +74,7 @@ pub struct Evaluator {
 }
 
 impl Evaluator {
-    /// For views of at most the size of the largest given.
+    /// An evaluator for views of at most the size of the largest given one.
     ///
     /// # Errors
     /// Device memory.
@@ -89,12 +89,12 @@ impl Evaluator {
         Ok(Self { renderer, background: settings.background, fits_exposure: false })
     }
 
-    /// Whether photos have exposures of their own, and are scored by the protocol of [`super::exposure_fit`].
+    /// Sets whether photos have exposures of their own and are scored by the protocol of [`super::exposure_fit`].
     pub fn compare_as(&mut self, fits_exposure: bool) {
         self.fits_exposure = fits_exposure;
     }
 
-    /// A rendered view and its photo as they are compared.
+    /// A rendered view and its photo, as they are compared.
     fn compared(&self, image: &Image, view: &Photo) -> Result<Compared, Error> {
         let (mut rendered, photo) = (rgb(image), truth(view, self.background)?);
         if view.fourth_byte == FourthByte::Mask {
@@ -114,7 +114,7 @@ impl Evaluator {
         Ok(([w, h], rendered, photo))
     }
 
-    /// Bytes of an evaluator for views of at most this size, and of a picture's way back.
+    /// Device memory in bytes of an evaluator for views of at most this size, readback included.
     pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], style: Style) -> u64 {
         let uses = Uses { training: false, style };
         let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
@@ -129,7 +129,7 @@ impl Evaluator {
         Ok(self.renderer.render(model, &view.camera)?)
     }
 
-    /// Draws a view without reading it back: what the frame rate counts.
+    /// Draws a view without reading it back, for the frame rate.
     ///
     /// # Errors
     /// Device errors.
@@ -165,7 +165,7 @@ impl Evaluator {
         Ok((n > 0).then(|| sum / f64::from(n)))
     }
 
-    /// Mean PSNR of views as they are rendered, whole and without fitted exposures; none where exposures are not fitted.
+    /// Mean PSNR of whole views as rendered, without fitted exposures; none if exposures are not fitted.
     ///
     /// # Errors
     /// Device errors.
@@ -183,11 +183,11 @@ impl Evaluator {
         psnr
     }
 
-    /// Renders and scores held-out views, by name; their pictures go to the folder `renders`, where there is one. `follow`
-    /// hears how many are done, and may end it.
+    /// Renders and scores held-out views, by name; writes their pictures to the folder `renders`, if given. `follow`
+    /// receives the number of views done, and may end the work.
     ///
     /// # Errors
-    /// Device errors; pictures that cannot be written; what `follow` says.
+    /// Device errors; pictures that cannot be written; errors of `follow`.
     pub fn held_out(
         &mut self,
         model: &Resident,
@@ -210,7 +210,7 @@ impl Evaluator {
         Ok(out)
     }
 
-    /// Pictures a second at the views' own sizes, rendering alone; none without views.
+    /// Pictures per second at the views' own sizes, rendering alone; none without views.
     ///
     /// # Errors
     /// Device errors.

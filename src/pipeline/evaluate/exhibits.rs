@@ -1,4 +1,4 @@
-//! Pictures kept for the report: a few held-out views, each as its photo and as the dense model showed it.
+//! Pictures kept for the report: photo and dense model of a few held-out views.
 
 use super::evaluator::{Evaluator, truth};
 use super::pictures::{self, Format};
@@ -8,25 +8,25 @@ use crate::pipeline::prepare::Prepared;
 use crate::render::Image;
 use std::path::{Path, PathBuf};
 
-/// Most views shown.
+/// Largest number of views shown.
 const SHOWN: usize = 4;
 
-/// A held-out view that is shown, and where its pictures lie below `renders/`; some may be absent.
+/// A held-out view to show, and the paths of its pictures below `renders/`; some may be absent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Exhibit {
     /// Position in the list of held-out views.
     pub view: usize,
     /// The view's name.
     pub name: String,
-    /// The photo at the size worked at, over the background.
+    /// The photo at the size of the run, over the background.
     pub photo: PathBuf,
     /// The model before its first prune.
     pub dense: PathBuf,
-    /// The model at the end: as every held-out view is written.
+    /// The model at the end: the picture that is written for every held-out view.
     pub last: PathBuf,
 }
 
-/// The views shown of held-out views of these names: up to four, spread evenly over the list.
+/// Chooses the views to show from the names of the held-out views: up to four, spread evenly over the list.
 pub fn exhibits(names: &[&str]) -> Vec<Exhibit> {
     let n = names.len();
     let shown = n.min(SHOWN);
@@ -34,7 +34,7 @@ pub fn exhibits(names: &[&str]) -> Vec<Exhibit> {
     let views: Vec<usize> = (0..shown).map(|k| (2 * k + 1) * n / (2 * shown)).collect();
     let below = |folder: &str| views.iter().map(|v| format!("{folder}/{}", names[*v])).collect::<Vec<_>>();
     let (photos, dense) = (below("photos"), below("dense"));
-    // One list of all, so that no picture takes the place of another whose view is called the same.
+    // One list of all names, so that no picture overwrites another of the same name.
     let all = names.iter().copied().chain(photos.iter().chain(&dense).map(String::as_str));
     let files = pictures::names(all, Format::Png.extension());
     let exhibit = |(k, &view): (usize, &usize)| Exhibit {
@@ -66,8 +66,8 @@ pub fn photos(prepared: &Prepared, renders: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Renders the views shown as the dense model has them, below the folder `renders`: from there a resumed run's report
-/// has them too.
+/// Renders the views shown with the dense model, below the folder `renders`, where the report of a resumed run finds
+/// them.
 ///
 /// # Errors
 /// Device errors; pictures that cannot be written.

@@ -1,16 +1,17 @@
-//! How pictures are scored where photos have exposures of their own, which no model can foretell for those held out: an
-//! affine of the rendered colours is fitted by least squares on the left half of the photo, the right half is scored.
+//! Scores of pictures whose photos have exposures of their own. No model can predict those of held-out photos: an
+//! affine of the rendered colours is fitted by least squares on the left half of the photo, and the right half is
+//! scored.
 
-/// What `protocol.exposure` says of it.
+/// Text of `protocol.exposure`.
 pub const PROTOCOL: &str =
     "a 3x4 affine of the colours fitted by least squares on each photo's left half, its right half scored";
-/// Unknowns of a row: red, green, blue, constant.
+/// Unknowns per row: red, green, blue, constant.
 const TERMS: usize = 4;
-/// Pull towards the affine that changes nothing, in pixels: decides where a picture leaves the affine open.
+/// Weight of the pull towards the identity, in pixels: decides where a picture leaves the affine undetermined.
 const RIDGE: f64 = 1e-3;
 
-/// The right half of a rendered picture, as the photo is exposed, clamped to [0, 1], and of the photo; row by row, red,
-/// green, blue in [0, 1]. A picture one pixel wide is compared whole.
+/// The right half of a rendered picture, exposed like the photo and clamped to [0, 1], and that of the photo; row by
+/// row, red, green, blue in [0, 1]. A picture one pixel wide is compared whole.
 pub fn right_halves(rendered: &[f32], photo: &[f32], width: usize) -> (usize, Vec<f32>, Vec<f32>) {
     let middle = width / 2;
     let affine = fit(rendered, photo, width, 0..middle);
@@ -29,7 +30,7 @@ pub fn right_halves(rendered: &[f32], photo: &[f32], width: usize) -> (usize, Ve
     (width - middle, exposed, half(photo))
 }
 
-/// Three rows: the affine that brings the rendered colours of some columns nearest to the photo's.
+/// Three rows: the affine that fits the rendered colours of some columns best to the photo's.
 fn fit(rendered: &[f32], photo: &[f32], width: usize, columns: std::ops::Range<usize>) -> [[f64; TERMS]; 3] {
     let mut a = [[0.0; TERMS]; TERMS];
     let mut b = [[0.0; TERMS]; 3];
@@ -51,7 +52,7 @@ fn fit(rendered: &[f32], photo: &[f32], width: usize, columns: std::ops::Range<u
             }
         }
     }
-    // Gauss's elimination: the matrix is positive definite, so that no pivot vanishes.
+    // Gaussian elimination: the matrix is positive definite, so that no pivot vanishes.
     for i in 0..TERMS {
         for k in i + 1..TERMS {
             let share = a[k][i] / a[i][i];
@@ -86,7 +87,7 @@ mod tests {
         let (w, exposed, right) = right_halves(&dim, &photo, width);
         assert_eq!((w, exposed.len(), right.len()), (5, 3 * 5 * height, 3 * 5 * height));
         assert!(exposed.iter().zip(&right).all(|(a, b)| (a - b).abs() < 2e-3));
-        // Nothing to fit on: nothing changes, and nothing breaks.
+        // Nothing to fit on: the colours stay unchanged.
         assert_eq!(right_halves(&photo[..3], &photo[..3], 1).1, photo[..3]);
         let flat = vec![0.5; 3 * width * height];
         assert!(right_halves(&flat, &photo, width).1.iter().all(|v| v.is_finite()));

@@ -1,4 +1,4 @@
-//! Models judged by views: pictures rendered, scored, and written.
+//! Evaluation of models: views rendered, scored, and written.
 
 mod assess;
 mod evaluator;

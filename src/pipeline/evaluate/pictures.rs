@@ -30,15 +30,15 @@ impl Format {
     }
 }
 
-/// Relative paths for pictures of these names, folders kept and extensions replaced, each path once.
+/// Relative paths for pictures of these names: folders kept, extensions replaced, each path unique.
 ///
-/// `a/left.jpg` becomes `a/left.png`; where `a/left.tif` is there too, that becomes `a/left.tif.png`.
+/// `a/left.jpg` becomes `a/left.png`; if `a/left.tif` exists too, that becomes `a/left.tif.png`.
 pub fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<PathBuf> {
     let mut taken = HashSet::new();
     views
         .map(|view| {
             let view = view.replace('\\', "/");
-            // Neither an absolute path nor a step upwards may lead out of the folder.
+            // Absolute paths and `..` must not lead out of the folder.
             let mut safe: PathBuf =
                 Path::new(&view).components().filter(|c| matches!(c, Component::Normal(_))).collect();
             if safe.as_os_str().is_empty() {
@@ -71,7 +71,7 @@ pub fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<P
         .collect()
 }
 
-/// Writes one picture; with `transparent` a PNG keeps alpha, its colours divided by it.
+/// Writes one picture; with `transparent` a PNG keeps alpha, and its colours are divided by it.
 ///
 /// # Errors
 /// [`Error::Write`].

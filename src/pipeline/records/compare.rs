@@ -1,4 +1,4 @@
-//! What a comparison measured: `compare.json`, schema 1, each arm's `arm.json`, and the table as `compare.csv`.
+//! Records of a comparison: `compare.json`, schema 1, each arm's `arm.json`, and the table as `compare.csv`.
 
 use super::prune::PruneRecord;
 use super::run::ViewScores;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 pub struct ArmRecord {
     /// Its name.
     pub name: String,
-    /// Mean PSNR of the held-out views in dB; null where all are equal or there are none.
+    /// Mean PSNR of the held-out views in dB; null if all are equal or there are none.
     pub psnr: Option<f64>,
     /// Mean SSIM of the held-out views.
     pub ssim: Option<f64>,
@@ -18,11 +18,11 @@ pub struct ArmRecord {
     pub lpips_vgg: Option<f64>,
     /// Gaussians at the end.
     pub gaussians: usize,
-    /// Share of the Gaussians at the prune point that are gone.
+    /// Share of the Gaussians at the prune point that were removed.
     pub removed: f64,
     /// Bytes of its `model.ply`.
     pub ply_bytes: u64,
-    /// Frames a second, the median of rounds in which all arms took turns.
+    /// Frames per second: the median of rounds in which the arms took turns.
     pub fps: Option<f64>,
     /// Seconds of training and pruning, from the beginning.
     pub seconds: f64,
@@ -47,16 +47,16 @@ pub struct CompareRecord {
     pub scene: String,
     /// Iterations of every arm.
     pub iterations: u32,
-    /// The iteration at which they part.
+    /// The iteration at which the arms fork.
     pub prune_point: u32,
-    /// Gaussians there.
+    /// Gaussians at the prune point.
     pub gaussians: usize,
-    /// The arms, in the order asked for.
+    /// The arms, in the order of the request.
     pub arms: Vec<ArmRecord>,
 }
 
 impl CompareRecord {
-    /// The table as comma-separated values: a line an arm.
+    /// The table as comma-separated values: one line per arm.
     pub fn csv(&self) -> String {
         let cell = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
         let mut text = "name,psnr,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned\n".to_owned();

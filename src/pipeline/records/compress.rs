@@ -1,4 +1,4 @@
-//! What a compression measured: its JSON, schema 1 (docs/metrics.md).
+//! Records of a compression: its JSON, schema 1 (docs/metrics.md).
 
 use super::prune::PruneRecord;
 use super::run::Memory;
@@ -9,7 +9,7 @@ use crate::render::Style;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// The whole of a compression's JSON report.
+/// A compression's JSON report.
 #[derive(Clone, Debug, Serialize)]
 pub struct CompressRecord {
     /// Version of this layout.
@@ -20,11 +20,11 @@ pub struct CompressRecord {
     pub device: DeviceInfo,
     /// Conditions of the measurement.
     pub protocol: CompressProtocol,
-    /// The model as it was.
+    /// The original model.
     pub input: ModelFile,
-    /// The model as it is now.
+    /// The compressed model.
     pub output: ModelFile,
-    /// The prune: what was chosen, and what the blocks showed.
+    /// The prune: its choice, and statistics of its blocks.
     pub prune: PruneRecord,
     /// Mean scores of the held-out views.
     pub test: StageScores,
@@ -39,15 +39,15 @@ pub struct CompressRecord {
 /// Conditions of the measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct CompressProtocol {
-    /// What pictures were compared with.
+    /// Ground truth of the scores.
     pub truth: Truth,
-    /// Views that gave responses, and that fine-tuning saw.
+    /// Views used for responses and fine-tuning.
     pub train_views: usize,
     /// Views held out.
     pub test_views: usize,
     /// Largest picture, width and height.
     pub image_size: [u32; 2],
-    /// Colour behind everything.
+    /// Background colour.
     pub background: [f32; 3],
     /// Effects that pictures were rendered with.
     #[serde(flatten)]
@@ -56,11 +56,11 @@ pub struct CompressProtocol {
     pub fine_tune: u32,
     /// Key of all random numbers.
     pub seed: u32,
-    /// How Gaussians were chosen.
+    /// Choice of Gaussians.
     pub compression: Compression,
 }
 
-/// What pictures were compared with.
+/// Ground truth of the scores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Truth {
@@ -73,9 +73,9 @@ pub enum Truth {
 /// A model on disk.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModelFile {
-    /// Where it lies.
+    /// Path.
     pub path: PathBuf,
-    /// Bytes there.
+    /// Size in bytes.
     pub bytes: u64,
     /// Gaussians.
     pub gaussians: usize,
@@ -83,14 +83,14 @@ pub struct ModelFile {
     pub sh_degree: usize,
 }
 
-/// One figure at each stage.
+/// Scores at each stage.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct StageScores {
-    /// Of the original model; null where its own pictures are the truth, and without held-out views.
+    /// Of the original model; null if its own pictures are the truth, or without held-out views.
     pub before: Option<Scores>,
     /// After the prune; null without held-out views.
     pub pruned: Option<Scores>,
-    /// After fine-tuning; null where there was none.
+    /// After fine-tuning; null if there was none.
     pub fine_tuned: Option<Scores>,
 }
 
@@ -117,7 +117,7 @@ pub struct ViewStages {
 /// Seconds.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct CompressTimes {
-    /// All of it.
+    /// Total.
     pub total_s: f64,
     /// Reading the model.
     pub read_s: f64,
@@ -127,7 +127,7 @@ pub struct CompressTimes {
     pub responses_s: f64,
     /// From partition to keep mask.
     pub keep_mask_s: f64,
-    /// Letting the kept stand for the dropped.
+    /// Merging dropped Gaussians into kept ones.
     pub merge_s: f64,
     /// Fine-tuning.
     pub fine_tune_s: f64,

@@ -1,4 +1,4 @@
-//! What jobs measured, as their JSON files hold it (docs/metrics.md): figures only, no work.
+//! Records of jobs, as written to their JSON files (docs/metrics.md): figures only, no work.
 
 mod compare;
 mod compress;

@@ -1,47 +1,48 @@
-//! What a prune measured: a part of `metrics.json`, of the compression's figures and of checkpoints.
+//! Record of a prune: a part of `metrics.json`, of the compression's figures and of checkpoints.
 
 use crate::qirf::CHANNELS;
 use crate::qirf::select::Selector;
 use crate::qirf::study::Merging;
 use serde::{Deserialize, Serialize};
 
-/// One prune: what was there, what was kept, and what the blocks told.
+/// One prune: counts before and after, and statistics of its blocks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PruneRecord {
-    /// After this iteration.
+    /// Number of iterations done before it.
     pub iteration: u32,
-    /// What Gaussians were ranked by.
+    /// Selector that ranked the Gaussians.
     pub selector: Selector,
     /// Gaussians before.
     pub before: usize,
     /// Gaussians kept.
     pub after: usize,
-    /// Of these, by the detail safeguard.
+    /// Of these, those kept by the detail safeguard.
     pub detail: usize,
     /// Number of blocks.
     pub blocks: usize,
     /// Edge of the finest voxels in world units.
     pub voxel: f64,
-    /// Blocks of 1, 2 to 3, 4 to 7, ... members.
+    /// Number of blocks with 1, 2 to 3, 4 to 7, ... members.
     pub occupancy: Vec<usize>,
-    /// Blocks of which less than 1/10, 2/10, ... or up to all was kept.
+    /// Number of blocks of which less than 1/10, less than 2/10, ..., up to all was kept.
     pub kept_shares: [usize; 10],
-    /// Mean over blocks of the eight largest eigenvalues, each block's as shares of their sum; zeros where none was solved.
+    /// Mean over blocks of the eight largest eigenvalues, as shares of their sum in each block; zeros if none was
+    /// solved.
     pub spectrum: [f64; CHANNELS],
-    /// Blocks by how many eigenvalues reach the threshold, 1 to 8; zeros where none was solved.
+    /// Number of blocks with 1 to 8 eigenvalues that reach the threshold; zeros if none was solved.
     pub modes: [usize; CHANNELS],
-    /// What was repaired.
+    /// Repairs.
     pub guards: PruneGuards,
-    /// Blocks in which the kept now stand for the dropped; null where merging was not asked for.
+    /// Blocks in which dropped Gaussians were merged into kept ones; null without merging.
     pub merged: Option<Merging>,
-    /// Pictures a second just before the prune; null where that was not measured.
+    /// Pictures per second just before the prune; null if not measured.
     pub frames_per_second_before: Option<f64>,
     /// Seconds.
     pub seconds: PruneSeconds,
 }
 
-/// What a prune had to repair.
+/// Repairs of a prune.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PruneGuards {
     /// Blocks whose metric was not positive definite: solved in its canonical form.
@@ -55,7 +56,7 @@ pub struct PruneGuards {
 /// Seconds of a prune.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PruneSeconds {
-    /// The pass over the training views, where there was one.
+    /// The pass over the training views, if there was one.
     pub responses: f64,
     /// Normalisation and partition.
     pub partition: f64,
@@ -63,12 +64,12 @@ pub struct PruneSeconds {
     pub assemble: f64,
     /// Host: blocks solved.
     pub solve: f64,
-    /// Assembly and solution, side by side.
+    /// Assembly and solution, in parallel.
     pub assemble_and_solve: f64,
     /// From ranks to a mask.
     pub select: f64,
     /// Merging, and compaction of parameters and moments.
     pub merge: f64,
-    /// All of it.
+    /// Total.
     pub total: f64,
 }

@@ -1,4 +1,4 @@
-//! What a run measured: `metrics.json`, schema 1 (docs/metrics.md).
+//! Records of a run: `metrics.json`, schema 1 (docs/metrics.md).
 
 use super::prune::PruneRecord;
 use crate::effects::Decision;
@@ -8,7 +8,7 @@ use crate::scene::Skipped;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 
-/// The whole of `metrics.json`.
+/// The contents of `metrics.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct RunRecord {
     /// Version of this layout.
@@ -23,28 +23,28 @@ pub struct RunRecord {
     pub gaussians: Counts,
     /// Mean scores of the held-out views; null without any.
     pub test: Option<Scores>,
-    /// Mean PSNR of the held-out views as they are rendered, whole and without fitted exposures, in dB; null where
-    /// `test` is of that already.
+    /// Mean PSNR of the whole held-out views as rendered, without fitted exposures, in dB; null if
+    /// `test` has it already.
     #[serde(rename = "test_unfitted_psnr")]
     pub unfitted_psnr: Option<f64>,
     /// Mean PSNR of the training views, in dB.
     pub train: TrainScores,
     /// Scores of each held-out view.
     pub views: Vec<ViewScores>,
-    /// Pictures a second at the test views' size, rendering alone.
+    /// Pictures per second at the test views' size, rendering alone.
     pub frames_per_second: Option<f64>,
     /// Bytes of `model.ply`, or of the file that was evaluated.
     #[serde(rename = "ply_bytes")]
     pub model_bytes: u64,
-    /// Each prune, in order; empty where nothing was pruned.
+    /// Each prune, in order; empty if nothing was pruned.
     pub prunes: Vec<PruneRecord>,
     /// Quality against time, evaluation excluded.
     pub curve: Vec<CurvePoint>,
     /// Seconds.
     pub time: Times,
-    /// What was decided on each effect, with the evidence; empty from an evaluation.
+    /// The decision on each effect, with the evidence; empty for an evaluation.
     pub effects: Vec<Decision>,
-    /// What was repaired, skipped or left out on the way.
+    /// Counts of what was repaired, skipped or left out.
     pub guards: Guards,
     /// Device memory in bytes.
     pub memory: Memory,
@@ -53,7 +53,7 @@ pub struct RunRecord {
 /// Conditions of the measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct Protocol {
-    /// Views held out.
+    /// Rule for holding out views.
     pub test_split: String,
     /// Number of training views.
     pub train_views: usize,
@@ -61,26 +61,26 @@ pub struct Protocol {
     pub test_views: usize,
     /// Largest picture, width and height.
     pub image_size: [u32; 2],
-    /// How photos came to that size.
+    /// Method that scaled photos to that size.
     pub downscaling: &'static str,
-    /// Colour behind everything.
+    /// Background colour.
     pub background: [f32; 3],
-    /// What LPIPS was computed with.
+    /// Weights of LPIPS.
     pub lpips: String,
-    /// How exposures of held-out photos were dealt with.
+    /// Treatment of held-out photos' exposures.
     pub exposure: &'static str,
-    /// Iterations; null where nothing was trained.
+    /// Iterations; null if nothing was trained.
     pub iterations: Option<u32>,
-    /// Seed; null where nothing was trained.
+    /// Seed; null if nothing was trained.
     pub seed: Option<u32>,
 }
 
 /// Numbers of Gaussians.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Counts {
-    /// At the start; null where nothing was trained.
+    /// At the start; null if nothing was trained.
     pub initial: Option<usize>,
-    /// Before the first prune, or when training ended where there was none; null where nothing was trained.
+    /// Before the first prune, or at the end of training if there was none; null if nothing was trained.
     pub dense: Option<usize>,
     /// In `model.ply`, or in the model that was evaluated.
     #[serde(rename = "final")]
@@ -112,7 +112,7 @@ pub struct CurvePoint {
     pub iteration: u32,
     /// Training time until then, in seconds.
     pub seconds: f64,
-    /// Mean PSNR of the held-out views, in dB; infinite, and null in JSON, where all are equal to their photos.
+    /// Mean PSNR of the held-out views, in dB; infinite, and null in JSON, if all are equal to their photos.
     #[serde(deserialize_with = "infinite_for_null")]
     pub psnr: f64,
     /// Gaussians.
@@ -130,7 +130,7 @@ pub struct Times {
     pub total_s: f64,
     /// Reading the scene and its photos.
     pub load_s: f64,
-    /// Training and pruning, resumed parts included; evaluations on the way are not.
+    /// Training and pruning, including resumed parts, without evaluations on the way.
     pub train_s: f64,
     /// Pruning, a part of `train_s`.
     pub prune_s: f64,
@@ -140,26 +140,26 @@ pub struct Times {
     pub stages_s: BTreeMap<&'static str, f64>,
 }
 
-/// What was repaired, skipped or left out.
+/// Counts of what was repaired, skipped or left out.
 #[derive(Clone, Debug, Serialize)]
 pub struct Guards {
-    /// Updates skipped for gradients that were not finite.
+    /// Updates skipped because gradients were not finite.
     pub skipped_rows: u64,
     /// Gaussians of the final model that no picture shows: see [`crate::gaussians::Gaussians::undrawable`].
     pub undrawable: usize,
     /// Held-out views that rendered empty.
     pub empty_views: usize,
-    /// What the scene's readers left out.
+    /// Parts that the scene's readers left out.
     pub scene: Skipped,
 }
 
 /// Device memory in bytes.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Memory {
-    /// What was expected before the start.
+    /// Estimated before the start.
     pub estimated_bytes: u64,
-    /// At most in use at a time.
+    /// Largest amount in use at a time.
     pub peak_bytes: u64,
-    /// Allowed.
+    /// Limit.
     pub limit_bytes: u64,
 }

@@ -1,4 +1,4 @@
-//! The axes by name, their rungs, and how the command line asks for them.
+//! The axes by name, their rungs, and the parser of `--axis`.
 
 use crate::effects::{Choice, Effect, Overrides, Trigger};
 use crate::pipeline::arm::Arm;
@@ -8,36 +8,36 @@ use crate::qirf::participation::Eigensolver;
 use crate::render::{Culling, Settings};
 use serde::Serialize;
 
-/// A place where the engine can be more exact or faster.
+/// A part of the engine that trades accuracy for time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Axis {
-    /// How the eigenproblem is solved.
+    /// Method that solves the eigenproblem.
     Solver,
-    /// How overlaps are computed.
+    /// Formula of the overlaps.
     Overlap,
-    /// What is added to the metric, and how much Gaussians are widened for it.
+    /// Regularisation: the term added to the metric, or the dilation of Gaussians.
     Epsilon,
-    /// Which tiles a Gaussian is listed in.
+    /// Rule that lists a Gaussian in tiles.
     Culling,
     /// The transmittance at which blending ends.
     Stop,
-    /// How SH coefficients are stored.
+    /// Precision of stored SH coefficients.
     Storage,
-    /// How a Gaussian's gradients are added up.
+    /// Summation of a Gaussian's gradients.
     Gradients,
     /// Share of the Gaussians that a prune keeps.
     Keep,
-    /// What a prune ranks by, and how it divides its count.
+    /// Selector of a prune, and the division of its count.
     Selector,
     /// Length of the run.
     Iterations,
-    /// What is simulated.
+    /// Simulated effects.
     Effects,
 }
 
 impl Axis {
-    /// All, in the order of the design's table.
+    /// All axes, in the order of the design's table.
     pub const ALL: [Self; 11] = [
         Self::Solver,
         Self::Overlap,
@@ -52,7 +52,7 @@ impl Axis {
         Self::Effects,
     ];
 
-    /// Its name on the command line and in files.
+    /// The axis's name on the command line and in files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Solver => "solver",
@@ -69,12 +69,12 @@ impl Axis {
         }
     }
 
-    /// Whether its rungs are whole trainings.
+    /// Returns true if its rungs are whole trainings.
     pub const fn heavy(self) -> bool {
         matches!(self, Self::Keep | Self::Selector | Self::Iterations | Self::Effects)
     }
 
-    /// Its rungs where none are asked for, the most exact first; the effects' depend on the scene and are found there.
+    /// Its default rungs, the most exact first; those of the effects depend on the scene and are found there.
     pub const fn rungs(self) -> &'static [&'static str] {
         match self {
             Self::Solver => &["dsygvd", "low-rank", "low-rank-f32", "device-low-rank-f32"],
@@ -105,7 +105,7 @@ impl Axis {
         }
     }
 
-    /// The rung that the engine takes unless asked otherwise.
+    /// The engine's default rung.
     pub const fn default_rung(self) -> &'static str {
         match self {
             Self::Solver => "low-rank",
@@ -120,7 +120,7 @@ impl Axis {
         }
     }
 
-    /// What a rung may be, where it is none.
+    /// A hint on valid rungs, for an error message.
     fn hint(self) -> String {
         match self {
             Self::Epsilon => "write an epsilon such as 1e-4, or a dilation such as t=0.3".to_owned(),
@@ -135,9 +135,9 @@ impl Axis {
 /// A rung of the solver axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Solver {
-    /// One of the host's.
+    /// One of the host's solvers.
     Host(Eigensolver),
-    /// The device's own.
+    /// The device's solver.
     Device,
 }
 
@@ -151,9 +151,9 @@ impl Solver {
 /// A rung of the overlap axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Formula {
-    /// The host's, in float64.
+    /// The host's twin, in float64.
     Twin,
-    /// One of the device's.
+    /// One of the device's formulas.
     Device(Method),
 }
 
@@ -193,14 +193,14 @@ impl Regularisation {
 pub enum Storage {
     /// Four bytes a coefficient.
     Single,
-    /// Two.
+    /// Two bytes a coefficient.
     Half,
 }
 
 /// A rung of the axis of gradient sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sums {
-    /// In slot order: the same bits run after run.
+    /// In slot order: the same bits in every run.
     Ordered,
     /// By float atomics.
     Atomics,
@@ -218,7 +218,7 @@ fn culling(name: &str) -> Option<Culling> {
     }
 }
 
-/// The transmittance of a rung; the default's has a margin that settles a tie: see [`Settings`].
+/// The transmittance of a rung; that of the default has a margin that avoids ties: see [`Settings`].
 fn stop(name: &str) -> Option<f32> {
     if name == Axis::Stop.default_rung() {
         return Some(Settings::default().stop);
@@ -256,7 +256,7 @@ fn fraction(name: &str) -> Option<f64> {
     (value > 0.0 && value <= 1.0).then_some(value)
 }
 
-/// An effect and what becomes of it; none for the run as it is.
+/// An effect and its choice; none for the unchanged run.
 fn switch(name: &str) -> Result<Option<(Effect, Choice)>, String> {
     if name == Axis::Effects.default_rung() {
         return Ok(None);
@@ -269,12 +269,12 @@ fn switch(name: &str) -> Result<Option<(Effect, Choice)>, String> {
     }
 }
 
-/// A rung: its name, and what it stands for.
+/// A rung: its name and its value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rung<T> {
-    /// Its name, as the command line and files have it.
+    /// Its name, on the command line and in files.
     pub name: String,
-    /// What is measured.
+    /// The value to measure.
     pub value: T,
 }
 
@@ -297,11 +297,11 @@ pub enum Asked {
     Gradients(Vec<Rung<Sums>>),
     /// [`Axis::Keep`]: shares.
     Keep(Vec<Rung<f64>>),
-    /// [`Axis::Selector`]: names of arms, read once the run's own compression is known.
+    /// [`Axis::Selector`]: names of arms, parsed when the run's own compression is known.
     Selector(Vec<Rung<()>>),
     /// [`Axis::Iterations`]: shares of the run.
     Iterations(Vec<Rung<f64>>),
-    /// [`Axis::Effects`]; without any rung the scene tells which effects are switched.
+    /// [`Axis::Effects`]; if empty, the scene determines which effects are switched.
     Effects(Vec<Rung<Option<(Effect, Choice)>>>),
 }
 
@@ -323,7 +323,7 @@ impl Asked {
         }
     }
 
-    /// These rungs of an axis.
+    /// The given rungs of an axis.
     fn new(axis: Axis, names: &[&str]) -> Result<Self, String> {
         fn rungs<T>(names: &[&str], read: impl Fn(&str) -> Result<T, String>) -> Result<Vec<Rung<T>>, String> {
             names.iter().map(|name| Ok(Rung { name: (*name).to_owned(), value: read(name)? })).collect()
@@ -349,7 +349,7 @@ impl Asked {
         })
     }
 
-    /// All rungs of the axes that do not train: what is measured unless asked otherwise.
+    /// All rungs of the axes without training: the default of a sweep.
     pub fn light() -> Vec<Self> {
         Axis::ALL.into_iter().filter(|a| !a.heavy()).filter_map(|axis| Self::new(axis, axis.rungs()).ok()).collect()
     }
@@ -357,7 +357,7 @@ impl Asked {
     /// Reads `NAME` or `NAME=RUNG,...`.
     ///
     /// # Errors
-    /// A sentence that says what is wrong.
+    /// A sentence that names the fault.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (name, rungs) = text.split_once('=').map_or((text, None), |(n, r)| (n, Some(r)));
         let names = || Axis::ALL.map(Axis::name).join(", ");

@@ -1,4 +1,4 @@
-//! Blocks of the subject's Gaussians, with all that their eigenproblems need.
+//! Blocks of the subject's Gaussians, with the data of their eigenproblems.
 
 use super::Context;
 use crate::error::Error;
@@ -10,17 +10,17 @@ use crate::qirf::partition::{Blocks, Partition};
 use crate::qirf::study::Basis;
 use crate::qirf::{CHANNELS, Row, normalise};
 
-/// Gaussians whose blocks are measured: blocks are left out evenly where there are more.
+/// Approximate number of Gaussians whose blocks are measured: of a larger model, blocks are skipped evenly.
 const SAMPLE: usize = 1 << 15;
 
-/// Some blocks of a partition: every so many-th, so that about [`SAMPLE`] Gaussians are in them.
+/// Blocks of a partition at even steps, with about [`SAMPLE`] Gaussians in total.
 pub fn sampled(model: &Gaussians, partition: Partition) -> Blocks {
     let all = partition.of(&model.means).blocks;
     let step = model.len().div_ceil(SAMPLE).max(1);
     of((0..all.len()).step_by(step).map(|b| all.block(b).to_vec()))
 }
 
-/// Blocks of exactly `m` Gaussians: the `m` nearest to each of `count` at even steps. None where there are fewer.
+/// `count` blocks of exactly `m` Gaussians: the `m` nearest to each of `count` at even steps. None if there are fewer.
 pub fn of_size(model: &Gaussians, m: usize, count: usize) -> Blocks {
     let n = model.len();
     let nearest = |k: usize| {
@@ -35,7 +35,7 @@ pub fn of_size(model: &Gaussians, m: usize, count: usize) -> Blocks {
     of((0..if m <= n { count } else { 0 }).map(nearest))
 }
 
-/// Blocks of these members.
+/// Blocks with the given members.
 pub fn of(blocks: impl Iterator<Item = Vec<u32>>) -> Blocks {
     let mut out = Blocks { members: Vec::new(), starts: vec![0] };
     for block in blocks {
@@ -45,7 +45,7 @@ pub fn of(blocks: impl Iterator<Item = Vec<u32>>) -> Blocks {
     out
 }
 
-/// Share of what either of two sets keeps that both keep; 0 where neither keeps any.
+/// Jaccard index of two sets: share of their union that both keep; 0 if neither keeps any.
 pub fn jaccard(a: &[bool], b: &[bool]) -> f64 {
     let both = a.iter().zip(b).filter(|(a, b)| **a && **b).count();
     let either = a.iter().zip(b).filter(|(a, b)| **a || **b).count();
@@ -72,7 +72,7 @@ pub fn rows(context: &Context<'_>, eta: f64) -> Vec<[f32; CHANNELS]> {
     normalise::rows(&context.subject.responses.channels, eta)
 }
 
-/// The eigenproblems of blocks, as the engine's own assembly and normalisation have them.
+/// The eigenproblems of blocks, from the engine's own assembly and normalisation.
 ///
 /// # Errors
 /// Device memory; device errors.

@@ -1,4 +1,4 @@
-//! The axis of what is added to the metric: epsilon on its diagonal, or a width on every Gaussian.
+//! The axis of regularisation: epsilon on the metric's diagonal, or a dilation of every Gaussian.
 
 use super::Context;
 use super::axis::{Axis, Regularisation, Rung};
@@ -15,14 +15,14 @@ use crate::qirf::study::{Basis, Observed, Study, dilation};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// Blocks whose condition is found: an eigensolve each.
+/// Largest number of blocks whose condition number is computed: an eigensolve each.
 const CONDITIONED: usize = 60;
-/// Share that is kept.
+/// Share of Gaussians that is kept.
 const KEPT: f64 = 0.28;
-/// The most exact rung: the metric as it is, but for what keeps it from being singular.
+/// The most exact rung: the metric with only enough added to avoid singularity.
 const LEAST: f64 = 1e-6;
 
-/// The engine's basis but for this rung.
+/// The engine's basis with this rung's value.
 fn basis(value: Regularisation) -> Basis {
     match value {
         Regularisation::Dilation(dilate) => Basis { dilate, ..Basis::default() },
@@ -37,7 +37,8 @@ fn study(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Result<St
     Ok(Study::new(context.session.device, observed, basis, &selectors, 1)?)
 }
 
-/// What the paper's rule keeps, by block and without the detail safeguard: nothing else hides the metric.
+/// The Gaussians that the paper's rule keeps, by block and without the detail safeguard, which would hide the metric's
+/// effect.
 fn kept(study: &Study) -> Vec<bool> {
     study.choose(Selector::Gnso, Budget::PerBlock, Keep::Share(KEPT), 0.0).keep
 }

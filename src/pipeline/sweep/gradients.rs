@@ -1,4 +1,5 @@
-//! The axis of gradient sums: in slot order, the same bits run after run, or by float atomics, in the order in which threads come.
+//! The axis of gradient sums: in slot order, with the same bits in every run, or by float atomics, in the threads'
+//! order.
 
 use super::Context;
 use super::axis::{Axis, Rung, Sums};
@@ -18,12 +19,12 @@ use crate::train::schedule::Schedule;
 use crate::train::{self, STAGES, Trainee};
 use std::time::Instant;
 
-/// Times that each rung's gradients are taken.
+/// Number of times that each rung's gradients are computed.
 const RUNS: usize = 4;
-/// Steps of the short trainings whose ends are compared.
+/// Steps of the short trainings whose final pictures are compared.
 const STEPS: u32 = 20;
 
-/// What one rung adds up with; none for the ordered sums.
+/// Summation of one rung; `sums` is none for the ordered sums.
 struct Way {
     name: String,
     sums: Option<AtomicSums>,
@@ -36,7 +37,7 @@ struct Step {
     rates: Rates,
 }
 
-/// One training iteration, stage by stage as the trainer has it, on the first views of the subject.
+/// One training iteration with the trainer's stages, on the first views of the subject.
 struct Bench<'a> {
     context: &'a Context<'a>,
     renderer: Renderer,
@@ -52,19 +53,19 @@ impl<'a> Bench<'a> {
         let mut renderer = Renderer::for_training(device, context.subject.settings, model.len, size, pairs)?;
         let mut photos = Vec::new();
         for (k, view) in views.iter().enumerate() {
-            // The subject's own pictures have no error: a view learns its neighbour's then.
+            // The subject's own pictures have no error: each view then trains on its neighbour's picture.
             let size = |v: &Photo| (v.camera.width, v.camera.height);
             let next = &views[(k + 1) % views.len()];
             let other = context.own_pictures && size(next) == size(view);
             let bytes = if other { next.pixels.read() } else { view.pixels.read() }.map_err(train::Error::Photos)?;
             photos.push(device.upload("photo", bytemuck::pod_collect_to_vec::<u8, u32>(&bytes).as_slice())?);
-            // Makes room for the view's pairs.
+            // Grows the buffers for the view's pairs.
             renderer.render(model, &view.camera)?;
         }
         Ok(Self { context, renderer, loss: Loss::new(device, width, height)?, photos })
     }
 
-    /// Records view `v` forward and back to gradient rows.
+    /// Records the forward and backward pass of view `v` up to gradient rows.
     fn there_and_back(&self, way: &Way, Trainee { model, growth, .. }: &Trainee, v: usize) -> Recording {
         let subject = self.context.subject;
         let camera = &subject.views[v].camera;
@@ -82,7 +83,7 @@ impl<'a> Bench<'a> {
         recording
     }
 
-    /// One iteration on view `v`; its time.
+    /// Runs one iteration on view `v` and returns its time.
     fn step(&self, way: &Way, trainee: &Trainee, v: usize, step: Step) -> Result<Sample, Error> {
         let mut recording = self.there_and_back(way, trainee, v);
         adam::record(&mut recording, &self.renderer, trainee, &step.rates, step.number);
@@ -91,7 +92,7 @@ impl<'a> Bench<'a> {
         Ok(Sample::of(self.context.session.device, &timings, &STAGES, started))
     }
 
-    /// All gradients by view 0, one attribute after the other.
+    /// All gradients from view 0, one attribute after the other.
     fn gradients(&self, way: &Way, trainee: &Trainee) -> Result<Vec<f32>, Error> {
         let mut recording = self.there_and_back(way, trainee, 0);
         adam::record_gradients(&mut recording, &self.renderer, &trainee.model, &trainee.moments);
@@ -100,7 +101,7 @@ impl<'a> Bench<'a> {
         Ok(moments.into_array().into_iter().flatten().map(|[first, _]| first).collect())
     }
 
-    /// A short training, and the picture of its end.
+    /// A short training; returns a picture of its result.
     fn trained(&self, way: &Way) -> Result<Image, Error> {
         let (device, subject) = (self.context.session.device, self.context.subject);
         let trainee = Trainee::new(device, &subject.model)?;
@@ -117,7 +118,7 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// Largest difference of two lists over the largest of the first, and how many differ.
+/// Largest difference of two lists relative to the largest value of the first, and the number of values that differ.
 fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
     let most = a.iter().fold(0.0_f32, |m, v| m.max(v.abs())).max(f32::MIN_POSITIVE);
     let far = a.iter().zip(b).fold(0.0_f32, |m, (a, b)| m.max((a - b).abs()));

@@ -1,4 +1,5 @@
-//! The axes whose rungs are trainings: kept shares and selectors from one checkpoint, lengths and effects as runs of their own.
+//! The axes whose rungs are trainings: kept shares and selectors from one checkpoint, lengths and effects as separate
+//! runs.
 
 use super::axis::{Asked, Axis, Rung};
 use super::records::{AxisRecord, Better, RungRecord};
@@ -14,15 +15,15 @@ use crate::pipeline::{Output, Preset, RunConfig, Session};
 use crate::qirf::select::budget::Keep;
 use std::path::Path;
 
-/// Where and how heavy axes train.
+/// Parameters of the trainings of heavy axes.
 pub struct Training<'a> {
-    /// Device, limits and audience.
+    /// Device, limits and watcher.
     pub session: Session<'a>,
     /// The folder of the sweep.
     pub folder: &'a Path,
-    /// The whole run.
+    /// The run's configuration, without pruning.
     pub config: &'a RunConfig,
-    /// What its schedule is of, at any length.
+    /// Preset of its schedule at any length.
     pub preset: Preset,
     /// When and how it prunes.
     pub pruning: &'a Pruning,
@@ -32,8 +33,8 @@ fn once(seconds: Option<f64>) -> Timed {
     Timed { device: None, wall: seconds.and_then(|s| Spread::of(vec![s])) }
 }
 
-/// The rungs of keep or selector, each with the name of its arm, which is one where two rungs mean the same; none of other
-/// axes.
+/// The rungs of keep or selector, each with the name of its arm; rungs of the same meaning share an arm. Empty for
+/// other axes.
 fn arms_of(asked: &Asked, given: Keep) -> Vec<(&str, String)> {
     let kept = |rung: &Rung<f64>| match rung.value {
         1.0 => "dense".to_owned(),
@@ -47,10 +48,10 @@ fn arms_of(asked: &Asked, given: Keep) -> Vec<(&str, String)> {
     }
 }
 
-/// Measures keep and selector, one or both, from one checkpoint at the prune point; nothing where neither is asked for.
+/// Measures keep and selector, one or both, from one checkpoint at the prune point; nothing if neither is requested.
 ///
 /// # Errors
-/// As a comparison's.
+/// Those of a comparison.
 pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let given = &training.pruning.compression;
     let asked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis(), Axis::Keep | Axis::Selector)).collect();
@@ -69,7 +70,7 @@ pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord
     Ok(asked.iter().map(|asked| of_arms(asked.axis(), &arms_of(asked, given.keep), &compared)).collect())
 }
 
-/// An axis of which every rung is an arm of a comparison.
+/// An axis whose rungs are all arms of a comparison.
 fn of_arms(axis: Axis, rungs: &[(&str, String)], compared: &CompareRecord) -> AxisRecord {
     let mut axis = match axis {
         Axis::Keep => {
@@ -140,10 +141,10 @@ fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> RungReco
     rung
 }
 
-/// Measures the axis of lengths: schedules scale as a whole, so that each rung is a run of its own.
+/// Measures the axis of lengths: schedules scale as a whole, so that each rung is a separate run.
 ///
 /// # Errors
-/// As a run's.
+/// Those of a run.
 pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Iterations, "Length of the run", ["PSNR / dB", "held-out photos", "s of training"]);
@@ -166,7 +167,7 @@ pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRe
     Ok(axis.judged(["every rung trained for as long.", "the held-out views cannot tell these lengths apart."]))
 }
 
-/// The effect of a decision and the other choice; none where what photos lack would have to be switched on.
+/// The effect of a decision and the opposite choice; none if that would switch on what the photos lack.
 fn switched(decision: &Decision) -> Option<(Effect, Choice)> {
     match (decision.name.trigger(), decision.on) {
         (Trigger::Always, _) | (Trigger::Photos | Trigger::Request, false) => None,
@@ -175,10 +176,10 @@ fn switched(decision: &Decision) -> Option<(Effect, Choice)> {
     }
 }
 
-/// Measures the axis of effects: each that can be switched the other way than the run has it.
+/// Measures the axis of effects: switches each effect to the opposite of the run's choice, if possible.
 ///
 /// # Errors
-/// As a run's.
+/// Those of a run.
 pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Effects, "What is simulated", ["PSNR / dB", "held-out photos", "ms an iteration"]);

@@ -1,5 +1,5 @@
-//! `qirf-vk sweep`: what accuracy costs in time. Each axis of the engine is measured rung by rung in one process on one
-//! device.
+//! `qirf-vk sweep`: the cost of accuracy in time. Each axis of the engine is measured rung by rung in one process on
+//! one device.
 
 pub mod axis;
 mod blocks;
@@ -21,15 +21,15 @@ use crate::error::Error;
 use crate::pipeline::Session;
 use std::time::Instant;
 
-/// What a light axis is climbed with.
+/// Input of a light axis.
 pub struct Context<'a> {
-    /// Device, limits and audience.
+    /// Device, limits and watcher.
     pub session: Session<'a>,
-    /// What is looked at.
+    /// The subject.
     pub subject: &'a Subject,
-    /// Whether its views should show the subject's own pictures.
+    /// True if the ground truth of its views is the subject's own pictures.
     pub own_pictures: bool,
-    /// Time budget of each axis, in seconds; warm-up and three samples are always taken.
+    /// Time budget of each axis, in seconds; warm-up and three samples are always measured.
     pub seconds: f64,
 }
 
@@ -54,10 +54,10 @@ pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>,
     Ok(Some(axis))
 }
 
-/// Measures the heavy axes among those asked for: first those that share a checkpoint.
+/// Measures the requested heavy axes: first those that share a checkpoint.
 ///
 /// # Errors
-/// As runs and comparisons.
+/// Those of runs and comparisons.
 pub fn heavy(training: &heavy::Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let begun = Instant::now();
     let mut out = heavy::forked(training, asked)?;

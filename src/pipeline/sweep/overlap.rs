@@ -19,7 +19,7 @@ use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// A Gaussian this much thinner than long is a thin one.
+/// A Gaussian whose ratio of smallest to largest scale is below this is thin.
 const THIN: f64 = 1.0 / 30.0;
 fn primitives(model: &Gaussians) -> Vec<Primitive> {
     let one = |i: usize| Primitive {
@@ -35,8 +35,8 @@ fn thin(p: &Primitive) -> bool {
     low < THIN * high
 }
 
-/// The same model with the Gaussians of each block laid into one plane, as on a wall, and their thinnest axes at the floor
-/// that overlaps are taken with.
+/// The same model with the Gaussians of each block flattened into one plane, as on a wall; their smallest scales are at
+/// the floor of the overlaps.
 fn pressed(model: &Gaussians, blocks: &Blocks) -> Gaussians {
     let mut out = model.clone();
     for members in blocks.iter().filter(|m| !m.is_empty()) {
@@ -58,7 +58,7 @@ fn pressed(model: &Gaussians, blocks: &Blocks) -> Gaussians {
     out
 }
 
-/// Packed lower triangles of all blocks, one after the other, as the device packs them.
+/// Packed lower triangles of all blocks, one after the other, in the device's layout.
 fn twin(primitives: &[Primitive], blocks: &Blocks) -> Vec<f32> {
     let column = |members: &[u32], c: usize| -> Vec<f32> {
         let at = |r: usize| &primitives[members[r] as usize];
@@ -70,7 +70,7 @@ fn twin(primitives: &[Primitive], blocks: &Blocks) -> Vec<f32> {
     columns.into_par_iter().flat_map_iter(|(b, c)| column(blocks.block(b), c)).collect()
 }
 
-/// How a formula fares on pairs.
+/// Errors of a formula on pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Fate {
     pairs: usize,
@@ -79,7 +79,7 @@ struct Fate {
 }
 
 impl Fate {
-    /// Over the pairs that `counts` takes: their places are those of the packed triangles.
+    /// Over the pairs that `counts` selects, at their places in the packed triangles.
     fn of(found: &[f32], truth: &[f32], counts: &[bool]) -> Self {
         let mut fate = Self::default();
         for ((n, t), _) in found.iter().zip(truth).zip(counts).filter(|(_, c)| **c) {
@@ -97,7 +97,7 @@ impl Fate {
         self.nan as f64 / self.pairs.max(1) as f64
     }
 
-    /// A NaN is an error as large as an overlap can have.
+    /// The largest error; a NaN counts as the largest possible overlap.
     fn error(&self) -> f64 {
         if self.nan > 0 { self.worst.max(1.0) } else { self.worst }
     }
@@ -112,7 +112,7 @@ impl Fate {
     }
 }
 
-/// Which packed entries are pairs at all, and which of them of two thin Gaussians.
+/// Two masks of the packed entries: pairs, and pairs of two thin Gaussians.
 fn kinds(primitives: &[Primitive], blocks: &Blocks) -> [Vec<bool>; 2] {
     let (mut pairs, mut thin_pairs) = (Vec::new(), Vec::new());
     let is_thin: Vec<bool> = primitives.iter().map(thin).collect();
@@ -163,7 +163,7 @@ impl<'a> Case<'a> {
         Ok(out)
     }
 
-    /// Times of the formulas, in turn.
+    /// Times of the formulas, taken in turn.
     fn times(&self, context: &Context<'_>, rungs: &[Rung<Formula>]) -> Result<Vec<Timed>, Error> {
         let ready = |rung: &Rung<Formula>| match rung.value {
             Formula::Twin => Ok(None),
@@ -253,7 +253,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Formula>]) -> Result<AxisRec
         .judged(["the device spends its time on reading pairs.", "no pair is thin enough to tell the formulas apart."]))
 }
 
-/// What QR costs over each of the others, beside what they lose.
+/// The cost of QR relative to each of the others, with their errors.
 fn extra(axis: &mut AxisRecord) {
     let time = |name: &str| axis.rungs.iter().find(|r| r.name == name).and_then(|r| r.time).map(|t| t.median);
     let Some(qr) = time("qr") else { return };

@@ -1,4 +1,4 @@
-//! The axes of drawing: culling, where blending stops, and how colours are stored.
+//! The axes of drawing: culling, the end of blending, and the storage of colours.
 
 use super::Context;
 use super::axis::{Axis, Rung, Storage};
@@ -11,9 +11,9 @@ use crate::scene::camera::{self, Camera};
 use glam::DVec2;
 use std::time::Instant;
 
-/// (tile, Gaussian) pairs that culling nothing may list: more take minutes on a CPU device.
+/// Largest number of (tile, Gaussian) pairs without culling: more take minutes on a CPU device.
 const MOST_PAIRS: usize = 1 << 20;
-/// Views that pixels are compared in where culling nothing is drawn on a crop.
+/// Number of views whose pixels are compared if the rung without culling is drawn on a crop.
 const CROPS: usize = 2;
 
 /// One way to draw.
@@ -23,7 +23,7 @@ struct Way<'a> {
     model: &'a Resident,
 }
 
-/// How far pictures are from those they should be.
+/// Distance of pictures from the reference.
 #[derive(Clone, Copy, Debug, Default)]
 struct Far {
     largest: f64,
@@ -44,7 +44,7 @@ impl Far {
         self.values += 3 * image.pixels.len();
     }
 
-    /// In dB; none for equal pictures.
+    /// PSNR in dB; none for equal pictures.
     fn psnr(&self) -> Option<f64> {
         let mean = self.squares / self.values.max(1) as f64;
         (mean > 0.0).then(|| -10.0 * mean.log10())
@@ -56,7 +56,7 @@ fn renderer(context: &Context<'_>, way: &Way<'_>, cameras: &[Camera]) -> Result<
     Ok(Renderer::new(context.session.device, way.settings, way.model.len, width, height)?)
 }
 
-/// Each way's distance from the pictures of `truth`. Also makes room for every way's pairs, whose renderers come back.
+/// Each way's distance from the pictures of `truth`. Also returns every way's renderer, grown for its pairs.
 fn compare(
     context: &Context<'_>,
     ways: &[Way<'_>],
@@ -81,14 +81,14 @@ fn compare(
     Ok(out)
 }
 
-/// A frame's time.
+/// The time of a frame.
 fn frame(context: &Context<'_>, renderer: &Renderer, way: &Way<'_>, camera: &Camera) -> Result<Sample, Error> {
     let started = Instant::now();
     let timings = renderer.draw(way.model, camera)?;
     Ok(Sample::of(context.session.device, &timings, &STAGES, started))
 }
 
-/// The middle of a view, at the view's own scale.
+/// The centre of a view, at the view's own scale.
 fn crop(camera: &Camera, width: u32, height: u32) -> Camera {
     let (width, height) = (width.min(camera.width), height.min(camera.height));
     let corner = DVec2::new(f64::from((camera.width - width) / 2), f64::from((camera.height - height) / 2));
@@ -112,7 +112,7 @@ pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRec
     let first = &cameras[0];
     let tile = renderer(context, &way("", Culling::Exact), &cameras[..1])?.tile();
     let tiles = |c: &Camera| c.width.div_ceil(tile) as usize * c.height.div_ceil(tile) as usize;
-    // A whole number of tiles of the picture's own shape, as many as culling nothing can afford.
+    // A whole number of tiles in the picture's aspect ratio, as many as drawing without culling can afford.
     let affordable = MOST_PAIRS / subject.model.len().max(1);
     let whole = cameras.iter().map(tiles).max().unwrap_or(1) <= affordable;
     let crops: Vec<Camera> = if whole {
@@ -235,7 +235,7 @@ pub fn storage(context: &Context<'_>, rungs: &[Rung<Storage>]) -> Result<AxisRec
     ]))
 }
 
-/// PSNR and time of ways of drawing the same.
+/// PSNR and time of several ways to draw the same views.
 fn drawn(
     context: &Context<'_>,
     mut axis: AxisRecord,

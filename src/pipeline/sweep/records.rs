@@ -1,4 +1,4 @@
-//! What a sweep measured: `sweep.json`, schema 1, and its lines as `sweep.csv`.
+//! Records of a sweep: `sweep.json`, schema 1, and its lines as `sweep.csv`.
 
 use super::axis::Axis;
 use super::timing::{Spread, Timed};
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 /// Rungs whose times differ by less than this factor count as equally fast.
 const EQUALLY_FAST: f64 = 1.15;
 
-/// The whole of `sweep.json`.
+/// The contents of `sweep.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct SweepRecord {
     /// Version of this layout.
@@ -18,24 +18,24 @@ pub struct SweepRecord {
     pub version: &'static str,
     /// The device.
     pub device: DeviceInfo,
-    /// Threads that the host's rungs had.
+    /// Number of threads of the host's rungs.
     pub host_threads: usize,
-    /// What was measured on.
+    /// Subject of the measurements.
     pub subject: Described,
-    /// The axes, in the order asked for.
+    /// The axes, in the order of the request.
     pub axes: Vec<AxisRecord>,
-    /// Seconds of all of it.
+    /// Total seconds.
     pub seconds: f64,
 }
 
-/// What a sweep was measured on.
+/// Description of a sweep's subject.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Described {
-    /// Scene or model, as it was given.
+    /// Scene or model, as given on the command line.
     pub path: String,
-    /// Where model, views and responses come from, in a sentence.
+    /// Origin of model, views and responses, in a sentence.
     pub origin: String,
-    /// Gaussians of the model that the light axes look at; 0 where none was asked for.
+    /// Gaussians of the model of the light axes; 0 if no light axis was requested.
     pub gaussians: usize,
     /// SH degree of that model.
     pub degree: usize,
@@ -45,34 +45,34 @@ pub struct Described {
     pub size: [u32; 2],
 }
 
-/// Which accuracies are good.
+/// Direction in which accuracy improves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Better {
-    /// Errors.
+    /// Lower is better: errors.
     Lower,
-    /// Scores.
+    /// Higher is better: scores.
     Higher,
 }
 
 /// One step of an axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct RungRecord {
-    /// Its name: what `--axis NAME=` takes.
+    /// Its name, as in `--axis NAME=`.
     pub name: String,
-    /// Whether the engine takes it unless asked otherwise.
+    /// True if it is the engine's default.
     pub default: bool,
-    /// Whether nothing is faster and as accurate, nor as fast and more accurate.
+    /// True if no rung is faster and as accurate, nor as fast and more accurate.
     pub front: bool,
-    /// By the axis's measure; null where it does not exist, as the PSNR of equal pictures.
+    /// Accuracy by the axis's measure; null if it does not exist, such as the PSNR of equal pictures.
     pub accuracy: Option<f64>,
-    /// Whether it equals what accuracy is measured against.
+    /// True if it equals the reference of accuracy.
     pub exact: bool,
-    /// In the axis's unit: the device's timestamps where it did the work, else the host's clock.
+    /// Time in the axis's unit: the device's timestamps if it did the work, else the host's clock.
     pub time: Option<Spread>,
-    /// By the host's clock, in the same unit.
+    /// Time by the host's clock, in the same unit.
     pub wall: Option<Spread>,
-    /// What else was measured.
+    /// Further figures.
     pub figures: BTreeMap<&'static str, f64>,
 }
 
@@ -91,7 +91,7 @@ impl RungRecord {
         }
     }
 
-    /// With times in seconds that become `per_second` of the axis's units.
+    /// The rung with these times; one second is `per_second` of the axis's units.
     #[must_use]
     pub fn timed(mut self, timed: &Timed, per_second: f64) -> Self {
         let unit =
@@ -101,7 +101,7 @@ impl RungRecord {
         self
     }
 
-    /// How far from exact, for comparisons: lower is better.
+    /// Distance from exact, for comparisons: lower is better.
     fn badness(&self, better: Better) -> Option<f64> {
         match (self.accuracy, better) {
             (Some(a), Better::Lower) => Some(a),
@@ -119,47 +119,47 @@ impl RungRecord {
 /// A table beside an axis's plot.
 #[derive(Clone, Debug, Serialize)]
 pub struct Table {
-    /// What it shows.
+    /// Its title.
     pub title: String,
-    /// Titles of the columns; the first is text.
+    /// Titles of the columns; the first column is text.
     pub columns: Vec<&'static str>,
-    /// Cells, as they are read.
+    /// Cells, as text.
     pub rows: Vec<Vec<String>>,
 }
 
 /// An axis, measured.
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisRecord {
-    /// Which.
+    /// The axis.
     pub axis: Axis,
-    /// What is varied.
+    /// Title: the varied quantity.
     pub title: &'static str,
-    /// What accuracy is, with its unit.
+    /// The measure of accuracy, with its unit.
     pub accuracy: &'static str,
-    /// Which accuracies are good.
+    /// Direction in which accuracy improves.
     pub better: Better,
-    /// What accuracy was measured against.
+    /// The reference of accuracy.
     pub against: &'static str,
     /// The unit of times.
     pub time: &'static str,
-    /// The figure that the plot has in the place of time; none for time.
+    /// The figure that the plot shows in place of time; none for time.
     pub abscissa: Option<&'static str>,
     /// The rungs.
     pub rungs: Vec<RungRecord>,
-    /// What the next more exact rung would cost, in a sentence.
+    /// The cost of the next more exact rung, in a sentence.
     pub sentence: String,
-    /// Where the axis is flat, and why; empty where it is not.
+    /// Where the axis is flat, and why; empty if it is not.
     pub flat: Vec<String>,
-    /// What a reader should know.
+    /// Notes for the reader.
     pub notes: Vec<String>,
-    /// More of it.
+    /// Further tables.
     pub tables: Vec<Table>,
     /// Seconds of measuring.
     pub seconds: f64,
 }
 
 impl AxisRecord {
-    /// An axis without rungs yet, an error as its accuracy.
+    /// An axis without rungs yet, whose accuracy is an error.
     pub fn new(axis: Axis, title: &'static str, [accuracy, against, time]: [&'static str; 3]) -> Self {
         Self {
             axis,
@@ -178,7 +178,8 @@ impl AxisRecord {
         }
     }
 
-    /// Marks the front, says what exactness costs, and where the axis is flat: `why` for its times, then its accuracies.
+    /// Marks the front, and fills in the cost of exactness and where the axis is flat; `why` explains flat times, then
+    /// flat accuracies.
     #[must_use]
     pub fn judged(mut self, why: [&str; 2]) -> Self {
         let better = self.better;
@@ -210,7 +211,7 @@ impl AxisRecord {
         self
     }
 
-    /// What the next more exact rung would cost, or that there is none.
+    /// The cost of the next more exact rung, or a note that there is none.
     fn cost(&self) -> String {
         let Some(default) = self.rungs.iter().find(|r| r.default) else {
             return format!("The default, {}, was not among the rungs.", self.axis.default_rung());
@@ -221,7 +222,7 @@ impl AxisRecord {
         let of = |r: &RungRecord| Some((r.badness(self.better)?, r.seconds()?));
         let others = || self.rungs.iter().filter(|r| !r.default).filter_map(|r| Some((r, of(r)?)));
         let next = others().filter(|(_, (bad, _))| *bad < own).max_by(|(_, a), (_, b)| {
-            // The least step; of equal ones the faster.
+            // The smallest step; of equal ones the faster.
             a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1))
         });
         if let Some((rung, _)) = next {
@@ -251,7 +252,7 @@ impl AxisRecord {
         format!("No rung is more exact than the default, {} ({}: {shown}); {rest}.", default.name, self.accuracy)
     }
 
-    /// How a rung's time differs from another's, in words and figures.
+    /// The difference of a rung's time from another's, as text.
     fn change(&self, rung: &RungRecord, from: &RungRecord) -> String {
         let (Some(a), Some(b)) = (rung.time, from.time) else { return "takes a time that was not measured".to_owned() };
         let figures = format!("{} instead of {} {}", figure(a.median), figure(b.median), self.time);
@@ -265,7 +266,7 @@ impl AxisRecord {
         format!("{words}: {figures}")
     }
 
-    /// A rung's accuracy as it is read.
+    /// A rung's accuracy as text.
     pub fn shown(&self, rung: &RungRecord) -> String {
         match rung.accuracy {
             Some(a) => figure(a),
@@ -275,7 +276,7 @@ impl AxisRecord {
     }
 }
 
-/// Three digits.
+/// A number with three digits.
 pub fn figure(v: f64) -> String {
     let size = v.abs();
     match size {
@@ -289,7 +290,8 @@ pub fn figure(v: f64) -> String {
 }
 
 impl SweepRecord {
-    /// A line a rung, comma-separated; what a rung has beyond the columns stands in the last, as NAME=VALUE, by semicolons.
+    /// One comma-separated line per rung; figures without a column are in the last one as NAME=VALUE, separated by
+    /// semicolons.
     pub fn csv(&self) -> String {
         let mut text = "axis,rung,default,front,accuracy,exact,accuracy_unit,time,time_q1,time_q3,samples,time_unit,wall,figures\n"
             .to_owned();

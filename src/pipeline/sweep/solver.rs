@@ -1,4 +1,4 @@
-//! The axis of eigensolvers: on the subject's own blocks, and by their size.
+//! The axis of eigensolvers: on the subject's own blocks, and by block size.
 
 use super::Context;
 use super::axis::{Axis, Rung, Solver};
@@ -17,13 +17,13 @@ use crate::qirf::study::Basis;
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// Block sizes measured one by one, and blocks of each.
+/// Block sizes measured separately, with the number of blocks of each.
 const SIZES: [(usize, usize); 4] = [(16, 8), (64, 8), (256, 3), (1024, 1)];
 /// Share of a block whose set is compared: the paper's kappa.
 const KAPPA: (usize, usize) = (22, 100);
-/// The solver that the others are compared with.
+/// The reference of the other solvers.
 const EXACT: Solver = Solver::Host(Eigensolver::Dsygvd);
-/// Members beyond which the device's kernel, one subgroup a block, is left out: blocks have 128 at most unless asked otherwise.
+/// Members beyond which the device's kernel, one subgroup per block, is skipped; blocks have at most 128 by default.
 const DEVICE_MOST: usize = 512;
 
 /// Eigenvalues and participation of one block.
@@ -40,13 +40,13 @@ fn solve(problem: &Problem, solver: Eigensolver, basis: &Basis) -> Solution {
     Solution { lambda: p.spectrum.to_vec(), q: p.q, failed: p.canonical }
 }
 
-/// The set that a block keeps by these scores.
+/// The set that a block keeps with these scores.
 fn kept(q: &[f64]) -> Vec<bool> {
     let k = (KAPPA.0 * q.len()).div_ceil(KAPPA.1);
     rank(q).iter().map(|place| (*place as usize) < k).collect()
 }
 
-/// How far solutions are from what is true.
+/// Distance of solutions from the reference.
 struct Distance {
     lambda: f64,
     q: f64,
@@ -72,7 +72,7 @@ fn distance(found: &[Solution], truth: &[Solution]) -> Distance {
     d
 }
 
-/// Blocks with the device's own assembly of them.
+/// Blocks with the device's own assembly.
 struct Measured<'a> {
     problems: Vec<Problem>,
     assembly: Assembly<'a>,
@@ -90,7 +90,7 @@ impl<'a> Measured<'a> {
         Ok(Self { problems, assembly, basis })
     }
 
-    /// Solves all blocks, the host's on `parallel` threads or on one.
+    /// Solves all blocks; the host's solvers on all threads if `parallel`, else on one.
     fn run(&self, context: &Context<'_>, solver: Solver, parallel: bool) -> Result<(Vec<Solution>, Sample), Error> {
         if let Solver::Host(solver) = solver {
             let one = |p: &Problem| solve(p, solver, &self.basis);
@@ -175,7 +175,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Solver>]) -> Result<AxisReco
     Ok(axis.judged(["all solvers are bound by the same factorisation.", "rounding decides nothing at this size."]))
 }
 
-/// What a block of each size takes on one thread.
+/// Times per block of each size on one thread.
 fn by_size(
     context: &Context<'_>,
     resident: &Resident,

@@ -1,4 +1,4 @@
-//! What the light axes look at: a model, its responses, and views of it.
+//! Subject of the light axes: a model, its responses, and views of it.
 
 use super::records::Described;
 use crate::error::Error;
@@ -15,22 +15,22 @@ use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
 use std::path::Path;
 
-/// Views that pictures are taken from at most: enough for a mean, few enough for many rounds.
+/// Largest number of views that pictures are taken from: enough for a mean, few enough for many rounds.
 const VIEWS: usize = 6;
-/// Virtual cameras that a model without photos responds to.
+/// Number of virtual cameras for the responses of a model without photos.
 const AROUND: u32 = 24;
 
-/// A model and what belongs to it.
+/// A model with its responses and views.
 pub struct Subject {
     /// The model.
     pub model: Gaussians,
-    /// How pictures depend on its Gaussians.
+    /// Responses of pictures to its Gaussians.
     pub responses: Responses,
-    /// Views, with what they should show.
+    /// Views with their ground truth.
     pub views: Vec<Photo>,
     /// Image formation.
     pub settings: Settings,
-    /// In words.
+    /// Description for records.
     pub described: Described,
 }
 
@@ -53,17 +53,18 @@ impl Subject {
     }
 }
 
-/// Some of many, at even steps.
+/// At most `count` items, at even steps.
 fn few<T>(all: Vec<T>, count: usize) -> Vec<T> {
     let n = all.len();
     let kept: Vec<usize> = (0..count.min(n)).map(|k| k * n / count.min(n)).collect();
     all.into_iter().enumerate().filter(|(i, _)| kept.contains(i)).map(|(_, v)| v).collect()
 }
 
-/// A scene's: a model trained briefly, or the one given, with what the training photos say of it. It is kept in `folder`.
+/// The subject of a scene: a briefly trained model, or the given one, with responses from the training photos. It is
+/// kept in `folder`.
 ///
 /// # Errors
-/// As a run's.
+/// Those of a run.
 pub fn of_scene(
     session: &Session<'_>,
     folder: &Path,
@@ -100,7 +101,7 @@ pub fn of_scene(
     Ok(subject.told(&config.scene, format!("{from}; responses and views are of the scene's training photos")))
 }
 
-/// A model's own: virtual cameras of this size round it, and its own pictures over a background.
+/// The subject of a model: virtual cameras of this size around it, and its own pictures over a background.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].

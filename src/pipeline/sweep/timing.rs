@@ -1,4 +1,4 @@
-//! Times of rungs, taken in turn: whatever else the machine does falls on all of them alike.
+//! Times of rungs, taken in turn, so that other work on the machine affects all of them alike.
 
 use crate::error::Error;
 use crate::gpu::{Device, Timings};
@@ -6,29 +6,29 @@ use crate::pipeline::Watcher;
 use serde::Serialize;
 use std::time::Instant;
 
-/// Rounds at least and at most; the one before them, which also compiles, is not counted.
+/// Smallest and largest number of rounds; the one before them, which also compiles, is not counted.
 const ROUNDS: (usize, usize) = (3, 48);
-/// A rung that takes this many times as long as the middle one sits out once it had the least number of turns.
+/// A rung that takes this many times as long as the median one is skipped after the smallest number of rounds.
 const SLOW: f64 = 4.0;
 
 /// Seconds of one turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
-    /// By the device's own timestamps; none where it has none, or did nothing.
+    /// By the device's own timestamps; none if it has none, or did nothing.
     pub device: Option<f64>,
     /// By the host's clock.
     pub wall: f64,
 }
 
 impl Sample {
-    /// What a body that runs on the host took.
+    /// The time of a body that runs on the host.
     pub fn host<T>(body: impl FnOnce() -> T) -> (T, Self) {
         let started = Instant::now();
         let result = body();
         (result, Self { device: None, wall: started.elapsed().as_secs_f64() })
     }
 
-    /// The scopes asked for of a recording that ran since `started`.
+    /// The time of the given scopes in a recording that started at `started`.
     pub fn of(device: &Device, timings: &Timings, scopes: &[&str], started: Instant) -> Self {
         let there = device.info().timestamp_period > 0.0;
         Self {
@@ -47,23 +47,23 @@ impl Sample {
 /// Median and quartiles.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// The middle.
+    /// The median.
     pub median: f64,
-    /// A quarter lies below.
+    /// The lower quartile.
     pub q1: f64,
-    /// A quarter lies above.
+    /// The upper quartile.
     pub q3: f64,
-    /// Values that it is of.
+    /// Number of values.
     pub samples: usize,
 }
 
 impl Spread {
-    /// Whether the middle halves of both share a value: what lies between the medians may then be noise.
+    /// Returns true if the interquartile ranges overlap: the difference of the medians may then be noise.
     pub fn overlaps(&self, other: &Self) -> bool {
         self.q1 <= other.q3 && other.q1 <= self.q3
     }
 
-    /// Of at least one value; none for none.
+    /// The spread of at least one value; none for an empty list.
     pub fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
         let last = values.len().checked_sub(1)?;
@@ -85,12 +85,12 @@ pub struct Timed {
     pub wall: Option<Spread>,
 }
 
-/// Runs `rungs` bodies in turn, round after round: once unmeasured, then as often as fits into about `budget` seconds, but
-/// `least` times at the least. Every other round goes backward, so that a machine that slows down or speeds up favours none.
-/// A body hears which rung it is, and the round's number.
+/// Runs `rungs` bodies in turn, round after round: once unmeasured, then as often as fits into about `budget` seconds,
+/// but at least `least` times. Every other round goes backward, so that a machine that slows down or speeds up favours
+/// none. A body receives the index of its rung and the number of the round.
 ///
 /// # Errors
-/// The first of a body; [`Error::Interrupted`].
+/// The first error of a body; [`Error::Interrupted`].
 pub fn interleaved(
     rungs: usize,
     budget: f64,

@@ -1,4 +1,4 @@
-//! Bars that lie, one a row; and columns that stand, one a bin.
+//! Horizontal bars, one per row, and vertical columns, one per bin.
 
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
@@ -6,34 +6,34 @@ use super::{Drawing, px};
 use crate::report::format::short;
 use maud::{Markup, html};
 
-/// Width of a plot of bars, and where bars begin and end.
+/// Width of a plot of bars, and the left and right ends of the bars.
 const WIDTH: f64 = 540.0;
 const BEGIN: f64 = 176.0;
 const END: f64 = 430.0;
 /// Height of a row and of its bar.
 const ROW: f64 = 24.0;
 const THICK: f64 = 15.0;
-/// Characters of a name that fit before the bars.
+/// Number of characters of a name that fit before the bars.
 const NAME: usize = 26;
-/// Columns that have room for their values above them.
+/// Largest number of columns with values above them.
 const NUMBERED: usize = 12;
 
-/// A named length.
+/// A labelled bar.
 pub struct Bar {
-    /// What it is of.
+    /// Its label.
     pub name: String,
     /// Its length, from zero.
     pub value: f64,
-    /// What is written at its end.
+    /// Text at its end.
     pub text: String,
 }
 
-/// Bars below each other, in the order given; the longest takes the room there is.
+/// Bars below each other, in the given order; the longest takes the full width.
 pub fn bars(title: &str, bars: &[Bar]) -> Markup {
     drawing_of_bars(title, bars).figure()
 }
 
-/// The same, for a page or a sheet.
+/// As `bars`, for a page or a sheet.
 pub fn drawing_of_bars(title: &str, bars: &[Bar]) -> Drawing {
     let positive = |v: f64| if v.is_finite() { v.max(0.0) } else { 0.0 };
     let longest = bars.iter().map(|b| positive(b.value)).fold(0.0, f64::max);
@@ -50,7 +50,7 @@ pub fn drawing_of_bars(title: &str, bars: &[Bar]) -> Drawing {
     Drawing::new(title, &[], [WIDTH, bars.len().max(1) as f64 * ROW + 6.0], drawing)
 }
 
-/// A name that fits, its end cut off where it is too long.
+/// A name, its end cut off if it is too long.
 fn cut(name: &str) -> String {
     if name.chars().count() <= NAME {
         return name.to_owned();
@@ -58,17 +58,17 @@ fn cut(name: &str) -> String {
     name.chars().take(NAME - 1).chain(['…']).collect()
 }
 
-/// Columns over bins: a histogram where the values are counts.
+/// Columns over bins: a histogram if the values are counts.
 pub struct Columns<'a> {
-    /// What is shown.
+    /// Title of the plot.
     pub title: &'a str,
-    /// Title below.
+    /// Title of the horizontal axis.
     pub x: &'a str,
-    /// At the left; values without a place on it have no column.
+    /// Vertical axis; values that it cannot show have no column.
     pub y: Axis<'a>,
     /// Each bin's name and value.
     pub bins: &'a [(String, f64)],
-    /// What is written above a column.
+    /// Text above a column.
     pub text: fn(f64) -> String,
 }
 
@@ -80,7 +80,7 @@ impl Columns<'_> {
         let [left, right] = Frame::across();
         let width = (right - left) / self.bins.len().max(1) as f64;
         let middle = |k: usize| left + (k as f64 + 0.5) * width;
-        // So many as have room for their names.
+        // Names every `stride`-th column, so that the names fit.
         let stride = self.bins.len().div_ceil(NUMBERED).max(1);
         let names: Vec<(f64, &str)> =
             self.bins.iter().enumerate().step_by(stride).map(|(k, (name, _))| (middle(k), name.as_str())).collect();

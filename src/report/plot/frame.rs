@@ -1,4 +1,4 @@
-//! The axes that a plot's marks lie between.
+//! The axes around a plot's marks.
 
 use super::px;
 use super::scale::{Axis, Scale};
@@ -6,7 +6,7 @@ use maud::{Markup, html};
 
 /// Width and height of a plot with axes, in pixels.
 pub const SIZE: [f64; 2] = [540.0, 290.0];
-/// Where the left, right, upper and lower edges of the marks' field lie.
+/// Left, right, upper and lower edges of the plot area.
 const FIELD: [f64; 4] = [56.0, 524.0, 30.0, 244.0];
 
 /// Both scales with their titles.
@@ -19,7 +19,7 @@ pub struct Frame<'a> {
 }
 
 impl<'a> Frame<'a> {
-    /// A frame that holds these values.
+    /// A frame for these values.
     pub fn new(x: &Axis<'a>, y: &Axis<'a>, xs: impl Iterator<Item = f64>, ys: impl Iterator<Item = f64>) -> Self {
         let [left, right, upper, lower] = FIELD;
         Self { x: Scale::new(x, xs, [left, right]), y: Scale::new(y, ys, [lower, upper]), titles: [x.title, y.title] }
@@ -35,7 +35,7 @@ impl<'a> Frame<'a> {
         [FIELD[2], FIELD[3]]
     }
 
-    /// Lines across, numbers and titles; `columns` stand in the place of the numbers below.
+    /// Grid lines, numbers and titles; `columns` replace the numbers below.
     pub fn draw(&self, columns: Option<&[(f64, &str)]>) -> Markup {
         let [left, right, _, lower] = FIELD.map(px);
         let below: Vec<(f64, String)> = match columns {

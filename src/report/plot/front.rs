@@ -1,4 +1,4 @@
-//! Points of time and accuracy: the front drawn through those that nothing beats, the default ringed, spreads as whiskers.
+//! Points of time and accuracy: the line joins the Pareto front, the default is ringed, and whiskers show spreads.
 
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
@@ -10,31 +10,31 @@ const LINE: f64 = 13.0;
 
 /// One rung.
 pub struct Point {
-    /// What stands beside it.
+    /// Its label.
     pub label: String,
-    /// What it tells when pointed at.
+    /// Its tooltip.
     pub told: String,
     /// x and y.
     pub at: [f64; 2],
     /// Quartiles of x.
     pub spread: [f64; 2],
-    /// Whether the line goes through it: whether it is on the front.
+    /// True if it is on the front, which the line joins.
     pub front: bool,
-    /// Whether it is what is taken unless asked otherwise.
+    /// True if it is the engine's default.
     pub default: bool,
 }
 
-/// Where accuracies stand on the axis at the left. What is exact has no place on a logarithmic axis, nor among decibels: it
-/// stands a step beyond all others.
+/// Positions of accuracies on the vertical axis. Exact results have no place on a logarithmic axis, nor among decibels:
+/// they are drawn one step beyond all others.
 #[derive(Clone, Copy, Debug)]
 pub struct Accuracies {
     log: bool,
-    /// Where what is exact stands.
+    /// Position of exact results.
     pub beyond: f64,
 }
 
 impl Accuracies {
-    /// Of these, measured; `lower` ones are better or worse.
+    /// Positions for measured accuracies; `lower` is true if lower is better.
     pub fn new(measured: &[f64], lower: bool) -> Self {
         let least = measured.iter().copied().filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
         let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
@@ -47,7 +47,7 @@ impl Accuracies {
         Self { log, beyond }
     }
 
-    /// A rung's place; none where it is neither measured nor exact.
+    /// A rung's position; none if it is neither measured nor exact.
     pub fn place(self, accuracy: Option<f64>, exact: bool) -> Option<f64> {
         match accuracy {
             Some(a) if self.log && a <= 0.0 => Some(self.beyond),
@@ -56,7 +56,7 @@ impl Accuracies {
         }
     }
 
-    /// Their axis.
+    /// The vertical axis.
     pub fn axis(self, title: &str) -> Axis<'_> {
         if self.log { Axis::log(title) } else { Axis::new(title) }
     }
@@ -64,15 +64,15 @@ impl Accuracies {
 
 /// Rungs between two axes.
 pub struct Front<'a> {
-    /// What is shown.
+    /// Title of the plot.
     pub title: &'a str,
-    /// Below.
+    /// Horizontal axis.
     pub x: Axis<'a>,
-    /// At the left.
+    /// Vertical axis.
     pub y: Axis<'a>,
-    /// What points on the line are, and what the others.
+    /// Legend of the points on the line, and of the others.
     pub legend: [&'a str; 2],
-    /// The rungs; those without a place on the axes are left out.
+    /// The rungs; those that the axes cannot show are left out.
     pub points: Vec<Point>,
 }
 
@@ -118,7 +118,7 @@ impl Front<'_> {
     }
 }
 
-/// Heights of labels: those on one side of nearby points stand below one another.
+/// Heights of labels: on each side, labels of nearby points are placed below one another.
 fn labels(places: &[[f64; 2]], at_right: impl Fn(f64) -> bool) -> Vec<f64> {
     let mut out: Vec<f64> = places.iter().map(|[_, y]| y + 4.0).collect();
     let mut order: Vec<usize> = (0..places.len()).collect();

@@ -6,33 +6,33 @@ use super::{Drawing, colour, px};
 use crate::report::format::short;
 use maud::{Markup, html};
 
-/// A named row of points.
+/// A named series of points.
 pub struct Line<'a> {
     /// Its name in the legend.
     pub name: &'a str,
-    /// x and y of each point; those without a place on the axes are left out.
+    /// x and y of each point; those that the axes cannot show are left out.
     pub points: Vec<[f64; 2]>,
 }
 
-/// An upright line at some x.
+/// A vertical line at some x.
 pub struct Mark {
-    /// Where.
+    /// Its position.
     pub x: f64,
-    /// What happened there.
+    /// The event there.
     pub label: String,
 }
 
 /// Lines through points.
 pub struct Lines<'a> {
-    /// What is shown.
+    /// Title of the plot.
     pub title: &'a str,
-    /// Below.
+    /// Horizontal axis.
     pub x: Axis<'a>,
-    /// At the left.
+    /// Vertical axis.
     pub y: Axis<'a>,
     /// The lines.
     pub lines: Vec<Line<'a>>,
-    /// Upright lines; the first is labelled, the others tell when pointed at.
+    /// Vertical lines; the first is labelled, the others show their labels as tooltips.
     pub marks: Vec<Mark>,
 }
 
@@ -83,9 +83,9 @@ fn path(places: &[(&[f64; 2], [f64; 2])]) -> String {
 
 /// A labelled point.
 pub struct Spot {
-    /// What stands beside it.
+    /// Its label.
     pub label: String,
-    /// Number of the group that gives its colour.
+    /// Index of the group that gives its colour.
     pub group: usize,
     /// x and y.
     pub at: [f64; 2],
@@ -93,15 +93,15 @@ pub struct Spot {
 
 /// Labelled points between two axes.
 pub struct Scatter<'a> {
-    /// What is shown.
+    /// Title of the plot.
     pub title: &'a str,
-    /// Below.
+    /// Horizontal axis.
     pub x: Axis<'a>,
-    /// At the left.
+    /// Vertical axis.
     pub y: Axis<'a>,
     /// Names of the groups.
     pub groups: &'a [&'a str],
-    /// The points; those without a place on the axes are left out.
+    /// The points; those that the axes cannot show are left out.
     pub spots: Vec<Spot>,
 }
 

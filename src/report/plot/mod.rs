@@ -1,5 +1,5 @@
-//! Plots as SVG: inline on a page, whose style gives their colours, or as a file of their own. Both follow the reader's light or
-//! dark scheme.
+//! Plots as SVG: inline on a page, whose style gives their colours, or as separate files. Both follow the reader's
+//! light or dark scheme.
 
 mod bars;
 mod frame;
@@ -16,10 +16,10 @@ pub use sheet::sheet;
 
 use maud::{Markup, html};
 
-/// Colours that the style knows, used in turn.
+/// Number of colours in the style, used in turn.
 const COLOURS: usize = 6;
 
-/// The class of colour number `k`.
+/// The CSS class of colour number `k`.
 fn colour(k: usize) -> String {
     format!("c{}", k % COLOURS)
 }
@@ -29,7 +29,7 @@ fn px(value: f64) -> String {
     format!("{:.1}", if value.is_finite() { value } else { 0.0 })
 }
 
-/// A plot before it is put on a page or a sheet.
+/// A plot, for a page or a sheet.
 pub struct Drawing {
     title: String,
     /// Names of the series; a legend is shown for more than one.
@@ -43,7 +43,7 @@ impl Drawing {
         Self { title: title.to_owned(), legend: legend.iter().map(|&name| name.to_owned()).collect(), size, marks }
     }
 
-    /// For a page, whose style gives the colours.
+    /// The plot for a page, whose style gives the colours.
     pub fn figure(&self) -> Markup {
         let [width, height] = self.size;
         html! {

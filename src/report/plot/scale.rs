@@ -1,29 +1,29 @@
-//! From values to places along an axis, and the round numbers that mark it.
+//! Scales: from values to positions along an axis, with round numbers as marks.
 
 use crate::report::format::short;
 
-/// Marks aimed at along an axis.
+/// Approximate number of marks along an axis.
 const MARKS: f64 = 5.0;
-/// Most powers of ten that are marked.
+/// Largest number of powers of ten that are marked.
 const MOST_DECADES: i32 = 6;
-/// Values that span more than this factor ask for a logarithmic axis.
+/// Values that span more than this factor get a logarithmic axis.
 const WIDE: f64 = 8.0;
 /// Values beyond this are not drawn: their differences would overflow.
 const FAR: f64 = 1e30;
 
-/// What an axis shows.
+/// Title and kind of an axis.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Axis<'a> {
     /// Its title with the unit.
     pub title: &'a str,
-    /// Whether equal steps are equal ratios.
+    /// True for a logarithmic axis.
     pub log: bool,
-    /// Whether zero is shown; always is not, on a logarithmic axis.
+    /// True if zero is always shown; on a linear axis only.
     pub zero: bool,
 }
 
 impl<'a> Axis<'a> {
-    /// A linear axis round its values.
+    /// A linear axis around its values.
     pub fn new(title: &'a str) -> Self {
         Self { title, log: false, zero: false }
     }
@@ -38,7 +38,7 @@ impl<'a> Axis<'a> {
         Self { log: true, ..Self::new(title) }
     }
 
-    /// This axis, or a logarithmic one of that title where the values span much.
+    /// This axis, or a logarithmic one with the same title if the values span a wide range.
     #[must_use]
     pub fn or_log(self, values: &[f64]) -> Self {
         let positive = values.iter().filter(|v| **v > 0.0);
@@ -46,13 +46,13 @@ impl<'a> Axis<'a> {
         if high > WIDE * low { Self::log(self.title) } else { self }
     }
 
-    /// Whether a value has a place on it.
+    /// Returns true if the axis can show a value.
     pub fn shows(&self, value: f64) -> bool {
         value.is_finite() && value.abs() < FAR && (!self.log || value > 0.0)
     }
 }
 
-/// An axis with its range, laid between two places in pixels.
+/// An axis with its range, between two positions in pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
     low: f64,
@@ -63,7 +63,7 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// A range of round numbers that holds all values that the axis shows.
+    /// A range of round numbers that contains all values that the axis shows.
     pub fn new(axis: &Axis<'_>, values: impl Iterator<Item = f64>, pixels: [f64; 2]) -> Self {
         let at = |v: f64| if axis.log { v.log10() } else { v };
         let zero = (axis.zero && !axis.log).then_some(0.0);
@@ -81,7 +81,7 @@ impl Scale {
         Self { low, high, step, log: axis.log, pixels }
     }
 
-    /// The place of a value; at an end where it lies beyond it.
+    /// The position of a value; clamped to the ends.
     pub fn at(&self, value: f64) -> f64 {
         let value = if self.log { value.max(f64::MIN_POSITIVE).log10() } else { value };
         let share = ((value - self.low) / (self.high - self.low)).clamp(0.0, 1.0);
@@ -90,12 +90,12 @@ impl Scale {
         if place.is_finite() { place } else { from }
     }
 
-    /// The place where the axis begins.
+    /// The position at which the axis begins.
     pub fn start(&self) -> f64 {
         self.pixels[0]
     }
 
-    /// Marks: their places and what is written there.
+    /// Marks: their positions and labels.
     pub fn marks(&self) -> Vec<(f64, String)> {
         let steps = ((self.high - self.low) / self.step).round() as i32;
         let stride = if self.log { steps / MOST_DECADES + 1 } else { 1 };
@@ -103,7 +103,7 @@ impl Scale {
             .step_by(stride.max(1) as usize)
             .map(|k| {
                 let v = self.low + f64::from(k) * self.step;
-                // Zero is zero, whatever its rounding.
+                // Avoids a rounding error in place of zero.
                 let v = if v.abs() < 1e-9 * self.step { 0.0 } else { v };
                 let text = if self.log { power(v.round() as i32) } else { short(v) };
                 (self.at(if self.log { 10_f64.powf(v) } else { v }), text)
@@ -118,7 +118,7 @@ fn round_step(rough: f64) -> f64 {
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|k| k * unit).find(|s| *s >= rough * (1.0 - 1e-9)).unwrap_or(10.0 * unit)
 }
 
-/// A power of ten, as such where it is far from one.
+/// The label of a power of ten, in exponent form if it is far from one.
 fn power(exponent: i32) -> String {
     if (-3..=4).contains(&exponent) {
         return if exponent < 0 {

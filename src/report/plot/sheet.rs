@@ -1,21 +1,21 @@
-//! Plots as one SVG file that needs nothing else: its own style, and a ground of its own, since a page that shows it may be
-//! dark where the reader's scheme is light.
+//! Plots as one SVG file without dependencies: with its own style, and its own ground, since a page that shows it may
+//! be dark when the reader's scheme is light.
 
 use super::{COLOURS, Drawing, colour, px};
 use maud::{PreEscaped, html};
 
-/// The page's style, whose colours these are.
+/// The page's style, which gives the colours.
 const PAGE: &str = include_str!("../style.css");
 
-/// Room round a drawing, and the heights of its title and of its legend.
+/// Margin around a drawing, and the heights of its title and of its legend.
 const MARGIN: f64 = 16.0;
 const TITLE: f64 = 22.0;
 const LEGEND: f64 = 20.0;
-/// Width that a legend's letter takes, and room between its names.
+/// Width of a legend's letter, and the gap between its names.
 const LETTER: f64 = 6.4;
 const APART: f64 = 30.0;
 
-/// These drawings in rows of so many columns; `title` is for those who cannot see them.
+/// The drawings in rows of `columns`; `title` is for readers who cannot see them.
 pub fn sheet(title: &str, drawings: &[Drawing], columns: usize) -> String {
     let columns = columns.clamp(1, drawings.len().max(1));
     let width = drawings.iter().map(|d| d.size[0]).fold(0.0, f64::max) + 2.0 * MARGIN;
@@ -51,7 +51,7 @@ fn height(drawing: &Drawing) -> f64 {
     TITLE + if drawing.legend.len() > 1 { LEGEND } else { 0.0 } + drawing.size[1]
 }
 
-/// Names with the places where they begin.
+/// Names with their positions.
 fn legend(drawing: &Drawing) -> impl Iterator<Item = (&str, f64)> {
     let shown = if drawing.legend.len() > 1 { &drawing.legend[..] } else { &[] };
     shown.iter().scan(0.0, |at, name| {
@@ -61,7 +61,7 @@ fn legend(drawing: &Drawing) -> impl Iterator<Item = (&str, f64)> {
     })
 }
 
-/// What the page's style calls `--name`, first in the light scheme, then in the dark one.
+/// The value of `--name` in the page's style, in the light or the dark scheme.
 fn page_colour(name: &str, dark: bool) -> &'static str {
     let key = format!("--{name}: ");
     let mut values = PAGE.split(key.as_str()).skip(1).filter_map(|rest| rest.split(';').next());

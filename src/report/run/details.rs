@@ -33,7 +33,7 @@ pub fn views(results: &RunRecord) -> Markup {
     }
 }
 
-/// How the scores were measured.
+/// Conditions of the scores.
 pub fn protocol(results: &RunRecord) -> Markup {
     let p = &results.protocol;
     let [w, h] = p.image_size;

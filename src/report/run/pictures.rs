@@ -23,7 +23,7 @@ pub fn stacks(results: &RunRecord, renders: &Path) -> Vec<Stack> {
     let mut out = Vec::new();
     for exhibit in exhibits(&names) {
         let [photo, last] = [&exhibit.photo, &exhibit.last].map(|file| read(&renders.join(file)));
-        // The folder may still hold a dense picture of an earlier run.
+        // The folder may still contain a dense picture of an earlier run.
         let dense = if results.prunes.is_empty() { None } else { read(&renders.join(&exhibit.dense)) };
         let error = photo.as_ref().zip(last.as_ref()).and_then(|(a, b)| difference(a, b, GAIN));
         let Some(size) = [&last, &photo, &dense].into_iter().flatten().next().map(|p| p.dimensions().into()) else {
