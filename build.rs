@@ -1,8 +1,8 @@
-//! Turns every `glsl/**/*.comp` into one typed Rust kernel: its bindings, push constants and specialization constants are
-//! fields, so that a host that disagrees with its shader does not compile.
+//! Turns every `glsl/**/*.comp` into one typed Rust kernel: its bindings, push constants and specialization constants
+//! are fields, so that a host that disagrees with its shader does not compile.
 //!
-//! Three stages, each in a file of its own: SPIR-V of every shader, its reflection, Rust from the reflection. Constants that
-//! shaders share with the host are read from their source.
+//! Three stages, each in a file of its own: SPIR-V of every shader, its reflection, Rust from the reflection. Constants
+//! that shaders share with the host are read from their source.
 
 #[path = "tools/compile.rs"]
 #[allow(dead_code)] // tools/spirv.rs uses the rest

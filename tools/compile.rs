@@ -1,6 +1,6 @@
-// SPIR-V of `glsl/**/*.comp`. The modules lie in `glsl/spirv`, so that whoever builds the crate needs no shader compiler;
-// `record.txt` there tells which sources each was made from. A shader that was edited since then is compiled with glslc.
-// Part of build.rs and of tools/spirv.rs, which writes that folder.
+// SPIR-V of `glsl/**/*.comp`. The modules lie in `glsl/spirv`, so that whoever builds the crate needs no shader
+// compiler; `record.txt` there tells which sources each was made from. A shader that was edited since then is compiled
+// with glslc. Part of build.rs and of tools/spirv.rs, which writes that folder.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -8,11 +8,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{fs, io};
 
-/// Where the shipped modules and their record lie.
+/// Folder of the shipped modules and their record.
 pub const SHIPPED: &str = "glsl/spirv";
-/// Where includes are looked for.
+/// Folder of the includes.
 const INCLUDES: &str = "glsl";
-/// Vulkan 1.2 is the floor of gpu/select.rs. Unoptimised modules keep every name and constant that the reflection reads.
+/// Vulkan 1.2 is the floor of gpu/select.rs. Unoptimised modules keep every name and constant that the reflection
+/// reads.
 const FLAGS: [&str; 5] = ["-fshader-stage=compute", "--target-env=vulkan1.2", "--target-spv=spv1.5", "-O0", "-Werror"];
 
 /// One shader as SPIR-V.
@@ -104,7 +105,7 @@ pub fn compile(path: &Path) -> Result<Vec<u8>, String> {
     if output.status.success() { Ok(output.stdout) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
 }
 
-/// Which glslc this machine has.
+/// Version of this machine's glslc.
 pub fn compiler() -> io::Result<String> {
     let output = Command::new("glslc").arg("--version").output()?;
     let text = String::from_utf8_lossy(&output.stdout);
@@ -112,10 +113,10 @@ pub fn compiler() -> io::Result<String> {
     Ok(parts.collect::<Vec<_>>().join(", "))
 }
 
-/// What is known of one shipped module.
+/// The record of one shipped module.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// Fingerprint of its source and all that this includes.
+    /// Fingerprint of its source and of everything that this includes.
     pub source: u64,
     /// Fingerprint of the module.
     pub module: u64,
@@ -132,7 +133,7 @@ impl Record {
         Path::new(SHIPPED).join("record.txt")
     }
 
-    /// The record; lines that are none, such as a merge leaves, count for nothing.
+    /// Reads the record; malformed lines, such as a merge leaves, are ignored.
     pub fn read() -> Self {
         let text = fs::read_to_string(Self::path()).unwrap_or_default();
         let entry = |line: &str| {
@@ -153,7 +154,7 @@ impl Record {
         fs::write(Self::path(), text)
     }
 
-    /// The shipped module of a shader; none where either was changed since they were recorded.
+    /// The shipped module of a shader; none if either has changed since they were recorded.
     pub fn shipped(&self, path: &Path) -> Option<Vec<u8>> {
         let entry = self.0.get(&file(path))?;
         let bytes = fs::read(Path::new(SHIPPED).join(file(path))).ok()?;
@@ -166,7 +167,7 @@ pub fn fingerprint(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Fingerprint of a shader's text and of all that it includes.
+/// Fingerprint of a shader's text and of everything that it includes.
 pub fn source_fingerprint(path: &Path) -> u64 {
     let mut seen = vec![path.to_owned()];
     let mut text = String::new();

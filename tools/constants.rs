@@ -5,8 +5,8 @@
 //     /// Decay of the first moment.
 //     const float BETA1 = 0.9;
 //
-// Its value is a plain literal, so that nothing is evaluated here; anything else is an error that names file and line. The
-// constants of `glsl/lib/adam.glsl` and of `glsl/train/adam.comp` go to `constants::adam`.
+// Its value is a plain literal, so that nothing is evaluated here; anything else is an error that names file and line.
+// The constants of `glsl/lib/adam.glsl` and of `glsl/train/adam.comp` go to `constants::adam`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -55,7 +55,7 @@ fn module(constants: &[Shared]) -> String {
     for Shared { name, value, doc } in constants {
         let doc = format!("/// {}\n", doc.join("\n/// "));
         let _ = match value {
-            // As the compiler of shaders does it: the literal is read as float64, and rounded.
+            // As the shader compiler does: the literal is read as float64, and rounded.
             Value::Float(v) => writeln!(plain, "{doc}pub const {name}: f32 = {v:?}_f64 as f32;")
                 .and_then(|()| writeln!(double, "{doc}pub const {name}: f64 = {v:?};")),
             Value::Uint(v) => writeln!(plain, "{doc}pub const {name}: u32 = {v};"),
@@ -85,7 +85,7 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// The shared constants of a file; or the line, and its number, that should have been one.
+/// The shared constants of a file; or the number and text of a line that should have been one.
 fn parse(source: &str) -> Result<Vec<Shared>, (usize, String)> {
     let mut constants = Vec::new();
     let mut doc: Vec<String> = Vec::new();

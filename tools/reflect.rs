@@ -1,4 +1,4 @@
-// Reads from a SPIR-V module what the host must agree with: bindings, push constants, specialization constants.
+// Reads the parts of a SPIR-V module on which the host must agree: bindings, push constants, specialization constants.
 // Part of build.rs.
 
 use rspirv::dr::{Instruction, Module, Operand};

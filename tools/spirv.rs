@@ -31,7 +31,7 @@ fn fail(line: &str) -> ExitCode {
     ExitCode::FAILURE
 }
 
-/// Compiles every shader anew, but for those that another compiler has made and that have not changed since.
+/// Compiles every shader anew, except unchanged ones that another compiler has made.
 fn written(sources: &[PathBuf], compiler: &str) -> Result<String, String> {
     let old = Record::read();
     let mut new = Record::default();
@@ -57,7 +57,7 @@ fn written(sources: &[PathBuf], compiler: &str) -> Result<String, String> {
     Ok(format!("{} modules, {changed} of them changed", new.0.len()))
 }
 
-/// Holds every module against its shader: by the record, and byte for byte where this machine has the same compiler.
+/// Verifies every module against its shader: by the record, and byte for byte if this machine has the same compiler.
 fn checked(sources: &[PathBuf], compiler: &str) -> Result<String, String> {
     let record = Record::read();
     let (mut stale, mut compared) = (Vec::new(), 0);

@@ -1,11 +1,12 @@
-//! The least that a stage must do, whatever its code: bytes between memory and device, float32 operations. Held against the
-//! rates of the group `device` they give the time below which no code of this algorithm goes on that device.
+//! The minimum work of a stage, whatever its code: bytes between memory and device, and float32 operations. Divided by
+//! the rates of the group `device`, it gives a lower bound on the time of any code of this algorithm on that device.
 //!
-//! Bytes: a kernel's inputs are read once and its outputs written once, however often it really touches them; what one kernel
-//! hands to the next counts as both. Gathers count the bytes asked for, not the cache lines that they come in. A Gaussian that
-//! is not visible counts as its mean alone. Operations are counted from the shaders by hand, low where in doubt: an addition,
-//! multiplication, division, root, exponential or logarithm is one; comparisons, selections, integers and what moves between
-//! lanes are none. Rates of operations are those of multiply-adds, two each, so that roots and exponentials flatter the bound.
+//! Bytes: a kernel's inputs are read once and its outputs written once, however often it really touches them; data that
+//! one kernel passes to the next count as both. Gathers count the requested bytes, not the cache lines that contain
+//! them. A Gaussian that is not visible counts as its mean alone. Operations are counted from the shaders by hand, low
+//! where in doubt: an addition, multiplication, division, root, exponential or logarithm is one; comparisons,
+//! selections, integers and moves between lanes are none. Rates of operations are those of multiply-adds, two each, so
+//! that the bound is too low for roots and exponentials.
 
 use super::facts;
 
@@ -32,7 +33,8 @@ impl std::iter::Sum for Bound {
     }
 }
 
-/// Bytes of a pair's key and value, read and written, and of its key read once more to count digits: one pass of a sort.
+/// Bytes of a pair's key and value, read and written, and of its key read once more to count digits: one pass of a
+/// sort.
 const PASS: f64 = 20.0;
 /// Bytes of a scanned word: read to sum blocks, read and written to apply them.
 const SCANNED: f64 = 12.0;
@@ -45,28 +47,29 @@ const ROW: f64 = 18.0;
 
 /// Operations of render/project.comp for a visible Gaussian, its colour left out.
 const PROJECT: f64 = 248.0;
-/// Of the SH basis, by degree.
+/// Operations of the SH basis, by degree.
 const BASIS: [f64; 4] = [0.0, 3.0, 15.0, 40.0];
-/// Of `blend` in render/rasterise.comp: distance 9, exponential 2, blending 9.
+/// Operations of `blend` in render/rasterise.comp: distance 9, exponential 2, blending 9.
 const BLEND: f64 = 20.0;
-/// Of the innermost loop of lib/backward_walk.glsl, without the sums over lanes.
+/// Operations of the innermost loop of lib/backward_walk.glsl, without the sums over lanes.
 const WALK: f64 = 44.0;
-/// Of render/project_backward.comp, the SH's left out; and those by degree.
+/// Operations of render/project_backward.comp without those of the SH; and those of the SH by degree.
 const PROJECT_BACKWARD: f64 = 400.0;
 const DIRECTION: [f64; 4] = [0.0, 20.0, 70.0, 135.0];
-/// Of train/adam.comp for a parameter: moments 7, step 8.
+/// Operations of train/adam.comp for a parameter: moments 7, step 8.
 const ADAM: f64 = 15.0;
-/// Of train/loss.comp for a pixel's channel: windows of 11 taps 4 + 4 + 3 + 3 times 21, map and gradient 50.
+/// Operations of train/loss.comp for a pixel's channel: windows of 11 taps 4 + 4 + 3 + 3 times 21, map and gradient 50.
 const LOSS: f64 = 344.0;
-/// Bytes of train/loss.comp for a pixel: picture and photo read twice, 12 means and 9 partials written and read, gradient.
+/// Bytes of train/loss.comp for a pixel: picture and photo read twice, 12 means and 9 partials written and read,
+/// gradient.
 const LOSS_BYTES: f64 = 2.0 * (16.0 + 4.0) + 2.0 * 4.0 * (12.0 + 9.0) + 16.0;
 
-/// What the stages of a picture, and of an iteration, are bounded by.
+/// Quantities that bound the stages of a picture and of an iteration.
 #[derive(Clone, Copy, Default)]
 pub struct Picture {
-    /// All.
+    /// All Gaussians.
     pub gaussians: f64,
-    /// Those drawn.
+    /// Gaussians drawn.
     pub visible: f64,
     /// (tile, Gaussian) pairs.
     pub pairs: f64,
@@ -87,7 +90,8 @@ impl Picture {
         self.size[0].div_ceil(self.tile) * self.size[1].div_ceil(self.tile)
     }
 
-    /// Pixels of all tiles' lists: what the rasteriser walks. Pixels that are done early walk less, in no bench by much.
+    /// Pixels of all tiles' lists, which the rasteriser walks. Pixels that finish early walk less, but not by much in
+    /// any bench.
     fn pair_pixels(self) -> f64 {
         self.pairs * f64::from(self.tile * self.tile)
     }
@@ -97,16 +101,17 @@ impl Picture {
         3.0 * ((self.degree + 1) * (self.degree + 1)) as f64
     }
 
-    /// A stage's bound, by its scope's name; none is known of others.
+    /// A stage's bound, by its scope's name; zero for other names.
     pub fn stage(self, stage: &str) -> Bound {
         let (n, v, p) = (self.gaussians, self.visible, self.pairs);
         let colour = BASIS[self.degree] + 2.0 * self.sh() + 3.0;
         let (bytes, operations) = match stage {
-            // Written of all: whether visible, and in how many tiles; of the visible also the splat and its depth.
+            // Written for all: visibility and number of tiles; for the visible also the splat and its depth.
             "project" => (n * (12.0 + 8.0) + v * (FORM - 12.0 + 4.0 * self.sh() + SPLAT + 4.0), v * (PROJECT + colour)),
             // Scan of the flags, compaction (flags and offsets), gathering of the depths, four passes.
             "depth sort" => (n * (SCANNED + 8.0) + v * (4.0 + 12.0 + 4.0 * PASS), 0.0),
-            // Gathering of the counts, their scan; order, offset, count, most of the splat and the first slot; three words a pair.
+            // Gathering of the counts, their scan; order, offset, count, most of the splat and the first slot; three
+            // words per pair.
             "bin" => (v * (12.0 + SCANNED + 12.0 + 32.0 + 4.0) + 12.0 * p, 0.0),
             "tile sort" => {
                 let bits = 32 - self.tiles().leading_zeros();
@@ -132,7 +137,7 @@ impl Picture {
         Bound { bytes, operations }
     }
 
-    /// What tables name beside a time.
+    /// Numbers that tables show beside a time.
     pub fn numbers(self) -> [(&'static str, f64); 5] {
         [
             ("gaussians", self.gaussians),
@@ -154,7 +159,7 @@ pub fn scan(n: f64) -> Bound {
     Bound { bytes: SCANNED * n, operations: 0.0 }
 }
 
-/// Overlaps of `blocks` of `m` members: four vectors a member read, a lower triangle written.
+/// Overlaps of `blocks` of `m` members: four vectors per member read, a lower triangle written.
 pub fn overlap(method: &str, blocks: f64, m: f64) -> Bound {
     let each = match method {
         "qr" => 182.0,
@@ -165,7 +170,7 @@ pub fn overlap(method: &str, blocks: f64, m: f64) -> Bound {
     Bound { bytes: blocks * (64.0 * m + 4.0 * triangle), operations: blocks * each * (triangle - m) }
 }
 
-/// The same of density matrices: eight responses a member, their factor written and read, sums of eight products.
+/// The same for density matrices: eight responses per member, their factor written and read, sums of eight products.
 pub fn rrdm(blocks: f64, m: f64) -> Bound {
     let triangle = 0.5 * m * (m + 1.0);
     Bound { bytes: blocks * (96.0 * m + 4.0 * triangle), operations: blocks * 15.0 * triangle }

@@ -1,5 +1,5 @@
-//! `cost`: a picture's time against its pixels and against its pairs, each with the other held; both should grow in a
-//! straight line.
+//! `cost`: a picture's time against its pixels and against its pairs, each with the other held fixed; both should be
+//! linear.
 
 use super::bounds::Bound;
 use super::{device, group, scenes};
@@ -9,13 +9,14 @@ use qirf_vk::render::{Renderer, STAGES, Settings};
 use std::time::{Duration, Instant};
 
 const GAUSSIANS: usize = 20_000;
-/// Heights of pictures whose Gaussians are so small that the dilation makes them what they are: as many pairs in all.
+/// Heights of pictures whose Gaussians are so small that dilation determines their size: the same number of pairs in
+/// all.
 const HEIGHTS: [u32; 5] = [180, 360, 720, 1080, 1440];
 const SMALL: f64 = 0.02;
 /// Sizes of Gaussians in a picture of one size: 16 times the pairs from the first to the last.
 const SIZES: [f64; 6] = [0.02, 2.0, 4.0, 6.0, 8.0, 10.0];
 const HEIGHT: u32 = 360;
-/// An opacity of 2 %, so that no pixel is done before its list ends, however many Gaussians lie over it.
+/// An opacity of 2 %, so that no pixel finishes before its list ends, however many Gaussians lie over it.
 const FAINT: f32 = -3.9;
 
 /// 20 k Gaussians: first at five sizes of picture, then at one size with larger and larger Gaussians.

@@ -1,4 +1,4 @@
-//! `culling`: pairs and milliseconds a picture by way of culling, over an orbit of `flowers_lod2` at 1280 x 720.
+//! `culling`: pairs and milliseconds per picture by culling method, over an orbit of `flowers_lod2` at 1280 x 720.
 
 use super::flowers::{self, VIEWS, fewer};
 use super::{device, facts, group, has_timestamps};

@@ -1,5 +1,5 @@
-//! `effects`: what each effect adds to an iteration, against one with all of them off, the two taking turns; and all off
-//! against all off, which says how far equal things come out apart here.
+//! `effects`: time that each effect adds to an iteration, against one with all of them off, the two taking turns; and
+//! all off against all off, which shows how far equal runs differ here.
 
 use super::iteration::{options, scene, train};
 use super::{device, facts, group};
@@ -9,10 +9,10 @@ use qirf_vk::scene::{FourthByte, Photo};
 use qirf_vk::train::{Options, Trainer};
 use std::time::Duration;
 
-/// Iterations of a turn.
+/// Iterations per turn.
 const TURN: u32 = 2;
 
-/// The rows: what is on in each, and what the photo's fourth byte means.
+/// The rows: the effects that are on in each, and the meaning of the photo's fourth byte.
 fn arms() -> Vec<(&'static str, Options, FourthByte)> {
     let style = |antialias, depth_order| Style { antialias, depth_order }.over([0.0; 3]);
     let opaque = FourthByte::Opaque;
@@ -28,7 +28,7 @@ fn arms() -> Vec<(&'static str, Options, FourthByte)> {
     ]
 }
 
-/// A trainer that has compiled and settled.
+/// A trainer after compilation and warm-up.
 fn trainer(options: Options, fourth_byte: FourthByte) -> Trainer {
     let (model, _, photo) = scene(options.degree);
     let photo = Photo { fourth_byte, ..photo };
@@ -37,7 +37,7 @@ fn trainer(options: Options, fourth_byte: FourthByte) -> Trainer {
     trainer
 }
 
-/// Distortion is not among them: photos are resampled as they are loaded, iterations know nothing of it.
+/// Distortion is not among them: photos are resampled when they are loaded, which does not affect iterations.
 pub fn effects(criterion: &mut Criterion) {
     let mut group = group(criterion, "effects");
     let mut off = trainer(options(0), FourthByte::Opaque);

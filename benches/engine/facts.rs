@@ -1,9 +1,9 @@
-//! What a benchmark was of, beside criterion's figures: a file each in `facts/` of criterion's folder. `make figures` makes
-//! tables and bounds of both.
+//! Facts about each benchmark, beside criterion's figures: one file each in `facts/` of criterion's folder. `make
+//! figures` makes tables and bounds of both.
 
 use std::path::{Path, PathBuf};
 
-/// Where criterion writes.
+/// Criterion's output folder.
 fn home() -> PathBuf {
     let from = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     from("CRITERION_HOME")
@@ -21,7 +21,7 @@ pub fn note(group: &str, rest: &[&str], numbers: &[(&str, f64)]) {
 
 /// Notes the device under measure and the machine round it.
 pub fn note_device(info: &qirf_vk::gpu::DeviceInfo, quick: bool) {
-    // The load before this process: what else ran beside it.
+    // The load before this process: other programs that ran beside it.
     let load = std::fs::read_to_string("/proc/loadavg").ok();
     let load = load.as_deref().and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
     let cpus = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
@@ -34,7 +34,7 @@ pub fn note_device(info: &qirf_vk::gpu::DeviceInfo, quick: bool) {
     write("device.json", &noted);
 }
 
-/// What cannot be noted is said, and no reason to stop a benchmark.
+/// Writes a file of facts; a failure is printed and does not stop the benchmark.
 fn write(name: &str, value: &serde_json::Value) {
     let path = home().join(name);
     let written = std::fs::create_dir_all(path.parent().expect("a folder"))

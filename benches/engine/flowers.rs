@@ -27,7 +27,7 @@ pub fn orbit(model: &Gaussians, width: u32, height: u32) -> Vec<Camera> {
 }
 
 /// (exact, 3-sigma) pairs over tiles of 16 x 16 in float64, whatever the device's tiles: the exact ellipse, and the
-/// square of three times the larger standard deviation, rounded up, over the tiles whose pixel centres it holds.
+/// square of three times the larger standard deviation, rounded up, over the tiles whose pixel centres it contains.
 pub fn pairs_at_16(model: &Gaussians, cameras: &[Camera]) -> (u64, u64) {
     let params = reference::Params::from(model);
     let settings = reference::Settings { sh_degree: 0, tile: 16, ..reference::Settings::default() };
@@ -50,7 +50,7 @@ pub fn pairs_at_16(model: &Gaussians, cameras: &[Camera]) -> (u64, u64) {
     (exact, three_sigma)
 }
 
-/// How many fewer `now` is than `before`, in percent.
+/// Decrease from `before` to `now`, in percent.
 pub fn fewer(now: u64, before: u64) -> f64 {
     100.0 * (1.0 - now as f64 / before as f64)
 }

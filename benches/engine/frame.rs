@@ -24,7 +24,7 @@ pub fn frame(criterion: &mut Criterion) {
         println!("frame/{}: {pairs} pairs an image of {width} x {height}, tiles of {tile} x {tile}", thousands(n));
         let picture = scenes::picture(&model, &camera, pairs, tile);
         for stage in STAGES.iter().filter(|_| has_timestamps()) {
-            // What a stage walks: Gaussians until they are binned, then pairs.
+            // Elements that a stage processes: Gaussians until they are binned, then pairs.
             let elements = if *stage == STAGES[0] || *stage == STAGES[1] { n as u64 } else { u64::from(pairs) };
             group.throughput(Throughput::Elements(elements));
             picture.stage(stage).note("frame", &[stage, &thousands(n)], &picture.numbers());

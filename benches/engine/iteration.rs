@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 const GAUSSIANS: usize = 10_000;
 const SIZE: [u32; 2] = [144, 256];
 
-/// A photo of one crowd, for another to learn: every pixel has an error.
+/// A photo of one crowd as the target of another: every pixel has an error.
 fn photo(model: &Gaussians, camera: &Camera) -> Photo {
     let resident = Resident::upload(device(), model).unwrap();
     let mut renderer = Renderer::new(device(), Settings::default(), model.len(), camera.width, camera.height).unwrap();
@@ -22,7 +22,7 @@ fn photo(model: &Gaussians, camera: &Camera) -> Photo {
     Photo::opaque(camera.clone(), pixels)
 }
 
-/// The course of a run without density control; rates of next to nothing hold the model, and with it the work, still.
+/// The course of a run without density control; rates near zero keep the model, and with it the work, constant.
 fn schedule() -> Schedule {
     let never = u32::MAX;
     let still = 1e-30;
@@ -63,7 +63,7 @@ pub fn scene(degree: usize) -> (Gaussians, Camera, Photo) {
     (scenes::crowd(GAUSSIANS, degree, 1.0, 4), camera, view)
 }
 
-/// Trains so many iterations more; gives the time by the host's clock.
+/// Trains for `iterations` more iterations; returns the time by the host's clock.
 pub fn train(trainer: &mut Trainer, iterations: u32) -> Duration {
     let until = trainer.iteration() + iterations;
     let start = Instant::now();

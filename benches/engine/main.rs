@@ -1,8 +1,8 @@
 //! Benchmarks by stage: `cargo bench --bench engine [-- GROUP]`. Groups and what they show: docs/performance.md.
 //!
 //! Times of stages are the device's own timestamps; where a device has none, only whole submissions are timed, by the
-//! host's clock. `QIRF_BENCH_QUICK=1` takes as few samples as criterion allows. What each benchmark was of, and what it must
-//! do at least, goes into files beside criterion's.
+//! host's clock. `QIRF_BENCH_QUICK=1` takes as few samples as criterion allows. Facts about each benchmark, and its
+//! minimum work, go into files beside criterion's.
 #![allow(missing_docs)] // criterion's macros
 
 mod bounds;
@@ -38,12 +38,12 @@ fn device() -> &'static Device {
     })
 }
 
-/// Whether the device times scopes itself.
+/// True if the device times scopes itself.
 fn has_timestamps() -> bool {
     device().info().timestamp_period > 0.0
 }
 
-/// Device time of a scope, or where there is none the time since `start`.
+/// Device time of a scope, or the time since `start` if there is none.
 fn time_of(timings: &Timings, scope: &str, start: Instant) -> Duration {
     if has_timestamps() { Duration::from_secs_f64(timings.seconds(scope)) } else { start.elapsed() }
 }
@@ -64,7 +64,7 @@ fn group<'a>(criterion: &'a mut Criterion, name: &str) -> BenchmarkGroup<'a, Wal
     group
 }
 
-/// What all of a picture or an iteration is called.
+/// Name of the row for a whole picture or iteration.
 const WHOLE: &str = "whole, by the host's clock";
 
 /// 10 k, 100 k, ... as groups and tables call them.

@@ -1,4 +1,5 @@
-//! `overlap` and `rrdm`: a batch's matrices, in pairs a second; `participation`: the device's solver; `responses`: what gathering them adds to an iteration.
+//! `overlap` and `rrdm`: a batch's matrices, in pairs per second; `participation`: the device's solver; `responses`:
+//! time that gathering responses adds to an iteration.
 
 use super::{bounds, device, group, scenes, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
@@ -55,7 +56,7 @@ pub fn overlap(criterion: &mut Criterion) {
     }
 }
 
-/// The eigenproblems of 3,072 Gaussians, in blocks a second.
+/// The eigenproblems of 3,072 Gaussians, in blocks per second.
 pub fn participation(criterion: &mut Criterion) {
     const FEW: usize = 3072;
     let resident = Resident::upload(device(), &scenes::crowd(FEW, 0, 1.0, 5)).unwrap();

@@ -1,4 +1,4 @@
-//! `sort` and `scan`: rates in elements a second.
+//! `sort` and `scan`: rates in elements per second.
 
 use super::{bounds, device, group, has_timestamps, scenes::noise, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
@@ -21,8 +21,8 @@ pub fn sort(criterion: &mut Criterion) {
         let sort = Sort::new(device, n).unwrap();
         let run = || {
             let mut recording = Recording::new();
-            // The last result lies where the keys were: each run sorts the same disorder. The copy is not timed where
-            // the device has timestamps.
+            // The last result lies where the keys were: each run sorts the same unsorted keys. The copy is not timed
+            // where the device has timestamps.
             recording.copy(&fresh, &pairs.keys, n as usize);
             recording.scope("sort", |r| {
                 sort.record(r, &count, &pairs, 32);

@@ -1,4 +1,4 @@
-//! Generated scenes: the same on every machine, and of the same cover whatever their number.
+//! Generated scenes: the same on every machine, with the same coverage for any number of Gaussians.
 
 use super::bounds::Picture;
 use glam::DVec3;
@@ -44,7 +44,7 @@ pub fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(DVec3::new(0.6, -0.8, -4.6), DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
 }
 
-/// What bounds a picture of a model: visible Gaussians are counted by the float64 twin.
+/// Quantities that bound a picture of a model; the float64 twin counts visible Gaussians.
 pub fn picture(model: &Gaussians, camera: &Camera, pairs: u32, tile: u32) -> Picture {
     let settings = reference::Settings { sh_degree: 0, ..reference::Settings::default() };
     let visible = project::project(&reference::Params::from(model), camera, &settings).iter().flatten().count();

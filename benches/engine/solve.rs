@@ -1,5 +1,6 @@
-//! `participation host`: the host's eigensolvers by members of a block, in blocks a second; `select`: from rankings to a
-//! keep mask. The device's solver is the group `participation`; `qirf-vk sweep` measures all of them on a scene's own blocks.
+//! `participation host`: the host's eigensolvers by members of a block, in blocks per second; `select`: from rankings
+//! to a keep mask. The device's solver is the group `participation`; `qirf-vk sweep` measures all of them on a scene's
+//! own blocks.
 
 use super::{group, scenes::noise};
 use criterion::{BenchmarkId, Criterion, Throughput};
@@ -9,7 +10,7 @@ use qirf_vk::qirf::partition::Partition;
 use qirf_vk::qirf::select::Ranking;
 use qirf_vk::qirf::select::budget::{Budget, Keep, choose};
 
-/// A block's normalised overlaps, falling with distance on a line, and responses without order.
+/// A block's normalised overlaps, falling with distance on a line, and random responses.
 fn block(m: usize) -> (Gram, Vec<[f64; CHANNELS]>) {
     let overlap: Vec<f32> =
         (0..m * m).map(|k| (-0.5 * ((k / m) as f32 - (k % m) as f32).powi(2) / 4.0).exp()).collect();

@@ -40,7 +40,7 @@ impl Attributes<usize> {
         Self::widths_of_bands(degree + 1)
     }
 
-    /// As [`Attributes::widths`], by the number of SH bands.
+    /// [`Attributes::widths`] by the number of SH bands.
     pub(super) fn widths_of_bands(bands: usize) -> Self {
         let sh = std::array::from_fn(|l| if l < bands { Gaussians::band_width(l) } else { 0 });
         Self { means: 3, log_scales: 3, rotations: 4, opacity_logits: 1, sh }
@@ -129,7 +129,7 @@ impl Gaussians {
         }
     }
 
-    /// A model with these numbers and so many SH bands.
+    /// A model of these numbers with `bands` SH bands.
     pub fn of_attributes(attributes: Attributes<Vec<f32>>, bands: usize) -> Self {
         let Attributes { means, log_scales, rotations, opacity_logits, sh } = attributes;
         Self {

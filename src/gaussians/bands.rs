@@ -1,4 +1,4 @@
-//! SH bands: how much each changes colours, and which of them have no visible effect.
+//! SH bands: their effect on colours, and the bands without visible effect.
 
 use super::Gaussians;
 use std::f64::consts::PI;
@@ -7,14 +7,14 @@ use std::f64::consts::PI;
 const STEP: f64 = 1.0 / 255.0;
 
 impl Gaussians {
-    /// For each band above 0: the greatest change of any Gaussian's red, green or blue in any direction. For coefficients c of
-    /// a band it is |c| sqrt((2 l + 1) / 4 pi), by the addition theorem.
+    /// For each band above 0: the greatest change of any Gaussian's red, green or blue in any direction. For
+    /// coefficients c of a band it is |c| sqrt((2 l + 1) / 4 pi), by the addition theorem.
     pub fn most_by_band(&self) -> Vec<f64> {
         (1..self.sh.len()).map(|l| self.turns(l).fold(0.0, f64::max)).collect()
     }
 
-    /// The lowest SH degree at which no colour differs by 1/255 from its value with all bands. A pixel is a weighted mean of
-    /// colours, with weights that sum to 1 at most, and so differs no more than they do.
+    /// The lowest SH degree at which no colour differs by 1/255 from its value with all bands. A pixel is a weighted
+    /// mean of colours, with weights that sum to 1 at most, and so differs no more than they do.
     pub fn degree_in_effect(&self) -> usize {
         let mut rest = vec![0.0; 3 * self.len()];
         for l in (1..self.sh.len()).rev() {

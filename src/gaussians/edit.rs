@@ -42,8 +42,8 @@ impl Gaussians {
         }))
     }
 
-    /// Number of Gaussians that the projection leaves out, because a value is not finite (infinite opacity logits excepted),
-    /// or the largest component of the quaternion is below [`MIN_QUATERNION`].
+    /// Number of Gaussians that the projection leaves out, because a value is not finite (infinite opacity logits
+    /// excepted), or the largest component of the quaternion is below [`MIN_QUATERNION`].
     pub fn undrawable(&self) -> usize {
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
         let bands = |i: usize| {

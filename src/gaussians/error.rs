@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-/// What can go wrong with a model or its file.
+/// Errors of a model or its file.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused to read or write.
@@ -21,7 +21,7 @@ pub enum Error {
         path: PathBuf,
         /// The element, row, stream or field, with its byte offset where there is one.
         record: String,
-        /// What was wrong, then what to do.
+        /// The fault, then the remedy.
         what: String,
     },
     /// The file or the request is legal, but this program does not handle it.
@@ -29,7 +29,7 @@ pub enum Error {
     Unsupported {
         /// The file.
         path: PathBuf,
-        /// What is not handled, then what to do.
+        /// The unsupported feature, then the remedy.
         what: String,
     },
     /// Writing would replace the file that the model was read from.
@@ -41,7 +41,7 @@ pub enum Error {
     /// The arrays of a model disagree in length.
     #[error("inconsistent model: {what}")]
     Inconsistent {
-        /// Which array, its length, the length expected.
+        /// The array, its length, the length expected.
         what: String,
     },
 }

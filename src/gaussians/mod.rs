@@ -42,12 +42,12 @@ impl Gaussians {
         self.means.len()
     }
 
-    /// Whether the model holds no Gaussian.
+    /// True if the model has no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.means.is_empty()
     }
 
-    /// The SH degree: the number of bands less one.
+    /// The SH degree: the number of bands minus one.
     pub fn degree(&self) -> usize {
         self.sh.len().saturating_sub(1)
     }

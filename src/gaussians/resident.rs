@@ -11,9 +11,9 @@ pub struct Resident {
     pub count: Count,
     /// n x width numbers each; a band that the model lacks is empty, and no kernel reads it.
     pub parameters: Attributes<Buffer<f32>>,
-    /// Bands that have arrays, less one.
+    /// Number of bands that have arrays, minus one.
     pub degree: usize,
-    /// Whether SH coefficients are halves, two per word. Such a model can be rendered, but not trained.
+    /// True if SH coefficients are halves, two per word. Such a model can be rendered, but not trained.
     pub half: bool,
     /// Number of Gaussians.
     pub len: usize,
@@ -58,8 +58,8 @@ impl Resident {
         Self::bytes(n, degree) - bands(false) + bands(true)
     }
 
-    /// Uploads a model with SH coefficients rounded to halves, two per word, which halves the largest part of a model. It can
-    /// be rendered, but neither trained nor downloaded.
+    /// Uploads a model with SH coefficients rounded to halves, two per word, which halves the largest part of a model.
+    /// It can be rendered, but neither trained nor downloaded.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -83,7 +83,7 @@ impl Resident {
     }
 }
 
-/// Halves of floats, each the nearest, ties to even; two a word, the first in the lower bits.
+/// Halves of floats, each the nearest, ties to even; two per word, the first in the lower bits.
 fn halves(values: &[f32]) -> Vec<u32> {
     let bits = |v: f32| u32::from(f16::from_f32(v).to_bits());
     values.chunks(2).map(|pair| bits(pair[0]) | pair.get(1).map_or(0, |v| bits(*v)) << 16).collect()

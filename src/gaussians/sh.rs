@@ -1,7 +1,7 @@
 //! Real spherical harmonics to degree 3 (3DGS's signs) and their derivatives by the direction.
 //!
-//! The polynomials hold on the unit sphere only; off it they are one extension of many, so that a derivative has a meaning
-//! only once its radial part is removed (see [`through_normalisation`]).
+//! The polynomials hold on the unit sphere only; off it they are one extension of many, so that a derivative has a
+//! meaning only once its radial part is removed (see [`through_normalisation`]).
 
 use crate::kernels::constants::sh::float64::{
     SH_C0, SH_C1, SH_C2_XX, SH_C2_XY, SH_C2_ZZ, SH_C3_XXX, SH_C3_XXZ, SH_C3_XYZ, SH_C3_XZZ, SH_C3_ZZZ,
@@ -35,7 +35,7 @@ pub fn basis(d: DVec3) -> [f64; COEFFICIENTS] {
     ]
 }
 
-/// The derivatives of [`basis`]'s polynomials by x, y, z, each taken as free.
+/// The derivatives of [`basis`]'s polynomials by x, y, z, each treated as independent.
 pub fn basis_gradient(d: DVec3) -> [DVec3; COEFFICIENTS] {
     let DVec3 { x, y, z } = d;
     let (xx, yy, zz) = (x * x, y * y, z * z);

@@ -1,4 +1,4 @@
-//! What can go wrong when pictures are measured.
+//! Errors of measuring pictures.
 
 use super::lpips::Kind;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// An error of the metrics floor; each message names the cause.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// An image without pixels, or with another number of values than its size asks for.
+    /// An image without pixels, or whose number of values does not match its size.
     #[error(
         "an image of {width} x {height} pixels needs {width} x {height} x 3 values (at least one pixel), not {found}"
     )]
@@ -41,12 +41,12 @@ pub enum Error {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// A weights file that holds something else.
+    /// A file that is not one of LPIPS weights.
     #[error("{}: {what}", path.display())]
     Weights {
         /// The file.
         path: PathBuf,
-        /// Which tensor, and what is wrong with it.
+        /// The tensor, and its fault.
         what: String,
     },
 }

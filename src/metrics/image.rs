@@ -12,10 +12,10 @@ pub struct Image<'a> {
 }
 
 impl<'a> Image<'a> {
-    /// Takes `width` x `height` x 3 floats.
+    /// A picture of `width` x `height` x 3 floats.
     ///
     /// # Errors
-    /// [`Error::Pixels`] where their number is another, or there is no pixel.
+    /// [`Error::Pixels`] for another number of floats, or for no pixels.
     pub fn new(width: usize, height: usize, pixels: &'a [f32]) -> Result<Self, Error> {
         let wanted = width.checked_mul(height).and_then(|n| n.checked_mul(3));
         if pixels.is_empty() || wanted != Some(pixels.len()) {
@@ -58,7 +58,7 @@ pub fn round_trip_8bit(pixels: &[f32]) -> Vec<f32> {
 pub fn psnr(a: &Image<'_>, b: &Image<'_>) -> Result<f64, Error> {
     a.same_size(b)?;
     let row = a.width * 3;
-    // Per row and then in order, so that the sum does not depend on the threads.
+    // Summed per row and then in order, so that the sum does not depend on the threads.
     let rows: Vec<f64> = (a.pixels.par_chunks(row).zip(b.pixels.par_chunks(row)))
         .map(|(a, b)| a.iter().zip(b).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum())
         .collect();

@@ -1,4 +1,4 @@
-//! How close a picture is to the photo: PSNR, SSIM and LPIPS as the 3DGS papers report them, on the CPU.
+//! PSNR, SSIM and LPIPS between a picture and its photo, as the 3DGS papers report them, on the CPU.
 
 mod error;
 mod image;

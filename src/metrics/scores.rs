@@ -3,7 +3,7 @@
 use super::{Error, Image, Kind, Lpips, Range, psnr, round_trip_8bit, ssim};
 use std::path::Path;
 
-/// The LPIPS networks at hand; each may be missing.
+/// The available LPIPS networks; each may be missing.
 #[derive(Default)]
 pub struct Networks {
     /// VGG16, which the 3DGS papers use.
@@ -13,8 +13,9 @@ pub struct Networks {
 }
 
 impl Networks {
-    /// Reads `given` (`--lpips-weights`: a file, or a folder with `lpips-vgg.safetensors` and `lpips-alex.safetensors`),
-    /// else what `QIRF_LPIPS` names, else the user's data folder, where missing files are no error.
+    /// Reads `given` (`--lpips-weights`: a file, or a folder with `lpips-vgg.safetensors` and
+    /// `lpips-alex.safetensors`), else what `QIRF_LPIPS` names, else the user's data folder, where missing files are no
+    /// error.
     ///
     /// # Errors
     /// [`Error::Read`] and [`Error::Weights`] for a file that was named but cannot be used, or is broken.
@@ -30,7 +31,7 @@ impl Networks {
         }
     }
 
-    /// A line for the user where VGG16, the network of the papers, is missing.
+    /// A line for the user if VGG16, the network of the papers, is missing.
     pub fn note(&self) -> Option<&'static str> {
         self.vgg.is_none().then_some("no VGG16 weights, so lpips_vgg is left out: run tools/lpips-weights once")
     }
@@ -65,20 +66,21 @@ impl Networks {
     }
 }
 
-/// The figures of one picture, or their means; `None` (null in JSON) where a figure does not exist, and why in `notes`.
+/// The figures of one picture, or their means; `None` (null in JSON) for a figure that does not exist, explained in
+/// `notes`.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scores {
     /// PSNR in dB; `None` where it is infinite.
     pub psnr: Option<f64>,
     /// Mean SSIM.
     pub ssim: f64,
-    /// LPIPS with VGG16, values in [0, 1] fed as they are: what the 3DGS papers report.
+    /// LPIPS with VGG16, values fed unchanged in [0, 1], as the 3DGS papers report.
     pub lpips_vgg: Option<f64>,
-    /// LPIPS with VGG16, values taken to [-1, 1] as the network was calibrated.
+    /// LPIPS with VGG16, values mapped to [-1, 1] as the network was calibrated.
     pub lpips_vgg_normalized: Option<f64>,
-    /// LPIPS with AlexNet, values taken to [-1, 1].
+    /// LPIPS with AlexNet, values mapped to [-1, 1].
     pub lpips_alex: Option<f64>,
-    /// Why a figure is missing.
+    /// Reasons for missing figures.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
 }
@@ -117,7 +119,7 @@ pub fn evaluate(rendered: &Image<'_>, truth: &Image<'_>, networks: &Networks) ->
     })
 }
 
-/// The means over views, or `None` for no view; a figure that some views lack is the mean of the others, with a note.
+/// The means over views, or `None` without views; a figure that some views lack is the mean of the others, with a note.
 pub fn mean(scores: &[Scores]) -> Option<Scores> {
     if scores.is_empty() {
         return None;

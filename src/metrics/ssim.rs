@@ -29,7 +29,7 @@ pub fn ssim(a: &Image<'_>, b: &Image<'_>) -> Result<f64, Error> {
     if a.pixels() == b.pixels() {
         return Ok(1.0); // rounding would leave 1 - 1e-17 here
     }
-    // Per row and then in order, so that the sum does not depend on the threads.
+    // Summed per row and then in order, so that the sum does not depend on the threads.
     let rows: Vec<f64> = (0..a.height()).into_par_iter().map_init(Scratch::default, |s, y| row(s, a, b, y)).collect();
     Ok(rows.iter().sum::<f64>() / a.pixels().len() as f64)
 }

@@ -35,7 +35,7 @@ impl Camera {
 
     /// A camera at `eye` looking at `target`, principal point centred, with the given vertical field of view (radians).
     ///
-    /// `up` is the world direction that points up in the picture; another is taken if it is parallel to the view.
+    /// `up` is the world direction that points up in the picture; another is used if it is parallel to the view.
     #[must_use]
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov_y: f64, width: u32, height: u32) -> Self {
         let forward = (target - eye).try_normalize().unwrap_or(DVec3::Z);
@@ -54,7 +54,7 @@ impl Camera {
     }
 }
 
-/// The least width and height that the pictures of all cameras fit in; 1 x 1 without cameras.
+/// Largest width and largest height of the cameras' pictures; 1 x 1 without cameras.
 pub fn largest<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> [u32; 2] {
     cameras.into_iter().fold([1, 1], |[w, h], c| [w.max(c.width), h.max(c.height)])
 }

@@ -1,7 +1,7 @@
-//! Decoding of photos: packed 8-bit RGBA at the working size, undistorted where the view calls for it.
+//! Decoding of photos: packed 8-bit RGBA at the working size, undistorted if the view requires it.
 //!
 //! Protocol: EXIF orientation is ignored, as COLMAP ignores it (its poses are those of the stored pixels). Photos are
-//! made smaller by the exact area average of the stored 8-bit values. If a view undistorts, one resampling does both (see
+//! reduced by the exact area average of the stored 8-bit values. If a view undistorts, one resampling does both (see
 //! [`lens`](super::lens)).
 
 use std::io::Cursor;
@@ -18,16 +18,16 @@ use super::pixels::{PhotoFile, Pixels};
 use super::resample::{Raster, area_average, undistort};
 use super::view::{Resize, View};
 
-/// How photos are loaded.
+/// Options of loading photos.
 #[derive(Clone, Copy, Debug)]
 pub struct LoadOptions<'a> {
     /// The working size.
     pub resize: Resize,
-    /// Whether alpha counts; if not, every photo is opaque.
+    /// True to use alpha; otherwise every photo is opaque.
     pub alpha: bool,
-    /// Whether masks count.
+    /// True to use masks.
     pub masks: bool,
-    /// Where the decoded pixels go.
+    /// Memory for the decoded pixels.
     pub memory: PhotoMemory<'a>,
 }
 
@@ -38,12 +38,12 @@ impl Default for LoadOptions<'_> {
     }
 }
 
-/// The host's memory that decoded photos may take.
+/// Limit on the host's memory for decoded photos.
 #[derive(Clone, Copy, Debug)]
 pub struct PhotoMemory<'a> {
     /// Bytes for all photos together; if they need more, all go to a temporary file as they are decoded.
     pub bytes: u64,
-    /// Folder of that file.
+    /// Folder of the temporary file.
     pub folder: &'a Path,
 }
 
@@ -56,10 +56,10 @@ impl Default for PhotoMemory<'_> {
 
 /// Decodes the photos of many views in parallel, in the order of the views; a damaged photo fails alone.
 ///
-/// The fourth byte of all photos means the same. It is a mask where any view has one, unless some photo's header
-/// announces alpha: alpha goes before masks.
+/// The fourth byte has the same meaning in all photos: a mask if any view has one, unless some photo's header announces
+/// alpha, which takes precedence over masks.
 ///
-/// `progress` is called with the number done so far after each photo, from any thread.
+/// `progress` is called from any thread after each photo, with the number done so far.
 ///
 /// # Errors
 /// [`Error::Store`] where the temporary file cannot be written.
@@ -93,7 +93,7 @@ pub fn load_photos(
     Ok(photos)
 }
 
-/// Where decoded pixels go: the host's memory, or a file in which every photo has its place.
+/// Storage of decoded pixels: the host's memory, or a file with a place for every photo.
 struct Store<'a> {
     file: Option<PhotoFile>,
     folder: &'a Path,
@@ -125,19 +125,20 @@ impl<'a> Store<'a> {
     }
 }
 
-/// What the files of one photo hold, at the working size.
+/// Decoded photo and mask of one view, at the working size.
 struct Decoded {
     /// Width x height x RGBA, 8 bits each.
     pixels: Vec<u8>,
-    /// Whether some pixel of the file is not opaque.
+    /// True if some pixel of the file is not opaque.
     has_alpha: bool,
-    /// Where the view has a mask: width x height bytes, 255 where the pixel counts, 0 where not, between where mixed.
+    /// The mask, if the view has one: width x height bytes, 255 where the pixel counts, 0 where not, between where
+    /// mixed.
     mask: Option<Vec<u8>>,
 }
 
 impl Decoded {
-    /// The pixels with a fourth byte of one meaning: alpha is dropped unless it counts, and a mask, or 255 throughout
-    /// where the view has none, replaces it if `masked`.
+    /// The pixels and the meaning of their fourth byte: the mask if `masked` (255 throughout without one); otherwise
+    /// alpha if `alpha` is set and some pixel is not opaque; otherwise 255.
     fn settle(self, alpha: bool, masked: bool) -> (FourthByte, Vec<u8>) {
         let Self { mut pixels, has_alpha, mask } = self;
         let fourth = |pixels: &mut [u8], byte: &dyn Fn(usize) -> u8| {
@@ -155,16 +156,17 @@ impl Decoded {
 }
 
 impl View {
-    /// Loads the view's photo at a working size, with its alpha or its mask: the size of [`View::camera_at`].
+    /// Loads the view's photo with its alpha or mask, at a working size: that of [`View::camera_at`].
     ///
     /// # Errors
-    /// [`Error::Io`] where a file cannot be read; [`Error::Photo`] where it is damaged or not of the camera's shape.
+    /// [`Error::Io`] where a file cannot be read; [`Error::Photo`] where it is damaged or does not have the camera's
+    /// shape.
     pub fn load_photo(&self, resize: Resize) -> Result<Photo, Error> {
         let mut photos = load_photos(&[self], &LoadOptions { resize, ..LoadOptions::default() }, &|_| ())?;
         photos.remove(0)
     }
 
-    /// Whether the photo's header announces an alpha channel.
+    /// True if the photo's header announces an alpha channel.
     pub fn announces_alpha(&self) -> bool {
         let reader = ImageReader::open(&self.image).and_then(ImageReader::with_guessed_format).ok();
         reader.and_then(|r| r.into_decoder().ok()).is_some_and(|d| d.color_type().has_alpha())
@@ -228,7 +230,7 @@ fn decode(path: &Path) -> Result<DynamicImage, Error> {
     Ok(decoded)
 }
 
-/// Whether an end marker follows the image data: decoders silently fill missing data with grey.
+/// True if an end marker follows the image data: decoders silently fill missing data with grey.
 ///
 /// Entropy-coded data never hold the marker's bytes; embedded previews lie in segments before them, which are skipped.
 fn jpeg_ends(bytes: &[u8]) -> bool {

@@ -27,9 +27,9 @@ pub enum Error {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// The record within it, in words by which a person finds it.
+        /// The record within the file, as a person would look for it.
         record: String,
-        /// What is wrong and what to do.
+        /// The fault and its remedy.
         what: String,
     },
     /// A camera has a model that the engine does not know.
@@ -49,7 +49,7 @@ pub enum Error {
         root: PathBuf,
         /// The folder with the photos.
         images: PathBuf,
-        /// How many photos it holds.
+        /// Number of photos in that folder.
         photos: usize,
     },
     /// The path holds no scene.
@@ -60,10 +60,10 @@ pub enum Error {
     NoScene {
         /// The path given.
         root: PathBuf,
-        /// The places looked at.
+        /// The places searched.
         looked_for: &'static str,
     },
-    /// The photo folder asked for does not exist.
+    /// The requested photo folder does not exist.
     #[error("no folder {asked} in {root}{}", known_folders(.known))]
     NoImageFolder {
         /// The scene's folder.
@@ -78,9 +78,9 @@ pub enum Error {
     NoPhotos {
         /// The scene's folder.
         root: PathBuf,
-        /// How many photos the scene lists.
+        /// Number of photos that the scene lists.
         listed: usize,
-        /// Why the first photo was not used.
+        /// The reason why the first photo was not used.
         what: String,
     },
     /// The scene lists no camera with a usable pose.
@@ -88,7 +88,7 @@ pub enum Error {
     NoViews {
         /// The file with the poses.
         path: PathBuf,
-        /// Why none is left.
+        /// The reason why no view is left.
         what: String,
     },
     /// One photo or mask cannot be decoded or does not fit its camera.
@@ -96,7 +96,7 @@ pub enum Error {
     Photo {
         /// The file.
         path: PathBuf,
-        /// What is wrong and what to do.
+        /// The fault and its remedy.
         what: String,
     },
 }

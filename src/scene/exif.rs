@@ -1,4 +1,4 @@
-//! The exposure of a photo by its EXIF header.
+//! The exposure of a photo from its EXIF header.
 
 use super::view::View;
 use exif::{Exif, In, Reader, Tag, Value};
@@ -6,8 +6,8 @@ use std::fs::File;
 use std::io::BufReader;
 
 impl View {
-    /// The photo's exposure in stops: log2 of time times sensitivity over the square of the aperture's f-number. None if the
-    /// header lacks one of the three.
+    /// The photo's exposure in stops: log2 of time times sensitivity over the square of the aperture's f-number. None
+    /// if the header lacks one of the three.
     pub fn exposure_stops(&self) -> Option<f64> {
         let file = File::open(&self.image).ok()?;
         let header = Reader::new().read_from_container(&mut BufReader::new(file)).ok()?;

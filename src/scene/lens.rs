@@ -7,11 +7,12 @@
 //! camera models, which are OpenCV's with the pixel centre at + 0.5.
 //!
 //! # Undistortion protocol
-//! The ideal pinhole has the photo's size in pixels. The photo's border (its outermost pixel centres) is undistorted,
-//! which bounds a rectangle that the photo covers whole; it is cut to twice the field that the lens's focal lengths
-//! would see undistorted, as a rectilinear image of a fisheye's rim would be mostly blur. One zoom factor for both axes
-//! (pixels keep their shape) makes the image fit into that rectangle, centred: every output pixel has a source.
-//! Sampling is bilinear, in the stored 8-bit values, averaged over as many samples per pixel as the reduction asks for.
+//! The ideal pinhole has the photo's size in pixels. The photo's border (its outermost pixel centres) is undistorted
+//! and bounds a rectangle that the photo covers entirely. This rectangle is cut to twice the field that an undistorted
+//! lens of the same focal lengths would see, as a rectilinear image of a fisheye's rim would be mostly blur. One zoom
+//! factor for both axes (pixels keep their shape) makes the image fit into that rectangle, centred: every output pixel
+//! has a source. Sampling is bilinear, in the stored 8-bit values, averaged over as many samples per pixel as the
+//! reduction requires.
 
 use glam::{DMat2, DVec2};
 
@@ -21,7 +22,8 @@ pub const VISIBLE_DISPLACEMENT: f64 = 0.5;
 /// Samples along one image edge when a lens is examined.
 const EDGE_SAMPLES: u32 = 128;
 
-/// Largest half-width of the ideal image, in units of the half-width seen by an undistorted lens of the same focal length.
+/// Largest half-width of the ideal image, in units of the half-width seen by an undistorted lens of the same focal
+/// length.
 const WIDEST: f64 = 2.0;
 
 /// COLMAP's camera models, by COLMAP's names.
@@ -94,7 +96,7 @@ impl LensModel {
 /// The coefficients that bend rays; zero where a model lacks them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
-    /// Whether the radius is the ray's angle (equidistant projection) rather than its tangent.
+    /// True if the radius is the ray's angle (equidistant projection) rather than its tangent.
     pub fisheye: bool,
     /// Radial k1..k4, of r^2, r^4, r^6, r^8.
     pub radial: [f64; 4],
@@ -131,7 +133,7 @@ impl Distortion {
         DMat2::from_cols(column(DVec2::new(h, 0.0)), column(DVec2::new(0.0, h)))
     }
 
-    /// Inverse of [`Self::bend`] on the branch that holds the axis, by damped Newton steps from the bent point.
+    /// Inverse of [`Self::bend`] on the branch that contains the axis, by damped Newton steps from the bent point.
     fn unbend(&self, bent: DVec2) -> Option<DVec2> {
         let mut w = bent;
         let mut error = self.bend(w) - bent;
@@ -191,7 +193,7 @@ impl Lens {
     /// A lens of COLMAP's `model` from its parameters in COLMAP's order.
     ///
     /// # Errors
-    /// A sentence that says what is wrong: the number of parameters, a value that is not finite, an impossible size or
+    /// A sentence that states the fault: the number of parameters, a value that is not finite, an impossible size or
     /// focal length.
     pub fn from_colmap(model: LensModel, width: u64, height: u64, p: &[f64]) -> Result<Self, String> {
         if p.len() != model.parameters() {
@@ -277,7 +279,8 @@ impl Lens {
         Self { width, height, focal: self.focal * ratio, principal: self.principal * ratio, ..*self }
     }
 
-    /// Whether a photo of this size fits the lens, perhaps enlarged or reduced: sides in proportion within rounding and 1 %.
+    /// True if a photo of this size fits the lens, perhaps enlarged or reduced: sides in proportion within rounding and
+    /// 1 %.
     pub fn fits(&self, width: u32, height: u32) -> bool {
         let ratio = f64::from(width) / f64::from(self.width);
         (f64::from(height) - f64::from(self.height) * ratio).abs() <= 1.0 + ratio.max(1.0) + 0.01 * f64::from(height)
@@ -293,8 +296,8 @@ impl Lens {
         d.bend(if r > 1e-12 { point * (r.atan() / r) } else { point })
     }
 
-    /// The normalised point (x / z, y / z) whose image is `distorted`; none if no ray in front of the camera arrives there
-    /// on the branch that holds the optical axis.
+    /// The normalised point (x / z, y / z) whose image is `distorted`; none if no ray in front of the camera arrives
+    /// there on the branch that contains the optical axis.
     pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
         let w = self.distortion.unbend(distorted)?;
         if !self.distortion.fisheye {
@@ -312,8 +315,8 @@ impl Lens {
         self.distort(point) * self.focal + self.principal
     }
 
-    /// The largest displacement, in pixels, against a pinhole image of the same intrinsics (129 x 129 grid over the image,
-    /// edges included); infinite if the distortion has a pole.
+    /// The largest displacement, in pixels, against a pinhole image of the same intrinsics (129 x 129 grid over the
+    /// image, edges included); infinite if the distortion has a pole.
     pub fn max_displacement(&self) -> f64 {
         if self.distortion == Distortion::default() {
             return 0.0;
@@ -330,8 +333,8 @@ impl Lens {
         farthest
     }
 
-    /// The ideal pinhole for an image of the same size (see the module's protocol); none if the distortion folds the image
-    /// so that no rectangle is whole.
+    /// The ideal pinhole for an image of the same size (see the module's protocol); none if the distortion folds the
+    /// image so that it covers no rectangle entirely.
     pub fn ideal(&self) -> Option<Pinhole> {
         let size = DVec2::new(f64::from(self.width), f64::from(self.height));
         let reach = WIDEST * 0.5 * size / self.focal;
@@ -368,8 +371,8 @@ impl Lens {
         None
     }
 
-    /// Whether every pixel centre of `pinhole`'s image (a grid of them, border included) has its source in the photo, on
-    /// the unfolded branch.
+    /// True if every pixel centre of `pinhole`'s image (a grid of them, border included) has its source in the photo,
+    /// on the unfolded branch.
     fn covers(&self, pinhole: &Pinhole) -> bool {
         let size = DVec2::new(f64::from(self.width), f64::from(self.height));
         let slack = 1e-6 * size.max_element();

@@ -1,8 +1,8 @@
 //! Floor 3: cameras, photos, points and the train/test split of a capture.
 //!
-//! [`Scene::open`] reads COLMAP (binary and text), Blender, instant-ngp and nerfstudio data sets. Cameras come out in one
-//! convention ([`camera`]), distorted lenses with the ideal pinhole that replaces them ([`lens`]). Opening reads photos'
-//! headers only, for their sizes; [`Scene::load_photos`] decodes them into [`Photo`]s.
+//! [`Scene::open`] reads COLMAP (binary and text), Blender, instant-ngp and nerfstudio data sets. All cameras follow
+//! one convention ([`camera`]); a distorted lens comes with the ideal pinhole that replaces it ([`lens`]). Opening
+//! reads only the photos' headers, for their sizes; [`Scene::load_photos`] decodes them into [`Photo`]s.
 
 pub mod camera;
 mod decode;
@@ -30,10 +30,10 @@ pub use pixels::{PhotoFile, Pixels};
 pub use skipped::{Names, Skipped};
 pub use view::{Resize, Role, View};
 
-/// The number of views, sorted by name, of which one is held out: the protocol of the 3DGS papers.
+/// One view in this many, sorted by name, is held out: the protocol of the 3DGS papers.
 pub const EVAL_EVERY: usize = 8;
 
-/// The format that a scene came in.
+/// The format of a scene's files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SceneKind {
@@ -41,9 +41,9 @@ pub enum SceneKind {
     ColmapBinary,
     /// COLMAP's cameras.txt, images.txt, points3D.txt.
     ColmapText,
-    /// transforms_train.json and its sisters, as the NeRF synthetic scenes have.
+    /// transforms_train.json and its companions, as in the NeRF synthetic scenes.
     Blender,
-    /// One transforms.json, as instant-ngp and nerfstudio have.
+    /// One transforms.json, as in instant-ngp and nerfstudio.
     Transforms,
 }
 
@@ -65,8 +65,8 @@ pub struct Point {
 pub struct OpenOptions {
     /// Photo folder: a name within the scene (`images_4`) or a path; the data set's own if none is given.
     pub images: Option<PathBuf>,
-    /// Whether photos are undistorted; if not given, those whose lens moves some pixel by more than
-    /// [`lens::VISIBLE_DISPLACEMENT`].
+    /// True to undistort all photos, false to undistort none; if not given, those whose lens moves some pixel by more
+    /// than [`lens::VISIBLE_DISPLACEMENT`].
     pub undistort: Option<bool>,
 }
 
@@ -97,7 +97,7 @@ pub struct Split {
 }
 
 impl Scene {
-    /// Drops and counts the views whose photo is absent or of another shape than its camera.
+    /// Drops and counts the views whose photo is absent or differs in shape from its camera.
     ///
     /// # Errors
     /// [`Error::NoPhotos`] where no view is left.
@@ -129,8 +129,8 @@ impl Scene {
         Ok(())
     }
 
-    /// Loads all views' photos in parallel, one for each view that is left; views whose photo is damaged are dropped and
-    /// counted. `progress` is called with the number done so far after each photo, from any thread.
+    /// Loads the photos of all views in parallel, one for each view that is left; views with a damaged photo are
+    /// dropped and counted. `progress` is called from any thread after each photo, with the number done so far.
     ///
     /// # Errors
     /// [`Error::NoPhotos`] where no view is left; [`Error::Store`] where the temporary file cannot be written.
@@ -163,7 +163,7 @@ impl Scene {
         Ok(loaded)
     }
 
-    /// Whether any view has a mask.
+    /// True if any view has a mask.
     pub fn has_masks(&self) -> bool {
         self.views.iter().any(|view| view.mask.is_some())
     }

@@ -40,7 +40,7 @@ impl Default for Look {
 /// The point that a camera on the circle looks at, and its distance.
 #[derive(Clone, Copy, Debug)]
 pub struct Framing {
-    /// Height of the point looked at over the centre, in world units.
+    /// Height of the viewed point above the centre, in world units.
     pub height: f64,
     /// Distance of the camera from that point, in world units.
     pub distance: f64,
@@ -61,7 +61,7 @@ impl Outline {
         Framing { height: self.fits(look, far).0, distance: far }
     }
 
-    /// The height to look at from a distance, and whether the whole object is then in the picture.
+    /// Height to look at from a distance; true if the whole object is then in the picture.
     fn fits(&self, look: &Look, distance: f64) -> (f64, bool) {
         let tan = (0.5 * look.fov).tan();
         let aspect = f64::from(look.size.0) / f64::from(look.size.1);
@@ -99,7 +99,7 @@ impl Outline {
         (0..count).map(|i| self.camera_at(f64::from(i) / f64::from(count), look, framing)).collect()
     }
 
-    /// A camera after so many turns round the object, from the front.
+    /// The camera after `turns` turns round the object, starting at the front.
     pub fn camera(&self, turns: f64, look: &Look) -> Camera {
         self.camera_at(turns, look, self.framing(look))
     }

@@ -1,4 +1,4 @@
-//! A photo as training and evaluation use it: its camera, its pixels, and what their fourth byte means.
+//! A photo for training and evaluation: its camera, its pixels, and the meaning of their fourth byte.
 
 use std::io;
 
@@ -7,25 +7,25 @@ use glam::DVec3;
 use super::camera::Camera;
 use super::pixels::Pixels;
 
-/// What the fourth byte of a photo's pixels means; all photos of a capture share one meaning.
+/// Meaning of the fourth byte of a photo's pixels; the same for all photos of a capture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FourthByte {
-    /// Nothing: it is 255 throughout.
+    /// None: the byte is 255 throughout.
     #[default]
     Opaque,
     /// Opacity over the background.
     Alpha,
-    /// How much of the pixel counts; the rest is hidden by a mask.
+    /// Share of the pixel that counts; a mask hides the rest.
     Mask,
 }
 
 impl FourthByte {
-    /// The meaning that kernels must allow for over all these photos: masks before alpha before none.
+    /// The meaning that kernels must handle for these photos together: mask if any has one, else alpha, else none.
     pub fn of<'a>(photos: impl IntoIterator<Item = &'a Photo>) -> Self {
         photos.into_iter().map(|photo| photo.fourth_byte).max().unwrap_or_default()
     }
 
-    /// Whether the background shows through the photo by this byte: as opacity, or where a mask hides the photo.
+    /// True if this byte can let the background show through: as opacity, or where a mask hides the photo.
     pub fn shows_background(self) -> bool {
         self != Self::Opaque
     }
@@ -38,7 +38,7 @@ pub struct Photo {
     pub camera: Camera,
     /// Width x height x RGBA, 8 bits each, rows from the top; colours are not multiplied by the fourth byte.
     pub pixels: Pixels,
-    /// What the fourth byte of each pixel means.
+    /// Meaning of the fourth byte of each pixel.
     pub fourth_byte: FourthByte,
 }
 
@@ -51,7 +51,7 @@ impl Photo {
     /// Colour of a pixel in [0, 1], over black.
     ///
     /// # Errors
-    /// A photo that lies in a file which cannot be read.
+    /// If the photo lies in a file that cannot be read.
     pub fn colour(&self, [x, y]: [u32; 2]) -> io::Result<DVec3> {
         let [r, g, b, a] = self.pixels.at(y as usize * self.camera.width as usize + x as usize)?;
         let share = |byte: u8| f64::from(byte) / 255.0;

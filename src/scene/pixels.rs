@@ -14,11 +14,11 @@ const PIXEL: usize = 4;
 pub enum Pixels {
     /// In memory.
     Held(Arc<[u8]>),
-    /// In a file, read when asked for.
+    /// In a file, read on demand.
     Filed {
         /// The file of all photos.
         file: Arc<File>,
-        /// Where this photo begins, in bytes.
+        /// Byte offset of this photo.
         start: u64,
         /// Its length in bytes.
         len: usize,
@@ -34,7 +34,7 @@ impl Pixels {
         }
     }
 
-    /// Whether there is no pixel.
+    /// True if there are no pixels.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -60,7 +60,7 @@ impl Pixels {
     /// A file that cannot be read.
     ///
     /// # Panics
-    /// Beyond the last pixel.
+    /// If `pixel` is past the last one.
     pub fn at(&self, pixel: usize) -> io::Result<[u8; PIXEL]> {
         let first = pixel * PIXEL;
         assert!(first + PIXEL <= self.len(), "pixel {pixel} of {}", self.len() / PIXEL);
@@ -85,7 +85,7 @@ impl FromIterator<u8> for Pixels {
     }
 }
 
-/// A nameless file of photos, which vanishes with the process, however that ends.
+/// An unnamed temporary file of photos; it disappears when the process ends, in whatever way.
 pub struct PhotoFile(Arc<File>);
 
 impl PhotoFile {
@@ -97,10 +97,10 @@ impl PhotoFile {
         tempfile::tempfile_in(folder).map(|file| Self(Arc::new(file)))
     }
 
-    /// Stores a photo from this byte on.
+    /// Stores a photo from byte `start` on.
     ///
     /// # Errors
-    /// A full disk, above all.
+    /// Errors of the system, such as a full disk.
     pub fn put(&self, start: u64, bytes: &[u8]) -> io::Result<Pixels> {
         write_at(&self.0, bytes, start)?;
         Ok(Pixels::Filed { file: Arc::clone(&self.0), start, len: bytes.len() })

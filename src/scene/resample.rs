@@ -2,7 +2,7 @@
 //!
 //! Both work in the stored values (no gamma is undone, as in every published evaluation) with float32 sums and round to
 //! the nearest 8-bit value. Colours are weighted by their alpha where there is one, so that compositing after
-//! resampling gives what resampling after compositing would.
+//! resampling gives the same as resampling after compositing.
 
 use glam::{DVec2, Vec2};
 use rayon::prelude::*;
@@ -85,8 +85,8 @@ pub(crate) fn area_average<const C: usize>(source: &Raster<C>, width: u32, heigh
 /// The image that `camera` (any size) sees through an ideal pinhole, taken from a photo through `lens`.
 ///
 /// One resampling does both undistortion and reduction: each output pixel averages n x n bilinear samples, n about the
-/// number of source pixels along its side. The lens is evaluated at the output pixels' corners and interpolated between:
-/// across one pixel its map is as good as straight. `lens` must have the photo's size.
+/// number of source pixels along its side. The lens is evaluated at the output pixels' corners and interpolated
+/// between: within one pixel its map is practically linear. `lens` must have the photo's size.
 pub(crate) fn undistort<const C: usize>(source: &Raster<C>, lens: &Lens, camera: &Camera, alpha: bool) -> Raster<C> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let ratio = (lens.focal / camera.focal).max_element();

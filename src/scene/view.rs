@@ -8,7 +8,7 @@ use super::Error;
 use super::camera::Camera;
 use super::lens::{Lens, Pinhole};
 
-/// The fault of a lens without an ideal pinhole.
+/// Error message for a lens without an ideal pinhole.
 pub(crate) const FOLDED: &str =
     "the lens's distortion folds the image: no part of it can be undistorted; check the calibration";
 
@@ -101,7 +101,7 @@ impl View {
         view
     }
 
-    /// Whether the photo is resampled to an ideal pinhole rather than used as it is.
+    /// True if the photo is resampled to an ideal pinhole rather than used as it is.
     pub fn undistorts(&self) -> bool {
         self.undistorts
     }
@@ -123,7 +123,7 @@ impl View {
         (self.camera.focal, self.camera.principal) = (focal, principal);
     }
 
-    /// The size of the photo found, if it is not the lens's: its shape did not fit.
+    /// The size of the photo found, if it differs from the lens's because its shape does not fit.
     pub(crate) fn mismatched(&self) -> Option<(u32, u32)> {
         self.photo_size.filter(|&size| size != (self.lens.width, self.lens.height))
     }

@@ -25,11 +25,11 @@ fn model() -> Gaussians {
     Kind { count: 100, seed: 31, ..MILD }.model()
 }
 
-/// A model after some steps under a constant gradient of its picture, and what the guards counted.
+/// A model after some steps under a constant gradient of its picture, and the guards' counts.
 struct Stepped {
     params: Params,
     skipped: u32,
-    /// The device's own gradients before each step, where asked for.
+    /// The device's own gradients before each step, if requested.
     gradients: Vec<Params>,
 }
 
@@ -60,9 +60,9 @@ fn steps(device: &Device, by_image: &[[f32; 4]], with_gradients: bool) -> Result
     Ok(Stepped { params: Params::from(&trainee.model.download(device)?), skipped, gradients })
 }
 
-/// Every parameter after five steps against Adam in float64 on the device's gradients, in units of what is allowed: a
-/// ten-thousandth of the way that the rates allow (1 - 0.999 in float32 makes 1.3e-5 of a step), and a rounding of the
-/// parameter itself each step.
+/// Compares every parameter after five steps with Adam in float64 on the device's gradients, in units of the allowed
+/// error: a ten-thousandth of the distance that the rates allow (1 - 0.999 in float32 causes 1.3e-5 of a step), plus
+/// one rounding of the parameter per step.
 pub(super) fn ordinary(device: &Device) -> Result<Vec<Measure>> {
     let mut done = steps(device, &weights(&camera(48, 48), 73), true)?;
     let mut twin = Params::from(&model());
@@ -85,7 +85,7 @@ pub(super) fn ordinary(device: &Device) -> Result<Vec<Measure>> {
     Ok(vec![("error over its tolerance", most, 1.0), ("rows skipped", f64::from(done.skipped), 0.0)])
 }
 
-/// The furthest that any parameter went, over its attribute's rate and the steps; infinite where one is no number.
+/// Largest change of any parameter, over its attribute's rate and the steps; infinite if one is NaN.
 fn furthest(params: &mut Params) -> f64 {
     let mut start = Params::from(&model());
     let rates = RATES.into_array();
@@ -98,8 +98,8 @@ fn furthest(params: &mut Params) -> f64 {
     most
 }
 
-/// A gradient of the picture that is zero, so small that its square is none, so large that its square is infinite, and one
-/// pixel of NaN.
+/// Gradients of the picture that are zero, so small that their square is zero, so large that their square is infinite,
+/// and NaN in one pixel.
 pub(super) fn extremes(device: &Device) -> Result<Vec<Measure>> {
     let size = 48 * 48;
     let mut zero = steps(device, &vec![[0.0; 4]; size], false)?;
@@ -108,7 +108,7 @@ pub(super) fn extremes(device: &Device) -> Result<Vec<Measure>> {
     let mut spoilt = vec![[0.5; 4]; size];
     spoilt[size / 2 + 24] = [f32::NAN; 4];
     let mut one = steps(device, &spoilt, false)?;
-    // As many rows as lie under that pixel: those stay where they were, and are counted in each step.
+    // The number of rows under that pixel: they stay unchanged, and are counted in each step.
     let mut start = Params::from(&model());
     let moved = |params: &mut Params, start: &mut Params| -> usize {
         let (got, was) = (params.clone(), start.clone());
@@ -119,12 +119,12 @@ pub(super) fn extremes(device: &Device) -> Result<Vec<Measure>> {
     Ok(vec![
         ("0: moved", furthest(&mut zero.params), 0.0),
         ("0: rows skipped", f64::from(zero.skipped), 0.0),
-        // Beside Adam's epsilon of 1e-15 such gradients are nothing.
+        // Such gradients are negligible beside Adam's epsilon of 1e-15.
         ("1e-38: moved", furthest(&mut tiny.params), 1e-6),
         ("1e-38: rows skipped", f64::from(tiny.skipped), 0.0),
         ("1e38: moved", furthest(&mut huge.params), 0.0),
         ("1e38: skips not counted", f64::from(huge.skipped).min(1.0) - 1.0, 0.0),
-        // A step of Adam's is at most 0.1 / sqrt(0.001) of its rate.
+        // A step of Adam is at most 0.1 / sqrt(0.001) of its rate.
         ("NaN: furthest, in rates", furthest(&mut one.params), 3.2),
         ("NaN: skips not counted", (f64::from(one.skipped) / f64::from(STEPS) - stayed as f64).abs(), 0.0),
         ("NaN: rows that stayed, of the seen", stayed as f64 / seen_and_sound.max(1) as f64, 0.5),

@@ -14,13 +14,13 @@ use crate::train::Trainee;
 use crate::train::adam::{Moments, record_gradients};
 use glam::DVec3;
 
-/// A picture and what comes back from it.
+/// A picture and its gradients.
 pub struct Drawn {
     /// The picture.
     pub image: Image,
     /// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters.
     pub gradients: Params,
-    /// Rows that were skipped for a gradient that is not finite.
+    /// Rows skipped because of a gradient that is not finite.
     pub skipped: u32,
 }
 
@@ -30,7 +30,7 @@ pub fn weights(camera: &Camera, seed: u64) -> Vec<[f32; 4]> {
     (0..camera.width * camera.height).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect()
 }
 
-/// First moments of every parameter: where [`record_gradients`] leaves the gradients.
+/// First moments of all parameters, in which [`record_gradients`] leaves the gradients.
 pub(super) fn first_moments(device: &Device, moments: &Moments, degree: usize) -> Result<Params> {
     let read = |moments: &Buffer<[f32; 2]>| -> Result<Vec<f64>> {
         Ok(moments.read(device)?.iter().map(|m| f64::from(m[0])).collect())
@@ -38,7 +38,7 @@ pub(super) fn first_moments(device: &Device, moments: &Moments, degree: usize) -
     Ok(Params::of_attributes(moments.each_ref().try_map(read)?, degree + 1))
 }
 
-/// Draws a model and goes back from the picture.
+/// Renders a model and computes the gradients of the picture.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -52,7 +52,7 @@ pub fn there_and_back(
     let trainee = Trainee::new(device, model)?;
     let size = [camera.width, camera.height];
     let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12)?;
-    let image = renderer.render(&trainee.model, camera)?; // and the pairs have room
+    let image = renderer.render(&trainee.model, camera)?; // also makes room for the pairs
     let by_image = device.upload("image gradient", weights)?;
     let mut recording = Recording::new();
     renderer.record(&mut recording, &trainee.model, camera);
@@ -64,7 +64,7 @@ pub fn there_and_back(
     Ok(Drawn { image, gradients: first_moments(device, &trainee.moments, model.degree())?, skipped })
 }
 
-/// The twin's gradients of the same.
+/// The twin's gradients for the same picture.
 pub fn expected(model: &Gaussians, camera: &Camera, settings: Settings, weights: &[[f32; 4]]) -> Params {
     let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
     let by_alpha: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
@@ -81,13 +81,14 @@ pub fn relative(got: &mut Params, expected: &mut Params, least: f64) -> f64 {
     })
 }
 
-/// A millionth of what the weights could make of any parameter: what a gradient of nothing, as of a ball's rotation, is
-/// measured by.
+/// A millionth of the largest gradient that the weights could give: the scale for gradients that vanish, such as that
+/// of a ball's rotation.
 pub fn least(weights: &[[f32; 4]]) -> f64 {
     1e-6 * weights.as_flattened().iter().map(|w| f64::from(w.abs())).sum::<f64>()
 }
 
-/// Float32 alone gives 4e-6; a contribution that it puts on the other side of 1/255 gives 1e-4; a wrong clamp 6e-4 and more.
+/// Float32 alone causes errors of 4e-6; a contribution on the wrong side of 1/255 causes 1e-4; a wrong clamp 6e-4 and
+/// more.
 pub(super) const ALLOWED: f64 = 3e-4;
 
 fn compare(
@@ -147,15 +148,16 @@ pub(super) fn coincident(device: &Device) -> Result<Vec<Measure>> {
     compare(device, &layers(10_000, 0.0, -3.0), &straight_on(), Settings::default(), ALLOWED)
 }
 
-/// 10,000 layers without a stop: transmittance leaves float32's range on the way. What lies behind a layer is the pixel less
-/// what lies before: its rounding, 1e-7 of the pixel, stays where the thing itself has long vanished.
+/// 10,000 layers without a stop: transmittance leaves float32's range on the way. The colour behind a layer is the
+/// pixel less the colour before it: its rounding, 1e-7 of the pixel, remains where the colour itself has long vanished.
 pub(super) fn chain(device: &Device) -> Result<Vec<Measure>> {
     compare(device, &layers(10_000, 1e-5, -3.9), &straight_on(), Settings { stop: 0.0, ..Settings::default() }, ALLOWED)
 }
 
-/// One pixel behind layers of one colour and opacity, before black: dL/dalpha is a difference of what is nearly equal, and its error
-/// that of two sums of as many roundings as layers are drawn. The worst layer's, over (8 + the root of their number) roundings of
-/// the colour; an exponential that is off by some roundings makes it twice that.
+/// One pixel behind layers of one colour and opacity, before black: dL/dalpha is a difference of nearly equal values,
+/// and its error that of two sums with one rounding per layer drawn. Measures the worst layer's error over (8 + the
+/// root of the number of layers drawn) roundings of the colour; an exponential that is off by some roundings doubles
+/// it.
 pub(super) fn alike(device: &Device) -> Result<Vec<Measure>> {
     let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.5, 1, 1);
     let weights = [[1.0, 1.0, 1.0, 0.0]];
@@ -167,7 +169,7 @@ pub(super) fn alike(device: &Device) -> Result<Vec<Measure>> {
         let right = expected(&model, &camera, Settings::default(), &weights);
         let drawn = right.opacity_logits.iter().filter(|g| **g != 0.0).count() as f64;
         let opacity = 1.0 / (1.0 + (-f64::from(logit)).exp());
-        // The worth of a layer: 3 (0.5 + C0 1.3).
+        // Contribution of a layer: 3 (0.5 + C0 1.3).
         let allowed = (8.0 + drawn.sqrt()) * 2_f64.powi(-24) * 2.6 * opacity * (1.0 - opacity);
         let pairs = got.opacity_logits.iter().zip(&right.opacity_logits);
         most = pairs.fold(most, |m, (g, e)| worse(m, (g - e).abs() / allowed));

@@ -1,4 +1,4 @@
-//! The hard cases whose results are known beforehand (`hard-cases.json`): 12 pairs of Gaussians with overlaps of 60-digit
+//! Hard cases with known results (`hard-cases.json`): 12 pairs of Gaussians with overlaps computed in 60-digit
 //! arithmetic, and 10 blocks with the solutions of their eigenproblems.
 
 use crate::qirf::{CHANNELS, Row};
@@ -14,23 +14,23 @@ pub struct Pair {
     pub s1: [f64; 3],
     /// Quaternion (w, x, y, z).
     pub q1: [f64; 4],
-    /// As `p1`, of the second.
+    /// `p1` of the second Gaussian.
     pub p2: [f64; 3],
-    /// As `s1`, of the second.
+    /// `s1` of the second Gaussian.
     pub s2: [f64; 3],
-    /// As `q1`, of the second.
+    /// `q1` of the second Gaussian.
     pub q2: [f64; 4],
     /// N, without a floor under the scales.
     #[serde(rename = "N_ref")]
     pub expected: f64,
-    /// Error that float32 may make, without a floor.
+    /// Error allowed for float32, without a floor.
     pub abs_tol_f32: f64,
 }
 
 /// A block's matrices and the solution of P u = lambda (N + eps I) u.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Block {
-    /// Gaussians in it.
+    /// Number of Gaussians.
     pub m: usize,
     /// Overlaps, m x m.
     #[serde(rename = "N")]
@@ -42,15 +42,15 @@ pub struct Block {
     pub eps: f64,
     /// Eigenvalues, descending.
     pub lam: Vec<f64>,
-    /// How many lead at tau = 0.95.
+    /// Number of leading eigenvalues at tau = 0.95.
     pub r: usize,
     /// Participations, m.
     pub q: Vec<f64>,
-    /// How many the paper's rule keeps.
+    /// Number of Gaussians that the paper's rule keeps.
     pub k: usize,
-    /// Which, ascending.
+    /// Their indices, ascending.
     pub paper_topk: Vec<u32>,
-    /// Which the column subset keeps, in its order.
+    /// Indices of those that the column subset keeps, in its order.
     pub css_order: Vec<u32>,
 }
 
@@ -61,10 +61,10 @@ impl Block {
         self.w.iter().map(row).collect()
     }
 
-    /// Error of eigenvalues and participations, relative to the largest, that float64 (or float32) may make.
+    /// Error of eigenvalues and participations, relative to the largest, that is allowed for float64 (or float32).
     pub fn tolerance(name: &str, float32: bool) -> f64 {
         match (name, float32) {
-            // Rounding of N itself, 6e-8, is divided by epsilon = 1e-4 where functions nearly depend on each other.
+            // Rounding of N itself, 6e-8, is divided by epsilon = 1e-4 where functions are nearly linearly dependent.
             ("B4_32_copies" | "B9_dense_line_64", true) => 2e-2,
             ("B9_dense_line_64" | "B3_noisy_duplicates_rank1" | "B4_32_copies", _) | (_, true) => 2e-3,
             _ => 1e-6,

@@ -29,8 +29,8 @@ impl Case {
         Self { width, height, image, photo: (0..count).map(|_| [0; 4].map(|_| r.within(0.0, 256.0) as u8)).collect() }
     }
 
-    /// Errors of value and gradient, relative to the twin's; the gradient's norm counts as a tenth of an L1 gradient's at
-    /// least, so that rounding at the optimum, where it vanishes, is not divided by nothing.
+    /// Errors of value and gradient, relative to the twin's; the gradient's norm counts as at least a tenth of an L1
+    /// gradient's, so that rounding at the optimum, where the gradient vanishes, is not divided by zero.
     fn errors(&self, device: &Device) -> Result<[f64; 2]> {
         let image = device.upload("image", &self.image)?;
         let words: Vec<u32> = self.photo.iter().map(|p| u32::from_le_bytes(*p)).collect();
@@ -56,8 +56,8 @@ impl Case {
     }
 }
 
-/// Float32's window sums are off by 1e-7 of their terms, and a covariance of such is divided by C2 = 9e-4: 1e-4 of SSIM times
-/// the square of the brightness, and so of value and slope.
+/// Float32's window sums are off by 1e-7 of their terms, and covariances made of them are divided by C2 = 9e-4: an
+/// error of 1e-4 times the squared brightness in SSIM, and so in value and gradient.
 fn worst(device: &Device, cases: impl IntoIterator<Item = Case>, allowed: [f64; 2]) -> Result<Vec<Measure>> {
     let (mut value, mut gradient) = (0.0, 0.0);
     for case in cases {
@@ -80,7 +80,7 @@ pub(super) fn constant(device: &Device) -> Result<Vec<Measure>> {
     worst(device, cases, [1e-4, 2e-4])
 }
 
-/// Half of the values at 0 and at 1, as of a photo of a lamp at night.
+/// Half of the values are 0 or 1, as in a photo of a lamp at night.
 pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
     let mut case = Case::noise(45, 37, 2.0, 9);
     case.image.iter_mut().for_each(|p| *p = p.map(|v| (v - 0.5).clamp(0.0, 1.0)));

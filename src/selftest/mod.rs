@@ -1,6 +1,6 @@
-//! Numeric checks of a device against the host: what `qirf-vk selftest` runs on a user's own machine, since drivers
-//! differ. Each room adds its cases to [`cases`]; a case computes something on the device and on the host, and says how
-//! far they are apart and how far they may be.
+//! Numeric checks of a device against the host. `qirf-vk selftest` runs them on the user's machine, since drivers
+//! differ. Each room adds its cases to [`cases`]; a case computes something on the device and on the host, and reports
+//! the error seen and the error allowed.
 
 mod adam;
 pub mod backward;
@@ -26,18 +26,18 @@ use serde::Serialize;
 pub struct Check {
     /// The part of the engine.
     pub room: &'static str,
-    /// What was computed, and in which measure the error is.
+    /// The quantity computed, and the measure of its error.
     pub name: String,
     /// The error seen; none where the case could not be run or gave no number.
     pub seen: Option<f64>,
     /// The error allowed.
     pub allowed: f64,
-    /// Why the case could not be run.
+    /// The reason why the case could not be run.
     pub problem: Option<String>,
 }
 
 impl Check {
-    /// Whether the error seen is allowed.
+    /// True if the error seen is within the error allowed.
     pub fn passed(&self) -> bool {
         self.seen.is_some_and(|seen| seen <= self.allowed)
     }
@@ -56,7 +56,7 @@ pub struct Case {
 }
 
 impl Case {
-    /// The part of the engine that it is of.
+    /// The part of the engine that the case tests.
     pub fn room(&self) -> &'static str {
         self.room
     }
@@ -69,7 +69,7 @@ impl Case {
     /// Runs the case; a device error is a failed check with its reason.
     ///
     /// # Errors
-    /// A lost device, and a lack of memory: neither says that numbers are wrong.
+    /// A lost device, and a lack of memory: neither shows that numbers are wrong.
     pub fn run(&self, device: &Device) -> gpu::Result<Vec<Check>> {
         let check = |name, seen: Option<f64>, allowed, problem| Check { room: self.room, name, seen, allowed, problem };
         Ok(match (self.body)(device) {
@@ -85,7 +85,7 @@ impl Case {
     }
 }
 
-/// A case of the quick run too.
+/// A case of both the quick and the full run.
 const fn quick(room: &'static str, name: &'static str, body: Body) -> Case {
     Case { room, name, quick: true, body }
 }
@@ -148,7 +148,7 @@ pub fn cases(only_quick: bool) -> impl Iterator<Item = &'static Case> {
     CASES.iter().filter(move |c| c.quick || !only_quick)
 }
 
-/// Some drivers end long loops early, in silence.
+/// Some drivers silently end long loops early.
 fn long_loop(device: &Device) -> gpu::Result<Vec<Measure>> {
     let iterations = 100_000_u32;
     let result = device.upload("loop", &[0_u32])?;

@@ -14,7 +14,7 @@ use glam::{DMat3, DQuat, DVec3};
 /// Centre, log-scales, quaternion.
 pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
 
-/// N of each pair of successive rows, as the device has it.
+/// N of each pair of successive rows, as the device computes it.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -38,7 +38,7 @@ pub fn on_device(device: &Device, rows: &[Row], metric: Metric) -> Result<Vec<f3
     Ok(all)
 }
 
-/// The pairs of known overlap, each once in either order.
+/// The pairs of known overlap, each once in each order.
 pub fn known_rows() -> Vec<(&'static str, hard::Pair, [Row; 4])> {
     let narrow = |v: [f64; 3]| v.map(|x| x as f32);
     let logs = |v: [f64; 3]| v.map(|x| (x as f32).ln());
@@ -50,7 +50,7 @@ pub fn known_rows() -> Vec<(&'static str, hard::Pair, [Row; 4])> {
     hard::pairs().map(|(name, pair)| (name, pair.clone(), rows(&pair))).collect()
 }
 
-/// The pairs' own tolerances hold without a floor under the scales; with it the identical disc has to be exact.
+/// The pairs' own tolerances apply without a floor under the scales; with a floor the identical disc must be exact.
 pub(super) fn known(device: &Device) -> Result<Vec<Measure>> {
     let mut measures = Vec::new();
     let known = known_rows();
@@ -63,7 +63,7 @@ pub(super) fn known(device: &Device) -> Result<Vec<Measure>> {
         }
         if name.starts_with("P1_") {
             measures.push((*name, seen, pair.abs_tol_f32));
-            // Floored, its discs are as thick as the others' and its overlap must be as good.
+            // With the floor its discs are as thick as the others', and its overlap must be as accurate.
             measures.push(("P1 floored", floored, 1e-5));
         } else {
             measures.push((*name, worse(seen, floored), pair.abs_tol_f32));
@@ -73,13 +73,13 @@ pub(super) fn known(device: &Device) -> Result<Vec<Measure>> {
     Ok(measures)
 }
 
-/// Maximum that a NaN does not slip through.
+/// Maximum; infinite if `b` is NaN.
 pub(super) fn worse(a: f64, b: f64) -> f64 {
     if b.is_nan() { f64::INFINITY } else { a.max(b) }
 }
 
 /// `count` pairs of anisotropy 1..1e6 at scene scales 2^-40..2^40, half of them up to 1e4 units from the origin, a few
-/// deviations apart; either of random orientations and sizes, or nearly parallel ones.
+/// deviations apart, with random orientations and sizes or, if `parallel`, nearly parallel.
 pub fn random_rows(count: usize, parallel: bool, seed: u64) -> Vec<Row> {
     let mut r = Random(seed);
     let mut rows = Vec::with_capacity(2 * count);
@@ -113,7 +113,7 @@ pub fn random_rows(count: usize, parallel: bool, seed: u64) -> Vec<Row> {
     rows
 }
 
-/// Errors against the twin, ascending, and how many were NaN.
+/// Errors against the twin, ascending, and the number of NaNs.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -134,7 +134,8 @@ pub fn errors(device: &Device, rows: &[Row], method: Method) -> Result<(Vec<f64>
 
 fn random(device: &Device, count: usize) -> Result<Vec<Measure>> {
     let mut measures = Vec::new();
-    // Float32 rounds each axis by 6e-8. Near-parallel discs of the floor's 1e-3 feel it a thousandfold, in distance as in tilt.
+    // Float32 rounds each axis by 6e-8. Near-parallel discs of the floor's 1e-3 amplify this a thousandfold, in
+    // distance and in tilt.
     for (parallel, seed, allowed) in [(false, 41, 1e-5), (true, 42, 2e-4)] {
         let (errors, nan) = errors(device, &random_rows(count, parallel, seed), Method::Qr)?;
         let most = errors.last().copied().unwrap_or(f64::INFINITY);

@@ -9,13 +9,14 @@ use crate::qirf::CHANNELS;
 use crate::qirf::participation::{Eigensolver, Factor, Gram};
 use crate::qirf::select::rank;
 
-/// Share of the energy that the embedded solutions were made with.
+/// Share of the energy used for the embedded solutions.
 const TAU: f64 = 0.95;
 
-/// Eigenvalues, how many lead, participations, and whether the metric was not positive definite.
+/// Eigenvalues, number of leading ones, participations, and true if the metric was not positive definite.
 type Solution = (Vec<f64>, usize, Vec<f64>, bool);
 
-/// One row a block: the worst error of eigenvalues and participations relative to their largest; then what must be exact.
+/// One row per block: the worst error of eigenvalues and participations, relative to their largest; then rows that must
+/// be exact.
 fn against(solve: impl Fn(&Block) -> Result<Solution>, float32: bool) -> Result<Vec<Measure>> {
     let mut measures = Vec::new();
     let mut wrong = 0;
@@ -57,7 +58,7 @@ pub(super) fn low_rank_f32(_: &Device) -> Result<Vec<Measure>> {
     by_solver(Eigensolver::LowRankF32)
 }
 
-/// The device's solver on matrices that the host brings.
+/// The device's solver on matrices uploaded by the host.
 fn kernel(device: &Device, block: &Block) -> Result<Solution> {
     let m = block.m;
     let triangle: Vec<f32> = (0..m).flat_map(|c| (c..m).map(move |r| (r, c))).map(|(r, c)| block.n[r][c]).collect();
@@ -86,8 +87,8 @@ pub(super) fn on_device(device: &Device) -> Result<Vec<Measure>> {
     against(|block| kernel(device, block), true)
 }
 
-/// Overlaps that are no Gram matrix, as rounding might leave them: eigenvalues 2.2, -0.2 and 1. LAPACK's solvers solve the
-/// canonical form, the device says that it failed; nobody answers with what a broken factor gives.
+/// Overlaps that are not a Gram matrix, as rounding might produce: eigenvalues 2.2, -0.2 and 1. LAPACK's solvers must
+/// solve the canonical form and the device must report failure; none may return the result of a broken factor.
 pub(super) fn indefinite(device: &Device) -> Result<Vec<Measure>> {
     let block = Block {
         m: 3,

@@ -50,7 +50,7 @@ fn scan(device: &Device, n: u32) -> Result<f64> {
     Ok(differing(&target.read_first(device, n as usize)?, &sums) + differing(&total.read(device)?, &[sum]))
 }
 
-/// Over all `sizes`, the words that differ.
+/// Number of words that differ, over all `sizes`.
 fn over_sizes(device: &Device, case: impl Fn(&Device, u32) -> Result<f64>) -> Result<Vec<Measure>> {
     let mut wrong = 0.0;
     for n in sizes(device) {

@@ -1,4 +1,4 @@
-//! One hard Gaussian at a time, to the picture and back, against the float64 twin.
+//! One hard Gaussian at a time, forward and backward, against the float64 twin.
 
 use super::Measure;
 use super::backward::{ALLOWED, expected, least, relative, there_and_back, weights};
@@ -11,9 +11,9 @@ use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
 use glam::{DMat3, DVec2, DVec3};
 
-/// A Gaussian and what is hard about it.
+/// A Gaussian and its difficulty.
 pub struct Hard {
-    /// What is hard.
+    /// The difficulty.
     pub name: String,
     /// World units; the camera stands at the origin and looks along +z.
     pub mean: [f32; 3],
@@ -63,7 +63,7 @@ pub fn scales() -> Vec<Hard> {
     all
 }
 
-/// Quaternions that are no rotation, and those of any length that are.
+/// Quaternions that are not rotations, and rotations of any length.
 pub fn rotations() -> Vec<Hard> {
     let lengths = [0.0, 1e-20, 1e-6, 1e-3, 1e20, -1.0, -1e20];
     lengths
@@ -89,16 +89,17 @@ pub fn ahead() -> Camera {
     }
 }
 
-/// How a hard Gaussian fares.
+/// Errors of a hard Gaussian.
 #[derive(Clone, Copy, Debug)]
 pub struct CaseErrors {
     /// Largest error of a pixel's red, green, blue or alpha.
     pub picture: f64,
-    /// Whether one of device and twin draws it and the other does not.
+    /// True if only one of device and twin draws it.
     pub differs: bool,
     /// Largest alpha.
     pub alpha: f32,
-    /// Error of its gradients, relative to the twin's, or to a millionth of what the weights could give at most.
+    /// Error of its gradients, relative to the twin's, but at least to a millionth of the most that the weights could
+    /// give.
     pub gradient: f64,
     /// Updates skipped.
     pub skipped: u32,
@@ -160,8 +161,8 @@ pub(super) fn all_places(device: &Device) -> Result<Vec<Measure>> {
     all(device, &places(), ALLOWED)
 }
 
-/// Of a Gaussian that covers everything the pixels' shares nearly cancel: the order in which a device adds its lanes up
-/// moves the sum by 4e-4 of itself (3e-5 one lane after the other, 4e-4 in pairs, llvmpipe).
+/// For a Gaussian that covers everything the pixels' shares nearly cancel: the order in which a device adds its lanes
+/// changes the sum by 4e-4 of itself (3e-5 one lane after the other, 4e-4 in pairs, llvmpipe).
 pub(super) fn all_scales(device: &Device) -> Result<Vec<Measure>> {
     all(device, &scales(), 3.0 * ALLOWED)
 }

@@ -34,7 +34,7 @@ fn draw(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings)
     draw_tiled(device, model, camera, settings).map(|(image, _)| image)
 }
 
-/// The same settings for the twin, but for the size of tiles.
+/// The same settings for the twin, except the size of tiles.
 pub(super) fn twin(settings: Settings) -> reference::Settings {
     reference::Settings {
         background: settings.background.map(f64::from),
@@ -68,7 +68,7 @@ fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Setting
     Ok([sum / count, beyond as f64 / count, largest])
 }
 
-/// Float32 puts a contribution now and then on the other side of the 1/255 cut-off, which moves a pixel by up to 4e-3.
+/// Float32 sometimes puts a contribution on the other side of the 1/255 cut-off, which moves a pixel by up to 4e-3.
 fn against_twin(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
     let [mean, share, largest] = errors(device, &kind.model(), &camera(96, 64), settings)?;
     Ok(vec![("mean", mean, 5e-6), ("share beyond 1e-4", share, 5e-4), ("largest", largest, 8e-3)])
@@ -98,7 +98,7 @@ pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
     against_twin(device, &kind, Style { antialias: true, ..Style::default() }.over([0.0; 3]))
 }
 
-/// Long discs through each other, so that tiles differ in their order.
+/// Long intersecting discs, so that their order differs between tiles.
 pub(super) fn depth_order(device: &Device) -> Result<Vec<Measure>> {
     let kind = Kind { seed: 17, axes: [1.0, 1.0, -4.0], ..MILD };
     against_twin(device, &kind, Style { depth_order: true, ..Style::default() }.over([0.0; 3]))
@@ -115,8 +115,8 @@ pub(super) fn odd_sizes(device: &Device) -> Result<Vec<Measure>> {
     Ok(vec![("mean", mean, 5e-6), ("largest", largest, 8e-3)])
 }
 
-/// More tiles than a dispatch has groups in one dimension, and what is drawn half a million pixels from the corner, where float32
-/// knows positions to 1/16 of a pixel: measured from there the largest error would be 1e-2.
+/// More tiles than a dispatch has groups in one dimension, and Gaussians half a million pixels from the corner, where
+/// float32 resolves positions to 1/16 of a pixel: measured from the corner the largest error would be 1e-2.
 pub(super) fn widest(device: &Device) -> Result<Vec<Measure>> {
     let model = Kind { count: 200, seed: 16, degree: 0, ..MILD }.model();
     let [_, _, largest] = errors(device, &model, &camera(1_048_592, 1), Settings::default())?;

@@ -5,11 +5,11 @@ use glam::{Vec3, Vec3A};
 use super::geometry::{Ray, Solid};
 
 const LEAF: usize = 2;
-/// Greatest number of nodes on the stack: one a level, and the heuristic's trees of a few hundred solids have about 20.
+/// Maximum number of nodes on the stack: one per level, and trees of a few hundred solids have about 20 levels.
 const STACK: usize = 64;
 
 struct Node {
-    /// Corners, in the form for SIMD.
+    /// Corners, as SIMD vectors.
     low: Vec3A,
     high: Vec3A,
     /// First solid of a leaf; index of the right child of an inner node (the left child comes next).
@@ -18,7 +18,7 @@ struct Node {
     count: u32,
 }
 
-/// The hierarchy; solids are named by their index in the list that it was built from.
+/// The hierarchy; solids are identified by their index in the list that it was built from.
 pub(super) struct Bvh {
     nodes: Vec<Node>,
     order: Vec<u32>,
@@ -86,7 +86,7 @@ impl Bvh {
         found
     }
 
-    /// Whether any solid lies before `limit`.
+    /// True if any solid lies before `limit`.
     pub fn any(&self, solids: &[Solid], ray: &Ray, limit: f32) -> bool {
         let mut met = false;
         self.walk(ray, limit, |i| {
@@ -96,7 +96,8 @@ impl Bvh {
         met
     }
 
-    /// Calls `visit` for the solids whose boxes the ray hits before the limit; it returns the new limit, or `None` to stop.
+    /// Calls `visit` for the solids whose boxes the ray hits before the limit; `visit` returns the new limit, or `None`
+    /// to stop.
     fn walk(&self, ray: &Ray, mut limit: f32, mut visit: impl FnMut(u32) -> Option<f32>) {
         if self.nodes.is_empty() {
             return;

@@ -19,7 +19,7 @@ pub(super) struct Point {
     pub seen: Vec<(usize, DVec2)>,
 }
 
-/// Rotation from the plaza's world (z up) to the files' (y down, as COLMAP's models usually lie and viewers of Gaussians
+/// Rotation from the plaza's world (z up) to the files' (y down, as in most COLMAP models and as viewers of Gaussians
 /// expect).
 fn file_world() -> DMat3 {
     DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y)

@@ -13,7 +13,7 @@ pub enum Error {
         /// The name as it was given.
         name: String,
     },
-    /// Two effects that exclude each other were asked for.
+    /// Two effects that exclude each other were requested.
     #[error("effects \"{0}\" and \"{1}\" exclude each other")]
     Conflict(Effect, Effect),
     /// A number in the options lies outside its range.
@@ -31,7 +31,7 @@ pub enum Error {
     /// The folder holds files that no earlier run wrote.
     #[error("{} is not empty and not a synth scene (it has no synth.json by qirf-vk): nothing was written", .0.display())]
     Foreign(PathBuf),
-    /// The path exists and is no folder.
+    /// The path exists but is not a folder.
     #[error("{} is a file", .0.display())]
     NotFolder(PathBuf),
     /// A file or folder could not be read, written or removed.
@@ -39,7 +39,7 @@ pub enum Error {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's reason.
         source: std::io::Error,
     },
     /// A picture could not be encoded or written.
@@ -47,7 +47,7 @@ pub enum Error {
     Picture {
         /// The picture's file.
         path: PathBuf,
-        /// What the encoder said.
+        /// The encoder's reason.
         source: image::ImageError,
     },
 }

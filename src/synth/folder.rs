@@ -9,7 +9,7 @@ use super::{Error, SynthOptions, path::View};
 /// Name of the file that marks a synth scene and records its options.
 pub(super) const MARK: &str = "synth.json";
 const MADE_BY: &str = "qirf-vk synth";
-/// Greatest size of the mark in bytes: that of 9,999 photos has 2 MB.
+/// Greatest size of the mark in bytes: the mark of 9,999 photos has 2 MB.
 const MARK_LIMIT: u64 = 16 << 20;
 
 /// Makes the folder, or empties an earlier synth scene of its photos and masks; other files in it are left alone.
@@ -23,7 +23,7 @@ pub(super) fn prepare(dir: &Path) -> Result<(), Error> {
                 let views = earlier_views(dir).ok_or_else(|| Error::Foreign(dir.to_path_buf()))?;
                 clear(&dir.join("images"), views)?;
                 clear(&dir.join("masks"), views)?;
-                // Fails if the folder holds files of the user's.
+                // Fails if the folder holds the user's files.
                 let _ = fs::remove_dir(dir.join("masks"));
             }
         }
@@ -62,7 +62,7 @@ fn clear(folder: &Path, views: u64) -> Result<(), Error> {
     Ok(())
 }
 
-/// Writes the mark: before the photos, so that a broken run can be repeated, and after them.
+/// Writes the mark: before the photos, so that a broken run can be repeated, and again after them.
 pub(super) fn mark(dir: &Path, options: &SynthOptions, views: &[View], complete: bool) -> Result<(), Error> {
     let effects: Vec<_> = options.sorted_effects().iter().map(|e| e.name()).collect();
     let photos: Vec<_> = views

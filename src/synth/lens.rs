@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-/// A lens by the way it bends the ideal picture; coordinates on the plane z = 1.
+/// A lens as its distortion of the ideal picture, in coordinates on the plane z = 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Lens {
     /// The ideal pinhole.

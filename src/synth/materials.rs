@@ -224,7 +224,7 @@ fn meadow(p: Vec3, r: f32) -> Vec3 {
     if cover > 0.0 { haze.lerp(flower(p), cover) } else { haze }
 }
 
-/// How much a flower covers the grass: some cells of a grid hold one, away from the cell's border.
+/// Cover of the grass by a flower, 0..=1: some cells of a grid contain one, away from the cell's border.
 fn bloom(p: Vec3) -> f32 {
     let (x, y) = (whole(p.x / 0.34), whole(p.y / 0.34));
     if cell(x, y, 21) > 0.42 {

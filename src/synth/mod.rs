@@ -50,7 +50,7 @@ pub struct SynthReport {
     pub observations: usize,
     /// Share of the photos' pixels that the masks hide, 0..=1.
     pub masked: f64,
-    /// The effects that the scene calls for, besides view-dependent colour.
+    /// The scene's effects, besides view-dependent colour.
     pub effects: Vec<Effect>,
 }
 

@@ -11,13 +11,14 @@ pub(super) fn cell(x: i32, y: i32, z: i32) -> f32 {
     ((h ^ (h >> 15)) >> 8) as f32 * (-24f32).exp2()
 }
 
-/// The cell that holds `x`; `f32::floor` is a call into the C library where the CPU's baseline has no such instruction.
+/// The cell that contains `x`; `f32::floor` is a call into the C library where the CPU's baseline has no such
+/// instruction.
 pub(super) fn whole(x: f32) -> i32 {
     let cut = x as i32;
     cut.wrapping_sub(i32::from(cut as f32 > x))
 }
 
-/// Smooth value noise in [0, 1), one cell a unit.
+/// Smooth value noise in [0, 1), one cell per unit.
 pub(super) fn noise(p: Vec3) -> f32 {
     let (x, y, z) = (whole(p.x), whole(p.y), whole(p.z));
     let f = p - Vec3::new(x as f32, y as f32, z as f32);
@@ -34,7 +35,7 @@ pub(super) fn noise(p: Vec3) -> f32 {
     a + (face(1) - a) * u.z
 }
 
-/// Smooth value noise in the plane, in [0, 1), one cell a unit, at half the cost of [`noise`].
+/// Smooth value noise in the plane, in [0, 1), one cell per unit, at half the cost of [`noise`].
 fn plane_noise(p: Vec2, layer: i32) -> f32 {
     let (x, y) = (whole(p.x), whole(p.y));
     let f = p - Vec2::new(x as f32, y as f32);
@@ -47,7 +48,7 @@ fn plane_noise(p: Vec2, layer: i32) -> f32 {
     a + (edge(1) - a) * u.y
 }
 
-/// As [`fbm`] in the plane; `layer` separates textures.
+/// [`fbm`] in the plane; `layer` separates textures.
 pub(super) fn plane_fbm(mut p: Vec2, layer: i32, octaves: u32) -> f32 {
     let (mut sum, mut weight, mut total) = (0.0, 0.5, 0.0);
     for octave in 0..octaves {
@@ -66,7 +67,7 @@ pub(super) fn fbm(mut p: Vec3, octaves: u32) -> f32 {
         sum += weight * noise(p);
         total += weight;
         weight *= 0.5;
-        // Shifted besides scaled, so that the lattices do not line up at the origin.
+        // Shifted as well as scaled, so that the lattices do not line up at the origin.
         p = p * 2.03 + Vec3::new(17.1, 5.3, 9.7);
     }
     sum / total

@@ -4,7 +4,7 @@ use std::{fmt, str::FromStr};
 
 use super::Error;
 
-/// A part of image formation that the scene can be made to call for.
+/// A part of image formation that the scene can require.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Effect {
     /// Every photo has its own gain and white balance.
@@ -106,7 +106,7 @@ pub struct SynthOptions {
     pub seed: u64,
     /// Greatest number of points in `points3D.txt`, 0..=1,000,000; there are fewer if cameras see too little.
     pub points: usize,
-    /// Effects that the scene calls for; order and repetitions do not matter.
+    /// Effects that the scene requires; order and repetitions do not matter.
     pub effects: Vec<Effect>,
 }
 
@@ -117,12 +117,12 @@ impl Default for SynthOptions {
 }
 
 impl SynthOptions {
-    /// Whether the scene calls for `effect`.
+    /// True if the scene requires `effect`.
     pub fn has(&self, effect: Effect) -> bool {
         self.effects.contains(&effect)
     }
 
-    /// The effects asked for, each once, in the order of [`Effect::ALL`].
+    /// The requested effects, each once, in the order of [`Effect::ALL`].
     pub(super) fn sorted_effects(&self) -> Vec<Effect> {
         Effect::ALL.into_iter().filter(|&e| self.has(e)).collect()
     }

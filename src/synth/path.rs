@@ -55,7 +55,7 @@ pub(super) struct View {
 }
 
 impl View {
-    /// Whether the evaluation protocol (every 8th name) holds this view out.
+    /// True if the evaluation protocol (every 8th name) holds this view out.
     pub const fn is_test(index: usize) -> bool {
         index.is_multiple_of(8)
     }
@@ -79,7 +79,7 @@ impl View {
     }
 }
 
-/// The devices that the options ask for.
+/// The devices that the options require.
 pub(super) fn devices(options: &SynthOptions) -> Vec<Device> {
     let (lens, field) = if options.has(Effect::Fisheye) {
         (FISHEYE, FIELD * 1.3)
@@ -119,7 +119,7 @@ fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
     let per_ring = options.views.div_ceil(3) as f64;
     let turn = TAU * (step + ring as f64 / 3.0 + jitter(0.12)) / per_ring;
     let rise = (RINGS[ring] + jitter(1.2)).to_radians();
-    // Not the ring's own third, so that each ring has all distances and devices.
+    // Differs from the ring's index, so that each ring has all distances and devices.
     let third = (i + i / 3) % 3;
     let mut distance = DISTANCE * (1.0 + jitter(0.02));
     if options.has(Effect::Scales) {
@@ -144,7 +144,7 @@ fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
     }
     let mut random = Random::new(options.seed, Stream::Mover, i as u64);
     let mover = if options.has(Effect::Masks) {
-        // On the near side, where it is seen, between the things in the middle and the fence.
+        // On the near side, where it is visible, between the objects in the middle and the fence.
         let (place, reach) = (turn + random.between(-1.2, 1.2), random.between(2.05, 2.3));
         plaza::mover(Vec3::new((place.cos() * reach) as f32, (place.sin() * reach) as f32, 0.0))
     } else {

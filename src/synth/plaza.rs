@@ -18,7 +18,7 @@ use super::{
 pub(super) struct Look {
     pub paint: Paint,
     pub gloss: Option<Gloss>,
-    /// Near a pixel wide in the default photos.
+    /// About a pixel wide in the default photos.
     pub thin: bool,
 }
 
@@ -135,7 +135,7 @@ fn bush(b: &mut Builder, seed: u64) {
     }
 }
 
-/// A wheel of wire: rims, hub and spokes thinner than a pixel or near it.
+/// A wheel of wire: rims, hub and spokes thinner than a pixel or about as thin.
 fn wheel(b: &mut Builder) {
     let centre = Vec3::new(1.55, -0.62, 0.74);
     let axle = Vec3::new(0.72, -0.66, 0.0).normalize();

@@ -21,7 +21,7 @@ const CLEARANCE: f64 = 0.75;
 /// A point of a visible surface.
 pub(super) struct Candidate {
     pub position: DVec3,
-    /// Views that see it, in ascending order, and where, in pixels.
+    /// Views that see it, in ascending order, each with the point's pixel.
     pub seen: Vec<(usize, DVec2)>,
 }
 
@@ -34,7 +34,7 @@ pub(super) fn candidates(plaza: &Plaza, views: &[View], options: &SynthOptions) 
         if missing == 0 {
             break;
         }
-        // Half as many again as are missing: some are seen by one view only.
+        // 1.5 times the missing number: some are seen by one view only.
         let tries = (missing + missing / 2 + 64) as u64;
         let first = round << 32;
         let more: Vec<_> =

@@ -21,7 +21,7 @@ pub(super) struct Picture {
     pub height: u32,
     /// Red, green, blue, alpha; rows from the top; alpha is straight, not premultiplied.
     pub pixels: Vec<[u8; 4]>,
-    /// Whether the pixel is free of the moving object; empty if nothing moves.
+    /// True for pixels free of the moving object; empty if nothing moves.
     pub mask: Vec<bool>,
 }
 
@@ -78,7 +78,7 @@ pub(super) fn picture(plaza: &Plaza, view: &View, options: &SynthOptions, index:
     Picture { width, height, pixels, mask }
 }
 
-/// From linear radiance to display values: an exponential shoulder (film's), then sRGB's curve (IEC 61966-2-1).
+/// From linear radiance to display values: an exponential shoulder (like film's), then sRGB's curve (IEC 61966-2-1).
 fn tone(radiance: f32) -> f32 {
     let light = 1.0 - (-0.95 * radiance.max(0.0)).exp();
     if light <= 0.0031308 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
@@ -97,7 +97,8 @@ fn grown(touched: &[bool], width: usize) -> Vec<bool> {
 }
 
 impl Picture {
-    /// Colour (0..=255) interpolated between the four nearest pixels; none if one of them is masked or mostly transparent.
+    /// Colour (0..=255) interpolated between the four nearest pixels; none if one of them is masked or mostly
+    /// transparent.
     pub fn colour_at(&self, place: DVec2) -> Option<[f32; 3]> {
         let at = (place - 0.5).max(DVec2::ZERO);
         let (x, y) = (at.x as usize, at.y as usize);

@@ -76,7 +76,7 @@ pub(super) struct Sample {
     /// Linear radiance.
     pub colour: Vec3,
     pub thing: Thing,
-    /// Whether the moving object contributed to the colour, by itself, its shadow or its reflection.
+    /// True if the moving object contributed to the colour, by itself, its shadow or its reflection.
     pub moved: bool,
 }
 
@@ -86,7 +86,7 @@ impl World<'_> {
         self.hit_by(ray, |limit| self.plaza.bvh.first(&self.plaza.solids, ray, limit))
     }
 
-    /// As [`World::hit`], if the ray can hit only the solids of a list.
+    /// [`World::hit`] for a ray that can hit only the solids of a list.
     fn hit_listed(&self, ray: &Ray, list: &[u32]) -> (f32, Thing) {
         if list.len() > SHORT_LIST {
             return self.hit(ray);
@@ -210,7 +210,7 @@ impl World<'_> {
         }
     }
 
-    /// Cosine of the sun's height over the surface, 0 in shadow; and whether the moving object casts the shadow.
+    /// Cosine of the sun's height over the surface, 0 in shadow; true if the moving object casts the shadow.
     fn sunlight(&self, p: Vec3, normal: Vec3, towards: Vec3) -> (f32, bool) {
         let height = normal.dot(sky::sun());
         if height <= 0.0 {
@@ -228,8 +228,8 @@ impl World<'_> {
         (if blocked { 0.0 } else { height }, blocked)
     }
 
-    /// Share of the sky that neighbours leave open, about 0.3..=1, by how much less room there is along the normal
-    /// than on a plain (Evans 2006, "Fast approximations for global illumination on dynamic scenes").
+    /// Share of the sky that neighbours leave open, about 0.3..=1, from how much less free space there is along the
+    /// normal than above a plain (Evans 2006, "Fast approximations for global illumination on dynamic scenes").
     fn openness(&self, p: Vec3, normal: Vec3) -> f32 {
         const STEPS: [(f32, f32); 3] = [(0.06, 1.0), (0.2, 0.8), (0.5, 0.6)];
         if p.truncate().length_squared() > 12.0 {

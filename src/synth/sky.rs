@@ -10,7 +10,7 @@ use super::{
 /// Radius of the dome about the origin: twelve times the scene's own four metres.
 pub(super) const DOME: f32 = 48.0;
 
-/// Unit vector towards the sun's middle.
+/// Unit vector towards the sun's centre.
 pub(super) const fn sun() -> Vec3 {
     Vec3::new(0.52, -0.56, 0.644981)
 }
@@ -34,7 +34,7 @@ pub(super) fn radiance(d: Vec3) -> Vec3 {
     let cover = step(0.46, 0.68, billow) * step(0.0, 0.12, d.z);
     let cloud = Vec3::new(1.0, 0.97, 0.93) * (0.78 + 0.35 * towards * towards);
     sky = sky.lerp(cloud, 0.85 * cover);
-    // Two ridges of hills; their edges are soft like far things.
+    // Two ridges of hills; their edges are soft like those of distant objects.
     let flat = Vec3::new(d.x, d.y, 0.0).normalize_or(Vec3::X);
     let far = 0.035 + 0.085 * fbm(flat * 3.1 + 5.0, 4);
     let near = 0.008 + 0.05 * fbm(flat * 5.3 + 40.0, 3);

@@ -29,7 +29,7 @@ impl Outlook {
     pub fn tile(&self, view: &View, x: u32, y: u32, list: &mut Vec<u32>) {
         let ray = |dx: u32, dy: u32| view.ray(DVec2::new(f64::from(x + dx), f64::from(y + dy))).direction;
         let middle = ray(TILE / 2, TILE / 2);
-        // Half as much again as the furthest corner: lenses may bend the tile's sides outwards.
+        // 1.5 times the angle to the furthest corner: lenses may bend the tile's sides outwards.
         let corners = [ray(0, 0), ray(TILE, 0), ray(0, TILE), ray(TILE, TILE)];
         let reach = corners.into_iter().map(|c| c.angle_between(middle)).fold(0.0, f32::max) * 1.5 + 1e-3;
         list.clear();

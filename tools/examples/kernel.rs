@@ -1,8 +1,8 @@
 //! A kernel of your own on the engine's device: takes the colour out of a rendered picture before it leaves the device.
 //! `cargo run --release --example kernel -- flowers.ply grey.png`.
 //!
-//! The shader is `grey.comp`, compiled by `glslc -O0 --target-env=vulkan1.2 grey.comp -o grey.spv`. What the engine must
-//! know of it stands in `SHADER`: which bindings it has and what it does with each. Barriers follow from that.
+//! The shader is `grey.comp`, compiled by `glslc -O0 --target-env=vulkan1.2 grey.comp -o grey.spv`. `SHADER` describes
+//! it to the engine: its bindings, and what it does with each. Barriers follow from that.
 
 use qirf_vk::gaussians::formats;
 use qirf_vk::gaussians::resident::Resident;

@@ -30,7 +30,8 @@ fn embedded(folder: PathBuf) -> Result<PathBuf, synth::Error> {
     Ok(folder)
 }
 
-/// Trains on all photos of a scene at 160 pixels' width, and writes the model; `follow` sees every tenth of the run.
+/// Trains on all photos of a scene at 160 pixels' width, and writes the model; calls `follow` after every tenth of the
+/// run.
 pub(crate) fn train(
     scene: &Path,
     model: &Path,

@@ -15,7 +15,7 @@ pub struct Rates {
 pub struct Bound {
     /// Milliseconds.
     pub ms: f64,
-    /// What limits the time: `bytes`, `operations` or `both`.
+    /// The limit of the time: `bytes`, `operations` or `both`.
     pub by: &'static str,
 }
 
@@ -38,7 +38,8 @@ impl Rates {
         Ok(Self { copies, operations: rate(multiply_add, "operations") })
     }
 
-    /// Best bytes per second for moving `bytes`: from copies of as many or more, since smaller ones may stay in a cache.
+    /// Best bytes per second for moving `bytes`: from copies of as many or more, since smaller ones may stay in a
+    /// cache.
     pub fn bandwidth(&self, bytes: f64) -> f64 {
         let most = self.copies.iter().map(|c| c[0]).fold(0.0, f64::max);
         let alike = self.copies.iter().filter(|c| c[0] >= bytes.min(most));

@@ -1,4 +1,4 @@
-//! What each effect adds to an iteration.
+//! Time that each effect adds to an iteration.
 
 use super::measured::{Bench, Measured};
 use super::tables::{table, time};

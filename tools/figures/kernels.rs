@@ -1,4 +1,4 @@
-//! Kernels measured by themselves, at several sizes.
+//! Kernels measured on their own, at several sizes.
 
 use super::bound::Rates;
 use super::measured::Bench;
@@ -24,7 +24,7 @@ pub fn kernels(bench: &Bench) -> Result<String, String> {
         }
         for (_, name, m) in all {
             let amount = m.number(of);
-            // Density matrices have no methods, whatever the benchmark is called.
+            // Density matrices have no methods, despite the benchmark's name.
             let name = if group == "rrdm" { name.trim_start_matches("qr/") } else { name };
             let what = match name.split_once('/') {
                 Some((method, m)) => format!("{method}, m = {m}"),

@@ -11,7 +11,7 @@ const USAGE: &str = "usage (from the repository's root):
   figures measured CRITERION_FOLDER SWEEP.JSON COMMIT COMMAND   tables and plots
   figures renders COMPARISON_FOLDER                             the renders in README.md";
 
-/// A file and what it will hold.
+/// A file and its new content.
 type File = (PathBuf, Vec<u8>);
 
 fn main() -> ExitCode {
@@ -55,7 +55,7 @@ fn filled(file: &str, parts: &Parts) -> Result<File, String> {
     Ok((file.into(), fill(file, &text, parts)?.into_bytes()))
 }
 
-/// Writes files that were all made before, and prints their paths.
+/// Writes the finished files, and prints their paths.
 fn write(files: Vec<File>) -> Result<(), String> {
     for (path, bytes) in files {
         let told = |e: std::io::Error| format!("{}: {e}", path.display());

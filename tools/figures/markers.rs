@@ -1,4 +1,4 @@
-//! Where a page's generated parts are: between `<!-- figures: begin NAME -->` and `<!-- figures: end NAME -->`.
+//! Markers of a page's generated parts: `<!-- figures: begin NAME -->` and `<!-- figures: end NAME -->`.
 
 /// Every part that a page may have.
 const KNOWN: [&str; 11] =

@@ -63,7 +63,7 @@ impl Bench {
         self.all.get(id).ok_or_else(|| format!("benchmark '{id}' was not measured; run all groups: make figures"))
     }
 
-    /// Those of a group, by the rest of their names, in its order of names.
+    /// The benchmarks of a group, in order of their names without the group.
     pub fn group<'a>(&'a self, group: &'a str) -> impl Iterator<Item = (&'a str, &'a Measured)> {
         self.all.iter().filter_map(move |(id, m)| Some((id.strip_prefix(group)?.strip_prefix('/')?, m)))
     }

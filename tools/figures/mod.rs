@@ -1,5 +1,5 @@
-//! The generated figures of `docs/performance.md` and README.md: tables and plots from what the benchmarks and a sweep left,
-//! and renders from a comparison. The work of `make figures`.
+//! The generated figures of `docs/performance.md` and README.md: tables and plots from the output of the benchmarks and
+//! a sweep, and renders from a comparison. The work of `make figures`.
 
 mod bound;
 mod effects;
@@ -17,7 +17,7 @@ pub use measured::Bench;
 pub use renders::{FILE as RENDERS, renders};
 pub use sweep::Sweep;
 
-/// How the figures were measured, as the page tells it.
+/// Origin of the figures, as the page states it.
 pub struct Origin {
     /// Commit of the working tree.
     pub commit: String,

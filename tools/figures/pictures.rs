@@ -179,7 +179,7 @@ pub fn cost_plot(bench: &Bench) -> Result<String, String> {
     Ok(sheet("Cost against pixels and pairs", &drawings, 2))
 }
 
-/// Culling methods; only a remark without the shared model.
+/// Culling methods; only a remark if the shared model is missing.
 ///
 /// # Errors
 /// A benchmark of the group that was not run.

@@ -9,7 +9,7 @@ use qirf_vk::metrics::{Image, psnr};
 use qirf_vk::report::format::{count, decimals};
 use std::path::{Path, PathBuf};
 
-/// Where the picture belongs, from the repository's root.
+/// Path of the picture from the repository's root.
 pub const FILE: &str = "docs/figures/renders.jpg";
 /// The comparison's arms, left to right after the photo.
 const ARMS: [&str; 2] = ["dense", "default"];
@@ -27,7 +27,8 @@ struct View {
 /// The composed picture as a JPEG file, and the part of README that shows it.
 ///
 /// # Errors
-/// A file that is absent, cannot be decoded or lacks a field, by its path; a comparison without both arms or held-out views.
+/// A file that is absent, cannot be decoded or lacks a field, by its path; a comparison without both arms or held-out
+/// views.
 pub fn renders(comparison: &Path) -> Result<(Vec<u8>, Parts), String> {
     let view = typical(views(comparison)?)
         .ok_or_else(|| format!("{}: no photo of a held-out view; compare with views held out", comparison.display()))?;
@@ -92,7 +93,7 @@ fn side_by_side(pictures: &[RgbImage; 3]) -> RgbImage {
     let (w, h) = pictures[0].dimensions();
     let mut out = RgbImage::from_pixel(3 * w + 2 * GAP, h, Rgb([255; 3]));
     for (k, picture) in (0..).zip(pictures) {
-        // Sizes are equal: a PSNR was taken of them.
+        // Sizes are equal, since their PSNR was computed.
         let _ = out.copy_from(picture, k * (w + GAP), 0);
     }
     out

@@ -1,4 +1,5 @@
-//! The results of `qirf-vk sweep`, from its `sweep.json`: a full table, plots, and a short table of what exactness costs.
+//! The results of `qirf-vk sweep`, from its `sweep.json`: a full table, plots, and a short table of what exactness
+//! costs.
 
 use super::Origin;
 use super::measured::json;
@@ -45,7 +46,7 @@ impl Sweep {
         rows(&self.axis(axis)?["rungs"]).iter().find(|r| r["name"] == rung)
     }
 
-    /// All rungs, the cost of the next more exact one, why an axis is flat, and what was measured.
+    /// All rungs, the cost of the next more exact one, the reason why an axis is flat, and the subject measured.
     pub fn table(&self) -> String {
         let subject = &self.0["subject"];
         let mut out = format!(
@@ -100,7 +101,7 @@ impl Sweep {
         out + "\n![Accuracy against time](figures/sweep.svg)\n"
     }
 
-    /// What exactness costs, a row a choice; choices that this device has no rungs for are left out.
+    /// The cost of exactness, one row per choice; choices without rungs on this device are left out.
     pub fn exactness(&self, origin: &Origin) -> String {
         let rows = [self.gradients(), self.overlaps(), self.solver(), self.culling()];
         let rows: Vec<Vec<String>> = rows.into_iter().flatten().map(Vec::from).collect();
@@ -163,7 +164,7 @@ impl Sweep {
         Some(choice("exact ellipse-tile test", "boxes of three sigma", time, &gained))
     }
 
-    /// Accuracy against time on these axes, those that there are, side by side.
+    /// Accuracy against time, side by side, on those of these axes that exist.
     pub fn plot(&self, names: &[&str], columns: usize) -> String {
         let drawings: Vec<_> =
             names.iter().filter_map(|name| self.axis(name)).map(|axis| front(axis).drawing()).collect();
@@ -210,7 +211,7 @@ fn front(axis: &Value) -> Front<'_> {
     let point = |rung: &Value| {
         let y = accuracies.place(rung["accuracy"].as_f64(), rung["exact"] == true)?;
         let of = |name: &str| rung["time"][name].as_f64();
-        // These stand where no value does.
+        // Rungs whose zero error has no place on a logarithmic axis.
         let equal = y == accuracies.beyond && rung["name"] != "exact";
         Some(Point {
             label: format!("{}{}", text(&rung["name"]), if equal { " (exact)" } else { "" }),

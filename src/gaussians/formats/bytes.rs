@@ -1,7 +1,7 @@
 //! Little-endian fields and the quantities that several formats store alike.
 
-/// The zeroth real spherical harmonic, 1 / (2 sqrt(pi)), to the eight digits that other programs use for these formats: one
-/// float below the shaders' `SH_C0`.
+/// The zeroth real spherical harmonic, 1 / (2 sqrt(pi)), to the eight digits that other programs use for these formats:
+/// one float below the shaders' `SH_C0`.
 pub(super) const SH_C0: f32 = 0.282_094_79;
 
 /// The `N` bytes at `offset`, or `None` past the end.
@@ -66,8 +66,8 @@ pub(super) fn from_smallest_three(smaller: [f32; 3], greatest: usize) -> [f32; 4
     q
 }
 
-/// The inverse: the three smaller components of a normalised quaternion whose greatest component is positive, and the index of
-/// that one. A zero quaternion becomes the identity, whose real part has the index `real`.
+/// The inverse: the three smaller components of a normalised quaternion whose greatest component is positive, and the
+/// index of that one. A zero quaternion becomes the identity, whose real part has the index `real`.
 pub(super) fn to_smallest_three(q: [f32; 4], real: usize) -> ([f64; 3], usize) {
     let q = q.map(f64::from);
     let greatest = (0..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::Error;
 
-/// [`Error`] less the path that only the caller knows.
+/// [`Error`] without the path, which only the caller knows.
 #[derive(Debug)]
 pub(super) enum Fault {
     Malformed {
@@ -31,7 +31,7 @@ impl Fault {
     }
 }
 
-/// A contradiction in `record`; `what` says what was wrong, then what to do.
+/// A contradiction in `record`; `what` states the fault, then the remedy.
 pub(super) fn malformed(record: impl Into<String>, what: impl Into<String>) -> Fault {
     Fault::Malformed { record: record.into(), what: what.into() }
 }

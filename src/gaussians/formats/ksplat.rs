@@ -26,14 +26,14 @@ struct Widths {
     sh: usize,
 }
 
-/// What the file's header says of all sections.
+/// Fields of the file's header that apply to all sections.
 struct Common {
     level: usize,
     widths: Widths,
     sh_limits: [f32; 2],
 }
 
-/// One section, its parts cut from the file.
+/// One section, as slices of the file.
 struct Section<'a> {
     degree: usize,
     records: &'a [u8],
@@ -41,7 +41,7 @@ struct Section<'a> {
     /// World units of one step of a 16-bit mean, and the step of the bucket's centre.
     step: f32,
     centre_step: f32,
-    /// Bucket centres and, of each Gaussian, its bucket; both empty at level 0.
+    /// Bucket centres, and the bucket of each Gaussian; both empty at level 0.
     centres: Vec<[f32; 3]>,
     buckets: Vec<u32>,
 }
@@ -97,7 +97,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
     Ok(Parsed { gaussians: model, format: Format::Ksplat, trailing_bytes: (bytes.len() - at) as u64 })
 }
 
-/// Cuts out the section whose data begin at `at`; gives it with its end.
+/// Cuts out the section whose data begin at `at`; returns it with its end.
 fn section<'a>(bytes: &'a [u8], at: usize, header: &[u8], common: &Common) -> Result<(Section<'a>, usize), String> {
     let word = |offset| u32_at(header, offset).unwrap_or(0) as usize;
     let (used, capacity) = (word(0), word(4));
@@ -156,7 +156,7 @@ fn section<'a>(bytes: &'a [u8], at: usize, header: &[u8], common: &Common) -> Re
     Ok((section, end))
 }
 
-/// Of each of `n` Gaussians, the index of its bucket, given the buckets' lengths.
+/// Bucket index of each of `n` Gaussians, given the buckets' lengths.
 fn buckets(n: usize, lengths: impl Iterator<Item = usize>) -> Result<Vec<u32>, String> {
     let mut buckets = Vec::with_capacity(n);
     for (bucket, length) in lengths.enumerate() {

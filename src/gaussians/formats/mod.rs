@@ -56,22 +56,22 @@ impl fmt::Display for Format {
     }
 }
 
-/// A model as read, with its origin's format and what had to be repaired.
+/// A model as read, with its original format and its repairs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
     /// The model: every stored value finite, no zero quaternion.
     pub gaussians: Gaussians,
     /// The format found, by content first and by the name's extension second.
     pub format: Format,
-    /// What was salvaged.
+    /// The repairs made.
     pub repairs: Repairs,
 }
 
-/// What one reader hands to the common repairs.
+/// The output of one reader, before the common repairs.
 struct Parsed {
     gaussians: Gaussians,
     format: Format,
-    /// Bytes after the last record that no record claims.
+    /// Bytes after the last record.
     trailing_bytes: u64,
 }
 
@@ -96,10 +96,10 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
     read_bytes(&bytes, path)
 }
 
-/// Reads a model from a whole file's bytes; `name` serves messages and, where the content does not tell, the format.
+/// Reads a model from a whole file's bytes; `name` appears in messages and gives the format if the content does not.
 ///
 /// # Errors
-/// As [`read`].
+/// Those of [`read`].
 pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
     let extension = name.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let parsed = match bytes {
@@ -131,7 +131,7 @@ fn finish(parsed: Parsed) -> Loaded {
     Loaded { gaussians, format, repairs }
 }
 
-/// Refuses a `path` whose extension no writer knows, before the work that would end there.
+/// Refuses a `path` whose extension no writer knows, before any work is done for it.
 ///
 /// # Errors
 /// [`Error::Unsupported`].
@@ -145,13 +145,14 @@ pub fn check_output(path: &Path) -> Result<(), Error> {
     }
 }
 
-/// Writes `gaussians` to `path` as its extension says: `.ply` (bit-exact), `.spz` or `.sog` (both quantised), whole or
-/// not at all. SOG does not keep the order of the Gaussians.
+/// Writes `gaussians` to `path` in the format of its extension: `.ply` (bit-exact), `.spz` or `.sog` (both quantised),
+/// completely or not at all. SOG does not keep the order of the Gaussians.
 ///
 /// Call [`refuse_overwrite`] first where the model came from a file.
 ///
 /// # Errors
-/// [`Error::Unsupported`] for another extension or for what SPZ or SOG cannot hold, [`Error::Inconsistent`], [`Error::Io`].
+/// [`Error::Unsupported`] for another extension or for what SPZ or SOG cannot hold, [`Error::Inconsistent`],
+/// [`Error::Io`].
 pub fn write(path: &Path, gaussians: &Gaussians) -> Result<(), Error> {
     gaussians.validate()?;
     check_output(path)?;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::Error;
 
-/// Refuses an `output` that is the same file as `input`, through whatever links.
+/// Refuses an `output` that is the same file as `input`, through any links.
 ///
 /// # Errors
 /// [`Error::SameFile`]; [`Error::Io`] if a path that exists cannot be looked at.
@@ -24,7 +24,7 @@ pub fn refuse_overwrite(input: &Path, output: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// Whether two existing paths are hard links to one file.
+/// True if two existing paths are hard links to one file.
 #[cfg(unix)]
 fn same_inode(a: &Path, b: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
@@ -60,7 +60,7 @@ pub fn write_atomically(path: &Path, body: impl FnOnce(&mut dyn Write) -> io::Re
     attempt().map_err(|source| Error::Io { path: path.to_owned(), source })
 }
 
-/// The end of a temporary file's name; before it stand a dot, the file's own name, the writer's process and a number.
+/// End of a temporary file's name, after a dot, the file's own name, the writer's process and a number.
 const TEMPORARY: &str = ".tmp";
 
 fn hidden_prefix(name: &OsStr) -> OsString {
@@ -70,8 +70,8 @@ fn hidden_prefix(name: &OsStr) -> OsString {
     hidden
 }
 
-/// Removes the temporary files of [`write_atomically`] that writers of `path` left when they were killed. No other writer of
-/// `path` may be at work.
+/// Removes the temporary files of [`write_atomically`] that writers of `path` left when they were killed. No other
+/// writer of `path` may be running.
 pub fn remove_leftovers(path: &Path) {
     let (Some(name), Some(folder)) = (path.file_name(), path.parent()) else { return };
     let prefix = hidden_prefix(name).to_string_lossy().into_owned();
@@ -86,7 +86,7 @@ pub fn remove_leftovers(path: &Path) {
     }
 }
 
-/// A new file in the folder of `path` that no other writer holds.
+/// A new file in the folder of `path` that no other writer uses.
 fn create_beside(path: &Path) -> io::Result<(PathBuf, File)> {
     let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
     let mut attempt = 0u32;

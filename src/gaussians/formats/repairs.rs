@@ -25,7 +25,8 @@ pub struct Repairs {
     pub non_finite_rows: usize,
     /// Gaussians removed because their quaternion was zero.
     pub zero_quaternions: usize,
-    /// Infinite opacity logits clamped to plus or minus [`OPACITY_LOGIT_LIMIT`]; 8-bit opacities of 0 and 255 are such.
+    /// Infinite opacity logits clamped to plus or minus [`OPACITY_LOGIT_LIMIT`]; 8-bit opacities of 0 and 255 give
+    /// such.
     pub clamped_opacities: usize,
     /// Gaussians with a scale of zero, raised to e^[`LOG_SCALE_FLOOR`].
     pub floored_scales: usize,
@@ -34,14 +35,14 @@ pub struct Repairs {
 }
 
 impl Repairs {
-    /// Whether anything was repaired.
+    /// True if anything was repaired.
     pub fn any(&self) -> bool {
         *self != Self::default()
     }
 }
 
 impl fmt::Display for Repairs {
-    /// One sentence; nothing at all if nothing was repaired.
+    /// One sentence; empty if nothing was repaired.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let limit = OPACITY_LOGIT_LIMIT;
         let parts: Vec<String> = [

@@ -45,13 +45,13 @@ impl Conv {
         window_places(n, self.size, self.stride, self.pad)
     }
 
-    /// The input rows, of `height`, that output `rows` need.
+    /// The input rows, out of `height`, that output `rows` need.
     pub fn input_rows(&self, rows: &Range<usize>, height: usize) -> Range<usize> {
         let end = rows.end.saturating_sub(1) * self.stride + self.size - self.pad;
         (rows.start * self.stride).saturating_sub(self.pad)..end.min(height)
     }
 
-    /// Output `rows`, from an input that holds all that they need.
+    /// Output `rows`, from an input that holds all the rows that they need.
     pub fn forward(&self, input: &Map, rows: Range<usize>) -> Map {
         let (width, channels) = (self.places(input.width).unwrap_or(0), self.bias.len());
         let mut out = Map { first: rows.start, width, channels, data: vec![0.0; rows.len() * width * channels] };
@@ -155,7 +155,7 @@ mod tests {
                 let all = conv.places(height).unwrap();
                 for rows in [0..all, all / 3..all.min(all / 3 + 5)] {
                     let expected = plain(&conv, &oihw, &input, rows.clone());
-                    // Only the rows that are said to be needed may count.
+                    // Only the rows reported as needed may have an effect.
                     let needed = conv.input_rows(&rows, height);
                     let length = width * inputs;
                     let strip = Map {

@@ -1,7 +1,7 @@
 //! LPIPS (v0.1 heads) with VGG16 or AlexNet features, exact, on the CPU.
 //!
-//! A stage (the convolutions between two pools) runs strip by strip: only pooled maps exist in full, so that a
-//! full-HD pair needs some hundred megabytes and not gigabytes.
+//! A stage (the convolutions between two pools) runs strip by strip: only pooled maps exist in full, so that a full-HD
+//! pair needs hundreds of megabytes, not gigabytes.
 
 mod conv;
 mod matrix;
@@ -22,7 +22,7 @@ const STRIP: usize = 8 << 20;
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 
-/// The network that gives the features.
+/// The network that computes the features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// VGG16: relu1_2, 2_2, 3_3, 4_3, 5_3.
@@ -40,12 +40,12 @@ impl fmt::Display for Kind {
     }
 }
 
-/// How pixel values in [0, 1] reach the network, which was calibrated on [-1, 1].
+/// Scaling of pixel values in [0, 1] for the network, which was calibrated on [-1, 1].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Range {
-    /// As they are: what the 3DGS papers report.
+    /// Unchanged, as the 3DGS papers report.
     Unit,
-    /// 2 v - 1: what LPIPS means.
+    /// 2 v - 1, as LPIPS intends.
     Symmetric,
 }
 
@@ -97,7 +97,7 @@ impl Lpips {
         Ok(sum)
     }
 
-    /// Whether an axis of `n` pixels leaves something at every depth.
+    /// True if an axis of `n` pixels leaves at least one at every depth.
     fn fits(&self, n: usize) -> bool {
         let mut left = Some(n);
         for stage in &self.stages {
@@ -156,7 +156,7 @@ impl Stage {
         (sum / (width * height) as f64, next_a, next_b)
     }
 
-    /// Rows of the last convolution's output, from whichever input rows they need.
+    /// Rows of the last convolution's output, computed from the input rows that they need.
     fn features(&self, input: &Map, rows: std::ops::Range<usize>, heights: &[usize]) -> Map {
         let mut needed = vec![rows];
         for (conv, &height) in self.convs.iter().zip(heights).skip(1).rev() {
@@ -202,7 +202,7 @@ fn pixel_distance(a: &[f32], b: &[f32], head: &[f32]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Strips are an arrangement only: many of them give what a single one gives, with overlapping pools as well.
+    /// Many strips give the same result as a single one, with overlapping pools as well.
     #[test]
     fn strips_change_nothing() {
         let mut seed = 1u32;

@@ -6,7 +6,7 @@ use std::ops::Range;
 /// Rows of a feature map, channels innermost; rows that it lacks read as zeros.
 #[derive(Clone)]
 pub(super) struct Map {
-    /// The first row that is held.
+    /// Index of the first row held.
     pub first: usize,
     /// Pixels per row.
     pub width: usize,
@@ -22,7 +22,7 @@ impl Map {
         self.data.len() / (self.width * self.channels).max(1)
     }
 
-    /// Row `y` of the map, or none where it is not held.
+    /// Row `y` of the map; none if it is not held.
     pub fn row(&self, y: isize) -> Option<&[f32]> {
         let at = usize::try_from(y).ok()?.checked_sub(self.first)?;
         let length = self.width * self.channels;
@@ -30,7 +30,7 @@ impl Map {
     }
 }
 
-/// Places of a window along an axis of `n` pixels, or none where not even one fits.
+/// Number of positions of a window along an axis of `n` pixels; none if no window fits.
 pub(super) fn window_places(n: usize, size: usize, stride: usize, pad: usize) -> Option<usize> {
     Some((n + 2 * pad).checked_sub(size)? / stride + 1)
 }
@@ -45,13 +45,13 @@ pub(super) struct Pool {
 }
 
 impl Pool {
-    /// The pooled map of something `width` pixels wide, before its first row.
+    /// The empty pooled map of an input `width` pixels wide.
     pub fn empty(self, width: usize, channels: usize) -> Map {
         let width = window_places(width, self.size, self.stride, 0).unwrap_or(0);
         Map { first: 0, width, channels, data: Vec::new() }
     }
 
-    /// Appends the pooled `rows` of `from`, which holds all that they cover.
+    /// Appends the pooled `rows` of `from`, which holds all the rows that they cover.
     pub fn append(self, from: &Map, rows: Range<usize>, to: &mut Map) {
         let (channels, length) = (to.channels, to.width * to.channels);
         let start = to.data.len();

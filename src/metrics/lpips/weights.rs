@@ -13,7 +13,7 @@ const LARGEST: u64 = 256 << 20;
 type Shape = (usize, usize, usize, usize);
 
 impl Lpips {
-    /// Reads a file of `tools/lpips-weights` and tells by its tensors which network it is.
+    /// Reads a file written by `tools/lpips-weights` and recognises the network by its tensors.
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Weights`] naming the tensor that is missing, misshapen or not finite.

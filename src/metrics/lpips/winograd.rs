@@ -8,7 +8,7 @@ use std::array::from_fn;
 
 /// Tiles per matrix product: enough to make packing the weights cheap; the two buffers take 38 MB at 512 channels.
 const TILES: usize = 256;
-/// Places of a transformed tile.
+/// Elements of a transformed tile.
 const PLACES: usize = 36;
 
 /// 1-D transform of three weights.
@@ -94,7 +94,7 @@ impl Buffers {
         }
     }
 
-    /// 36 matrix products; on all threads where this block is the only one.
+    /// 36 matrix products; on all threads if this block is the only one.
     fn multiply(&mut self, tiles: usize, weights: &[f32], inputs: usize, outputs: usize, alone: bool) {
         self.outputs.resize(PLACES * tiles * outputs, 0.0);
         let size = [tiles, inputs, outputs];

@@ -9,7 +9,7 @@ use crate::scene::image_size::image_size;
 /// Extensions of photos, in the order in which they are tried for names without one.
 const EXTENSIONS: [&str; 8] = ["png", "jpg", "jpeg", "JPG", "PNG", "JPEG", "webp", "WEBP"];
 
-/// Whether the path has a photo's extension.
+/// True if the path has a photo's extension.
 pub(super) fn is_photo_name(path: &Path) -> bool {
     path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
 }
@@ -77,7 +77,7 @@ pub(super) fn find_mask(folder: &Path, name: &str) -> Option<PathBuf> {
 
 /// Width and height of the photo at `path`, if there is one with a legible header.
 ///
-/// Only regular files are opened: a name may lead anywhere.
+/// Only regular files are opened: a name may point anywhere.
 pub(super) fn photo_size(path: &Path) -> Option<(u32, u32)> {
     if !path.is_file() {
         return None;

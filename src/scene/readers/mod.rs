@@ -1,8 +1,8 @@
-//! Readers of the field's scene formats, and the assembly of a [`Scene`] from their findings.
+//! Readers of the common scene formats, and the assembly of a [`Scene`] from what they read.
 //!
-//! Readers return only what the files say (`Listing`); photo folders, real photo sizes, undistortion and the order of the
-//! views are settled here for all formats alike. Bad input is refused by file and record, or skipped and counted; counts
-//! in a file are checked against its size before anything is allocated for them.
+//! Readers return only what the files say (`Listing`); photo folders, real photo sizes, undistortion and the order of
+//! the views are decided here for all formats. Bad input is refused with its file and record, or skipped and counted;
+//! counts in a file are checked against its size before anything is allocated for them.
 
 mod colmap;
 mod files;
@@ -31,7 +31,7 @@ struct Listing {
     skipped: Skipped,
 }
 
-/// A view as listed; tracks name it by `id`.
+/// A view as listed; tracks refer to it by `id`.
 struct ListedView {
     id: u32,
     name: String,
@@ -43,7 +43,7 @@ struct ListedView {
     role: Role,
 }
 
-/// A point whose track still names views by their ids.
+/// A point whose track still refers to views by their ids.
 struct ListedPoint {
     position: DVec3,
     colour: [u8; 3],

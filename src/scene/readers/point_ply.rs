@@ -14,7 +14,7 @@ enum Encoding {
     Big,
 }
 
-/// A property's type: bytes, whether floating, whether signed.
+/// A property's type: size in bytes, floating or integer, signed or unsigned.
 #[derive(Clone, Copy)]
 struct Kind {
     size: usize,
@@ -61,7 +61,7 @@ struct Header {
     encoding: Encoding,
     vertices: u64,
     properties: Vec<(String, Kind)>,
-    /// Where the body starts.
+    /// Byte offset of the body.
     body: usize,
 }
 

@@ -1,11 +1,11 @@
-//! Poses from quaternions and matrices; none if they are no rigid motion.
+//! Poses from quaternions and matrices; none for anything but a rigid motion.
 
 use glam::{DMat3, DQuat, DVec3};
 
 /// Largest coordinate of a pose or point; beyond it float32 has no precision left for detail.
 const FARTHEST: f64 = 1e15;
 
-/// Whether a position can be used.
+/// True if a position can be used.
 pub(super) fn is_place(p: DVec3) -> bool {
     p.is_finite() && p.abs().max_element() < FARTHEST
 }
@@ -21,7 +21,7 @@ pub(super) fn from_quaternion([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> 
 
 /// World-to-camera pose from a camera-to-world matrix with OpenGL's camera axes (x right, y up, z backwards).
 ///
-/// Axes scaled alike are normalised; a mirrored, sheared (cosine over 1e-3) or singular matrix is no pose.
+/// Uniformly scaled axes are normalised; a mirrored, sheared (cosine over 1e-3) or singular matrix is no pose.
 pub(super) fn from_opengl(rows: &[Vec<f64>]) -> Option<(DMat3, DVec3)> {
     let column = |c: usize| Some(DVec3::new(*rows.first()?.get(c)?, *rows.get(1)?.get(c)?, *rows.get(2)?.get(c)?));
     let centre = column(3)?;
@@ -30,7 +30,7 @@ pub(super) fn from_opengl(rows: &[Vec<f64>]) -> Option<(DMat3, DVec3)> {
     if skew > 1e-3 || right.cross(up).dot(back) <= 0.0 || !is_place(centre) {
         return None;
     }
-    // The nearest rotation to within rounding: the viewing axis stays, the others are squared to it.
+    // The nearest rotation to within rounding: the viewing axis stays, the others are made orthogonal to it.
     let right = (right - back * back.dot(right)).try_normalize()?;
     let up = back.cross(right);
     let rotation = DMat3::from_cols(right, -up, -back).transpose();

@@ -1,8 +1,8 @@
 //! Blender's transforms_{train,val,test}.json; instant-ngp's and nerfstudio's transforms.json.
 //!
-//! Poses are camera-to-world with OpenGL's camera axes. The world stays as the file has it: nerfstudio's
-//! `applied_transform` (how it differs from COLMAP's) is not undone, and its point cloud lies in the same world. instant-ngp's
-//! `scale`, `offset` and `aabb_scale` concern its own volume only and are ignored.
+//! Poses are camera-to-world with OpenGL's camera axes. World coordinates are the file's: nerfstudio's
+//! `applied_transform` (the difference from COLMAP's) is not undone, and its point cloud lies in the same world.
+//! instant-ngp's `scale`, `offset` and `aabb_scale` concern its own volume only and are ignored.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use crate::scene::lens::{Distortion, Lens, LensModel};
 use crate::scene::view::Role;
 use crate::scene::{Error, OpenOptions, SceneKind, Skipped};
 
-/// Intrinsics as either the file or one of its frames gives them.
+/// Intrinsics of the file or of one of its frames.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 struct Intrinsics {
@@ -68,7 +68,7 @@ struct Reader<'a> {
     camera_ids: HashMap<Vec<u64>, u32>,
 }
 
-/// Reads the transforms file `path` of the scene at `root`, for Blender with its sister files.
+/// Reads the transforms file `path` of the scene at `root`, for Blender with its companion files.
 pub(super) fn read(root: &Path, path: &Path, options: &OpenOptions) -> Result<Listing, Error> {
     let images = options.images.as_ref().map(|asked| files::image_folder(root, asked)).transpose()?;
     let mut reader = Reader {
@@ -188,8 +188,8 @@ impl Reader<'_> {
         })
     }
 
-    /// The photo of a frame: as listed, or in the requested folder under its name without the first folder, its whole name
-    /// or its last part.
+    /// The photo of a frame: as listed, or in the requested folder under its name without the first folder, its whole
+    /// name or its last part.
     fn photo(&self, name: &str, usual: PathBuf) -> PathBuf {
         let Some(folder) = &self.images else { return usual };
         let inner = name.split_once('/').map_or(name, |(_, rest)| rest);
@@ -227,7 +227,8 @@ enum LensFault {
 }
 
 impl Intrinsics {
-    /// The frame's own values if given, otherwise the file's; a frame's own field of view replaces the file's focal length.
+    /// The frame's own values if given, otherwise the file's; a frame's own field of view replaces the file's focal
+    /// length.
     fn over(&self, common: &Self) -> Self {
         let angles = self.camera_angle_x.is_some() && self.fl_x.is_none();
         let focal = |own: Option<f64>, file: Option<f64>| if angles { own } else { own.or(file) };

@@ -106,7 +106,7 @@ fn unpack_rotation(word: u32) -> [f32; 4] {
     from_smallest_three(smaller, (word >> 30) as usize)
 }
 
-/// Bucket centres, but the outermost bytes stand for the ends themselves.
+/// Bucket centres, except that the outermost bytes stand for the ends of the range.
 fn unpack_sh(byte: f32) -> f32 {
     let t = match byte {
         0.0 => 0.0,

@@ -2,7 +2,7 @@
 
 use super::super::fault::{Fault, malformed};
 
-/// How the body is stored.
+/// Encoding of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -48,7 +48,7 @@ impl Kind {
         }
     }
 
-    /// Whether values have no fraction.
+    /// True if values have no fraction.
     pub(super) fn is_integer(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
     }
@@ -71,7 +71,7 @@ pub(super) struct Element {
 }
 
 impl Element {
-    /// Whether every row has the same number of values.
+    /// True if every row has the same number of values.
     pub(super) fn is_fixed(&self) -> bool {
         self.properties.iter().all(|property| property.list.is_none())
     }

@@ -1,7 +1,7 @@
 //! The standard 3DGS layout: one vertex row per Gaussian, stored values as the optimiser sees them.
 //!
-//! Of graphdeco's trainer: x y z, (nx ny nz), f_dc_0..2, f_rest_0..(3K - 1) channel-major (all red, then green, then
-//! blue; K coefficients of bands 1..=L each), opacity (logit), scale_0..2 (logarithms), rot_0..3 (w, x, y, z).
+//! Layout of graphdeco's trainer: x y z, (nx ny nz), f_dc_0..2, f_rest_0..(3K - 1) channel-major (all red, then green,
+//! then blue; K coefficients of bands 1..=L each), opacity (logit), scale_0..2 (logarithms), rot_0..3 (w, x, y, z).
 
 use rayon::prelude::*;
 

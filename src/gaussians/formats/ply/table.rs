@@ -1,11 +1,11 @@
-//! An element's rows as a table of fixed stride, whatever the file's encoding.
+//! An element's rows as a table of fixed stride, for any encoding of the file.
 
 use std::borrow::Cow;
 
 use super::super::fault::{Fault, malformed};
 use super::header::{Element, Encoding, Header, Kind, Property};
 
-/// Where a property lies in a row.
+/// Position of a property in a row.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slot {
     offset: usize,
@@ -77,7 +77,7 @@ impl Table<'_> {
         self.element.properties.iter().filter(|p| p.list.is_none()).map(|p| p.name.as_str())
     }
 
-    /// The place of the scalar property `name`, if there is one.
+    /// The position of the scalar property `name`, if there is one.
     pub(super) fn find(&self, name: &str) -> Option<Slot> {
         let mut offset = 0;
         for property in self.element.properties.iter().filter(|p| p.list.is_none()) {
@@ -89,7 +89,7 @@ impl Table<'_> {
         None
     }
 
-    /// The place of a property that must be there.
+    /// The position of a property that must exist.
     pub(super) fn slot(&self, name: &str) -> Result<Slot, Fault> {
         self.find(name).ok_or_else(|| {
             malformed(
@@ -99,7 +99,7 @@ impl Table<'_> {
         })
     }
 
-    /// The place of a property that must be there with 32 bits of integer.
+    /// The position of a 32-bit integer property that must exist.
     pub(super) fn packed(&self, name: &str) -> Result<Slot, Fault> {
         let slot = self.slot(name)?;
         if matches!(slot.kind, Kind::U32 | Kind::I32) {
@@ -216,7 +216,7 @@ impl<'a> Body<'a> {
     }
 }
 
-/// A list's count of 1, 2 or 4 bytes; negative counts come out too great to be true.
+/// A list's count of 1, 2 or 4 bytes; negative counts become implausibly large.
 fn list_length(bytes: &[u8], big: bool) -> usize {
     let push = |value: usize, byte: &u8| value << 8 | usize::from(*byte);
     if big { bytes.iter().fold(0, push) } else { bytes.iter().rev().fold(0, push) }

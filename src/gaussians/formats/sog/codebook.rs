@@ -2,7 +2,7 @@
 
 const ROUNDS: usize = 12;
 
-/// A rising list of 256 values, each the mean of what is nearest to it.
+/// A rising list of 256 values, each the mean of the inputs nearest to it.
 pub(super) struct Codebook(pub [f32; 256]);
 
 impl Codebook {

@@ -1,5 +1,5 @@
-//! PlayCanvas SOG: `meta.json` and lossless WebP textures, one texel per Gaussian, row by row; a bundle is all of them in a
-//! zip archive.
+//! PlayCanvas SOG: `meta.json` and lossless WebP textures, one texel per Gaussian, row by row; a bundle is all of them
+//! in a zip archive.
 //!
 //! Means: low and high bytes of 16 bits between limits, of sign(x) ln(|x| + 1). Quaternions: three smaller components
 //! over +-sqrt(1/2), alpha 252 + index of the greatest of (w, x, y, z). Scales, colours and SH: bytes into codebooks

@@ -1,6 +1,6 @@
 //! Writing SOG version 2, as a bundle.
 //!
-//! Gaussians are written along a Z-order curve, which lets the lossless textures find neighbours alike.
+//! Gaussians are written along a Z-order curve: neighbouring texels are then similar, which lossless textures exploit.
 
 use std::io::{Cursor, Write};
 
@@ -80,7 +80,7 @@ pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
     bundle(&meta, textures).map_err(|what| Fault::Unsupported(format!("SOG cannot be packed ({what}); write .ply")))
 }
 
-/// Width of a texture of a texel per Gaussian: about square, in whole blocks of four.
+/// Width of a texture with one texel per Gaussian: about square, in whole blocks of four.
 fn width(gaussians: usize) -> usize {
     ((gaussians as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4
 }
@@ -149,7 +149,7 @@ fn smallest_three(q: [f32; 4]) -> [u8; 4] {
     [a, b, c, GREATEST + greatest as u8]
 }
 
-/// Bands 1 and up: the palette's texture, the labels' texture and what `meta.json` says of them.
+/// Bands 1 and up: the palette's texture, the labels' texture and their entry of `meta.json`.
 fn rest_bands(model: &Gaussians, order: &[u32]) -> (Texture, Texture, Value) {
     let per_entry = (model.degree() + 1).pow(2) - 1;
     let numbers = 3 * per_entry;
@@ -190,7 +190,7 @@ fn bundle(meta: &Value, textures: Vec<Texture>) -> Result<Vec<u8>, String> {
     let webps: Vec<(&str, Vec<u8>)> =
         textures.into_par_iter().map(|t| Ok((t.name, webp(t)?))).collect::<Result<_, String>>()?;
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    // WebP does not shrink further, and readers may seek in what is stored plainly.
+    // WebP does not shrink further, and readers may seek in uncompressed entries.
     let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     let mut add = |name: &str, content: &[u8]| {
         archive.start_file(name, stored).map_err(|e| e.to_string())?;

@@ -1,8 +1,8 @@
-//! A palette of vectors: cells are halved along their widest axis until there are enough, then refined by Lloyd's algorithm
-//! among neighbours.
+//! A palette of vectors: cells are halved along their widest axis until there are enough, then refined by Lloyd's
+//! algorithm among neighbours.
 //!
-//! An exhaustive search over 2^16 entries of 45 numbers takes minutes a round. Here a vector is compared with the entries of
-//! its own branch only, so that a round costs n x BRANCH distances.
+//! An exhaustive search over 2^16 entries of 45 numbers takes minutes a round. Here a vector is compared with the
+//! entries of its own branch only, so that a round costs n x BRANCH distances.
 
 use rayon::prelude::*;
 
@@ -10,11 +10,11 @@ const ROUNDS: usize = 4;
 /// Entries of a branch.
 const BRANCH: usize = 64;
 
-/// Entries, and each vector's.
+/// Entries, and the entry of each vector.
 pub(super) struct Palette {
     /// `entries` x `width`.
     pub values: Vec<f32>,
-    /// By vector: its entry.
+    /// The entry of each vector.
     pub labels: Vec<u32>,
 }
 
@@ -98,7 +98,7 @@ fn halve(vectors: &[f32], width: usize, cell: &mut [u32]) {
     cell.select_nth_unstable_by(middle, |a, b| at(*a).total_cmp(&at(*b)).then(a.cmp(b)));
 }
 
-/// Each entry becomes the mean of its vectors; one that has none stays.
+/// Each entry becomes the mean of its vectors; an entry without vectors stays.
 fn means(vectors: &[f32], width: usize, members: &[u32], own: &[u32], values: &mut [f32]) {
     let entries = values.len() / width;
     let mut sums = vec![0.0_f64; values.len()];

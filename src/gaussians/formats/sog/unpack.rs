@@ -81,7 +81,7 @@ pub(in super::super) fn read_bundle(bytes: &[u8]) -> Result<Parsed, Fault> {
     read(|name| {
         let entry = archive.by_name(&format!("{prefix}{name}"));
         let entry = entry.map_err(|error| damaged(format!("{name}: {error}")))?;
-        // WebP hardly shrinks in a zip and JSON not by more: what grows beyond is no model.
+        // WebP hardly shrinks in a zip, and JSON by no more than this: content that grows beyond is no model.
         let most = entry.compressed_size().min(bytes.len() as u64) * 16 + 4096;
         let mut content = Vec::new();
         let read = entry.take(most + 1).read_to_end(&mut content);
@@ -114,7 +114,7 @@ fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, 
         }
         webps.push((name, load(name)?));
     }
-    // The low bytes of means are noise, 3 bytes per Gaussian in practice: far less cannot hold so many.
+    // The low bytes of means are noise, 3 bytes per Gaussian in practice: a far smaller texture cannot hold this many.
     let most = webps[0].1.len() as u64 * 64 + 4096;
     let n = usize::try_from(claimed).ok().filter(|_| claimed <= most).ok_or_else(|| {
         malformed("meta.json", format!("{claimed} Gaussians claimed, more than {} can hold; {AGAIN}", webps[0].0))
@@ -223,7 +223,7 @@ fn bytes_to(value: impl Fn(u8) -> f32) -> Lookup {
     std::array::from_fn(|byte| value(byte as u8))
 }
 
-/// A codebook; bytes beyond its end mean NaN, so that the common repairs remove and count who uses them.
+/// A codebook; bytes beyond its end give NaN, so that the common repairs remove and count the Gaussians that use them.
 fn of_codebook(codebook: &[Option<f32>]) -> Lookup {
     let get = |i: usize| codebook.get(i).copied().flatten().unwrap_or(f32::NAN);
     let mut lookup: Lookup = std::array::from_fn(get);
@@ -234,7 +234,7 @@ fn of_codebook(codebook: &[Option<f32>]) -> Lookup {
     lookup
 }
 
-/// Decodes a texture of `n` texels, or a palette, if its size is believable.
+/// Decodes a texture of `n` texels, or a palette, if its size is plausible.
 fn decode(bytes: &[u8], n: Option<usize>) -> Result<RgbaImage, String> {
     let decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(|error| error.to_string())?;
     let (width, height) = decoder.dimensions();

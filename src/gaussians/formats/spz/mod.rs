@@ -1,8 +1,8 @@
 //! Niantic SPZ (github.com/nianticlabs/spz): 8- to 24-bit attributes, gzip (versions 1 to 3) or zstd (version 4).
 //!
 //! Coordinates: an SPZ file is right-up-back unless an extension says otherwise, while 3DGS PLY, and so our model, is
-//! right-down-front. Both directions turn by 180 degrees about x, as the official library does when told that the
-//! cloud is RDF. (Its command-line tools leave the system unspecified and turn nothing.)
+//! right-down-front. Reading and writing rotate by 180 degrees about x, as the official library does for a cloud
+//! declared RDF. (Its command-line tools leave the system unspecified and rotate nothing.)
 
 mod pack;
 mod unpack;
@@ -24,7 +24,7 @@ const RIGHT_DOWN_FRONT: u32 = 6;
 
 /// Mirrors the axes in which two coordinate systems of the unrotated family (1..=8) differ.
 ///
-/// The number less one holds a bit an axis. Quaternions and SH follow from the parity of x, y, z in each component.
+/// The number minus one has one bit per axis. Quaternions and SH follow from the parity of x, y, z in each component.
 fn convert(model: &mut Gaussians, from: u32, to: u32) {
     let differ = from.wrapping_sub(1) ^ to.wrapping_sub(1);
     let [x, y, z] = [0, 1, 2].map(|axis| if differ >> axis & 1 == 1 { -1.0f32 } else { 1.0 });
@@ -51,7 +51,7 @@ fn convert(model: &mut Gaussians, from: u32, to: u32) {
 mod tests {
     use super::*;
 
-    /// The basis of each coefficient less its constant, as polynomials of a direction.
+    /// The basis function of each coefficient without its constant factor, as a polynomial of a direction.
     fn basis(l: usize, [x, y, z]: [f32; 3]) -> Vec<f32> {
         let (xx, yy, zz) = (x * x, y * y, z * z);
         match l {

@@ -1,8 +1,8 @@
 //! Writing SPZ version 3.
 //!
-//! Version 3 (gzip), not 4 (zstd): older readers accept it too, and the stored values are the same. SH bits are the official
-//! defaults, 5 for band 1 and 4 for the others. The number of fractional bits fits the model, whereas the official writer
-//! always uses 12 and lets greater coordinates wrap.
+//! Version 3 (gzip), not 4 (zstd): older readers accept it too, and the stored values are the same. SH bits are the
+//! official defaults, 5 for band 1 and 4 for the others. The number of fractional bits fits the model, whereas the
+//! official writer always uses 12 and lets greater coordinates wrap.
 
 use std::io::Write;
 
@@ -58,7 +58,7 @@ pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
     packed.map_err(|error| Fault::Unsupported(format!("compression failed ({error}); write .ply")))
 }
 
-/// Fractional bits of the means: the official 12, or more for small Gaussians, as far as 24 bits reach.
+/// Fractional bits of the means: the official 12, or more for small Gaussians, as 24 bits allow.
 ///
 /// A step of 1/16 of the median Gaussian's size moves nothing visibly; a step beyond that size ruins the picture.
 fn fractional_bits(model: &Gaussians) -> Result<i32, Fault> {

@@ -5,9 +5,9 @@
 //! these versions without the gzip layer occur and are read.
 //!
 //! Version 4 (layout from the official library's README and load-spz.cc, confirmed on files): a plain header of 32
-//! bytes, the same 16 with the last byte the number of streams, then the table's offset (u32) and 12 bytes of zeros;
-//! extension records up to the table; the table, (compressed, uncompressed) bytes as u64 a stream; one zstd frame an
-//! attribute in the same order, empty attributes left out (no SH stream at degree 0).
+//! bytes, the same 16 with the number of streams as the last byte, then the table's offset (u32) and 12 bytes of zeros;
+//! extension records up to the table; the table, a pair (compressed, uncompressed) of byte counts as u64 per stream;
+//! one zstd frame per attribute in the same order, empty attributes left out (no SH stream at degree 0).
 
 use std::io::Read;
 
@@ -25,7 +25,7 @@ const HEADER: usize = 32;
 const NAMES: [&str; 6] = ["positions", "alphas", "colours", "scales", "rotations", "SH"];
 const AGAIN: &str = "fetch or export the file again";
 
-/// Greatest believable ratio of decompression, also the official reader's: a lying header must not cost memory.
+/// Greatest plausible ratio of decompression, also the official reader's: a false header must not cost memory.
 const MAX_RATIO: u64 = 1024;
 /// Bytes beyond the attributes that are looked at for extensions and for gzip's checksum.
 const MAX_TAIL: u64 = 1 << 20;
@@ -75,13 +75,13 @@ impl Header {
         })
     }
 
-    /// Bytes a Gaussian of each attribute.
+    /// Bytes per Gaussian of each attribute.
     fn widths(&self) -> [usize; 6] {
         let sh = 3 * ((self.degree + 1) * (self.degree + 1) - 1);
         [if self.version == 1 { 6 } else { 9 }, 1, 3, 3, if self.version < 3 { 3 } else { 4 }, sh]
     }
 
-    /// Bytes of all attributes; fails where a file of `available` bytes cannot hold so many Gaussians.
+    /// Bytes of all attributes; fails if a file of `available` bytes cannot hold that many Gaussians.
     fn body(&self, available: usize) -> Result<usize, Fault> {
         let most = available as u64 * MAX_RATIO / self.widths()[0] as u64;
         let body = self.n.checked_mul(self.widths().iter().sum());
@@ -194,7 +194,7 @@ fn read_streams(header: &Header, bytes: &[u8]) -> Result<Parsed, Fault> {
         .map(|(attribute, frame, at)| {
             let size = sizes[attribute];
             let damaged = |what: String| malformed(format!("{} stream, byte {at}", NAMES[attribute]), what);
-            // Room grows with what comes out: a claimed size alone must not cost memory.
+            // The buffer grows with the output: a claimed size alone must not cost memory.
             let mut plain = Vec::new();
             zstd::Decoder::with_buffer(frame)
                 .and_then(|decoder| decoder.take(size as u64 + 1).read_to_end(&mut plain))

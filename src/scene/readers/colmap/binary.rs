@@ -50,7 +50,7 @@ impl<'a> Cursor<'a> {
         Ok(values)
     }
 
-    /// A count of things of at least `size` bytes each, checked against what is left.
+    /// Reads a count of items of at least `size` bytes each and checks it against the bytes left.
     fn count(&mut self, size: usize) -> Result<usize, String> {
         let claimed = self.u64()?;
         let left = self.all.len() - self.at;
@@ -72,7 +72,8 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Reads a file of `what`s of at least `size` bytes: the count, then each record, and nothing after.
+/// Reads a file of records, called `what` in messages, of at least `size` bytes each: the count, the records, nothing
+/// after.
 fn records<T, F: From<String>>(
     path: &Path,
     what: &str,

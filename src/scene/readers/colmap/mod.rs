@@ -33,7 +33,7 @@ struct PointRow {
     track: Vec<u32>,
 }
 
-/// Whether a folder holds a model, binary or text.
+/// True if a folder holds a model, binary or text.
 pub(super) fn is_model(folder: &Path) -> bool {
     ["bin", "txt"].iter().any(|e| has(folder, e))
 }
@@ -107,8 +107,8 @@ fn scene_of(model: &Path) -> PathBuf {
     found.unwrap_or(model).to_owned()
 }
 
-/// The folder that image names are relative to: as requested, otherwise images, otherwise input or the scene itself if the
-/// first photos lie there.
+/// The folder that image names are relative to: as requested, otherwise images, otherwise input or the scene itself if
+/// the first photos lie there.
 fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result<PathBuf, Error> {
     if let Some(asked) = &options.images {
         return files::image_folder(root, asked);
@@ -121,7 +121,7 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
     Ok([root.join("input"), root.to_owned()].into_iter().find(holds).unwrap_or(usual))
 }
 
-/// Adds a camera; refuses an id that is taken.
+/// Adds a camera; refuses an id that is already taken.
 fn add_camera(cameras: &mut Cameras, id: u32, lens: Lens) -> Result<(), String> {
     match cameras.insert(id, lens) {
         Some(_) => Err(format!("camera {id} is listed twice; remove the wrong entry")),
