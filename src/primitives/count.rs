@@ -1,12 +1,12 @@
-//! A count that lives on the device, with the dispatch sizes that follow from it.
+//! A count on the device, and the dispatch sizes computed from it.
 
 use super::WORKGROUP;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::primitives::{Arguments, ArgumentsPush, ArgumentsSpec};
 
-/// A number of elements that kernels compute and the host never needs to see inside a frame.
+/// A number of elements that kernels compute; the host does not read it within a frame.
 pub struct Count {
-    /// Word 0: the count; word 1: the largest ever asked for, limit or not.
+    /// Word 0: the count; word 1: the largest count requested so far, even beyond the limit.
     pub value: Buffer<u32>,
     arguments: Buffer<u32>,
     sizes: [u32; 4],
@@ -14,13 +14,13 @@ pub struct Count {
 }
 
 impl Count {
-    /// A count of at most `limit`; dispatches may take `WORKGROUP` or any of up to three `sizes` elements a group.
+    /// A count of at most `limit`; dispatches may take `WORKGROUP` or any of up to three `sizes` elements per group.
     ///
     /// # Errors
     /// Device memory.
     ///
     /// # Panics
-    /// With more than three sizes.
+    /// If there are more than three sizes.
     pub fn new(device: &Device, name: &str, limit: u32, sizes: &[u32]) -> Result<Self> {
         let mut all = [WORKGROUP; 4];
         all[1..=sizes.len()].copy_from_slice(sizes);
@@ -45,7 +45,7 @@ impl Count {
         Ok(made)
     }
 
-    /// The largest count that counts: a larger one becomes 0 in [`Count::prepare`].
+    /// The largest valid count; [`Count::prepare`] replaces a larger one by 0.
     pub fn limit(&self) -> u32 {
         self.limit
     }
@@ -77,10 +77,10 @@ impl Count {
         recording.dispatch(&kernel, Groups::Count(1));
     }
 
-    /// As many groups as hold the count at `per_group` elements each.
+    /// The number of groups that cover the count at `per_group` elements each.
     ///
     /// # Panics
-    /// When `per_group` is not among the sizes.
+    /// If `per_group` is not among the sizes.
     pub fn groups(&self, per_group: u32) -> Groups<'_> {
         let slot = self.sizes.iter().position(|s| *s == per_group).expect("a size named in Count::new");
         Groups::Indirect(&self.arguments, 3 * slot as u32)

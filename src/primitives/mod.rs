@@ -1,4 +1,4 @@
-//! Floor 2: parallel building blocks that know nothing of splats: counts on the device, prefix sum, stable radix sort,
+//! Floor 2: parallel building blocks independent of splats: counts on the device, prefix sum, stable radix sort,
 //! compaction, gather, segmented sum. All run at subgroup sizes of 4 to 128.
 
 mod compact;
@@ -18,5 +18,5 @@ pub use scan::Scan;
 pub use segmented_sum::{Segments, segmented_sum};
 pub use sort::{Pairs, Sort};
 
-/// Invocations of a workgroup where nothing asks for another number.
+/// Default number of invocations of a workgroup.
 pub const WORKGROUP: u32 = 256;

@@ -5,7 +5,7 @@ use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::scan::{APPLY, REDUCE, SPINE};
 use crate::kernels::primitives::{Scan as Kernel, ScanSpec};
 
-/// Scratch and shape of a prefix sum over at most a given number of words.
+/// Scratch memory and layout of a prefix sum over at most a given number of words.
 pub struct Scan {
     sums: Buffer<u32>,
     unasked: Buffer<u32>,
@@ -34,7 +34,7 @@ impl Scan {
         Ok(Self { sums, unasked: device.buffer("scan total", 1)?, workgroup, rows })
     }
 
-    /// Records `target[i] = sum of source[..i]` for i < count, and the sum of all into `total[0]` where asked for.
+    /// Records `target[i] = sum of source[..i]` for i < count, and the sum of all into `total[0]` if requested.
     ///
     /// `source` and `target` may be the same buffer. `count` must have been made with [`Scan::block`] among its sizes.
     pub fn record(

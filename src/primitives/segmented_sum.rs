@@ -5,7 +5,7 @@ use super::count::Count;
 use crate::gpu::{Buffer, Recording};
 use crate::kernels::primitives::{SegmentedSum, SegmentedSumSpec};
 
-/// Where each segment's rows are: `starts[s]..starts[s] + lengths[s]`.
+/// Range of each segment's rows: `starts[s]..starts[s] + lengths[s]`.
 #[derive(Clone, Copy)]
 pub struct Segments<'a> {
     /// First row of each.
@@ -16,7 +16,7 @@ pub struct Segments<'a> {
 
 /// Records, for each of `count` segments, the sum of its rows of `width` floats.
 ///
-/// Rows are added in their order, so that the result is the same bits run after run.
+/// Rows are added in their order, so that results are bit-identical from run to run.
 pub fn segmented_sum(
     recording: &mut Recording,
     count: &Count,

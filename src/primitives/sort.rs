@@ -1,4 +1,4 @@
-//! Stable radix sort of 32-bit keys with 32-bit values, over only the bits asked for.
+//! Stable radix sort of 32-bit keys with 32-bit values, over the given number of low bits.
 
 use super::count::Count;
 use super::scan::Scan;
@@ -6,15 +6,15 @@ use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::constants::sort::{COUNT_DIGITS, SCATTER};
 use crate::kernels::primitives::{Sort as Kernel, SortPush, SortSpec};
 
-/// Digits are at most this wide.
+/// Largest width of a digit in bits.
 const DIGIT_BITS: u32 = 8;
 
 /// Keys with their values.
 #[derive(Clone)]
 pub struct Pairs {
-    /// What is sorted by.
+    /// Sort keys.
     pub keys: Buffer<u32>,
-    /// What travels along.
+    /// Values that move with the keys.
     pub values: Buffer<u32>,
 }
 
@@ -34,7 +34,7 @@ impl Pairs {
     }
 }
 
-/// Scratch and shape of a sort of at most a given number of pairs.
+/// Scratch memory and layout of a sort of at most a given number of pairs.
 pub struct Sort {
     other: Pairs,
     digits: Buffer<u32>,
@@ -103,9 +103,10 @@ impl Sort {
         })
     }
 
-    /// Records a stable sort by the lowest `bits` bits of the keys; the result may lie in scratch, and is returned.
+    /// Records a stable sort by the lowest `bits` bits of the keys; returns the result, which may lie in scratch
+    /// memory.
     ///
-    /// `count` must have been made with [`Sort::block`] among its sizes. Without bits nothing is recorded.
+    /// `count` must have been made with [`Sort::block`] among its sizes. If `bits` is 0, nothing is recorded.
     pub fn record<'a>(&'a self, recording: &mut Recording, count: &Count, pairs: &'a Pairs, bits: u32) -> &'a Pairs {
         let passes = bits.div_ceil(DIGIT_BITS);
         let (mut from, mut to) = (pairs, &self.other);
@@ -120,7 +121,7 @@ impl Sort {
         from
     }
 
-    /// Where [`Sort::record`] leaves the result of sorting by `bits` bits.
+    /// The buffers in which [`Sort::record`] leaves the result of sorting by `bits` bits.
     pub fn sorted<'a>(&'a self, pairs: &'a Pairs, bits: u32) -> &'a Pairs {
         if bits.div_ceil(DIGIT_BITS).is_multiple_of(2) { pairs } else { &self.other }
     }

@@ -8,7 +8,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Error, Readback, Recording, Result, Timings};
 use std::ops::Range;
 
-/// What to assemble.
+/// Options of an assembly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Parameters of N.

@@ -27,10 +27,10 @@ pub fn self_overlap(log_scales: [f32; 3]) -> f64 {
     std::f64::consts::PI.powf(1.5) * volume.exp()
 }
 
-/// How blocks are solved.
+/// Options for solving blocks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solver {
-    /// How the eigenproblem is solved.
+    /// Solver of the eigenproblem.
     pub eigensolver: Eigensolver,
     /// Added to the metric's diagonal, and to traces.
     pub epsilon: f64,
@@ -66,9 +66,9 @@ pub struct Solved {
     pub spectrum: [f64; CHANNELS],
     /// The fewest eigenvalues that reach tau; 1 if the paper's problem was not asked for.
     pub r: u32,
-    /// Whether the metric was not positive definite and its canonical form was used.
+    /// True if the metric was not positive definite and its canonical form was used.
     pub canonical: bool,
-    /// Whether no member has any response, so that opacity decides.
+    /// True if no member has any response, so that opacity decides.
     pub unseen: bool,
     /// Overlaps and responses that were not finite.
     pub repaired: usize,

@@ -1,4 +1,4 @@
-//! Floor 6: which Gaussians to prune: the QIRF method, and other selectors.
+//! Floor 6: selection of the Gaussians to prune, by the QIRF method and other selectors.
 
 pub mod assemble;
 pub mod batch;

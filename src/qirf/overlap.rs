@@ -13,7 +13,7 @@ use crate::primitives::WORKGROUP;
 /// The logarithm used for no dilation.
 const NO_DILATION: f32 = -1e30;
 
-/// How an overlap is computed, all in float32.
+/// Method of computing an overlap, all in float32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// QR of the stacked scaled axes. The engine uses no other method; the sweep shows what the others cost.
@@ -28,7 +28,7 @@ pub enum Method {
 /// Parameters of an overlap, besides the Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Metric {
-    /// How it is computed.
+    /// Method of computation.
     pub method: Method,
     /// Scales are raised to this share of their Gaussian's largest.
     pub floor: f32,

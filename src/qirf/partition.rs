@@ -23,7 +23,7 @@ const LEVELS: u32 = 32;
 pub struct Blocks {
     /// Gaussians by block, ascending within each, n.
     pub members: Vec<u32>,
-    /// Where each block starts in `members`, and the end: blocks + 1.
+    /// Start of each block in `members`, and the end: blocks + 1 entries.
     pub starts: Vec<u32>,
 }
 
@@ -33,7 +33,7 @@ impl Blocks {
         self.starts.len().saturating_sub(1)
     }
 
-    /// Whether there is no block.
+    /// Returns true if there are no blocks.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -92,14 +92,14 @@ impl Default for Partition {
     }
 }
 
-/// Blocks, and how they were made.
+/// Blocks, and statistics of the partition.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Partitioned {
     /// The blocks.
     pub blocks: Blocks,
     /// Edge of the finest voxels in world units.
     pub voxel: f64,
-    /// Whether the paper's voxel was doubled.
+    /// True if the paper's voxel was doubled.
     pub doubled: bool,
     /// Gaussians that were joined in larger voxels because theirs held too few.
     pub rebinned: usize,

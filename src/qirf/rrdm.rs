@@ -12,7 +12,7 @@ pub struct Density {
     pub eta: f32,
     /// Added to each trace.
     pub epsilon: f32,
-    /// Whether P itself is needed, as by `dsygvd` only.
+    /// True if P itself is needed, as by `dsygvd` only.
     pub full: bool,
 }
 

@@ -39,17 +39,17 @@ pub enum Overlap {
     Raw,
 }
 
-/// How blocks are made and solved: what an order depends on besides the model and its responses.
+/// Options for making and solving blocks: the inputs of an order besides the model and its responses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Basis {
-    /// How blocks are made.
+    /// Rule that makes blocks.
     pub partition: Partition,
     /// The overlaps used as the metric.
     pub overlap: Overlap,
     /// Standard deviation added to every axis for the overlaps, as a multiple of the median largest scale; 0 for none.
     pub dilate: f64,
-    /// How the eigenproblem is solved.
+    /// Solver of the eigenproblem.
     pub solver: Eigensolver,
     /// Added to the metric's diagonal, and to traces.
     pub epsilon: f64,
@@ -89,7 +89,7 @@ pub struct Seconds {
 
 /// A model's blocks, and its order by each selector asked for.
 pub struct Study {
-    /// Blocks, and how they were made.
+    /// Blocks, and statistics of the partition.
     pub partitioned: Partitioned,
     /// Each selector's order.
     pub rankings: Vec<(Selector, Ranking)>,
@@ -119,7 +119,7 @@ fn channel(rows: &[[f32; CHANNELS]], c: usize) -> Vec<f32> {
     rows.iter().map(|row| row[c]).collect()
 }
 
-/// A model, on the device and on the host, and how strongly pictures depend on each of its Gaussians.
+/// A model, on the device and on the host, and the responses of its Gaussians.
 #[derive(Clone, Copy)]
 pub struct Observed<'a> {
     /// The model on the device.
@@ -252,7 +252,8 @@ impl Study {
         })
     }
 
-    /// Chooses what to keep by the order of `selector`; `detail` is the share of all Gaussians that the safeguard keeps.
+    /// Chooses the Gaussians to keep by the order of `selector`; `detail` is the share of all Gaussians that the
+    /// safeguard keeps.
     ///
     /// # Panics
     /// If the study was not asked for that selector.

@@ -2,7 +2,8 @@
 
 pub use crate::kernels::constants::adam::float64::{BETA1, BETA2, EPSILON, GREATEST_GRADIENT};
 
-/// Updates `row` in place by step `step` (1 at the first) with learning rate `rate`; false where the row was skipped.
+/// Updates `row` in place by step `step` (the first is 1) with learning rate `rate`. Returns false if the row was
+/// skipped.
 ///
 /// A row with any gradient that is not finite, or beyond [`GREATEST_GRADIENT`], keeps its values and both moments; the
 /// caller counts it. All four slices have the row's length.

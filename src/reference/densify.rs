@@ -3,10 +3,10 @@
 use super::Params;
 use glam::DVec3;
 
-/// How much smaller the halves of a split are than their parent.
+/// Ratio of a parent's scales to those of its halves after a split.
 pub const SHRINK: f64 = 1.6;
 
-/// What decides.
+/// Thresholds of density control.
 #[derive(Clone, Copy, Debug)]
 pub struct Thresholds {
     /// Mean gradient norm of the 2D mean, in NDC units, from which on a Gaussian grows.
@@ -15,22 +15,22 @@ pub struct Thresholds {
     pub clone_scale: f64,
     /// Opacity below which a Gaussian is pruned.
     pub opacity: f64,
-    /// Largest axis, as a share of the reach, above which a Gaussian is pruned; none before sizes count.
+    /// Largest axis, as a share of the reach, above which a Gaussian is pruned; none while large Gaussians are kept.
     pub scale: Option<f64>,
-    /// The extent among the cameras, world units: the least reach.
+    /// The scene's extent in world units: the smallest reach.
     pub extent: f64,
-    /// Mean of the cameras' centres: the reach of what is farther than the extent is its distance from there.
+    /// Mean of the cameras' centres: a Gaussian farther from it than the extent has that distance as its reach.
     pub cameras: DVec3,
 }
 
-/// How a row of the new model came about.
+/// Origin of a row of the new model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// It was there before.
+    /// A Gaussian of the old model.
     Kept,
-    /// It is the copy of a Gaussian that was kept.
+    /// A copy of a kept Gaussian.
     Clone,
-    /// It replaces its parent, together with another half.
+    /// One of the two halves that replace their parent.
     Half,
 }
 

@@ -1,6 +1,6 @@
 //! A photo's own exposure: y = A x + b, twelve numbers row by row (red, green, blue, constant).
 
-/// The affine that changes nothing.
+/// The identity map.
 pub const IDENTITY: [f64; 12] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
 /// The exposed colours.

@@ -19,20 +19,20 @@ use crate::scene::camera::Camera;
 pub struct Settings {
     /// Colour behind everything.
     pub background: [f64; 3],
-    /// Whether opacity carries the factor sqrt(max(det0/det, 2.5e-5)) that undoes the dilation's added area.
+    /// True if opacity includes the factor sqrt(max(det0/det, 2.5e-5)) that undoes the dilation's added area.
     pub antialias: bool,
     /// Added to a projected Gaussian's variance, in square pixels.
     pub dilation: f64,
     /// Side in pixels of the squares that share a list of Gaussians.
     pub tile: u32,
-    /// Whether each tile orders its list by the depths at which the ray through its middle meets the Gaussians; else one order,
-    /// by the depth of means, holds for the picture. Tiles of one pixel order each pixel.
+    /// True if each tile orders its list by the depths at which the ray through its middle meets the Gaussians;
+    /// otherwise the whole picture is ordered by the depth of means. Tiles of one pixel order each pixel.
     pub depth_order: bool,
     /// Gaussians at this camera-space depth, or nearer, are culled.
     pub near: f64,
     /// Tests only: neither the 1/255 skip nor the transmittance stop, so that finite differences hold.
     pub smooth_cutoff: bool,
-    /// Whether the view direction's gradient reaches the mean.
+    /// True if the gradient by the view direction is passed on to the mean.
     pub direction_gradient: bool,
     /// A pixel stops before the contribution that would bring its transmittance below this.
     pub transmittance_stop: f64,
@@ -57,25 +57,25 @@ impl Default for Settings {
     }
 }
 
-/// A rendered view and the stages' results on the way to it.
+/// A rendered view and the intermediate results of its stages.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rendered {
     /// Pixels, opacities and contributions.
     pub composite: Composite,
-    /// Per Gaussian its projection, or why it was culled.
+    /// Projection of each Gaussian, or the reason why it was culled.
     pub projected: Vec<Result<Projected, Culled>>,
-    /// Per tile its Gaussians, front to back.
+    /// Gaussians of each tile, front to back.
     pub tiles: Tiles,
 }
 
 /// Gradients of a loss on one view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gradients {
-    /// By the stored parameters.
+    /// Gradients by the stored parameters.
     pub params: Params,
-    /// Per Gaussian by its image mean in NDC units (x 0.5 width, x 0.5 height): density control takes its norm.
+    /// Gradient by each Gaussian's image mean in NDC units (x 0.5 width, x 0.5 height): density control takes its norm.
     pub mean2d_ndc: Vec<[f64; 2]>,
-    /// Per Gaussian the rasteriser's sums.
+    /// The rasteriser's sums of each Gaussian.
     pub sums: Vec<SlotSums>,
 }
 
@@ -87,7 +87,8 @@ pub fn render(params: &Params, camera: &Camera, settings: &Settings) -> Rendered
     Rendered { composite, projected, tiles }
 }
 
-/// Gradients of a loss whose derivatives by the image's pixels and, where given, opacities are `dl_dimage`, `dl_dalpha`.
+/// Gradients of a loss whose derivatives are `dl_dimage` by the image's pixels and, if given, `dl_dalpha` by its
+/// opacities.
 pub fn gradients(
     params: &Params,
     camera: &Camera,

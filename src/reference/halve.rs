@@ -1,10 +1,10 @@
 //! A photo at half its size: the mean of each square of four pixels.
 
-/// Halves `photo` (RGBA, 8 bits each, red lowest; `width` x `height`, row by row). Colours are weighted by their alpha, or
-/// alike where nothing of a square is opaque; everything is rounded half up. An odd last row or column is left out.
+/// Halves `photo` (RGBA, 8 bits each, red lowest; `width` x `height`, row by row). Colours are weighted by their alpha,
+/// or equally if the whole square is transparent; everything is rounded half up. An odd last row or column is left out.
 ///
 /// # Panics
-/// When `photo` has fewer than `width` x `height` pixels.
+/// If `photo` has fewer than `width` x `height` pixels.
 pub fn halve(photo: &[u32], [width, height]: [u32; 2]) -> Vec<u32> {
     let square = |x: u32, y: u32| {
         [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| photo[((2 * y + j) * width + 2 * x + i) as usize])

@@ -1,15 +1,15 @@
 //! The gradient of L = sum C (C - blur C) by the picture C, the bracket held constant.
 
-/// Half the window's width, pixels.
+/// Half the window's width, in pixels.
 const RADIUS: i64 = 6;
 /// Twice the variance of the blur's Gaussian (sigma = 2), square pixels.
 const TWICE_VARIANCE: f64 = 8.0;
 
-/// C - blur C by colour, and in the fourth component the mean over the colours of its size. `image` holds RGB and alpha of
-/// `width` x `height` pixels, row by row; the blur's weights are renormalised at the border.
+/// C - blur C by colour; the fourth component is the mean of its absolute value over the colours. `image` holds RGB and
+/// alpha of `width` x `height` pixels, row by row; the blur's weights are renormalised at the border.
 ///
 /// # Panics
-/// When `image` has not `width` x `height` pixels.
+/// If `image` does not have `width` x `height` pixels.
 pub fn high_pass(image: &[[f64; 4]], [width, height]: [u32; 2]) -> Vec<[f64; 4]> {
     let (w, h) = (i64::from(width), i64::from(height));
     assert_eq!(image.len() as i64, w * h, "pixels of {width} x {height}");

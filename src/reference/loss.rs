@@ -26,7 +26,7 @@ pub struct Loss {
     pub gradient: Vec<[f64; 3]>,
 }
 
-/// The loss of `rendered` against `truth`, both row by row with `width` pixels a row.
+/// The loss of `rendered` against `truth`, both row by row with `width` pixels per row.
 pub fn loss(rendered: &[[f64; 3]], truth: &[[f64; 3]], width: usize, ssim_weight: f64) -> Loss {
     let count = rendered.len();
     let share = 1.0 / (3 * count).max(1) as f64;

@@ -1,4 +1,4 @@
-//! Float64 twins of the kernels: slow, obvious, the oracle of tests and of the accuracy axis.
+//! Float64 twins of the kernels: slow and obvious, the oracle of tests and of the accuracy axis.
 //!
 //! Each stage is one file, named as on the device; [`render`] and [`gradients`] run the stages in order.
 

@@ -24,7 +24,7 @@ pub struct Primitive {
 }
 
 impl Primitive {
-    /// With scales of at least [`SCALE_FLOOR`] of the largest.
+    /// Raises its scales to at least [`SCALE_FLOOR`] of the largest.
     #[must_use]
     pub fn floored(mut self) -> Self {
         let largest = self.scales.iter().copied().fold(0.0, f64::max);

@@ -23,7 +23,7 @@ impl Params {
         self.means.len()
     }
 
-    /// Whether there is no Gaussian.
+    /// Returns true if there are no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.means.is_empty()
     }
@@ -33,7 +33,7 @@ impl Params {
         self.sh.len().saturating_sub(1)
     }
 
-    /// Each attribute's numbers, Gaussian by Gaussian; none of bands that are not stored.
+    /// Values of each attribute, Gaussian by Gaussian; none for bands that are not stored.
     pub fn attributes(&self) -> Attributes<&[f64]> {
         Attributes {
             means: self.means.as_flattened(),
@@ -44,7 +44,7 @@ impl Params {
         }
     }
 
-    /// Parameters of these numbers with so many SH bands.
+    /// Parameters with these values and `bands` SH bands.
     pub fn of_attributes(attributes: Attributes<Vec<f64>>, bands: usize) -> Self {
         let Attributes { means, log_scales, rotations, opacity_logits, sh } = attributes;
         Self {
@@ -56,13 +56,13 @@ impl Params {
         }
     }
 
-    /// Zeros of the same shape: where gradients accumulate.
+    /// Zeros of the same shape, for accumulating gradients.
     #[must_use]
     pub fn zeros_like(&self) -> Self {
         Self::of_attributes(self.attributes().map(|values| vec![0.0; values.len()]), self.sh.len())
     }
 
-    /// The attributes by name, each as one flat array: what a test or an optimiser walks over.
+    /// The attributes by name, each as one flat array, for tests and optimisers.
     pub fn groups_mut(&mut self) -> Vec<(&'static str, &mut [f64])> {
         let (bands, mut sh) = (self.sh.len(), self.sh.iter_mut());
         let all = Attributes {

@@ -5,9 +5,9 @@
 
 use super::rrdm;
 
-/// Rotations stop where what lies off the diagonal has fallen below this share of the matrix.
+/// Rotations stop when the off-diagonal part has fallen below this share of the matrix.
 const CONVERGED: f64 = 1e-30;
-/// Sweeps of rotations at most; convergence is quadratic from the third or so on.
+/// Largest number of sweeps of rotations; convergence is quadratic from about the third on.
 const SWEEPS: usize = 60;
 /// Slack of the energy's comparison with tau, as in `participation.comp` and `qirf::participation`.
 const SLACK: f64 = 1e-6;
@@ -27,7 +27,7 @@ pub struct Participation {
 /// `tau` is the share of the energy that the leading modes reach. `None` where N + epsilon I is not positive definite.
 ///
 /// # Panics
-/// When `overlap` does not hold m x m numbers.
+/// If `overlap` does not hold m x m numbers.
 pub fn participation(overlap: &[f64], w: &[[f64; 8]], epsilon: f64, tau: f64) -> Option<Participation> {
     let m = w.len();
     assert_eq!(overlap.len(), m * m, "overlaps of {m} members");
@@ -96,7 +96,7 @@ fn transpose(a: &mut [f64], m: usize) {
     }
 }
 
-/// Jacobi's rotations: eigenvalues on the diagonal of `a`, the eigenvectors as columns of what is returned.
+/// Jacobi's rotations: eigenvalues on the diagonal of `a`, returns the eigenvectors as columns.
 fn diagonalise(a: &mut [f64], m: usize) -> Vec<f64> {
     let mut vectors = vec![0.0; m * m];
     (0..m).for_each(|k| vectors[k * m + k] = 1.0);

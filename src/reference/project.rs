@@ -16,7 +16,7 @@ use crate::kernels::constants::projection::float64::{MIN_ANTIALIAS, MIN_QUATERNI
 use crate::kernels::constants::view::float64::FIELD_MARGIN;
 use crate::scene::camera::Camera;
 
-/// Why a Gaussian takes no part in a view.
+/// Reason for leaving a Gaussian out of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Culled {
     /// Not beyond the near plane.
@@ -25,20 +25,20 @@ pub enum Culled {
     Quaternion,
     /// The determinant of the image covariance is not positive.
     Determinant,
-    /// A parameter, or something computed from it, is infinite or not a number.
+    /// A parameter, or a value computed from it, is infinite or not a number.
     NonFinite,
     /// Its opacity never reaches [`ALPHA_MIN`].
     Faint,
 }
 
-/// A Gaussian as the rasteriser sees it.
+/// A projected Gaussian, as the rasteriser reads it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projected {
     /// Centre in pixels.
     pub mean: DVec2,
     /// Camera-space z.
     pub depth: f64,
-    /// The point at which each ray meets it at its densest.
+    /// Its densest point on each ray.
     pub densest: Densest,
     /// Image covariance, dilation included, in square pixels: xx, xy, yy.
     pub covariance: [f64; 3],
@@ -60,7 +60,7 @@ pub struct Densest {
     whitened: DMat3,
     /// Camera-space centre.
     position: DVec3,
-    /// No part that is drawn lies further before or behind the centre: sqrt(2 ln 255) standard deviations along z.
+    /// Largest distance along z of a drawn part from the centre: sqrt(2 ln 255) standard deviations along z.
     reach: f64,
 }
 
@@ -72,7 +72,7 @@ impl Densest {
         Self { whitened, position, reach: (2.0 * ALPHA_MIN_INVERSE.ln()).sqrt() * depth_row.length() }
     }
 
-    /// Camera-space z of that point on the ray (x, y, 1); the centre's where a disc is seen edge-on.
+    /// Camera-space z of that point on the ray (x, y, 1); the centre's if a disc is seen edge-on.
     pub fn depth_along(&self, ray: DVec2) -> f64 {
         let along = self.whitened * ray.extend(1.0);
         let depth = along.dot(self.whitened * self.position) / along.length_squared();
@@ -88,7 +88,7 @@ pub struct Geometry {
     pub position: DVec3,
     /// x/z and y/z, clamped for the Jacobian.
     pub slope: DVec2,
-    /// Whether x/z, y/z were inside the clamp's bounds.
+    /// True if x/z, y/z were inside the clamp's bounds.
     pub free: [bool; 2],
     /// Unit quaternion w, x, y, z.
     pub quaternion: [f64; 4],
@@ -104,7 +104,7 @@ pub struct Geometry {
     pub rows: [DVec3; 2],
     /// det0 = |t0 x t1|^2.
     pub det0: f64,
-    /// Whether det0/det is above its floor, so that the anti-aliasing factor has a derivative.
+    /// True if det0/det is above its floor, so that the anti-aliasing factor has a derivative.
     pub factor_free: bool,
     /// Sigmoid of the logit, without the anti-aliasing factor.
     pub sigmoid: f64,
@@ -153,7 +153,7 @@ pub fn project(params: &Params, camera: &Camera, settings: &Settings) -> Vec<Res
 /// Projects Gaussian `i`, with the intermediate results that its derivative needs.
 ///
 /// # Errors
-/// The reason where the Gaussian is culled.
+/// The reason, if the Gaussian is culled.
 pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings) -> Result<Geometry, Culled> {
     let mean = DVec3::from(params.means[i]);
     let position = camera.rotation * mean + camera.translation;

@@ -67,7 +67,7 @@ impl SlotSums {
 pub struct ImageGradient<'a> {
     /// By the pixels' red, green and blue.
     pub colour: &'a [[f64; 3]],
-    /// By their opacities; none for zeros.
+    /// By their opacities; none means zeros.
     pub alpha: Option<&'a [f64]>,
 }
 

@@ -7,9 +7,9 @@ use crate::scene::camera::Camera;
 
 /// Responses of a view whose loss has the gradient `dl_dimage` by its pixels, with a residual by pixel; n x 8.
 ///
-/// Rendering: 1 where shown; sums over pixels of T alpha, of T alpha times the residual and of alpha, each divided by the
-/// number of pixels. Optimisation: norms of the gradients by position in units of the own axes, by log-scale, by logit, and by
-/// SH over all bands.
+/// Rendering: 1 where shown; sums over pixels of T alpha, of T alpha times the residual and of alpha, each divided by
+/// the number of pixels. Optimisation: norms of the gradients by position in units of the Gaussian's own axes, by
+/// log-scale, by logit, and by SH over all bands.
 pub fn respond(
     params: &Params,
     camera: &Camera,
@@ -44,7 +44,8 @@ pub fn respond(
     channels
 }
 
-/// Hands over what each pixel blends: Gaussian, pixel, opacity at the centre, alpha, and the transmittance before it.
+/// Passes on each contribution that a pixel blends: Gaussian, pixel, opacity at the centre, alpha, and the
+/// transmittance before it.
 pub(super) fn each_sample(
     params: &Params,
     camera: &Camera,

@@ -5,7 +5,7 @@ use crate::kernels::constants::responses;
 /// Channels of rendering in a row; the others are those of optimisation.
 const RENDERING: usize = responses::RENDERING as usize;
 
-/// Rows of W (m x 8) from unweighed, normalised responses (m x 8) at balance `eta`.
+/// Rows of W (m x 8) from unweighted, normalised responses (m x 8) at balance `eta`.
 ///
 /// W = [sqrt(eta / (tr_r + epsilon)) Hr, sqrt((1 - eta) / (tr_o + epsilon)) Ho], tr the sum of squares of each group.
 pub fn w(responses: &[[f64; 8]], eta: f64, epsilon: f64) -> Vec<[f64; 8]> {

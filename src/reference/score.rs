@@ -1,4 +1,4 @@
-//! What other pruning methods rank by, of one view.
+//! Scores of other pruning methods, for one view.
 
 use super::respond::each_sample;
 use super::{Params, Settings};

@@ -1,28 +1,28 @@
-//! Gradient sums by Gaussian, to be added to by float atomics.
+//! Per-Gaussian gradient sums for accumulation by float atomics.
 
 use super::frame::SlotSums;
 use crate::gpu::{Buffer, Device, Feature, Result};
 
-/// Sums by Gaussian, and how they are added to.
+/// Per-Gaussian gradient sums, accumulated by float atomics.
 pub struct AtomicSums {
     pub(super) native: bool,
-    /// 0, 1, 2, ...: a Gaussian's sums are one row, its own.
+    /// 0, 1, 2, ...: each Gaussian has one row of sums, its own.
     pub(super) own: Buffer<u32>,
     pub(super) sums: SlotSums,
 }
 
 impl AtomicSums {
-    /// Bytes of the sums of so many Gaussians.
+    /// Bytes of the sums of `gaussians` Gaussians.
     pub fn bytes(gaussians: usize) -> u64 {
         Buffer::<u32>::bytes_of(gaussians) + SlotSums::bytes(gaussians)
     }
 
-    /// Whether the device adds floats atomically; all others do it by comparing and swapping words.
+    /// Returns true if the device adds floats atomically; on other devices kernels compare and swap words.
     pub fn are_native(device: &Device) -> bool {
         device.info().has(Feature::FloatAtomics)
     }
 
-    /// Room for so many Gaussians; `native` asks for the device's own float atomics, which it must have.
+    /// Sums of `gaussians` Gaussians; `native` selects the device's own float atomics, which it must support.
     ///
     /// # Errors
     /// Device memory.

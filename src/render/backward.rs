@@ -1,4 +1,4 @@
-//! The backward pass: how it goes, what it counts, and what its stages hand on.
+//! The backward pass: its options, its counters, and the data passed between its stages.
 
 use super::atomic_sums::AtomicSums;
 use super::bin;
@@ -6,19 +6,20 @@ use super::frame::{Frame, Launch, SlotSums};
 use crate::gpu::Buffer;
 use crate::primitives::Pairs;
 
-/// How a backward pass goes.
+/// Options of a backward pass.
 #[derive(Clone, Copy)]
 pub struct Backward<'a> {
-    /// Whether the image gradient's fourth component is each pixel's residual instead of a gradient by alpha: the slots then
-    /// also hold the contributions weighed by it, see [`super::Renderer::slots`]. Atomic sums take no residual.
+    /// True if the image gradient's fourth component is each pixel's residual instead of a gradient by alpha. The slots
+    /// then also hold the contributions weighted by it, see [`super::Renderer::slots`]. Atomic sums support no
+    /// residual.
     pub residual: bool,
-    /// Adds each Gaussian's gradients up by float atomics, in whatever order the device's threads come, instead of in the
-    /// order of its slots: what the ordered sums are measured against. The slots hold nothing afterwards.
+    /// Adds up each Gaussian's gradients by float atomics, in the arbitrary order of the device's threads, instead of
+    /// in the order of its slots; the baseline of the ordered sums. The slots are not valid afterwards.
     pub atomics: Option<&'a AtomicSums>,
-    /// Whether the view direction's gradient reaches the mean.
+    /// True if the gradient by the view direction is passed on to the mean.
     pub through_direction: bool,
-    /// n x (sum of the 2D mean's gradient norms in NDC units, views that saw it): what density control decides by. Added
-    /// to, where given.
+    /// n x (sum of the 2D mean's gradient norms in NDC units, number of views that saw it), which density control
+    /// reads. The pass adds to it, if given.
     pub growth: Option<&'a Buffer<[f32; 2]>>,
 }
 
@@ -28,20 +29,20 @@ impl Default for Backward<'_> {
     }
 }
 
-/// What backward passes count.
+/// Counters of the backward passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BackwardCounts {
-    /// Rows void because a gradient is not finite, summed over passes.
+    /// Rows skipped because a gradient is not finite, summed over passes.
     pub skipped_rows: u32,
-    /// Passes that counted: those whose pairs fitted.
+    /// Passes whose pairs fitted.
     pub passes: u32,
 }
 
-/// What the stages of one backward pass share.
+/// Data shared by the stages of one backward pass.
 pub(super) struct Pass<'a> {
     pub launch: &'a Launch,
     pub frame: &'a Frame,
-    /// By the picture's pixels.
+    /// Gradient by the picture's pixels.
     pub image_gradient: &'a Buffer<[f32; 4]>,
     /// Tiles of the picture.
     pub tiles: u32,
@@ -55,7 +56,7 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Where a Gaussian's sums over pixels lie: `counts` of `rows` from `first` on.
+/// Location of a Gaussian's sums over pixels: `counts` of `rows`, starting at `first`.
 pub(super) struct Sums<'a> {
     pub counts: &'a Buffer<u32>,
     pub first: &'a Buffer<u32>,

@@ -1,4 +1,4 @@
-//! Binning: (tile, slot) pairs in depth order, then by tile, and where each tile's begin.
+//! Binning: (tile, slot) pairs in depth order, then by tile, and the start of each tile's range.
 
 use super::frame::{Frame, Launch};
 use crate::gaussians::resident::Resident;
@@ -6,8 +6,8 @@ use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{Bin, BinSpec, Ranges, RangesPush, RangesSpec};
 use crate::primitives::{Pairs, WORKGROUP, compact, gather};
 
-/// Records the list of visible Gaussians, nearest first; equal depths keep the order of the model. Where tiles have an order
-/// of their own, all of it does.
+/// Records the list of visible Gaussians, nearest first; equal depths keep the order of the model. If tiles have a
+/// depth order of their own, the whole list keeps the order of the model.
 pub(super) fn depth_sort<'a>(
     recording: &mut Recording,
     launch: &Launch,
@@ -29,7 +29,7 @@ pub(super) fn depth_sort<'a>(
 /// Records the pairs of all visible Gaussians, in depth order.
 pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, model: &Resident, order: &Pairs) {
     let pairs = &frame.pairs;
-    // Where tiles have an order of their own, keys are depths first.
+    // If tiles have a depth order of their own, the keys of the first sort are depths.
     let (keys, depths) = (pairs.tiles.as_ref().unwrap_or(&pairs.by_tile.keys), &pairs.by_tile.keys);
     gather(recording, &frame.visible_count, &order.values, &frame.tile_counts, &frame.offsets);
     let (scan, total) = (&frame.scan, Some(&pairs.count.value));
@@ -62,7 +62,7 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
     recording.dispatch(&kernel, frame.visible_count.groups(WORKGROUP));
 }
 
-/// Records that pairs come by the depth which each tile sees, equal depths as they were, where there is such an order.
+/// Records the stable sort of pairs by the depth that each tile sees, if tiles have a depth order of their own.
 pub(super) fn depth_order(recording: &mut Recording, frame: &Frame) {
     let pairs = &frame.pairs;
     let Some(tiles) = &pairs.tiles else { return };
@@ -72,7 +72,7 @@ pub(super) fn depth_order(recording: &mut Recording, frame: &Frame) {
     });
 }
 
-/// Bits of a tile key: keys run to `tiles` itself, the key of pairs of no tile.
+/// Bits of a tile key: the largest key is `tiles`, which marks pairs without a tile.
 fn key_bits(tiles: u32) -> u32 {
     32 - tiles.leading_zeros()
 }

@@ -1,4 +1,4 @@
-//! Intermediate arrays of one frame, and how its kernels are launched.
+//! Intermediate arrays of one frame, and the launch parameters of its kernels.
 
 use super::settings::{Settings, Style};
 use crate::gpu::{Buffer, Device, Result, Tuning};
@@ -6,10 +6,10 @@ use crate::kernels::View;
 use crate::kernels::constants::gradient_row::ROW;
 use crate::primitives::{Count, Pairs, Scan, Sort};
 
-/// Floats of a Gaussian's gradients.
+/// Number of floats in a Gaussian's row of gradients.
 const GRADIENT_ROW: usize = ROW as usize;
 
-/// How a renderer launches its kernels.
+/// Launch parameters of a renderer's kernels.
 pub(super) struct Launch {
     pub settings: Settings,
     pub subgroup: u32,
@@ -25,7 +25,7 @@ impl Launch {
 /// The features that a renderer needs memory for.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Uses {
-    /// Whether it also goes backward.
+    /// True if it also runs the backward pass.
     pub training: bool,
     /// Effects of the model.
     pub style: Style,
@@ -52,18 +52,18 @@ pub(super) struct Frame {
     pub image: Buffer<[f32; 4]>,
 }
 
-/// What grows with the number of (tile, Gaussian) pairs.
+/// Arrays whose size depends on the number of (tile, Gaussian) pairs.
 pub(super) struct PairBuffers {
     pub count: Count,
     pub by_tile: Pairs,
     pub owners: Buffer<u32>,
     pub sort: Sort,
-    /// Tiles of slots, where tiles have a depth order of their own.
+    /// Tile of each slot, if tiles have a depth order of their own.
     pub tiles: Option<Buffer<u32>>,
     pub sums: Option<SlotSums>,
 }
 
-/// Sums that the rasteriser's backward pass leaves in each slot: see `rasterise_backward.comp`.
+/// Sums that the rasteriser's backward pass writes to each slot: see `rasterise_backward.comp`.
 pub(super) struct SlotSums {
     pub position: Buffer<[f32; 4]>,
     pub covariance: Buffer<[f32; 4]>,
@@ -76,7 +76,7 @@ impl SlotSums {
         3 * Buffer::<[f32; 4]>::bytes_of(slots)
     }
 
-    /// Room for the sums of so many slots.
+    /// Sums of `slots` slots.
     pub fn new(device: &Device, slots: usize) -> Result<Self> {
         Ok(Self {
             position: device.buffer("position sums", slots)?,
@@ -111,7 +111,7 @@ impl PairBuffers {
 }
 
 impl Frame {
-    /// Tiles that there is room for: the list of starts has one entry more.
+    /// Capacity in tiles: the list of starts has one entry more.
     pub fn tiles(&self) -> usize {
         self.starts.len() - 1
     }

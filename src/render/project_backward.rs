@@ -1,4 +1,4 @@
-//! Backward of the projection: one row of gradients a Gaussian.
+//! Backward pass of the projection: one row of gradients per Gaussian.
 
 use super::backward::{Pass, Sums};
 use crate::gaussians::resident::Resident;
@@ -15,7 +15,7 @@ pub(super) fn record(
 ) {
     let Pass { launch, frame, options, .. } = *pass;
     let Sums { counts, first, rows: sums } = *sums;
-    // Where no growth is asked for, any memory stands for it: the kernel leaves it alone.
+    // If no growth is requested, any buffer is bound in its place: the kernel does not touch it.
     let unused = frame.gradient_rows.cast();
     let kernel = ProjectBackward {
         view: &frame.view,

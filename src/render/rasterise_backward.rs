@@ -1,4 +1,4 @@
-//! Backward of the rasterisation: each (tile, Gaussian) slot's sums over the tile's pixels.
+//! Backward pass of the rasterisation: each (tile, Gaussian) slot's sums over the tile's pixels.
 
 use super::backward::{Pass, Sums};
 use super::frame::SlotSums;

@@ -1,5 +1,5 @@
-//! Backward of the rasterisation by float atomics: each Gaussian's sums over all of its tiles, in no order. The engine never
-//! trains with it; it shows what bit-identical runs cost.
+//! Backward pass of the rasterisation by float atomics: each Gaussian's sums over all of its tiles, in no order. The
+//! engine never trains with it; it shows what bit-identical runs cost.
 
 use super::atomic_sums::AtomicSums;
 use super::backward::{Pass, Sums};
@@ -9,14 +9,14 @@ use crate::kernels::render::{
     RasteriseBackwardAtomic, RasteriseBackwardAtomicSpec, RasteriseBackwardCas, RasteriseBackwardCasSpec,
 };
 
-/// Records the pass; projection's backward then reads one row of each visible Gaussian.
+/// Records the pass; the projection's backward pass then reads one row of each visible Gaussian.
 pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, atomics: &'a AtomicSums) -> Sums<'a> {
     let Pass { launch, frame, image_gradient, tiles, .. } = *pass;
     let SlotSums { position, covariance, colour } = &atomics.sums;
     for sums in [position, covariance, colour] {
         recording.fill(sums, 0);
     }
-    // One body, two shaders: a module that names float atomics is void on a device without them.
+    // One body, two shaders: a module that names float atomics is invalid on a device without them.
     macro_rules! dispatch {
         ($kernel:ident, $spec:ident) => {{
             let kernel = $kernel {

@@ -15,7 +15,7 @@ pub const STAGES: [&str; 5] = ["project", "depth sort", "bin", "tile sort", "ras
 /// The stages of the backward pass, in order.
 pub const BACKWARD_STAGES: [&str; 2] = ["rasterise backward", "project backward"];
 
-/// What a renderer must be that goes backward.
+/// Message of the panic if a renderer was not made for training.
 const FOR_TRAINING: &str = "a renderer for training";
 
 /// A rendered picture on the host.
@@ -29,14 +29,14 @@ pub struct Image {
     pub pixels: Vec<[f32; 4]>,
 }
 
-/// Renders models of up to a number of Gaussians at up to a number of pixels; grows as asked.
+/// Renders models; its buffers grow with the numbers of Gaussians and pixels.
 pub struct Renderer {
     device: Device,
     launch: Launch,
     frame: Frame,
     gaussians: usize,
     uses: Uses,
-    /// What backward passes count, where there are any: see [`BackwardCounts`].
+    /// Counters of the backward passes, see [`BackwardCounts`]; only for training.
     guards: Option<Buffer<u32>>,
 }
 
@@ -50,7 +50,7 @@ impl Renderer {
         Self::with(device, settings, gaussians, [width, height], pairs, false)
     }
 
-    /// A renderer that also goes backward, with room for `pairs` (tile, Gaussian) pairs to begin with.
+    /// A renderer that also runs the backward pass, with an initial capacity of `pairs` (tile, Gaussian) pairs.
     ///
     /// # Errors
     /// Device memory.
@@ -81,7 +81,7 @@ impl Renderer {
         Ok(Self { device: device.clone(), launch, frame, gaussians, uses, guards })
     }
 
-    /// Bytes of a renderer with room for so many Gaussians and pairs, and one picture of `size`.
+    /// Bytes of a renderer with room for the given numbers of Gaussians and pairs, and one `width` x `height` picture.
     pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, uses: Uses) -> u64 {
         let tile = device.tuning().tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
@@ -104,8 +104,8 @@ impl Renderer {
         self.launch.tuning.tile
     }
 
-    /// Renders one picture. The only number read back is how many pairs there were, with the picture itself: when they
-    /// did not fit, the pair buffers grow and the picture is rendered again.
+    /// Renders one picture. Besides the picture, only the number of pairs is read back: if they did not fit, the pair
+    /// buffers grow and the picture is rendered again.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -113,7 +113,7 @@ impl Renderer {
         self.render_timed(model, camera).map(|(image, _, _)| image)
     }
 
-    /// Renders one picture; also gives the stages' times and the number of (tile, Gaussian) pairs.
+    /// Renders one picture; also returns the stages' times and the number of (tile, Gaussian) pairs.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -129,7 +129,7 @@ impl Renderer {
         }
     }
 
-    /// Draws into device memory without reading anything back: what benchmarks time.
+    /// Draws into device memory without reading anything back; benchmarks time this.
     ///
     /// # Errors
     /// Device errors.
@@ -140,7 +140,7 @@ impl Renderer {
         self.device.run(recording)
     }
 
-    /// The (tile, Gaussian) pairs that the last picture had, whether they fitted or not.
+    /// Number of (tile, Gaussian) pairs of the last picture, even if they did not fit.
     ///
     /// # Errors
     /// Device errors.
@@ -161,7 +161,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Makes room for this many Gaussians and a quarter more, where there is none.
+    /// Makes room for `gaussians` Gaussians and a quarter more, if there is not enough.
     ///
     /// # Errors
     /// Device memory.
@@ -179,7 +179,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Records the reset of the overflow of the pair buffers. Pairs that do not fit from now on void every iteration after them.
+    /// Records the reset of the overflow of the pair buffers. If pairs do not fit from then on, all later iterations
+    /// have no effect.
     pub fn reset_overflow(&self, recording: &mut Recording) {
         recording.update(&self.frame.pairs.count.value, &[0, 0]);
     }
@@ -202,11 +203,11 @@ impl Renderer {
         recording.scope(STAGES[4], |r| rasterise::record(r, launch, frame, bin::sorted(frame, tiles), tiles));
     }
 
-    /// Records the backward pass of the picture recorded before it: from the gradients by its pixels to one row of gradients
-    /// a Gaussian, see [`Renderer::gradient_rows`].
+    /// Records the backward pass of the picture recorded before it: from the gradients by its pixels to one row of
+    /// gradients per Gaussian, see [`Renderer::gradient_rows`].
     ///
     /// # Panics
-    /// When the renderer was not made [`Renderer::for_training`].
+    /// If the renderer was not made [`Renderer::for_training`].
     pub fn record_backward(
         &self,
         recording: &mut Recording,
@@ -226,35 +227,35 @@ impl Renderer {
         recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, &pass, &sums, model, guards));
     }
 
-    /// Records that [`Renderer::backward_counts`] begin anew.
+    /// Records the reset of [`Renderer::backward_counts`].
     ///
     /// # Panics
-    /// When the renderer was not made [`Renderer::for_training`].
+    /// If the renderer was not made [`Renderer::for_training`].
     pub fn reset_backward_counts(&self, recording: &mut Recording) {
         recording.update(self.guards.as_ref().expect(FOR_TRAINING), &[0, 0]);
     }
 
-    /// What the backward passes have counted since the guards were last reset.
+    /// Counters of the backward passes since their last reset.
     ///
     /// # Errors
     /// Device errors.
     ///
     /// # Panics
-    /// When the renderer was not made [`Renderer::for_training`].
+    /// If the renderer was not made [`Renderer::for_training`].
     pub fn backward_counts(&self) -> Result<BackwardCounts> {
         let words = self.guards.as_ref().expect(FOR_TRAINING).read(&self.device)?;
         Ok(BackwardCounts { skipped_rows: words[0], passes: words[1] })
     }
 
-    /// The rows of gradients that the backward pass leaves.
+    /// The rows of gradients written by the backward pass.
     pub fn gradient_rows(&self) -> GradientRows<'_> {
         GradientRows::new(&self.frame)
     }
 
-    /// What the passes recorded before leave for each (tile, Gaussian) slot, for kernels of floors above.
+    /// Results per (tile, Gaussian) slot of the passes recorded before, for kernels of higher floors.
     ///
     /// # Panics
-    /// When the renderer was not made [`Renderer::for_training`].
+    /// If the renderer was not made [`Renderer::for_training`].
     pub fn slots(&self, camera: &Camera) -> Slots<'_> {
         Slots::new(&self.launch, &self.frame, self.tiles(camera) as u32)
     }
@@ -264,7 +265,8 @@ impl Renderer {
         &self.frame.image
     }
 
-    /// Makes room for at least this many pairs; true when the buffers are new, and earlier recordings void.
+    /// Makes room for at least `pairs` pairs. Returns true if the buffers were replaced, which invalidates earlier
+    /// recordings.
     ///
     /// # Errors
     /// Device memory.

@@ -1,4 +1,4 @@
-//! What a picture depends on besides model and camera.
+//! Settings of a picture besides its model and camera.
 
 use crate::kernels::View;
 use crate::kernels::constants::blending::TRANSMITTANCE_STOP;
@@ -9,7 +9,7 @@ use crate::scene::camera::Camera;
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-/// How tiles that a Gaussian cannot touch are left out; as numbers, the shader's CULLING.
+/// Method of leaving out tiles that a Gaussian cannot touch; its numbers are the shader's CULLING.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Culling {
@@ -33,7 +33,7 @@ pub struct Settings {
     pub style: Style,
     /// Added to a splat's variance, in square pixels.
     pub dilation: f32,
-    /// Which tiles are listed.
+    /// Culling of tiles.
     pub culling: Culling,
     /// Blending ends before transmittance would fall below this.
     pub stop: f32,
@@ -54,7 +54,7 @@ impl Default for Settings {
     }
 }
 
-/// Effects that a model is trained with, and must be rendered with. Files hold these fields among their own.
+/// Effects that a model is trained with, and must be rendered with. Files store these fields among their own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Style {
     /// Keep each Gaussian's energy when it is smaller than a pixel.
@@ -80,7 +80,7 @@ impl Style {
     }
 }
 
-/// A camera as kernels see it.
+/// A camera in the layout of the kernels.
 pub fn view(camera: &Camera, settings: &Settings, degree: usize, tile: u32) -> View {
     let rotation = camera.rotation.transpose().to_cols_array_2d();
     let centre = camera.centre().as_vec3();

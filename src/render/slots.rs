@@ -1,4 +1,5 @@
-//! What a picture and its backward pass leave for kernels of floors above: (tile, Gaussian) slots, and rows of gradients.
+//! Results of a picture and its backward pass for kernels of higher floors: (tile, Gaussian) slots, and rows of
+//! gradients.
 
 use super::bin;
 use super::frame::{Frame, Launch};
@@ -9,17 +10,17 @@ use crate::kernels::View;
 pub struct Slots<'a> {
     /// The camera.
     pub view: &'a Buffer<View>,
-    /// Word 1: the most pairs ever needed; beyond `limit` the arrays hold nothing.
+    /// Word 1: the largest number of pairs needed so far; beyond `limit` the arrays are not valid.
     pub pairs: &'a Buffer<u32>,
-    /// Pairs that there is room for.
+    /// Capacity in pairs.
     pub limit: u32,
-    /// By Gaussian: its slots; 0 where the picture does not show it.
+    /// By Gaussian: the number of its slots; 0 if the picture does not show it.
     pub tile_counts: &'a Buffer<u32>,
     /// By Gaussian: its first slot.
     pub first_slots: &'a Buffer<u32>,
     /// By slot: its Gaussian.
     pub owners: &'a Buffer<u32>,
-    /// By tile: where its part of `sorted` begins; one more than tiles.
+    /// By tile: the start of its range in `sorted`; one entry more than tiles.
     pub starts: &'a Buffer<u32>,
     /// Slots by tile, nearest first.
     pub sorted: &'a Buffer<u32>,
@@ -39,21 +40,21 @@ pub struct Slots<'a> {
 
 /// Rows of gradients of the backward pass recorded last.
 pub struct GradientRows<'a> {
-    /// Word 1: the most (tile, Gaussian) pairs ever needed; beyond `limit` the rows hold nothing.
+    /// Word 1: the largest number of (tile, Gaussian) pairs needed so far; beyond `limit` the rows are not valid.
     pub pairs: &'a Buffer<u32>,
-    /// Pairs that there is room for.
+    /// Capacity in pairs.
     pub limit: u32,
     /// By Gaussian: see `lib/gradient_row.glsl`.
     pub values: &'a Buffer<f32>,
 }
 
-/// Sums that the rasteriser's backward pass leaves in each slot, four floats each.
+/// Sums that the rasteriser's backward pass writes to each slot, four floats each.
 pub struct SlotSums {
     /// Sums for the gradients by opacity and position; then the sum of T alpha.
     pub position: Buffer<f32>,
     /// Sums for the gradient by the covariance; then the sum of alpha.
     pub covariance: Buffer<f32>,
-    /// The gradient by the colour; then, where asked for, the sum of T alpha times the residual.
+    /// The gradient by the colour; then, if requested, the sum of T alpha times the residual.
     pub colour: Buffer<f32>,
 }
 

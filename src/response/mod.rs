@@ -1,5 +1,5 @@
-//! Floor 6: how strongly pictures and losses depend on each Gaussian: eight response channels, and the scores that other
-//! pruning methods rank by (docs/method.md).
+//! Floor 6: responses of pictures and losses to each Gaussian in eight channels, and the scores that other pruning
+//! methods rank by (docs/method.md).
 //!
 //! | channel | |
 //! |---|---|
@@ -27,7 +27,7 @@ pub use score::ResidentScores;
 /// Response channels of a Gaussian: four of rendering, then four of optimisation.
 pub const CHANNELS: usize = crate::kernels::constants::responses::CHANNELS as usize;
 
-/// How strongly the pictures depend on each Gaussian, on the host.
+/// Responses of the pictures to each Gaussian, on the host.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Responses {
     /// The eight channels, n.

@@ -13,7 +13,7 @@ pub struct Target<'a> {
     pub photo: &'a Buffer<u32>,
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// What the photo's fourth byte means.
+    /// Meaning of the photo's fourth byte.
     pub fourth_byte: FourthByte,
     /// Colour that shows through the photo where its fourth byte is below 255.
     pub background: [f32; 3],

@@ -11,7 +11,7 @@ use crate::scene::camera::Camera;
 /// Share that each iteration keeps of the previous average.
 pub const KEEP: f64 = 0.995;
 
-/// How the responses of several views are combined.
+/// Combination of the responses of several views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gather {
     /// r <- 0.995 r + 0.005 x at each iteration; x = 0 if the view does not show the Gaussian.

@@ -29,7 +29,7 @@ const PLACES: Attributes<(u32, u32)> = Attributes {
     sh: [(0, 0), (0, 1), (0, 2), (0, 3)],
 };
 
-/// What is done with the gradients.
+/// Use of the gradients.
 #[derive(Clone, Copy)]
 enum Outcome<'a> {
     /// A step of Adam, the first being 1.
@@ -38,7 +38,7 @@ enum Outcome<'a> {
     Stored,
 }
 
-/// Records step `step` (1 at the first) of Adam, after [`Renderer::record_backward`]: moments and parameters change.
+/// Records step `step` (the first is 1) of Adam, after [`Renderer::record_backward`]: moments and parameters change.
 ///
 /// Nothing changes if the picture's pairs did not fit. A Gaussian with a non-finite gradient stays unchanged.
 pub fn record(recording: &mut Recording, renderer: &Renderer, trainee: &Trainee, rates: &Rates, step: u32) {

@@ -11,7 +11,7 @@ use crate::kernels::train::{
 };
 use crate::primitives::{Scan, WORKGROUP};
 
-/// What a density step depends on besides the model and the schedule.
+/// Inputs of a density step besides the model and the schedule.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
     /// The iteration that it follows; also a key of its random numbers.
@@ -97,7 +97,7 @@ pub fn reset_opacity(recording: &mut Recording, trainee: &Trainee, opacity: f64)
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));
 }
 
-/// What a density step does with each Gaussian.
+/// Decisions of a density step for each Gaussian.
 struct Choice {
     /// By Gaussian: the number of its successors, 0 if it is pruned.
     copies: Buffer<u32>,

@@ -38,9 +38,9 @@ pub struct Exposure {
 /// A step of Adam of one photo's map.
 #[derive(Clone, Copy)]
 pub struct Step<'a> {
-    /// Word 1: the most (tile, Gaussian) pairs ever needed; beyond `limit` nothing is updated.
+    /// Word 1: the largest number of (tile, Gaussian) pairs needed so far; beyond `limit` nothing is updated.
     pub pairs: &'a Buffer<u32>,
-    /// Pairs that there is room for.
+    /// Capacity in pairs.
     pub limit: u32,
     /// Steps of this photo so far, including this one.
     pub number: u32,

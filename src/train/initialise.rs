@@ -172,7 +172,7 @@ impl Search<'_> {
     }
 }
 
-/// Whether a world point lies within the picture but before the near plane.
+/// Returns true if a world point lies within the picture but before the near plane.
 fn before_lens(camera: &Camera, position: DVec3, near: f64) -> bool {
     project(camera, position).is_some_and(|(_, depth)| depth < near)
 }

@@ -13,7 +13,7 @@ use crate::gaussians::Gaussians;
 use crate::gpu::{Device, staging_bytes};
 use crate::render::{Renderer, Style, Uses};
 
-/// What the memory of a run depends on.
+/// Inputs of the memory estimate of a run.
 #[derive(Clone, Debug)]
 #[expect(clippy::struct_excessive_bools, reason = "facts about a run, each on its own")]
 pub struct TrainerNeeds {
@@ -27,15 +27,15 @@ pub struct TrainerNeeds {
     pub photos: Vec<u64>,
     /// Highest SH degree.
     pub degree: usize,
-    /// Whether each photo has an exposure of its own.
+    /// True if each photo has an exposure of its own.
     pub exposure: bool,
-    /// Whether photos have masks.
+    /// True if photos have masks.
     pub masked: bool,
-    /// How pictures are rendered.
+    /// Effects that pictures are rendered with.
     pub style: Style,
-    /// Whether the run begins with pictures of half their size.
+    /// True if the run begins with pictures of half their size.
     pub halves: bool,
-    /// Whether density control acts: it holds the old and the new model at once, as the renderer does when it grows.
+    /// True if density control acts: it holds the old and the new model at once, as the renderer does when it grows.
     pub grows: bool,
     /// Bytes that pruning needs besides the model; 0 if the run does not prune.
     pub pruning: u64,

@@ -1,4 +1,4 @@
-//! What a run depends on besides its photos and model.
+//! Options of a run besides its photos and model.
 
 use super::loss::Weights;
 use super::schedule::Schedule;
@@ -6,10 +6,10 @@ use crate::gaussians::MAX_SH_DEGREE;
 use crate::render::Settings;
 use std::ops::Range;
 
-/// What a run depends on besides its photos and model.
+/// Options of a run besides its photos and model.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// What happens at which iteration.
+    /// The course of the run.
     pub schedule: Schedule,
     /// Image formation.
     pub settings: Settings,

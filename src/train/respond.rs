@@ -1,4 +1,4 @@
-//! How strongly the training photos depend on each Gaussian: by a pass over all of them, or averaged over iterations.
+//! Responses of the training photos to each Gaussian: from a pass over all photos, or averaged over iterations.
 
 use super::error::Result;
 use super::objective::Current;

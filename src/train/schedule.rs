@@ -1,4 +1,4 @@
-//! What happens at which iteration: milestones scale with the length of the run, intervals do not.
+//! The course of a run by iteration: milestones scale with the length of the run, intervals do not.
 
 use super::adam::Rates;
 use serde::{Deserialize, Serialize};
@@ -100,7 +100,7 @@ impl Schedule {
         (f64::from(self.iterations) * share).round() as u32
     }
 
-    /// Learning rates of iteration `iteration` (1 at the first) in a scene of this extent.
+    /// Learning rates of iteration `iteration` (the first is 1) in a scene of this extent.
     pub fn rates(&self, iteration: u32, extent: f64) -> Rates {
         let t = f64::from(iteration) / f64::from(self.iterations.max(1));
         let (dc, rest) = (self.dc_rate as f32, self.rest_rate as f32);
@@ -114,7 +114,7 @@ impl Schedule {
         }
     }
 
-    /// Whether iteration `iteration` uses pictures of half their size.
+    /// Returns true if iteration `iteration` uses pictures of half their size.
     pub fn halves(&self, iteration: u32) -> bool {
         iteration <= self.at(self.half_until)
     }
@@ -125,24 +125,24 @@ impl Schedule {
         ((iteration / every) as usize).min(highest)
     }
 
-    /// Whether gradients are gathered for density control.
+    /// Returns true if gradients are gathered for density control.
     pub fn gathers(&self, iteration: u32) -> bool {
         iteration <= self.at(self.densify_until)
     }
 
-    /// Whether density control acts after iteration `iteration`.
+    /// Returns true if density control acts after iteration `iteration`.
     pub fn densifies(&self, iteration: u32) -> bool {
         iteration > self.at(self.densify_from)
             && iteration < self.at(self.densify_until)
             && iteration.is_multiple_of(self.densify_every)
     }
 
-    /// Whether large Gaussians are pruned at iteration `iteration`.
+    /// Returns true if large Gaussians are pruned at iteration `iteration`.
     pub fn prunes_large(&self, iteration: u32) -> bool {
         iteration > self.at(self.prune_scale_from)
     }
 
-    /// Whether opacities are reset after iteration `iteration`.
+    /// Returns true if opacities are reset after iteration `iteration`.
     pub fn resets_opacity(&self, iteration: u32) -> bool {
         iteration.is_multiple_of(self.opacity_reset_every) && iteration < self.at(self.densify_until)
     }
@@ -173,7 +173,7 @@ mod tests {
         assert_eq!(s.degree(30_000, 1), 1);
     }
 
-    /// Short runs move in longer steps; the published length, and longer ones, in the published.
+    /// Short runs take longer steps; runs of the published length, and longer ones, take the published steps.
     #[test]
     fn rates_scale_with_the_length() {
         for iterations in [30_000, 60_000] {

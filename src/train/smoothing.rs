@@ -31,7 +31,7 @@ impl Smoothing {
         Ok(Self { views: device.upload("training cameras", &cameras)? })
     }
 
-    /// Whether it has its turn after iteration `iteration` of `last`; a run ends with one.
+    /// Returns true if smoothing is due after iteration `iteration` of `last`; every run ends with one.
     pub fn due(iteration: u32, last: u32) -> bool {
         iteration.is_multiple_of(EVERY) || iteration == last
     }

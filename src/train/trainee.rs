@@ -5,7 +5,7 @@ use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
 use crate::gpu::{Buffer, Device, Recording, Result};
 
-/// A model in training: what density control replaces and a checkpoint stores.
+/// A model in training, which density control replaces and a checkpoint stores.
 pub struct Trainee {
     /// The model.
     pub model: Resident,

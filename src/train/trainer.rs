@@ -119,12 +119,12 @@ impl Trainer {
         self.iteration
     }
 
-    /// Gaussians now.
+    /// Current number of Gaussians.
     pub fn len(&self) -> usize {
         self.trainee.model.len
     }
 
-    /// Whether no Gaussian is left.
+    /// Returns true if no Gaussian is left.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -35,7 +35,7 @@ pub struct Solution<'a> {
     pub lambda: [f32; CHANNELS],
     /// The fewest eigenvalues that reach tau.
     pub r: usize,
-    /// Whether N + epsilon I was not positive definite in float32: the host has to solve this block.
+    /// True if N + epsilon I was not positive definite in float32: the host has to solve this block.
     pub failed: bool,
 }
 

@@ -14,7 +14,7 @@ use std::fmt;
 /// Slack of the energy's comparison with tau, so that float32 and float64 agree on a sum that hits it exactly.
 const ENERGY_SLACK: f64 = 1e-6;
 
-/// How the eigenproblem is solved: the same solution at three costs.
+/// Solver of the eigenproblem: the same solution at three costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Eigensolver {
@@ -83,7 +83,7 @@ impl Gram {
         self.m
     }
 
-    /// Whether the block has no Gaussian.
+    /// Returns true if the block has no Gaussian.
     pub fn is_empty(&self) -> bool {
         self.m == 0
     }
@@ -124,7 +124,7 @@ pub struct Participation {
     pub r: usize,
     /// q of each member, m; all zero for a block without any response.
     pub q: Vec<f64>,
-    /// Whether the metric was not positive definite and its canonical form was solved instead.
+    /// True if the metric was not positive definite and its canonical form was solved instead.
     pub canonical: bool,
 }
 
@@ -309,7 +309,7 @@ fn full(metric: &Gram, w: &[Row], tau: f64) -> Option<Participation> {
     let mut b = metric.values.clone();
     let ascending = lapack::sygvd(m, &mut p, &mut b)?;
     let descending: Vec<f64> = ascending.iter().rev().map(|l| l.max(0.0)).collect();
-    // P has rank at most 8: what lies beyond is rounding.
+    // P has rank at most 8: further eigenvalues are rounding.
     let known = &descending[..m.min(CHANNELS)];
     let r = leading(known, descending.iter().sum(), tau);
     let mut spectrum = [0.0; CHANNELS];

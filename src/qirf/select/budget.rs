@@ -1,4 +1,4 @@
-//! How many Gaussians each block keeps, and which: from ranks and gains to a keep mask of exactly the wanted count.
+//! Budgets: from ranks and gains to a keep mask of exactly the wanted count.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ const MILLION: u128 = 1_000_000;
 /// Largest share of the kept Gaussians that the detail safeguard may choose.
 const MOST_DETAIL: usize = 5;
 
-/// How the count is distributed over blocks.
+/// Distribution of the count over blocks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Budget {
@@ -24,7 +24,7 @@ pub enum Budget {
     Global,
 }
 
-/// How many are kept.
+/// Number of Gaussians to keep.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Keep {
@@ -39,10 +39,10 @@ pub enum Keep {
     Count(usize),
 }
 
-/// A keep mask, and how many were kept for which reason.
+/// A keep mask, and the number kept for each reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Choice {
-    /// Whether each Gaussian is kept, n.
+    /// True if each Gaussian is kept, n.
     pub keep: Vec<bool>,
     /// Kept by rank or gain.
     pub main: usize,
@@ -66,7 +66,8 @@ pub struct Safeguard<'a> {
     pub share: f64,
 }
 
-/// Chooses what to keep. `r` holds each block's r, which only [`Keep::Paper`] reads; that rule always keeps by block.
+/// Chooses the Gaussians to keep. `r` holds each block's r, which only [`Keep::Paper`] reads; that rule always keeps by
+/// block.
 ///
 /// # Panics
 /// If the arrays disagree with `blocks` on their lengths.

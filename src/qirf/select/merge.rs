@@ -34,7 +34,7 @@ pub struct Merged {
     pub dropped: f64,
     /// Squared function error after merging.
     pub merged: f64,
-    /// Whether the kept functions were changed, because the error fell.
+    /// True if the kept functions were changed, because the error fell.
     pub accepted: bool,
 }
 

@@ -81,7 +81,7 @@ impl Selector {
         }
     }
 
-    /// Whether it reads the ray scores ([`crate::response::ResidentScores`]) besides responses.
+    /// Returns true if it reads the ray scores ([`crate::response::ResidentScores`]) besides responses.
     pub fn reads_scores(self) -> bool {
         matches!(self, Self::Contribution | Self::Radsplat | Self::Lightgaussian)
     }
