@@ -1,4 +1,4 @@
-//! Tests of what runs on a Vulkan device, stage by stage, under validation layers, with poisoned buffers that end in red zones.
+//! Tests on a Vulkan device, stage by stage, under validation layers, with poisoned buffers that end in red zones.
 
 mod support;
 

@@ -1,4 +1,4 @@
-//! Tests of the program as a user runs it: its commands, its files, and what it does where things go wrong.
+//! Tests of the program as a user runs it: its commands, its files, and its behaviour when things go wrong.
 
 mod support;
 

@@ -16,7 +16,7 @@ pub fn backward(gradient: &[[f64; 4]], photo: &[u32]) -> Vec<[f64; 4]> {
     gradient.iter().zip(photo).map(pixel).collect()
 }
 
-/// How much of a pixel counts, 0 to 1.
+/// Share of a pixel that counts, 0 to 1.
 fn counts(word: u32) -> f64 {
     f64::from(word >> 24) / 255.0
 }

@@ -96,7 +96,7 @@ fn transpose(a: &mut [f64], m: usize) {
     }
 }
 
-/// Jacobi's rotations: eigenvalues on the diagonal of `a`, returns the eigenvectors as columns.
+/// Jacobi's rotations: leaves the eigenvalues on the diagonal of `a`, and returns the eigenvectors as columns.
 fn diagonalise(a: &mut [f64], m: usize) -> Vec<f64> {
     let mut vectors = vec![0.0; m * m];
     (0..m).for_each(|k| vectors[k * m + k] = 1.0);

@@ -88,7 +88,7 @@ pub struct Geometry {
     pub position: DVec3,
     /// x/z and y/z, clamped for the Jacobian.
     pub slope: DVec2,
-    /// True if x/z, y/z were inside the clamp's bounds.
+    /// For x/z and y/z: true if inside the clamp's bounds.
     pub free: [bool; 2],
     /// Unit quaternion w, x, y, z.
     pub quaternion: [f64; 4],

@@ -1,4 +1,4 @@
-//! Culling on a real model: what it saves, and that it costs nothing of the picture.
+//! Culling on a real model: it saves pairs and does not change the picture.
 
 #[path = "../../benches/engine/flowers.rs"]
 mod flowers;
@@ -28,7 +28,7 @@ fn bin_lists_a_quarter_less_than_three_sigma_would() {
         let renderer = Renderer::new(&device, settings, model.len(), 1280, 720).unwrap();
         let pairs = |camera| {
             renderer.draw(&resident, camera).unwrap();
-            u64::from(renderer.pairs().unwrap()) // the true number, whether it fitted or not
+            u64::from(renderer.pairs().unwrap()) // the true number, even if it did not fit
         };
         cameras.iter().map(pairs).sum()
     };
@@ -44,7 +44,7 @@ fn bin_loses_nothing_of_flowers() {
     let Some(model) = flowers() else { return };
     let device = device();
     let resident = Resident::upload(&device, &model).unwrap();
-    // 30 tiles of 8, all of which list all Gaussians in front of the camera when culling is off.
+    // 30 tiles of side 8; each lists all Gaussians in front of the camera when culling is off.
     let cameras = flowers::orbit(&model, 48, 40);
     let pictures = |culling| {
         let settings = Settings { culling, ..Settings::default() };

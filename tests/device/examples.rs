@@ -1,7 +1,7 @@
 //! The programs of `tools/examples`, as a reader runs them.
 
 #[path = "../../tools/examples/kernel.rs"]
-#[allow(dead_code)] // what only its main calls
+#[allow(dead_code)] // partly used by its main alone
 mod kernel;
 #[path = "../../tools/examples/render.rs"]
 #[allow(dead_code)] // as above
@@ -14,7 +14,7 @@ use qirf_vk::gaussians::formats;
 use qirf_vk::synth::{self, SynthOptions};
 use std::path::Path;
 
-/// The model that they draw where none is given.
+/// The model that the examples draw by default.
 fn ring() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tools/examples/ring.ply"))
 }
@@ -53,7 +53,7 @@ fn a_scene_is_trained_and_the_loss_falls() {
     let mut losses = Vec::new();
     train::train(&scene, &model, 200, |at| losses.push(at.loss)).unwrap();
     assert_eq!(losses.len(), 10);
-    // Each is of one photo; three of them tell.
+    // Each loss is of one photo; the mean of three is significant.
     let (first, last) = (losses[..3].iter().sum::<f32>(), losses[7..].iter().sum::<f32>());
     assert!(last < 0.8 * first, "{losses:?}");
     assert!(formats::read(&model).unwrap().gaussians.len() >= 100);

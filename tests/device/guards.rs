@@ -1,4 +1,4 @@
-//! The guards of the tests' buffers are able to fail.
+//! The guards of the tests' buffers can fail.
 
 use crate::support::{device, new_device};
 use qirf_vk::gpu::{Buffer, Recording};
@@ -17,11 +17,11 @@ fn a_store_behind_a_buffers_end_is_found_alive_or_gone() {
         device.run(recording).unwrap();
     };
     write(6);
-    assert!(device.overrun_buffers().is_empty(), "what fits is no store behind the end");
+    assert!(device.overrun_buffers().is_empty(), "stores that fit are not reported");
     write(7);
     assert_eq!(device.overrun_buffers(), ["too short"]);
     drop(short);
-    assert_eq!(device.overrun_buffers(), ["too short"], "and after it has gone");
+    assert_eq!(device.overrun_buffers(), ["too short"], "the report outlives the buffer");
 }
 
 #[test]

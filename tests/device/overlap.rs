@@ -13,7 +13,7 @@ use twin::Twin;
 
 pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
 
-/// A model of these rows: no colour, half transparent.
+/// A model of these rows, without colour and half transparent.
 pub fn model(rows: &[Row]) -> Gaussians {
     Gaussians {
         means: rows.iter().map(|r| r.0).collect(),
@@ -82,7 +82,7 @@ fn dilation_is_a_sphere_added() {
     finish(&device);
 }
 
-/// Blocks of all sizes round the subgroup's, with one that is large.
+/// Blocks of these sizes, with random Gaussians.
 pub fn blocks(sizes: &[usize], seed: u64) -> (Vec<Row>, Vec<u32>) {
     let mut r = Random(seed);
     let n: usize = sizes.iter().sum();
@@ -150,7 +150,7 @@ fn values_that_are_no_numbers_stay_where_they_are() {
     unpack_symmetric(m, &got, &mut square);
     assert!((0..m).all(|i| square[i * m + i] == 1.0));
     assert!((square[1] - 1.0).abs() < 1e-6 && (square[m - 1] - 1.0).abs() < 1e-6, "same Gaussian; no rotation");
-    assert!(square[2] == 0.0, "a mean that is no number overlaps with nothing");
+    assert!(square[2] == 0.0, "a NaN mean overlaps with nothing");
     finish(&device);
 }
 
@@ -161,7 +161,7 @@ fn two_runs_give_the_same_bits_and_write_everything() {
     let once = overlaps(&device, &rows, &starts, Metric::default(), 1 << 10);
     let again = overlaps(&device, &rows, &starts, Metric::default(), 1 << 10);
     assert!(once.iter().zip(&again).all(|(a, b)| a.to_bits() == b.to_bits()));
-    // Every buffer is born full of NaN (tests/device/guards.rs): an entry that no kernel writes would be one.
+    // Every new buffer is full of NaN (tests/device/guards.rs): an entry that no kernel writes would be NaN.
     assert!(device.guards() && once.iter().all(|n| (0.0..=1.0).contains(n)));
     finish(&device);
 }

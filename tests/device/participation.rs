@@ -93,7 +93,8 @@ fn a_metric_that_is_not_positive_definite_is_said_to_have_failed() {
     finish(&device);
 }
 
-/// Blocks of 1 to 8 that nothing tells apart, of one response and of none: finite, all alike, nothing where there is nothing.
+/// Blocks of 1 to 8 identical members, with equal responses or none: results are finite and equal, and zero without a
+/// response.
 #[test]
 fn equals_in_blocks_of_one_to_eight() {
     let device = device();
@@ -111,7 +112,7 @@ fn equals_in_blocks_of_one_to_eight() {
                 let told = format!("{} alike, response {response}: {s:?}", b + 1);
                 assert!(s.q.len() == b + 1 && s.q.iter().chain(&s.lambda).all(|v| v.is_finite()), "{told}");
                 assert!(!s.failed && (response > 0.0 || s.q.iter().chain(&s.lambda).all(|v| *v == 0.0)), "{told}");
-                // m equal functions share one: what each has of it may differ by rounding over epsilon, 6e-8 / 1e-4.
+                // m equal functions share one: their parts may differ by rounding over epsilon, 6e-8 / 1e-4.
                 let most = s.q.iter().copied().fold(0.0, f32::max);
                 assert!(s.q.iter().all(|q| most - q <= 2e-2 * most), "{told}");
                 Ok(())

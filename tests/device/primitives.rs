@@ -1,4 +1,4 @@
-//! Primitives against the host: every size where a block, a subgroup or a power of two begins or ends.
+//! Primitives against the host, at every size where a block, a subgroup or a power of two begins or ends.
 
 use crate::support::{device, finish};
 use qirf_vk::gpu::{Buffer, Device, Recording};
@@ -73,7 +73,7 @@ fn check_sort(device: &Device, keys: &[u32], bits: u32) {
     device.run(recording).unwrap();
     let mask = if bits == 32 { u32::MAX } else { (1 << bits) - 1 };
     let mut expected: Vec<(u32, u32)> = keys.iter().copied().zip(values).collect();
-    expected.sort_by_key(|(k, _)| k & mask); // stable, as ours must be
+    expected.sort_by_key(|(k, _)| k & mask); // stable, as the device's sort must be
     let got: Vec<_> = sorted
         .keys
         .read_first(device, n as usize)
@@ -127,7 +127,7 @@ fn compact_gather_and_segmented_sum() {
         assert!(without_sentinel(&device, &gathered)[..kept.len()].iter().all(|f| *f == 1));
     }
 
-    // All kept, and none.
+    // All kept, and none kept.
     for flag in [0, 1] {
         for n in [1, 256, Scan::block(&device) + 1, 70_001] {
             let flags = vec![flag; n as usize];
@@ -144,7 +144,7 @@ fn compact_gather_and_segmented_sum() {
         }
     }
 
-    // Segments of 0, 1, 2, ... rows; three floats a row.
+    // Segments of 0, 1, 2, ... rows; three floats per row.
     let lengths: Vec<u32> = (0..200).collect();
     let starts: Vec<u32> = lengths
         .iter()
@@ -172,7 +172,7 @@ fn compact_gather_and_segmented_sum() {
     finish(&device);
 }
 
-/// One Gaussian's slots may be all the tiles there are, and its neighbours' none.
+/// One Gaussian may have a slot in every tile, and its neighbours none.
 #[test]
 fn one_segment_may_be_everything() {
     let device = device();
@@ -192,7 +192,7 @@ fn one_segment_may_be_everything() {
     finish(&device);
 }
 
-/// Whole numbers below 2^24 add up exactly in any order: each element is counted once, whatever the number.
+/// Whole numbers below 2^24 add up exactly in any order: each element is counted once, whatever their number.
 #[test]
 fn reduce_counts_every_element_once() {
     let device = device();
@@ -200,7 +200,7 @@ fn reduce_counts_every_element_once() {
         let words = |i: u32, c: u64| (noise(7 + c, u64::from(i)) % 100) as f32;
         let mut source: Vec<[f32; 4]> = (0..n).map(|i| [0, 1, 2, 3].map(|c| words(i, c))).collect();
         let expected = [0, 1, 2, 3].map(|c| source.iter().map(|r| r[c]).sum::<f32>());
-        source.extend([[f32::NAN; 4]; 3]); // behind the count: not to be read into the sum
+        source.extend([[f32::NAN; 4]; 3]); // beyond the count: must not enter the sum
         let source = device.upload("source", &source).unwrap();
         let sum = device.upload("sum", &[[f32::NAN; 4]]).unwrap();
         let mut recording = Recording::new();

@@ -1,4 +1,4 @@
-//! The hard Gaussians one by one, so that a failure names its Gaussian.
+//! Hard Gaussians one by one, so that a failure names its Gaussian.
 
 use crate::support::{device, finish};
 use qirf_vk::render::Settings;

@@ -8,7 +8,7 @@ use qirf_vk::selftest::project::{Hard, case_errors};
 #[test]
 fn overlaps_of_ten_thousand_pairs() {
     let (device, seed) = (device(), seed());
-    // As in the selftest; the other formulas' figures are printed for docs/numerics.md.
+    // The limits are the selftest's; the other formulas' figures are printed for docs/numerics.md.
     for (parallel, allowed) in [(false, 1e-5), (true, 2e-4)] {
         let rows = random_rows(10_000, parallel, seed);
         for method in [Method::Qr, Method::CholeskyOfSum, Method::Determinant] {
@@ -29,8 +29,8 @@ fn overlaps_of_ten_thousand_pairs() {
     finish(&device);
 }
 
-/// Gaussians of any shape, size and place before, round and behind the camera: what the twin draws is drawn, alike, and
-/// nothing that comes back is no number.
+/// Gaussians of any shape and size before, around and behind the camera: the device draws the same picture as the twin,
+/// and no result is NaN.
 #[test]
 fn gaussians_of_any_kind() {
     let (device, seed) = (device(), seed());
@@ -61,7 +61,7 @@ fn gaussians_of_any_kind() {
         worst_picture = worst_picture.max(errors.picture);
         worst_gradient = worst_gradient.max(errors.gradient);
         assert!(errors.skipped == 0 && errors.alpha <= 0.99 + 1e-6, "{told}");
-        // One pixel at the edge of 1/255 may be drawn by one alone.
+        // A pixel at the edge of 1/255 may be drawn by only one of device and twin.
         assert!(errors.picture < 8e-3 && errors.gradient < 1e-3, "{told}");
     }
     println!("{drawn} of 200 drawn; largest errors: picture {worst_picture:.1e}, gradients {worst_gradient:.1e}");

@@ -19,16 +19,17 @@ fn render(device: &Device, model: &Gaussians, camera: &Camera, settings: Setting
     renderer.render(&resident, camera).unwrap()
 }
 
-/// How far float32 may be from the twin at a pixel: 1e-5 for what is blended, and a rounding of positions, of which alpha changes
-/// by 1.1 a pixel at most (a Gaussian no wider than the dilation) and a colour of up to 2 by twice that. Positions are rounded
-/// relative to their distance from the picture's middle, and rays relative to 1, which is a focal length in pixels.
+/// Largest error of float32 against the twin at a pixel: 1e-5 for blending, and the rounding of positions, by which
+/// alpha changes by at most 1.1 per pixel (a Gaussian no wider than the dilation) and a colour of up to 2 by twice
+/// that. Positions are rounded relative to their distance from the picture's middle, and rays relative to 1, which is a
+/// focal length in pixels.
 fn allowed(camera: &Camera, [x, y]: [u32; 2]) -> f64 {
     let from = |at: u32, size: u32| (f64::from(at) - f64::from(size / 2)).abs();
     1e-5 + 2.2 * 2_f64.powi(-24) * (from(x, camera.width) + from(y, camera.height) + camera.focal.max_element())
 }
 
-/// By how much more a pixel may be off since a contribution of the twin's lies so near 1/255, or a transmittance so near the
-/// stop, that float32 may decide otherwise.
+/// Additional error allowed at a pixel because a contribution of the twin's lies so near 1/255, or a transmittance so
+/// near the stop, that float32 may decide otherwise.
 fn undecided(twin: &Rendered, camera: &Camera, settings: &reference::Settings, [x, y]: [u32; 2]) -> f64 {
     let all = reference::Settings { smooth_cutoff: true, ..settings.clone() };
     // Positions as above, six times steeper: the logarithm of alpha where it falls to 1/255.
@@ -52,8 +53,8 @@ fn undecided(twin: &Rendered, camera: &Camera, settings: &reference::Settings, [
     slack
 }
 
-/// Fails where a pixel's error is neither within [`allowed`] nor that of a contribution that is [`undecided`]. Gives the largest
-/// error among the decided pixels, and how many were undecided.
+/// Fails where a pixel's error is neither within [`allowed`] nor that of a contribution that is [`undecided`]. Returns
+/// the largest error among the decided pixels, and the number of undecided ones.
 fn decided(
     name: &str,
     image: &Image,
@@ -165,7 +166,7 @@ fn draws_as_another_engine(name: &str, fixture: &Fixture) {
     finish(&device);
 }
 
-/// Gaussians of many shapes before a camera: needles, discs, dust, some behind it, some covering the picture.
+/// Gaussians of many shapes: needles, discs and dust before a camera, some behind it, some covering the picture.
 fn crowd(n: usize, seed: u64) -> Gaussians {
     let mut r = Random(seed);
     let mut model = Gaussians { sh: vec![Vec::new(), Vec::new()], ..Gaussians::default() };
@@ -218,7 +219,8 @@ fn the_twin_agrees_at_any_size() {
         assert!(exempt <= 2, "{name}");
         assert!(width < 10 || image.pixels.iter().filter(|p| p[3] > 0.0).count() >= 7, "{name}: something is drawn");
 
-        // What it would be with positions from the picture's corner: rounded to 1/16 pixel in the middle of the widest.
+        // The error if positions were measured from the picture's corner: they round to 1/16 pixel in the middle of the
+        // widest.
         let mut from_the_corner = twin.projected.clone();
         for p in from_the_corner.iter_mut().flatten() {
             p.mean = p.mean.as_vec2().as_dvec2();
@@ -228,12 +230,13 @@ fn the_twin_agrees_at_any_size() {
         let naive = drawn.as_flattened().iter().zip(twin.composite.image.as_flattened());
         let naive = naive.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
         println!("{name}: largest {naive:.1e} with positions from the corner");
-        assert!(width < 1_000_000 || naive > 1e-3, "the reason for the origin in the middle has gone");
+        assert!(width < 1_000_000 || naive > 1e-3, "an origin in the middle is no longer needed");
     }
     finish(&device);
 }
 
-/// Where float32 knows places to a thousandth of a unit: the camera's centre is not one of them, and is not rounded to one.
+/// Far away, float32 resolves positions to a thousandth of a unit; the camera's centre lies between two float32 values,
+/// and is not rounded to one.
 #[test]
 fn far_from_the_origin() {
     let device = device();
@@ -251,7 +254,7 @@ fn far_from_the_origin() {
     println!("far from the origin: largest {largest:.1e}, undecided {exempt}");
     assert!(exempt <= 2 && image.pixels.iter().any(|p| p[3] > 0.5));
 
-    // What a centre in one float32 alone would give.
+    // The result of a centre stored in a single float32.
     let mut rounded = camera.clone();
     rounded.translation = -(rounded.rotation * camera.centre().as_vec3().as_dvec3());
     let naive = reference::render(&reference::Params::from(&model), &rounded, &settings).composite.image;
@@ -262,8 +265,8 @@ fn far_from_the_origin() {
     finish(&device);
 }
 
-/// Gaussians as small as the dilation all over pictures of any width: what a rounding of the position does most to, and what is
-/// lost first where tiles are left out by rounded bounds.
+/// Gaussians as small as the dilation all over pictures of any width: they suffer most from rounded positions, and are
+/// lost first if rounded bounds leave out tiles.
 #[test]
 fn dust_all_over_wide_pictures() {
     let device = device();

@@ -1,4 +1,4 @@
-//! The backward pass on the device, against golden gradients, another engine's, and the float64 twin's.
+//! The backward pass on the device, against golden gradients, another engine's gradients, and the float64 twin's.
 
 use crate::support::golden::{Case, Fixture};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
@@ -193,8 +193,8 @@ fn the_twins_gradients_at_any_size() {
     finish(&device);
 }
 
-/// Layers on one pixel, alike or of colours of their own: the error of dL/dalpha of each, in roundings (2^-24) of the brightest
-/// layer's worth; and how many layers the pixel took.
+/// Layers on one pixel, alike or of different colours: the largest error of dL/dalpha, in roundings (2^-24) of the
+/// brightest layer's contribution, and the number of layers that the pixel blended.
 fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> (f64, usize) {
     let camera = Camera {
         rotation: glam::DMat3::IDENTITY,
@@ -228,9 +228,10 @@ fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> 
     (off / worth * 2_f64.powi(24), drawn)
 }
 
-/// dL/dalpha is T (colour - what lies behind): of layers alike it is what the last of them lets through, and a difference of what
-/// is nearly equal. What lies behind is the pixel less what lies before, both sums of as many roundings as there are layers: the
-/// error is absolute, and goes as a random walk of roundings of the brightest layer, not as any gradient.
+/// dL/dalpha is T (colour - colour behind): for equal layers it is the light that the last one transmits, a difference
+/// of nearly equal numbers. The colour behind is the pixel less the layers before, both sums of as many roundings as
+/// there are layers: the error is absolute, and grows as a random walk of roundings of the brightest layer, not with
+/// the gradient.
 #[test]
 fn stacks_of_layers_alike() {
     let device = device();
@@ -242,7 +243,8 @@ fn stacks_of_layers_alike() {
                 println!(
                     "logit {logit}, {count} layers, alike {alike}, stop {stop:e}: {drawn} drawn, {error:.1} roundings of {allowed:.0}"
                 );
-                // With T (1 - alpha) for the next T, whose rounding is the same in layers alike: 62 roundings of 45 (logit -5).
+                // If the next T were T (1 - alpha), whose rounding is the same in equal layers: 62 roundings where 45
+                // are allowed (logit -5).
                 assert!(error < allowed, "logit {logit}, {count} layers, alike {alike}, stop {stop}: {error:.1}");
             }
         }

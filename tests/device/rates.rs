@@ -1,4 +1,4 @@
-//! The device's rates, which the bounds of `make figures` are made of.
+//! The device's rates, from which `make figures` computes its bounds.
 
 use crate::support::{device, finish};
 use qirf_vk::gpu::Recording;

@@ -14,7 +14,7 @@ use qirf_vk::scene::camera::Camera;
 
 const SIZE: [u32; 2] = [45, 37];
 
-/// A second camera: moved, so that the two views differ in what they show.
+/// Two cameras; the second is moved, so that the views differ.
 fn cameras() -> [Camera; 2] {
     let first = small_camera(SIZE[0], SIZE[1]);
     let mut second = first.clone();
@@ -28,7 +28,7 @@ fn image_weights(seed: u64) -> Vec<[f32; 4]> {
     (0..SIZE[0] * SIZE[1]).map(|_| [weight(-1.0), weight(-1.0), weight(-1.0), weight(0.0)]).collect()
 }
 
-/// Per channel the error relative to its norm over the Gaussians.
+/// Compares each channel by its error relative to the channel's norm over the Gaussians.
 fn compare<const N: usize>(name: &str, got: &[[f32; N]], expected: &[[f64; N]], allowed: f64) {
     assert_eq!(got.len(), expected.len());
     for k in 0..N {
@@ -41,7 +41,7 @@ fn compare<const N: usize>(name: &str, got: &[[f32; N]], expected: &[[f64; N]], 
     }
 }
 
-/// The pass over both views with given gradients and residuals; few pairs of room, so that it has to grow.
+/// The pass over both views with given gradients and residuals, with an initial capacity of `pairs`.
 fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<[f32; 4]>) {
     let cameras = cameras();
     let resident = Resident::upload(device, model).unwrap();
@@ -85,7 +85,7 @@ fn respond_and_score_over_a_full_pass_are_the_twins_mean() {
             .map(|(a, b)| [a[0] + b[0], a[1].max(b[1]), a[2] + b[2], a[3] + b[3]])
             .collect();
         compare(&format!("seed {seed}, scores"), &scores, &both, 3e-4);
-        // Neither the capacity nor the run changes a bit.
+        // Neither another capacity nor a second run changes a bit.
         let (again, again_scores) = pass(&device, &model, 1 << 14);
         let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
         assert!(same(values.as_flattened(), again.as_flattened()));
@@ -99,7 +99,7 @@ fn averages_decay_as_if_every_iteration_were_counted() {
     let device = device();
     let cameras = cameras();
     let mut model = narrowed(&random_scene(&cameras[0], 4));
-    // One that the second camera does not see, so that its average has to decay by itself.
+    // A Gaussian that the second camera does not see, so that its average only decays.
     model.means[0] = (cameras[0].centre() + 0.5 * (glam::Vec3::from(model.means[0]).as_dvec3() - cameras[0].centre()))
         .as_vec3()
         .to_array();

@@ -17,7 +17,7 @@ fn rrdm_is_its_factors_square_as_its_twin_is() {
     let n = rows.len();
     let mut r = Random(9);
     let h: Vec<[f32; 8]> = (0..n).map(|_| [0; 8].map(|_| r.unit() as f32)).collect();
-    // Members in another order than the model's.
+    // Members in an order other than the model's.
     let members: Vec<u32> = (0..n as u32).map(|i| (i * 7 + 3) % n as u32).collect();
     let resident = Resident::upload(&device, &model(&rows)).unwrap();
     let density = Density { full: true, ..Density::default() };
@@ -28,7 +28,7 @@ fn rrdm_is_its_factors_square_as_its_twin_is() {
         for (b, block) in batch.iter() {
             let m = block.m;
             let own = &members[starts[b] as usize..starts[b + 1] as usize];
-            // The twin takes responses without the channels' weights; the device is handed rows that hold them.
+            // The twin takes responses without the channels' weights; the device receives rows that contain them.
             let bare = |i: &u32| {
                 let row = h[*i as usize].map(f64::from);
                 std::array::from_fn(|k| row[k] / if k < 4 { 0.75_f64.sqrt() } else { 0.25_f64.sqrt() })

@@ -1,4 +1,4 @@
-//! Training: the loss, Adam, density control, the loop, and where it starts; device against float64 and plain host code.
+//! Training: the loss, Adam, density control, the loop, and initial models; device against float64 and plain host code.
 
 mod adam;
 mod density;

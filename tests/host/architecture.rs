@@ -1,5 +1,5 @@
-//! The rules of the house, held against its sources: imports go down the floors, a stage has one name, and the paths that
-//! the documentation names exist.
+//! The rules of the house, checked against its sources: imports go down the floors, a stage has one name, and the paths
+//! that the documentation names exist.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -23,11 +23,11 @@ const FLOORS: &[&[&str]] = &[
     &["main"],
 ];
 
-/// Imports against the rule: file, room, reason.
+/// Exceptions to the rule: file, room, reason.
 const UPWARD: &[(&str, &str, &str)] =
     &[("src/gpu/probe.rs", "kernels", "a device is probed with a kernel before it is handed out")];
 
-/// Who may import the float64 twin: it is an oracle, and production code computes nothing with it.
+/// Folders that may import the float64 twin: it is an oracle, and production code computes nothing with it.
 const ORACLE_OF: &[&str] = &["src/reference/", "src/selftest/", "src/pipeline/sweep/"];
 
 /// A shader's place in the house.
@@ -115,7 +115,7 @@ fn text(path: &str) -> String {
     fs::read_to_string(root().join(path)).expect("a file of the house")
 }
 
-/// A source without comments and without its unit tests, which may look up.
+/// A source without comments and without its unit tests, which may import from higher floors.
 fn code(path: &str) -> String {
     let text = text(path);
     let production = text.split("#[cfg(test)]").next().unwrap_or_default();
@@ -126,7 +126,7 @@ fn code(path: &str) -> String {
 fn imports(code: &str) -> BTreeSet<String> {
     let name = |s: &str| -> String { s.chars().take_while(|c| c.is_ascii_lowercase() || *c == '_').collect() };
     let mut rooms = BTreeSet::new();
-    // Constants of shaders depend on nothing: they stand on the lowest floor.
+    // Constants of shaders depend on nothing: they are on the lowest floor.
     for after in code.replace("crate::kernels::constants", "").split("crate::").skip(1) {
         if let Some(list) = after.strip_prefix('{') {
             let mut depth = 0;
@@ -182,7 +182,7 @@ fn imports_go_down_the_floors() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Where stages are looked for.
+/// Texts that are searched for stages.
 struct House {
     sources: Vec<String>,
     tests: Vec<(String, String)>,
@@ -254,7 +254,7 @@ fn a_stage_has_one_name_everywhere() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Paths of this repository in a page: what stands in backquotes or in a link's target.
+/// Paths of this repository in a page: text in backquotes, and targets of links.
 fn paths(page: &str) -> BTreeSet<String> {
     const TOPS: [&str; 6] = ["src/", "glsl/", "docs/", "tools/", "tests/", "benches/"];
     page.split(['`', '(', ')', ' ', '\n', '|', ','])

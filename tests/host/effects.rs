@@ -24,7 +24,7 @@ fn of_synth(effects: &[synth::Effect]) -> Vec<Decision> {
     decisions(folder.path())
 }
 
-/// What each synthetic scene was made to call for; all else, but for view dependence, it does not.
+/// Each synthetic scene calls for the effects that it was made for and, view dependence aside, for no others.
 #[test]
 fn synthetic_scenes_call_for_what_they_were_made_for() {
     use synth::Effect as Made;
@@ -65,7 +65,7 @@ fn shared_scenes_call_for_what_they_show() {
         let found = decisions(&scenes.join(name));
         assert_eq!(is_on(&found, Effect::Distortion), distortion, "{name}");
         assert_eq!(is_on(&found, Effect::Transparency), transparency, "{name}");
-        // King's light changes with the view, which is no exposure; the others have no points to tell by.
+        // King's light changes with the view, which is no exposure; the other detectors need points, which it lacks.
         for off in [Effect::Masks, Effect::DepthOrder, Effect::Exposure] {
             assert!(!is_on(&found, off), "{name}");
         }
@@ -93,7 +93,7 @@ fn overrides_are_read_or_refused() {
     assert!(overrides.check().unwrap_err().contains("cameras"));
 }
 
-/// Headers are told beside the measure, and decide nothing.
+/// Headers are reported beside the measurement, and decide nothing.
 #[test]
 fn exif_exposures_are_told() {
     use exif::{Field, In, Rational, Tag, Value, experimental::Writer};

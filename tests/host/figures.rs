@@ -59,7 +59,7 @@ fn the_pages_here_take_their_figures() {
     for (file, parts) in [("docs/performance.md", &page), ("README.md", &readme)] {
         let text = read(&Path::new(env!("CARGO_MANIFEST_DIR")).join(file));
         let filled = fill(file, &text, parts).expect("markers");
-        assert_eq!(fill(file, &filled, parts).unwrap(), filled, "{file}: filled twice is filled once");
+        assert_eq!(fill(file, &filled, parts).unwrap(), filled, "{file}: filling twice changes nothing");
         for (name, body) in parts {
             assert!(filled.contains(body.trim_end()), "{file}: {name}");
         }
@@ -101,7 +101,7 @@ fn the_same_measurements_give_the_same_bytes() {
     assert!(all_of(&recorded()).unwrap() == all_of(&recorded()).unwrap());
 }
 
-/// Times that are 2 ms + 3 ms a million pixels + 5 ms a million pairs, and a copy of 1 byte a nanosecond.
+/// Times that are 2 ms + 3 ms per million pixels + 5 ms per million pairs, and a copy of 1 byte per nanosecond.
 #[test]
 fn bounds_and_straight_lines_are_what_they_should() {
     let mut recorded = recorded();
@@ -120,7 +120,7 @@ fn bounds_and_straight_lines_are_what_they_should() {
     let [page, _, _] = all_of(&recorded).expect("figures");
     let cost = part(&page, "cost");
     assert!(cost.contains("| all points | 2.00 | 3.00 | 5.00 | 1.0000 | 0 % off |"), "{cost}");
-    // 2^20 words, 12 bytes each, at 1 GB/s, in three times that.
+    // 2^20 words of 12 bytes each at 1 GB/s; the measured time is three times that.
     let row = "| scan | 2^20 | 27.8 | 37.7 [37.7..37.7] | 12.6 | bytes | 3.0 |";
     assert!(part(&page, "sort").contains(row), "{}", part(&page, "sort"));
 }

@@ -1,4 +1,4 @@
-//! Model files: readers, writers, hostile input, and the shared models where they are at hand.
+//! Model files: readers, writers, hostile input, and the shared models if they are available.
 
 mod readers;
 mod shared;

@@ -1,4 +1,4 @@
-//! Where training begins.
+//! Initial models.
 
 use crate::support::Random;
 use glam::DVec3;
@@ -91,7 +91,7 @@ fn row(count: usize) -> Vec<Photo> {
     views
 }
 
-/// Cameras at one place looking outward: their axes meet behind nobody's back.
+/// Cameras near one place, looking outward: their axes meet behind them.
 fn outward(count: usize) -> Vec<Photo> {
     let mut views = ring(count, [40, 30]);
     for (i, view) in views.iter_mut().enumerate() {
@@ -137,7 +137,7 @@ fn depth(view: &Photo, position: DVec3) -> f64 {
     (view.camera.rotation * position + view.camera.translation).z
 }
 
-/// A scene in small units: much of what the cameras look at lies before their near planes, and gets no point.
+/// A scene in small units: much of the space in view lies before the near planes, and gets no point.
 #[test]
 fn random_points_keep_off_the_lenses() {
     for scale in [0.005, 0.05, 0.1, 0.3] {
@@ -155,7 +155,7 @@ fn random_points_keep_off_the_lenses() {
     }
 }
 
-/// Cameras that leave no place for a point end the search, soon, with a sentence that tells so.
+/// If cameras leave no place for a point, the search soon ends with an error that says so.
 #[test]
 fn cameras_that_see_nothing_in_common() {
     let mut apart = ring(6, [40, 30]);
@@ -181,7 +181,7 @@ fn cameras_that_see_nothing_in_common() {
 #[test]
 fn blender_scenes_stay_in_their_cube() {
     let seeds = random(&ring(12, [40, 30]), 2000, true, 3).unwrap();
-    assert_eq!(seeds.len(), 2000); // rays that miss the cube are drawn anew
+    assert_eq!(seeds.len(), 2000); // rays that miss the cube are redrawn
     assert!(seeds.iter().all(|s| s.position.abs().max_element() <= 1.3));
 }
 
@@ -196,7 +196,7 @@ fn random_points_do_not_depend_on_threads() {
     assert_eq!(one, with(4));
 }
 
-/// Photos that agree on a depth draw the points there: a wall whose colours are known.
+/// Points lie at depths on which the photos agree: a wall whose colours are known.
 #[test]
 fn depths_on_which_the_photos_agree_are_preferred() {
     let mut views = ring(10, [64, 48]);
@@ -225,7 +225,7 @@ fn depths_on_which_the_photos_agree_are_preferred() {
     assert!(near > 0.4, "{near}");
 }
 
-/// Readers refuse such points; were one to come through, it would be one Gaussian that density control removes.
+/// Readers refuse such points; if one came through, it would be one Gaussian that density control removes.
 #[test]
 fn points_that_are_not_finite() {
     for bad in [f64::NAN, f64::INFINITY, 1e300] {

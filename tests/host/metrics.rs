@@ -30,7 +30,7 @@ fn found_vgg() -> Option<Lpips> {
     Networks::find(None).expect("usable weights").vgg
 }
 
-/// The same for tests that need them.
+/// The same, for tests that need the weights.
 fn vgg() -> Option<Lpips> {
     let vgg = found_vgg();
     if vgg.is_none() {
@@ -43,7 +43,7 @@ fn alex() -> Option<Lpips> {
     Some(Lpips::load(shared("lpips/lpips-alex.safetensors")?).expect("AlexNet weights"))
 }
 
-/// The two distances of the example images; the network's own range.
+/// The two distances of the example images.
 fn examples(lpips: &Lpips, folder: &Path) -> [f64; 2] {
     let (width, height, reference) = read(&folder.join("ex_ref.png"));
     let reference = Image::new(width, height, &reference).unwrap();
@@ -77,7 +77,7 @@ fn vgg_hits_the_published_values() {
     }
 }
 
-/// `cargo test --release --test metrics -- --ignored --nocapture` prints what LPIPS costs here.
+/// `cargo test --release --test metrics -- --ignored --nocapture` prints the time of LPIPS here.
 #[test]
 #[ignore = "a measurement"]
 fn time_of_a_pair() {

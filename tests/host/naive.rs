@@ -1,5 +1,5 @@
-//! What float32 makes of formulas as they are usually written, beside ours: the figures of docs/numerics.md.
-//! `cargo test --test host naive -- --nocapture` prints them; each test holds the order of both.
+//! Float32 errors of formulas as usually written, beside ours: the figures of docs/numerics.md.
+//! `cargo test --test host naive -- --nocapture` prints them; each test checks the order of both.
 
 use crate::support::seed;
 use qirf_vk::random::uniform;
@@ -12,7 +12,7 @@ fn stream(kind: u64) -> impl FnMut(f64, f64) -> f64 {
     }
 }
 
-/// Median and largest.
+/// Median and largest error.
 fn figures(mut errors: Vec<f64>) -> (f64, f64) {
     for e in &mut errors {
         *e = if e.is_nan() { f64::INFINITY } else { *e };
@@ -186,7 +186,7 @@ fn naive_sigmoid_slope() {
     }
 }
 
-/// Adam's second moment tends to the gradient's square: beyond 1e18 (our limit) it would leave float32 for good.
+/// Adam's second moment tends to the gradient's square: beyond 1e18 (our limit) it would overflow float32 for good.
 #[test]
 fn naive_second_moment() {
     for gradient in [1e-24_f32, 1e-15, 1.0, 1e18, 1e20] {
@@ -199,7 +199,7 @@ fn naive_second_moment() {
     }
 }
 
-/// Transmittance behind a layer: what is left after dividing by 1 - alpha (back to front), and the running product.
+/// Transmittance behind a layer: by dividing by 1 - alpha (back to front), and by the running product.
 #[test]
 fn naive_transmittance() {
     let mut draw = stream(4);
@@ -213,7 +213,7 @@ fn naive_transmittance() {
             products.push(t - t * a);
             exact.push(exact[exact.len() - 1] * (1.0 - f64::from(*a)));
         }
-        // As an engine does that keeps the last transmittance alone, from accumulated opacity: 1 - (1 - T).
+        // As in an engine that stores only the last transmittance, as accumulated opacity: 1 - (1 - T).
         let mut back = 1.0 - (1.0 - products[alphas.len()]);
         for k in (0..alphas.len()).rev() {
             back /= 1.0 - alphas[k];
@@ -229,7 +229,8 @@ fn naive_transmittance() {
     assert!(ours.1 < 1e-4 && naive.1 > ours.1);
 }
 
-/// Layers alike: whether weights and what is left add up to 1, and dL/dalpha of the layers before black by three recurrences.
+/// Equal layers: the error of the sum of weights and transmittance, which should be 1, and dL/dalpha of layers before
+/// black by three recurrences.
 #[test]
 fn naive_layers_alike() {
     for (alpha, layers) in
@@ -237,7 +238,7 @@ fn naive_layers_alike() {
     {
         let a = f64::from(alpha);
         let left = (1.0 - a).powi(layers);
-        // The picture and what remains, by T (1 - alpha) and by T - T alpha.
+        // The picture and the remaining transmittance, by T (1 - alpha) and by T - T alpha.
         let forward = |next: fn(f32, f32) -> f32| {
             let (mut t, mut sum) = (1.0_f32, 0.0_f32);
             for _ in 0..layers {
@@ -248,7 +249,7 @@ fn naive_layers_alike() {
         };
         let product: fn(f32, f32) -> f32 = |t, alpha| t * (1.0 - alpha);
         let difference: fn(f32, f32) -> f32 = |t, alpha| t - t * alpha;
-        // White layers: T - behind / (1 - alpha), behind being the picture less what lies before.
+        // White layers: T - behind / (1 - alpha), behind being the picture less the layers before.
         let back = |next: fn(f32, f32) -> f32| {
             let (_, mut behind) = forward(next);
             let (mut t, mut worst) = (1.0_f32, 0.0_f64);
@@ -260,7 +261,8 @@ fn naive_layers_alike() {
             }
             worst
         };
-        // From the last layer: colour less the next one's, and (1 - alpha) times what that one's differs from what is behind it.
+        // From the last layer: the colour's difference to the next one's, plus (1 - alpha) times the next one's
+        // difference to the colour behind it.
         let (mut t, _) = forward(difference);
         let (mut off, mut colour, mut worst) = (0.0_f32, 0.0_f32, 0.0_f64);
         for _ in 0..layers {

@@ -72,7 +72,7 @@ fn agrees_with(cases: Vec<Case>) {
         ];
         println!("{}: image {image_error:.1e} alpha {alpha_error:.1e} loss {loss_error:.1e}", case.name);
         println!("    {}", errors.map(|(name, e)| format!("{name} {e:.1e}")).join("  "));
-        // Half a unit in float32's last place, at values up to about 2, bounds what the stored arrays can say.
+        // Half a unit in float32's last place, at values up to about 2, bounds the precision of the stored arrays.
         assert!(image_error < 1.5e-7 && alpha_error < 1e-7 && loss_error < 1e-6, "{}", case.name);
         assert!(errors.iter().all(|(_, e)| *e < 1e-7), "{}", case.name);
     }
@@ -190,7 +190,7 @@ fn gradients_are_difference_quotients() {
     }
 }
 
-/// The image mean's gradient, and what moves through the view direction alone.
+/// The image mean's gradient, and the part through the view direction alone.
 #[test]
 fn mean_gradient_without_the_direction() {
     let camera = small_camera(32, 24);
@@ -263,7 +263,8 @@ fn all_finite(params: &Params) -> bool {
     params.clone().groups_mut().iter().all(|(_, values)| values.iter().all(|v| v.is_finite()))
 }
 
-/// Renders and differentiates; everything must be finite. Returns the first Gaussian's fate and the gradients.
+/// Renders and differentiates; everything must be finite. Returns the first Gaussian's reason for culling, if any, and
+/// the gradients.
 fn survive(params: &Params, camera: &Camera, label: &str) -> (Option<Culled>, Params) {
     let mut fate = None;
     let mut last = params.zeros_like();

@@ -26,7 +26,7 @@ fn message(result: Result<Scene, Error>) -> String {
     message
 }
 
-/// Asserts that a text holds all of these.
+/// Asserts that a text contains all of these.
 fn says(text: &str, parts: &[&str]) {
     for part in parts {
         assert!(text.contains(part), "{text:?} lacks {part:?}");
@@ -50,7 +50,7 @@ fn text_and_binary_give_the_same_scene() {
     let sorted = binary.views.is_sorted_by(|a, b| a.name < b.name);
     assert!(sorted && binary.views[0].name == "shelf 0/view91.jpg", "{}", binary.views[0].name);
     assert!(binary.views[0].image.ends_with("images/shelf 0/view91.jpg"));
-    // Point 4 of the sample was seen by images 104, 107, 100 and 103: views 95, 92, 99 and 96 of their shelves.
+    // Point 4 of the sample was seen by images 104, 107, 100 and 103: by name views 95, 92, 99 and 96.
     let names: Vec<&str> = binary.points[4].track.iter().map(|&v| binary.views[v as usize].name.as_str()).collect();
     assert_eq!(names, ["shelf 0/view95.jpg", "shelf 0/view99.jpg", "shelf 1/view92.jpg", "shelf 1/view96.jpg"]);
     assert_eq!(binary.points[4].colour, [4, 8, 251]);
@@ -138,7 +138,7 @@ fn transforms_find_other_photo_folders_and_masks() {
     assert_eq!(masks, [scene.path().join("own.png"), scene.path().join("masks/b.png")]);
     let photo = opened.views[0].load_photo(Resize::Full).unwrap();
     assert_eq!((photo.fourth_byte, photo.pixels.len()), (FourthByte::Mask, 4 * 32 * 24));
-    // A file within the folder that is no part of the scene is not the scene.
+    // A file in the folder that is not part of the scene is not taken for the scene.
     says(&message(open(&scene.path().join("own.png"))), &["holds no scene"]);
 }
 
@@ -200,7 +200,7 @@ fn a_folder_of_smaller_photos_rescales_cameras() {
         assert_eq!((view.camera.focal, view.lens.principal), (DVec2::new(12.5, 12.75), DVec2::new(8.0, 6.0)));
     }
     assert!(opened.views[1].mask.as_ref().unwrap().ends_with("masks_4/sub/a.png"));
-    assert_eq!(opened.views[0].mask, None); // masks_4 goes before masks, and has none for it
+    assert_eq!(opened.views[0].mask, None); // masks_4 takes precedence over masks, and has no mask for it
     let full = open(scene.path()).unwrap();
     assert!(full.views[0].photo_size == Some((64, 48)));
     says(&message(open_images(scene.path(), "images_9")), &["images_9", "images, images_4, masks"]);
@@ -227,7 +227,7 @@ fn photos_load_at_the_size_of_their_camera() {
     let half = view.load_photo(Resize::Divide(2)).unwrap();
     assert_eq!(half.pixels.at(33).unwrap()[0], ((255 * 2 / 64 + 255 * 3 / 64 + 1) / 2) as u8); // pixel (1, 1): columns 2 and 3
 
-    // A distorted lens: the ramp, undistorted, shows at each pixel the place it came from.
+    // A distorted lens: each pixel of the undistorted ramp shows the position that it came from.
     model.cameras[0] = (1, LensModel::SimpleRadial, 64, 48, vec![50.0, 32.0, 24.0, -0.2]);
     write(&scene.path().join("sparse"), model.binary());
     let opened = open(scene.path()).unwrap();

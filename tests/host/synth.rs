@@ -1,4 +1,4 @@
-//! The synthetic scene: its bytes, its geometry, and that each effect leaves its trace.
+//! The synthetic scene: its bytes, its geometry, and the trace of each effect.
 
 mod colmap;
 mod files;

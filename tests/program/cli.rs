@@ -50,7 +50,7 @@ impl Sandbox {
         Ran::new(&output, arguments)
     }
 
-    /// Runs the program, which must end with this exit code and a message that holds all of `says`.
+    /// Runs the program, which must end with this exit code and a message that contains all of `says`.
     fn fails(&self, code: i32, arguments: &[&str], says: &[&str]) {
         let ran = self.run(arguments);
         assert_eq!(ran.code, code, "{arguments:?}: {}", ran.err);
@@ -94,7 +94,7 @@ impl Ran {
         let (out, err) = (text(&output.stdout), text(&output.stderr));
         assert!(!err.contains("panicked"), "{arguments:?}: {err}");
         assert!(!err.contains("validation:"), "{arguments:?}: {err}");
-        assert!(!err.contains('\x1b') && !out.contains('\x1b'), "{arguments:?}: colour where nobody sees it");
+        assert!(!err.contains('\x1b') && !out.contains('\x1b'), "{arguments:?}: colour codes outside a terminal");
         Self { code: output.status.code().expect("no signal ended it"), out, err }
     }
 

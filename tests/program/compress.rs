@@ -1,4 +1,4 @@
-//! `qirf-vk compress`: what is kept, what is written, and what is refused.
+//! `qirf-vk compress`: kept Gaussians, written files, and refusals.
 
 use crate::support::{device, finish};
 use qirf_vk::gaussians::{Gaussians, formats};
@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Sites of the hand-made model.
 const SITES: usize = 150;
-/// Gaussians a site: one that is seen, and clones buried below it.
+/// Gaussians per site: a visible one, and clones buried below it.
 const CLONES: usize = 4;
 
 /// A ball of coloured discs, each with three clones inside the ball.
@@ -135,7 +135,8 @@ fn what_the_pictures_need_is_kept_not_what_chance_picks() {
         psnr(&figures, "pruned")
     };
     let chance = score("random", &[]);
-    // Not gnso: where what is seen overlaps, the literal rule drops it (docs/method.md), here half a decibel below chance.
+    // Not gnso: where visible Gaussians overlap, the literal rule drops them (docs/method.md), here half a decibel
+    // below chance.
     for name in ["importance", "css", "lowdin", "ordinary"] {
         let chosen = score(name, &[]);
         println!("{name} {chosen:.2} dB, random {chance:.2} dB");
@@ -143,7 +144,7 @@ fn what_the_pictures_need_is_kept_not_what_chance_picks() {
     }
 }
 
-/// What any tool made of a model is scored as `compress` scores its own.
+/// A model compressed by any tool is scored in the same way as `compress` scores its own.
 #[test]
 fn models_are_scored_against_their_originals() {
     let folder = tempfile::tempdir().unwrap();
@@ -157,7 +158,7 @@ fn models_are_scored_against_their_originals() {
     assert_eq!(scored["test"]["psnr"], compressed["test"]["pruned"]["psnr"]);
     assert_eq!(scored["gaussians"], serde_json::json!({ "model": 168, "original": 600 }));
     assert_eq!(scored["views"].as_array().unwrap().len(), 6);
-    assert_eq!(eval(&[folder.path().as_os_str()]).status.code(), Some(2), "a scene and a model are two judges");
+    assert_eq!(eval(&[folder.path().as_os_str()]).status.code(), Some(2), "a scene and a model cannot both be given");
 }
 
 #[test]
@@ -217,7 +218,7 @@ fn strange_models_are_no_trouble() {
         assert_eq!(count(&figures, "output"), kept, "{n} with {more:?}");
         assert_eq!(formats::read(&out).unwrap().gaussians.len() as u64, kept);
     }
-    // All kept: the same pictures, which have no PSNR.
+    // If all are kept, pictures are the same and have no PSNR.
     let all = small(&saved(folder.path(), &few(40)), &out, &["--keep", "1"]);
     assert!(all["test"]["pruned"]["psnr"].is_null() && all["test"]["pruned"]["ssim"].as_f64() > Some(0.999));
 
@@ -262,7 +263,7 @@ fn what_cannot_be_is_refused_before_any_work() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing was written");
 }
 
-/// Ends a job after so many looks.
+/// Ends a job after the given number of polls.
 struct Impatient(AtomicUsize, usize);
 
 impl Watcher for Impatient {

@@ -1,5 +1,5 @@
-//! What effects are worth on synthetic scenes: held-out PSNR with each off and on, where it is called for and where it is
-//! not. `make effects` prints the table of docs/effects.md.
+//! The benefit of effects on synthetic scenes: held-out PSNR with each effect off and on, in scenes that call for it
+//! and in others. `make effects` prints the table of docs/effects.md.
 
 use crate::support::runs::config;
 use crate::support::{device, finish};
@@ -15,17 +15,17 @@ use synth::Effect as Made;
 /// 48 photos; every fourth is held out.
 #[derive(Clone, Copy)]
 struct Case {
-    /// What the scene was made with.
+    /// Effects that the scene was made with.
     made: &'static [Made],
-    /// What is switched on, and left to the scene or switched off.
+    /// The effect under test: switched on, against `off`.
     effect: Effect,
     off: Choice,
     /// Width of the pictures that are trained on.
     width: u32,
-    /// Gaussians at most.
+    /// Largest number of Gaussians.
     most: usize,
     iterations: u32,
-    /// Of the photos that are trained on, and of those that are scored; their own where none is given.
+    /// Resolution of the training photos, and of the scored ones; none means their own.
     resolutions: [Option<&'static str>; 2],
 }
 
@@ -43,13 +43,13 @@ const SCALES: Case = Case { made: &[Made::Scales], effect: Effect::Antialias, ..
 const DISTORTION: Case = Case { made: &[Made::Distortion], effect: Effect::Distortion, ..EXPOSURE };
 
 impl Case {
-    /// As short as still shows what the effect is worth.
+    /// The shortest run that still shows the effect's benefit.
     fn short(self) -> Self {
         Self { most: 2000, iterations: 600, ..self }
     }
 
-    /// PSNR in dB, off and on, means over `seeds`. Both are scored alike: where exposures are at stake, fitted; where
-    /// distortion is, by undistorted photos.
+    /// PSNR in dB, off and on, means over `seeds`. Both are scored alike: with fitted exposures if the effect is
+    /// exposure, by undistorted photos if it is distortion.
     fn psnr(self, seeds: u64) -> [f64; 2] {
         let device = device();
         let mut sums = [0.0; 2];
@@ -117,19 +117,19 @@ impl Case {
 
 #[test]
 fn exposure_helps_where_it_is_called_for() {
-    // Three scenes: one is worth a third of a decibel either way.
+    // Three scenes: a single one varies by a third of a decibel either way.
     let [off, on] = Case { width: 48, ..EXPOSURE }.short().psnr(3);
     assert!(on > off + 0.5, "{off} {on}");
 }
 
-/// Where every surface reflects, colours that turn with the view are worth half a decibel at least.
+/// If every surface reflects, view-dependent colours gain at least half a decibel.
 #[test]
 fn view_dependence_helps_where_it_is_called_for() {
     let [off, on] = GLOSSY.psnr(1);
     assert!(on > off + 0.5, "{off} {on}");
 }
 
-/// Where cameras stand near and far, a model keeps its looks at a resolution that it was not trained at.
+/// If cameras are near and far, a model keeps its quality at a resolution that it was not trained at.
 #[test]
 fn antialias_helps_at_a_second_resolution() {
     let [off, on] = Case { resolutions: [None, Some("/4")], ..SCALES }.short().psnr(1);

@@ -1,4 +1,5 @@
-//! Faults: damaged files, kills, lost devices, full disks, too little memory. Errors name the cause, and what was there stays whole.
+//! Faults: damaged files, kills, lost devices, full disks, too little memory. Errors name the cause, and existing files
+//! stay whole.
 
 mod harness;
 mod killed;

@@ -1,5 +1,5 @@
-//! A reader of HTML that forgives nothing: every element is closed in its turn, every value quoted, every `<` and `&` in
-//! text escaped.
+//! A strict HTML reader: every element must be closed in its turn, every value quoted, every `<` and `&` in text
+//! escaped.
 
 const VOID: [&str; 6] = ["meta", "img", "input", "br", "hr", "link"];
 const RAW: [&str; 2] = ["script", "style"];
@@ -17,7 +17,7 @@ impl Element {
         self.attributes.iter().find(|(k, _)| k == key).map(|(_, v)| v.as_str())
     }
 
-    /// Whether it is `name`, `.class`, `#id`, `[key=value]`, or several of these in one.
+    /// Returns true if it matches `name`, `.class`, `#id`, `[key=value]`, or several of these in one.
     fn is(&self, compound: &str) -> bool {
         let starts: Vec<usize> = compound.match_indices(['.', '#', '[']).map(|(i, _)| i).collect();
         let (name, _) = compound.split_at(starts.first().copied().unwrap_or(compound.len()));

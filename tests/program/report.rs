@@ -1,4 +1,4 @@
-//! The page of a run: well formed, whole in itself, and without a number that is none, whatever the results hold.
+//! The page of a run: well formed, self-contained and without NaN, whatever the results contain.
 
 use super::html::{Html, parse};
 use qirf_vk::gpu::{DeviceClass, DeviceInfo, DeviceKind};
@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
-/// Text that is markup wherever it is not escaped.
+/// Text that becomes markup if it is not escaped.
 const EVIL: &str = "a<b>&\"'</script><script>alert(1)</script>/é.png";
 
 fn view(name: &str, psnr: Option<f64>) -> ViewScores {
@@ -53,7 +53,7 @@ fn prune(iteration: u32) -> PruneRecord {
     }
 }
 
-/// RunRecord of everything a run can have.
+/// A record of a run with every optional part.
 fn rich() -> RunRecord {
     let names = ["one.png", EVIL, "three.png", "four.png", "five.png"];
     let point = |k: u32| CurvePoint {
@@ -125,7 +125,7 @@ fn rich() -> RunRecord {
     }
 }
 
-/// What a run of no views, no curve and no prunes leaves.
+/// The record of a run without views, curve and prunes.
 fn bare() -> RunRecord {
     let mut r = rich();
     (r.test, r.train.psnr, r.frames_per_second) = (None, None, None);
@@ -230,7 +230,7 @@ fn whatever_is_missing_leaves_a_sound_page() {
     one.curve = vec![CurvePoint { iteration: 1, seconds: 0.0, psnr: 20.0, gaussians: 0 }];
     assert!(sound(&of_run(&one, &output)).texts(".tile").iter().any(|t| t.contains('∞')));
 
-    // A picture that is none, among those of a run.
+    // A file that is not a picture, among the pictures of a run.
     std::fs::create_dir_all(output.renders()).unwrap();
     std::fs::write(output.renders().join("one.png"), "no picture").unwrap();
     sound(&of_run(&one, &output));
@@ -254,7 +254,7 @@ fn numbers_that_are_none_stay_out_of_drawings() {
     sound(&of_run(&r, &output));
 }
 
-/// The plots that pages to come are made of.
+/// Plots for other pages.
 #[test]
 fn plots_are_sound_on_their_own() {
     let points = |k: f64| (0..5).map(|i| [f64::from(i), k * f64::from(i)]).collect::<Vec<_>>();
@@ -306,7 +306,7 @@ fn a_run_leaves_its_report_and_names_it() {
     assert_eq!(html.select("#pruning svg").len(), 5);
     assert!(html.texts("pre")[0].contains("iterations = 120"));
 
-    // The dense pictures of that run are none of another that does not prune.
+    // The dense pictures of that run do not belong to another run that does not prune.
     let (said, html) = run(&scene, &out, &["--no-prune", "--json"]);
     assert!(serde_json::from_str::<serde_json::Value>(&said).is_ok());
     assert_eq!(html.select(".stack img").len(), 2 * 3);

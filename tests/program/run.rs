@@ -1,4 +1,4 @@
-//! Whole runs of the real binary: files, figures, and what survives being killed.
+//! Whole runs of the real binary: files, figures, and recovery from being killed.
 
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
@@ -59,7 +59,7 @@ fn a_run_leaves_what_reproduces_it() {
     assert_eq!(model(&first), model(&second), "the same run gives the same bytes");
 }
 
-/// Starts a run and kills it after some milliseconds, in the way that no program can prepare for.
+/// Starts a run and kills it after `after` milliseconds by a signal that cannot be caught.
 fn killed(scene: &Path, out: &Path, after: u64) {
     let mut command = command(scene, out, &["--resume"]);
     let mut child: Child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts");
@@ -144,13 +144,13 @@ fn eval_gives_a_runs_model_the_runs_scores() {
     }
     assert!(text.contains(&format!("{:.4}", scored["test"]["ssim"].as_f64().unwrap())), "{text}");
 
-    // What is given on the command line comes before the file: other options, other scores.
+    // Options on the command line override the file: other options, other scores.
     let mut arguments = vec![model.as_os_str(), config_flag, config.as_ref()];
     arguments.extend(["--eval-every", "1", "--json"].map(std::ffi::OsStr::new));
     let json: serde_json::Value = serde_json::from_slice(&eval(&arguments).stdout).expect("one JSON document");
     assert_eq!((&json["protocol"]["test_views"], &json["protocol"]["train_views"]), (&9.into(), &0.into()));
     assert!(json["train"]["psnr"].is_null());
-    // Without the file the scene's own size and background count.
+    // Without the file the scene's own size and background are used.
     let json = std::ffi::OsStr::new("--json");
     let plain: serde_json::Value =
         serde_json::from_slice(&eval(&[model.as_ref(), scene.as_ref(), json]).stdout).expect("one JSON document");
@@ -158,7 +158,8 @@ fn eval_gives_a_runs_model_the_runs_scores() {
     assert_ne!(plain["test"], run["test"]);
 }
 
-/// Too small a budget ends the job before a photo is decoded, with what would fit; a run's estimate holds.
+/// Too small a budget ends the job before a photo is decoded, and advises a size that fits; a run stays within its
+/// estimate.
 #[test]
 fn memory_is_estimated_before_the_start() {
     let folder = tempfile::tempdir().unwrap();
@@ -175,7 +176,7 @@ fn memory_is_estimated_before_the_start() {
     let said = refused(command(&scene, &out, &sizes).args(["--memory-budget", "60M"]));
     assert!(said.contains("62914560") && said.contains("50000 Gaussians") && said.contains("48 x 36"), "{said}");
     assert!(!out.join("config.toml").exists(), "nothing was begun");
-    // What it advises works, and the run's peak is within its estimate.
+    // The advised size works, and the run's peak is within its estimate.
     let advised = said.split("--max-gaussians ").nth(1).and_then(|t| t.split(',').next()).expect("advice").to_owned();
     println!("advised {advised}");
     let fitting = ["--memory-budget", "60M", "--max-gaussians", &advised, "--init", "random", "--init-count", "20000"];
@@ -273,7 +274,7 @@ fn presets_and_schedules_prune() {
     let pruned = metrics(&paper);
     assert_eq!(pruned["prunes"].as_array().unwrap().len(), 1);
     assert_eq!(pruned["prunes"][0]["iteration"], 120);
-    // The voxel is 0.03 world units whatever the scene: here most blocks hold one Gaussian, which stays.
+    // The voxel is 0.03 world units in every scene: here most blocks have one Gaussian, which is kept.
     assert_eq!(
         (&pruned["prunes"][0]["selector"], &pruned["prunes"][0]["before"]),
         (&"gnso".into(), &pruned["gaussians"]["dense"])
@@ -286,7 +287,7 @@ fn presets_and_schedules_prune() {
     assert_eq!(pruned["gaussians"]["final"], 77);
 }
 
-/// Arms part from one checkpoint: equal counts, one dense model, and what was finished is taken over.
+/// Arms start from one checkpoint: equal counts, one dense model, and finished arms are reused.
 #[test]
 fn arms_are_compared_at_equal_counts() {
     let folder = tempfile::tempdir().unwrap();

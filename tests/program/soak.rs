@@ -1,5 +1,5 @@
-//! A long life in one process: runs that prune, break off, resume and compress, over and over. Memory stays flat, every
-//! round ends with the same bytes, and the validation layers say nothing. `make soak`; `QIRF_SOAK_ITERATIONS` shortens it.
+//! A long-lived process: runs that prune, stop, resume and compress, over and over. Memory stays flat, every round ends
+//! with the same bytes, and the validation layers say nothing. `make soak`; `QIRF_SOAK_ITERATIONS` shortens it.
 
 use qirf_vk::error::Error;
 use qirf_vk::gaussians::formats;
@@ -20,10 +20,10 @@ use std::time::Instant;
 
 /// Iterations of a round.
 const ROUND: u32 = 400;
-/// Rounds after which memory must not grow: pools and caches have found their sizes.
+/// Rounds after which memory must not grow: pools and caches have reached their sizes.
 const WARM: usize = 3;
 
-/// Rounds at either end whose smallest size counts: a heap breathes by a MiB or two from round to round.
+/// Number of rounds at either end whose smallest size counts: a heap varies by a MiB or two between rounds.
 const BREATH: usize = 5;
 
 /// Stops each run at a given iteration.
@@ -38,7 +38,7 @@ impl Watcher for Stopper {
     }
 }
 
-/// Bytes of this process in memory; 0 where the system does not tell.
+/// Bytes of this process in memory; 0 if the system does not report it.
 fn resident() -> u64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = text.lines().find_map(|l| l.strip_prefix("VmRSS:"));
@@ -85,7 +85,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
     let mut memory: Vec<[u64; 3]> = Vec::new();
     for round in 0..total.div_ceil(ROUND).max(1) {
         let output = Output::new(&folder.path().join("out")).unwrap();
-        // Two stops at moments of the round's own, then to the end.
+        // Two stops at iterations drawn for the round, then to the end.
         let draw = |k: u64| 1 + (random::bits(&[17, u64::from(round), k]) % u64::from(ROUND - 1)) as u32;
         let mut stops = [draw(0), draw(1), u32::MAX];
         stops.sort_unstable();
@@ -119,7 +119,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         let files = [&path, &small].map(|p| std::fs::read(p).unwrap());
         match &first {
             None => first = Some(files),
-            Some(right) => assert!(*right == files, "round {round} ends elsewhere"),
+            Some(right) => assert!(*right == files, "round {round} ends with other bytes"),
         }
         std::fs::remove_dir_all(output.folder()).unwrap();
         let (used, peak) = device.memory_used();
@@ -145,8 +145,9 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         late >> 10,
     );
     assert_eq!(used, 0, "every buffer came back");
-    // Each round's stops decide what is held at once, to some KiB.
+    // Each round's stops change the peak by some KiB.
     assert!(peak <= warm_peak + warm_peak / 50, "the device's peak grew from {warm_peak} to {peak}");
-    // 1.5 MiB, all of it free pieces: what the heap holds stays the same to 1 KiB a round. Leaks of 100 KiB a round show.
+    // 1.5 MiB, all of it free pieces: allocated memory stays the same to 1 KiB per round. Leaks of 100 KiB per round
+    // are found.
     assert!(late <= early + (4 << 20), "{early} grew to {late}");
 }

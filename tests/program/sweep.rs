@@ -1,4 +1,4 @@
-//! `qirf-vk sweep` by the real binary: files, figures, and what each axis claims of itself.
+//! `qirf-vk sweep` by the real binary: files, figures, and the claims of each axis.
 
 use super::html;
 use qirf_vk::synth::{SynthOptions, write};
@@ -68,13 +68,13 @@ fn the_light_axes_of_a_scene() {
         }
     }
 
-    // One answer at several costs.
+    // The same answer at several costs.
     for way in ["dsygvd", "low-rank"] {
         assert!(figure(&swept, "solver", way, "kept_jaccard") == 1.0, "{way}");
         assert!(rung(&swept, "solver", way)["accuracy"].as_f64().unwrap() < 1e-9, "{way}");
     }
-    assert!(figure(&swept, "solver", "low-rank", "speedup_m256") > 3.0, "loaded machines measure widely");
-    // QR never fails, not even on discs; the formulas that form the sum do there.
+    assert!(figure(&swept, "solver", "low-rank", "speedup_m256") > 3.0, "measurements vary widely on loaded machines");
+    // QR never fails, not even on discs; the formulas that form the sum fail there.
     for key in ["nan_share", "thin_nan_share", "flat_nan_share"] {
         assert!(figure(&swept, "overlap", "qr", key) == 0.0, "{key}");
     }
@@ -86,7 +86,7 @@ fn the_light_axes_of_a_scene() {
     // The larger epsilon is, the better conditioned the metric.
     let condition = |r: &str| figure(&swept, "epsilon", r, "condition");
     assert!(condition("1e-6") >= condition("1e-4") && condition("1e-4") > condition("1e-2"));
-    // Exact culling loses nothing and lists the least of what loses nothing.
+    // Exact culling loses nothing, and lists fewer pairs than the other lossless methods.
     assert_eq!(rung(&swept, "culling", "exact")["accuracy"], 0.0);
     assert_eq!(rung(&swept, "culling", "box")["accuracy"], 0.0);
     let pairs = |r: &str| figure(&swept, "culling", r, "pairs");
@@ -129,7 +129,7 @@ fn a_models_own_axes_with_chosen_rungs() {
     assert_eq!(swept["axes"].as_array().unwrap().len(), 2);
     assert!(axis(&swept, "stop")["sentence"].as_str().unwrap().contains("was not among the rungs"));
     let loss = |r: &str| rung(&swept, "stop", r)["accuracy"].as_f64().unwrap_or(f64::INFINITY);
-    assert!(loss("1e-2") >= loss("0.3"), "who stops later loses less");
+    assert!(loss("1e-2") >= loss("0.3"), "a later stop loses less");
     assert!(swept["subject"]["origin"].as_str().unwrap().contains("virtual cameras"));
 }
 

@@ -32,12 +32,12 @@ pub fn device() -> Lent {
     Lent(Some(free.unwrap_or_else(new_device)))
 }
 
-/// The same without a past, for tests that break their device or measure its peak of memory.
+/// A fresh device, for tests that break their device or measure its peak of memory.
 pub fn new_device() -> Device {
     Device::open(&DeviceOptions { validation: true, guarded: true, ..Default::default() }).expect("a Vulkan device")
 }
 
-/// Fails the test when the validation layers said anything, or a kernel wrote behind a buffer's end.
+/// Fails the test if the validation layers printed a message, or a kernel wrote behind a buffer's end.
 pub fn finish(device: &Device) {
     assert!(device.validates(), "the validation layers are installed (tools/setup)");
     assert_eq!(Device::validation_messages(), 0, "validation messages are printed above");

@@ -26,7 +26,7 @@ impl Case {
         folders(Path::new(HERE)).map(Self::read).collect()
     }
 
-    /// The other cases of the shared data; none where those are missing.
+    /// The other cases of the shared data; none if those are missing.
     pub fn shared() -> Option<Vec<Self>> {
         let known = |path: &PathBuf| path.file_name().is_some_and(|name| Path::new(HERE).join(name).is_dir());
         Some(folders(&shared("golden")?).filter(|path| !known(path)).map(Self::read).collect())
@@ -145,7 +145,7 @@ impl Fixture {
         Self::read(&Path::new(HERE).join("another-engine/tiny_case.safetensors"))
     }
 
-    /// Sixteen Gaussians, of the shared data; none where those are missing.
+    /// Sixteen Gaussians, of the shared data; none if those are missing.
     pub fn basic() -> Option<Self> {
         Some(Self::read(&shared("fixtures/gsplat-cuda-gradients/basic_case.safetensors")?))
     }

@@ -1,4 +1,4 @@
-//! What the three test programs share: devices, small scenes, golden cases, input files, and where shared data lie.
+//! Shared by the three test programs: devices, small scenes, golden cases, input files, and the place of shared data.
 #![allow(dead_code, unused_imports)] // each program uses its own part
 
 mod device;

@@ -1,10 +1,11 @@
-//! Where shared data lie, and what is skipped without them.
+//! The place of shared data, and skipping of tests without them.
 
 use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 
-/// A path below the folder of shared data (`../shared`, or `QIRF_SHARED`); none where it is missing, and the test is skipped.
+/// A path below the folder of shared data (`../shared`, or `QIRF_SHARED`); none if it is missing, and the test is
+/// skipped.
 pub fn shared(part: &str) -> Option<PathBuf> {
     let root = std::env::var_os("QIRF_SHARED")
         .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared")), PathBuf::from);

@@ -67,7 +67,7 @@ pub fn difference_quotients(params: &Params, h: f64, f: impl Fn(&Params) -> f64)
     out
 }
 
-/// One Gaussian, everything ordinary, for the hard cases to spoil.
+/// One ordinary Gaussian, the basis of the hard cases.
 pub fn one(camera: &Camera, position: DVec3) -> Params {
     Params {
         means: vec![(camera.rotation.transpose() * (position - camera.translation)).to_array()],

@@ -42,7 +42,7 @@ pub enum Keep {
 /// A keep mask, and the number kept for each reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Choice {
-    /// True if each Gaussian is kept, n.
+    /// Keep mask: one mark per Gaussian, n.
     pub keep: Vec<bool>,
     /// Kept by rank or gain.
     pub main: usize,

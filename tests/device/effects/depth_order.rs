@@ -1,4 +1,4 @@
-//! Depth order by tile: two discs through each other, where one order for the whole picture must be wrong.
+//! Depth order by tile: two intersecting discs, for which one order of the whole picture must be wrong.
 
 use crate::support::runs::config;
 use crate::support::{device, finish, new_device};
@@ -15,7 +15,8 @@ use qirf_vk::synth::{SynthOptions, write};
 
 const SIZE: [u32; 2] = [100, 64];
 
-/// A red and a blue disc that cross like the leaves of a revolving door, their middles as far away to 1 part in 1000.
+/// A red and a blue disc that cross like the leaves of a revolving door; their middles are equally far to 1 part in
+/// 1000.
 fn crossed() -> Gaussians {
     let mut model = Gaussians::zeroed(2, 0);
     for (i, turn) in [0.7, -0.7].into_iter().enumerate() {
@@ -29,7 +30,7 @@ fn crossed() -> Gaussians {
     model
 }
 
-/// From straight ahead, turned aside by an angle.
+/// A camera straight ahead, turned aside by an angle.
 fn camera(turn: f64) -> Camera {
     let eye = DQuat::from_rotation_y(turn) * DVec3::new(0.0, 0.0, -4.0);
     Camera::look_at(eye, DVec3::ZERO, DVec3::NEG_Y, 0.8, SIZE[0], SIZE[1])
@@ -53,13 +54,13 @@ fn colours(image: &Image) -> impl Iterator<Item = [f64; 3]> {
     image.pixels.iter().map(|p| [p[0], p[1], p[2]].map(f64::from))
 }
 
-/// The twin's, with tiles of this many pixels.
+/// The twin's picture, with tiles of side `tile` in pixels.
 fn twin(camera: &Camera, tile: u32, depth_order: bool) -> Vec<[f64; 3]> {
     let settings = reference::Settings { tile, depth_order, ..Default::default() };
     reference::render(&Params::from(&crossed()), camera, &settings).composite.image
 }
 
-/// What each pixel's own order would show: nearer by far than with one order for all.
+/// With depth order the picture is far closer to that of an order per pixel than without it.
 #[test]
 fn leaves_of_a_door_are_both_before_each_other() {
     let device = device();
@@ -78,7 +79,7 @@ fn leaves_of_a_door_are_both_before_each_other() {
     finish(&device);
 }
 
-/// As the camera turns past the angle where the middles change places, no leaf pops before the other.
+/// No leaf pops before the other when the camera turns past the angle at which the middles change places.
 #[test]
 fn nothing_pops() {
     let device = device();
@@ -95,14 +96,15 @@ fn nothing_pops() {
     finish(&device);
 }
 
-/// A run in that order keeps to its memory estimate, says what the order cost, and is rendered so ever after.
+/// A run with depth order stays within its memory estimate, reports the cost of the order, and its model is always
+/// rendered with it.
 #[test]
 fn runs_are_trained_in_that_order() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
     let options = SynthOptions { views: 9, width: 48, height: 36, points: 300, ..Default::default() };
     write(&scene, &options, &|_| ()).expect("a synthetic scene");
-    let device = new_device(); // whose peak of memory is this run's
+    let device = new_device(); // its peak of memory is this run's
     for choice in [Choice::Auto, Choice::On] {
         let mut config = config(&scene, 60);
         config.effects.set(Effect::DepthOrder, choice);

@@ -1,4 +1,4 @@
-//! Exposure: the kernel against its twin, what it costs when it is off, and the gains that it begins with.
+//! Exposure: the kernel against its twin, its cost when it is off, and its initial gains.
 
 use crate::support::runs::config;
 use crate::support::{device, finish};
@@ -64,14 +64,15 @@ fn the_kernel_is_its_twin() {
             let mine = k / SIZE == photo;
             let slope = if mine { by_affine[k % SIZE] } else { 0.0 };
             assert!((10.0 * f64::from(moments[k][0]) - slope).abs() < 1e-5 * scale, "{k}: {} {slope}", moments[k][0]);
-            // The first step of Adam is the rate against the sign; the pull is towards the photo's own gains.
+            // The first step of Adam is the rate times minus the gradient's sign; the pull is towards the photo's own
+            // gains.
             let moved = f64::from(after[k]) - f64::from(affine[k]);
             let gain = if (k % SIZE).is_multiple_of(5) { gains[k / SIZE][k % SIZE / 5] } else { 0.0 };
             let pulled = f64::from(PULL) * f64::from(affine[k] - gain);
             let right = if mine { -0.01 * (slope.signum() + pulled) } else { 0.0 };
             assert!((moved - right).abs() < 1e-5, "{k}: {moved} {slope}");
         }
-        // An iteration whose pairs did not fit, and a gradient that is no number, change nothing.
+        // An iteration whose pairs did not fit changes nothing, nor does a NaN gradient.
         for (limit, slope) in [(4, 1.0), (5, f32::NAN)] {
             let slope = device.upload("slope", &vec![[slope; 4]; pixels]).unwrap();
             let mut recording = Recording::new();
@@ -128,7 +129,7 @@ fn train(trainer: &mut Trainer, until: u32) {
     }
 }
 
-/// Without them there is no kernel and no buffer of exposures and masks.
+/// If exposures and masks are off, they have no kernel and no buffer.
 #[test]
 fn off_is_free() {
     let device = device();
@@ -152,7 +153,7 @@ fn off_is_free() {
     finish(&device);
 }
 
-/// Broken off and gone on with, from a file, a run with exposures ends with the same bytes.
+/// A run with exposures that is resumed from a file ends with the same bytes.
 #[test]
 fn exposures_are_kept_in_checkpoints() {
     let device = device();
@@ -177,7 +178,7 @@ fn exposures_are_kept_in_checkpoints() {
     finish(&device);
 }
 
-/// What is measured on the photos are the factors that they were multiplied with.
+/// The gains measured on the photos are the factors that the photos were multiplied by.
 #[test]
 fn gains_are_those_that_the_photos_were_made_with() {
     for (views, width) in [(24, 64), (48, 64), (48, 128)] {

@@ -22,7 +22,7 @@ fn known_pairs_by_three_formulas() {
         assert!(errors[0] <= pair.abs_tol_f32, "{name}");
         broken += usize::from(!errors[1..].iter().all(|e| *e <= pair.abs_tol_f32));
     }
-    // The others break on the thin discs and at the scenes' ends.
+    // The other formulas fail on the thin discs and at the scenes' ends.
     assert!(broken >= 4, "{broken}");
     finish(&device);
 }

@@ -12,7 +12,7 @@ use qirf_vk::train::Trainee;
 use qirf_vk::train::adam::{self, Moments, Rates};
 use qirf_vk::train::schedule::Schedule;
 
-/// A model under training by a fixed gradient of the picture.
+/// A model trained with a fixed gradient of the picture.
 struct Bench {
     device: Device,
     renderer: Renderer,
@@ -48,7 +48,7 @@ impl Bench {
         self.device.run(recording).unwrap();
     }
 
-    /// Gradients by the parameters as they are.
+    /// Gradients by the current parameters.
     fn gradients(&self) -> Params {
         let apart = adam::zeros(&self.device, &self.trainee.model).unwrap();
         let mut recording = self.there_and_back(None);
@@ -84,7 +84,7 @@ impl Twin {
         Self { first: params.zeros_like(), second: params.zeros_like(), params }
     }
 
-    /// One step; a Gaussian with any gradient that is not finite stays as a whole. Returns how many stayed.
+    /// One step; a Gaussian with any gradient that is not finite stays unchanged. Returns the number of such Gaussians.
     fn step(&mut self, gradients: &mut Params, step: u32, rates: Rates) -> usize {
         let n = self.params.len();
         let rates = rates.into_array();
@@ -120,7 +120,7 @@ fn weights(count: usize, seed: u64) -> Vec<[f32; 4]> {
     (0..count).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect()
 }
 
-/// The device's gradients, Adam in float64: after ten steps each parameter is where it should be, but for roundings of
+/// The device's gradients, Adam in float64: after ten steps each parameter agrees with the twin's, up to roundings of
 /// the parameter itself (2^-24 of it each step) and of the steps (1.3e-5 of each: 1 - 0.999 in float32).
 #[test]
 fn adam_of_every_attribute() {
@@ -159,13 +159,13 @@ fn adam_of_every_attribute() {
             assert!((off / size).sqrt() < allowed, "{name}'s moment {which}: {:.1e}", (off / size).sqrt());
         }
     }
-    // The gradients' form is counted as an iteration too: 20 in all.
+    // Storing gradients is counted as an iteration too: 20 in all.
     assert_eq!(bench.renderer.backward_counts().unwrap(), BackwardCounts { skipped_rows: 0, passes: 20 });
     finish(&device);
 }
 
-/// The twin's own gradients all the way: both paths part where a gradient is so small that float32 has its sign wrong,
-/// and a step of Adam's first ones is the rate whatever the gradient's size; measured as a share of the distance gone.
+/// The twin follows its own gradients. The paths separate where a gradient is so small that float32 has the wrong sign,
+/// since Adam's first steps are the rate whatever the gradient's size. The error is a share of the distance covered.
 #[test]
 fn adam_along_the_twins_path() {
     let device = device();
@@ -197,7 +197,7 @@ fn adam_along_the_twins_path() {
     finish(&device);
 }
 
-/// Three Gaussians in tiles of their own; the gradient of a pixel of the first is spoilt.
+/// Three Gaussians in tiles of their own; the gradient of a pixel of the first is not finite, or 1e30.
 #[test]
 fn a_gradient_that_is_not_finite_stays_where_it_is() {
     let device = device();

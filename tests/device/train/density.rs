@@ -13,7 +13,7 @@ use qirf_vk::train::schedule::Schedule;
 const EXTENT: f64 = 3.0;
 const STEP: Step = Step { iteration: 600, seed: 7, extent: EXTENT, cameras: [0.0; 3], most: 1_000_000 };
 
-/// Model and growth, SH degree 1: of every ten Gaussians some are faint, some large, some spoilt; half of them grow.
+/// Model and growth, SH degree 1: some Gaussians are faint, some large, some not finite; half of them grow.
 fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
     let mut r = Random(seed);
     let mut model = Gaussians { sh: vec![Vec::new(), Vec::new()], ..Gaussians::default() };
@@ -43,7 +43,7 @@ fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
     (model, growth)
 }
 
-/// A model in training, the moments all different and none of them zero.
+/// A model in training, whose moments are all different and not zero.
 fn held(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> Trainee {
     let trainee = Trainee::new(device, model).unwrap();
     for (a, buffer) in attributes(&trainee).into_iter().enumerate() {
@@ -82,7 +82,7 @@ fn decide(model: &Gaussians, growth: &[[f32; 2]], schedule: &Schedule, large_goe
 #[test]
 fn densify_decides_as_its_twin_and_gathers_rows() {
     let device = device();
-    // The share after which large ones go lies before iteration 600 of 2,000 and after it of 30,000.
+    // Large Gaussians are pruned at iteration 600 of a run of 2,000, and not yet at iteration 600 of 30,000.
     for (iterations, large_goes) in [(30_000, false), (2000, true)] {
         for count in [1, 31, 700] {
             let schedule = Schedule { iterations, ..Schedule::default() };
@@ -125,7 +125,7 @@ fn densify_decides_as_its_twin_and_gathers_rows() {
     finish(&device);
 }
 
-/// Halves lie as samples of their parent: in its axes, by its scales, they are standard normal.
+/// Halves are samples of their parent: in its axes, divided by its scales, they are standard normal.
 #[test]
 fn split_halves_are_samples_of_their_parent() {
     let device = device();
@@ -161,7 +161,7 @@ fn split_halves_are_samples_of_their_parent() {
     let mean = samples.iter().sum::<DVec3>() / n;
     let variance = samples.iter().map(|s| s * s).sum::<DVec3>() / n;
     let mixed = samples.iter().map(|s| s * DVec3::new(s.y, s.z, s.x)).sum::<DVec3>() / n;
-    // Of the two halves of one parent too: they are drawn apart.
+    // The two halves of one parent are independent, too.
     let twins = samples.chunks_exact(2).map(|p| p[0] * p[1]).sum::<DVec3>() / (0.5 * n);
     println!("mean {mean}, variance {variance}, covariances {mixed}, between halves {twins}");
     // Five standard errors: 1 / sqrt(6000) is 0.013, the variance's sqrt(2) times that.
@@ -170,7 +170,7 @@ fn split_halves_are_samples_of_their_parent() {
     finish(&device);
 }
 
-/// Where not all that want to grow may, those with the largest gradients do.
+/// If the limit lets only some Gaussians grow, those with the largest gradients do.
 #[test]
 fn the_limit_is_kept() {
     let device = device();
@@ -187,7 +187,7 @@ fn the_limit_is_kept() {
         assert!((200..=most.max(200)).contains(&after), "{after} of at most {most}");
         assert!(most < 400 || after == 400);
         assert!(most != 250 || after > 220, "{after}: room was left");
-        // A clone's moments are zero; its parent stands before it.
+        // A clone's moments are zero; its parent is the row before it.
         let moments = held.moments.opacity_logits.read(&device).unwrap();
         let grew: Vec<usize> =
             (1..after).filter(|i| moments[*i] == [0.0; 2]).map(|i| moments[i - 1][1] as usize - 1).collect();
@@ -199,7 +199,7 @@ fn the_limit_is_kept() {
     finish(&device);
 }
 
-/// The search for what fits ends, whatever the gradients are.
+/// The search for a threshold ends, whatever the gradients are.
 #[test]
 fn the_limit_is_kept_by_any_gradients() {
     let device = device();

@@ -27,7 +27,7 @@ fn the_device_halves_as_its_twin_does() {
     for size @ [width, height] in [[2, 2], [64, 48], [65, 3], [301, 200]] {
         let byte = |i: u32, c: u64| (uniform(&[7, u64::from(i), c]) * 256.0) as u32;
         let word = |i: u32, alpha: u32| byte(i, 0) | byte(i, 1) << 8 | byte(i, 2) << 16 | alpha << 24;
-        // Opaque, of any alpha, and mostly of none.
+        // Opaque, of any alpha, and mostly transparent.
         let alphas: [&dyn Fn(u32) -> u32; 3] = [&|_| 255, &|i| byte(i, 3), &|i| if i % 9 == 0 { 200 } else { 0 }];
         for alpha in alphas {
             let photo: Vec<u32> = (0..width * height).map(|i| word(i, alpha(i))).collect();
@@ -52,7 +52,8 @@ fn the_camera_sees_what_the_photo_shows() {
     assert!(halve::camera(&small).is_none(), "small pictures stay as they are");
 }
 
-/// Broken in its halved part, or repeated for want of room, a run ends with the same bytes; its second part halves nothing.
+/// A run that is interrupted in its halved part, or repeats iterations for lack of room, ends with the same bytes; its
+/// second part halves nothing.
 #[test]
 fn halved_runs_end_with_the_same_bytes() {
     let device = device();

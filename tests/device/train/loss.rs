@@ -58,8 +58,8 @@ fn computed(device: &Device, scratch: &Loss, case: &Case) -> (f32, Vec<[f32; 4]>
     (value, scratch.gradient.read_first(device, case.image.len()).unwrap())
 }
 
-/// Errors of value and gradient, relative to the twin's; the gradient's norm counts as a tenth of an L1 gradient's at
-/// least, so that rounding at the optimum, where it vanishes, is not divided by nothing.
+/// Errors of value and gradient, relative to the twin's; the gradient's norm counts as at least a tenth of an L1
+/// gradient's, so that rounding at the optimum, where it vanishes, is not divided by zero.
 fn errors(device: &Device, scratch: &Loss, case: &Case) -> (f64, f64) {
     let (value, gradient) = computed(device, scratch, case);
     let (right, slope) = expected(case);
@@ -195,7 +195,8 @@ fn flat_and_saturated_pictures() {
     finish(&device);
 }
 
-/// Radiance has no upper bound: where float32 no longer tells a variance from zero, results stay finite and SSIM in bounds.
+/// Radiance has no upper bound: where float32 cannot distinguish a variance from zero, results stay finite and SSIM in
+/// bounds.
 #[test]
 fn glaring_pictures_stay_finite() {
     let device = device();
@@ -218,7 +219,7 @@ fn glaring_pictures_stay_finite() {
             println!("{}: value {value}, twin's {}, steepest {steepest:.1e}", case.name, expected(&case).0);
         }
     }
-    // No variance is negative, whatever float32 makes of it: no denominator below its constant.
+    // No variance is negative in float32 either: no denominator falls below its constant.
     let size = [11, 3];
     for n in 0..150_u8 {
         let (glare, y) = (20.0 * 1.04_f32.powi(n.into()), n);

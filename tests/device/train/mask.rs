@@ -1,4 +1,4 @@
-//! Masks against their twin: what is hidden is background, and no gradient passes there.
+//! Masks against their twin: hidden parts are background and pass no gradient.
 
 use crate::support::{Random, device, finish};
 use qirf_vk::gpu::Recording;

@@ -1,4 +1,4 @@
-//! What a run is expected to need of the device's memory, against what it takes.
+//! The estimate of a run's device memory, against the memory that the run takes.
 
 use crate::support::{device, finish, new_device};
 use glam::DVec3;
@@ -29,7 +29,7 @@ fn view(width: u32, height: u32) -> Photo {
     Photo::opaque(camera, vec![99; (width * height * 4) as usize])
 }
 
-/// Each owner's own account is exact: a buffer that is added and not counted fails here.
+/// Each owner's byte count is exact: a buffer that is added but not counted fails here.
 #[test]
 fn owners_know_their_bytes() {
     let device = device();
@@ -68,7 +68,7 @@ fn owners_know_their_bytes() {
     finish(&device);
 }
 
-/// Peak of a run over what was expected of it.
+/// Peak memory of a run, as a share of its estimate.
 fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
     let size @ [w, h] = [200, 150];
     let views: Vec<Photo> = (0..4).map(|_| view(w, h)).collect();
@@ -130,7 +130,8 @@ fn a_run_of_fixed_size_takes_what_was_expected() {
     }
 }
 
-/// Growth holds old and new at once at some moment, which depends on how the steps fall: within a half below.
+/// A growing run holds the old and the new model at once for a moment, and its peak depends on the steps: within a half
+/// below the estimate.
 #[test]
 fn a_growing_run_stays_within_the_estimate() {
     let share = share(&new_device(), 20_000, 1, true);

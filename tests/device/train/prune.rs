@@ -1,4 +1,4 @@
-//! Pruning a model in training: responses, the choice, and what is left.
+//! Pruning a model in training: responses, the choice, and the remaining Gaussians.
 
 use super::runs::{bits, options, train, trainer};
 use crate::support::{device, finish};
@@ -11,7 +11,7 @@ use qirf_vk::response::Responses;
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::{Options, Trainer};
 
-/// The pass over the views leaves no trace, and gives every time the same.
+/// The pass over the views changes nothing, and gives the same results every time.
 #[test]
 fn responses_change_nothing() {
     let device = device();
@@ -32,7 +32,7 @@ fn responses_change_nothing() {
     finish(&device);
 }
 
-/// Kept rows and their moments are those that were there, in their order; nothing else is left.
+/// Kept rows and their moments are unchanged and in order; no others remain.
 #[test]
 fn the_kept_go_on_as_they_were() {
     let device = device();
@@ -54,7 +54,8 @@ fn the_kept_go_on_as_they_were() {
     finish(&device);
 }
 
-/// Every selector under every budget keeps exactly as many as asked for, merged or not, and the same ones every time.
+/// Every selector under every budget keeps exactly the requested number, merged or not, and the same Gaussians every
+/// time.
 #[test]
 fn counts_are_exact() {
     let device = device();
@@ -86,7 +87,7 @@ fn counts_are_exact() {
     finish(&device);
 }
 
-/// The paper's averages: a checkpoint in their midst carries them on, to the same choice.
+/// The paper's averages: a checkpoint taken while they are averaged preserves them, and leads to the same choice.
 #[test]
 fn averages_survive_a_checkpoint() {
     let device = device();
@@ -106,13 +107,13 @@ fn averages_survive_a_checkpoint() {
         train(trainer, 100);
         let responses: Responses = trainer.averages().unwrap().expect("averages");
         assert!(responses.channels.iter().flatten().any(|v| *v > 0.0));
-        // The paper's voxel of 0.03 would leave every Gaussian here a block of its own.
+        // The paper's voxel of 0.03 would make every Gaussian here a block of its own.
         let basis = Basis::default();
         let compression = Compression { basis, ..Compression::paper() };
         let request = PruneRequest { compression: &compression, keep: Keep::Paper { kappa: 0.22 }, seed: 1 };
         let pruned = prune_by(&device, trainer, &responses, &request).unwrap();
         assert!(pruned.after < pruned.before / 2 && pruned.after == trainer.len(), "{pruned:?}");
-        assert!(trainer.averages().unwrap().is_none(), "they were of other Gaussians");
+        assert!(trainer.averages().unwrap().is_none(), "the averages were of other Gaussians");
         train(trainer, 110);
         ends.push(bits(&trainer.download().unwrap()));
     }

@@ -1,4 +1,4 @@
-//! Whole runs on a small synthetic scene: the same bytes whatever the buffers' sizes, and a picture worth the name.
+//! Whole runs on a small synthetic scene: the same bytes whatever the buffers' sizes, and a model of good quality.
 
 use crate::support::{device, finish};
 use glam::DVec3;
@@ -78,7 +78,7 @@ pub(super) fn trainer(device: &Device, options: Options) -> Trainer {
     Trainer::new(device, &c.start, c.train.clone(), c.extent, options).unwrap()
 }
 
-/// Trains to `until`; every call must get somewhere, if only by growing a buffer.
+/// Trains to `until`; every call must make progress, if only by growing a buffer.
 pub(super) fn train(trainer: &mut Trainer, until: u32) -> Vec<Progress> {
     let mut seen = Vec::new();
     while trainer.iteration() < until {
@@ -131,11 +131,11 @@ fn the_same_bytes_however_it_is_run() {
     let right = bits(&whole);
     assert!(right == bits(&run(&device, options())), "a second run");
 
-    // Room for 64 pairs, where thousands are needed.
+    // Room for 64 pairs where thousands are needed.
     assert!(right == bits(&run(&device, Options { pairs: 64, ..options() })), "a tiny pair buffer");
     assert!(right == bits(&run(&device, Options { pairs: 1500, ..options() })), "a pair buffer that is soon too small");
 
-    // Stops where nobody planned them, and calls that have nothing left to do, at density steps above all.
+    // Unplanned stops, and calls that have nothing left to do, above all at density steps.
     let mut halting = trainer(&device, options());
     for until in [1, 7, 20, 20, 40, 41, 50, 50, 80, 30, 109, 110, 110] {
         train(&mut halting, until);
@@ -212,7 +212,7 @@ fn streamed_photos_give_the_same_bytes() {
     assert!(a == b, "random points");
 }
 
-/// What is read ahead is a guess: other views, repeats and turns about give what was asked for.
+/// Reading ahead is a guess: other views, repeats and reversals still give the requested photo.
 #[test]
 fn reading_ahead_changes_nothing() {
     let device = Device::open(&DeviceOptions { memory_limit: Some(100_000), ..Default::default() }).unwrap();
@@ -234,7 +234,7 @@ fn without_photos_there_is_no_trainer() {
     finish(&device);
 }
 
-/// Nothing to train, be it from the start or because all was pruned: the run ends all the same.
+/// A run ends even if there is nothing to train, from the start or because everything was pruned.
 #[test]
 fn an_empty_model_ends() {
     let device = device();

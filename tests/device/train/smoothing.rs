@@ -14,7 +14,7 @@ use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::smoothing::Smoothing;
 use qirf_vk::train::{Options, Trainer};
 
-/// Least scale of each Gaussian over its bound, and how many have a bound.
+/// The smallest ratio of a Gaussian's least scale to its bound, and the number of Gaussians with a bound.
 fn thinnest(model: &Gaussians, cameras: &[Camera], near: f32) -> (f64, usize) {
     let of = |(mean, scales): (&[f32; 3], &[f32; 3])| {
         let least = least_scale(DVec3::from(mean.map(f64::from)), cameras, f64::from(near))?;
@@ -87,7 +87,7 @@ fn runs_end_within_the_bound_and_resume_to_the_same_bytes() {
     let last = options().schedule.iterations;
     let c = capture();
     let mut start = c.start.clone();
-    start.log_scales.iter_mut().flatten().for_each(|s| *s -= 4.0); // thinner than any photo tells
+    start.log_scales.iter_mut().flatten().for_each(|s| *s -= 4.0); // thinner than any photo resolves
     let trainer = |options: Options| Trainer::new(&device, &start, c.train.clone(), c.extent, options).unwrap();
     let run = |options: Options| {
         let mut trainer = trainer(options);
@@ -100,9 +100,9 @@ fn runs_end_within_the_bound_and_resume_to_the_same_bytes() {
     let (on, off) = (thinnest(&whole, &cameras, near), thinnest(&run(options()), &cameras, near));
     println!("least scale over its bound: {on:?} with smoothing, {off:?} without");
     assert!(on.0 > 1.0 - 1e-4 && on.1 > 50, "{on:?}");
-    assert!(off.0 < 0.9, "the scene has Gaussians that smoothing is for: {off:?}");
+    assert!(off.0 < 0.9, "the scene has Gaussians that need smoothing: {off:?}");
 
-    // Few pairs to begin with: iterations are repeated. And broken where no turn of smoothing is due.
+    // With a small initial capacity iterations are repeated. And the run is interrupted where no smoothing is due.
     assert_eq!(bits(&run(Options { pairs: 64, ..antialiased() })), bits(&whole));
     let mut first = trainer(antialiased());
     train(&mut first, 41);

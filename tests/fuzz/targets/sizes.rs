@@ -1,5 +1,5 @@
 #![no_main]
-//! What shaders are told: sizes, counts, capacities, cameras and values, on the device that is there.
+//! Inputs of shaders: sizes, counts, capacities, cameras and values, on the present device.
 
 use glam::{DMat3, DVec2, DVec3};
 use libfuzzer_sys::fuzz_target;
@@ -15,7 +15,7 @@ static DEVICE: LazyLock<Device> = LazyLock::new(|| {
     Device::open(&options).expect("a Vulkan device")
 });
 
-/// Takes numbers off the fuzzer's bytes; zeros at their end.
+/// Takes numbers from the fuzzer's bytes; zeros after their end.
 struct Take<'a>(&'a [u8]);
 
 impl Take<'_> {
@@ -35,7 +35,7 @@ impl Take<'_> {
         f32::from_le_bytes(self.bytes())
     }
 
-    /// Finite, as the readers leave it.
+    /// A finite number, as the readers guarantee.
     fn finite(&mut self) -> f32 {
         let x = self.f32();
         if x.is_finite() { x } else { 1.0 }
@@ -48,7 +48,7 @@ fuzz_target!(|data: &[u8]| {
     match take.bytes::<1>()[0] % 3 {
         0 => picture(device, &mut take),
         1 => scan(device, &mut take),
-        // Whatever is asked for is made or refused by name and bytes.
+        // Every request is met, or refused with the buffer's name and bytes.
         _ => {
             let len = (take.u32() as usize) << (take.bytes::<1>()[0] % 33);
             match device.buffer::<f32>("asked for", len / 4) {
@@ -63,7 +63,7 @@ fuzz_target!(|data: &[u8]| {
 fn picture(device: &Device, take: &mut Take) {
     let [n, degree, w, h] = take.bytes::<4>().map(usize::from);
     let (n, degree) = (n % 40, degree % 4);
-    // Long and thin more often than large.
+    // Long and thin pictures more often than large ones.
     let (width, height) = if w % 8 == 0 { (16 * w as u32 + 1, 1 + h as u32 % 4) } else { (1 + w as u32 % 70, 1 + h as u32 % 70) };
     let style = take.bytes::<1>()[0];
     let style = Style { antialias: style & 1 == 1, depth_order: style & 2 == 2 };

@@ -50,7 +50,7 @@ fn no_gaussians_are_legal() {
 fn a_truncated_body_says_what_is_whole_and_what_is_claimed() {
     let ply = make::ply(&make::model(7, 1), Encoding::Ascii, false);
     let lines: Vec<&[u8]> = ply.split_inclusive(|&b| b == b'\n').collect();
-    // Behind them: three rows of vertices and one of faces.
+    // Behind it: three rows of vertices and one of faces.
     let cut = lines[..lines.len() - 4].concat();
     let text = message(&cut, "m.ply");
     assert!(
@@ -175,7 +175,7 @@ fn spz_versions_systems_and_halves() {
     one[16..22].copy_from_slice(&[0x00, 0x3c, 0x00, 0x40, 0x00, 0xb8]);
     assert_eq!(read(&one, "m.spz").unwrap().gaussians.means, [[1.0, -2.0, 0.5]]);
 
-    // An extension that names the system: 6 is our own and turns nothing, 12 permutes axes.
+    // An extension that names the coordinate system: 6 is our own and changes nothing, 12 permutes axes.
     let plain = make::spz(5, 4, 1, false);
     let with_system = |system: u32| {
         let record = [0xADBE_0003, 4, system].map(u32::to_le_bytes).concat();
@@ -299,7 +299,8 @@ fn truncation_at_any_byte_is_refused_or_salvaged_but_never_panics() {
         assert!(read(&bytes, name).is_ok(), "{name}: {:?}", read(&bytes, name));
         for end in 0..bytes.len() {
             if let Ok(loaded) = read(&bytes[..end], name) {
-                // Only what has no count of its own, or a last line of text that nothing needs, may still be read.
+                // Only a file without a count of its own, or one that lacks an unneeded last line of text, may still be
+                // read.
                 loaded.gaussians.validate().unwrap();
                 assert!(name == "e.splat" || name == "c.ply" && end + 5 >= bytes.len(), "{name} cut at {end}");
             }

@@ -88,19 +88,19 @@ fn minimal_formats_agree() {
     for name in ["minimal-v3.spz", "minimal-v4.spz"] {
         let spz = file(name);
         assert_eq!(spz.means, splat.means, "{name}");
-        // Two files of two makers: 8 bits of opacity, 1/16 of log-scale.
+        // Two files by two writers: 8 bits of opacity, 1/16 of log-scale.
         for i in 0..4 {
             assert!((sigmoid(spz.opacity_logits[i]) - sigmoid(splat.opacity_logits[i])).abs() < 1.0 / 255.0, "{name}");
             assert!((spz.log_scales[i][0] - splat.log_scales[i][0]).abs() <= 0.5 / 16.0 + 1e-5, "{name}");
         }
     }
-    // The older two were stored without the turn about x that the format calls for; nothing in them tells.
+    // The older two were stored without the turn about x that the format requires; nothing in the files shows it.
     for (old, new) in raw.means.iter().zip(&splat.means) {
         assert_eq!([old[0], -old[1], -old[2]], *new);
     }
 }
 
-/// Of each Gaussian of `b`, the one of `a` whose mean lies within `tolerance` of it (the best scale match of several).
+/// For each Gaussian of `b`, the one of `a` whose mean lies within `tolerance` of it (the best scale match of several).
 fn partners(a: &Gaussians, b: &Gaussians, tolerance: impl Fn(f32) -> f32) -> Vec<usize> {
     let mut by_x: Vec<usize> = (0..a.len()).collect();
     by_x.sort_by(|&i, &j| a.means[i][0].total_cmp(&a.means[j][0]));
@@ -139,7 +139,7 @@ fn playbot_sog_agrees_with_its_ply() {
         // most 9.6e-3 (as in SPZ), twice that as an angle.
         assert!((sigmoid(ply.opacity_logits[i]) - sigmoid(sog.opacity_logits[j])).abs() <= 0.5 / 255.0);
         assert!(angle(ply.rotations[i], sog.rotations[j]) < 1.92e-2);
-        // The PLY was written from codebook values: the rest is the same to rounding.
+        // The PLY was written from codebook values: other attributes are the same up to rounding.
         for axis in 0..3 {
             assert!((ply.log_scales[i][axis] - sog.log_scales[j][axis]).abs() < 1e-5);
         }

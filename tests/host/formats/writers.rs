@@ -1,4 +1,4 @@
-//! Writers: what comes back from their files.
+//! Writers: models read back from their files.
 
 use std::fs;
 
@@ -75,7 +75,7 @@ fn spz_round_trip_stays_within_its_steps() {
         formats::write(&path, &model).unwrap();
         let back = formats::read(&path).unwrap().gaussians;
         assert_within_spz(&model, &back, 2f32.powi(-12));
-        // A second passage changes nothing but rounding's dust: no drift.
+        // A second round trip changes nothing beyond rounding: no drift.
         formats::write(&path, &back).unwrap();
         let again = formats::read(&path).unwrap().gaussians;
         assert_eq!((&again.means, &again.log_scales, &again.sh), (&back.means, &back.log_scales, &back.sh));
@@ -94,7 +94,7 @@ fn spz_fits_tiny_and_wide_models_and_refuses_what_it_would_ruin() {
     };
     formats::write(&path, &scaled(2f32.powi(-8))).unwrap();
     assert_within_spz(&scaled(2f32.powi(-8)), &formats::read(&path).unwrap().gaussians, 2f32.powi(-14));
-    // 3 x 2^10 units need a fractional bit less than the official 12; it must not wrap.
+    // 3 x 2^10 units need one fractional bit less than the official 12; values must not wrap.
     formats::write(&path, &scaled(1024.0)).unwrap();
     assert_within_spz(&scaled(1024.0), &formats::read(&path).unwrap().gaussians, 2f32.powi(-11));
     let before = fs::read(&path).unwrap();
@@ -115,7 +115,7 @@ fn matched(a: &Gaussians, b: &Gaussians) -> Vec<(usize, usize)> {
         .collect()
 }
 
-/// Random attributes are the worst that codebooks can meet; SH of few kinds, as scenes have, come back well.
+/// Random attributes are the worst case for codebooks; SH of few kinds, as in scenes, are reproduced well.
 #[test]
 fn sog_round_trip_stays_within_its_steps() {
     let folder = tempfile::tempdir().unwrap();
@@ -145,7 +145,8 @@ fn sog_round_trip_stays_within_its_steps() {
             }
             let (p, q) = (sigmoid(model.opacity_logits[i]), sigmoid(back.opacity_logits[j]));
             assert!((p - q).abs() <= 0.5 / 255.0 + 1e-5, "opacity {i}: {p} {q}");
-            // Half a step of sqrt(2)/255 in each of three components, and what the fourth makes of it; a turn is twice that.
+            // Half a step of sqrt(2)/255 in each of three components, and its effect on the fourth; a turn is twice
+            // that.
             assert!(angle(model.rotations[i], back.rotations[j]) < 0.026, "rotation {i}");
             for l in 1..=degree {
                 let width = Gaussians::band_width(l);

@@ -11,7 +11,7 @@ use qirf_vk::reference::overlap::{Primitive, block as overlaps};
 use qirf_vk::reference::participation::participation;
 use qirf_vk::reference::rrdm;
 
-/// Overlaps of m random Gaussians in a box that holds `density` of them a unit of volume.
+/// Overlaps of m random Gaussians in a box with `density` of them per unit of volume.
 fn random_block(m: usize, density: f64, seed: u64) -> (Vec<f32>, Vec<[f32; CHANNELS]>) {
     let u = |kind: u64, i: usize, c: usize| uniform(&[seed, kind, i as u64, c as u64]);
     let edge = (m as f64 / density).cbrt();

@@ -1,4 +1,4 @@
-//! Blocks of a real model, with random responses: the solvers give one answer, and what they cost.
+//! Blocks of a real model, with random responses: the solvers agree, and their times are printed.
 
 use crate::support::shared;
 use std::time::{Duration, Instant};

@@ -59,13 +59,13 @@ fn ties_go_by_index() {
     assert!(rounded(1.0 + 1e-3) > 1.0 && rounded(1.0 + 1e-4) == 1.0);
 }
 
-/// Gaussians that nothing tells apart are ranked by their index, whatever ranks them and however few they are.
+/// Identical Gaussians are ranked by their index, by every selector and in blocks of any size.
 #[test]
 fn equals_are_ranked_by_index_in_blocks_of_any_size() {
     let selectors = vec![BlockSelector::Gnso, BlockSelector::Ordinary, BlockSelector::Lowdin, BlockSelector::Css];
     let solver = Solver { selectors, ..Solver::default() };
     for m in (1..=8).chain([9, 40]) {
-        // All apart, and all overlapping alike; all of the same response, and none.
+        // All separate, and all overlapping equally; all with the same response, and with none.
         for (across, response) in [(0.0, 1.0), (0.0, 0.0), (0.5, 1.0), (0.5, 0.0)] {
             let overlap: Vec<f32> = (0..m * m).map(|k| if k % (m + 1) == 0 { 1.0 } else { across }).collect();
             let (rows, opacity) = (vec![[response; CHANNELS]; m], vec![0.5; m]);
@@ -76,7 +76,7 @@ fn equals_are_ranked_by_index_in_blocks_of_any_size() {
             assert!(solved.r == 1 && solved.spectrum.iter().all(|l| l.is_finite()));
             for (ranked, selector) in solved.ranked.iter().zip(&solver.selectors) {
                 let told = format!("{selector:?}, {m} of overlap {across}, response {response}");
-                // The column subset's first of overlapping equals leaves equals behind it: still by index.
+                // After the column subset picks the first of overlapping equals, the others are still equal: by index.
                 assert_eq!(ranked.rank, (0..m as u32).collect::<Vec<_>>(), "{told}");
                 assert!(ranked.gain.iter().all(|g| g.is_finite()), "{told}");
             }
@@ -84,7 +84,7 @@ fn equals_are_ranked_by_index_in_blocks_of_any_size() {
     }
 }
 
-/// A block whose metric is no Gram matrix is solved all the same, and counted once.
+/// A block whose metric is not a Gram matrix is still solved, and counted once.
 #[test]
 fn a_metric_that_is_not_positive_definite_is_counted() {
     let solver = Solver::default();
@@ -207,7 +207,7 @@ fn merging_that_does_not_help_changes_nothing() {
     assert_eq!(f, before);
     assert!(merge(&far, &[true, true], &mut f).is_none());
     assert!(merge(&far, &[false, false], &mut f).is_none());
-    // An opaque twin cannot grow beyond 0.99; whatever comes out, it is finite and within bounds.
+    // An opaque twin cannot grow beyond 0.99; the result is finite and within bounds.
     let mut f = functions(&[0.98, 0.98], &[[1.0; 3], [1.0; 3]]);
     merge(&[1.0; 4], &[true, false], &mut f).unwrap();
     assert!(f.alpha[0] <= 0.99 && f.sh.iter().all(|x| x.is_finite()));

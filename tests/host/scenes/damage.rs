@@ -21,7 +21,7 @@ fn damage(path: &Path, keep: f64, flips: &[(f64, u8)]) {
     fs::write(path, bytes).unwrap();
 }
 
-/// Whatever opens must hold together: finite cameras, tracks within the views.
+/// A scene that opens must be consistent: finite cameras, tracks within the views.
 fn open(root: &Path) {
     match Scene::open(root, &OpenOptions::default()) {
         Ok(mut scene) => {

@@ -1,4 +1,4 @@
-//! The shared scenes, where they are there.
+//! The shared scenes, if they are available.
 
 use crate::support::shared;
 use std::path::PathBuf;
@@ -18,7 +18,7 @@ fn snowmiku() {
     assert!(scene.views.iter().all(|v| !v.undistorts() && (v.camera.width, v.camera.height) == (989, 742)));
     let split = scene.split(8);
     assert_eq!((split.train.len(), split.test.len()), (84, 13));
-    // Points lie before the cameras and within their pictures, most of them.
+    // Most points lie before the cameras and within their pictures.
     let camera = &scene.views[40].camera;
     let seen = scene.points.iter().filter(|p| {
         let x = camera.rotation * p.position + camera.translation;

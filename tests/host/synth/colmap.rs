@@ -107,7 +107,8 @@ impl Model {
         quantile(many.collect(), 0.5)
     }
 
-    /// Per point the root mean square over views and channels of photo less point, in 1/255.
+    /// For each point, the root mean square over views and channels of the difference between photo and point, in
+    /// 1/255.
     pub fn deviations(&self, dir: &Path) -> Vec<f64> {
         let open = |s: &Shot| image::open(dir.join("images").join(&s.name)).unwrap().to_rgb8();
         let photos: BTreeMap<_, _> = self.images.iter().map(|(i, s)| (*i, open(s))).collect();

@@ -1,4 +1,4 @@
-//! Files: their bytes, what is refused, and what others keep in the folder.
+//! Files: their bytes, refusals, and other files in the folder.
 
 use super::colmap::Model;
 use super::{make, options};
@@ -52,7 +52,7 @@ fn what_others_keep_in_a_folder_stays() {
     let file = dir.path().join("thesis.tex");
     assert!(matches!(synth::write(&file, &small, &|_| ()), Err(Error::NotFolder(_))));
 
-    // A synth scene is renewed; what the user added to it is left alone, even where it is named like a photo.
+    // A synth scene is renewed; the user's own files in it are left alone, even if named like a photo.
     let (scene, _) = make(&options(5, &[Effect::Masks]));
     for added in ["model.ply", "images/view_0099.png", "images/mine.png"] {
         fs::write(scene.path().join(added), "mine").unwrap();

@@ -1,4 +1,4 @@
-//! What the photos show.
+//! Content of the photos.
 
 use super::colmap::Model;
 use super::{make, options, quantile};
@@ -21,7 +21,7 @@ fn colours_depend_on_the_view_as_the_effects_say() {
         (quantile(d.clone(), 0.5), quantile(d, 0.95))
     };
     let (matte, default, glossy) = (spread(&[Effect::Matte]), spread(&[]), spread(&[Effect::Glossy]));
-    // What is left without gloss is the texture within a pixel.
+    // The difference left without gloss is the texture within a pixel.
     assert!(matte.0 < 8.0, "matte points change by {} of 255", matte.0);
     assert!(glossy.0 > 1.5 * matte.0, "glossy {} against matte {}", glossy.0, matte.0);
     assert!(default.0 > 1.15 * matte.0, "default {} against matte {}", default.0, matte.0);

@@ -56,7 +56,7 @@ fn a_synthetic_capture_can_be_made_inspected_and_rendered() {
     assert_eq!(fs::read_dir(sandbox.path("out")).unwrap().count(), 3);
 
     let before = sandbox.content();
-    // Pictures never land among photos.
+    // Pictures are never written among photos.
     sandbox.fails(2, &["render", "model.ply", "--scene", "made", "-o", "made/images"], &["photos", "-o"]);
     sandbox.fails(2, &[&make[..], &["gloss"]].concat(), &["gloss", "glossy"]);
     sandbox.fails(2, &["synth", "made", "--effects", "glossy,matte"], &["exclude"]);

@@ -1,4 +1,5 @@
-//! Wrong command lines, bad models, bad scenes, and what cannot be held or written: exit codes and messages.
+//! Wrong command lines, bad models, bad scenes, pictures too large, outputs that cannot be written: exit codes and
+//! messages.
 
 use super::{Sandbox, model};
 use qirf_vk::gaussians::formats;
@@ -66,7 +67,7 @@ fn bad_models_are_refused_by_name_or_salvaged() {
     }
     assert!(!sandbox.path("out").exists() && !sandbox.path("out.ply").exists());
 
-    // A NaN row is left out, infinite logits are clamped, and both are told.
+    // A NaN row is left out, infinite logits are clamped, and both are reported.
     let mut hurt = model(20);
     hurt.means[3][1] = f32::NAN;
     hurt.opacity_logits[5] = f32::INFINITY;
@@ -111,7 +112,7 @@ fn bad_scenes_are_refused_with_file_and_record() {
     render("transforms.json", &["transforms.json"]);
     assert!(!sandbox.path("out").exists());
 
-    // A pose that is no number is left out and counted; the other view is rendered.
+    // A NaN pose is left out and counted; the other view is rendered.
     let scene = sandbox.scene("pose", "1 PINHOLE 40 30 35 35 20 15", &["a.jpg"]);
     let images = scene.join("sparse/0/images.txt");
     let text = fs::read_to_string(&images).unwrap() + "7 1 0 0 0 nan 0 4 1 b.jpg\n\n";

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Options of every run here: four prunes with fine-tuning between, all in a second or two.
+/// Options of every run here: four prunes with fine-tuning in between, all in a second or two.
 const RUN: [&str; 4] = ["--iterations", "120", "--schedule", "gradual"];
 
 /// The iteration of the first prune of such a run.
@@ -51,7 +51,7 @@ pub fn run(out: &Path, more: &[&str]) -> Command {
     command
 }
 
-/// What became of the program.
+/// Exit status and output of the program.
 pub struct Ended {
     pub code: Option<i32>,
     pub said: String,
@@ -64,7 +64,7 @@ impl Ended {
         Self { code: output.status.code(), said }
     }
 
-    /// It ended with this code and said all of `words`.
+    /// Asserts that it ended with this code and printed all of `words`.
     #[track_caller]
     pub fn with(self, code: i32, words: &[&str]) -> Self {
         assert_eq!(self.code, Some(code), "{}", self.said);
@@ -80,7 +80,7 @@ pub fn end(command: &mut Command) -> Ended {
     Ended::of(&command.output().expect("the program starts"))
 }
 
-/// Runs to its good end.
+/// Runs the program, which must succeed.
 #[track_caller]
 pub fn works(command: &mut Command) -> Ended {
     end(command).with(0, &[])
@@ -96,21 +96,21 @@ pub fn undisturbed() -> &'static [u8] {
     })
 }
 
-/// The program under way.
+/// The running program.
 pub struct UnderWay(Child);
 
 pub fn start(command: &mut Command) -> UnderWay {
     UnderWay(command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts"))
 }
 
-/// The same; what it says goes to a file.
+/// The same; its output goes to a file.
 pub fn start_telling(command: &mut Command, file: &Path) -> UnderWay {
     let file = fs::File::create(file).unwrap();
     UnderWay(command.stdout(Stdio::null()).stderr(file).spawn().expect("the program starts"))
 }
 
 impl UnderWay {
-    /// Waits until something is so; false where the program ends first.
+    /// Waits until a condition holds; returns false if the program ends first.
     pub fn until(&mut self, so: impl Fn() -> bool) -> bool {
         let begun = Instant::now();
         while !so() {
@@ -137,7 +137,7 @@ impl UnderWay {
     }
 }
 
-/// Every file below a folder with its content; none where there is no folder.
+/// Every file below a folder with its content; none if there is no folder.
 pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();
     let mut folders = vec![folder.to_owned()];
@@ -151,7 +151,7 @@ pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     found
 }
 
-/// Whether every file is what its name says, and whole.
+/// Asserts that every file is of the type that its name says, and whole.
 #[track_caller]
 pub fn whole(folder: &Path) {
     for (path, bytes) in content(folder) {

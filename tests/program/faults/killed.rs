@@ -1,4 +1,4 @@
-//! Kills and interruptions: what is resumed ends with the bytes of the undisturbed run.
+//! Kills and interruptions: a resumed run ends with the bytes of the undisturbed run.
 
 use super::harness::{FIRST_PRUNE, content, end, program, run, start, start_telling, undisturbed, whole, works};
 use qirf_vk::random;
@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// The seed of the kills' moments: `QIRF_FAULTS_SEED`, or the time's.
+/// The seed of the times of kills: `QIRF_FAULTS_SEED`, or the clock.
 fn seed() -> u64 {
     let given = std::env::var("QIRF_FAULTS_SEED").ok().and_then(|s| s.parse().ok());
     let seed = given.unwrap_or_else(|| SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |t| t.as_secs()));
@@ -24,8 +24,8 @@ fn at(checkpoint: &Path) -> u32 {
     if checkpoint.exists() { Snapshot::read(checkpoint).expect("a whole checkpoint").iteration } else { 0 }
 }
 
-/// Kills that no program can prepare for: at the start, between checkpoints, while one is written, and at the end, before
-/// and after prunes.
+/// Kills that cannot be caught: at the start, between checkpoints, while one is written, and at the end, before and
+/// after prunes.
 #[test]
 fn killed_in_training_and_fine_tuning_it_ends_with_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
@@ -64,12 +64,12 @@ fn killed_in_training_and_fine_tuning_it_ends_with_the_same_bytes() {
     works(&mut run(out, &["--resume"]));
     assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "other bytes");
     assert!(moments.iter().any(|(at, _)| *at > 0), "some kill came in training");
-    // What killed writers left is gone, and so is the checkpoint.
+    // Leftovers of killed writers are gone, and so is the checkpoint.
     whole(out);
     assert!(!checkpoint.exists());
 }
 
-/// A kill in fine-tuning, whatever the moments drawn above.
+/// A kill in fine-tuning, whatever the times drawn above.
 #[test]
 fn killed_after_a_prune_it_knows_what_it_pruned() {
     let folder = tempfile::tempdir().unwrap();
@@ -110,7 +110,7 @@ fn without_a_checkpoint_resume_starts_afresh_and_says_so() {
     assert!(undisturbed() == fs::read(folder.path().join("model.ply")).unwrap());
 }
 
-/// Compression has no checkpoint: killed or interrupted it leaves nothing, and again it gives the same bytes.
+/// Compression has no checkpoint: a killed or interrupted job leaves nothing, and a repeated one gives the same bytes.
 #[test]
 fn compression_is_whole_or_absent() {
     let folder = tempfile::tempdir().unwrap();
@@ -170,7 +170,8 @@ fn damaged_checkpoints_are_refused_and_kept() {
         flipped[at / 8] ^= 1 << (at % 8);
         fs::write(&checkpoint, &flipped).unwrap();
         let read = Snapshot::read(&checkpoint);
-        // A name's letter may go where two tensors trade places; what is let through is the very same state.
+        // A changed letter of a name may pass if two tensors swap places; any file that is accepted gives the same
+        // state.
         if let Ok(read) = read {
             fs::write(&checkpoint, &good).unwrap();
             assert!(read == Snapshot::read(&checkpoint).unwrap(), "bit {at}");

@@ -1,6 +1,5 @@
-//! Devices that are lost, that have no memory left for a call, and that hang: made at a chosen call by `QIRF_DEVICE_FAULT`.
-//! The program ends with the code of the cause, what was there stays whole, and what is resumed ends with the bytes of the
-//! undisturbed run.
+//! Devices that are lost, run out of memory, or hang, at a call chosen by `QIRF_DEVICE_FAULT`. The program ends with
+//! the code of the cause, existing files stay whole, and a resumed run ends with the bytes of the undisturbed run.
 
 use super::harness::{Ended, end, program, run, scene, start_telling, undisturbed, whole, works};
 use qirf_vk::gpu::{Device, DeviceOptions, Error};
@@ -9,22 +8,22 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-/// A fault that no command lives to see.
+/// A call number that no command reaches.
 const NEVER: u64 = 1 << 40;
 
-/// A command that meets a fault.
+/// The command with a fault at call `number`.
 fn with_fault<'a>(command: &'a mut Command, call: &str, number: u64, answer: &str) -> &'a mut Command {
     command.env("QIRF_DEVICE_FAULT", format!("{call}:{number}:{answer}"))
 }
 
-/// How many such calls a command makes that nothing disturbs.
+/// Number of such calls that an undisturbed command makes.
 fn calls(command: &mut Command, call: &str) -> u64 {
     let said = works(with_fault(command, call, NEVER, "lost").arg("-v")).said;
     let counted = said.split("had not yet come after ").nth(1).and_then(|rest| rest.split(' ').next());
     counted.and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("no count: {said}"))
 }
 
-/// It ended as on a lost device: one line that says so and nothing else, since nothing else was wrong.
+/// Asserts that it ended as on a lost device: a single line that says so, since nothing else was wrong.
 #[track_caller]
 fn is_lost(ended: Ended) {
     let ended = ended.with(4, &["the device was lost during ", "driver", "--resume", "--device"]);
@@ -32,7 +31,7 @@ fn is_lost(ended: Ended) {
     assert!(lines.len() == 1 && ended.said.matches("lost").count() == 1, "{}", ended.said);
 }
 
-/// The files of a run that say how far it had come.
+/// The stage that a run had reached, judged by its files.
 fn reached(out: &Path) -> &'static str {
     match ["metrics.json", "model.ply", "renders", "checkpoint.safetensors", "config.toml"]
         .map(|f| out.join(f).exists())
@@ -46,7 +45,7 @@ fn reached(out: &Path) -> &'static str {
     }
 }
 
-/// Losses from the first submission, which probes the device, to the evaluation; what is resumed is lost once more.
+/// Losses from the first submission, which probes the device, to the evaluation; the resumed run is lost once more.
 #[test]
 fn lost_at_any_moment_a_run_ends_with_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
@@ -93,7 +92,7 @@ fn every_command_tells_of_a_lost_device_and_leaves_files_whole() {
     for line in COMMANDS {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path();
-        // An output that is there already is as it was, too.
+        // An earlier output stays unchanged, too.
         let begin = || ["model.ply", "small.ply"].map(|name| fs::write(path.join(name), undisturbed()).unwrap());
         let command = || {
             let mut command = program();
@@ -104,13 +103,13 @@ fn every_command_tells_of_a_lost_device_and_leaves_files_whole() {
             command
         };
         begin();
-        // Twice before anything was finished, the second time on what the first left; then nothing is in the way of the rest.
+        // Twice before anything was finished, the second time on the leftovers of the first; then the command succeeds.
         let all = if line == "device" { 2 } else { 20 };
         for number in [all / 2, all] {
             is_lost(end(with_fault(&mut command(), "submit", number, "lost")));
             whole(path);
             for name in ["model.ply", "small.ply"] {
-                assert!(fs::read(path.join(name)).unwrap() == undisturbed(), "{line}: {name} is as it was");
+                assert!(fs::read(path.join(name)).unwrap() == undisturbed(), "{line}: {name} is unchanged");
             }
         }
         let all = calls(&mut command(), "submit");
@@ -147,14 +146,14 @@ fn memory_that_a_call_lacks_is_named_and_the_run_is_resumed() {
         works(&mut run(&out, &["--resume"]));
         assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "{answer}");
     }
-    // The work waited for goes on all the same: it is waited for in another way.
+    // The work itself goes on: the program waits for it in another way.
     let out = folder.path().join("wait");
     works(with_fault(&mut run(&out, &[]), "wait", 150, "host-memory"));
     assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
 }
 
-/// Nobody can tell a hang from slow work, but the user hears of it, the second signal ends the program at once, and the run
-/// is resumed.
+/// A hang cannot be distinguished from slow work, but the user is warned, a second signal ends the program at once, and
+/// the run can be resumed.
 #[test]
 fn a_hang_is_told_and_can_be_ended() {
     let folder = tempfile::tempdir().unwrap();
@@ -173,7 +172,7 @@ fn a_hang_is_told_and_can_be_ended() {
     assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
 }
 
-/// A fault whose text is wrong is no fault in silence.
+/// A fault with a malformed text is not ignored silently.
 #[test]
 fn a_fault_that_is_none_is_warned_of() {
     let mut command = program();
@@ -181,7 +180,7 @@ fn a_fault_that_is_none_is_warned_of() {
         .with(0, &["QIRF_DEVICE_FAULT=submit:0:lost", "counts no call"]);
 }
 
-/// In a process that goes on: every later call says the same, all memory comes back, and another device works.
+/// In a process that continues, every later call reports the same error, all memory is freed, and another device works.
 #[test]
 fn a_process_outlives_its_device() {
     for fault in ["submit:40:lost", "wait:40:lost"] {

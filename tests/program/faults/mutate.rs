@@ -1,4 +1,4 @@
-//! Mutations of bytes: what disks, cables, editors and hasty writers do, and what attackers would.
+//! Mutations of bytes: damage by disks, cables, editors, careless writers and attackers.
 
 use qirf_vk::random;
 
@@ -18,7 +18,7 @@ impl Rng {
         random::bits(&[0x006d_7574_6174_6531, self.key, self.drawn])
     }
 
-    /// Uniform in 0..n; 0 where there is nothing to choose from.
+    /// Uniform in 0..n; 0 if there is nothing to choose from.
     pub fn below(&mut self, n: usize) -> usize {
         if n == 0 { 0 } else { (self.next() % n as u64) as usize }
     }
@@ -27,7 +27,7 @@ impl Rng {
         list[self.below(list.len())]
     }
 
-    /// A place in `len` bytes: half of them near the start, where counts and types are.
+    /// A place in `len` bytes: half the time near the start, where counts and types are.
     fn place(&mut self, len: usize) -> usize {
         let head = self.of(&[16, 64, 256, usize::MAX, usize::MAX, usize::MAX]);
         self.below(len.min(head))
@@ -145,7 +145,7 @@ fn overwrite(out: &mut [u8], at: usize, with: &[u8]) {
     out[at..].iter_mut().zip(with).for_each(|(byte, new)| *byte = *new);
 }
 
-/// Writes another number in the place of one in text.
+/// Replaces a number in text by another.
 fn number(rng: &mut Rng, out: &mut Vec<u8>) {
     let start = rng.place(out.len());
     let Some(at) = out[start..].iter().position(u8::is_ascii_digit).map(|at| start + at) else { return };
@@ -155,7 +155,7 @@ fn number(rng: &mut Rng, out: &mut Vec<u8>) {
     out.splice(at..end, text.bytes());
 }
 
-/// Exchanges, drops or repeats a line.
+/// Swaps, drops or repeats a line.
 fn lines(rng: &mut Rng, out: &mut Vec<u8>) {
     let mut lines: Vec<Vec<u8>> = out.split_inclusive(|&b| b == b'\n').map(<[u8]>::to_vec).collect();
     let (a, b) = (rng.below(lines.len()), rng.below(lines.len()));

@@ -1,8 +1,9 @@
-//! Mutated files of every input format: none may panic, abort, hang, or take more than 2 GB; what is salvageable loads.
+//! Mutated files of every input format: none may panic, abort, hang, or take more than 2 GB; salvageable files load.
 //!
-//! The cases run in a child of this test program whose address space the system limits, so that an abort or a request for
-//! too much memory ends the child and not the test: the parent names the case and goes on behind it. Case N is the same
-//! everywhere; `QIRF_FAULTS=N..N+1 cargo test --test program -- --ignored faults::mutations::worker --nocapture` repeats it.
+//! The cases run in a child of this test program whose address space the system limits, so that an abort or a request
+//! for too much memory ends the child and not the test: the parent names the case and continues after it. Case N is the
+//! same everywhere; `QIRF_FAULTS=N..N+1 cargo test --test program -- --ignored faults::mutations::worker --nocapture`
+//! repeats it.
 
 use super::mutate::{Rng, mutate};
 use crate::support::files::corpus::{Input, inputs};
@@ -18,7 +19,7 @@ use std::time::{Duration, Instant};
 
 /// Address space of the child in KiB.
 const MEMORY: u32 = 2 << 20;
-/// Longest that one case may take.
+/// Longest time that one case may take.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Exit code of a child whose case took longer.
 const HANGS: i32 = 97;
@@ -30,7 +31,7 @@ fn a_few_mutations_of_every_format() {
     parent(0..1500);
 }
 
-/// `make faults`. `QIRF_FAULTS_CASES` gives another number.
+/// `make faults`. `QIRF_FAULTS_CASES` sets another number of cases.
 #[test]
 #[ignore = "minutes"]
 fn ten_thousand_mutations() {
@@ -40,7 +41,7 @@ fn ten_thousand_mutations() {
     println!("{cases} cases in {:.1} s", begun.elapsed().as_secs_f64());
 }
 
-/// Runs the cases in children, and fails with all that went wrong.
+/// Runs the cases in children, and fails with a list of all faults.
 fn parent(cases: Range<u64>) {
     let folder = tempfile::tempdir().unwrap();
     let note = folder.path().join("note");
@@ -64,7 +65,7 @@ fn parent(cases: Range<u64>) {
             break;
         }
         if output.status.code() == Some(101) {
-            // It ran to its end and found something, or its own checks failed.
+            // The child ran to its end and found faults, or its own checks failed.
             let said = String::from_utf8_lossy(&output.stderr).into_owned();
             wrong.extend(if told.is_empty() { vec![said] } else { told });
             break;
@@ -89,7 +90,7 @@ struct Tally {
     slowest: Duration,
 }
 
-/// What the parent starts; of itself it does nothing.
+/// The child that the parent starts; run on its own it does nothing.
 #[test]
 #[ignore = "started by the tests above"]
 fn worker() {
@@ -139,9 +140,9 @@ fn worker() {
             t.refused,
             t.slowest.as_secs_f64() * 1e3
         );
-        // Few cases may all go one way.
+        // A few cases may all have the same outcome.
         if t.loaded + t.refused >= 100 && name != &"checkpoint.safetensors" {
-            assert!(t.loaded > 0 && t.refused > 0, "{name}: mutations that all go one way test nothing");
+            assert!(t.loaded > 0 && t.refused > 0, "{name}: all mutations have the same outcome");
         }
     }
     assert_eq!(wrong, 0, "cases went wrong");
@@ -153,7 +154,8 @@ fn damaged(case: u64, input: &Input, inputs: &[Input]) -> Vec<u8> {
     mutate(&mut rng, &input.bytes, &other.bytes)
 }
 
-/// Writes every good file where `cargo fuzz` looks for it: `QIRF_FUZZ_CORPUS/TARGET/NAME`; of itself it does nothing.
+/// Writes every good file where `cargo fuzz` looks for it: `QIRF_FUZZ_CORPUS/TARGET/NAME`; does nothing if that is not
+/// set.
 #[test]
 #[ignore = "started by make fuzz"]
 fn seeds() {
@@ -165,7 +167,7 @@ fn seeds() {
         let name = name.split('"').next().unwrap_or_default().to_owned();
         let folder = Path::new(&corpus).join(entry.path().file_stem().unwrap());
         fs::create_dir_all(&folder).unwrap();
-        // Whatever the same reader takes is a good beginning.
+        // Every file for the same reader is a good seed.
         let all = inputs();
         let it = all.iter().find(|i| i.name == name).unwrap_or_else(|| panic!("no input is called {name}"));
         let kin = |i: &&Input| i.file == it.file || (i.beside.is_empty() && same_extension(&i.file, &it.file));
@@ -179,7 +181,7 @@ fn same_extension(a: &str, b: &str) -> bool {
     Path::new(a).extension() == Path::new(b).extension()
 }
 
-/// Keeps a damaged file for a look at it where `QIRF_FAULTS_KEEP` names a folder.
+/// Keeps a damaged file for inspection if `QIRF_FAULTS_KEEP` names a folder.
 fn keep(case: u64, input: &Input, bytes: &[u8]) {
     if let Some(folder) = std::env::var_os("QIRF_FAULTS_KEEP") {
         let name = format!("{case}-{}", input.file.replace('/', "-"));
@@ -187,10 +189,10 @@ fn keep(case: u64, input: &Input, bytes: &[u8]) {
     }
 }
 
-/// When the case under way began, in milliseconds and one; 0 between cases.
+/// Start of the current case in milliseconds, plus one; 0 between cases.
 static NOW: AtomicU64 = AtomicU64::new(0);
 
-/// Ends the program when a case takes too long.
+/// Ends the program if a case takes too long.
 fn watch(begun: Instant) {
     std::thread::spawn(move || {
         loop {
@@ -203,7 +205,7 @@ fn watch(begun: Instant) {
     });
 }
 
-/// Where the last panic was and what it said, in the place of a trace for each.
+/// Place and message of the last panic, instead of a trace for each.
 fn remember_panics() -> &'static Mutex<String> {
     static PLACE: Mutex<String> = Mutex::new(String::new());
     let usual = std::panic::take_hook();

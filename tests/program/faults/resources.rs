@@ -1,9 +1,9 @@
-//! Full disks, folders that cannot be written, outputs that are inputs, too little device memory: exit codes and messages
-//! that name the cause, and nothing that was there is lost.
+//! Full disks, folders that cannot be written, outputs that are inputs, too little device memory: exit codes and
+//! messages that name the cause, and no existing file is lost.
 //!
-//! A full disk is a small tmpfs in a namespace of the test's own, which needs no privileges where the system lets its users
-//! have them; where it does not, only the limit on the size of files (`ulimit -f`) is tried, on a command without a device:
-//! software devices keep their memory in files, which the limit would hit first.
+//! A full disk is a small tmpfs in a namespace of the test's own, which needs no privileges where the system lets its
+//! users have them; elsewhere only the limit on the size of files (`ulimit -f`) is tried, on a command without a
+//! device: software devices keep their memory in files, which the limit would hit first.
 
 use super::harness::{Ended, behind, content, end, program, run, scene, start, undisturbed, whole, works};
 use crate::support::skip;
@@ -15,7 +15,7 @@ use std::path::Path;
 use std::process::Command;
 use tempfile::TempDir;
 
-/// Whether mounts of one's own can be made; said where not.
+/// Returns true if the test can make its own mounts; prints a note if not.
 fn mounts() -> bool {
     let made = Command::new("unshare").args(["-rm", "mount", "-t", "tmpfs", "tmpfs", "/mnt"]).output();
     let can = made.is_ok_and(|o| o.status.success());
@@ -25,7 +25,8 @@ fn mounts() -> bool {
     can
 }
 
-/// Runs a command on a disk of this size that begins as a copy of the folder `from`; gives the end, and a copy of the disk.
+/// Runs a command on a disk of this size that begins as a copy of the folder `from`; returns the outcome, and a copy of
+/// the disk.
 fn on_a_disk(kilobytes: usize, from: &Path, command: impl Fn(&Path) -> Command) -> (Ended, TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let (disk, saved) = (folder.path().join("disk"), folder.path().join("saved"));
@@ -114,7 +115,7 @@ fn outputs_that_do_not_fit_leave_those_before() {
     }
 }
 
-/// Disks of several sizes, full at several files of a run; what fits is whole.
+/// Disks of several sizes, full at several files of a run; files that fit are whole.
 #[test]
 fn a_full_disk_keeps_what_is_whole() {
     if !mounts() {
@@ -154,9 +155,9 @@ fn folders_that_cannot_be_written_are_named() {
         end(program().arg("convert").arg(model).arg(&small)).with(5, &["cannot write", names]);
         end(program().arg("eval").arg(model).arg(scene()).arg("-o").arg(out)).with(5, &["cannot write", names]);
     };
-    // A file in the place of a folder, which holds for root as well.
+    // A file in place of a folder, which stops root as well.
     fails(&model.join("out"), "model.ply");
-    // A system folder in which nobody makes files.
+    // A system folder in which nobody can make files.
     if Path::new("/proc/self").exists() {
         fails(Path::new("/proc/qirf"), "/proc/qirf");
     }
@@ -234,12 +235,12 @@ fn too_little_device_memory_says_what_to_do() {
     end(compare.args(["--iterations", "60", "--memory-budget", "100k"])).with(5, &words);
     end(&mut run(&folder.path().join("run"), &["--memory-budget", "100k"])).with(5, &words);
     assert!(!out.exists() && !folder.path().join("run/config.toml").exists());
-    // More than anybody has.
+    // More memory than any device has.
     end(&mut run(&folder.path().join("run"), &["--max-gaussians", "18446744073709551615"]))
         .with(2, &["--max-gaussians"]);
 }
 
-/// Memory that runs out in the middle of the work is an error with the buffer's name, and all of it comes back.
+/// Running out of memory in the middle of the work is an error with the buffer's name, and all memory is freed.
 #[test]
 fn device_memory_that_runs_out_comes_back() {
     let folder = tempfile::tempdir().unwrap();
@@ -272,7 +273,7 @@ fn device_memory_that_runs_out_comes_back() {
     assert!((1..22).contains(&refused));
 }
 
-/// Numbers that no run can mean, in a file.
+/// Meaningless numbers in a configuration file.
 #[test]
 fn configurations_are_refused_by_field() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! One good file of every input format, with the reader that takes it and what must hold of all that it lets through.
+//! One good file of every input format, with its reader, and the conditions on everything that the reader accepts.
 
 use super::make::{self, Encoding};
 use super::writers::{Model, picture, row, transforms, write};
@@ -12,7 +12,7 @@ use std::fs;
 use std::io::Write;
 use std::path::Path;
 
-/// How a damaged file is read.
+/// Reader of a damaged file.
 #[derive(Clone, Copy, Debug)]
 pub enum Reader {
     /// A model from bytes; the name's extension counts.
@@ -23,7 +23,7 @@ pub enum Reader {
     SogPart,
     /// A file of a scene's folder.
     Scene,
-    /// The same, a PNG whose checksums are made right after the damage.
+    /// The same, a PNG whose checksums are corrected after the damage.
     ScenePng,
     Config,
     Checkpoint,
@@ -31,7 +31,7 @@ pub enum Reader {
 
 /// A file to damage, and the folder of good files around it.
 pub struct Input {
-    /// What a report calls it.
+    /// Its name in reports.
     pub name: String,
     pub reader: Reader,
     /// Relative path of the damaged file.
@@ -165,7 +165,7 @@ fn photos() -> Vec<Input> {
 }
 
 fn config() -> Vec<u8> {
-    // Every table and kind of value that there is.
+    // Every table and kind of value.
     r#"scene = "capture"
 images = "images_4"
 resolution = "/4"
@@ -242,7 +242,7 @@ impl Input {
         fs::create_dir_all(folder.join(&self.file).parent().unwrap()).unwrap();
     }
 
-    /// Reads the damaged file in its folder: whether it was let through. Panics where what came out does not hold together.
+    /// Reads the damaged file in its folder. Returns true if it was accepted; panics if the result is inconsistent.
     pub fn read(&self, bytes: &[u8], folder: &Path) -> bool {
         let path = folder.join(&self.file);
         match self.reader {
@@ -285,7 +285,7 @@ impl Input {
     }
 }
 
-/// What was read, or none; a refusal says something.
+/// The result, or none; a refusal must have a message.
 fn said<T, E: std::fmt::Display>(read: Result<T, E>) -> Option<T> {
     match read {
         Ok(value) => Some(value),
@@ -297,7 +297,7 @@ fn said<T, E: std::fmt::Display>(read: Result<T, E>) -> Option<T> {
     }
 }
 
-/// Every value finite, what was left out counted, and the model can be written and read again.
+/// Checks that every value is finite, omissions are counted, and the model can be written and read again.
 fn model<E: std::fmt::Display>(bytes: usize, read: Result<Loaded, E>, folder: &Path) -> bool {
     let Some(Loaded { gaussians: m, repairs, .. }) = said(read) else { return false };
     m.validate().unwrap();
@@ -313,7 +313,7 @@ fn model<E: std::fmt::Display>(bytes: usize, read: Result<Loaded, E>, folder: &P
     true
 }
 
-/// Finite cameras, tracks within the views, photos as large as their cameras say.
+/// Checks for finite cameras, tracks within the views, and photos of their cameras' sizes.
 fn scene(folder: &Path) -> bool {
     let Some(mut scene) = said(Scene::open(folder, &OpenOptions::default())) else { return false };
     for view in &scene.views {
@@ -349,7 +349,7 @@ fn absent(scene: &Scene) -> usize {
     scene.skipped.missing_images.count + scene.skipped.mismatched_images.count
 }
 
-/// Gives every chunk of a PNG the checksum of what it holds, so that damage reaches what lies behind the checksums.
+/// Gives every chunk of a PNG the checksum of its content, so that damage gets past the checksums.
 fn right_checksums(bytes: &mut [u8]) {
     let mut at = 8;
     while let Some(length) = bytes.get(at..at + 4).map(|b| u32::from_be_bytes([b[0], b[1], b[2], b[3]]) as usize) {

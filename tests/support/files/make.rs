@@ -4,7 +4,7 @@ use std::io::{Cursor, Write};
 
 use qirf_vk::gaussians::Gaussians;
 
-/// How a PLY body is stored.
+/// Encoding of a PLY body.
 #[derive(Clone, Copy, Debug)]
 pub enum Encoding {
     Ascii,
@@ -39,7 +39,7 @@ pub fn rest_count(model: &Gaussians) -> usize {
     (model.degree() + 1).pow(2) - 1
 }
 
-/// One named value of each row of the standard layout, rotations first: readers must not mind the order.
+/// One named value of each row of the standard layout, rotations first: readers must accept any order.
 fn columns(model: &Gaussians, i: usize) -> Vec<(String, f32)> {
     let mut row: Vec<(String, f32)> = Vec::new();
     let mut push = |name: &str, values: &[f32]| {

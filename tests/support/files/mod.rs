@@ -1,4 +1,4 @@
-//! Good files of every input format, and what reads them. The fuzz targets (`tests/fuzz`) share this folder.
+//! Good files of every input format, and their readers. The fuzz targets (`tests/fuzz`) share this folder.
 
 pub mod corpus;
 pub mod make;
