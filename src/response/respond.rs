@@ -54,7 +54,7 @@ impl ResidentResponses {
         Ok(Self { values, seen })
     }
 
-    /// Records the responses of a view, after its [`Renderer::record_backward`] with [`Backward::residual`].
+    /// Records the responses of a view, after its [`Renderer::record_backward`] with [`residual`](crate::render::Backward::residual).
     ///
     /// Nothing changes if the view's pairs did not fit, as in training.
     pub fn record(

@@ -89,7 +89,7 @@ impl Evaluator {
         Ok(Self { renderer, background: settings.background, fits_exposure: false })
     }
 
-    /// Sets whether photos have exposures of their own and are scored by the protocol of [`super::exposure_fit`].
+    /// Sets whether photos have exposures of their own and are scored by the protocol of `exposure_fit`.
     pub fn compare_as(&mut self, fits_exposure: bool) {
         self.fits_exposure = fits_exposure;
     }
