@@ -3,7 +3,48 @@
 use super::ranges;
 use super::run::RunConfig;
 use crate::error::Error;
+use serde::Deserialize;
 use std::path::Path;
+
+/// Keys of the file and names of its tables.
+const KEYS: [&str; 17] = [
+    "scene",
+    "images",
+    "resolution",
+    "seed",
+    "eval_every",
+    "sh_degree",
+    "init",
+    "init_count",
+    "background",
+    "antialias",
+    "depth_order",
+    "exposure",
+    "max_gaussians",
+    "checkpoint_every",
+    "schedule",
+    "prune",
+    "effects",
+];
+
+/// The keys of a style, which serde reads without their lines where they are flattened into a configuration.
+#[derive(Deserialize)]
+struct StyleKeys {
+    #[serde(rename = "antialias")]
+    _antialias: Option<bool>,
+    #[serde(rename = "depth_order")]
+    _depth_order: Option<bool>,
+}
+
+/// Refuses an unknown key before a missing one is noticed, which is what a misspelt key comes to; and a style's key of the
+/// wrong type with its line.
+fn check_keys(text: &str) -> Result<(), String> {
+    let table: toml::Table = text.parse().map_err(|e: toml::de::Error| e.to_string())?;
+    if let Some(key) = table.keys().find(|key| !KEYS.contains(&key.as_str())) {
+        return Err(format!("unknown field `{key}`; the fields are {}", KEYS.join(", ")));
+    }
+    toml::from_str::<StyleKeys>(text).map(|_| ()).map_err(|e| e.to_string())
+}
 
 impl RunConfig {
     /// Reads a `config.toml`.
@@ -13,6 +54,7 @@ impl RunConfig {
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         let wrong = |what: String| Error::Usage(format!("{}: {what}", path.display()));
+        check_keys(&text).map_err(wrong)?;
         let config: Self = toml::from_str(&text).map_err(|e| wrong(e.to_string()))?;
         ranges::check(&config).map_err(wrong)?;
         Ok(config)
@@ -76,6 +118,7 @@ mod tests {
             "checkpoint_every = 50",
         ];
         assert_eq!(keys.lines().collect::<Vec<_>>(), expected);
+        assert_eq!(check_keys(&text), Ok(()));
         assert_eq!(toml::from_str::<RunConfig>(&text).unwrap(), config());
     }
 
@@ -93,5 +136,9 @@ mod tests {
             let error = toml::from_str::<RunConfig>(&text).unwrap_err().to_string();
             assert!(error.contains(key), "{error}");
         }
+        let error = check_keys(&text.replace("seed = 1", "sead = 1")).unwrap_err();
+        assert!(error.starts_with("unknown field `sead`"), "{error}");
+        let error = check_keys(&text.replace("antialias = true", "antialias = 3")).unwrap_err();
+        assert!(error.contains("line 7") && error.contains("antialias = 3"), "{error}");
     }
 }
