@@ -117,9 +117,9 @@ pub(crate) fn rows<T: Copy, const N: usize>(values: &[T]) -> Vec<[T; N]> {
     values.as_chunks().0.to_vec()
 }
 
-impl Gaussians {
+impl<T: Copy> Gaussians<T> {
     /// The numbers of each attribute, Gaussian by Gaussian; empty for bands that the model lacks.
-    pub fn attributes(&self) -> Attributes<&[f32]> {
+    pub fn attributes(&self) -> Attributes<&[T]> {
         Attributes {
             means: self.means.as_flattened(),
             log_scales: self.log_scales.as_flattened(),
@@ -130,7 +130,7 @@ impl Gaussians {
     }
 
     /// A model of these numbers with `bands` SH bands.
-    pub fn of_attributes(attributes: Attributes<Vec<f32>>, bands: usize) -> Self {
+    pub fn of_attributes(attributes: Attributes<Vec<T>>, bands: usize) -> Self {
         let Attributes { means, log_scales, rotations, opacity_logits, sh } = attributes;
         Self {
             means: rows(&means),

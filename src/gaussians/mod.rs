@@ -11,7 +11,6 @@ pub mod sh;
 
 pub use crate::kernels::constants::projection::MIN_QUATERNION;
 pub use attributes::Attributes;
-pub(crate) use attributes::rows;
 pub use error::Error;
 
 /// Highest spherical-harmonics degree that the engine supports.
@@ -22,21 +21,21 @@ pub const MAX_SH_DEGREE: usize = 3;
 /// Stored values are those that the optimiser changes: scales are logarithms, opacities are logits, quaternions are
 /// (w, x, y, z) of any length. This is the layout of the standard 3DGS PLY without its interleaving.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Gaussians {
+pub struct Gaussians<T = f32> {
     /// Centres in world units, n.
-    pub means: Vec<[f32; 3]>,
+    pub means: Vec<[T; 3]>,
     /// Natural logarithms of the axes' standard deviations, n.
-    pub log_scales: Vec<[f32; 3]>,
+    pub log_scales: Vec<[T; 3]>,
     /// Quaternions (w, x, y, z), not necessarily of unit length, n.
-    pub rotations: Vec<[f32; 4]>,
+    pub rotations: Vec<[T; 4]>,
     /// Opacity before the sigmoid, n.
-    pub opacity_logits: Vec<f32>,
+    pub opacity_logits: Vec<T>,
     /// Spherical harmonics, one array per degree l = 0..=L; band l holds n x (2l + 1) x 3 floats: per Gaussian its
     /// 2l + 1 coefficients in the order m = -l..=l, each red, green, blue.
-    pub sh: Vec<Vec<f32>>,
+    pub sh: Vec<Vec<T>>,
 }
 
-impl Gaussians {
+impl<T> Gaussians<T> {
     /// Number of Gaussians.
     pub fn len(&self) -> usize {
         self.means.len()
@@ -51,7 +50,9 @@ impl Gaussians {
     pub fn degree(&self) -> usize {
         self.sh.len().saturating_sub(1)
     }
+}
 
+impl Gaussians {
     /// Floats per Gaussian in band `l`: (2l + 1) coefficients of three colours.
     pub const fn band_width(l: usize) -> usize {
         (2 * l + 1) * 3

@@ -9,7 +9,7 @@ use qirf_vk::kernels::constants::blending::float64::ALPHA_MIN;
 use qirf_vk::reference::bin::{bin, depth_order};
 use qirf_vk::reference::rasterise::{rasterise, sample};
 use qirf_vk::reference::{self, Rendered};
-use qirf_vk::render::{Culling, Image, Renderer, Settings, Style};
+use qirf_vk::render::{Culling, Image, Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
 
 /// Renders one picture with a renderer of its own.
@@ -108,11 +108,7 @@ fn golden_pictures_of_the_shared_data() {
 fn draws(cases: Vec<Case>) {
     let device = device();
     for case in cases {
-        let settings = Settings {
-            background: case.settings.background.map(|v| v as f32),
-            style: Style { antialias: case.settings.antialias, ..Style::default() },
-            ..Settings::default()
-        };
+        let settings = case.device_settings();
         let twin_settings = reference::Settings {
             background: case.settings.background,
             antialias: case.settings.antialias,
@@ -328,15 +324,7 @@ fn hard_gaussians_stay_finite() {
     for mean in [[f32::NAN, 0.0, 2.0], [f32::INFINITY, 0.0, 2.0], [0.0, 0.0, f32::INFINITY], [1e30, 0.0, 2.0]] {
         add(mean, [-2.0; 3], upright, 1.0);
     }
-    let camera = Camera {
-        rotation: DMat3::IDENTITY,
-        translation: DVec3::ZERO,
-        focal: DVec2::splat(40.0),
-        principal: DVec2::splat(16.0),
-        width: 32,
-        height: 32,
-    };
-    let image = render(&device, &model, &camera, Settings::default());
+    let image = render(&device, &model, &qirf_vk::selftest::project::ahead(), Settings::default());
     assert!(image.pixels.as_flattened().iter().all(|v| v.is_finite()));
     assert!(image.pixels.iter().all(|p| (0.0..=1.0).contains(&p[3])));
     finish(&device);

@@ -91,11 +91,7 @@ fn golden_gradients_of_the_shared_data() {
 fn differentiates(cases: Vec<Case>) {
     let device = device();
     for case in cases {
-        let settings = Settings {
-            background: case.settings.background.map(|v| v as f32),
-            style: Style { antialias: case.settings.antialias, ..Style::default() },
-            ..Settings::default()
-        };
+        let settings = case.device_settings();
         let mut sum = Params::from(&case.model).zeros_like();
         for (v, camera) in case.views.iter().enumerate() {
             let weights: Vec<[f32; 4]> = case

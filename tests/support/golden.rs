@@ -9,7 +9,7 @@ use std::{
 };
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
-use qirf_vk::{gaussians::Gaussians, reference::Settings, scene::camera::Camera};
+use qirf_vk::{gaussians::Gaussians, reference::Settings, render, scene::camera::Camera};
 
 /// A golden case: the model, its views and the folder of expected arrays.
 pub struct Case {
@@ -48,6 +48,15 @@ impl Case {
             views: read_cameras(&folder.join("sparse/0")),
             settings,
             folder,
+        }
+    }
+
+    /// The settings as the device takes them.
+    pub fn device_settings(&self) -> render::Settings {
+        render::Settings {
+            background: self.settings.background.map(|v| v as f32),
+            style: render::Style { antialias: self.settings.antialias, ..render::Style::default() },
+            ..render::Settings::default()
         }
     }
 
