@@ -69,7 +69,8 @@ fn describe(info: &DeviceInfo, tuning: Option<&Tuning>) -> String {
 /// A tuning's fields, four per line.
 fn shapes(tuning: &Tuning) -> String {
     let json = json!(tuning);
-    let fields = json.as_object().into_iter().flatten().filter(|(name, _)| *name != "class");
+    let fields =
+        json.as_object().into_iter().flatten().filter(|(name, _)| !["class", "subgroup"].contains(&name.as_str()));
     let fields: Vec<String> = fields.map(|(name, value)| format!("{} {value}", name.replace('_', " "))).collect();
     let lines: Vec<String> = fields.chunks(4).map(|line| line.join(", ")).collect();
     format!("\n    tuning      {}: {}", tuning.class, lines.join(",\n                "))

@@ -58,7 +58,10 @@ fn device(error: &gpu::Error) -> Option<String> {
             "give the same command again, with --resume where it has that; if it happens again, try a newer driver, a \
              longer watchdog of the driver, a smaller --resolution, or another --device",
         ),
-        gpu::Error::UnknownDevice { .. } | gpu::Error::UnknownTuning { .. } | gpu::Error::Vulkan { .. } => None,
+        gpu::Error::UnknownDevice { .. }
+        | gpu::Error::Tuning(_)
+        | gpu::Error::Shader { .. }
+        | gpu::Error::Vulkan { .. } => None,
     }
 }
 

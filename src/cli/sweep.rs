@@ -105,7 +105,7 @@ impl Arguments {
         let swept = SweepRecord {
             schema: 1,
             version: env!("CARGO_PKG_VERSION"),
-            device: device.info().clone(),
+            device: device.tuned(),
             host_threads: rayon::current_num_threads(),
             subject: described,
             axes,

@@ -108,6 +108,7 @@ impl Training {
             schedule: self.preset.schedule(self.iterations),
             prune: None,
             effects: self.overrides(),
+            tuning: None,
         }
     }
 

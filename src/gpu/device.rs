@@ -6,16 +6,20 @@ use super::frame::Frame;
 use super::hazards::Hazards;
 use super::instance::{self, Instance};
 use super::memory::Memory;
+use super::module::Modules;
 use super::pipeline::Pipelines;
 use super::probe;
 use super::queue::Queue;
 use super::red_zone::Guards;
 use super::select::{self, Candidate, DeviceInfo, DeviceKind, Feature};
-use super::tuning::{DeviceClass, Tuning};
+use super::tuning::Tuning;
+use super::tuning_choice::TuningChoice;
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::AllocatorCreateDesc;
+use serde::Serialize;
 use std::ffi::CString;
 use std::mem::ManuallyDrop;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How to open a device.
@@ -28,8 +32,10 @@ pub struct DeviceOptions {
     /// Bytes of device memory that this program may use; where absent, what is free of a GPU's memory (all of it where the
     /// driver does not tell), and all of a CPU device's.
     pub memory_limit: Option<u64>,
-    /// The class of device whose tuning is used; else `QIRF_TUNING`; else the device's own.
-    pub tuning: Option<DeviceClass>,
+    /// The tuning; else `QIRF_TUNING`; else the row of the device's own class.
+    pub tuning: Option<TuningChoice>,
+    /// A folder whose modules, `ROOM-STAGE.spv`, replace the program's own (tests of mutants); else `QIRF_SHADERS`.
+    pub shaders: Option<PathBuf>,
     /// Fill new buffers with NaN and give them red zones (tests): see [`Device::overrun_buffers`].
     pub guarded: bool,
     /// A fault to make (tests); else `QIRF_DEVICE_FAULT`.
@@ -38,15 +44,28 @@ pub struct DeviceOptions {
 
 /// A Vulkan device, ready to run kernels; clones share it.
 #[derive(Clone)]
-pub struct Device(Arc<Context>);
+pub struct Device {
+    context: Arc<Context>,
+    tuning: Arc<Tuning>,
+}
+
+/// A device as records name it: what it is, and the tuning that its kernels had.
+#[derive(Clone, Debug, Serialize)]
+pub struct TunedDevice {
+    /// The device.
+    #[serde(flatten)]
+    pub info: DeviceInfo,
+    /// The shapes of its kernels.
+    pub tuning: Tuning,
+}
 
 pub(super) struct Context {
     pub raw: ash::Device,
     pub info: DeviceInfo,
-    pub tuning: Tuning,
     pub queue: Queue,
     pub push: khr::push_descriptor::Device,
     pub debug: Option<ext::debug_utils::Device>,
+    pub modules: Modules,
     pub pipelines: Pipelines,
     pub hazards: Mutex<Hazards>,
     pub frames: Mutex<Vec<Frame>>,
@@ -60,11 +79,15 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+fn path_from_environment(name: &str) -> Option<PathBuf> {
+    std::env::var_os(name).filter(|path| !path.is_empty()).map(PathBuf::from)
+}
+
 impl Device {
     /// Opens the device that the options, `QIRF_DEVICE`, or the ranking choose, and checks its driver.
     ///
     /// # Errors
-    /// No loader, no device, none of that name, a missing feature, a tuning of no known name, or a driver that computes wrong
+    /// No loader, no device, none of that name, a missing feature, a tuning that does not exist or fit, or a driver that computes wrong
     /// results.
     pub fn open(options: &DeviceOptions) -> Result<Self, Error> {
         let flag = |name| std::env::var(name).is_ok_and(|v| !v.is_empty() && v != "0");
@@ -72,7 +95,10 @@ impl Device {
         let from_environment = std::env::var("QIRF_DEVICE").ok().filter(|s| !s.is_empty());
         let wanted = options.device.clone().or(from_environment);
         let candidate = select::choose(select::candidates(&instance)?, wanted.as_deref())?;
-        let device = Self(Arc::new(Context::new(instance, candidate, options)?));
+        let choice = options.tuning.clone().map_or_else(TuningChoice::from_environment, Ok)?;
+        let tuning = choice.on(&candidate.info)?;
+        let context = Arc::new(Context::new(instance, candidate, options)?);
+        let device = Self { context, tuning: Arc::new(tuning) };
         if device.info().kind == DeviceKind::Cpu {
             probe::check(&device)?;
         }
@@ -81,12 +107,26 @@ impl Device {
 
     /// What this device is and can do.
     pub fn info(&self) -> &DeviceInfo {
-        &self.0.info
+        &self.context.info
     }
 
     /// The shapes of kernels on this device.
     pub fn tuning(&self) -> &Tuning {
-        &self.0.tuning
+        &self.tuning
+    }
+
+    /// The same device, with other shapes of kernels from here on.
+    ///
+    /// # Errors
+    /// [`Error::Tuning`] with the field that the device cannot have.
+    pub fn with_tuning(&self, tuning: Tuning) -> Result<Self, Error> {
+        tuning.check(self.info()).map_err(Error::Tuning)?;
+        Ok(Self { context: Arc::clone(&self.context), tuning: Arc::new(tuning) })
+    }
+
+    /// The device and its tuning, for records.
+    pub fn tuned(&self) -> TunedDevice {
+        TunedDevice { info: self.info().clone(), tuning: self.tuning().clone() }
     }
 
     /// Validation warnings and errors that this process has seen.
@@ -96,27 +136,26 @@ impl Device {
 
     /// Whether validation layers are on.
     pub fn validates(&self) -> bool {
-        self.0.instance.validation
+        self.context.instance.validation
     }
 
     /// Bytes in buffers now, and at most so far.
     pub fn memory_used(&self) -> (u64, u64) {
-        self.0.memory.used()
+        self.context.memory.used()
     }
 
     /// Bytes that this program may use on the device.
     pub fn memory_limit(&self) -> u64 {
-        self.0.memory.limit()
+        self.context.memory.limit()
     }
 
     pub(super) fn context(&self) -> &Arc<Context> {
-        &self.0
+        &self.context
     }
 }
 
 impl Context {
     fn new(instance: Instance, candidate: Candidate, options: &DeviceOptions) -> Result<Self, Error> {
-        let class = options.tuning.map_or_else(DeviceClass::from_environment, |class| Ok(Some(class)))?;
         let info = candidate.info;
         let raw = create(&instance.raw, candidate.physical, candidate.queue_family, &info)?;
         // SAFETY: the family was found on this device and one queue was asked for.
@@ -136,7 +175,10 @@ impl Context {
             push: khr::push_descriptor::Device::new(&instance.raw, &raw),
             debug: instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
             queue: Queue::new(queue, candidate.queue_family, options.fault.or_else(Fault::from_environment)),
-            tuning: Tuning::new(class.unwrap_or(info.class), info.subgroup_size, info.max_workgroup),
+            modules: Modules {
+                folder: options.shaders.clone().or_else(|| path_from_environment("QIRF_SHADERS")),
+                keep_nan: info.has(Feature::NanPreserve),
+            },
             pipelines: Pipelines::new(&raw, candidate.pipeline_cache_uuid)?,
             hazards: Mutex::default(),
             frames: Mutex::default(),
@@ -173,7 +215,7 @@ impl Context {
 
 impl Drop for Context {
     fn drop(&mut self) {
-        // What a driver still holds after a loss is not worth a risk to the next start.
+        // A lost driver's cache may be damaged: the next start must not depend on it.
         if !self.queue.is_lost() {
             self.pipelines.save(&self.raw);
         }

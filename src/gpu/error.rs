@@ -1,6 +1,7 @@
 //! What can go wrong between the program and a Vulkan device.
 
 use ash::vk;
+use std::path::PathBuf;
 
 /// An error of the device floor; each message names the cause.
 #[derive(Debug, thiserror::Error)]
@@ -19,14 +20,9 @@ pub enum Error {
         /// The names of the devices present.
         there: String,
     },
-    /// `QIRF_TUNING` names no class of devices.
-    #[error("QIRF_TUNING: no tuning is called '{wanted}'; there are: {there}")]
-    UnknownTuning {
-        /// What was asked for.
-        wanted: String,
-        /// The names of the classes.
-        there: String,
-    },
+    /// A tuning that does not exist, or that the device cannot have.
+    #[error("tuning: {0}")]
+    Tuning(String),
     /// The device lacks something that the engine needs.
     #[error("{device} lacks {feature}, which qirf-vk needs")]
     MissingFeature {
@@ -43,6 +39,14 @@ pub enum Error {
         /// Driver name and version.
         driver: String,
         /// What it does wrong.
+        what: String,
+    },
+    /// A module that replaces one of the program's cannot be read.
+    #[error("{}: {what}", path.display())]
+    Shader {
+        /// The module's file.
+        path: PathBuf,
+        /// What is wrong.
         what: String,
     },
     /// One buffer is larger than the device can bind.

@@ -11,6 +11,7 @@ mod hazards;
 mod instance;
 mod kernel;
 mod memory;
+mod module;
 mod pipeline;
 mod probe;
 mod profiler;
@@ -22,9 +23,10 @@ mod select;
 mod staging;
 mod submit;
 mod tuning;
+mod tuning_choice;
 
 pub use buffer::{Buffer, RawBuffer};
-pub use device::{Device, DeviceOptions};
+pub use device::{Device, DeviceOptions, TunedDevice};
 pub use error::Error;
 pub use fault::{Answer, Call, Fault};
 pub use hazards::{Barrier, Hazards, Use};
@@ -36,6 +38,7 @@ pub use select::{DeviceInfo, DeviceKind, Feature, list};
 pub use staging::staging_bytes;
 pub use submit::Ticket;
 pub use tuning::{DeviceClass, Tuning};
+pub use tuning_choice::TuningChoice;
 
 /// Results of this floor.
 pub type Result<T> = std::result::Result<T, Error>;

@@ -65,8 +65,7 @@ impl Pipeline {
         let range =
             [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(shader.push_size)];
         let ranges = if shader.push_size > 0 { &range[..] } else { &[] };
-        let words: Vec<u32> =
-            shader.spirv.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        let words = context.modules.words(shader)?;
         let module_info = vk::ShaderModuleCreateInfo::default().code(&words);
         // SAFETY: the module is SPIR-V that the build validated, its layouts were reflected from the same module, and
         // every pointer outlives its call.
@@ -140,6 +139,9 @@ impl Pipelines {
     pub fn of(&self, context: &Context, recording: &Recording) -> Result<Vec<Arc<Pipeline>>, Error> {
         let wanted: Vec<(Key, &'static Shader)> = recording.pipelines().collect();
         let mut made = lock(&self.made);
+        if let Some(all) = wanted.iter().map(|(key, _)| made.get(key).cloned()).collect() {
+            return Ok(all);
+        }
         let mut missing: Vec<_> = wanted.iter().filter(|(key, _)| !made.contains_key(key)).collect();
         missing.sort_unstable_by_key(|(key, _)| key);
         missing.dedup_by(|(a, _), (b, _)| a == b);

@@ -58,6 +58,8 @@ pub enum Feature {
     FloatAtomics,
     /// The driver tells how much memory is free.
     MemoryBudget,
+    /// Kernels may ask that infinities and NaN are kept.
+    NanPreserve,
 }
 
 impl fmt::Display for Feature {
@@ -66,6 +68,7 @@ impl fmt::Display for Feature {
             Self::SubgroupSizeControl => "subgroup-size-control",
             Self::FloatAtomics => "float-atomics",
             Self::MemoryBudget => "memory-budget",
+            Self::NanPreserve => "nan-preserve",
         })
     }
 }
@@ -168,6 +171,7 @@ struct Report {
     extensions: Vec<vk::ExtensionProperties>,
     driver: vk::PhysicalDeviceDriverProperties<'static>,
     subgroup: vk::PhysicalDeviceSubgroupProperties<'static>,
+    floats: vk::PhysicalDeviceFloatControlsProperties<'static>,
     control: vk::PhysicalDeviceSubgroupSizeControlProperties<'static>,
     control_features: vk::PhysicalDeviceSubgroupSizeControlFeatures<'static>,
     atomic: vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>,
@@ -199,8 +203,10 @@ impl Report {
         let [control, atomic, budget] =
             [ext::subgroup_size_control::NAME, ext::shader_atomic_float::NAME, ext::memory_budget::NAME]
                 .map(|name| self.has(name));
-        let mut properties =
-            vk::PhysicalDeviceProperties2::default().push_next(&mut self.driver).push_next(&mut self.subgroup);
+        let mut properties = vk::PhysicalDeviceProperties2::default()
+            .push_next(&mut self.driver)
+            .push_next(&mut self.subgroup)
+            .push_next(&mut self.floats);
         let mut features = vk::PhysicalDeviceFeatures2::default();
         let mut memory = vk::PhysicalDeviceMemoryProperties2::default();
         if control {
@@ -276,6 +282,7 @@ impl Report {
             (Feature::SubgroupSizeControl, control),
             (Feature::FloatAtomics, atomics),
             (Feature::MemoryBudget, self.has(ext::memory_budget::NAME)),
+            (Feature::NanPreserve, self.floats.shader_signed_zero_inf_nan_preserve_float32 != 0),
         ];
         features.into_iter().filter(|(_, there)| *there).map(|(feature, _)| feature).collect()
     }

@@ -3,13 +3,13 @@
 //! All of them are specialization constants, or sizes of dispatches and scratch. None changes what is computed; most change
 //! the order in which sums are formed, and with it the last bits of results.
 
-use super::error::Error;
-use serde::Serialize;
+use super::select::DeviceInfo;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
 /// Classes of devices that the table has a row for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DeviceClass {
     /// Lanes are a CPU's.
@@ -45,11 +45,6 @@ impl DeviceClass {
             _ => Self::Gpu,
         }
     }
-
-    /// The class that `QIRF_TUNING` names, if it is set.
-    pub(super) fn from_environment() -> Result<Option<Self>, Error> {
-        std::env::var("QIRF_TUNING").ok().filter(|name| !name.is_empty()).map(|name| name.parse()).transpose()
-    }
 }
 
 impl fmt::Display for DeviceClass {
@@ -67,22 +62,23 @@ impl fmt::Display for DeviceClass {
 }
 
 impl FromStr for DeviceClass {
-    type Err = Error;
+    type Err = String;
 
-    fn from_str(name: &str) -> Result<Self, Error> {
-        let unknown = || Error::UnknownTuning {
-            wanted: name.to_owned(),
-            there: Self::ALL.map(|class| class.to_string()).join(", "),
-        };
-        Self::ALL.into_iter().find(|class| class.to_string() == name.to_lowercase()).ok_or_else(unknown)
+    fn from_str(name: &str) -> Result<Self, String> {
+        let there = || Self::ALL.map(|class| class.to_string()).join(", ");
+        let found = Self::ALL.into_iter().find(|class| class.to_string() == name.to_lowercase());
+        found.ok_or_else(|| format!("no class of devices is called '{name}'; there are: {}", there()))
     }
 }
 
 /// The shapes of kernels on one device; rooms read them by [`super::Device::tuning`].
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Tuning {
-    /// The class whose row of the table this is.
+    /// The class whose row of the table this is, some fields perhaps changed.
     pub class: DeviceClass,
+    /// Invocations in a subgroup: those of the device.
+    pub subgroup: u32,
     /// Side of a tile in pixels.
     pub tile: u32,
     /// Invocations that walk a tile's list forward; they share its pixels.
@@ -95,10 +91,12 @@ pub struct Tuning {
     pub scan_rows: u32,
     /// Invocations of a workgroup of a sort.
     pub sort_workgroup: u32,
-    /// Workgroups that a sort aims at; the bounds of `sort_rows` come first.
+    /// Workgroups that a sort aims at; the bounds of its rows come first.
     pub sort_workgroups: u32,
-    /// Fewest and most keys of an invocation of a sort.
-    pub sort_rows: [u32; 2],
+    /// Fewest keys of an invocation of a sort.
+    pub sort_rows_min: u32,
+    /// Most keys of an invocation of a sort.
+    pub sort_rows_max: u32,
     /// Whether each invocation of a sort ranks a run of its own, without ballots.
     pub sort_serial: bool,
     /// Whether an invocation of Adam owns a Gaussian's elements of an attribute; else it owns one element.
@@ -137,6 +135,7 @@ impl Tuning {
     fn cpu(subgroup: u32) -> Self {
         Self {
             class: DeviceClass::Cpu,
+            subgroup,
             // 3: a smaller tile lists fewer splats that its pixels do not need.
             tile: 8,
             // 19: one subgroup walks a tile, its pixels in registers, a splat a lane: 1.6 to 2 times as fast as batches.
@@ -148,7 +147,8 @@ impl Tuning {
             // up to 32 steps, with which LLVM takes 6.5 s for the two phases of a digit's width, instead of 0.3 s.
             sort_workgroup: subgroup,
             sort_workgroups: 16,
-            sort_rows: [64, 512],
+            sort_rows_min: 64,
+            sort_rows_max: 512,
             sort_serial: true,
             // 34: what a Gaussian's elements share is read once: 7.4 to 4.8 ms at 10,000 Gaussians.
             adam_by_gaussian: true,
@@ -169,6 +169,7 @@ impl Tuning {
         let tile = 16;
         Self {
             class,
+            subgroup,
             tile,
             // A pixel an invocation, a splat an invocation and batch.
             rasterise_workgroup: tile * tile,
@@ -178,7 +179,8 @@ impl Tuning {
             // Eight rank units a workgroup hold their counters in 8 KiB of shared memory.
             sort_workgroup: (8 * subgroup).min(max_workgroup),
             sort_workgroups: 1,
-            sort_rows: [16, 16],
+            sort_rows_min: 16,
+            sort_rows_max: 16,
             sort_serial: false,
             // Neighbouring lanes touch neighbouring words.
             adam_by_gaussian: false,
@@ -191,6 +193,58 @@ impl Tuning {
             multiply_workgroups: 4096,
             multiply_rounds: 1024,
         }
+    }
+}
+
+impl Tuning {
+    /// Tells which field a device cannot have, and why.
+    pub(super) fn check(&self, info: &DeviceInfo) -> Result<(), String> {
+        let subgroup = info.subgroup_size;
+        if self.subgroup != subgroup {
+            return Err(format!("subgroup = {}, but {} has subgroups of {subgroup}", self.subgroup, info.name));
+        }
+        let need = |holds: bool, field: &str, what: &str| {
+            if holds { Ok(()) } else { Err(format!("{field} is to be {what} on {}", info.name)) }
+        };
+        let pixels = self.tile * self.tile;
+        need([8, 16].contains(&self.tile), "tile", "8 or 16")?;
+        need(pixels.is_multiple_of(subgroup), "tile", "a square of whole subgroups")?;
+        let workgroups = [
+            ("rasterise_workgroup", self.rasterise_workgroup),
+            ("scan_workgroup", self.scan_workgroup),
+            ("sort_workgroup", self.sort_workgroup),
+            ("copy_workgroup", self.copy_workgroup),
+        ];
+        for (field, workgroup) in workgroups {
+            let fits = workgroup > 0 && workgroup.is_multiple_of(subgroup) && workgroup <= info.max_workgroup;
+            need(fits, field, &format!("a multiple of {subgroup} up to {}", info.max_workgroup))?;
+        }
+        need(pixels.is_multiple_of(self.rasterise_workgroup), "rasterise_workgroup", "a divisor of a tile's pixels")?;
+        match self.rasterise_batch {
+            0 => {
+                need(self.rasterise_workgroup == subgroup, "rasterise_workgroup", "one subgroup where the batch is 0")?
+            }
+            batch => need(batch == self.rasterise_workgroup, "rasterise_batch", "0 or the workgroup")?,
+        }
+        if self.sort_serial {
+            need(self.sort_workgroup == subgroup, "sort_workgroup", "one subgroup where a sort is serial")?;
+        }
+        let positive = [
+            ("scan_rows", self.scan_rows),
+            ("sort_workgroups", self.sort_workgroups),
+            ("loss_rounds", self.loss_rounds),
+            ("copy_rows", self.copy_rows),
+            ("multiply_workgroups", self.multiply_workgroups),
+            ("multiply_rounds", self.multiply_rounds),
+        ];
+        for (field, value) in positive {
+            need((1..=1 << 20).contains(&value), field, "from 1 to 1048576")?;
+        }
+        let (least, most) = (self.sort_rows_min, self.sort_rows_max);
+        need(most.is_power_of_two() && most <= 512, "sort_rows_max", "a power of two up to 512")?;
+        need(least.is_power_of_two() && least <= most, "sort_rows_min", "a power of two up to sort_rows_max")?;
+        let columns = self.overlap_columns > 0 && self.overlap_columns.is_multiple_of(subgroup);
+        need(columns, "overlap_columns", &format!("a multiple of {subgroup}"))
     }
 }
 
@@ -210,7 +264,7 @@ mod tests {
         for class in DeviceClass::ALL {
             assert_eq!(class.to_string().to_uppercase().parse::<DeviceClass>().ok(), Some(class));
         }
-        let error = "riva".parse::<DeviceClass>().unwrap_err().to_string();
+        let error = "riva".parse::<DeviceClass>().unwrap_err();
         assert!(error.contains("'riva'") && error.contains("nvidia"), "{error}");
     }
 

@@ -9,7 +9,7 @@ use super::evaluate::Evaluator;
 use super::output::Output;
 use super::records::{ArmRecord, CompareRecord, RunRecord};
 use super::session::Session;
-use super::setup::Setup;
+use super::setup::{Setup, tuned};
 use super::start::Start;
 use crate::error::Error;
 use crate::gaussians::formats;
@@ -32,6 +32,8 @@ pub fn compare(
     resume: bool,
 ) -> Result<CompareRecord, Error> {
     let output = Output::new(folder)?;
+    let device = tuned(session, shared, &output, resume)?;
+    let session = &Session { device: &device, ..*session };
     let (setup, start) = Setup::load(session, shared, &output, resume)?;
     setup.write_config(&start, &output)?;
     let iterations = setup.config.schedule.iterations;
@@ -53,7 +55,7 @@ pub fn compare(
     Ok(CompareRecord {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
-        device: session.device.info().clone(),
+        device: session.device.tuned(),
         scene: setup.config.scene.display().to_string(),
         iterations,
         prune_point,

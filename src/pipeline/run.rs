@@ -5,7 +5,7 @@ use super::config::{Init, RunConfig};
 use super::output::Output;
 use super::records::RunRecord;
 use super::session::Session;
-use super::setup::Setup;
+use super::setup::{Setup, tuned};
 use crate::error::Error;
 use crate::gaussians::formats;
 
@@ -18,6 +18,8 @@ pub fn run(session: &Session<'_>, config: &RunConfig, output: &Output, resume: b
     if let Init::Model(model) = &config.init {
         formats::refuse_overwrite(model, &output.model()).map_err(Error::writing)?;
     }
+    let device = tuned(session, config, output, resume)?;
+    let session = &Session { device: &device, ..*session };
     let (setup, start) = Setup::load(session, config, output, resume)?;
     setup.write_config(&start, output)?;
     let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;

@@ -8,6 +8,7 @@ use super::start::Start;
 use super::{Output, Watcher, budget, effects};
 use crate::effects::Decision;
 use crate::error::Error;
+use crate::gpu::Device;
 use std::time::Instant;
 
 /// A scene ready to train on, with the data that its runs share.
@@ -55,7 +56,7 @@ impl<'a> Setup<'a> {
         let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
         let (decisions, gains) = effects::decide(&prepared, config)?;
         watcher.note(&effects::summary(&decisions));
-        let config = config.decided(&decisions);
+        let config = RunConfig { tuning: Some(device.tuning().clone()), ..config.decided(&decisions) };
         let load_s = begun.elapsed().as_secs_f64();
         let setup = Self { session: *session, config, prepared, estimated_bytes, decisions, gains, begun, load_s };
         Ok((setup, start))
@@ -66,14 +67,28 @@ impl<'a> Setup<'a> {
     /// # Errors
     /// [`Error::OtherRun`]; [`Error::Write`].
     pub fn write_config(&self, start: &Start, output: &Output) -> Result<(), Error> {
-        let text = self.config.written()?;
         match start {
-            Start::Resumed(checkpoint) if checkpoint.notes.config != text => {
+            Start::Resumed(checkpoint) if !self.config.is_written_in(&checkpoint.notes.config) => {
                 Err(Error::OtherRun { checkpoint: output.checkpoint(), config: output.config() })
             }
-            _ => Output::text(&output.config(), &text),
+            _ => Output::text(&output.config(), &self.config.written()?),
         }
     }
+}
+
+/// The device with the tuning that a run is to have: with `resume` that of the run in `output`, else the configuration's.
+/// One that does not fit the device is told of, and the device's own is used.
+///
+/// # Errors
+/// A `config.toml` that cannot be read.
+pub fn tuned(session: &Session<'_>, config: &RunConfig, output: &Output, resume: bool) -> Result<Device, Error> {
+    let earlier = output.config();
+    let wanted = if resume && earlier.exists() { RunConfig::read(&earlier)?.tuning } else { config.tuning.clone() };
+    let Some(wanted) = wanted else { return Ok(session.device.clone()) };
+    Ok(session.device.with_tuning(wanted).unwrap_or_else(|e| {
+        session.watcher.note(&format!("the run began on another device: {e}; results will differ in their last bits"));
+        session.device.clone()
+    }))
 }
 
 /// The checkpoint in `output`, if there is one.

@@ -53,8 +53,10 @@ struct Shape {
 impl Shape {
     fn of(device: &Device, capacity: u32) -> Self {
         let tuning = device.tuning();
-        let (workgroup, [fewest, most]) = (tuning.sort_workgroup, tuning.sort_rows);
-        let rows = (capacity / (workgroup * tuning.sort_workgroups)).clamp(fewest, most).next_power_of_two();
+        let workgroup = tuning.sort_workgroup;
+        let rows = (capacity / (workgroup * tuning.sort_workgroups))
+            .clamp(tuning.sort_rows_min, tuning.sort_rows_max)
+            .next_power_of_two();
         Self { workgroup, rows, serial: tuning.sort_serial }
     }
 

@@ -42,7 +42,7 @@ pub fn page(compared: &CompareRecord, folder: &Path) -> String {
         compared.prune_point,
         compared.iterations,
         compared.version,
-        compared.device.name
+        compared.device.info.name
     );
     page::page("Comparison of pruning methods", &subtitle, &sections)
 }

@@ -13,14 +13,16 @@ pub fn page(swept: &SweepRecord) -> String {
     for axis in &swept.axes {
         sections.push(Section::new(axis.axis.name(), axis.title, body(axis)));
     }
-    let subtitle =
-        format!("{}: {}; qirf-vk {} on {}", swept.subject.path, swept.subject.origin, swept.version, swept.device.name);
+    let subtitle = format!(
+        "{}: {}; qirf-vk {} on {}",
+        swept.subject.path, swept.subject.origin, swept.version, swept.device.info.name
+    );
     page::page("Accuracy against time", &subtitle, &sections)
 }
 
 fn summary(swept: &SweepRecord) -> Markup {
     let s = &swept.subject;
-    let mut told = vec![("device", format!("{} ({})", swept.device.name, swept.device.driver))];
+    let mut told = vec![("device", format!("{} ({})", swept.device.info.name, swept.device.info.driver))];
     if s.gaussians > 0 {
         told.push(("model of the light axes", format!("{} Gaussians, SH degree {}", count(s.gaussians), s.degree)));
         told.push(("views", format!("{} of {} x {}", s.views, s.size[0], s.size[1])));

@@ -1,14 +1,14 @@
 //! Kernels in the shapes that GPUs get, on whatever device there is: the quick selftest of every room whose kernels differ.
 
 use crate::support::finish;
-use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions};
+use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions, TuningChoice};
 use qirf_vk::selftest::{Check, cases};
 
 const ROOMS: [&str; 6] = ["scan", "sort", "rasterise", "backward", "adam", "ssim"];
 
 #[test]
 fn kernels_tuned_for_gpus_are_right_here_too() {
-    let tuning = Some(DeviceClass::Gpu);
+    let tuning = Some(TuningChoice::class(DeviceClass::Gpu));
     let options = DeviceOptions { tuning, validation: true, guarded: true, ..DeviceOptions::default() };
     let device = Device::open(&options).unwrap();
     assert_eq!((device.tuning().class, device.tuning().tile), (DeviceClass::Gpu, 16));

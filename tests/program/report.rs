@@ -1,7 +1,7 @@
 //! The page of a run: well formed, self-contained and without NaN, whatever the results contain.
 
 use super::html::{Html, parse};
-use qirf_vk::gpu::{DeviceClass, DeviceInfo, DeviceKind};
+use qirf_vk::gpu::{DeviceClass, DeviceInfo, DeviceKind, TunedDevice, Tuning};
 use qirf_vk::metrics::Scores;
 use qirf_vk::pipeline::Output;
 use qirf_vk::pipeline::evaluate::exhibits::exhibits;
@@ -65,22 +65,25 @@ fn rich() -> RunRecord {
     RunRecord {
         schema: 1,
         version: "0.0.0",
-        device: DeviceInfo {
-            index: 0,
-            name: "Device <&>".into(),
-            kind: DeviceKind::Cpu,
-            class: DeviceClass::Cpu,
-            driver: "driver \"1\"".into(),
-            api: "1.3".into(),
-            subgroup_size: 8,
-            subgroup_range: [8, 8],
-            max_buffer_bytes: 1,
-            memory_bytes: 1,
-            shared_bytes: 1,
-            max_workgroup: 1,
-            timestamp_period: 1.0,
-            optional: Vec::new(),
-            missing: None,
+        device: TunedDevice {
+            tuning: Tuning::new(DeviceClass::Cpu, 8, 1024),
+            info: DeviceInfo {
+                index: 0,
+                name: "Device <&>".into(),
+                kind: DeviceKind::Cpu,
+                class: DeviceClass::Cpu,
+                driver: "driver \"1\"".into(),
+                api: "1.3".into(),
+                subgroup_size: 8,
+                subgroup_range: [8, 8],
+                max_buffer_bytes: 1,
+                memory_bytes: 1,
+                shared_bytes: 1,
+                max_workgroup: 1,
+                timestamp_period: 1.0,
+                optional: Vec::new(),
+                missing: None,
+            },
         },
         protocol: Protocol {
             test_split: "every 8 by name".into(),

@@ -1,9 +1,9 @@
 //! Whole runs of the real binary: files, figures, and recovery from being killed.
 
+use crate::support::runs;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::{Init, Preset, RunConfig, Session, Silent, prepare, run};
-use qirf_vk::render::Style;
 use qirf_vk::scene::{PhotoMemory, Pixels};
 use qirf_vk::synth::{SynthOptions, write};
 use std::path::{Path, PathBuf};
@@ -198,22 +198,14 @@ fn memory_is_estimated_before_the_start() {
 fn photos_beyond_the_hosts_memory_change_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let config = RunConfig {
-        scene: scene(folder.path()),
-        images: None,
         resolution: Some("40".into()),
         seed: 3,
         eval_every: 4,
-        sh_degree: 1,
         init: Init::Random,
         init_count: Some(900),
-        background: None,
-        style: Style::default(),
-        exposure: false,
         max_gaussians: 5000,
-        checkpoint_every: 0,
-        schedule: Preset::Quick.schedule(Some(60)),
         prune: Some(Preset::Quick.pruning()),
-        effects: qirf_vk::effects::Overrides::default(),
+        ..runs::config(&scene(folder.path()), 60)
     };
     let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
     let mut results = Vec::new();

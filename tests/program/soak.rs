@@ -1,6 +1,7 @@
 //! A long-lived process: runs that prune, stop, resume and compress, over and over. Memory stays flat, every round ends
 //! with the same bytes, and the validation layers say nothing. `make soak`; `QIRF_SOAK_ITERATIONS` shortens it.
 
+use crate::support::runs;
 use qirf_vk::error::Error;
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::{Device, DeviceOptions};
@@ -8,7 +9,7 @@ use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
 use qirf_vk::pipeline::config::{Compression, Pruning};
 use qirf_vk::pipeline::virtual_views::VirtualCameras;
-use qirf_vk::pipeline::{Init, Output, Preset, RunConfig, Session, Watcher, run};
+use qirf_vk::pipeline::{Output, Preset, RunConfig, Session, Watcher, run};
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::random;
 use qirf_vk::render::Style;
@@ -49,22 +50,14 @@ fn config(scene: &Path) -> RunConfig {
     let mut schedule = Preset::Quick.schedule(Some(ROUND));
     schedule.densify_every = 20;
     let config = RunConfig {
-        scene: scene.to_owned(),
-        images: None,
-        resolution: None,
         seed: 3,
         eval_every: 4,
         sh_degree: 2,
-        init: Init::Points,
-        init_count: None,
-        background: None,
-        style: Style::default(),
-        exposure: false,
         max_gaussians: 2000,
         checkpoint_every: 90,
         schedule,
-        prune: None,
         effects: Preset::Quick.effects(),
+        ..runs::config(scene, ROUND)
     };
     config.pruned(Pruning { at: Pruning::GRADUAL.to_vec(), ..Pruning::default() })
 }

@@ -24,5 +24,6 @@ pub fn config(scene: &Path, iterations: u32) -> RunConfig {
         schedule: Preset::Quick.schedule(Some(iterations)),
         prune: None,
         effects: Overrides::default(),
+        tuning: None,
     }
 }

@@ -84,7 +84,7 @@ pub fn compress(
     Ok(CompressRecord {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
-        device: device.info().clone(),
+        device: device.tuned(),
         protocol: views.protocol(config),
         input,
         output: model_file(output, &model),

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// Keys of the file and names of its tables.
-const KEYS: [&str; 17] = [
+const KEYS: [&str; 18] = [
     "scene",
     "images",
     "resolution",
@@ -25,6 +25,7 @@ const KEYS: [&str; 17] = [
     "schedule",
     "prune",
     "effects",
+    "tuning",
 ];
 
 /// The keys of a style, which serde reads without their lines where they are flattened into a configuration.
@@ -60,6 +61,14 @@ impl RunConfig {
         Ok(config)
     }
 
+    /// Returns true if `text` is the `config.toml` of the same run, be it on another device, with another tuning.
+    pub fn is_written_in(&self, text: &str) -> bool {
+        let written = toml::from_str::<Self>(text)
+            .ok()
+            .and_then(|other| Self { tuning: self.tuning.clone(), ..other }.written().ok());
+        written.is_some() && written == self.written().ok()
+    }
+
     /// The text of `config.toml`.
     ///
     /// # Errors
@@ -73,27 +82,16 @@ impl RunConfig {
 mod tests {
     use super::*;
     use crate::effects::Overrides;
-    use crate::pipeline::config::{Init, Preset};
+    use crate::gpu::{DeviceClass, Tuning};
+    use crate::pipeline::config::Preset;
     use crate::render::Style;
 
     fn config() -> RunConfig {
         RunConfig {
-            scene: "capture".into(),
-            images: None,
-            resolution: None,
-            seed: 1,
-            eval_every: 8,
-            sh_degree: 3,
-            init: Init::Points,
-            init_count: None,
             background: Some([0.5, 0.25, 1.0]),
             style: Style { antialias: true, depth_order: false },
-            exposure: false,
-            max_gaussians: 4000,
-            checkpoint_every: 50,
-            schedule: Preset::Quick.schedule(None),
-            prune: None,
             effects: Overrides::default(),
+            ..RunConfig::sample(Preset::Quick)
         }
     }
 
@@ -120,6 +118,22 @@ mod tests {
         assert_eq!(keys.lines().collect::<Vec<_>>(), expected);
         assert_eq!(check_keys(&text), Ok(()));
         assert_eq!(toml::from_str::<RunConfig>(&text).unwrap(), config());
+    }
+
+    #[test]
+    fn every_key_that_is_written_is_known() {
+        let all = RunConfig {
+            images: Some("photos".into()),
+            resolution: Some("/2".into()),
+            init_count: Some(10),
+            effects: Preset::Paper.effects(),
+            tuning: Some(Tuning::new(DeviceClass::Cpu, 8, 1024)),
+            ..config()
+        };
+        let text = all.pruned(Preset::Quick.pruning()).written().unwrap();
+        assert_eq!(check_keys(&text), Ok(()));
+        let written: toml::Table = text.parse().unwrap();
+        assert_eq!(written.len(), KEYS.len(), "a key of KEYS is never written, or this test leaves it out");
     }
 
     #[test]

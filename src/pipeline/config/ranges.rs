@@ -125,34 +125,12 @@ fn compression(c: &Compression) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::config::{Init, Preset};
-    use crate::render::Style;
-
-    fn config() -> RunConfig {
-        RunConfig {
-            scene: "capture".into(),
-            images: None,
-            resolution: None,
-            seed: 1,
-            eval_every: 8,
-            sh_degree: 3,
-            init: Init::Points,
-            init_count: None,
-            background: None,
-            style: Style::default(),
-            exposure: false,
-            max_gaussians: 4_000_000,
-            checkpoint_every: 5000,
-            schedule: Preset::Standard.schedule(None),
-            prune: None,
-            effects: Preset::Standard.effects(),
-        }
-    }
+    use crate::pipeline::config::Preset;
 
     #[test]
     fn every_preset_passes() {
         for preset in [Preset::Paper, Preset::Standard, Preset::Quick] {
-            let run = RunConfig { schedule: preset.schedule(None), ..config() }.pruned(preset.pruning());
+            let run = RunConfig::sample(preset).pruned(preset.pruning());
             assert_eq!(check(&run), Ok(()));
             let gradual = Pruning { at: Pruning::GRADUAL.to_vec(), ..preset.pruning() };
             assert_eq!(check(&run.pruned(gradual)), Ok(()));
@@ -162,7 +140,7 @@ mod tests {
     #[test]
     fn what_no_run_can_mean_is_refused_by_field() {
         let with = |f: &dyn Fn(&mut RunConfig)| {
-            let mut config = config().pruned(Pruning::default());
+            let mut config = RunConfig::sample(Preset::Standard).pruned(Pruning::default());
             f(&mut config);
             check(&config).expect_err("must be refused")
         };

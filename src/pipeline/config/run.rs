@@ -2,6 +2,7 @@
 
 use super::pruning::Pruning;
 use crate::effects::{Choice, Effect, Overrides};
+use crate::gpu::Tuning;
 use crate::render::Style;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
@@ -114,6 +115,10 @@ pub struct RunConfig {
     /// The user's decisions on effects; the scene decides on all others.
     #[serde(default, skip_serializing_if = "Overrides::is_empty")]
     pub effects: Overrides,
+    /// The tuning of kernels, which decides on the last bits of results; the device's own if absent, or if this one does
+    /// not fit it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tuning: Option<Tuning>,
 }
 
 /// Selection of a scene's pictures.
@@ -153,6 +158,32 @@ impl RunConfig {
             eval_every: self.eval_every,
             background: self.background,
             effects: self.effects.clone(),
+        }
+    }
+}
+
+#[cfg(test)]
+impl RunConfig {
+    /// A run of a preset on a scene called `capture`, without a prune.
+    pub(crate) fn sample(preset: Preset) -> Self {
+        Self {
+            scene: "capture".into(),
+            images: None,
+            resolution: None,
+            seed: 1,
+            eval_every: 8,
+            sh_degree: 3,
+            init: Init::Points,
+            init_count: None,
+            background: None,
+            style: Style::default(),
+            exposure: false,
+            max_gaussians: 4000,
+            checkpoint_every: 50,
+            schedule: preset.schedule(None),
+            prune: None,
+            effects: preset.effects(),
+            tuning: None,
         }
     }
 }

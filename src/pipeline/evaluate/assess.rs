@@ -61,7 +61,7 @@ impl Assessment {
         RunRecord {
             schema: 1,
             version: env!("CARGO_PKG_VERSION"),
-            device: session.device.info().clone(),
+            device: session.device.tuned(),
             protocol,
             gaussians: Counts { initial: None, dense: None, last: model.len() },
             test: self.held_out.mean(),

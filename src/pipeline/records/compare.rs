@@ -2,7 +2,7 @@
 
 use super::prune::PruneRecord;
 use super::run::ViewScores;
-use crate::gpu::DeviceInfo;
+use crate::gpu::TunedDevice;
 use serde::{Deserialize, Serialize};
 
 /// Results of one arm.
@@ -42,7 +42,7 @@ pub struct CompareRecord {
     /// Version of the program.
     pub version: &'static str,
     /// The device.
-    pub device: DeviceInfo,
+    pub device: TunedDevice,
     /// The scene.
     pub scene: String,
     /// Iterations of every arm.

@@ -2,7 +2,7 @@
 
 use super::prune::PruneRecord;
 use super::run::Memory;
-use crate::gpu::DeviceInfo;
+use crate::gpu::TunedDevice;
 use crate::metrics::{Scores, mean};
 use crate::pipeline::config::Compression;
 use crate::render::Style;
@@ -17,7 +17,7 @@ pub struct CompressRecord {
     /// Version of the program.
     pub version: &'static str,
     /// The device.
-    pub device: DeviceInfo,
+    pub device: TunedDevice,
     /// Conditions of the measurement.
     pub protocol: CompressProtocol,
     /// The original model.

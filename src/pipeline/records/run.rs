@@ -2,7 +2,7 @@
 
 use super::prune::PruneRecord;
 use crate::effects::Decision;
-use crate::gpu::DeviceInfo;
+use crate::gpu::TunedDevice;
 use crate::metrics::Scores;
 use crate::scene::Skipped;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -16,7 +16,7 @@ pub struct RunRecord {
     /// Version of the program.
     pub version: &'static str,
     /// The device.
-    pub device: DeviceInfo,
+    pub device: TunedDevice,
     /// Conditions of the measurement.
     pub protocol: Protocol,
     /// Numbers of Gaussians.

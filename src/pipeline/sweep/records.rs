@@ -2,7 +2,7 @@
 
 use super::axis::Axis;
 use super::timing::{Spread, Timed};
-use crate::gpu::DeviceInfo;
+use crate::gpu::TunedDevice;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ pub struct SweepRecord {
     /// Version of the program.
     pub version: &'static str,
     /// The device.
-    pub device: DeviceInfo,
+    pub device: TunedDevice,
     /// Number of threads of the host's rungs.
     pub host_threads: usize,
     /// Subject of the measurements.

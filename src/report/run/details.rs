@@ -49,7 +49,13 @@ pub fn protocol(results: &RunRecord) -> Markup {
         ("scores", "on pictures rounded to 8 bits".to_owned()),
         ("iterations", number(p.iterations)),
         ("seed", p.seed.map_or(NONE.to_owned(), |n| n.to_string())),
-        ("device", format!("{} ({}), Vulkan {}", results.device.name, results.device.driver, results.device.api)),
+        (
+            "device",
+            format!(
+                "{} ({}), Vulkan {}",
+                results.device.info.name, results.device.info.driver, results.device.info.api
+            ),
+        ),
         ("program", format!("qirf-vk {}", results.version)),
     ])
 }

@@ -31,7 +31,7 @@ pub fn page(results: &RunRecord, stacks: &[Stack], config: &str) -> String {
     let [w, h] = results.protocol.image_size;
     let subtitle = format!(
         "qirf-vk {} on {}; {} training and {} held-out views, up to {w} × {h} pixels",
-        results.version, results.device.name, results.protocol.train_views, results.protocol.test_views
+        results.version, results.device.info.name, results.protocol.train_views, results.protocol.test_views
     );
     page::page("Training report", &subtitle, &sections)
 }

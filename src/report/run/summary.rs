@@ -29,7 +29,11 @@ pub fn body(results: &RunRecord) -> Markup {
         tile("Model", bytes(results.model_bytes), "model.ply".to_owned()),
         frames(results),
         tile("Time", seconds(results.time.total_s), format!("training and pruning: {}", seconds(results.time.train_s))),
-        tile("Device", results.device.name.clone(), format!("{}; {}", results.device.kind, results.device.driver)),
+        tile(
+            "Device",
+            results.device.info.name.clone(),
+            format!("{}; {}", results.device.info.kind, results.device.info.driver),
+        ),
     ])
 }
 
