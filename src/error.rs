@@ -193,6 +193,7 @@ impl Error {
             Self::Train(_) => 3,
             Self::Read { .. } | Self::Checkpoint { .. } => 3,
             Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,
+            Self::Device(gpu::Error::Tuning(_)) => 2,
             Self::Device(_) | Self::SelfTest { .. } => 4,
             Self::Interrupted => 130,
         }

@@ -15,7 +15,8 @@ const uint MAX_GROUPS = 65535;
 
 void main() {
     if (global_index() != 0) return;
-    uint count = (source[0] / per + (source[0] % per != 0 ? 1 : 0)) * times;
+    uint parts = source[0] / per + (source[0] % per != 0 ? 1 : 0);
+    uint count = parts > 0xffffffff / times ? 0xffffffff : parts * times; // saturates, as totals of scans do
     value[1] = max(value[1], count);
     if (count > limit) count = 0;
     value[0] = count;

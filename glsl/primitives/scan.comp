@@ -25,10 +25,24 @@ const uint SUBGROUPS = WORKGROUP / SUBGROUP;
 const uint BLOCK = WORKGROUP * ROWS;
 shared uint partial[SUBGROUPS];
 
-// Sum of `partial` over the subgroups before this one.
-uint before_subgroup() {
+// Sums over blocks saturate: a total beyond 32 bits must not pass for one that fits.
+uint saturated(uint a, uint b) {
+    uint sum = a + b;
+    return sum < a ? 0xffffffff : sum;
+}
+
+// The sum of up to 65,536 words, from the sums of their halves.
+uint saturated(uvec2 halves) {
+    uint high = halves.y + (halves.x >> 16);
+    return high > 0xffff ? 0xffffffff : (high << 16) + (halves.x & 0xffff);
+}
+
+uvec2 halves(uint word) { return uvec2(word & 0xffff, word >> 16); }
+
+// Sum of `partial` over the first `subgroups`.
+uint before(uint subgroups) {
     uint sum = 0;
-    for (uint s = 0; s < gl_SubgroupID; s++) sum += partial[s];
+    for (uint s = 0; s < subgroups; s++) sum = saturated(sum, partial[s]);
     return sum;
 }
 
@@ -39,15 +53,11 @@ uint first_element() {
 void reduce(uint n) {
     uint sum = 0;
     uint at = first_element();
-    for (uint row = 0; row < ROWS; row++, at += SUBGROUP) sum += at < n ? source[at] : 0;
-    sum = subgroupAdd(sum);
+    for (uint row = 0; row < ROWS; row++, at += SUBGROUP) sum = saturated(sum, at < n ? source[at] : 0);
+    sum = saturated(subgroupAdd(halves(sum)));
     if (subgroupElect()) partial[gl_SubgroupID] = sum;
     barrier();
-    if (gl_LocalInvocationID.x == 0) {
-        uint all = 0;
-        for (uint s = 0; s < SUBGROUPS; s++) all += partial[s];
-        if (group_index() * BLOCK < n) sums[group_index()] = all;
-    }
+    if (gl_LocalInvocationID.x == 0 && group_index() * BLOCK < n) sums[group_index()] = before(SUBGROUPS);
 }
 
 void spine(uint n) {
@@ -56,11 +66,11 @@ void spine(uint n) {
     for (uint start = 0; start < blocks; start += WORKGROUP) {
         uint at = start + gl_SubgroupID * SUBGROUP + gl_SubgroupInvocationID;
         uint own = at < blocks ? sums[at] : 0;
-        uint inclusive = subgroupInclusiveAdd(own);
+        uint inclusive = saturated(subgroupInclusiveAdd(halves(own)));
         if (gl_SubgroupInvocationID == SUBGROUP - 1) partial[gl_SubgroupID] = inclusive;
         barrier();
-        if (at < blocks) sums[at] = carry + before_subgroup() + inclusive - own;
-        for (uint s = 0; s < SUBGROUPS; s++) carry += partial[s];
+        if (at < blocks) sums[at] = carry + before(gl_SubgroupID) + inclusive - own;
+        carry = saturated(carry, before(SUBGROUPS));
         barrier();
     }
     if (gl_LocalInvocationID.x == 0) total[0] = carry;
@@ -74,7 +84,7 @@ void apply_block(uint n) {
     if (subgroupElect()) partial[gl_SubgroupID] = sum;
     barrier();
     if (group_index() * BLOCK >= n) return;
-    uint carry = sums[group_index()] + before_subgroup();
+    uint carry = sums[group_index()] + before(gl_SubgroupID);
     at = first_element();
     for (uint row = 0; row < ROWS; row++, at += SUBGROUP) {
         uint own = at < n ? source[at] : 0;

@@ -65,7 +65,7 @@ void main() {
     uint i = order[j];
     uint slot = offsets[j];
     first_slots[i] = slot;
-    uint end = slot + tile_counts[i];
+    uint end = min(slot + tile_counts[i], pairs[0]); // no store beyond the buffers, whatever was counted
     uvec2 tiles = view[0].tiles;
     vec4 g = geometry[i], s = shape[i];
     Footprint f = footprint_of(g.xy, origin(view[0]), vec3(g.zw, s.x), s.z);

@@ -62,6 +62,43 @@ fn scan_is_exact() {
     finish(&device);
 }
 
+/// A total beyond 32 bits must not pass for one that fits, wherever in the scan it gets too large.
+#[test]
+fn totals_saturate() {
+    let device = device();
+    let block = Scan::block(&device) as usize;
+    let half = 1_u32 << 31;
+    let apart = |gap: usize| [vec![half], vec![0; gap], vec![half, 5]].concat();
+    let cases = [
+        (vec![half, half, 5], u32::MAX),
+        (vec![half, half - 1, 0], u32::MAX),
+        (vec![half, half - 2, 1], u32::MAX),
+        (vec![half, 7, 5], half + 12),
+        (vec![u32::MAX; 3], u32::MAX),
+        (vec![u32::MAX; 3 * block + 1], u32::MAX),
+        (vec![1 << 20; 4096], u32::MAX),
+        (apart(block / 2), u32::MAX),
+        (apart(block), u32::MAX),
+        (apart(300 * block), u32::MAX),
+    ];
+    for (data, expected) in cases {
+        let n = data.len() as u32;
+        let (source, target) = (device.upload("source", &data).unwrap(), device.buffer("target", data.len()).unwrap());
+        let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
+        let scan = Scan::new(&device, n).unwrap();
+        let [fits, doubled] = ["fits", "doubled"].map(|name| Count::new(&device, name, u32::MAX - 1, &[]).unwrap());
+        let mut recording = Recording::new();
+        scan.record(&mut recording, &count, &source, &target, Some(&fits.value));
+        fits.prepare(&mut recording);
+        doubled.derive(&mut recording, &fits, 1, 2);
+        device.run(recording).unwrap();
+        let valid = if expected == u32::MAX { 0 } else { expected };
+        assert_eq!(fits.value.read(&device).unwrap(), [valid, expected], "{n} words");
+        assert_eq!(doubled.value.read(&device).unwrap(), [0, valid.saturating_mul(2)], "{n} words");
+    }
+    finish(&device);
+}
+
 fn check_sort(device: &Device, keys: &[u32], bits: u32) {
     let n = keys.len() as u32;
     let values: Vec<u32> = (0..n).collect();
