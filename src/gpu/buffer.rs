@@ -2,10 +2,11 @@
 
 use super::device::{Context, Device};
 use super::error::{During, Error};
+use super::memory;
 use ash::vk;
 use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
-use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc};
 use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -80,7 +81,7 @@ impl RawBuffer {
             requirements,
             location,
             linear: true,
-            allocation_scheme: AllocationScheme::GpuAllocatorManaged,
+            allocation_scheme: memory::scheme(raw, size + red_zone),
         };
         let bound = context.memory.allocate(&wanted, size).and_then(|a| {
             // SAFETY: the memory was allocated for this buffer's requirements and is bound once.

@@ -5,7 +5,7 @@ use super::fault::Fault;
 use super::frame::Frame;
 use super::hazards::Hazards;
 use super::instance::{self, Instance};
-use super::memory::Memory;
+use super::memory::{self, Memory};
 use super::module::Modules;
 use super::pipeline::Pipelines;
 use super::probe;
@@ -162,14 +162,15 @@ impl Context {
         let queue = unsafe { raw.get_device_queue(candidate.queue_family, 0) };
         // A CPU device's memory is the host's, and swaps: what is free of it says little.
         let free = candidate.free_bytes.filter(|_| info.kind != DeviceKind::Cpu);
-        let limit = options.memory_limit.or(free).unwrap_or(info.memory_bytes);
+        // One block of the allocator may be almost empty; buffers are counted by their own bytes.
+        let limit = options.memory_limit.unwrap_or(free.unwrap_or(info.memory_bytes).saturating_sub(memory::BLOCK));
         let allocator = AllocatorCreateDesc {
             instance: instance.raw.clone(),
             device: raw.clone(),
             physical_device: candidate.physical,
             debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
             buffer_device_address: false,
-            allocation_sizes: gpu_allocator::AllocationSizes::default(),
+            allocation_sizes: gpu_allocator::AllocationSizes::new(memory::BLOCK, memory::BLOCK),
         };
         Ok(Self {
             push: khr::push_descriptor::Device::new(&instance.raw, &raw),

@@ -4,9 +4,19 @@ use super::device::lock;
 use super::error::Error;
 use ash::vk;
 use gpu_allocator::AllocationError;
-use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, Allocator, AllocatorCreateDesc};
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes of a block that small buffers share.
+pub(super) const BLOCK: u64 = 64 << 20;
+/// Larger buffers have memory of their own: in a shared block each could leave almost its own size unused.
+const SHARED: u64 = 16 << 20;
+
+/// How a buffer of this size is allocated.
+pub(super) fn scheme(buffer: vk::Buffer, bytes: u64) -> AllocationScheme {
+    if bytes > SHARED { AllocationScheme::DedicatedBuffer(buffer) } else { AllocationScheme::GpuAllocatorManaged }
+}
 
 /// The memory of one device.
 pub(super) struct Memory {
