@@ -20,4 +20,5 @@ mod device {
     mod selftest;
     mod train;
     mod tuning;
+    mod work;
 }

@@ -14,6 +14,7 @@ use super::red_zone::Guards;
 use super::select::{self, Candidate, DeviceInfo, DeviceKind, Feature};
 use super::tuning::Tuning;
 use super::tuning_choice::TuningChoice;
+use super::work::{Counters, Traffic};
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::AllocatorCreateDesc;
 use serde::Serialize;
@@ -68,6 +69,7 @@ pub(super) struct Context {
     pub modules: Modules,
     pub pipelines: Pipelines,
     pub hazards: Mutex<Hazards>,
+    pub counters: Counters,
     pub frames: Mutex<Vec<Frame>>,
     pub guards: Option<Guards>,
     pub memory: ManuallyDrop<Memory>,
@@ -144,6 +146,11 @@ impl Device {
         self.context.memory.used()
     }
 
+    /// What the host has asked of the device so far.
+    pub fn traffic(&self) -> Traffic {
+        self.context.counters.read()
+    }
+
     /// Bytes that this program may use on the device.
     pub fn memory_limit(&self) -> u64 {
         self.context.memory.limit()
@@ -182,6 +189,7 @@ impl Context {
             },
             pipelines: Pipelines::new(&raw, candidate.pipeline_cache_uuid)?,
             hazards: Mutex::default(),
+            counters: Counters::default(),
             frames: Mutex::default(),
             guards: options.guarded.then(Guards::default),
             memory: ManuallyDrop::new(Memory::new(&allocator, &info.name, limit)?),

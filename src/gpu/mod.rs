@@ -24,6 +24,7 @@ mod staging;
 mod submit;
 mod tuning;
 mod tuning_choice;
+mod work;
 
 pub use buffer::{Buffer, RawBuffer};
 pub use device::{Device, DeviceOptions, TunedDevice};
@@ -39,6 +40,7 @@ pub use staging::staging_bytes;
 pub use submit::Ticket;
 pub use tuning::{DeviceClass, Tuning};
 pub use tuning_choice::TuningChoice;
+pub use work::{Traffic, Work};
 
 /// Results of this floor.
 pub type Result<T> = std::result::Result<T, Error>;

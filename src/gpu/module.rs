@@ -69,7 +69,7 @@ mod tests {
     #[test]
     fn the_mode_stands_behind_the_entry_point() {
         let header = [0x0723_0203, 0x0001_0500, 0, 9, 0];
-        let shader = [OP_CAPABILITY | 2 << 16, 1, 14 | 3 << 16, 0, 1];
+        let shader = [OP_CAPABILITY | 2 << 16, 1, 0xe | 3 << 16, 0, 1];
         let entry = [OP_ENTRY_POINT | 5 << 16, 5, 4, 0x6e69_616d, 0];
         let rest = [OP_EXECUTION_MODE | 6 << 16, 4, 17, 1, 1, 1];
         let mut words = [&header[..], &shader, &entry, &rest].concat();

@@ -9,6 +9,7 @@ use super::profiler::Timings;
 use super::recording::Recording;
 use ash::vk;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 /// Work under way. Dropping it waits.
 pub struct Ticket {
@@ -25,7 +26,9 @@ impl Device {
     /// # Errors
     /// Device errors.
     pub fn run(&self, recording: Recording) -> Result<Timings, Error> {
-        self.submit(recording)?.wait()
+        let ticket = self.submit(recording)?;
+        self.context().counters.round_trips.fetch_add(1, Ordering::Relaxed);
+        ticket.wait()
     }
 
     /// Submits a recording. Recordings run in the order of their submission.
@@ -34,6 +37,7 @@ impl Device {
     /// Device errors.
     pub fn submit(&self, recording: Recording) -> Result<Ticket, Error> {
         let context = self.context();
+        context.counters.submissions.fetch_add(1, Ordering::Relaxed);
         if context.queue.is_lost() {
             return Err(Error::Lost("queue submit")); // nothing that a lost device still holds is touched again
         }

@@ -220,12 +220,11 @@ impl Tuning {
             need(fits, field, &format!("a multiple of {subgroup} up to {}", info.max_workgroup))?;
         }
         need(pixels.is_multiple_of(self.rasterise_workgroup), "rasterise_workgroup", "a divisor of a tile's pixels")?;
-        match self.rasterise_batch {
-            0 => {
-                need(self.rasterise_workgroup == subgroup, "rasterise_workgroup", "one subgroup where the batch is 0")?
-            }
-            batch => need(batch == self.rasterise_workgroup, "rasterise_batch", "0 or the workgroup")?,
-        }
+        let batches = self.rasterise_batch > 0;
+        let whole = !batches || self.rasterise_batch == self.rasterise_workgroup;
+        need(whole, "rasterise_batch", "0 or the workgroup")?;
+        let alone = batches || self.rasterise_workgroup == subgroup;
+        need(alone, "rasterise_workgroup", "one subgroup where the batch is 0")?;
         if self.sort_serial {
             need(self.sort_workgroup == subgroup, "sort_workgroup", "one subgroup where a sort is serial")?;
         }

@@ -266,12 +266,12 @@ impl Trainer {
         Ok(self.device.submit(recording)?)
     }
 
-    /// Names of the kernels that the next iteration runs, in order, for tests of disabled effects.
+    /// The recording of the next iteration, for tests of what it runs and of its work.
     ///
     /// # Errors
     /// Photos that cannot be read.
-    pub fn kernels(&mut self) -> Result<Vec<&'static str>> {
-        Ok(self.record(self.iteration + 1, false)?.kernels())
+    pub fn recording(&mut self) -> Result<Recording> {
+        self.record(self.iteration + 1, false)
     }
 
     fn record(&mut self, iteration: u32, with_value: bool) -> Result<Recording> {

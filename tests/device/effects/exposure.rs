@@ -140,7 +140,7 @@ fn off_is_free() {
         let before = device.memory_used().0;
         let mut trainer = trainer(&device, folder.path(), exposure, masked);
         taken.push(device.memory_used().0 - before);
-        let kernels = trainer.kernels().unwrap();
+        let kernels = trainer.recording().unwrap().kernels();
         assert_eq!(kernels.contains(&"train/exposure"), exposure, "{kernels:?}");
         assert_eq!(kernels.contains(&"train/mask"), masked, "{kernels:?}");
         train(&mut trainer, 3);

@@ -1,0 +1,88 @@
+//! Counted work: what a recording asks of a device, known before it runs and the same on every machine.
+
+use super::hazards::Hazards;
+use super::kernel::Access;
+use super::recording::{Command, Recording};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// What a recording asks of a device.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Kernels started.
+    pub dispatches: usize,
+    /// Copies, fills and updates.
+    pub transfers: usize,
+    /// Barriers between commands.
+    pub barriers: usize,
+    /// Bytes of all arrays that commands read: each binding counts in full, once a dispatch.
+    pub read: u64,
+    /// Bytes of all arrays that commands write, counted likewise.
+    pub written: u64,
+}
+
+/// What the host has asked of a device so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Submissions to the queue.
+    pub submissions: u64,
+    /// Submissions that the host waited for at once, the device being idle until the next.
+    pub round_trips: u64,
+}
+
+/// The counters of [`Traffic`].
+#[derive(Default)]
+pub(super) struct Counters {
+    pub submissions: AtomicU64,
+    pub round_trips: AtomicU64,
+}
+
+impl Counters {
+    pub fn read(&self) -> Traffic {
+        let [submissions, round_trips] = [&self.submissions, &self.round_trips].map(|n| n.load(Ordering::Relaxed));
+        Traffic { submissions, round_trips }
+    }
+}
+
+impl Recording {
+    /// The work of this recording; `hazards` holds what earlier recordings left pending.
+    pub fn work(&self, hazards: &mut Hazards) -> Work {
+        let barriers = self.barriers(hazards).iter().flatten().count();
+        self.commands.iter().fold(Work { barriers, ..Work::default() }, |all, command| all.plus(Work::of(command)))
+    }
+
+    /// The work of the dispatches of one kernel.
+    pub fn work_of(&self, kernel: &str) -> Work {
+        let own =
+            self.commands.iter().filter(|c| matches!(c, Command::Dispatch { shader, .. } if shader.name == kernel));
+        own.fold(Work::default(), |all, command| all.plus(Work::of(command)))
+    }
+}
+
+impl Work {
+    fn of(command: &Command) -> Self {
+        let transfer = Self { transfers: 1, ..Self::default() };
+        match command {
+            Command::Dispatch { shader, buffers, .. } => {
+                let sum = |unwanted: Access| {
+                    let counted = buffers.iter().zip(shader.bindings).filter(|(_, b)| b.access != unwanted);
+                    counted.map(|(buffer, _)| buffer.bytes()).sum()
+                };
+                Self { dispatches: 1, read: sum(Access::Write), written: sum(Access::Read), ..Self::default() }
+            }
+            Command::Fill { bytes, .. } => Self { written: *bytes, ..transfer },
+            Command::Update { data, .. } => Self { written: data.len() as u64, ..transfer },
+            Command::Copy { bytes, .. } => Self { read: *bytes, written: *bytes, ..transfer },
+            Command::Begin(_) | Command::End => Self::default(),
+        }
+    }
+
+    fn plus(self, other: Self) -> Self {
+        Self {
+            dispatches: self.dispatches + other.dispatches,
+            transfers: self.transfers + other.transfers,
+            barriers: self.barriers + other.barriers,
+            read: self.read + other.read,
+            written: self.written + other.written,
+        }
+    }
+}

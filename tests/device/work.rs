@@ -1,0 +1,113 @@
+//! Counted work of an iteration of training: the same on every machine, so that a change of it is a change of the code.
+
+use glam::DVec3;
+use qirf_vk::gaussians::Gaussians;
+use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions, Hazards, TuningChoice, Work};
+use qirf_vk::scene::Photo;
+use qirf_vk::scene::camera::Camera;
+use qirf_vk::train::schedule::Schedule;
+use qirf_vk::train::{Options, Trainer};
+
+/// An iteration's work as it was last measured.
+struct Expected {
+    tuning: DeviceClass,
+    gaussians: usize,
+    degree: usize,
+    dispatches: usize,
+    barriers: usize,
+    /// In 10^6 bytes.
+    read: f64,
+    written: f64,
+}
+
+/// At 1 M Gaussians SH of degree 2: llvmpipe binds at most 128 MiB at a time.
+const EXPECTED: [Expected; 4] = [
+    expected(DeviceClass::Cpu, 10_000, 3, [64, 55], [50.7, 35.4]),
+    expected(DeviceClass::Gpu, 10_000, 3, [64, 55], [51.9, 36.5]),
+    expected(DeviceClass::Cpu, 1_000_000, 2, [63, 55], [2586.0, 1488.8]),
+    expected(DeviceClass::Gpu, 1_000_000, 2, [63, 55], [2675.4, 1549.0]),
+];
+
+const fn expected(
+    tuning: DeviceClass,
+    gaussians: usize,
+    degree: usize,
+    [dispatches, barriers]: [usize; 2],
+    [read, written]: [f64; 2],
+) -> Expected {
+    Expected { tuning, gaussians, degree, dispatches, barriers, read, written }
+}
+
+fn trainer(device: &Device, gaussians: usize, degree: usize, side: u32) -> Trainer {
+    let at = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
+    let model = Gaussians {
+        means: (0..gaussians).map(|i| [at(i, 0), at(i, 1), at(i, 2)]).collect(),
+        log_scales: vec![[-4.0; 3]; gaussians],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; gaussians],
+        opacity_logits: vec![0.0; gaussians],
+        sh: (0..=degree).map(|l| vec![0.1; gaussians * Gaussians::band_width(l)]).collect(),
+    };
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, side, side);
+    let photo = Photo::opaque(camera, vec![99; (side * side * 4) as usize]);
+    let never = u32::MAX;
+    let schedule =
+        Schedule { densify_every: never, opacity_reset_every: never, half_until: 0.0, ..Schedule::default() };
+    let pairs = 4 * gaussians as u32;
+    Trainer::new(device, &model, vec![photo], 1.0, Options { schedule, degree, pairs, ..Options::default() }).unwrap()
+}
+
+fn opened(class: DeviceClass) -> Device {
+    let tuning = Some(TuningChoice::class(class));
+    Device::open(&DeviceOptions { tuning, ..DeviceOptions::default() }).unwrap()
+}
+
+#[test]
+fn an_iteration_does_the_work_that_is_known() {
+    println!(
+        "| tuning | Gaussians | SH | dispatches | transfers | barriers | MB read | MB written | Adam, bytes a Gaussian |"
+    );
+    println!("|---|---:|---:|---:|---:|---:|---:|---:|---:|");
+    let mut wrong = Vec::new();
+    for expected in &EXPECTED {
+        let (n, side) = (expected.gaussians, if expected.gaussians > 100_000 { 1024 } else { 256 });
+        let mut trainer = trainer(&opened(expected.tuning), n, expected.degree, side);
+        let recording = trainer.recording().unwrap();
+        let mut hazards = Hazards::default();
+        recording.work(&mut hazards);
+        // The second of two iterations: the first leaves hazards pending.
+        let work: Work = recording.work(&mut hazards);
+        let adam = recording.work_of("train/adam");
+        let (read, written) = (work.read as f64 / 1e6, work.written as f64 / 1e6);
+        println!(
+            "| {} | {n} | {} | {} | {} | {} | {read:.1} | {written:.1} | {:.0} |",
+            expected.tuning,
+            expected.degree,
+            work.dispatches,
+            work.transfers,
+            work.barriers,
+            (adam.read + adam.written) as f64 / n as f64,
+        );
+        let near = |got: f64, right: f64| (got - right).abs() <= 0.03 * right;
+        if (work.dispatches, work.barriers) != (expected.dispatches, expected.barriers)
+            || !near(read, expected.read)
+            || !near(written, expected.written)
+        {
+            wrong.push((expected.tuning, n, work));
+        }
+    }
+    assert!(wrong.is_empty(), "measured otherwise before: {wrong:#?}");
+}
+
+/// The host submits 16 iterations, and only then looks: at guards, pairs and the loss.
+#[test]
+fn the_host_waits_four_times_in_sixteen_iterations() {
+    let device = opened(DeviceClass::Cpu);
+    let mut trainer = trainer(&device, 1000, 1, 32);
+    trainer.advance(16).unwrap();
+    let before = device.traffic();
+    trainer.advance(32).unwrap();
+    let after = device.traffic();
+    let (submissions, round_trips) = (after.submissions - before.submissions, after.round_trips - before.round_trips);
+    println!("16 iterations: {submissions} submissions, {round_trips} of them waited for at once");
+    assert_eq!((trainer.iteration(), submissions, round_trips), (32, 20, 4));
+}
