@@ -7,6 +7,7 @@ mod device {
     mod effects;
     mod examples;
     mod guards;
+    mod opening;
     mod overlap;
     mod participation;
     mod primitives;

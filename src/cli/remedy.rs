@@ -60,6 +60,7 @@ fn device(error: &gpu::Error) -> Option<String> {
         ),
         gpu::Error::UnknownDevice { .. }
         | gpu::Error::Tuning(_)
+        | gpu::Error::Variable { .. }
         | gpu::Error::Shader { .. }
         | gpu::Error::Vulkan { .. } => None,
     }

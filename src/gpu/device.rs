@@ -1,5 +1,6 @@
 //! A logical device with its queue, memory and pipelines.
 
+use super::descriptors::{Binder, Descriptors};
 use super::error::{During, Error};
 use super::fault::Fault;
 use super::frame::Frame;
@@ -14,6 +15,7 @@ use super::red_zone::Guards;
 use super::select::{self, Candidate, DeviceInfo, DeviceKind, Feature};
 use super::tuning::Tuning;
 use super::tuning_choice::TuningChoice;
+use super::variables;
 use super::work::{Counters, Traffic};
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::AllocatorCreateDesc;
@@ -35,6 +37,8 @@ pub struct DeviceOptions {
     pub memory_limit: Option<u64>,
     /// The tuning; else `QIRF_TUNING`; else the row of the device's own class.
     pub tuning: Option<TuningChoice>,
+    /// How kernels get their buffers; else `QIRF_DESCRIPTORS`; else by the best way that the device has.
+    pub descriptors: Option<Descriptors>,
     /// A folder whose modules, `ROOM-STAGE.spv`, replace the program's own (tests of mutants); else `QIRF_SHADERS`.
     pub shaders: Option<PathBuf>,
     /// Fill new buffers with NaN and give them red zones (tests): see [`Device::overrun_buffers`].
@@ -64,7 +68,7 @@ pub(super) struct Context {
     pub raw: ash::Device,
     pub info: DeviceInfo,
     pub queue: Queue,
-    pub push: khr::push_descriptor::Device,
+    pub binder: Binder,
     pub debug: Option<ext::debug_utils::Device>,
     pub modules: Modules,
     pub pipelines: Pipelines,
@@ -81,10 +85,6 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn path_from_environment(name: &str) -> Option<PathBuf> {
-    std::env::var_os(name).filter(|path| !path.is_empty()).map(PathBuf::from)
-}
-
 impl Device {
     /// Opens the device that the options, `QIRF_DEVICE`, or the ranking choose, and checks its driver.
     ///
@@ -94,8 +94,7 @@ impl Device {
     pub fn open(options: &DeviceOptions) -> Result<Self, Error> {
         let flag = |name| std::env::var(name).is_ok_and(|v| !v.is_empty() && v != "0");
         let instance = Instance::new(options.validation || flag("QIRF_VALIDATION"))?;
-        let from_environment = std::env::var("QIRF_DEVICE").ok().filter(|s| !s.is_empty());
-        let wanted = options.device.clone().or(from_environment);
+        let wanted = options.device.clone().or_else(|| variables::text("QIRF_DEVICE"));
         let candidate = select::choose(select::candidates(&instance)?, wanted.as_deref())?;
         let choice = options.tuning.clone().map_or_else(TuningChoice::from_environment, Ok)?;
         let tuning = choice.on(&candidate.info)?;
@@ -164,6 +163,7 @@ impl Device {
 impl Context {
     fn new(instance: Instance, candidate: Candidate, options: &DeviceOptions) -> Result<Self, Error> {
         let info = candidate.info;
+        let descriptors = Descriptors::choose(options.descriptors, &info)?;
         let raw = create(&instance.raw, candidate.physical, candidate.queue_family, &info)?;
         // SAFETY: the family was found on this device and one queue was asked for.
         let queue = unsafe { raw.get_device_queue(candidate.queue_family, 0) };
@@ -180,11 +180,11 @@ impl Context {
             allocation_sizes: gpu_allocator::AllocationSizes::new(memory::BLOCK, memory::BLOCK),
         };
         Ok(Self {
-            push: khr::push_descriptor::Device::new(&instance.raw, &raw),
+            binder: Binder::new(descriptors, &instance.raw, &raw),
             debug: instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
             queue: Queue::new(queue, candidate.queue_family, options.fault.or_else(Fault::from_environment)),
             modules: Modules {
-                folder: options.shaders.clone().or_else(|| path_from_environment("QIRF_SHADERS")),
+                folder: options.shaders.clone().or_else(|| variables::text("QIRF_SHADERS").map(PathBuf::from)),
                 keep_nan: info.has(Feature::NanPreserve),
             },
             pipelines: Pipelines::new(&raw, candidate.pipeline_cache_uuid)?,
@@ -250,7 +250,10 @@ fn create(
     queue_family: u32,
     info: &DeviceInfo,
 ) -> Result<ash::Device, Error> {
-    let mut extensions = vec![khr::push_descriptor::NAME.as_ptr()];
+    let mut extensions = Vec::new();
+    if info.has(Feature::PushDescriptors) {
+        extensions.push(khr::push_descriptor::NAME.as_ptr());
+    }
     let mut control = vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
     let mut atomic = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default().shader_buffer_float32_atomic_add(true);
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];

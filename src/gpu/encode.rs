@@ -55,7 +55,7 @@ impl<'a> Encoder<'a> {
             if let Some(barrier) = barrier {
                 self.barrier(barrier.source(), Barrier::destination());
             }
-            self.command(command, &mut pipelines);
+            self.command(command, &mut pipelines)?;
         }
         // What the host reads after the fence was written by copies.
         self.barrier(
@@ -78,7 +78,11 @@ impl<'a> Encoder<'a> {
         unsafe { device.cmd_pipeline_barrier(commands, source, destination, none, &memory, &[], &[]) };
     }
 
-    fn command<'b>(&mut self, command: &Command, pipelines: &mut impl Iterator<Item = &'b Arc<Pipeline>>) {
+    fn command<'b>(
+        &mut self,
+        command: &Command,
+        pipelines: &mut impl Iterator<Item = &'b Arc<Pipeline>>,
+    ) -> Result<(), Error> {
         let (device, commands) = (&self.context.raw, self.frame.commands);
         // SAFETY: the command buffer is being recorded; every buffer is alive, and the recording keeps it so.
         unsafe {
@@ -86,7 +90,7 @@ impl<'a> Encoder<'a> {
                 Command::Dispatch { shader, push, buffers, size, .. } => {
                     let pipeline = pipelines.next().expect("one pipeline a dispatch");
                     self.label(Some(shader.name));
-                    self.bind(pipeline, push, buffers);
+                    self.bind(pipeline, push, buffers)?;
                     match size {
                         Size::Direct([x, y, z]) => device.cmd_dispatch(commands, *x, *y, *z),
                         Size::Indirect(b, offset) => device.cmd_dispatch_indirect(commands, b.0.raw, *offset),
@@ -111,33 +115,21 @@ impl<'a> Encoder<'a> {
                 }
             }
         }
+        Ok(())
     }
 
     /// Binds a pipeline with its arguments.
-    fn bind(&self, pipeline: &Pipeline, push: &[u8], buffers: &[RawBuffer]) {
-        let (device, commands, point) = (&self.context.raw, self.frame.commands, vk::PipelineBindPoint::COMPUTE);
-        let infos: Vec<_> = buffers
-            .iter()
-            .map(|b| [vk::DescriptorBufferInfo::default().buffer(b.0.raw).range(vk::WHOLE_SIZE)])
-            .collect();
-        let writes: Vec<_> = infos
-            .iter()
-            .zip(0..)
-            .map(|(info, i)| {
-                vk::WriteDescriptorSet::default()
-                    .dst_binding(i)
-                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
-                    .buffer_info(info)
-            })
-            .collect();
+    fn bind(&self, pipeline: &Pipeline, push: &[u8], buffers: &[RawBuffer]) -> Result<(), Error> {
+        let (device, commands) = (&self.context.raw, self.frame.commands);
         // SAFETY: the command buffer is being recorded; pipeline and buffers are alive, and are those of one shader.
         unsafe {
-            device.cmd_bind_pipeline(commands, point, pipeline.raw);
-            self.context.push.cmd_push_descriptor_set(commands, point, pipeline.layout, 0, &writes);
+            device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
+            self.context.binder.bind(device, self.frame, pipeline, buffers)?;
             if !push.is_empty() {
                 device.cmd_push_constants(commands, pipeline.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
             }
         }
+        Ok(())
     }
 
     fn begin(&mut self, name: &'static str) {

@@ -23,6 +23,16 @@ pub enum Error {
     /// A tuning that does not exist, or that the device cannot have.
     #[error("tuning: {0}")]
     Tuning(String),
+    /// A variable of the environment that says what it cannot say.
+    #[error("{name}={text}: {what}")]
+    Variable {
+        /// Its name.
+        name: &'static str,
+        /// Its text.
+        text: String,
+        /// What is wrong with it.
+        what: String,
+    },
     /// The device lacks something that the engine needs.
     #[error("{device} lacks {feature}, which qirf-vk needs")]
     MissingFeature {

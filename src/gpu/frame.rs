@@ -1,5 +1,6 @@
-//! The command buffer, fence and queries of one submission.
+//! The command buffer, fence, queries and descriptor sets of one submission.
 
+use super::descriptors::{Room, Sets};
 use super::device::{Context, lock};
 use super::error::{During, Error};
 use ash::vk;
@@ -11,21 +12,23 @@ pub(super) struct Frame {
     pub queries: vk::QueryPool,
     /// Queries that the pool holds.
     pub capacity: u32,
+    pub sets: Sets,
     pool: vk::CommandPool,
 }
 
 impl Frame {
     /// A frame whose work is over, or a new one.
-    pub fn take(context: &Context, queries: u32) -> Result<Self, Error> {
+    pub fn take(context: &Context, queries: u32, room: Room) -> Result<Self, Error> {
         let new = Self {
             pool: vk::CommandPool::null(),
             commands: vk::CommandBuffer::null(),
             fence: vk::Fence::null(),
             queries: vk::QueryPool::null(),
             capacity: 0,
+            sets: Sets::default(),
         };
         let mut frame = lock(&context.frames).pop().unwrap_or(new);
-        match frame.prepare(context, queries) {
+        match frame.prepare(context, queries, room) {
             Ok(()) => Ok(frame),
             Err(e) => {
                 // SAFETY: nothing is under way in a frame that was kept, nor in a new one.
@@ -36,7 +39,7 @@ impl Frame {
     }
 
     /// Makes what is missing and resets what was used.
-    fn prepare(&mut self, context: &Context, queries: u32) -> Result<(), Error> {
+    fn prepare(&mut self, context: &Context, queries: u32, room: Room) -> Result<(), Error> {
         let device = &context.raw;
         // SAFETY: a kept frame's work is over (its fence was waited for); new handles come from this device.
         unsafe {
@@ -57,6 +60,7 @@ impl Frame {
                 self.queries = device.create_query_pool(&info, None).during("create queries")?;
                 self.capacity = count;
             }
+            self.sets.prepare(device, room)?;
             device.reset_fences(&[self.fence]).during("reset fence")
         }
     }
@@ -67,6 +71,7 @@ impl Frame {
         // SAFETY: the caller's promise; handles are destroyed once.
         unsafe {
             device.destroy_query_pool(self.queries, None);
+            self.sets.destroy(device);
             device.destroy_fence(self.fence, None);
             device.destroy_command_pool(self.pool, None);
         }

@@ -2,6 +2,7 @@
 #![allow(unsafe_code)] // Vulkan is called from this floor alone; each block states its invariant.
 
 mod buffer;
+mod descriptors;
 mod device;
 mod encode;
 mod error;
@@ -24,9 +25,11 @@ mod staging;
 mod submit;
 mod tuning;
 mod tuning_choice;
+mod variables;
 mod work;
 
 pub use buffer::{Buffer, RawBuffer};
+pub use descriptors::Descriptors;
 pub use device::{Device, DeviceOptions, TunedDevice};
 pub use error::Error;
 pub use fault::{Answer, Call, Fault};

@@ -17,7 +17,8 @@ use std::thread;
 pub(super) struct Pipeline {
     pub raw: vk::Pipeline,
     pub layout: vk::PipelineLayout,
-    set_layout: vk::DescriptorSetLayout,
+    pub set_layout: vk::DescriptorSetLayout,
+    pub template: vk::DescriptorUpdateTemplate,
     module: vk::ShaderModule,
 }
 
@@ -37,6 +38,7 @@ impl Pipeline {
             raw: vk::Pipeline::null(),
             layout: vk::PipelineLayout::null(),
             set_layout: vk::DescriptorSetLayout::null(),
+            template: vk::DescriptorUpdateTemplate::null(),
             module: vk::ShaderModule::null(),
         };
         if let Err(e) = made.complete(context, shader, constants) {
@@ -50,33 +52,23 @@ impl Pipeline {
 
     fn complete(&mut self, context: &Context, shader: &'static Shader, constants: &[u32]) -> Result<(), Error> {
         let device = &context.raw;
-        let bindings: Vec<_> = (0..shader.bindings.len() as u32)
-            .map(|i| {
-                vk::DescriptorSetLayoutBinding::default()
-                    .binding(i)
-                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
-                    .descriptor_count(1)
-                    .stage_flags(vk::ShaderStageFlags::COMPUTE)
-            })
-            .collect();
-        let set_info = vk::DescriptorSetLayoutCreateInfo::default()
-            .flags(vk::DescriptorSetLayoutCreateFlags::PUSH_DESCRIPTOR_KHR)
-            .bindings(&bindings);
+        let (binder, buffers) = (&context.binder, shader.bindings.len() as u32);
         let range =
             [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(shader.push_size)];
         let ranges = if shader.push_size > 0 { &range[..] } else { &[] };
         let words = context.modules.words(shader)?;
         let module_info = vk::ShaderModuleCreateInfo::default().code(&words);
+        self.set_layout = binder.layout(device, buffers)?;
         // SAFETY: the module is SPIR-V that the build validated, its layouts were reflected from the same module, and
         // every pointer outlives its call.
         unsafe {
-            self.set_layout = device.create_descriptor_set_layout(&set_info, None).during("create set layout")?;
             let layouts = [self.set_layout];
             let layout_info =
                 vk::PipelineLayoutCreateInfo::default().set_layouts(&layouts).push_constant_ranges(ranges);
             self.layout = device.create_pipeline_layout(&layout_info, None).during("create pipeline layout")?;
             self.module = device.create_shader_module(&module_info, None).during("create shader module")?;
         }
+        self.template = binder.template(device, self.set_layout, self.layout, buffers)?;
         self.specialise(context, shader, constants)
     }
 
@@ -116,6 +108,7 @@ impl Pipeline {
         // SAFETY: the caller's promise; the handles were made by this device and are destroyed once.
         unsafe {
             device.destroy_pipeline(self.raw, None);
+            device.destroy_descriptor_update_template(self.template, None);
             device.destroy_pipeline_layout(self.layout, None);
             device.destroy_descriptor_set_layout(self.set_layout, None);
             device.destroy_shader_module(self.module, None);

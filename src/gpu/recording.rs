@@ -150,6 +150,14 @@ impl Recording {
         })
     }
 
+    /// Numbers of buffers of the dispatches.
+    pub(super) fn buffers(&self) -> impl Iterator<Item = usize> {
+        self.commands.iter().filter_map(|c| match c {
+            Command::Dispatch { buffers, .. } => Some(buffers.len()),
+            _ => None,
+        })
+    }
+
     pub(super) fn scopes(&self) -> usize {
         self.commands.iter().filter(|c| matches!(c, Command::Begin(_))).count()
     }

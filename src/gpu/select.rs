@@ -60,6 +60,8 @@ pub enum Feature {
     MemoryBudget,
     /// Kernels may ask that infinities and NaN are kept.
     NanPreserve,
+    /// Buffers can be handed over inside command buffers.
+    PushDescriptors,
 }
 
 impl fmt::Display for Feature {
@@ -69,6 +71,7 @@ impl fmt::Display for Feature {
             Self::FloatAtomics => "float-atomics",
             Self::MemoryBudget => "memory-budget",
             Self::NanPreserve => "nan-preserve",
+            Self::PushDescriptors => "push-descriptors",
         })
     }
 }
@@ -259,8 +262,6 @@ impl Report {
             Some("Vulkan 1.2".to_owned())
         } else if self.queue_family().is_none() {
             Some("a compute queue".to_owned())
-        } else if !self.has(khr::push_descriptor::NAME) {
-            Some("VK_KHR_push_descriptor".to_owned())
         } else if !self.subgroup.supported_operations.contains(operations)
             || !self.subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
         {
@@ -283,6 +284,7 @@ impl Report {
             (Feature::FloatAtomics, atomics),
             (Feature::MemoryBudget, self.has(ext::memory_budget::NAME)),
             (Feature::NanPreserve, self.floats.shader_signed_zero_inf_nan_preserve_float32 != 0),
+            (Feature::PushDescriptors, self.has(khr::push_descriptor::NAME)),
         ];
         features.into_iter().filter(|(_, there)| *there).map(|(feature, _)| feature).collect()
     }

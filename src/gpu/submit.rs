@@ -43,7 +43,8 @@ impl Device {
         }
         // Pipelines first: hazards must not advance for a recording that is never submitted.
         let pipelines = context.pipelines.of(context, &recording)?;
-        let frame = Frame::take(context, recording.scopes() as u32 * 2)?;
+        let room = context.binder.room(recording.buffers());
+        let frame = Frame::take(context, recording.scopes() as u32 * 2, room)?;
         // The queue's lock spans deriving and submitting, so that barriers see the true order of submissions.
         let queue = context.queue.lock();
         let barriers = recording.barriers(&mut lock(&context.hazards));

@@ -7,5 +7,5 @@ mod loss;
 mod mask;
 mod memory;
 mod prune;
-mod runs;
+pub(crate) mod runs;
 mod smoothing;

@@ -23,7 +23,7 @@ pub(super) struct Capture {
 }
 
 /// Eight photos of 64 x 48, of which seven are trained on, made once.
-pub(super) fn capture() -> &'static Capture {
+pub(crate) fn capture() -> &'static Capture {
     static MADE: OnceLock<Capture> = OnceLock::new();
     MADE.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
@@ -50,7 +50,7 @@ pub(super) fn capture() -> &'static Capture {
 
 const ITERATIONS: u32 = 110;
 
-pub(super) fn options() -> Options {
+pub(crate) fn options() -> Options {
     let schedule = Schedule {
         iterations: ITERATIONS,
         densify_from: 0.1,
@@ -73,13 +73,13 @@ pub(super) fn options() -> Options {
     }
 }
 
-pub(super) fn trainer(device: &Device, options: Options) -> Trainer {
+pub(crate) fn trainer(device: &Device, options: Options) -> Trainer {
     let c = capture();
     Trainer::new(device, &c.start, c.train.clone(), c.extent, options).unwrap()
 }
 
 /// Trains to `until`; every call must make progress, if only by growing a buffer.
-pub(super) fn train(trainer: &mut Trainer, until: u32) -> Vec<Progress> {
+pub(crate) fn train(trainer: &mut Trainer, until: u32) -> Vec<Progress> {
     let mut seen = Vec::new();
     while trainer.iteration() < until {
         seen.push(trainer.advance(until).unwrap());
@@ -94,7 +94,7 @@ fn run(device: &Device, options: Options) -> Gaussians {
     trainer.download().unwrap()
 }
 
-pub(super) fn bits(model: &Gaussians) -> Vec<u32> {
+pub(crate) fn bits(model: &Gaussians) -> Vec<u32> {
     let main = [model.means.as_flattened(), model.log_scales.as_flattened(), model.rotations.as_flattened()];
     let all = main.into_iter().chain([&model.opacity_logits[..]]).chain(model.sh.iter().map(Vec::as_slice));
     all.flatten().map(|v| v.to_bits()).collect()

@@ -1,0 +1,207 @@
+//! How kernels get their buffers: pushed into the command buffer, or in descriptor sets where a device cannot push.
+
+use super::buffer::RawBuffer;
+use super::error::{During, Error};
+use super::frame::Frame;
+use super::pipeline::Pipeline;
+use super::select::{DeviceInfo, Feature};
+use super::variables;
+use ash::{khr, vk};
+use std::str::FromStr;
+
+/// A way to hand buffers to kernels. Results do not depend on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Descriptors {
+    /// `VK_KHR_push_descriptor`: they travel inside the command buffer.
+    Push,
+    /// A descriptor set for each dispatch, from a pool of the submission: every device can do this.
+    Sets,
+}
+
+impl Descriptors {
+    /// The way that was chosen, in options or in `QIRF_DESCRIPTORS` (`push` or `sets`); else pushing where the device can.
+    pub(super) fn choose(chosen: Option<Self>, info: &DeviceInfo) -> Result<Self, Error> {
+        let chosen = variables::or(chosen, "QIRF_DESCRIPTORS")?;
+        match (chosen, info.has(Feature::PushDescriptors)) {
+            (Some(Self::Push), false) => Err(Error::MissingFeature {
+                device: info.name.clone(),
+                feature: "VK_KHR_push_descriptor, which was asked for".to_owned(),
+            }),
+            (Some(chosen), _) => Ok(chosen),
+            (None, true) => Ok(Self::Push),
+            (None, false) => Ok(Self::Sets),
+        }
+    }
+}
+
+impl FromStr for Descriptors {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "push" => Ok(Self::Push),
+            "sets" => Ok(Self::Sets),
+            other => Err(format!("'{other}' is neither push nor sets")),
+        }
+    }
+}
+
+/// Binds buffers in the way of its device. Update templates read the same array of buffers in both.
+pub(super) enum Binder {
+    Push(khr::push_descriptor::Device),
+    Sets,
+}
+
+/// A submission's side: the pool of its descriptor sets. Nothing where descriptors are pushed.
+#[derive(Default)]
+pub(super) struct Sets {
+    pool: vk::DescriptorPool,
+    room: Room,
+}
+
+/// A number of descriptor sets, and of buffers in all of them together.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Room {
+    pub sets: u32,
+    pub buffers: u32,
+}
+
+impl Sets {
+    /// Empties the pool, or makes a larger one where the next recording needs more than this one holds.
+    ///
+    /// # Safety
+    /// No work that uses the sets is under way.
+    pub unsafe fn prepare(&mut self, device: &ash::Device, wanted: Room) -> Result<(), Error> {
+        if wanted.sets == 0 {
+            return Ok(());
+        }
+        let Room { sets, buffers } = self.room;
+        if wanted.sets <= sets && wanted.buffers <= buffers {
+            // SAFETY: the pool is alive, since it has room, and the caller promises that its sets are idle.
+            return unsafe { device.reset_descriptor_pool(self.pool, vk::DescriptorPoolResetFlags::empty()) }
+                .during("reset descriptor sets");
+        }
+        // SAFETY: the caller's promise.
+        unsafe { std::mem::take(self).destroy(device) };
+        let room = Room {
+            sets: wanted.sets.max(sets).next_power_of_two(),
+            buffers: wanted.buffers.max(buffers).next_power_of_two(),
+        };
+        let size = vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: room.buffers };
+        let sizes = [size];
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(room.sets).pool_sizes(&sizes);
+        // SAFETY: the sizes outlive the call.
+        let pool = unsafe { device.create_descriptor_pool(&info, None) }.during("create descriptor pool")?;
+        *self = Self { pool, room };
+        Ok(())
+    }
+
+    /// # Safety
+    /// No work that uses the sets is under way.
+    pub unsafe fn destroy(self, device: &ash::Device) {
+        // SAFETY: the caller's promise; the pool is destroyed once, and with it its sets.
+        unsafe { device.destroy_descriptor_pool(self.pool, None) };
+    }
+}
+
+impl Binder {
+    pub fn new(way: Descriptors, instance: &ash::Instance, device: &ash::Device) -> Self {
+        match way {
+            Descriptors::Push => Self::Push(khr::push_descriptor::Device::new(instance, device)),
+            Descriptors::Sets => Self::Sets,
+        }
+    }
+
+    /// The layout of storage buffers 0 to `count`.
+    pub fn layout(&self, device: &ash::Device, count: u32) -> Result<vk::DescriptorSetLayout, Error> {
+        let binding = vk::DescriptorSetLayoutBinding::default()
+            .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+            .descriptor_count(1)
+            .stage_flags(vk::ShaderStageFlags::COMPUTE);
+        let bindings: Vec<_> = (0..count).map(|i| binding.binding(i)).collect();
+        let flags = match self {
+            Self::Push(_) => vk::DescriptorSetLayoutCreateFlags::PUSH_DESCRIPTOR_KHR,
+            Self::Sets => vk::DescriptorSetLayoutCreateFlags::empty(),
+        };
+        let info = vk::DescriptorSetLayoutCreateInfo::default().flags(flags).bindings(&bindings);
+        // SAFETY: the bindings outlive the call.
+        unsafe { device.create_descriptor_set_layout(&info, None) }.during("create set layout")
+    }
+
+    /// The template that fills such a layout, set 0 of a pipeline, from an array of `count` buffers.
+    pub fn template(
+        &self,
+        device: &ash::Device,
+        layout: vk::DescriptorSetLayout,
+        pipeline_layout: vk::PipelineLayout,
+        count: u32,
+    ) -> Result<vk::DescriptorUpdateTemplate, Error> {
+        let stride = size_of::<vk::DescriptorBufferInfo>();
+        let entry = |i: u32| vk::DescriptorUpdateTemplateEntry {
+            dst_binding: i,
+            dst_array_element: 0,
+            descriptor_count: 1,
+            descriptor_type: vk::DescriptorType::STORAGE_BUFFER,
+            offset: i as usize * stride,
+            stride,
+        };
+        let entries: Vec<_> = (0..count).map(entry).collect();
+        let kind = match self {
+            Self::Push(_) => vk::DescriptorUpdateTemplateType::PUSH_DESCRIPTORS_KHR,
+            Self::Sets => vk::DescriptorUpdateTemplateType::DESCRIPTOR_SET,
+        };
+        let info = vk::DescriptorUpdateTemplateCreateInfo::default()
+            .descriptor_update_entries(&entries)
+            .template_type(kind)
+            .descriptor_set_layout(layout)
+            .pipeline_bind_point(vk::PipelineBindPoint::COMPUTE)
+            .pipeline_layout(pipeline_layout);
+        // SAFETY: both layouts are alive, and the entries outlive the call.
+        unsafe { device.create_descriptor_update_template(&info, None) }.during("create update template")
+    }
+
+    /// The descriptor sets that a recording of these dispatches needs.
+    pub fn room(&self, buffers: impl Iterator<Item = usize>) -> Room {
+        match self {
+            Self::Push(_) => Room::default(),
+            Self::Sets => {
+                buffers.fold(Room::default(), |room, n| Room { sets: room.sets + 1, buffers: room.buffers + n as u32 })
+            }
+        }
+    }
+
+    /// Gives a pipeline its buffers, for the next dispatch.
+    ///
+    /// # Safety
+    /// The frame's commands are being recorded; its sets have room; the buffers are alive and as many as the shader's.
+    pub unsafe fn bind(
+        &self,
+        device: &ash::Device,
+        frame: &Frame,
+        pipeline: &Pipeline,
+        buffers: &[RawBuffer],
+    ) -> Result<(), Error> {
+        let (commands, layout) = (frame.commands, pipeline.layout);
+        let info = |b: &RawBuffer| vk::DescriptorBufferInfo { buffer: b.0.raw, offset: 0, range: vk::WHOLE_SIZE };
+        let infos: Vec<_> = buffers.iter().map(info).collect();
+        let data = infos.as_ptr().cast();
+        match self {
+            // SAFETY: the caller's promise; the template reads as many infos as there are buffers.
+            Self::Push(push) => unsafe {
+                push.cmd_push_descriptor_set_with_template(commands, pipeline.template, layout, 0, data);
+            },
+            Self::Sets => {
+                let layouts = [pipeline.set_layout];
+                let wanted =
+                    vk::DescriptorSetAllocateInfo::default().descriptor_pool(frame.sets.pool).set_layouts(&layouts);
+                // SAFETY: as above; the set is new, so that no other dispatch uses it.
+                unsafe {
+                    let set = device.allocate_descriptor_sets(&wanted).during("allocate descriptor set")?;
+                    device.update_descriptor_set_with_template(set[0], pipeline.template, data);
+                    device.cmd_bind_descriptor_sets(commands, vk::PipelineBindPoint::COMPUTE, layout, 0, &set, &[]);
+                }
+            }
+        }
+        Ok(())
+    }
+}
