@@ -23,7 +23,7 @@ pub(super) struct Capture {
 }
 
 /// Eight photos of 64 x 48, of which seven are trained on, made once.
-pub(crate) fn capture() -> &'static Capture {
+pub(super) fn capture() -> &'static Capture {
     static MADE: OnceLock<Capture> = OnceLock::new();
     MADE.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
