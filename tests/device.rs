@@ -8,6 +8,7 @@ mod device {
     mod examples;
     mod guards;
     mod opening;
+    mod order;
     mod overlap;
     mod participation;
     mod primitives;

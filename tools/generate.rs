@@ -5,8 +5,9 @@ use crate::reflect::{self, Binding, Constant, Reflection, Struct, Type};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// The subgroup size reaches every shader under this name; the device fills it in.
+/// Constants that reach every shader under these names (glsl/lib/dispatch.glsl); the device fills them in.
 const SUBGROUP: &str = "SUBGROUP";
+const BACKWARDS: &str = "BACKWARDS";
 
 /// A module for each room of shaders, and at the top the structs that shaders share.
 pub fn kernels(modules: &[Module]) -> String {
@@ -67,7 +68,8 @@ fn structure(name: &str, s: &Struct, doc: &str) -> String {
 fn kernel(module: &Module, r: &Reflection) -> String {
     let name = camel(module.stem());
     let shown = module.path.display().to_string();
-    let constants: Vec<&Constant> = r.constants.iter().filter(|c| c.name != SUBGROUP).collect();
+    let constants: Vec<&Constant> =
+        r.constants.iter().filter(|c| ![SUBGROUP, BACKWARDS].contains(&c.name.as_str())).collect();
     let mut o = specialization(&name, &shown, &constants);
     if let Some(push) = &r.push {
         o.push_str(&structure(&format!("{name}Push"), push, &format!("Push constants of `{shown}`.")));
@@ -127,9 +129,10 @@ fn shader(module: &Module, name: &str, r: &Reflection, constants: &[&Constant]) 
     }
     let (room, stem, file) = (module.room(), module.stem(), module.file());
     let push_size = r.push.as_ref().map_or(0, |p| p.size);
-    let subgroup = r.constants.iter().find(|c| c.name == SUBGROUP).map(|c| c.id);
+    let by_device = |name| r.constants.iter().find(|c| c.name == name).map(|c| c.id);
+    let (subgroup, backwards) = (by_device(SUBGROUP), by_device(BACKWARDS));
     format!(
-        "impl {name}<'_> {{\n    /// The shader's SPIR-V, bindings and constants, as the device takes them.\n    pub const SHADER: Shader = Shader {{\n        name: \"{room}/{stem}\",\n        spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{file}\")),\n        bindings: &[{infos}],\n        push_size: {push_size},\n        constants: &[{ids}],\n        subgroup_constant: {subgroup:?},\n    }};\n}}\n"
+        "impl {name}<'_> {{\n    /// The shader's SPIR-V, bindings and constants, as the device takes them.\n    pub const SHADER: Shader = Shader {{\n        name: \"{room}/{stem}\",\n        spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{file}\")),\n        bindings: &[{infos}],\n        push_size: {push_size},\n        constants: &[{ids}],\n        subgroup_constant: {subgroup:?},\n        backwards_constant: {backwards:?},\n    }};\n}}\n"
     )
 }
 

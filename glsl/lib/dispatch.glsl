@@ -8,10 +8,15 @@
 
 layout(constant_id = 0) const uint WORKGROUP = 256;
 layout(constant_id = 1) const uint SUBGROUP = 32; // filled in by the device
+layout(constant_id = 100) const bool BACKWARDS = false; // filled in by the device, for tests
 layout(local_size_x_id = 0) in;
 
-// Index of this workgroup: long dispatches are laid out in two dimensions.
-uint group_index() { return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x; }
+// Index of this workgroup: long dispatches are laid out in two dimensions. Tests number the workgroups from the last one, so
+// that a kernel that relies on their order shows it.
+uint group_index() {
+    uint index = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+    return BACKWARDS ? gl_NumWorkGroups.x * gl_NumWorkGroups.y - 1 - index : index;
+}
 
 // Index of this invocation in the dispatch.
 uint global_index() { return group_index() * WORKGROUP + gl_LocalInvocationID.x; }

@@ -8,6 +8,7 @@ use super::hazards::Hazards;
 use super::instance::{self, Instance};
 use super::memory::{self, Memory};
 use super::module::Modules;
+use super::order::{Disorder, Order};
 use super::pipeline::Pipelines;
 use super::probe;
 use super::queue::Queue;
@@ -45,6 +46,8 @@ pub struct DeviceOptions {
     pub guarded: bool,
     /// A fault to make (tests); else `QIRF_DEVICE_FAULT`.
     pub fault: Option<Fault>,
+    /// Another order of all that no barrier orders (tests); else `QIRF_ORDER`.
+    pub order: Option<Order>,
 }
 
 /// A Vulkan device, ready to run kernels; clones share it.
@@ -76,6 +79,7 @@ pub(super) struct Context {
     pub counters: Counters,
     pub frames: Mutex<Vec<Frame>>,
     pub guards: Option<Guards>,
+    pub disorder: Option<Disorder>,
     pub memory: ManuallyDrop<Memory>,
     instance: Instance,
 }
@@ -192,6 +196,7 @@ impl Context {
             counters: Counters::default(),
             frames: Mutex::default(),
             guards: options.guarded.then(Guards::default),
+            disorder: options.order.or_else(Order::from_environment).map(Disorder::new),
             memory: ManuallyDrop::new(Memory::new(&allocator, &info.name, limit)?),
             info,
             raw,

@@ -51,6 +51,43 @@ impl Use {
     }
 }
 
+/// Why a barrier must stand between two commands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Hazard {
+    /// A kernel reads what a kernel wrote.
+    ReadAfterWrite,
+    /// A kernel writes what a kernel read.
+    WriteAfterRead,
+    /// A kernel writes what a kernel wrote.
+    WriteAfterWrite,
+    /// One of the two uses is a dispatch that takes its size from the buffer.
+    Indirect,
+    /// One of the two uses is a copy's, a fill's or an update's.
+    Transfer,
+}
+
+impl Hazard {
+    /// All of them.
+    pub const ALL: [Self; 5] =
+        [Self::ReadAfterWrite, Self::WriteAfterRead, Self::WriteAfterWrite, Self::Indirect, Self::Transfer];
+
+    /// The hazard between two uses of a buffer, one of which writes.
+    pub(super) fn between(earlier: Use, later: Use) -> Self {
+        let either = |u: Use| earlier == u || later == u;
+        if either(Use::TransferRead) || either(Use::TransferWrite) {
+            Self::Transfer
+        } else if either(Use::IndirectRead) {
+            Self::Indirect
+        } else {
+            match (earlier.writes(), later.writes()) {
+                (true, true) => Self::WriteAfterWrite,
+                (true, false) => Self::ReadAfterWrite,
+                (false, _) => Self::WriteAfterRead,
+            }
+        }
+    }
+}
+
 const WRITES: u8 = Use::KernelWrite.bit() | Use::TransferWrite.bit();
 
 /// A global memory barrier before a command: the uses that must be over, as Vulkan's flags.
@@ -100,13 +137,18 @@ pub struct Hazards {
 }
 
 impl Hazards {
+    /// The pending uses that conflict with those of the next command, each with the use that it conflicts with.
+    pub(super) fn conflicts(&self, uses: &[(u64, Use)]) -> impl Iterator<Item = (Use, Use)> {
+        uses.iter().flat_map(|&(buffer, later)| {
+            let pending = self.pending.get(&buffer).copied().unwrap_or(0);
+            let conflicting = if later.writes() { pending } else { pending & WRITES };
+            Use::ALL.into_iter().filter(move |u| conflicting & u.bit() != 0).map(move |earlier| (earlier, later))
+        })
+    }
+
     /// Takes the next command's uses and gives the barrier that must come before it, if any.
     pub fn next(&mut self, uses: &[(u64, Use)]) -> Option<Barrier> {
-        let mut wait = 0;
-        for (buffer, u) in uses {
-            let pending = self.pending.get(buffer).copied().unwrap_or(0);
-            wait |= if u.writes() { pending } else { pending & WRITES };
-        }
+        let mut wait = self.conflicts(uses).fold(0, |all, (earlier, _)| all | earlier.bit());
         if self.doubted && !uses.is_empty() {
             wait = Use::ALL.iter().fold(0, |all, u| all | u.bit());
             self.doubted = false;
@@ -154,6 +196,17 @@ mod tests {
         assert!(h.next(&[(1, KernelWrite)]).expect("write after read").waits_for(KernelRead));
         assert!(h.next(&[(1, KernelWrite)]).expect("write after write").waits_for(KernelWrite));
         assert!(h.next(&[(1, IndirectRead)]).expect("indirect after write").waits_for(KernelWrite));
+    }
+
+    #[test]
+    fn hazards_have_kinds() {
+        let mut h = Hazards::default();
+        h.next(&[(1, KernelRead), (2, KernelWrite), (3, KernelWrite)]);
+        let uses = [(1, KernelWrite), (2, IndirectRead), (3, TransferWrite), (4, KernelRead)];
+        let kinds: Vec<Hazard> = h.conflicts(&uses).map(|(a, b)| Hazard::between(a, b)).collect();
+        assert_eq!(kinds, [Hazard::WriteAfterRead, Hazard::Indirect, Hazard::Transfer]);
+        assert_eq!(Hazard::between(KernelWrite, KernelRead), Hazard::ReadAfterWrite);
+        assert_eq!(Hazard::between(KernelWrite, KernelWrite), Hazard::WriteAfterWrite);
     }
 
     #[test]

@@ -37,6 +37,8 @@ pub struct Shader {
     pub constants: &'static [u32],
     /// The constant that receives the subgroup size, if any.
     pub subgroup_constant: Option<u32>,
+    /// The constant that turns the order of workgroups round, if any.
+    pub backwards_constant: Option<u32>,
 }
 
 /// A shader with its arguments; implemented by the generated structs of `crate::kernels`.

@@ -76,8 +76,9 @@ impl Pipeline {
     fn specialise(&mut self, context: &Context, shader: &'static Shader, constants: &[u32]) -> Result<(), Error> {
         let subgroup = context.info.subgroup_size;
         let subgroup_value = shader.subgroup_constant.map(|id| (id, subgroup));
+        let backwards_value = shader.backwards_constant.map(|id| (id, u32::from(context.disorder.is_some())));
         let own = shader.constants.iter().copied().zip(constants.iter().copied());
-        let (ids, values): (Vec<u32>, Vec<u32>) = own.chain(subgroup_value).unzip();
+        let (ids, values): (Vec<u32>, Vec<u32>) = own.chain(subgroup_value).chain(backwards_value).unzip();
         let entries: Vec<_> = ids
             .into_iter()
             .zip(0..)

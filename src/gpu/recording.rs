@@ -55,6 +55,17 @@ impl Command {
             Self::Begin(_) | Self::End => Vec::new(),
         }
     }
+
+    /// What it is, or the kernel that it runs.
+    pub(super) fn name(&self) -> &'static str {
+        match self {
+            Self::Dispatch { shader, .. } => shader.name,
+            Self::Fill { .. } => "fill",
+            Self::Update { .. } => "update",
+            Self::Copy { .. } => "copy",
+            Self::Begin(_) | Self::End => "scope",
+        }
+    }
 }
 
 /// Commands to run in order, as if each waited for those before that it depends on.
@@ -156,6 +167,15 @@ impl Recording {
             Command::Dispatch { buffers, .. } => Some(buffers.len()),
             _ => None,
         })
+    }
+
+    /// Moves all scopes to the beginning, empty.
+    pub(super) fn empty_scopes(&mut self) {
+        let all = std::mem::take(&mut self.commands);
+        let (scopes, work): (Vec<_>, Vec<_>) =
+            all.into_iter().partition(|c| matches!(c, Command::Begin(_) | Command::End));
+        let begins = scopes.into_iter().filter(|c| matches!(c, Command::Begin(_)));
+        self.commands = begins.flat_map(|begin| [begin, Command::End]).chain(work).collect();
     }
 
     pub(super) fn scopes(&self) -> usize {

@@ -35,19 +35,22 @@ impl Device {
     ///
     /// # Errors
     /// Device errors.
-    pub fn submit(&self, recording: Recording) -> Result<Ticket, Error> {
+    pub fn submit(&self, mut recording: Recording) -> Result<Ticket, Error> {
         let context = self.context();
         context.counters.submissions.fetch_add(1, Ordering::Relaxed);
         if context.queue.is_lost() {
             return Err(Error::Lost("queue submit")); // nothing that a lost device still holds is touched again
         }
+        if context.disorder.is_some() {
+            recording.empty_scopes();
+        }
         // Pipelines first: hazards must not advance for a recording that is never submitted.
-        let pipelines = context.pipelines.of(context, &recording)?;
+        let mut pipelines = context.pipelines.of(context, &recording)?;
         let room = context.binder.room(recording.buffers());
         let frame = Frame::take(context, recording.scopes() as u32 * 2, room)?;
         // The queue's lock spans deriving and submitting, so that barriers see the true order of submissions.
         let queue = context.queue.lock();
-        let barriers = recording.barriers(&mut lock(&context.hazards));
+        let barriers = context.ordered(&mut recording, &mut pipelines);
         let encoded = Encoder::new(context, &frame).encode(&recording, &barriers, &pipelines);
         let submitted = encoded.and_then(|scopes| {
             // SAFETY: the command buffer is complete, its buffers and pipelines are kept alive by the ticket, and the

@@ -37,6 +37,7 @@ impl Grey<'_> {
         push_size: size_of::<Push>() as u32,
         constants: &[],
         subgroup_constant: None,
+        backwards_constant: None,
     };
 }
 

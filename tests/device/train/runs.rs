@@ -15,15 +15,15 @@ use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Error, Options, Progress, Trainer};
 use std::sync::OnceLock;
 
-pub(super) struct Capture {
-    pub(super) train: Vec<Photo>,
+pub(crate) struct Capture {
+    pub(crate) train: Vec<Photo>,
     test: Vec<Photo>,
-    pub(super) start: Gaussians,
-    pub(super) extent: f64,
+    pub(crate) start: Gaussians,
+    pub(crate) extent: f64,
 }
 
 /// Eight photos of 64 x 48, of which seven are trained on, made once.
-pub(super) fn capture() -> &'static Capture {
+pub(crate) fn capture() -> &'static Capture {
     static MADE: OnceLock<Capture> = OnceLock::new();
     MADE.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();

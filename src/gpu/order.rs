@@ -1,0 +1,202 @@
+//! Orders of work on which no result may depend, for tests. What no barrier orders is permuted, and workgroups are numbered from
+//! the last one: a missing barrier then changes results even on a device that runs its commands one by one. Barriers can be
+//! forgotten, to show that it does.
+
+use super::device::{Context, Device, lock};
+use super::hazards::{Barrier, Hazard, Hazards};
+use super::pipeline::Pipeline;
+use super::recording::{Command, Recording};
+use crate::random::permutation;
+use std::mem::take;
+use std::str::FromStr;
+use std::sync::{Arc, Mutex};
+
+/// An order of the commands between two barriers of a submission. Scopes are empty, so their times say nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// As they were recorded.
+    Recorded,
+    /// From the last to the first.
+    Backwards,
+    /// At random, by a seed.
+    Shuffled(u64),
+}
+
+impl Order {
+    /// The order that `QIRF_ORDER` asks for: `recorded`, `backwards` or a seed. A text that is none is warned of.
+    pub(super) fn from_environment() -> Option<Self> {
+        let text = std::env::var("QIRF_ORDER").ok().filter(|t| !t.is_empty())?;
+        text.parse().inspect_err(|e| tracing::warn!("QIRF_ORDER={text}: {e}")).ok()
+    }
+}
+
+impl FromStr for Order {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "recorded" => Ok(Self::Recorded),
+            "backwards" => Ok(Self::Backwards),
+            seed => seed.parse().map(Self::Shuffled).map_err(|_| "'recorded', 'backwards' or a seed is wanted".into()),
+        }
+    }
+}
+
+/// A barrier that was derived.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Derived {
+    /// What it stands before: a kernel's name, or `fill`, `update`, `copy`.
+    pub before: &'static str,
+    /// The hazards that it prevents, each once.
+    pub hazards: Vec<Hazard>,
+    /// Whether it waits for earlier submissions alone.
+    pub carried: bool,
+}
+
+/// Which of the derived barriers are left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Forget {
+    /// None.
+    Nothing,
+    /// The one with this number, from 0, since the last [`Device::reorder`].
+    Nth(usize),
+    /// Those that prevent this hazard and no other.
+    All(Hazard),
+}
+
+impl Forget {
+    fn leaves_out(self, number: usize, derived: &Derived) -> bool {
+        match self {
+            Self::Nothing => false,
+            Self::Nth(n) => n == number,
+            Self::All(hazard) => derived.hazards == [hazard],
+        }
+    }
+}
+
+struct State {
+    order: Order,
+    forget: Forget,
+    submissions: u64,
+    derived: Vec<Derived>,
+}
+
+/// The order of a device that was opened with one.
+pub(super) struct Disorder(Mutex<State>);
+
+type Step = (Command, Option<Arc<Pipeline>>);
+
+impl Disorder {
+    pub fn new(order: Order) -> Self {
+        Self(Mutex::new(State { order, forget: Forget::Nothing, submissions: 0, derived: Vec::new() }))
+    }
+
+    /// Permutes a recording with its pipelines, one a dispatch; gives the barriers before its commands.
+    pub fn permute(
+        &self,
+        recording: &mut Recording,
+        pipelines: &mut Vec<Arc<Pipeline>>,
+        hazards: &mut Hazards,
+    ) -> Vec<Option<Barrier>> {
+        let mut state = lock(&self.0);
+        state.submissions += 1;
+        let mut of_dispatches = take(pipelines).into_iter();
+        let mut own = Hazards::default();
+        let mut parts: Vec<(Option<Barrier>, Vec<Step>)> = vec![(None, Vec::new())];
+        let (scopes, work): (Vec<_>, Vec<_>) =
+            take(&mut recording.commands).into_iter().partition(|c| matches!(c, Command::Begin(_) | Command::End));
+        recording.commands = scopes;
+        let mut barriers = vec![None; recording.commands.len()];
+        for command in work {
+            let uses = command.uses();
+            let mut prevented: Vec<Hazard> = hazards.conflicts(&uses).map(|(a, b)| Hazard::between(a, b)).collect();
+            prevented.sort_unstable();
+            prevented.dedup();
+            let (barrier, carried) = (hazards.next(&uses), own.next(&uses).is_none());
+            if barrier.is_some() {
+                let derived = Derived { before: command.name(), hazards: prevented, carried };
+                if !state.forget.leaves_out(state.derived.len(), &derived) {
+                    parts.push((barrier, Vec::new()));
+                }
+                state.derived.push(derived);
+            }
+            let pipeline = matches!(command, Command::Dispatch { .. }).then(|| of_dispatches.next()).flatten();
+            parts.last_mut().expect("one at least").1.push((command, pipeline));
+        }
+        for (number, (barrier, steps)) in parts.into_iter().enumerate() {
+            let steps = state.ordered(steps, number as u64);
+            barriers.extend((0..steps.len()).map(|k| barrier.filter(|_| k == 0)));
+            for (command, pipeline) in steps {
+                recording.commands.push(command);
+                pipelines.extend(pipeline);
+            }
+        }
+        barriers
+    }
+}
+
+impl State {
+    fn ordered(&self, mut steps: Vec<Step>, part: u64) -> Vec<Step> {
+        match self.order {
+            Order::Recorded => {}
+            Order::Backwards => steps.reverse(),
+            Order::Shuffled(seed) => {
+                let mut keyed: Vec<_> =
+                    permutation(steps.len(), &[seed, self.submissions, part]).into_iter().zip(steps).collect();
+                keyed.sort_unstable_by_key(|(key, _)| *key);
+                steps = keyed.into_iter().map(|(_, step)| step).collect();
+            }
+        }
+        steps
+    }
+}
+
+impl Context {
+    /// Derives the barriers of a recording, whose commands may be permuted with their pipelines.
+    pub(super) fn ordered(
+        &self,
+        recording: &mut Recording,
+        pipelines: &mut Vec<Arc<Pipeline>>,
+    ) -> Vec<Option<Barrier>> {
+        let hazards = &mut lock(&self.hazards);
+        match &self.disorder {
+            None => recording.barriers(hazards),
+            Some(disorder) => disorder.permute(recording, pipelines, hazards),
+        }
+    }
+}
+
+impl Device {
+    /// Sets another order, and the barriers to leave out from here on. Gives those derived since the last call.
+    ///
+    /// # Panics
+    /// When the device was opened without [`super::DeviceOptions::order`].
+    pub fn reorder(&self, order: Order, forget: Forget) -> Vec<Derived> {
+        let disorder = self.context().disorder.as_ref().expect("the device was opened with an order");
+        let mut state = lock(&disorder.0);
+        (state.order, state.forget, state.submissions) = (order, forget, 0);
+        take(&mut state.derived)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_of_orders() {
+        assert_eq!("backwards".parse(), Ok(Order::Backwards));
+        assert_eq!("7".parse(), Ok(Order::Shuffled(7)));
+        assert!("sideways".parse::<Order>().is_err());
+    }
+
+    #[test]
+    fn what_is_left_out() {
+        let derived = |hazards: &[Hazard]| Derived { before: "copy", hazards: hazards.to_vec(), carried: false };
+        let (one, two) =
+            (derived(&[Hazard::WriteAfterRead]), derived(&[Hazard::ReadAfterWrite, Hazard::WriteAfterRead]));
+        assert!(Forget::Nth(3).leaves_out(3, &one) && !Forget::Nth(3).leaves_out(2, &one));
+        let all = Forget::All(Hazard::WriteAfterRead);
+        assert!(all.leaves_out(0, &one) && !all.leaves_out(0, &two), "another hazard needs the second");
+    }
+}

@@ -1,0 +1,119 @@
+//! Results do not depend on the order of what no barrier orders; and they would, if a barrier were missing.
+
+mod barriers;
+
+use super::train::runs::{bits, capture, options, train};
+use crate::support::finish;
+use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions, Error, Forget, Order, TuningChoice};
+use qirf_vk::qirf::assemble::{Assembly, Options as Batches};
+use qirf_vk::qirf::participation::device::Problem;
+use qirf_vk::qirf::rrdm::Density;
+use qirf_vk::render::{Renderer, Style};
+use qirf_vk::train::checkpoint::Snapshot;
+use qirf_vk::train::schedule::Schedule;
+use qirf_vk::train::{Options, Trainer};
+
+/// Iterations before the prune, of which the last ones average responses; density steps after 10 and 20.
+const BEFORE: u32 = 30;
+const AFTER: u32 = 34;
+
+/// Training with all its kernels: anti-aliasing, exposures, averaged responses.
+fn all_effects() -> Options {
+    let schedule = Schedule {
+        iterations: 40,
+        densify_from: 0.1,
+        densify_until: 0.6,
+        densify_every: 10,
+        opacity_reset_every: 15,
+        ..options().schedule
+    };
+    let style = Style { antialias: true, depth_order: true };
+    let (settings, exposure) = (style.over([0.1, 0.2, 0.3]), Some(Vec::new()));
+    Options { schedule, settings, exposure, degree: 1, averaged: 22..BEFORE, pairs: 1 << 13, ..options() }
+}
+
+fn new_trainer(device: &Device, photos: usize) -> Trainer {
+    let c = capture();
+    Trainer::new(device, &c.start, c.train[..photos].to_vec(), c.extent, all_effects()).unwrap()
+}
+
+/// A state as words.
+fn words(s: &Snapshot) -> Vec<u32> {
+    let moments = Vec::from(s.moments.each_ref().into_array()).into_iter().flatten();
+    let others = [&s.growth, &s.responses.0, &s.exposures.0, &s.exposures.1].into_iter().flatten();
+    let floats = moments.chain(others).map(|v| v.to_bits());
+    bits(&s.model).into_iter().chain(floats).chain(s.responses.1.iter().copied()).collect()
+}
+
+/// The pass over the views, and overlaps and participation of blocks of any size; what each of them gives, as words.
+fn respond_and_assemble(device: &Device, trainer: &mut Trainer) -> Vec<u32> {
+    let responses = trainer.responses(true).unwrap();
+    let scores = responses.scores.as_flattened();
+    let mut words: Vec<u32> = responses.channels.as_flattened().iter().chain(scores).map(|v| v.to_bits()).collect();
+    let n = trainer.len() as u32;
+    let members: Vec<u32> = (0..n).rev().collect();
+    let starts: Vec<u32> = [0, 1, 1, 9, 22, 64].into_iter().filter(|s| *s < n).chain([n]).collect();
+    let options = Batches { density: Some(Density::default()), batch_bytes: 4 * 2000, ..Batches::default() };
+    let assembly = Assembly::new(device, trainer.model(), &members, &starts, &responses.channels, options).unwrap();
+    assembly
+        .for_each::<Error>(|batch| {
+            for (_, block) in batch.iter() {
+                words.extend(block.overlap.iter().chain(block.factor.unwrap_or_default()).map(|v| v.to_bits()));
+            }
+            Ok(())
+        })
+        .unwrap();
+    assembly
+        .solve_each::<Error>(Problem::default(), |_, solved| {
+            words.extend(solved.q.iter().map(|v| v.to_bits()));
+            Ok(())
+        })
+        .unwrap();
+    words
+}
+
+/// Training with density control, a prune, some more training, a picture.
+fn whole(device: &Device) -> Vec<u32> {
+    let mut trainer = new_trainer(device, capture().train.len());
+    train(&mut trainer, BEFORE);
+    assert!(trainer.averages().unwrap().is_some());
+    let mut all = words(&trainer.snapshot().unwrap());
+    all.extend(respond_and_assemble(device, &mut trainer));
+    let keep: Vec<bool> = (0..trainer.len()).map(|i| i % 3 > 0).collect();
+    trainer.keep(&keep, None).unwrap();
+    train(&mut trainer, AFTER);
+    all.extend(words(&trainer.snapshot().unwrap()));
+    let camera = &capture().train[0].camera;
+    let settings = all_effects().settings;
+    let mut renderer = Renderer::new(device, settings, trainer.len(), camera.width, camera.height).unwrap();
+    let image = renderer.render(trainer.model(), camera).unwrap();
+    all.extend(image.pixels.as_flattened().iter().map(|v| v.to_bits()));
+    all
+}
+
+fn the_same_bytes(class: DeviceClass) {
+    let tuning = Some(TuningChoice::class(class));
+    let open = |order| {
+        let tuning = tuning.clone();
+        Device::open(&DeviceOptions { validation: true, guarded: true, tuning, order, ..Default::default() }).unwrap()
+    };
+    let plain = open(None);
+    let right = whole(&plain);
+    finish(&plain);
+    let device = open(Some(Order::Backwards));
+    for order in [Order::Recorded, Order::Backwards, Order::Shuffled(1), Order::Shuffled(2)] {
+        let derived = device.reorder(order, Forget::Nothing);
+        assert!(right == whole(&device), "{class} in the order {order:?}, after {} barriers", derived.len());
+    }
+    finish(&device);
+}
+
+#[test]
+fn every_order_gives_the_same_bytes() {
+    the_same_bytes(DeviceClass::Cpu);
+}
+
+#[test]
+fn every_order_gives_the_same_bytes_as_tuned_for_gpus() {
+    the_same_bytes(DeviceClass::Gpu);
+}

@@ -1,0 +1,125 @@
+//! Mutants: each derived barrier is forgotten in turn, in orders in which commands that it kept apart change places.
+
+use super::{BEFORE, all_effects, capture, new_trainer, respond_and_assemble, train, words};
+use qirf_vk::gpu::{Derived, Device, DeviceOptions, Forget, Hazard, Order};
+use qirf_vk::train::Trainer;
+use qirf_vk::train::checkpoint::Snapshot;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+const ORDERS: [Order; 3] = [Order::Backwards, Order::Shuffled(1), Order::Shuffled(2)];
+
+/// Few, so that a pass over them is short.
+const PHOTOS: usize = 2;
+
+/// What is done between two undisturbed steps, and what it gives.
+type Work = fn(&Device, &mut Trainer) -> Vec<u32>;
+
+struct Part {
+    name: &'static str,
+    /// Iterations done before.
+    at: u32,
+    work: Work,
+}
+
+fn iterate(_: &Device, trainer: &mut Trainer) -> Vec<u32> {
+    train(trainer, trainer.iteration() + 1);
+    words(&trainer.snapshot().unwrap())
+}
+
+fn prune(device: &Device, trainer: &mut Trainer) -> Vec<u32> {
+    let mut all = respond_and_assemble(device, trainer);
+    let keep: Vec<bool> = (0..trainer.len()).map(|i| i % 3 > 0).collect();
+    trainer.keep(&keep, None).unwrap();
+    all.extend(words(&trainer.snapshot().unwrap()));
+    all
+}
+
+const ITERATION: Part = Part { name: "iteration", at: BEFORE - 2, work: iterate };
+const DENSITY: Part = Part { name: "iteration with density control", at: 18, work: iterate };
+const PRUNE: Part = Part { name: "prune", at: BEFORE - 1, work: prune };
+
+/// A state from which each mutant starts.
+struct Bench<'a> {
+    device: &'a Device,
+    part: &'a Part,
+    state: Snapshot,
+}
+
+impl<'a> Bench<'a> {
+    fn new(device: &'a Device, part: &'a Part) -> Self {
+        device.reorder(Order::Recorded, Forget::Nothing);
+        let mut trainer = new_trainer(device, PHOTOS);
+        train(&mut trainer, part.at);
+        Self { device, part, state: trainer.snapshot().unwrap() }
+    }
+
+    /// Does an iteration, so that every buffer holds something, and the work in this order without those barriers; gives its
+    /// results, and what was derived.
+    fn run(&self, order: Order, forget: Forget) -> (Vec<u32>, Vec<Derived>) {
+        let c = capture();
+        self.device.reorder(Order::Recorded, Forget::Nothing);
+        let photos = c.train[..PHOTOS].to_vec();
+        let mut trainer = Trainer::resume(self.device, &self.state, photos, c.extent, all_effects()).unwrap();
+        train(&mut trainer, self.part.at + 1);
+        self.device.reorder(order, forget);
+        let result = (self.part.work)(self.device, &mut trainer);
+        (result, self.device.reorder(Order::Recorded, Forget::Nothing))
+    }
+
+    /// The orders in which results differ, and the validation messages, when the barriers are forgotten.
+    fn killed(&self, forget: Forget, right: &[u32]) -> (usize, usize) {
+        let before = Device::validation_messages();
+        let differing = ORDERS.iter().filter(|order| self.run(**order, forget).0 != right).count();
+        (differing, Device::validation_messages() - before)
+    }
+}
+
+#[derive(Default)]
+struct Row {
+    all: usize,
+    by_bits: usize,
+    by_validation: usize,
+    survived: usize,
+}
+
+fn kind(derived: &Derived) -> String {
+    let mut name = if derived.carried { "carried over: ".to_owned() } else { String::new() };
+    for (k, hazard) in derived.hazards.iter().enumerate() {
+        let _ = write!(name, "{}{hazard:?}", if k > 0 { ", " } else { "" });
+    }
+    name
+}
+
+/// Prints which forgotten barriers were noticed; `make mutants` runs it.
+#[test]
+#[ignore = "minutes, and validation messages that are wanted"]
+fn each_derived_barrier() {
+    let options = DeviceOptions { validation: true, order: Some(Order::Recorded), ..Default::default() };
+    let device = Device::open(&options).unwrap();
+    for part in [ITERATION, DENSITY, PRUNE] {
+        let bench = Bench::new(&device, &part);
+        let (right, derived) = bench.run(Order::Recorded, Forget::Nothing);
+        let mut table: BTreeMap<String, Row> = BTreeMap::new();
+        for (n, barrier) in derived.iter().enumerate() {
+            eprintln!("{} {n} of {}: before {}, {}", part.name, derived.len(), barrier.before, kind(barrier));
+            let (orders, messages) = bench.killed(Forget::Nth(n), &right);
+            let row = table.entry(kind(barrier)).or_default();
+            row.all += 1;
+            row.by_bits += usize::from(orders > 0);
+            row.by_validation += usize::from(messages > 0);
+            if orders + messages == 0 {
+                row.survived += 1;
+                println!("survived: {} {n}, before {}, {}", part.name, barrier.before, kind(barrier));
+            }
+        }
+        println!("| {} | barriers | changed bits | validation messages | survived |", part.name);
+        for (kind, r) in table {
+            println!("| {kind} | {} | {} | {} | {} |", r.all, r.by_bits, r.by_validation, r.survived);
+        }
+        for hazard in Hazard::ALL {
+            let (orders, messages) = bench.killed(Forget::All(hazard), &right);
+            println!("all of {hazard:?} alone: {orders} of {} orders changed bits, {messages} messages", ORDERS.len());
+        }
+    }
+}
