@@ -5,6 +5,7 @@ mod support;
 mod program {
     mod cli;
     mod compress;
+    mod devices;
     mod effects;
     #[cfg(unix)] // limits and signals are the system's
     mod faults;

@@ -5,6 +5,7 @@ use super::error::{During, Error};
 use super::fault::Fault;
 use super::frame::Frame;
 use super::hazards::Hazards;
+use super::imitation::{Claim, Limits};
 use super::instance::{self, Instance};
 use super::memory::{self, Memory};
 use super::module::Modules;
@@ -40,6 +41,10 @@ pub struct DeviceOptions {
     pub tuning: Option<TuningChoice>,
     /// How kernels get their buffers; else `QIRF_DESCRIPTORS`; else by the best way that the device has.
     pub descriptors: Option<Descriptors>,
+    /// Limits of another device, where they are tighter (tests); else `QIRF_LIMITS`.
+    pub limits: Option<Limits>,
+    /// What the driver is taken to tell of its subgroups (tests of the probe); else `QIRF_SUBGROUP`.
+    pub claim: Option<Claim>,
     /// A folder whose modules, `ROOM-STAGE.spv`, replace the program's own (tests of mutants); else `QIRF_SHADERS`.
     pub shaders: Option<PathBuf>,
     /// Fill new buffers with NaN and give them red zones (tests): see [`Device::overrun_buffers`].
@@ -72,6 +77,8 @@ pub(super) struct Context {
     pub info: DeviceInfo,
     pub queue: Queue,
     pub binder: Binder,
+    /// Whether kernels ask for the size of their subgroups.
+    pub pins_subgroups: bool,
     pub debug: Option<ext::debug_utils::Device>,
     pub modules: Modules,
     pub pipelines: Pipelines,
@@ -99,15 +106,36 @@ impl Device {
         let flag = |name| std::env::var(name).is_ok_and(|v| !v.is_empty() && v != "0");
         let instance = Instance::new(options.validation || flag("QIRF_VALIDATION"))?;
         let wanted = options.device.clone().or_else(|| variables::text("QIRF_DEVICE"));
-        let candidate = select::choose(select::candidates(&instance)?, wanted.as_deref())?;
+        let limits = variables::or(options.limits, "QIRF_LIMITS")?.unwrap_or(Limits::NONE);
+        let claim = variables::or(options.claim, "QIRF_SUBGROUP")?;
+        let candidate = select::choose(select::candidates(&instance, limits, claim)?, wanted.as_deref())?;
         let choice = options.tuning.clone().map_or_else(TuningChoice::from_environment, Ok)?;
         let tuning = choice.on(&candidate.info)?;
-        let context = Arc::new(Context::new(instance, candidate, options)?);
-        let device = Self { context, tuning: Arc::new(tuning) };
-        if device.info().kind == DeviceKind::Cpu {
-            probe::check(&device)?;
-        }
-        Ok(device)
+        let pins = candidate.info.has(Feature::SubgroupSizeControl) && claim.is_none();
+        let context = Context::new(instance, candidate, options, pins)?;
+        let device = Self { context: Arc::new(context), tuning: Arc::new(tuning) };
+        let width = probe::check(&device)?;
+        if width == device.info().subgroup_size { Ok(device) } else { device.with_subgroups_of(width, &choice) }
+    }
+
+    /// A device whose subgroups were found to be of another width than its driver tells. Where they were asked for, the driver
+    /// cannot be trusted; else it is taken at its deeds.
+    fn with_subgroups_of(mut self, width: u32, choice: &TuningChoice) -> Result<Self, Error> {
+        let info = self.info();
+        let (pinned, told) = (info.has(Feature::SubgroupSizeControl), info.subgroup_size);
+        let usable = (4..=128).contains(&width) && width.is_power_of_two();
+        let context = Arc::get_mut(&mut self.context).filter(|_| usable && !pinned).map(|context| &mut context.info);
+        let Some(info) = context else {
+            return Err(Error::Driver {
+                device: self.info().name.clone(),
+                driver: self.info().driver.clone(),
+                what: format!("its subgroups have {width} invocations, not the {told} that it tells"),
+            });
+        };
+        tracing::warn!("{}: subgroups have {width} invocations, not the {told} that its driver tells", info.name);
+        (info.subgroup_size, info.subgroup_range) = (width, [width; 2]);
+        self.tuning = Arc::new(choice.on(info)?);
+        Ok(self)
     }
 
     /// What this device is and can do.
@@ -165,7 +193,12 @@ impl Device {
 }
 
 impl Context {
-    fn new(instance: Instance, candidate: Candidate, options: &DeviceOptions) -> Result<Self, Error> {
+    fn new(
+        instance: Instance,
+        candidate: Candidate,
+        options: &DeviceOptions,
+        pins_subgroups: bool,
+    ) -> Result<Self, Error> {
         let info = candidate.info;
         let descriptors = Descriptors::choose(options.descriptors, &info)?;
         let raw = create(&instance.raw, candidate.physical, candidate.queue_family, &info)?;
@@ -185,6 +218,7 @@ impl Context {
         };
         Ok(Self {
             binder: Binder::new(descriptors, &instance.raw, &raw),
+            pins_subgroups,
             debug: instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
             queue: Queue::new(queue, candidate.queue_family, options.fault.or_else(Fault::from_environment)),
             modules: Modules {
@@ -259,11 +293,19 @@ fn create(
     if info.has(Feature::PushDescriptors) {
         extensions.push(khr::push_descriptor::NAME.as_ptr());
     }
-    let mut control = vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
+    let [sizes, full] = [Feature::SubgroupSizeControl, Feature::FullSubgroups].map(|feature| info.has(feature));
+    let mut control = vk::PhysicalDeviceSubgroupSizeControlFeatures::default()
+        .subgroup_size_control(sizes)
+        .compute_full_subgroups(full);
+    let mut vulkan_1_2 = vk::PhysicalDeviceVulkan12Features::default().subgroup_broadcast_dynamic_id(true);
     let mut atomic = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default().shader_buffer_float32_atomic_add(true);
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
-    let mut wanted = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
-    if info.has(Feature::SubgroupSizeControl) {
+    let mut wanted = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut vulkan_1_2);
+    // Where the extension is present, it must be enabled.
+    if info.has(Feature::PortabilitySubset) {
+        extensions.push(khr::portability_subset::NAME.as_ptr());
+    }
+    if sizes || full {
         extensions.push(ext::subgroup_size_control::NAME.as_ptr());
         wanted = wanted.push_next(&mut control);
     }

@@ -1,7 +1,7 @@
 //! The Vulkan instance, and validation layers whose messages are counted.
 
 use super::error::{During, Error};
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_void};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -38,13 +38,18 @@ impl Instance {
             tracing::warn!("validation was asked for, but its layer is not installed (vulkan-validationlayers)");
         }
         let validation = validation && has_layer;
-        let debug_utils =
-            extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(ext::debug_utils::NAME)) || validation;
+        let offered = |name| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
+        let debug_utils = offered(ext::debug_utils::NAME) || validation;
+        // Loaders hide devices that lack parts of Vulkan, such as Apple's, from programs that do not ask for them.
+        let portability = offered(khr::portability_enumeration::NAME);
 
         let mut names = Vec::new();
         let mut enabled_layers = Vec::new();
         if debug_utils {
             names.push(ext::debug_utils::NAME.as_ptr());
+        }
+        if portability {
+            names.push(khr::portability_enumeration::NAME.as_ptr());
         }
         if validation {
             enabled_layers.push(VALIDATION.as_ptr());
@@ -57,7 +62,13 @@ impl Instance {
         // Synchronisation validation sees a missing barrier that a driver running commands in order would hide.
         let checks = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
+        let flags = if portability {
+            vk::InstanceCreateFlags::ENUMERATE_PORTABILITY_KHR
+        } else {
+            vk::InstanceCreateFlags::empty()
+        };
         let mut info = vk::InstanceCreateInfo::default()
+            .flags(flags)
             .application_info(&application)
             .enabled_extension_names(&names)
             .enabled_layer_names(&enabled_layers);

@@ -12,6 +12,10 @@ use std::panic::resume_unwind;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::thread;
+use std::time::Instant;
+
+/// The specialization constant that is the workgroup's size in every shader (`glsl/lib/dispatch.glsl`).
+const WORKGROUP: u32 = 0;
 
 /// A shader with its constants, ready to be dispatched.
 pub(super) struct Pipeline {
@@ -78,7 +82,7 @@ impl Pipeline {
         let subgroup_value = shader.subgroup_constant.map(|id| (id, subgroup));
         let backwards_value = shader.backwards_constant.map(|id| (id, u32::from(context.disorder.is_some())));
         let own = shader.constants.iter().copied().zip(constants.iter().copied());
-        let (ids, values): (Vec<u32>, Vec<u32>) = own.chain(subgroup_value).chain(backwards_value).unzip();
+        let (ids, values): (Vec<u32>, Vec<u32>) = own.clone().chain(subgroup_value).chain(backwards_value).unzip();
         let entries: Vec<_> = ids
             .into_iter()
             .zip(0..)
@@ -93,13 +97,20 @@ impl Pipeline {
             .module(self.module)
             .name(c"main")
             .specialization_info(&specialization);
-        if context.info.has(Feature::SubgroupSizeControl) {
+        if context.pins_subgroups {
             stage = stage.push_next(&mut required);
         }
+        let workgroup = own.clone().find(|(id, _)| *id == WORKGROUP).map_or(1, |(_, workgroup)| workgroup);
+        if context.info.has(Feature::FullSubgroups) && workgroup.is_multiple_of(subgroup) {
+            stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS);
+        }
         let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout)];
+        let begun = Instant::now();
         // SAFETY: the layouts were reflected from this module; every pointer outlives the call.
         let made = unsafe { context.raw.create_compute_pipelines(context.pipelines.cache, &info, None) };
         self.raw = made.map_err(|(_, e)| e).during(shader.name)?[0];
+        let values: Vec<String> = entries.iter().zip(&values).map(|(e, v)| format!("{}:{v}", e.constant_id)).collect();
+        tracing::debug!("pipeline {} {} {:.3} s", shader.name, values.join(","), begun.elapsed().as_secs_f64());
         Ok(())
     }
 

@@ -1,30 +1,110 @@
-//! Does the driver run long loops to their end? Mesa before 23 stops an invocation after 65,535 iterations in total, in
-//! silence: every long tile list would be cut.
+//! Does a device do what it says? Kernels are specialised for the width of its subgroups, and a driver that runs them at
+//! another would compute wrong pictures without an error. Mesa before 23 stops an invocation after 65,535 iterations in
+//! total, in silence: every long tile list would be cut. One submission tells both.
 
 use super::device::Device;
 use super::error::Error;
 use super::recording::{Groups, Recording};
-use crate::kernels::probe::{Loop, LoopPush, LoopSpec};
+use super::select::DeviceKind;
+use crate::kernels::probe::{Loop, LoopPush, LoopSpec, Subgroups, SubgroupsSpec};
 
 /// More than the 65,535 at which old drivers stop.
 const ITERATIONS: u32 = 70_000;
+/// Invocations that tell of their subgroups: a workgroup that every device can have.
+const INVOCATIONS: u32 = 256;
 
-pub(super) fn check(device: &Device) -> Result<(), Error> {
-    let result = device.buffer::<u32>("probe", 1)?;
+/// Probes a device and gives the width of its subgroups, which is the one that it tells wherever it can be pinned.
+///
+/// # Errors
+/// [`Error::Driver`] with what is wrong.
+pub(super) fn check(device: &Device) -> Result<u32, Error> {
+    let distrust =
+        |what| Error::Driver { device: device.info().name.clone(), driver: device.info().driver.clone(), what };
+    let lanes = device.buffer::<[u32; 4]>("probe of subgroups", INVOCATIONS as usize)?;
+    let sum = device.buffer::<u32>("probe of loops", 1)?;
     let mut recording = Recording::new();
-    let kernel = Loop { result: &result, push: LoopPush { iterations: ITERATIONS }, spec: LoopSpec::default() };
-    recording.dispatch(&kernel, Groups::Count(1));
-    device.run(recording)?;
+    let spec = SubgroupsSpec { workgroup: INVOCATIONS };
+    recording.dispatch(&Subgroups { seen: &lanes, spec }, Groups::Count(1));
+    // Only drivers for CPUs have such a limit; on the slowest of GPUs the loop would take a while.
+    let loops = device.info().kind == DeviceKind::Cpu;
+    if loops {
+        let kernel = Loop { result: &sum, push: LoopPush { iterations: ITERATIONS }, spec: LoopSpec::default() };
+        recording.dispatch(&kernel, Groups::Count(1));
+    }
+    let count = INVOCATIONS as usize * 4;
+    let mut landing = device.readback::<u32>("probe", count + 1)?;
+    landing.submit(device, recording, &[(&lanes.cast(), count), (&sum, usize::from(loops))])?;
+    let (seen, _) = landing.wait()?;
     // The loop sums 1..=n modulo 2^32.
     let expected = (1..=ITERATIONS).fold(0_u32, u32::wrapping_add);
-    if result.read(device)?.first() == Some(&expected) {
-        return Ok(());
+    if loops && seen[count] != expected {
+        return Err(distrust(
+            "it ends shader loops early (Mesa before 23 does so after 65,535 iterations), which would cut pictures \
+             without an error"
+                .to_owned(),
+        ));
     }
-    Err(Error::Driver {
-        device: device.info().name.clone(),
-        driver: device.info().driver.clone(),
-        what: "it ends shader loops early (Mesa before 23 does so after 65,535 iterations), which would cut pictures \
-               without an error"
-            .into(),
-    })
+    width(bytemuck::cast_slice(&seen[..count])).map_err(distrust)
+}
+
+/// The width of subgroups that all agree on; each invocation tells the lanes of its subgroup, the driver's word for them, the
+/// number of subgroups, and its own place: subgroup and lane.
+fn width(seen: &[[u32; 4]]) -> Result<u32, String> {
+    let width = seen.first().map_or(0, |first| first[0]);
+    let same = |at: usize, name: &str, told: u32, expected: u32| {
+        if told == expected {
+            return Ok(());
+        }
+        Err(format!(
+            "its subgroups are not what they should be: invocation {at} of {} has {name} {told} instead of {expected}",
+            seen.len()
+        ))
+    };
+    for (at, [lanes, size, count, place]) in seen.iter().enumerate() {
+        same(at, "active lanes", *lanes, width)?;
+        same(at, "gl_SubgroupSize", *size, width)?;
+        same(at, "gl_NumSubgroups", *count, (seen.len() as u32).div_ceil(width.max(1)))?;
+        same(at, "gl_SubgroupID", place >> 16, at as u32 / width.max(1))?;
+        same(at, "gl_SubgroupInvocationID", place & 0xffff, at as u32 % width.max(1))?;
+    }
+    Ok(width)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a faultless device of this width tells.
+    fn sound(width: u32) -> Vec<[u32; 4]> {
+        (0..INVOCATIONS).map(|i| [width, width, INVOCATIONS / width, ((i / width) << 16) | (i % width)]).collect()
+    }
+
+    #[test]
+    fn widths_that_all_agree_on() {
+        for width in [4, 8, 16, 32, 64, 128] {
+            assert_eq!(super::width(&sound(width)), Ok(width));
+        }
+    }
+
+    #[test]
+    fn each_disagreement_is_named() {
+        // A driver for AMD's GPUs on Macs told 64 of subgroups of 32.
+        let told = sound(32).into_iter().map(|[lanes, _, count, place]| [lanes, 64, count, place]).collect();
+        let last = |change: fn([u32; 4]) -> [u32; 4]| {
+            let mut seen = sound(32);
+            seen[255] = change(seen[255]);
+            seen
+        };
+        let cases: [(Vec<[u32; 4]>, &str); 5] = [
+            (told, "gl_SubgroupSize 64"),
+            (last(|[_, b, c, d]| [16, b, c, d]), "255 of 256 has active lanes 16"),
+            (last(|[a, b, _, d]| [a, b, 4, d]), "gl_NumSubgroups 4"),
+            (last(|[a, b, c, d]| [a, b, c, d + (1 << 16)]), "gl_SubgroupID 8"),
+            (last(|[a, b, c, d]| [a, b, c, d - 1]), "gl_SubgroupInvocationID 30 instead of 31"),
+        ];
+        for (seen, named) in cases {
+            let error = width(&seen).expect_err(named);
+            assert!(error.contains(named), "{error}");
+        }
+    }
 }

@@ -1,12 +1,17 @@
 //! The Vulkan devices of this machine: what each is and can do, and the choice among them.
 
 use super::error::{During, Error};
+use super::imitation::{Claim, Limits};
 use super::instance::Instance;
 use super::tuning::DeviceClass;
+use crate::kernels::needs;
 use ash::{ext, khr, vk};
 use serde::Serialize;
 use std::ffi::CStr;
 use std::fmt;
+
+/// Shared memory that kernels of every tuning fit into: what Vulkan promises.
+const SHARED_BYTES: u32 = 16 << 10;
 
 /// Kinds of devices, in the order of preference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -48,7 +53,7 @@ impl fmt::Display for DeviceKind {
     }
 }
 
-/// Features that variants of kernels may use, and that the engine never requires.
+/// Features that the engine uses where they are, and never requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Feature {
@@ -62,6 +67,10 @@ pub enum Feature {
     NanPreserve,
     /// Buffers can be handed over inside command buffers.
     PushDescriptors,
+    /// Workgroups can be asked to consist of whole subgroups.
+    FullSubgroups,
+    /// The device is one of another interface underneath, such as Metal, and may lack parts of Vulkan.
+    PortabilitySubset,
 }
 
 impl fmt::Display for Feature {
@@ -72,6 +81,8 @@ impl fmt::Display for Feature {
             Self::MemoryBudget => "memory-budget",
             Self::NanPreserve => "nan-preserve",
             Self::PushDescriptors => "push-descriptors",
+            Self::FullSubgroups => "full-subgroups",
+            Self::PortabilitySubset => "portability-subset",
         })
     }
 }
@@ -97,6 +108,10 @@ pub struct DeviceInfo {
     pub subgroup_range: [u32; 2],
     /// Largest buffer that a kernel can bind, in bytes.
     pub max_buffer_bytes: u64,
+    /// Most buffers that a kernel can bind.
+    pub max_storage_buffers: u32,
+    /// Bytes of push constants.
+    pub push_bytes: u32,
     /// Memory of the largest device-local heap, in bytes.
     pub memory_bytes: u64,
     /// Shared memory of a workgroup, in bytes.
@@ -134,13 +149,22 @@ pub(super) struct Candidate {
 /// [`Error::NoLoader`] without a Vulkan loader; Vulkan's own errors.
 pub fn list() -> Result<Vec<DeviceInfo>, Error> {
     let instance = Instance::new(false)?;
-    Ok(candidates(&instance)?.into_iter().map(|c| c.info).collect())
+    Ok(candidates(&instance, Limits::NONE, None)?.into_iter().map(|c| c.info).collect())
 }
 
-pub(super) fn candidates(instance: &Instance) -> Result<Vec<Candidate>, Error> {
+/// The devices, as they are or as they imitate others.
+pub(super) fn candidates(instance: &Instance, limits: Limits, claim: Option<Claim>) -> Result<Vec<Candidate>, Error> {
     // SAFETY: the instance is alive.
     let physical = unsafe { instance.raw.enumerate_physical_devices() }.during("enumerate devices")?;
-    physical.into_iter().enumerate().map(|(i, p)| Ok(Report::of(&instance.raw, p)?.candidate(i, p))).collect()
+    let candidate = |(i, p)| {
+        let report = Report::of(&instance.raw, p)?;
+        let mut info = report.info(i);
+        limits.on(&mut info);
+        claim.inspect(|claim| claim.on(&mut info));
+        info.missing = report.missing(&info);
+        Ok(report.candidate(p, info))
+    };
+    physical.into_iter().enumerate().map(candidate).collect()
 }
 
 /// The device that `wanted` names (index, or part of its name in any case), or else the best usable one: discrete before
@@ -177,6 +201,8 @@ struct Report {
     floats: vk::PhysicalDeviceFloatControlsProperties<'static>,
     control: vk::PhysicalDeviceSubgroupSizeControlProperties<'static>,
     control_features: vk::PhysicalDeviceSubgroupSizeControlFeatures<'static>,
+    vulkan_1_2: vk::PhysicalDeviceVulkan12Features<'static>,
+    push: vk::PhysicalDevicePushDescriptorPropertiesKHR<'static>,
     atomic: vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>,
     budget: vk::PhysicalDeviceMemoryBudgetPropertiesEXT<'static>,
 }
@@ -203,18 +229,25 @@ impl Report {
 
     /// Adds what devices of Vulkan 1.2 tell beyond the basics.
     fn extend(&mut self, instance: &ash::Instance, physical: vk::PhysicalDevice) {
-        let [control, atomic, budget] =
-            [ext::subgroup_size_control::NAME, ext::shader_atomic_float::NAME, ext::memory_budget::NAME]
-                .map(|name| self.has(name));
+        let names = [
+            ext::subgroup_size_control::NAME,
+            ext::shader_atomic_float::NAME,
+            ext::memory_budget::NAME,
+            khr::push_descriptor::NAME,
+        ];
+        let [control, atomic, budget, push] = names.map(|name| self.has(name));
         let mut properties = vk::PhysicalDeviceProperties2::default()
             .push_next(&mut self.driver)
             .push_next(&mut self.subgroup)
             .push_next(&mut self.floats);
-        let mut features = vk::PhysicalDeviceFeatures2::default();
+        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut self.vulkan_1_2);
         let mut memory = vk::PhysicalDeviceMemoryProperties2::default();
         if control {
             properties = properties.push_next(&mut self.control);
             features = features.push_next(&mut self.control_features);
+        }
+        if push {
+            properties = properties.push_next(&mut self.push);
         }
         if atomic {
             features = features.push_next(&mut self.atomic);
@@ -249,30 +282,42 @@ impl Report {
         local.map(|(i, h)| (i, h.size)).max_by_key(|(_, size)| *size)
     }
 
-    /// The first thing that the engine needs and the device lacks.
-    fn missing(&self) -> Option<String> {
+    /// The first thing that the engine needs and the device lacks, its limits as `info` has them.
+    fn missing(&self, info: &DeviceInfo) -> Option<String> {
         let operations = vk::SubgroupFeatureFlags::BASIC
             | vk::SubgroupFeatureFlags::VOTE
             | vk::SubgroupFeatureFlags::ARITHMETIC
             | vk::SubgroupFeatureFlags::BALLOT
             | vk::SubgroupFeatureFlags::SHUFFLE
             | vk::SubgroupFeatureFlags::SHUFFLE_RELATIVE;
-        let size = self.subgroup.subgroup_size;
-        if !self.is_modern() {
-            Some("Vulkan 1.2".to_owned())
-        } else if self.queue_family().is_none() {
-            Some("a compute queue".to_owned())
-        } else if !self.subgroup.supported_operations.contains(operations)
-            || !self.subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
-        {
-            Some("subgroup arithmetic, ballot and shuffles in compute".to_owned())
-        } else if !(4..=128).contains(&size) {
-            Some(format!("a subgroup of 4 to 128 invocations (it has {size})"))
-        } else if self.base.limits.max_compute_work_group_invocations < 256 {
-            Some("workgroups of 256 invocations".to_owned())
-        } else {
-            None
-        }
+        let subgroups = self.subgroup.supported_operations.contains(operations)
+            && self.subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE);
+        let size = info.subgroup_size;
+        let width = (4..=128).contains(&size) && size.is_power_of_two();
+        let at_least =
+            |there: u32, needed: u32, what: &str| (there >= needed, format!("{needed} {what} (it has {there})"));
+        let needs = [
+            (self.is_modern(), "Vulkan 1.2".to_owned()),
+            (self.queue_family().is_some(), "a compute queue".to_owned()),
+            (
+                !self.ignores_sizes_of_arrays(),
+                "MoltenVK 1.3 or newer: older ones ignore constants that size arrays".to_owned(),
+            ),
+            (subgroups, "subgroup arithmetic, ballot and shuffles in compute".to_owned()),
+            (self.vulkan_1_2.subgroup_broadcast_dynamic_id != 0, "subgroupBroadcastDynamicId".to_owned()),
+            (width, format!("a subgroup of 4, 8, 16, 32, 64 or 128 invocations (it has {size})")),
+            at_least(info.max_workgroup, 256, "invocations in a workgroup"),
+            at_least(info.max_storage_buffers, needs::STORAGE_BUFFERS, "storage buffers in a kernel"),
+            at_least(info.push_bytes, needs::PUSH_BYTES, "bytes of push constants"),
+            at_least(info.shared_bytes, SHARED_BYTES, "bytes of shared memory"),
+        ];
+        needs.into_iter().find(|(there, _)| !there).map(|(_, what)| what)
+    }
+
+    /// Whether this is MoltenVK before 1.3: arrays whose sizes are specialization constants keep their default sizes there.
+    fn ignores_sizes_of_arrays(&self) -> bool {
+        // Its version is written 1 02 11 for 1.2.11.
+        self.driver.driver_id == vk::DriverId::MOLTENVK && self.base.driver_version < 1_03_00
     }
 
     fn optional(&self) -> Vec<Feature> {
@@ -284,24 +329,26 @@ impl Report {
             (Feature::FloatAtomics, atomics),
             (Feature::MemoryBudget, self.has(ext::memory_budget::NAME)),
             (Feature::NanPreserve, self.floats.shader_signed_zero_inf_nan_preserve_float32 != 0),
-            (Feature::PushDescriptors, self.has(khr::push_descriptor::NAME)),
+            (Feature::PushDescriptors, self.push.max_push_descriptors >= needs::STORAGE_BUFFERS),
+            (Feature::FullSubgroups, self.control_features.compute_full_subgroups != 0),
+            (Feature::PortabilitySubset, self.has(khr::portability_subset::NAME)),
         ];
         features.into_iter().filter(|(_, there)| *there).map(|(feature, _)| feature).collect()
     }
 
-    fn candidate(&self, index: usize, physical: vk::PhysicalDevice) -> Candidate {
-        let optional = self.optional();
+    fn candidate(&self, physical: vk::PhysicalDevice, info: DeviceInfo) -> Candidate {
         let free = |(heap, _)| self.budget.heap_budget[heap];
         Candidate {
             physical,
             queue_family: self.queue_family().unwrap_or(0) as u32,
             pipeline_cache_uuid: self.base.pipeline_cache_uuid,
-            free_bytes: self.heap().map(free).filter(|_| optional.contains(&Feature::MemoryBudget)),
-            info: self.info(index, optional),
+            free_bytes: self.heap().map(free).filter(|_| info.has(Feature::MemoryBudget)),
+            info,
         }
     }
 
-    fn info(&self, index: usize, optional: Vec<Feature>) -> DeviceInfo {
+    fn info(&self, index: usize) -> DeviceInfo {
+        let optional = self.optional();
         let text = |s: Result<&CStr, _>| s.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
         let kind = DeviceKind::from(self.base.device_type);
         let (version, limits) = (self.base.api_version, &self.base.limits);
@@ -309,6 +356,9 @@ impl Report {
             [vk::api_version_major(version), vk::api_version_minor(version), vk::api_version_patch(version)];
         let size = self.subgroup.subgroup_size;
         let pinned = optional.contains(&Feature::SubgroupSizeControl);
+        let workgroup = limits.max_compute_work_group_invocations.min(limits.max_compute_work_group_size[0]);
+        let subgroups = if pinned { self.control.max_compute_workgroup_subgroups } else { u32::MAX };
+        let max_workgroup = workgroup.min(subgroups.saturating_mul(size));
         let timestamps = self.queue_family().is_some_and(|f| self.families[f].timestamp_valid_bits > 0);
         DeviceInfo {
             index,
@@ -328,12 +378,17 @@ impl Report {
                 [size, size]
             },
             max_buffer_bytes: u64::from(limits.max_storage_buffer_range),
+            max_storage_buffers: limits
+                .max_per_stage_descriptor_storage_buffers
+                .min(limits.max_descriptor_set_storage_buffers)
+                .min(limits.max_per_stage_resources),
+            push_bytes: limits.max_push_constants_size,
             memory_bytes: self.heap().map_or(0, |(_, size)| size),
             shared_bytes: limits.max_compute_shared_memory_size,
-            max_workgroup: limits.max_compute_work_group_invocations,
+            max_workgroup,
             timestamp_period: if timestamps { limits.timestamp_period } else { 0.0 },
             optional,
-            missing: self.missing(),
+            missing: None,
         }
     }
 }

@@ -2,13 +2,17 @@
 
 use super::train::runs::{bits, options, train, trainer};
 use crate::support::finish;
-use qirf_vk::gpu::{Descriptors, Device, DeviceOptions};
+use qirf_vk::gpu::{Claim, Descriptors, Device, DeviceOptions, Error, Limits};
 
-/// The model after some iterations on a device opened with these options; density control included.
-fn trained(options_of_device: DeviceOptions) -> Vec<u32> {
-    let device = Device::open(&DeviceOptions { validation: true, guarded: true, ..options_of_device }).unwrap();
+fn open(options: DeviceOptions) -> Result<Device, Error> {
+    Device::open(&DeviceOptions { validation: true, guarded: true, ..options })
+}
+
+/// The model after some iterations on a device opened with these options.
+fn trained(iterations: u32, of_device: DeviceOptions) -> Vec<u32> {
+    let device = open(of_device).unwrap();
     let mut trainer = trainer(&device, options());
-    train(&mut trainer, 25);
+    train(&mut trainer, iterations);
     let model = bits(&trainer.download().unwrap());
     drop(trainer);
     finish(&device);
@@ -17,7 +21,55 @@ fn trained(options_of_device: DeviceOptions) -> Vec<u32> {
 
 #[test]
 fn descriptor_sets_give_the_bits_of_pushed_descriptors() {
-    let [pushed, sets] = [Descriptors::Push, Descriptors::Sets]
-        .map(|way| trained(DeviceOptions { descriptors: Some(way), ..DeviceOptions::default() }));
-    assert!(pushed == sets);
+    let any = trained(25, DeviceOptions::default());
+    assert!(any == trained(25, DeviceOptions { descriptors: Some(Descriptors::Sets), ..DeviceOptions::default() }));
+}
+
+#[test]
+fn tighter_limits_change_nothing() {
+    let any = trained(3, DeviceOptions::default());
+    for limits in [Limits::ADRENO, Limits::APPLE, Limits::INTEL, Limits::SMALL_BUFFERS] {
+        assert!(any == trained(3, DeviceOptions { limits: Some(limits), ..DeviceOptions::default() }), "{limits:?}");
+    }
+}
+
+#[test]
+fn limits_that_are_too_tight_are_named() {
+    let none = Limits::NONE;
+    let cases = [
+        (Limits { storage_buffers: 16, ..none }, "storage buffers in a kernel (it has 16)"),
+        (Limits { push_bytes: 32, ..none }, "bytes of push constants (it has 32)"),
+        (Limits { workgroup: 128, ..none }, "256 invocations in a workgroup (it has 128)"),
+        (Limits { shared_bytes: 8 << 10, ..none }, "16384 bytes of shared memory (it has 8192)"),
+    ];
+    for (limits, named) in cases {
+        let opened = open(DeviceOptions { limits: Some(limits), ..DeviceOptions::default() });
+        match opened.map(|device| device.info().clone()) {
+            Err(Error::MissingFeature { feature, .. }) => assert!(feature.ends_with(named), "{feature}"),
+            other => panic!("{limits:?}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn buffers_beyond_the_limit_are_a_lack_of_resources() {
+    let device = open(DeviceOptions { limits: Some(Limits::SMALL_BUFFERS), ..DeviceOptions::default() }).unwrap();
+    let error = device.buffer::<u32>("pairs", (32 << 20) + 1).err().expect("more than 128 MiB");
+    assert!(error.is_resources() && error.to_string().contains("'pairs' needs 134217732 bytes"), "{error}");
+}
+
+#[test]
+fn the_width_of_subgroups_is_probed() {
+    let width = open(DeviceOptions::default()).unwrap().info().subgroup_size;
+    let claim =
+        |subgroup, pinned| DeviceOptions { claim: Some(Claim { subgroup, pinned }), ..DeviceOptions::default() };
+    for subgroup in [width / 2, width * 2].into_iter().filter(|width| *width >= 4) {
+        let error = open(claim(subgroup, true)).err().expect("a driver that is asked for a size and gives another");
+        let what = format!("its subgroups have {width} invocations, not the {subgroup} that it tells");
+        assert!(error.to_string().contains(&what), "{error}");
+    }
+    // The width found is used where none can be asked for.
+    let device = open(claim(width * 2, false)).unwrap();
+    assert_eq!((device.info().subgroup_size, device.tuning().subgroup), (width, width));
+    assert!(trained(3, DeviceOptions::default()) == trained(3, claim(width * 2, false)));
 }

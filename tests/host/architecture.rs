@@ -126,8 +126,9 @@ fn code(path: &str) -> String {
 fn imports(code: &str) -> BTreeSet<String> {
     let name = |s: &str| -> String { s.chars().take_while(|c| c.is_ascii_lowercase() || *c == '_').collect() };
     let mut rooms = BTreeSet::new();
-    // Constants of shaders depend on nothing: they are on the lowest floor.
-    for after in code.replace("crate::kernels::constants", "").split("crate::").skip(1) {
+    // Numbers of shaders depend on nothing: they are on the lowest floor.
+    let code = code.replace("crate::kernels::constants", "").replace("crate::kernels::needs", "");
+    for after in code.split("crate::").skip(1) {
         if let Some(list) = after.strip_prefix('{') {
             let mut depth = 0;
             let mut item = true;

@@ -77,6 +77,8 @@ fn rich() -> RunRecord {
                 subgroup_size: 8,
                 subgroup_range: [8, 8],
                 max_buffer_bytes: 1,
+                max_storage_buffers: 1,
+                push_bytes: 1,
                 memory_bytes: 1,
                 shared_bytes: 1,
                 max_workgroup: 1,
