@@ -22,5 +22,6 @@ mod device {
     mod selftest;
     mod train;
     mod tuning;
+    mod watch;
     mod work;
 }

@@ -43,6 +43,12 @@ impl Instance {
         // Loaders hide devices that lack parts of Vulkan, such as Apple's, from programs that do not ask for them.
         let portability = offered(khr::portability_enumeration::NAME);
 
+        // SAFETY: as above; the layer is there.
+        let of_layer = unsafe { entry.enumerate_instance_extension_properties(validation.then_some(VALIDATION)) };
+        let of_layer = of_layer.during("enumerate the layer's extensions")?;
+        let settings_offered =
+            validation && of_layer.iter().any(|e| e.extension_name_as_c_str() == Ok(ext::layer_settings::NAME));
+
         let mut names = Vec::new();
         let mut enabled_layers = Vec::new();
         if debug_utils {
@@ -74,6 +80,22 @@ impl Instance {
             .enabled_layer_names(&enabled_layers);
         if validation {
             info = info.push_next(&mut features);
+        }
+        // Newer layers look at the buffers of kernels only if they are asked to. Older ones know no settings, and look across
+        // submissions only where the environment says so (.cargo/config.toml). The layer reads its settings from the chain; the
+        // extension's name is left out, because loaders that do not know it refuse it.
+        let on = vk::TRUE;
+        let shaders = [vk::LayerSettingEXT {
+            p_layer_name: VALIDATION.as_ptr(),
+            p_setting_name: c"syncval_shader_accesses_heuristic".as_ptr(),
+            ty: vk::LayerSettingTypeEXT::BOOL32,
+            value_count: 1,
+            p_values: (&raw const on).cast(),
+            ..vk::LayerSettingEXT::default()
+        }];
+        let mut settings = vk::LayerSettingsCreateInfoEXT::default().settings(&shaders);
+        if settings_offered {
+            info = info.push_next(&mut settings);
         }
         // SAFETY: all pointers in `info` outlive the call.
         let raw = unsafe { entry.create_instance(&info, None) }.during("create instance")?;

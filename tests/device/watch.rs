@@ -1,0 +1,53 @@
+//! The watcher is awake: validation layers tell of a barrier that was forgotten, within a submission and between two.
+
+use qirf_vk::gpu::{Buffer, Device, DeviceOptions, Forget, Groups, Hazard, Order, Recording};
+use qirf_vk::kernels::rates::{Copy, CopyPush, CopySpec};
+use std::process::Command;
+
+const COUNT: usize = 1024;
+
+fn copy(recording: &mut Recording, source: &Buffer<f32>, target: &Buffer<f32>) {
+    let (push, spec) = (CopyPush { count: COUNT as u32 }, CopySpec { workgroup: 256, rows: 4 });
+    recording.dispatch(&Copy { source, target, push, spec }, Groups::Count(1));
+}
+
+/// Validation messages of two copies, the second of which reads what the first one wrote.
+fn messages(device: &Device, forget: Forget, two_submissions: bool) -> usize {
+    let [a, b, c] = ["first", "second", "third"].map(|name| device.buffer::<f32>(name, COUNT).unwrap());
+    let before = Device::validation_messages();
+    device.reorder(Order::Recorded, forget);
+    let mut recording = Recording::new();
+    copy(&mut recording, &a, &b);
+    let mut under_way = Vec::new();
+    if two_submissions {
+        under_way.push(device.submit(std::mem::take(&mut recording)).unwrap());
+    }
+    copy(&mut recording, &b, &c);
+    under_way.push(device.submit(recording).unwrap());
+    for ticket in under_way {
+        ticket.wait().unwrap();
+    }
+    Device::validation_messages() - before
+}
+
+#[test]
+#[ignore = "its validation messages are wanted: the next test runs it in a process of its own"]
+fn forgotten_barriers_raise_messages() {
+    let options = DeviceOptions { validation: true, order: Some(Order::Recorded), ..DeviceOptions::default() };
+    let device = Device::open(&options).unwrap();
+    assert!(device.validates(), "the validation layers are installed (tools/setup)");
+    for two_submissions in [false, true] {
+        assert_eq!(messages(&device, Forget::Nothing, two_submissions), 0, "two submissions: {two_submissions}");
+        let forgotten = messages(&device, Forget::All(Hazard::ReadAfterWrite), two_submissions);
+        assert!(forgotten > 0, "a forgotten barrier was not noticed; two submissions: {two_submissions}");
+    }
+}
+
+#[test]
+fn validation_tells_of_a_forgotten_barrier() {
+    let own = std::env::current_exe().expect("this program");
+    let name = "device::watch::forgotten_barriers_raise_messages";
+    let output = Command::new(own).args(["--ignored", "--exact", name]).output().expect("it starts again");
+    let told = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && told.contains("1 passed"), "{told}");
+}
