@@ -7,6 +7,7 @@ mod device {
     mod effects;
     mod examples;
     mod guards;
+    mod no_nan;
     mod opening;
     mod order;
     mod overlap;

@@ -1,4 +1,5 @@
-// Constants of Adam, those of the 3DGS reference implementation.
+// Constants of Adam, those of the 3DGS reference implementation, and the gradients that it takes.
+#include "lib/finite.glsl"
 
 /// Decay of the first moment.
 const float BETA1 = 0.9;
@@ -8,3 +9,5 @@ const float BETA2 = 0.999;
 const float EPSILON = 1e-15;
 /// Larger gradients count as not finite: the second moment holds their squares in float32.
 const float GREATEST_GRADIENT = 1e18;
+
+bool sane(float gradient) { return within(gradient, GREATEST_GRADIENT); }

@@ -2,6 +2,7 @@
 // row. Columns are broadcast in turn, so that a Gaussian is read once for each tile.
 //
 // The including shader defines overlap(x, y): the normalised overlap of two Gaussians.
+#include "lib/finite.glsl"
 #include "lib/axes.glsl"
 #include "lib/blocks.glsl"
 
@@ -19,7 +20,6 @@ layout(push_constant) uniform Push {
 };
 
 const int LEAST_EXPONENT = -100; // the overlap with a Gaussian this much smaller is 0 in effect
-const uint INFINITY_BITS = 0x7f800000;
 
 mat4 axes_row(uint n) { return mat4(axes[4 * n], axes[4 * n + 1], axes[4 * n + 2], axes[4 * n + 3]); }
 

@@ -1,4 +1,5 @@
 // Perspective projection of one Gaussian to the image plane (EWA splatting), shared by the forward and backward passes.
+#include "lib/finite.glsl"
 
 /// A quaternion whose largest component is smaller than this is no rotation, and its Gaussian is culled.
 const float MIN_QUATERNION = 1e-6;
@@ -32,7 +33,7 @@ struct Projection {
 // largest component, since the squares of extreme ones leave float32's range.
 bool rotation_of(vec4 stored, out mat3 r, out vec4 q, out float norm) {
     float largest = max(max(abs(stored.x), abs(stored.y)), max(abs(stored.z), abs(stored.w)));
-    if (!(largest >= MIN_QUATERNION) || isinf(largest)) return false;
+    if (!finite(stored) || largest < MIN_QUATERNION) return false;
     q = stored / largest;
     float root = sqrt(dot(q, q));
     norm = largest * root;
@@ -54,7 +55,7 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
     mat3 camera = world_to_camera(v);
     vec3 offset = from_centre(v, mean);
     vec3 t = camera * offset;
-    if (!(t.z > v.centre.w) || isinf(t.z) || !rotation_of(quaternion, p.rotation, p.unit, p.norm)) return p;
+    if (!finite(t) || !finite(log_scale) || t.z <= v.centre.w || !rotation_of(quaternion, p.rotation, p.unit, p.norm)) return p;
 
     vec2 clamped = clamp(t.xy / t.z, -v.tangent_limit, v.tangent_limit);
     // Rows of the Jacobian times the rotated axes: the covariance then consists of dot products, and its determinant is
@@ -78,7 +79,7 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
     p.row_x = row_x;
     p.row_y = row_y;
     p.direction = normalize(offset);
-    p.there = p.det > 0 && !isinf(p.det) && !isinf(a0) && !isinf(c0);
+    p.there = finite(vec3(p.det, a0, c0)) && p.det > 0;
     return p;
 }
 

@@ -1,4 +1,5 @@
 // The tiles that a splat touches. Counting and emission call the same two functions on the same stored bits.
+#include "lib/finite.glsl"
 
 /// Culling: the ellipse where alpha falls to 1/255, tile by tile.
 const uint EXACT = 0;
@@ -49,14 +50,16 @@ Footprint footprint_of(vec2 mean, vec2 origin, vec3 k, float cut) {
     return f;
 }
 
-// The first and one past the last of `tiles` with pixel centres within [low, high], both measured from `origin`.
+// The first and one past the last of `tiles` with pixel centres within [low, high], both measured from `origin`; none
+// where one of them is not a number.
 uvec2 tile_span(float low, float high, float origin, uint tiles) {
     // Pixel p has its centre at p + 0.5, so that sums are whole numbers and exact. The clamp precedes the conversion to
     // integers, which is undefined for huge floats.
+    if (nan(low) || nan(high)) return uvec2(0);
     float most = float(tiles * TILE);
     float first = clamp(ceil(low - 0.5) + origin, 0, most);
     float last = clamp(floor(high - 0.5) + 1 + origin, 0, most);
-    if (!(first < last)) return uvec2(0);
+    if (first >= last) return uvec2(0);
     return uvec2(uint(first) / TILE, (uint(last) + TILE - 1) / TILE);
 }
 

@@ -41,7 +41,7 @@ void main() {
     if (!rotation_of(rotations[i], r, unit, norm)) r = mat3(1);
     [[unroll]] for (uint k = 0; k < 3; k++) {
         // A scale that is not a number counts as the smallest.
-        logs[k] = isnan(logs[k]) ? -LARGEST_LOG : clamp(logs[k], -LARGEST_LOG, LARGEST_LOG);
+        logs[k] = nan(logs[k]) ? -LARGEST_LOG : clamp(logs[k], -LARGEST_LOG, LARGEST_LOG);
     }
     // Three exchanges sort.
     if (logs.x < logs.y) { logs.xy = logs.yx; vec3 t = r[0]; r[0] = r[1]; r[1] = t; }

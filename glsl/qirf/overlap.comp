@@ -42,8 +42,7 @@ float by_qr(Axes x, Axes y) {
 }
 
 float overlap(Axes x, Axes y) {
-    // A Gaussian whose mean is not a number overlaps with nothing. Bits are compared, since drivers may turn comparisons of
-    // floats into minima that lose a NaN.
+    // A Gaussian whose mean is not a number overlaps with nothing.
     float n = by_qr(x, y);
-    return floatBitsToUint(n) < INFINITY_BITS ? min(n, 1.0) : 0;
+    return finite(n) ? min(n, 1.0) : 0;
 }

@@ -42,20 +42,21 @@ float by_sum(Axes x, Axes y) {
         float l11 = sqrt(p11), l21 = (rest.y - l20 * l10) / l11;
         float p22 = rest.z - l20 * l20 - l21 * l21;
         float l22 = sqrt(p22);
-        if (!(row.x > 0 && p11 > 0 && p22 > 0)) return not_a_number();
+        // Where an earlier one is not a number, p22 is none.
+        if (nan(p22) || row.x <= 0 || p11 <= 0 || p22 <= 0) return not_a_number();
         float z0 = d.x / l00, z1 = (d.y - l10 * z0) / l11, z2 = (d.z - l20 * z0 - l21 * z1) / l22;
         return root / (l00 * l11 * l22) * exp(-0.5 * (z0 * z0 + z1 * z1 + z2 * z2));
     }
     vec3 c0 = vec3(rest.x * rest.z - rest.y * rest.y, row.z * rest.y - row.y * rest.z, row.y * rest.y - row.z * rest.x);
     vec3 c1 = vec3(row.x * rest.z - row.z * row.z, row.y * row.z - row.x * rest.y, row.x * rest.x - row.y * row.y);
     float det = dot(row, c0);
-    if (!(det > 0)) return not_a_number();
+    if (nan(det) || det <= 0) return not_a_number();
     float e = d.x * d.x * c0.x + d.y * d.y * c1.x + d.z * d.z * c1.z + 2 * (d.x * d.y * c0.y + d.x * d.z * c0.z + d.y * d.z * c1.y);
     return root / sqrt(det) * exp(-0.5 * e / det);
 }
 
 float overlap(Axes x, Axes y) {
-    // A failure stays visible as NaN. Bits are compared, since drivers may turn comparisons of floats into minima that lose it.
+    // A failure stays visible as NaN.
     float n = by_sum(x, y);
-    return (floatBitsToUint(n) & 0x7fffffff) > INFINITY_BITS ? not_a_number() : min(n, 1.0);
+    return nan(n) ? not_a_number() : min(n, 1.0);
 }

@@ -7,6 +7,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/finite.glsl"
 #include "lib/responses.glsl"
 
 /// Numbers of a block's solution besides its participations: eigenvalues, how many lead, and whether it failed.
@@ -51,13 +52,13 @@ void full_barrier() {
     barrier();
 }
 
-// Factorises column by column, each from those before; false where a pivot is not positive.
+// Factorises column by column, each from those before; false where a pivot is not positive, or not finite.
 bool factorise(uint lane) {
     for (uint c = 0; c < m; c++) {
         float square = 0;
         for (uint k = lane; k < c; k += SUBGROUP) square += overlaps[at(c, k)] * overlaps[at(c, k)];
         float pivot = overlaps[at(c, c)] + epsilon - subgroupAdd(square);
-        if (!(pivot > 0)) return false;
+        if (!finite(pivot) || pivot <= 0) return false;
         float root = sqrt(pivot);
         for (uint row = c + 1 + lane; row < m + CHANNELS; row += SUBGROUP) {
             float sum = entry(row, c);
@@ -72,7 +73,9 @@ bool factorise(uint lane) {
     return true;
 }
 
-void gram(uint lane) {
+// B^T B; false where it is not finite.
+bool gram(uint lane) {
+    bool sound = true;
     for (uint a = 0; a < CHANNELS; a++) {
         for (uint b = 0; b <= a; b++) {
             float sum = 0;
@@ -80,6 +83,7 @@ void gram(uint lane) {
                 sum += factors[factor_at + a * m + row] * factors[factor_at + b * m + row];
             }
             sum = subgroupAdd(sum);
+            sound = sound && finite(sum);
             if (lane == 0) {
                 g[a][b] = sum;
                 g[b][a] = sum;
@@ -89,6 +93,7 @@ void gram(uint lane) {
         }
     }
     full_barrier();
+    return sound;
 }
 
 // Cyclic Jacobi (Golub and Van Loan): lanes share the entries of the two rows and columns that a rotation changes.
@@ -100,7 +105,7 @@ void diagonalise(uint lane) {
                 float theta = (g[q][q] - g[p][p]) / (2 * off);
                 float t = (theta < 0 ? -1 : 1) / (abs(theta) + sqrt(theta * theta + 1));
                 // No rotation where the entry is negligible beside the diagonal.
-                bool idle = !(off * off > 1e-16 * abs(g[p][p] * g[q][q])) || isinf(theta);
+                bool idle = !finite(theta) || off * off <= 1e-16 * abs(g[p][p] * g[q][q]);
                 t = idle ? 0 : t;
                 float c = inversesqrt(1 + t * t), s = t * c;
                 full_barrier();
@@ -123,20 +128,27 @@ void diagonalise(uint lane) {
     }
 }
 
+// An eigenvalue, from the diagonal; one that rotations let overflow ranks last, so that every input has an order.
+float eigenvalue(uint k) { return finite(g[k][k]) ? g[k][k] : -1; }
+
 // Sorts the eigenvalues, and returns how many reach tau of their sum; those that are negative by rounding count as 0.
 uint leading(uint lane) {
     for (uint k = lane; k < CHANNELS; k += SUBGROUP) {
         uint before = 0;
-        for (uint o = 0; o < CHANNELS; o++) before += g[o][o] > g[k][k] || (g[o][o] == g[k][k] && o < k) ? 1 : 0;
+        float own = eigenvalue(k);
+        for (uint o = 0; o < CHANNELS; o++) {
+            float other = eigenvalue(o);
+            before += other > own || (other == own && o < k) ? 1 : 0;
+        }
         place[before] = k;
     }
     full_barrier();
     float total = 0;
-    for (uint k = 0; k < CHANNELS; k++) total += max(g[k][k], 0.0);
+    for (uint k = 0; k < CHANNELS; k++) total += max(eigenvalue(k), 0.0);
     float sum = 0;
     uint r = 0;
     do {
-        sum += max(g[place[r]][place[r]], 0.0);
+        sum += max(eigenvalue(place[r]), 0.0);
         r++;
     } while (r < CHANNELS && sum < (tau - SLACK) * total);
     return r;
@@ -182,14 +194,13 @@ void main() {
     // Solutions of the blocks before: one number for each member, and EXTRA for each block.
     uint out_at = first + EXTRA * group;
     uint lane = gl_SubgroupInvocationID;
-    bool good = factorise(lane);
+    bool good = factorise(lane) && gram(lane);
     uint r = 0;
     if (good) {
-        gram(lane);
         diagonalise(lane);
         r = leading(lane);
         participate(lane, r, out_at);
-        for (uint k = lane; k < CHANNELS; k += SUBGROUP) solutions[out_at + m + k] = max(g[place[k]][place[k]], 0.0);
+        for (uint k = lane; k < CHANNELS; k += SUBGROUP) solutions[out_at + m + k] = max(eigenvalue(place[k]), 0.0);
     } else {
         for (uint k = lane; k < m + CHANNELS; k += SUBGROUP) solutions[out_at + k] = 0;
     }

@@ -55,7 +55,7 @@ uint densest_at(View v, Densest d, vec2 ray) {
     vec3 along = d.narrow * (vec3(ray, 1) * d.axes);
     float depth = dot(along, d.position) / dot(along, along);
     // A disc seen edge-on makes it the quotient of two zeros.
-    if (isnan(depth)) depth = d.depth;
+    if (nan(depth)) depth = d.depth;
     return floatBitsToUint(max(clamp(depth, d.depth - d.reach, d.depth + d.reach), v.centre.w));
 }
 

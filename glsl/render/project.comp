@@ -87,13 +87,13 @@ void main() {
     if (ANTIALIAS) opacity *= sqrt(max(p.det0 / p.det, MIN_ANTIALIAS));
     Splat s;
     s.cut = log2(ALPHA_MIN_INVERSE * opacity);
-    if (!(s.cut > 0)) return;
+    if (nan(logits[i]) || !finite(s.cut) || s.cut <= 0) return;
     s.log2_opacity = log2(opacity);
     s.mean = p.mean;
     s.k = splat_factor(p);
-    s.colour = max(vec3(0), radiance(i, p.direction) + 0.5);
-    bool finite = !any(isnan(s.mean)) && !any(isinf(s.mean)) && !any(isnan(s.k)) && !any(isinf(s.k)) && !any(isnan(s.colour));
-    if (!finite || !(s.k.x > 0) || !(s.k.z > 0)) return;
+    vec3 colour_or_less = radiance(i, p.direction) + 0.5;
+    if (!finite(s.mean) || !finite(s.k) || !finite(colour_or_less) || s.k.x <= 0 || s.k.z <= 0) return;
+    s.colour = max(vec3(0), colour_or_less);
 
     uint tiles = count_tiles(s);
     if (tiles == 0) return;

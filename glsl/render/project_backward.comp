@@ -46,7 +46,7 @@ layout(push_constant) uniform Push { uint pair_limit; };
 const float LEAST_SCALE = 1e-30; // a thinner axis has no gradient by its turn
 const float LN_2 = 0.6931471805599453;
 
-bool sane(vec3 g) { return all(lessThanEqual(abs(g), vec3(GREATEST_GRADIENT))); }
+bool sane(vec3 g) { return sane(g.x) && sane(g.y) && sane(g.z); }
 
 struct Gradient {
     vec3 mean;
@@ -179,7 +179,7 @@ void main() {
     Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0));
     if (slots > 0) g = backward(i, mean, log_scale, quaternion, slots);
 
-    bool good = sane(g.mean) && sane(g.log_scale) && sane(g.rotation.xyz) && sane(vec3(g.rotation.w, g.logit, 0)) && sane(g.colour);
+    bool good = sane(g.mean) && sane(g.log_scale) && sane(g.rotation.xyz) && sane(g.rotation.w) && sane(g.logit) && sane(g.colour);
     if (!good) atomicAdd(guards[0], 1);
     if (STATISTICS && good && slots > 0) growth[i] += vec2(length(g.mean2d * 0.5 * vec2(view[0].size)), 1);
     uint row = i * ROW;

@@ -64,7 +64,7 @@ void main() {
 
     float keep = exp2(log2_keep * float(iteration - seen[i]));
     [[unroll]] for (uint k = 0; k < CHANNELS; k++) {
-        bool counts = (k < RENDERING || good) && !isnan(x[k]) && !isinf(x[k]);
+        bool counts = (k < RENDERING || good) && finite(x[k]);
         responses[CHANNELS * i + k] = keep * responses[CHANNELS * i + k] + (counts ? weight * x[k] : 0);
     }
     seen[i] = iteration;

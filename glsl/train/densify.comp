@@ -2,6 +2,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
+#include "lib/finite.glsl"
 #include "lib/density.glsl"
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
@@ -28,15 +29,13 @@ void main() {
     // Sizes are relative to the scene's extent near the cameras and to the distance beyond it: a far sky needs large Gaussians.
     float reach = max(cameras.w, length(mean - cameras.xyz));
     float largest = max(scale.x, max(scale.y, scale.z)) - log(reach);
-    vec4 q = rotations[i];
-    float sum = dot(mean, vec3(1)) + dot(scale, vec3(1)) + dot(q, vec4(1)) + logits[i];
-    bool finite = !isnan(sum) && !isinf(sum);
+    bool sound = finite(mean) && finite(scale) && finite(rotations[i]) && finite(logits[i]);
     vec2 g = growth[i];
-    bool grows = g.y > 0 && g.x >= threshold * g.y && !isinf(g.x); // an infinite sum would pass every threshold
+    bool grows = finite(g.x) && g.y > 0 && g.x >= threshold * g.y; // an infinite sum would pass every threshold
     bool split = grows && largest > split_scale;
     // A Gaussian that splits is judged by its halves. Faint ones are pruned, growing or not.
     float left = split ? largest - LN_SHRINK : largest;
-    bool pruned = !finite || logits[i] < least_logit || left > largest_scale;
+    bool pruned = !sound || logits[i] < least_logit || left > largest_scale;
     copies[i] = pruned ? 0 : grows ? 2 : 1;
     splits[i] = split ? 1 : 0;
 }

@@ -90,8 +90,7 @@ void update() {
     // When pairs did not fit, this iteration does not count.
     if (lane >= SIZE || pairs[1] > pair_limit) return;
     bool good = true;
-    // A comparison with NaN is false.
-    for (uint k = 0; k < SIZE; k++) good = good && abs(sums[k]) <= GREATEST_GRADIENT;
+    for (uint k = 0; k < SIZE; k++) good = good && sane(sums[k]);
     if (!good) return;
     uint at = SIZE * photo + lane;
     float slope = sums[lane];

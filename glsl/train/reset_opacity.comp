@@ -2,6 +2,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
+#include "lib/finite.glsl"
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) buffer Logits { float logits[]; };
@@ -11,6 +12,7 @@ layout(push_constant) uniform Push { float limit; };
 void main() {
     uint i = global_index();
     if (i >= count[0]) return;
-    logits[i] = min(logits[i], limit);
+    // One that is not a number stays so, and its Gaussian goes with the next density step.
+    if (!nan(logits[i])) logits[i] = min(logits[i], limit);
     logits_adam[i] = vec2(0);
 }

@@ -3,6 +3,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
+#include "lib/finite.glsl"
 #include "lib/view.glsl"
 
 /// Share of a photo's size: Gaussians within this distance beyond its border count as seen.
@@ -28,7 +29,7 @@ void main() {
         vec3 p = world_to_camera(v) * from_centre(v, mean);
         vec2 pixel = v.focal * p.xy / p.z + v.principal + origin(v);
         vec2 size = vec2(v.size), border = MARGIN * size;
-        bool inside = p.z > v.centre.w && all(greaterThanEqual(pixel, -border)) && all(lessThanEqual(pixel, size + border));
+        bool inside = finite(p) && p.z > v.centre.w && all(greaterThanEqual(pixel, -border)) && all(lessThanEqual(pixel, size + border));
         float here = p.z / max(v.focal.x, v.focal.y);
         if (inside && (!seen || here < interval)) {
             interval = here;
@@ -37,6 +38,8 @@ void main() {
     }
     if (!seen) return;
     float least = log(interval) + LOG_WIDTH;
-    for (uint c = 0; c < 3; c++)
-        if (log_scales[3 * i + c] < least) log_scales[3 * i + c] = least;
+    for (uint c = 0; c < 3; c++) {
+        float log_scale = log_scales[3 * i + c];
+        if (!nan(log_scale) && log_scale < least) log_scales[3 * i + c] = least;
+    }
 }

@@ -1,4 +1,4 @@
 //! Effects: kernels against their twins; an effect that is off costs nothing.
 
 mod depth_order;
-mod exposure;
+pub mod exposure;

@@ -133,7 +133,10 @@ fn every_entry_of_every_block_whatever_the_batch() {
 
 #[test]
 fn values_that_are_no_numbers_stay_where_they_are() {
-    let device = device();
+    values_not_finite(&device());
+}
+
+pub fn values_not_finite(device: &Device) {
     let fine: Row = ([0.0; 3], [-1.0, -2.0, -3.0], [1.0, 0.0, 0.0, 0.0]);
     let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3e38];
     let mut rows = vec![fine, fine];
@@ -144,14 +147,14 @@ fn values_that_are_no_numbers_stay_where_they_are() {
     }
     rows.push((fine.0, fine.1, [0.0; 4]));
     let m = rows.len();
-    let got = overlaps(&device, &rows, &[0, m as u32], Metric::default(), 1 << 20);
+    let got = overlaps(device, &rows, &[0, m as u32], Metric::default(), 1 << 20);
     assert!(got.iter().all(|n| (0.0..=1.0).contains(n)), "{got:?}");
     let mut square = vec![0.0_f64; m * m];
     unpack_symmetric(m, &got, &mut square);
     assert!((0..m).all(|i| square[i * m + i] == 1.0));
     assert!((square[1] - 1.0).abs() < 1e-6 && (square[m - 1] - 1.0).abs() < 1e-6, "same Gaussian; no rotation");
     assert!(square[2] == 0.0, "a NaN mean overlaps with nothing");
-    finish(&device);
+    finish(device);
 }
 
 #[test]

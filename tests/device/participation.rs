@@ -3,11 +3,12 @@
 use super::overlap::{blocks, model};
 use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::resident::Resident;
-use qirf_vk::gpu::Error;
+use qirf_vk::gpu::{Device, Error, Groups, Recording};
+use qirf_vk::kernels::qirf::{Participation, ParticipationPush, ParticipationSpec};
 use qirf_vk::qirf::assemble::{Assembly, Options, unpack_symmetric};
 use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::rrdm::Density;
-use qirf_vk::reference::participation::{Participation, participation};
+use qirf_vk::reference::participation::{Participation as Twin, participation};
 
 #[test]
 fn the_devices_solver_agrees_with_float64() {
@@ -42,7 +43,7 @@ fn the_devices_solver_agrees_with_float64() {
     let mut bits = Vec::new();
     assembly
         .solve_each::<Error>(problem, |b, s| {
-            let Participation { spectrum, r, q } = &expected[b];
+            let Twin { spectrum, r, q } = &expected[b];
             let lambda: [f64; 8] = std::array::from_fn(|k| spectrum.get(k).copied().unwrap_or(0.0));
             assert_eq!(s.q.len(), sizes[b]);
             assert!(!s.failed, "block {b}");
@@ -120,4 +121,90 @@ fn equals_in_blocks_of_one_to_eight() {
             .unwrap();
     }
     finish(&device);
+}
+
+/// Blocks with an overlap or a response that is not finite fail and say so; their neighbours do not notice.
+#[test]
+fn blocks_that_are_not_finite_fail() {
+    not_finite(&device());
+}
+
+pub fn not_finite(device: &Device) {
+    let m = 11_u64;
+    let triangle = m * (m + 1) / 2;
+    let mut r = Random(12);
+    let near = |r: u64, c: u64| if r == c { 1.0 } else { 0.5_f32.powi((r - c) as i32) };
+    let overlaps: Vec<f32> = (0..m).flat_map(|c| (c..m).map(move |r| near(r, c))).collect();
+    let factors: Vec<f32> = (0..8 * m).map(|_| r.within(0.1, 1.0) as f32).collect();
+    let sound = || Matrices { triangle: overlaps.clone(), factor: factors.clone() };
+    let right = solutions(device, &[sound()]);
+    assert!(right[0].iter().all(|v| v.is_finite()) && right[0].last() == Some(&0.0));
+    for bad in [f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3e38] {
+        let spoilt_by = |entries: &[u64], factor_entries: &[u64]| {
+            let (mut n, mut w) = (overlaps.clone(), factors.clone());
+            for k in entries {
+                n[*k as usize] = bad;
+            }
+            for k in factor_entries {
+                w[*k as usize] = bad;
+            }
+            Matrices { triangle: n, factor: w }
+        };
+        let all: Vec<u64> = (0..8 * m).collect();
+        let blocks = [
+            spoilt_by(&[3], &[]),
+            spoilt_by(&[0], &[]),
+            spoilt_by(&[], &[5]),
+            sound(),
+            spoilt_by(&[triangle - 1], &[]),
+            spoilt_by(&[], &[2 * m, 7 * m + 3]),
+            spoilt_by(&[], &all),
+        ];
+        let got = solutions(device, &blocks);
+        let bits = |v: &[f32]| v.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&got[3]), bits(&right[0]), "{bad}: the sound one");
+        for (b, solution) in got.iter().enumerate().filter(|(b, _)| *b != 3) {
+            let (failed, rest) = solution.split_last().unwrap();
+            // An overlap of 3e38 is finite, and its Cholesky factor may be, too.
+            if bad.is_finite() && *failed == 0.0 {
+                continue;
+            }
+            assert!(*failed == 1.0 && rest.iter().all(|v| *v == 0.0), "{bad}, block {b}: {solution:?}");
+        }
+    }
+    finish(device);
+}
+
+/// A block as the solver takes it.
+struct Matrices {
+    /// N's lower triangle, packed.
+    triangle: Vec<f32>,
+    /// W, column by column.
+    factor: Vec<f32>,
+}
+
+/// The device's solutions of blocks of one size: q, lambda, r and whether it failed.
+fn solutions(device: &Device, blocks: &[Matrices]) -> Vec<Vec<f32>> {
+    let m = blocks[0].factor.len() / 8;
+    let row = |b: usize| [(b * m) as u32, m as u32, (b * blocks[0].triangle.len()) as u32, 0];
+    let rows: Vec<[u32; 4]> = (0..blocks.len()).map(row).collect();
+    let triangles: Vec<f32> = blocks.iter().flat_map(|b| b.triangle.iter().copied()).collect();
+    let all_factors: Vec<f32> = blocks.iter().flat_map(|b| b.factor.iter().copied()).collect();
+    let rows = device.upload("blocks", &rows).unwrap();
+    let overlaps = device.upload("overlaps", &triangles).unwrap();
+    let factors = device.upload("response factors", &all_factors).unwrap();
+    let solutions = device.buffer::<f32>("solutions", (m + 10) * blocks.len()).unwrap();
+    let count = blocks.len() as u32;
+    let kernel = Participation {
+        blocks: &rows,
+        overlaps: &overlaps,
+        factors: &factors,
+        solutions: &solutions,
+        push: ParticipationPush { first_block: 0, count, first_member: 0, epsilon: 1e-4, tau: 0.95 },
+        spec: ParticipationSpec { workgroup: device.info().subgroup_size },
+    };
+    let mut recording = Recording::new();
+    recording.dispatch(&kernel, Groups::Count(count));
+    device.run(recording).unwrap();
+    solutions.read(device).unwrap().chunks_exact(m + 10).map(<[f32]>::to_vec).collect()
 }

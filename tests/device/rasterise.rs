@@ -297,7 +297,10 @@ fn dust_all_over_wide_pictures() {
 
 #[test]
 fn hard_gaussians_stay_finite() {
-    let device = device();
+    hard_gaussians(&device());
+}
+
+pub fn hard_gaussians(device: &Device) {
     let mut model = Gaussians { sh: vec![Vec::new()], ..Gaussians::default() };
     let mut add = |mean: [f32; 3], log_scale: [f32; 3], rotation: [f32; 4], logit: f32| {
         model.means.push(mean);
@@ -324,10 +327,10 @@ fn hard_gaussians_stay_finite() {
     for mean in [[f32::NAN, 0.0, 2.0], [f32::INFINITY, 0.0, 2.0], [0.0, 0.0, f32::INFINITY], [1e30, 0.0, 2.0]] {
         add(mean, [-2.0; 3], upright, 1.0);
     }
-    let image = render(&device, &model, &qirf_vk::selftest::project::ahead(), Settings::default());
+    let image = render(device, &model, &qirf_vk::selftest::project::ahead(), Settings::default());
     assert!(image.pixels.as_flattened().iter().all(|v| v.is_finite()));
     assert!(image.pixels.iter().all(|p| (0.0..=1.0).contains(&p[3])));
-    finish(&device);
+    finish(device);
 }
 
 #[test]

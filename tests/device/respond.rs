@@ -194,3 +194,35 @@ fn high_pass_and_residual_are_their_twins() {
     }
     finish(&device);
 }
+
+#[test]
+fn responses_stay_finite_under_gradients_that_are_not() {
+    gradients_not_finite(&device());
+}
+
+pub fn gradients_not_finite(device: &Device) {
+    let camera = &cameras()[0];
+    let model = narrowed(&random_scene(camera, 4));
+    let resident = Resident::upload(device, &model).unwrap();
+    let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), SIZE, 1 << 14).unwrap();
+    renderer.make_room(&resident, camera).unwrap();
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut weights = image_weights(1);
+        let middle = weights.len() / 2;
+        weights[middle] = [bad, 0.5, 0.5, bad];
+        let weights = device.upload("image gradient", &weights).unwrap();
+        let responses = ResidentResponses::zeros(device, model.len()).unwrap();
+        let mut recording = Recording::new();
+        renderer.reset_overflow(&mut recording);
+        renderer.record(&mut recording, &resident, camera);
+        let backward = Backward { residual: true, ..Backward::default() };
+        renderer.record_backward(&mut recording, &resident, camera, &weights, backward);
+        let gather = Gather::Average { iteration: 1 };
+        responses.record(&mut recording, &renderer, &resident, camera, gather);
+        device.run(recording).unwrap();
+        let got = responses.read(device, gather).unwrap();
+        assert!(got.as_flattened().iter().all(|v| v.is_finite()), "{bad}: {got:?}");
+        assert!(renderer.backward_counts().unwrap().skipped_rows > 0, "{bad}");
+    }
+    finish(device);
+}

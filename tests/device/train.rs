@@ -1,11 +1,11 @@
 //! Training: the loss, Adam, density control, the loop, and initial models; device against float64 and plain host code.
 
-mod adam;
-mod density;
+pub mod adam;
+pub mod density;
 mod halve;
 mod loss;
 mod mask;
 mod memory;
 mod prune;
 pub(crate) mod runs;
-mod smoothing;
+pub mod smoothing;

@@ -255,6 +255,14 @@ fn a_stage_has_one_name_everywhere() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// Drivers may assume that there is no NaN, and then both are false: `glsl/lib/finite.glsl` compares bits instead.
+#[test]
+fn shaders_ask_for_nan_by_bits() {
+    let shaders = files("glsl", "comp").into_iter().chain(files("glsl", "glsl"));
+    let asks = |path: &String| ["isnan(", "isinf("].iter().any(|call| code(path).contains(call));
+    assert_eq!(shaders.filter(asks).collect::<Vec<_>>(), Vec::<String>::new());
+}
+
 /// Paths of this repository in a page: text in backquotes, and targets of links.
 fn paths(page: &str) -> BTreeSet<String> {
     const TOPS: [&str; 6] = ["src/", "glsl/", "docs/", "tools/", "tests/", "benches/"];

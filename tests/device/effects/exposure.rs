@@ -24,7 +24,10 @@ fn value(n: usize, seed: usize) -> f64 {
 /// Exposed picture, gradient by the picture and the step of the affine, against float64.
 #[test]
 fn the_kernel_is_its_twin() {
-    let device = device();
+    kernel_and_twin(&device());
+}
+
+pub fn kernel_and_twin(device: &Device) {
     for (pixels, photos, photo) in [(1, 1, 0), (777, 3, 1), (40_000, 2, 1)] {
         let picture: Vec<[f32; 4]> = (0..pixels).map(|p| [0, 1, 2, 3].map(|c| value(4 * p + c, 1) as f32)).collect();
         let slope: Vec<[f32; 4]> =
@@ -33,7 +36,7 @@ fn the_kernel_is_its_twin() {
             (0..photos * SIZE).map(|k| (twin::IDENTITY[k % SIZE] + 0.3 * (value(k, 3) - 0.5)) as f32).collect();
         let gains: Vec<[f32; 3]> =
             (0..photos).map(|k| [0, 1, 2].map(|c| 0.8 + 0.4 * value(3 * k + c, 5) as f32)).collect();
-        let exposure = Exposure::with(&device, &gains, &affine, &vec![0.0; 2 * affine.len()], pixels).unwrap();
+        let exposure = Exposure::with(device, &gains, &affine, &vec![0.0; 2 * affine.len()], pixels).unwrap();
         let (image, gradient) = (device.upload("image", &picture).unwrap(), device.upload("slope", &slope).unwrap());
         let pairs = device.upload("pairs", &[0, 5]).unwrap();
         let step = |limit| Some(Step { pairs: &pairs, limit, number: 1, rate: 0.01 });
@@ -48,8 +51,8 @@ fn the_kernel_is_its_twin() {
         let own: [f64; SIZE] = std::array::from_fn(|k| f64::from(affine[photo * SIZE + k]));
         let right = twin::apply(&own, &rgb(&picture));
         let (by_colour, by_affine) = twin::backward(&own, &rgb(&picture), &rgb(&slope));
-        let exposed = exposure.image.read(&device).unwrap();
-        let through = gradient.read(&device).unwrap();
+        let exposed = exposure.image.read(device).unwrap();
+        let through = gradient.read(device).unwrap();
         for p in 0..pixels {
             assert_eq!((exposed[p][3], through[p][3]), (picture[p][3], slope[p][3]), "alpha's own");
             for c in 0..3 {
@@ -57,8 +60,8 @@ fn the_kernel_is_its_twin() {
                 assert!((f64::from(through[p][c]) - by_colour[p][c]).abs() < 1e-5 / pixels as f64, "{p} {c}");
             }
         }
-        let moments = exposure.moments.read(&device).unwrap();
-        let after = exposure.affine.read(&device).unwrap();
+        let moments = exposure.moments.read(device).unwrap();
+        let after = exposure.affine.read(device).unwrap();
         let scale = by_affine.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
         for k in 0..photos * SIZE {
             let mine = k / SIZE == photo;
@@ -78,11 +81,11 @@ fn the_kernel_is_its_twin() {
             let mut recording = Recording::new();
             exposure.backward(&mut recording, rendered, &slope, step(limit));
             device.run(recording).unwrap();
-            assert!(exposure.affine.read(&device).unwrap() == after);
-            assert!(exposure.moments.read(&device).unwrap() == moments);
+            assert!(exposure.affine.read(device).unwrap() == after);
+            assert!(exposure.moments.read(device).unwrap() == moments);
         }
     }
-    finish(&device);
+    finish(device);
 }
 
 fn capture(folder: &Path, effects: &[synth::Effect], views: usize, width: u32) {

@@ -200,7 +200,10 @@ fn adam_along_the_twins_path() {
 /// Three Gaussians in tiles of their own; the gradient of a pixel of the first is not finite, or 1e30.
 #[test]
 fn a_gradient_that_is_not_finite_stays_where_it_is() {
-    let device = device();
+    gradients_not_finite(&device());
+}
+
+pub fn gradients_not_finite(device: &Device) {
     let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.9, 96, 64);
     let depth = 4.0;
     let pixels: [[f64; 2]; 3] = [[8.0, 8.0], [56.0, 40.0], [88.0, 56.0]];
@@ -222,14 +225,14 @@ fn a_gradient_that_is_not_finite_stays_where_it_is() {
     let run = |spoilt: f32| {
         let mut by_image = weights(96 * 64, 3);
         by_image[8 * 96 + 8] = [spoilt; 4];
-        let bench = Bench::new(&device, &model, &camera, &by_image);
+        let bench = Bench::new(device, &model, &camera, &by_image);
         for step in 1..=3 {
             bench.step(step);
         }
         (
             bench.params(),
-            moments(&bench.trainee.moments, &device, 3),
-            bench.trainee.growth.read(&device).unwrap(),
+            moments(&bench.trainee.moments, device, 3),
+            bench.trainee.growth.read(device).unwrap(),
             bench.renderer.backward_counts().unwrap(),
         )
     };
@@ -251,7 +254,7 @@ fn a_gradient_that_is_not_finite_stays_where_it_is() {
             assert_eq!(got_moments[a][width..], right_moments[a][width..], "{spoilt}: {name}'s moments");
         }
     }
-    finish(&device);
+    finish(device);
 }
 
 type Spoil = fn(&mut Gaussians);
@@ -259,7 +262,10 @@ type Spoil = fn(&mut Gaussians);
 /// Parameters that are not finite (a damaged model, until the next density step removes them) harm no other Gaussian.
 #[test]
 fn parameters_that_are_not_finite_harm_no_other() {
-    let device = device();
+    parameters_not_finite(&device());
+}
+
+pub fn parameters_not_finite(device: &Device) {
     let camera = small_camera(45, 37);
     let sound = narrowed(&random_scene(&camera, 3));
     let spoil: [(&str, Spoil); 8] = [
@@ -275,7 +281,7 @@ fn parameters_that_are_not_finite_harm_no_other() {
     for (name, spoil) in spoil {
         let mut model = sound.clone();
         spoil(&mut model);
-        let bench = Bench::new(&device, &model, &camera, &weights(45 * 37, 8));
+        let bench = Bench::new(device, &model, &camera, &weights(45 * 37, 8));
         for step in 1..=3 {
             bench.step(step);
         }
@@ -287,5 +293,5 @@ fn parameters_that_are_not_finite_harm_no_other() {
             }
         }
     }
-    finish(&device);
+    finish(device);
 }

@@ -81,20 +81,23 @@ fn decide(model: &Gaussians, growth: &[[f32; 2]], schedule: &Schedule, large_goe
 
 #[test]
 fn densify_decides_as_its_twin_and_gathers_rows() {
-    let device = device();
+    decisions(&device());
+}
+
+pub fn decisions(device: &Device) {
     // Large Gaussians are pruned at iteration 600 of a run of 2,000, and not yet at iteration 600 of 30,000.
     for (iterations, large_goes) in [(30_000, false), (2000, true)] {
         for count in [1, 31, 700] {
             let schedule = Schedule { iterations, ..Schedule::default() };
             let (model, growth) = scene(count, 11);
-            let mut held = held(&device, &model, &growth);
-            let after = densify(&device, &mut held, &schedule, STEP).unwrap();
+            let mut held = held(device, &model, &growth);
+            let after = densify(device, &mut held, &schedule, STEP).unwrap();
             let plan = decide(&model, &growth, &schedule, large_goes);
             assert_eq!(after, plan.len(), "{count} Gaussians, {iterations} iterations");
-            let new = held.model.download(&device).unwrap();
+            let new = held.model.download(device).unwrap();
             assert_eq!((held.model.len, new.len()), (after, after));
-            assert_eq!(held.growth.read(&device).unwrap(), vec![[0.0; 2]; after]);
-            let moments: Vec<Vec<[f32; 2]>> = attributes(&held).into_iter().map(|b| b.read(&device).unwrap()).collect();
+            assert_eq!(held.growth.read(device).unwrap(), vec![[0.0; 2]; after]);
+            let moments: Vec<Vec<[f32; 2]>> = attributes(&held).into_iter().map(|b| b.read(device).unwrap()).collect();
             let mut kinds = [0; 3];
             for (row, &(source, kind)) in plan.iter().enumerate() {
                 kinds[kind as usize] += 1;
@@ -122,7 +125,7 @@ fn densify_decides_as_its_twin_and_gathers_rows() {
             assert!(count < 700 || kinds.iter().all(|k| *k > 20), "{kinds:?}");
         }
     }
-    finish(&device);
+    finish(device);
 }
 
 /// Halves are samples of their parent: in its axes, divided by its scales, they are standard normal.
@@ -202,7 +205,10 @@ fn the_limit_is_kept() {
 /// The search for a threshold ends, whatever the gradients are.
 #[test]
 fn the_limit_is_kept_by_any_gradients() {
-    let device = device();
+    any_gradients(&device());
+}
+
+pub fn any_gradients(device: &Device) {
     let (mut model, _) = scene(64, 5);
     model.means.fill([0.5; 3]);
     model.log_scales.fill([-6.0; 3]);
@@ -211,12 +217,12 @@ fn the_limit_is_kept_by_any_gradients() {
     for gradient in [0.0, -1.0, 2e-4] {
         for sum in [0.0, 1e-30, 1.0, 1e30, f32::INFINITY, f32::NAN] {
             let schedule = Schedule { densify_gradient: gradient, ..Schedule::default() };
-            let mut held = held(&device, &model, &vec![[sum, 2.0]; 64]);
-            let after = densify(&device, &mut held, &schedule, Step { most: 100, ..STEP }).unwrap();
+            let mut held = held(device, &model, &vec![[sum, 2.0]; 64]);
+            let after = densify(device, &mut held, &schedule, Step { most: 100, ..STEP }).unwrap();
             assert!((64..=100).contains(&after), "gradient {gradient}, sums {sum}: {after}");
         }
     }
-    finish(&device);
+    finish(device);
 }
 
 #[test]

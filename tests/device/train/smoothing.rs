@@ -5,7 +5,7 @@ use crate::support::{device, finish};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
-use qirf_vk::gpu::Recording;
+use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::random::uniform;
 use qirf_vk::reference::smoothing::least_scale;
 use qirf_vk::render::{Settings, Style};
@@ -26,7 +26,10 @@ fn thinnest(model: &Gaussians, cameras: &[Camera], near: f32) -> (f64, usize) {
 
 #[test]
 fn scales_end_at_what_the_finest_photo_tells() {
-    let device = device();
+    least_scales(&device());
+}
+
+pub fn least_scales(device: &Device) {
     let settings = Settings::default();
     // Near and far, large and small; one photo of another size and focal length.
     let views: Vec<Photo> = [(-4.0, 200, 0.8), (-9.0, 200, 0.8), (-2.5, 64, 1.4)]
@@ -47,11 +50,11 @@ fn scales_end_at_what_the_finest_photo_tells() {
     model.means[..3].copy_from_slice(&strange);
     model.log_scales[3] = [f32::NAN, -20.0, 1.0];
 
-    let resident = Resident::upload(&device, &model).unwrap();
+    let resident = Resident::upload(device, &model).unwrap();
     let mut recording = Recording::new();
-    Smoothing::new(&device, &views, &settings).unwrap().record(&mut recording, &resident);
+    Smoothing::new(device, &views, &settings).unwrap().record(&mut recording, &resident);
     device.run(recording).unwrap();
-    let after = resident.download(&device).unwrap();
+    let after = resident.download(device).unwrap();
 
     let cameras: Vec<Camera> = views.iter().map(|v| v.camera.clone()).collect();
     let (mut raised, mut unseen, mut worst) = (0, 0, 0.0_f64);
@@ -74,7 +77,7 @@ fn scales_end_at_what_the_finest_photo_tells() {
     // A Gaussian at a photo's border may count as seen in float32 and not in float64, or the other way round.
     assert!(worst < 1e-5, "{worst}");
     assert_eq!(after.means[2], strange[2]);
-    finish(&device);
+    finish(device);
 }
 
 #[test]
