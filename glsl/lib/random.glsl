@@ -5,10 +5,11 @@ uint hash(uint x) { // PCG's output permutation (O'Neill 2014) over one linear c
     return (x >> 22) ^ x;
 }
 
-// Two independent standard normals (Box and Muller).
+// Two independent standard normals (Box and Muller). The angle is turned back by half a turn: Vulkan promises the precision of
+// sine and cosine within [-pi, pi] only.
 vec2 normals(uvec4 key) {
     uint h = hash(key.x ^ hash(key.y ^ hash(key.z ^ hash(key.w))));
     float u = (float(h >> 8) + 1) / 16777217.0;
-    float v = float(hash(h) >> 8) / 16777216.0;
-    return sqrt(-2 * log(u)) * vec2(cos(6.283185307179586 * v), sin(6.283185307179586 * v));
+    float angle = 6.283185307179586 * (float(hash(h) >> 8) / 16777216.0 - 0.5);
+    return -sqrt(-2 * log(u)) * vec2(cos(angle), sin(angle));
 }

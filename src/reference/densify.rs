@@ -1,7 +1,9 @@
 //! Density control's decisions: which Gaussians are pruned, cloned or split.
 
 use super::Params;
+use super::project::rotation;
 use glam::DVec3;
+use std::f64::consts::TAU;
 
 /// Ratio of a parent's scales to those of its halves after a split.
 pub const SHRINK: f64 = 1.6;
@@ -62,4 +64,28 @@ pub fn densify(params: &Params, growth: &[[f64; 2]], thresholds: &Thresholds) ->
         }
     }
     rows
+}
+
+/// The random number of a key, 32 bits: PCG's output permutation over one linear congruential step.
+fn hash(x: u32) -> u32 {
+    let x = x.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    let x = ((x >> ((x >> 28) + 4)) ^ x).wrapping_mul(277_803_737);
+    (x >> 22) ^ x
+}
+
+/// Two independent standard normals (Box and Muller).
+fn normals(key: [u32; 4]) -> [f64; 2] {
+    let first = key.into_iter().rev().fold(0, |h, k| hash(k ^ h));
+    let unit = |h: u32| f64::from(h >> 8);
+    let (radius, turn) = ((-2.0 * ((unit(first) + 1.0) / 16_777_217.0).ln()).sqrt(), unit(hash(first)) / 16_777_216.0);
+    [radius * (TAU * turn).cos(), radius * (TAU * turn).sin()]
+}
+
+/// Where the half of a split that becomes row `row` of the new model moves, from its parent `parent`; in world units.
+pub fn offset_of_half(params: &Params, parent: usize, row: u32, seed: u32, iteration: u32) -> DVec3 {
+    let [x, y] = normals([seed, iteration, row, 0]);
+    let scales = DVec3::from(params.log_scales[parent].map(f64::exp));
+    let stored = params.rotations[parent];
+    let length = stored.iter().map(|q| q * q).sum::<f64>().sqrt();
+    rotation(stored.map(|q| q / length)) * (scales * DVec3::new(x, y, normals([seed, iteration, row, 1])[0]))
 }

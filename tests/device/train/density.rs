@@ -152,6 +152,17 @@ fn split_halves_are_samples_of_their_parent() {
     assert_ne!(first.means, run(Step { seed: 8, ..STEP }).means, "another seed, another result");
     assert_ne!(first.means, run(Step { iteration: 700, ..STEP }).means, "another iteration, another result");
 
+    // Vulkan allows sines and cosines an error of 2^-11; a radius is at most sqrt(-2 ln 2^-24) deviations.
+    let params = Params::from(&model);
+    let apart = |row: usize| {
+        let offset = reference::densify::offset_of_half(&params, row / 2, row as u32, STEP.seed, STEP.iteration);
+        let right = DVec3::from(params.means[row / 2]) + offset;
+        (DVec3::from(first.means[row].map(f64::from)) - right).length() / params.log_scales[row / 2][0].exp()
+    };
+    let worst = (0..2 * count).map(apart).fold(0.0, f64::max);
+    println!("worst error of a half's place, in largest deviations: {worst:.1e}");
+    assert!(worst < 5.8 * 2_f64.powi(-11), "{worst}");
+
     let normal = |row: usize| {
         let parent = row / 2;
         let [w, x, y, z] = model.rotations[parent].map(f64::from);
