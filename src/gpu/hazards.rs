@@ -90,6 +90,16 @@ impl Hazard {
 
 const WRITES: u8 = Use::KernelWrite.bit() | Use::TransferWrite.bit();
 
+/// Uses that a barrier ends without further cost once it waits for others: it waits for whole stages, and for what these have
+/// to do before. The size of a dispatch is read before its kernel runs.
+const fn ended_with(uses: u8) -> u8 {
+    const KERNELS: u8 = Use::KernelRead.bit() | Use::KernelWrite.bit();
+    const TRANSFERS: u8 = Use::TransferRead.bit() | Use::TransferWrite.bit();
+    let kernels = if uses & KERNELS != 0 { KERNELS | Use::IndirectRead.bit() } else { 0 };
+    let transfers = if uses & TRANSFERS != 0 { TRANSFERS } else { 0 };
+    kernels | transfers
+}
+
 /// A global memory barrier before a command: the uses that must be over, as Vulkan's flags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Barrier {
@@ -153,6 +163,7 @@ impl Hazards {
             wait = Use::ALL.iter().fold(0, |all, u| all | u.bit());
             self.doubted = false;
         }
+        wait |= ended_with(wait);
         if wait != 0 {
             self.pending.retain(|_, p| {
                 *p &= !wait;
@@ -218,6 +229,15 @@ mod tests {
         assert_eq!(h.next(&[(2, KernelRead)]), None);
         h.next(&[(3, TransferWrite)]);
         assert!(h.next(&[(3, KernelRead)]).expect("after a copy").waits_for(TransferWrite));
+    }
+
+    #[test]
+    fn a_barrier_ends_whole_stages() {
+        let mut h = Hazards::default();
+        h.next(&[(1, KernelWrite), (2, KernelRead), (3, IndirectRead), (4, TransferWrite)]);
+        assert!(h.next(&[(1, KernelRead)]).is_some());
+        assert_eq!(h.next(&[(2, KernelWrite), (3, KernelWrite)]), None, "kernels and their sizes are over");
+        assert!(h.next(&[(4, KernelRead)]).is_some(), "copies are not");
     }
 
     #[test]
