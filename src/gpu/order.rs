@@ -1,5 +1,6 @@
-//! Orders of work on which no result may depend, for tests. What no barrier orders is permuted, and workgroups are numbered from
-//! the last one: a missing barrier then changes results even on a device that runs its commands one by one. Barriers can be
+//! Orders of work on which no result may depend, for tests. What no barrier orders is permuted, workgroups are numbered from
+//! the last one, and small dispatches have surplus workgroups as long ones do: a missing barrier then changes results even on
+//! a device that runs its commands one by one. Barriers can be
 //! forgotten, to show that it does.
 
 use super::device::{Context, Device, lock};
@@ -62,12 +63,14 @@ pub enum Forget {
     Nth(usize),
     /// Those that prevent this hazard and no other.
     All(Hazard),
+    /// What earlier submissions left to wait for.
+    Carried,
 }
 
 impl Forget {
     fn leaves_out(self, number: usize, derived: &Derived) -> bool {
         match self {
-            Self::Nothing => false,
+            Self::Nothing | Self::Carried => false,
             Self::Nth(n) => n == number,
             Self::All(hazard) => derived.hazards == [hazard],
         }
@@ -112,7 +115,11 @@ impl Disorder {
             let mut prevented: Vec<Hazard> = hazards.conflicts(&uses).map(|(a, b)| Hazard::between(a, b)).collect();
             prevented.sort_unstable();
             prevented.dedup();
-            let (barrier, carried) = (hazards.next(&uses), own.next(&uses).is_none());
+            let (mut barrier, within) = (hazards.next(&uses), own.next(&uses));
+            let carried = within.is_none();
+            if state.forget == Forget::Carried {
+                barrier = within;
+            }
             if barrier.is_some() {
                 let derived = Derived { before: command.name(), hazards: prevented, carried };
                 if !state.forget.leaves_out(state.derived.len(), &derived) {

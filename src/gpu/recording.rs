@@ -4,7 +4,7 @@ use super::buffer::{Buffer, RawBuffer};
 use super::hazards::{Barrier, Hazards, Use};
 use super::kernel::{Access, Kernel, Shader};
 use super::pipeline::Key;
-use crate::kernels::constants::arguments::MAX_GROUPS;
+use crate::kernels::constants::arguments::{FEW_GROUPS, MAX_GROUPS};
 use bytemuck::Pod;
 
 /// How many workgroups a dispatch starts.
@@ -169,8 +169,15 @@ impl Recording {
         })
     }
 
-    /// Moves all scopes to the beginning, empty.
-    pub(super) fn empty_scopes(&mut self) {
+    /// Lays dispatches out in two dimensions from few workgroups on, and moves all scopes to the beginning, empty.
+    pub(super) fn loosen(&mut self) {
+        for command in &mut self.commands {
+            if let Command::Dispatch { size: Size::Direct(size @ [_, 1, 1]), .. } = command
+                && size[0] > FEW_GROUPS
+            {
+                *size = [FEW_GROUPS, size[0].div_ceil(FEW_GROUPS), 1];
+            }
+        }
         let all = std::mem::take(&mut self.commands);
         let (scopes, work): (Vec<_>, Vec<_>) =
             all.into_iter().partition(|c| matches!(c, Command::Begin(_) | Command::End));

@@ -42,7 +42,7 @@ impl Device {
             return Err(Error::Lost("queue submit")); // nothing that a lost device still holds is touched again
         }
         if context.disorder.is_some() {
-            recording.empty_scopes();
+            recording.loosen();
         }
         // Pipelines first: hazards must not advance for a recording that is never submitted.
         let mut pipelines = context.pipelines.of(context, &recording)?;

@@ -6,6 +6,7 @@ use qirf_vk::train::Trainer;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::process::Command;
 
 const ORDERS: [Order; 3] = [Order::Backwards, Order::Shuffled(1), Order::Shuffled(2)];
 
@@ -22,8 +23,9 @@ struct Part {
     work: Work,
 }
 
+/// Two iterations, of which the second is submitted before the first is over.
 fn iterate(_: &Device, trainer: &mut Trainer) -> Vec<u32> {
-    train(trainer, trainer.iteration() + 1);
+    train(trainer, trainer.iteration() + 2);
     words(&trainer.snapshot().unwrap())
 }
 
@@ -35,8 +37,8 @@ fn prune(device: &Device, trainer: &mut Trainer) -> Vec<u32> {
     all
 }
 
-const ITERATION: Part = Part { name: "iteration", at: BEFORE - 2, work: iterate };
-const DENSITY: Part = Part { name: "iteration with density control", at: 18, work: iterate };
+const ITERATION: Part = Part { name: "two iterations", at: BEFORE - 4, work: iterate };
+const DENSITY: Part = Part { name: "two iterations with density control", at: 17, work: iterate };
 const PRUNE: Part = Part { name: "prune", at: BEFORE - 1, work: prune };
 
 /// A state from which each mutant starts.
@@ -91,12 +93,47 @@ fn kind(derived: &Derived) -> String {
     name
 }
 
+/// The validation layers watch hazards between submissions only if they are told so.
+const BETWEEN_SUBMISSIONS: &str = "VALIDATION_CHECK_ENABLE_SYNCHRONIZATION_VALIDATION_QUEUE_SUBMIT";
+
+/// Whatever is forgotten changes bits or raises a validation message. In a process of its own: messages fail other tests.
+#[test]
+fn a_forgotten_barrier_is_noticed() {
+    let name = "device::order::barriers::some_forgotten_barriers";
+    let program = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", name, "--ignored"])
+        .env("VK_LAYER_ENABLES", BETWEEN_SUBMISSIONS)
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&program.stdout);
+    assert!(program.status.success() && text.contains("1 passed"), "{text}");
+}
+
+#[test]
+#[ignore = "validation messages are wanted: a_forgotten_barrier_is_noticed runs it"]
+fn some_forgotten_barriers() {
+    let device = opened();
+    let bench = Bench::new(&device, &ITERATION);
+    let (right, derived) = bench.run(Order::Recorded, Forget::Nothing);
+    assert!(derived.len() > 80, "{} barriers", derived.len());
+    for (n, barrier) in derived.iter().enumerate().step_by(10).filter(|(_, b)| !b.carried) {
+        assert_ne!(bench.killed(Forget::Nth(n), &right), (0, 0), "{n}, before {}: {}", barrier.before, kind(barrier));
+    }
+    assert_eq!(bench.killed(Forget::All(Hazard::ReadAfterWrite), &right).0, ORDERS.len());
+    // Software devices run submissions one after the other: only the validation layers see these.
+    assert!(bench.killed(Forget::Carried, &right).1 > 0, "what earlier submissions left to wait for");
+}
+
+fn opened() -> Device {
+    let order = Some(Order::Recorded);
+    Device::open(&DeviceOptions { validation: true, guarded: true, order, ..Default::default() }).unwrap()
+}
+
 /// Prints which forgotten barriers were noticed; `make mutants` runs it.
 #[test]
 #[ignore = "minutes, and validation messages that are wanted"]
 fn each_derived_barrier() {
-    let options = DeviceOptions { validation: true, order: Some(Order::Recorded), ..Default::default() };
-    let device = Device::open(&options).unwrap();
+    let device = opened();
     for part in [ITERATION, DENSITY, PRUNE] {
         let bench = Bench::new(&device, &part);
         let (right, derived) = bench.run(Order::Recorded, Forget::Nothing);
@@ -121,5 +158,7 @@ fn each_derived_barrier() {
             let (orders, messages) = bench.killed(Forget::All(hazard), &right);
             println!("all of {hazard:?} alone: {orders} of {} orders changed bits, {messages} messages", ORDERS.len());
         }
+        let (orders, messages) = bench.killed(Forget::Carried, &right);
+        println!("carried over: {orders} of {} orders changed bits, {messages} messages", ORDERS.len());
     }
 }
