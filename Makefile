@@ -1,6 +1,6 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders
+.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders mutants
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -53,9 +53,17 @@ fuzz: ## fuzz one reader for a minute; TARGET=name, SECONDS_OF_FUZZ=n
 	QIRF_FUZZ_CORPUS="$(CURDIR)/tests/fuzz/corpus" cargo test --locked --test program -- --ignored --exact program::faults::mutations::seeds
 	cd tests/fuzz && RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir . -s none $(TARGET) -- -max_total_time=$(SECONDS_OF_FUZZ) -rss_limit_mb=2048 -timeout=20
 
+# Tables of docs/numerics.md. ONLY=primitives/sort runs the mutants of that shader.
+ONLY ?=
+mutants: ## remove each barrier and bounds check in turn, and see whether a test notices (half an hour)
+	@mkdir -p target
+	@rustc --edition 2024 -O -A dead_code -o target/mutants-of-shaders tools/mutants.rs
+	@target/mutants-of-shaders $(ONLY)
+	cargo test --locked --test device -- --ignored --exact device::order::barriers::each_derived_barrier --nocapture 2>/dev/null
+
 check: ## verify formatting, lints, shaders and documentation
 	cargo fmt --check
-	rustfmt --check --edition 2024 tools/spirv.rs
+	rustfmt --check --edition 2024 tools/spirv.rs tools/mutants.rs
 	cargo clippy --locked --all-targets --all-features -- -D warnings
 	cargo clippy --locked --lib --no-default-features -- -D warnings
 	@$(MAKE) --no-print-directory shaders
