@@ -31,14 +31,15 @@ fn exclusive_sum(data: &[u32]) -> (Vec<u32>, u32) {
     let mut sums = Vec::with_capacity(data.len());
     for v in data {
         sums.push(sum);
-        sum = sum.wrapping_add(*v);
+        sum = sum.saturating_add(*v);
     }
     (sums, sum)
 }
 
-fn scan(device: &Device, n: u32) -> Result<f64> {
-    let data = words(n, 1);
-    let source = device.upload("source", &data)?;
+/// Words that differ in the sums before each of `data`, and in the total; sums beyond 32 bits count as that total alone.
+fn scan(device: &Device, data: &[u32]) -> Result<f64> {
+    let n = data.len() as u32;
+    let source = device.upload("source", data)?;
     let target = device.buffer::<u32>("target", n as usize)?;
     let total = device.buffer::<u32>("total", 1)?;
     let count = Count::known(device, "count", n, &[Scan::block(device)])?;
@@ -46,8 +47,14 @@ fn scan(device: &Device, n: u32) -> Result<f64> {
     let mut recording = Recording::new();
     scan.record(&mut recording, &count, &source, &target, Some(&total));
     device.run(recording)?;
-    let (sums, sum) = exclusive_sum(&data);
-    Ok(differing(&target.read_first(device, n as usize)?, &sums) + differing(&total.read(device)?, &[sum]))
+    let (sums, sum) = exclusive_sum(data);
+    let wrong = if sum < u32::MAX { differing(&target.read_first(device, n as usize)?, &sums) } else { 0.0 };
+    Ok(wrong + differing(&total.read(device)?, &[sum]))
+}
+
+/// Words whose sum stays within 32 bits.
+fn small_words(n: u32) -> Vec<u32> {
+    words(n, 1).iter().map(|word| word >> 20).collect()
 }
 
 /// Number of words that differ, over all `sizes`.
@@ -60,11 +67,12 @@ fn over_sizes(device: &Device, case: impl Fn(&Device, u32) -> Result<f64>) -> Re
 }
 
 pub(super) fn scan_small(device: &Device) -> Result<Vec<Measure>> {
-    over_sizes(device, scan)
+    over_sizes(device, |device, n| scan(device, &small_words(n)))
 }
 
 pub(super) fn scan_large(device: &Device) -> Result<Vec<Measure>> {
-    Ok(vec![("wrong words", scan(device, LARGE)?, 0.0)])
+    let beyond = scan(device, &words(LARGE, 1))?;
+    Ok(vec![("wrong words", scan(device, &small_words(LARGE))?, 0.0), ("wrong total beyond 32 bits", beyond, 0.0)])
 }
 
 fn sort(device: &Device, keys: &[u32], bits: u32) -> Result<f64> {
