@@ -3,14 +3,16 @@
 use super::Global;
 use super::console::Console;
 use crate::error::Error;
-use crate::gpu::{self, Device, DeviceInfo, Tuning};
+use crate::gpu::{self, Compiled, Device, DeviceInfo, Feature, Tuning};
+use crate::pipeline::kernels::compiled;
 use serde_json::json;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk device
   qirf-vk device --json
   QIRF_DEVICE=llvmpipe qirf-vk device
-  QIRF_TUNING=gpu qirf-vk device";
+  QIRF_TUNING=gpu qirf-vk device
+  qirf-vk device --kernels";
 
 /// List the Vulkan devices, the default one, and the tuning of its kernels.
 #[derive(Debug, clap::Args)]
@@ -19,10 +21,16 @@ pub(super) struct Arguments {
     /// Print one JSON document
     #[arg(long)]
     json: bool,
+    /// Print what the driver's compiler makes of each kernel: registers, spills, code size; nothing is run
+    #[arg(long)]
+    kernels: bool,
 }
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        if self.kernels {
+            return self.kernels(console, global);
+        }
         let devices = gpu::list()?;
         // Opening the device is the real test: it checks features and, on CPU devices, the driver.
         let opened = global.open();
@@ -39,6 +47,55 @@ impl Arguments {
         }
         opened.map(|_| ())
     }
+
+    fn kernels(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        let device = global.open_to_compile()?;
+        let compiled = compiled(&device)?;
+        if self.json {
+            return console.json(&json!({ "device": device.tuned(), "kernels": compiled }));
+        }
+        console.print(format_args!("{} ({})", device.info().name, device.info().driver))?;
+        if !device.info().has(Feature::KernelStatistics) {
+            console.print("its driver tells nothing of compiled kernels (VK_KHR_pipeline_executable_properties)")?;
+        }
+        console.print(table(&compiled))
+    }
+}
+
+/// Statistics that matter for occupancy, by the names that drivers give them (RADV, ANV, NVIDIA).
+const SHOWN: [&str; 14] = [
+    "VGPRs",
+    "SGPRs",
+    "Register Count",
+    "Spilled VGPRs",
+    "Spilled SGPRs",
+    "Spill count",
+    "Fill count",
+    "Scratch size",
+    "Scratch Memory Size",
+    "LDS size",
+    "Subgroups per SIMD",
+    "Instructions",
+    "Instruction Count",
+    "Code size",
+];
+
+/// A row for each kernel, a column for each statistic of [`SHOWN`] that the driver tells.
+fn table(compiled: &[Compiled]) -> String {
+    let told = |name: &&&str| compiled.iter().any(|c| c.statistics.iter().any(|(n, _)| n == **name));
+    let shown: Vec<&str> = SHOWN.iter().filter(told).copied().collect();
+    let head = ["kernel", "constants", "subgroup"].into_iter().chain(shown.iter().copied());
+    let mut text =
+        format!("| {} |\n|---|---|---:|{}", head.collect::<Vec<_>>().join(" | "), "---:|".repeat(shown.len()));
+    for kernel in compiled {
+        let value =
+            |name: &&str| kernel.statistics.iter().find(|(n, _)| n == *name).map(|(_, value)| value.to_string());
+        let values = shown.iter().map(|name| value(name).unwrap_or_default());
+        let constants = kernel.constants.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+        let cells = [kernel.kernel.to_owned(), constants, kernel.subgroup.to_string()].into_iter().chain(values);
+        text += &format!("\n| {} |", cells.collect::<Vec<_>>().join(" | "));
+    }
+    text
 }
 
 /// A device as text; the default one with its tuning.

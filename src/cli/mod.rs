@@ -192,6 +192,12 @@ impl Global {
         self.open_with(None)
     }
 
+    /// Opens the device that the options select to make its kernels, and to run nothing.
+    fn open_to_compile(&self) -> Result<Device, Error> {
+        let options = DeviceOptions { device: self.device.clone(), compile_only: true, ..DeviceOptions::default() };
+        Ok(Device::open(&options)?)
+    }
+
     /// Opens the device that the options select, with a limit on its memory in bytes.
     fn open_with(&self, memory_limit: Option<u64>) -> Result<Device, Error> {
         let device =

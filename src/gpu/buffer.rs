@@ -30,6 +30,8 @@ pub(super) struct Storage {
     pub red_zone: u64,
     pub name: String,
     allocation: Option<Allocation>,
+    /// What the host reads and writes where nothing runs, and no memory of the device is taken.
+    pretended: Vec<u8>,
     context: Arc<Context>,
 }
 
@@ -71,6 +73,19 @@ impl RawBuffer {
         usage: vk::BufferUsageFlags,
         location: MemoryLocation,
     ) -> Result<Self, Error> {
+        if context.compile_only {
+            let pretended = if location == MemoryLocation::GpuOnly { 0 } else { size as usize };
+            return Ok(Self(Arc::new(Storage {
+                raw: vk::Buffer::null(),
+                number: NEXT.fetch_add(1, Ordering::Relaxed),
+                bytes: size,
+                red_zone: 0,
+                name: name.to_owned(),
+                allocation: None,
+                pretended: vec![0; pretended],
+                context: Arc::clone(context),
+            })));
+        }
         let info = vk::BufferCreateInfo::default().size(size + red_zone).usage(usage);
         // SAFETY: the device is alive and `info` is complete.
         let raw = unsafe { context.raw.create_buffer(&info, None) }.during("create buffer")?;
@@ -99,7 +114,8 @@ impl RawBuffer {
                 let number = NEXT.fetch_add(1, Ordering::Relaxed);
                 let (name, context) = (name.to_owned(), Arc::clone(context));
                 let allocation = Some(allocation);
-                Ok(Self(Arc::new(Storage { raw, number, bytes: size, red_zone, name, allocation, context })))
+                let pretended = Vec::new();
+                Ok(Self(Arc::new(Storage { raw, number, bytes: size, red_zone, name, allocation, pretended, context })))
             }
             Err(e) => {
                 // SAFETY: no work was ever submitted that uses the buffer.
@@ -123,14 +139,15 @@ impl RawBuffer {
     }
 
     pub(super) fn mapped_mut(&mut self) -> &mut [u8] {
-        let storage = Arc::get_mut(&mut self.0);
-        storage.and_then(|s| s.allocation.as_mut()).and_then(Allocation::mapped_slice_mut).unwrap_or_default()
+        let Some(storage) = Arc::get_mut(&mut self.0) else { return &mut [] };
+        let mapped = storage.allocation.as_mut().and_then(Allocation::mapped_slice_mut);
+        mapped.unwrap_or(&mut storage.pretended)
     }
 }
 
 impl Storage {
     pub fn mapped(&self) -> &[u8] {
-        self.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or_default()
+        self.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or(&self.pretended)
     }
 }
 

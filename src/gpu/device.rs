@@ -1,5 +1,6 @@
 //! A logical device with its queue, memory and pipelines.
 
+use super::compiled::{self, Compiled};
 use super::descriptors::{Binder, Descriptors};
 use super::error::{During, Error};
 use super::fault::Fault;
@@ -47,6 +48,9 @@ pub struct DeviceOptions {
     pub claim: Option<Claim>,
     /// A folder whose modules, `ROOM-STAGE.spv`, replace the program's own (tests of mutants); else `QIRF_SHADERS`.
     pub shaders: Option<PathBuf>,
+    /// Make pipelines and run nothing, to learn what the driver's compiler makes of them: see [`Device::compiled`]. All reads
+    /// give zeros.
+    pub compile_only: bool,
     /// Fill new buffers with NaN and give them red zones (tests): see [`Device::overrun_buffers`].
     pub guarded: bool,
     /// A fault to make (tests); else `QIRF_DEVICE_FAULT`.
@@ -84,6 +88,10 @@ pub(super) struct Context {
     pub pipelines: Pipelines,
     pub hazards: Mutex<Hazards>,
     pub counters: Counters,
+    /// Whether nothing is ever submitted.
+    pub compile_only: bool,
+    pub executables: Option<khr::pipeline_executable_properties::Device>,
+    pub compiled: Mutex<Vec<Compiled>>,
     pub frames: Mutex<Vec<Frame>>,
     pub guards: Option<Guards>,
     pub disorder: Option<Disorder>,
@@ -114,6 +122,9 @@ impl Device {
         let pins = candidate.info.has(Feature::SubgroupSizeControl) && claim.is_none();
         let context = Context::new(instance, candidate, options, pins)?;
         let device = Self { context: Arc::new(context), tuning: Arc::new(tuning) };
+        if options.compile_only {
+            return Ok(device);
+        }
         let width = probe::check(&device)?;
         if width == device.info().subgroup_size { Ok(device) } else { device.with_subgroups_of(width, &choice) }
     }
@@ -202,12 +213,15 @@ impl Context {
         let info = candidate.info;
         let descriptors = Descriptors::choose(options.descriptors, &info)?;
         let raw = create(&instance.raw, candidate.physical, candidate.queue_family, &info)?;
+        let executables = info.has(Feature::KernelStatistics);
+        let executables = executables.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
         // SAFETY: the family was found on this device and one queue was asked for.
         let queue = unsafe { raw.get_device_queue(candidate.queue_family, 0) };
         // A CPU device's memory is the host's, and swaps: what is free of it says little.
         let free = candidate.free_bytes.filter(|_| info.kind != DeviceKind::Cpu);
         // One block of the allocator may be almost empty; buffers are counted by their own bytes.
         let limit = options.memory_limit.unwrap_or(free.unwrap_or(info.memory_bytes).saturating_sub(memory::BLOCK));
+        let limit = if options.compile_only { u64::MAX } else { limit };
         let allocator = AllocatorCreateDesc {
             instance: instance.raw.clone(),
             device: raw.clone(),
@@ -228,6 +242,9 @@ impl Context {
             pipelines: Pipelines::new(&raw, candidate.pipeline_cache_uuid)?,
             hazards: Mutex::default(),
             counters: Counters::default(),
+            compile_only: options.compile_only,
+            executables,
+            compiled: Mutex::default(),
             frames: Mutex::default(),
             guards: options.guarded.then(Guards::default),
             disorder: options.order.or_else(Order::from_environment).map(Disorder::new),
@@ -267,7 +284,9 @@ impl Drop for Context {
         if !self.queue.is_lost() {
             self.pipelines.save(&self.raw);
         }
-        let _ = self.queue.idle(&self.raw);
+        if !self.compile_only {
+            let _ = self.queue.idle(&self.raw);
+        }
         // SAFETY: every submission was waited for (or lost, and no work is under way on a lost device) and every buffer is
         // gone, since both hold this context; each handle is destroyed once, children before the device, the allocator's
         // memory before it too.
@@ -312,6 +331,12 @@ fn create(
     if info.has(Feature::FloatAtomics) {
         extensions.push(ext::shader_atomic_float::NAME.as_ptr());
         wanted = wanted.push_next(&mut atomic);
+    }
+    let mut executables =
+        vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
+    if info.has(Feature::KernelStatistics) {
+        extensions.push(compiled::EXTENSION.as_ptr());
+        wanted = wanted.push_next(&mut executables);
     }
     // SAFETY: only extensions and features that the device reported are asked for.
     unsafe { instance.create_device(physical, &wanted.enabled_extension_names(&extensions), None) }

@@ -2,6 +2,7 @@
 #![allow(unsafe_code)] // Vulkan is called from this floor alone; each block states its invariant.
 
 mod buffer;
+mod compiled;
 mod descriptors;
 mod device;
 mod encode;
@@ -31,6 +32,7 @@ mod variables;
 mod work;
 
 pub use buffer::{Buffer, RawBuffer};
+pub use compiled::Compiled;
 pub use descriptors::Descriptors;
 pub use device::{Device, DeviceOptions, TunedDevice};
 pub use error::Error;

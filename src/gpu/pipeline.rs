@@ -1,5 +1,6 @@
 //! Pipelines, and the cache of them that outlives the process.
 
+use super::compiled::Compiled;
 use super::device::{Context, lock};
 use super::error::{During, Error};
 use super::kernel::Shader;
@@ -51,6 +52,10 @@ impl Pipeline {
             return Err(e);
         }
         context.name_object(made.raw, shader.name);
+        if context.compile_only {
+            let compiled = Compiled::of(context, &(shader.name, constants.to_vec()), made.raw)?;
+            lock(&context.compiled).push(compiled);
+        }
         Ok(made)
     }
 
@@ -104,7 +109,12 @@ impl Pipeline {
         if context.info.has(Feature::FullSubgroups) && workgroup.is_multiple_of(subgroup) {
             stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS);
         }
-        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout)];
+        let flags = if context.compile_only && context.executables.is_some() {
+            vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR
+        } else {
+            vk::PipelineCreateFlags::empty()
+        };
+        let info = [vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(self.layout)];
         let begun = Instant::now();
         // SAFETY: the layouts were reflected from this module; every pointer outlives the call.
         let made = unsafe { context.raw.create_compute_pipelines(context.pipelines.cache, &info, None) };

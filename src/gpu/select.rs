@@ -1,5 +1,6 @@
 //! The Vulkan devices of this machine: what each is and can do, and the choice among them.
 
+use super::compiled;
 use super::error::{During, Error};
 use super::imitation::{Claim, Limits};
 use super::instance::Instance;
@@ -63,6 +64,8 @@ pub enum Feature {
     FloatAtomics,
     /// The driver tells how much memory is free.
     MemoryBudget,
+    /// The driver tells what its compiler makes of kernels.
+    KernelStatistics,
     /// Kernels may ask that infinities and NaN are kept.
     NanPreserve,
     /// Buffers can be handed over inside command buffers.
@@ -79,6 +82,7 @@ impl fmt::Display for Feature {
             Self::SubgroupSizeControl => "subgroup-size-control",
             Self::FloatAtomics => "float-atomics",
             Self::MemoryBudget => "memory-budget",
+            Self::KernelStatistics => "kernel-statistics",
             Self::NanPreserve => "nan-preserve",
             Self::PushDescriptors => "push-descriptors",
             Self::FullSubgroups => "full-subgroups",
@@ -204,6 +208,7 @@ struct Report {
     vulkan_1_2: vk::PhysicalDeviceVulkan12Features<'static>,
     push: vk::PhysicalDevicePushDescriptorPropertiesKHR<'static>,
     atomic: vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT<'static>,
+    executables: vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR<'static>,
     budget: vk::PhysicalDeviceMemoryBudgetPropertiesEXT<'static>,
 }
 
@@ -234,8 +239,9 @@ impl Report {
             ext::shader_atomic_float::NAME,
             ext::memory_budget::NAME,
             khr::push_descriptor::NAME,
+            compiled::EXTENSION,
         ];
-        let [control, atomic, budget, push] = names.map(|name| self.has(name));
+        let [control, atomic, budget, push, executables] = names.map(|name| self.has(name));
         let mut properties = vk::PhysicalDeviceProperties2::default()
             .push_next(&mut self.driver)
             .push_next(&mut self.subgroup)
@@ -251,6 +257,9 @@ impl Report {
         }
         if atomic {
             features = features.push_next(&mut self.atomic);
+        }
+        if executables {
+            features = features.push_next(&mut self.executables);
         }
         if budget {
             memory = memory.push_next(&mut self.budget);
@@ -328,6 +337,7 @@ impl Report {
             (Feature::SubgroupSizeControl, control),
             (Feature::FloatAtomics, atomics),
             (Feature::MemoryBudget, self.has(ext::memory_budget::NAME)),
+            (Feature::KernelStatistics, self.executables.pipeline_executable_info != 0),
             (Feature::NanPreserve, self.floats.shader_signed_zero_inf_nan_preserve_float32 != 0),
             (Feature::PushDescriptors, self.push.max_push_descriptors >= needs::STORAGE_BUFFERS),
             (Feature::FullSubgroups, self.control_features.compute_full_subgroups != 0),

@@ -46,6 +46,10 @@ impl Device {
         }
         // Pipelines first: hazards must not advance for a recording that is never submitted.
         let mut pipelines = context.pipelines.of(context, &recording)?;
+        if context.compile_only {
+            let (context, scopes) = (Arc::clone(context), Vec::new());
+            return Ok(Ticket { context, frame: None, scopes, _recording: recording, _pipelines: pipelines });
+        }
         let room = context.binder.room(recording.buffers());
         let frame = Frame::take(context, recording.scopes() as u32 * 2, room)?;
         // The queue's lock spans deriving and submitting, so that barriers see the true order of submissions.

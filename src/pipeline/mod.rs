@@ -10,6 +10,7 @@ pub mod config;
 pub mod effects;
 pub mod eval;
 pub mod evaluate;
+pub mod kernels;
 pub mod output;
 pub mod pairs;
 pub mod prepare;
