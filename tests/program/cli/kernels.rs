@@ -1,0 +1,55 @@
+//! `qirf-vk device --kernels`: kernels as a driver compiles them, without running any.
+
+use crate::support::skip;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn kernels(environment: &[(&str, &Path)]) -> Vec<Value> {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    let output = command.args(["device", "--kernels", "--json"]).envs(environment.iter().copied()).output();
+    let output = output.expect("the program starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let mut printed: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+    let kernels: Vec<Value> = serde_json::from_value(printed["kernels"].take()).expect("a list");
+    let named = |name: &str| kernels.iter().any(|k| k["kernel"] == name);
+    for name in ["render/rasterise_backward", "train/adam", "response/score", "qirf/overlap", "qirf/participation"] {
+        assert!(named(name), "no {name}");
+    }
+    kernels
+}
+
+#[test]
+fn every_kernel_of_a_run_is_compiled_and_none_runs() {
+    // A submission would answer that the device is lost.
+    let kernels = kernels(&[("QIRF_DEVICE_FAULT", Path::new("submit:1:lost"))]);
+    assert!(kernels.len() > 35, "{}", kernels.len());
+}
+
+/// The manifest of Mesa's driver of AMD's GPUs, where the loader looks for it.
+fn radv() -> Option<PathBuf> {
+    let folders = ["/usr/share/vulkan/icd.d", "/usr/local/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
+    let files = folders.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
+    let paths = files.map(|entry| entry.path());
+    paths.into_iter().find(|path| path.file_name().is_some_and(|n| n.to_string_lossy().starts_with("radeon_icd")))
+}
+
+/// Mesa compiles for AMD's GPUs without one: a real GPU's compiler sees every kernel.
+#[test]
+fn no_kernel_spills_registers_on_amd() {
+    let Some(manifest) = radv() else { return skip("no driver of AMD's GPUs") };
+    for family in ["navi31", "navi21", "vega10"] {
+        let kernels = kernels(&[("VK_DRIVER_FILES", &manifest), ("RADV_FORCE_FAMILY", Path::new(family))]);
+        for kernel in &kernels {
+            let statistics = kernel["statistics"].as_array().expect("a list");
+            let value = |name: &str| {
+                let pair = statistics.iter().find(|s| s[0] == name);
+                pair.and_then(|s| s[1].as_f64()).unwrap_or_else(|| panic!("{family}, {}: no {name}", kernel["kernel"]))
+            };
+            for wasted in ["Spilled VGPRs", "Spilled SGPRs", "Scratch size"] {
+                assert_eq!(value(wasted), 0.0, "{family}, {}: {wasted}", kernel["kernel"]);
+            }
+            assert!(value("Instructions") > 0.0 && value("LDS size") <= 16384.0, "{family}, {}", kernel["kernel"]);
+        }
+    }
+}
