@@ -1,5 +1,6 @@
 //! Adam under ordinary and impossible gradients.
 
+use super::Allowed::{Exact, Rounding};
 use super::Measure;
 use super::backward::weights;
 use super::overlap::worse;
@@ -82,7 +83,7 @@ pub(super) fn ordinary(device: &Device) -> Result<Vec<Measure>> {
             most = worse(most, (g - r).abs() / allowed);
         }
     }
-    Ok(vec![("error over its tolerance", most, 1.0), ("rows skipped", f64::from(done.skipped), 0.0)])
+    Ok(vec![("error over its tolerance", most, Rounding(1.0)), ("rows skipped", f64::from(done.skipped), Exact(0.0))])
 }
 
 /// Largest change of any parameter, over its attribute's rate and the steps; infinite if one is NaN.
@@ -117,16 +118,16 @@ pub(super) fn extremes(device: &Device) -> Result<Vec<Measure>> {
     let seen_and_sound = moved(&mut steps(device, &vec![[0.5; 4]; size], false)?.params, &mut start);
     let stayed = seen_and_sound - moved(&mut one.params, &mut start).min(seen_and_sound);
     Ok(vec![
-        ("0: moved", furthest(&mut zero.params), 0.0),
-        ("0: rows skipped", f64::from(zero.skipped), 0.0),
+        ("0: moved", furthest(&mut zero.params), Exact(0.0)),
+        ("0: rows skipped", f64::from(zero.skipped), Exact(0.0)),
         // Such gradients are negligible beside Adam's epsilon of 1e-15.
-        ("1e-38: moved", furthest(&mut tiny.params), 1e-6),
-        ("1e-38: rows skipped", f64::from(tiny.skipped), 0.0),
-        ("1e38: moved", furthest(&mut huge.params), 0.0),
-        ("1e38: skips not counted", f64::from(huge.skipped).min(1.0) - 1.0, 0.0),
+        ("1e-38: moved", furthest(&mut tiny.params), Exact(1e-6)),
+        ("1e-38: rows skipped", f64::from(tiny.skipped), Exact(0.0)),
+        ("1e38: moved", furthest(&mut huge.params), Exact(0.0)),
+        ("1e38: skips not counted", f64::from(huge.skipped).min(1.0) - 1.0, Exact(0.0)),
         // A step of Adam is at most 0.1 / sqrt(0.001) of its rate.
-        ("NaN: furthest, in rates", furthest(&mut one.params), 3.2),
-        ("NaN: skips not counted", (f64::from(one.skipped) / f64::from(STEPS) - stayed as f64).abs(), 0.0),
-        ("NaN: rows that stayed, of the seen", stayed as f64 / seen_and_sound.max(1) as f64, 0.5),
+        ("NaN: furthest, in rates", furthest(&mut one.params), Exact(3.2)),
+        ("NaN: skips not counted", (f64::from(one.skipped) / f64::from(STEPS) - stayed as f64).abs(), Exact(0.0)),
+        ("NaN: rows that stayed, of the seen", stayed as f64 / seen_and_sound.max(1) as f64, Exact(0.5)),
     ])
 }

@@ -1,5 +1,6 @@
 //! Gradients against the float64 twin.
 
+use super::Allowed::{Exact, Rounding};
 use super::Measure;
 use super::overlap::worse;
 use super::random::Kind;
@@ -102,7 +103,7 @@ fn compare(
     let mut drawn = there_and_back(device, model, camera, settings, &weights)?;
     let least = least(&weights);
     let seen = relative(&mut drawn.gradients, &mut expected(model, camera, settings, &weights), least);
-    Ok(vec![("relative", seen, allowed), ("rows skipped", f64::from(drawn.skipped), 0.0)])
+    Ok(vec![("relative", seen, Rounding(allowed)), ("rows skipped", f64::from(drawn.skipped), Exact(0.0))])
 }
 
 fn kind(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
@@ -156,8 +157,8 @@ pub(super) fn chain(device: &Device) -> Result<Vec<Measure>> {
 
 /// One pixel behind layers of one colour and opacity, before black: dL/dalpha is a difference of nearly equal values,
 /// and its error that of two sums with one rounding per layer drawn. Measures the worst layer's error over (8 + the
-/// root of the number of layers drawn) roundings of the colour; an exponential that is off by some roundings doubles
-/// it.
+/// root of the number of layers drawn) roundings of the colour: 0.65 of them, and as many if exponentials are off by two
+/// roundings.
 pub(super) fn alike(device: &Device) -> Result<Vec<Measure>> {
     let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.5, 1, 1);
     let weights = [[1.0, 1.0, 1.0, 0.0]];
@@ -174,5 +175,5 @@ pub(super) fn alike(device: &Device) -> Result<Vec<Measure>> {
         let pairs = got.opacity_logits.iter().zip(&right.opacity_logits);
         most = pairs.fold(most, |m, (g, e)| worse(m, (g - e).abs() / allowed));
     }
-    Ok(vec![("over a walk of roundings", most, 2.0)])
+    Ok(vec![("over a walk of roundings", most, Rounding(2.0))])
 }

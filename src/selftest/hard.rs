@@ -65,7 +65,8 @@ impl Block {
     pub fn tolerance(name: &str, float32: bool) -> f64 {
         match (name, float32) {
             // Rounding of N itself, 6e-8, is divided by epsilon = 1e-4 where functions are nearly linearly dependent.
-            ("B4_32_copies" | "B9_dense_line_64", true) => 2e-2,
+            // Roots and quotients that are off by two roundings multiply the errors of copies by six, to 7e-3.
+            ("B2_equal_duplicates" | "B3_noisy_duplicates_rank1" | "B4_32_copies" | "B9_dense_line_64", true) => 2e-2,
             ("B9_dense_line_64" | "B3_noisy_duplicates_rank1" | "B4_32_copies", _) | (_, true) => 2e-3,
             _ => 1e-6,
         }

@@ -1,5 +1,6 @@
 //! L1 + SSIM, value and gradient, against the float64 twin.
 
+use super::Allowed::Rounding;
 use super::Measure;
 use super::overlap::worse;
 use crate::gpu::{Device, Recording, Result};
@@ -65,7 +66,7 @@ fn worst(device: &Device, cases: impl IntoIterator<Item = Case>, allowed: [f64; 
         value = worse(value, v);
         gradient = worse(gradient, g);
     }
-    Ok(vec![("value", value, allowed[0]), ("gradient", gradient, allowed[1])])
+    Ok(vec![("value", value, Rounding(allowed[0])), ("gradient", gradient, Rounding(allowed[1]))])
 }
 
 pub(super) fn noise(device: &Device) -> Result<Vec<Measure>> {
@@ -73,11 +74,13 @@ pub(super) fn noise(device: &Device) -> Result<Vec<Measure>> {
     worst(device, sizes.map(|(w, h)| Case::noise(w, h, 1.2, u64::from(w * 64 + h))), [1e-5, 1e-4])
 }
 
+/// Window sums of equal values differ by their own rounding alone, and one shade is 3: errors of 9e-5 and 1.5e-4; quotients that are
+/// off by two roundings make them 9e-5 and 2.1e-4.
 pub(super) fn constant(device: &Device) -> Result<Vec<Measure>> {
     let shades = [(0.0, 0), (1.0, 255), (0.0, 255), (1.0, 0), (0.5, 128), (0.25, 192), (3.0, 255)];
     let cases =
         [(11, 11), (11, 3), (45, 37)].into_iter().flat_map(|(w, h)| shades.map(|(x, y)| Case::flat(w, h, x, y)));
-    worst(device, cases, [1e-4, 2e-4])
+    worst(device, cases, [2e-4, 4e-4])
 }
 
 /// Half of the values are 0 or 1, as in a photo of a lamp at night.

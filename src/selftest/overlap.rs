@@ -1,5 +1,6 @@
 //! Overlaps of pairs: the embedded ones with known results, and random ones against the float64 twin.
 
+use super::Allowed::{Exact, Rounding};
 use super::Measure;
 use super::hard;
 use crate::gaussians::Gaussians;
@@ -62,14 +63,14 @@ pub(super) fn known(device: &Device) -> Result<Vec<Measure>> {
             }
         }
         if name.starts_with("P1_") {
-            measures.push((*name, seen, pair.abs_tol_f32));
+            measures.push((*name, seen, Rounding(pair.abs_tol_f32)));
             // With the floor its discs are as thick as the others', and its overlap must be as accurate.
-            measures.push(("P1 floored", floored, 1e-5));
+            measures.push(("P1 floored", floored, Rounding(1e-5)));
         } else {
-            measures.push((*name, worse(seen, floored), pair.abs_tol_f32));
+            measures.push((*name, worse(seen, floored), Rounding(pair.abs_tol_f32)));
         }
     }
-    measures.push(("pairs missing", known.len().abs_diff(12) as f64, 0.0));
+    measures.push(("pairs missing", known.len().abs_diff(12) as f64, Exact(0.0)));
     Ok(measures)
 }
 
@@ -135,12 +136,12 @@ pub fn errors(device: &Device, rows: &[Row], method: Method) -> Result<(Vec<f64>
 fn random(device: &Device, count: usize) -> Result<Vec<Measure>> {
     let mut measures = Vec::new();
     // Float32 rounds each axis by 6e-8. Near-parallel discs of the floor's 1e-3 amplify this a thousandfold, in
-    // distance and in tilt.
-    for (parallel, seed, allowed) in [(false, 41, 1e-5), (true, 42, 2e-4)] {
+    // distance and in tilt: 5e-5, and 1.8e-4 where roots and quotients are off by two roundings.
+    for (parallel, seed, allowed) in [(false, 41, 1e-5), (true, 42, 4e-4)] {
         let (errors, nan) = errors(device, &random_rows(count, parallel, seed), Method::Qr)?;
         let most = errors.last().copied().unwrap_or(f64::INFINITY);
-        measures.push((if parallel { "near-parallel, largest" } else { "any, largest" }, most, allowed));
-        measures.push((if parallel { "near-parallel, NaN" } else { "any, NaN" }, nan as f64, 0.0));
+        measures.push((if parallel { "near-parallel, largest" } else { "any, largest" }, most, Rounding(allowed)));
+        measures.push((if parallel { "near-parallel, NaN" } else { "any, NaN" }, nan as f64, Exact(0.0)));
     }
     Ok(measures)
 }

@@ -1,5 +1,6 @@
 //! Scan, sort, compaction and segmented sum: exact against the host.
 
+use super::Allowed::Exact;
 use super::Measure;
 use crate::gpu::{Device, Recording, Result};
 use crate::primitives::{Count, Pairs, Scan, Segments, Sort, compact, segmented_sum};
@@ -63,7 +64,7 @@ fn over_sizes(device: &Device, case: impl Fn(&Device, u32) -> Result<f64>) -> Re
     for n in sizes(device) {
         wrong += case(device, n)?;
     }
-    Ok(vec![("wrong words", wrong, 0.0)])
+    Ok(vec![("wrong words", wrong, Exact(0.0))])
 }
 
 pub(super) fn scan_small(device: &Device) -> Result<Vec<Measure>> {
@@ -72,7 +73,10 @@ pub(super) fn scan_small(device: &Device) -> Result<Vec<Measure>> {
 
 pub(super) fn scan_large(device: &Device) -> Result<Vec<Measure>> {
     let beyond = scan(device, &words(LARGE, 1))?;
-    Ok(vec![("wrong words", scan(device, &small_words(LARGE))?, 0.0), ("wrong total beyond 32 bits", beyond, 0.0)])
+    Ok(vec![
+        ("wrong words", scan(device, &small_words(LARGE))?, Exact(0.0)),
+        ("wrong total beyond 32 bits", beyond, Exact(0.0)),
+    ])
 }
 
 fn sort(device: &Device, keys: &[u32], bits: u32) -> Result<f64> {
@@ -104,11 +108,11 @@ pub(super) fn sort_kinds(device: &Device) -> Result<Vec<Measure>> {
     for keys in [vec![42; 9000], (0..9000).collect(), (0..9000).rev().collect(), vec![u32::MAX; 3000]] {
         wrong += sort(device, &keys, 32)?;
     }
-    Ok(vec![("wrong words", wrong, 0.0)])
+    Ok(vec![("wrong words", wrong, Exact(0.0))])
 }
 
 pub(super) fn sort_large(device: &Device) -> Result<Vec<Measure>> {
-    Ok(vec![("wrong words", sort(device, &words(LARGE, 4), 32)?, 0.0)])
+    Ok(vec![("wrong words", sort(device, &words(LARGE, 4), 32)?, Exact(0.0))])
 }
 
 pub(super) fn compaction(device: &Device) -> Result<Vec<Measure>> {
@@ -148,5 +152,5 @@ pub(super) fn segments(device: &Device) -> Result<Vec<Measure>> {
             (starts[s]..starts[s] + lengths[s]).map(|r| data[(r * width + c) as usize]).sum()
         })
         .collect();
-    Ok(vec![("wrong sums", differing(&sums.read(device)?, &expected), 0.0)])
+    Ok(vec![("wrong sums", differing(&sums.read(device)?, &expected), Exact(0.0))])
 }

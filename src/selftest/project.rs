@@ -1,5 +1,6 @@
 //! One hard Gaussian at a time, forward and backward, against the float64 twin.
 
+use super::Allowed::{Exact, Rounding};
 use super::Measure;
 use super::backward::{ALLOWED, expected, least, relative, there_and_back, weights};
 use super::overlap::worse;
@@ -149,11 +150,11 @@ fn all(device: &Device, cases: &[Hard], allowed: f64) -> Result<Vec<Measure>> {
     }
     Ok(vec![
         // A pixel at the very edge may fall on the other side of 1/255.
-        ("picture, largest", picture, 4e-3),
-        ("drawn by one alone", differing as f64, 0.0),
-        ("largest alpha", alpha, 0.99 + 1e-6),
-        ("gradients, relative", gradient, allowed),
-        ("rows skipped", f64::from(skipped), 0.0),
+        ("picture, largest", picture, Rounding(4e-3)),
+        ("drawn by one alone", differing as f64, Exact(0.0)),
+        ("largest alpha", alpha, Exact(0.99 + 1e-6)),
+        ("gradients, relative", gradient, Rounding(allowed)),
+        ("rows skipped", f64::from(skipped), Exact(0.0)),
     ])
 }
 

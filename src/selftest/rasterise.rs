@@ -1,5 +1,6 @@
 //! Pictures against the float64 twin, against themselves, and against those without culling.
 
+use super::Allowed::{Exact, Rounding};
 use super::Measure;
 use super::random::Kind;
 use crate::gaussians::{Gaussians, resident::Resident};
@@ -71,7 +72,11 @@ fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Setting
 /// Float32 sometimes puts a contribution on the other side of the 1/255 cut-off, which moves a pixel by up to 4e-3.
 fn against_twin(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
     let [mean, share, largest] = errors(device, &kind.model(), &camera(96, 64), settings)?;
-    Ok(vec![("mean", mean, 5e-6), ("share beyond 1e-4", share, 5e-4), ("largest", largest, 8e-3)])
+    Ok(vec![
+        ("mean", mean, Rounding(5e-6)),
+        ("share beyond 1e-4", share, Rounding(5e-4)),
+        ("largest", largest, Rounding(8e-3)),
+    ])
 }
 
 pub(super) fn mild(device: &Device) -> Result<Vec<Measure>> {
@@ -112,7 +117,7 @@ pub(super) fn odd_sizes(device: &Device) -> Result<Vec<Measure>> {
         mean = mean.max(m);
         largest = largest.max(l);
     }
-    Ok(vec![("mean", mean, 5e-6), ("largest", largest, 8e-3)])
+    Ok(vec![("mean", mean, Rounding(5e-6)), ("largest", largest, Rounding(8e-3))])
 }
 
 /// More tiles than a dispatch has groups in one dimension, and Gaussians half a million pixels from the corner, where
@@ -120,7 +125,7 @@ pub(super) fn odd_sizes(device: &Device) -> Result<Vec<Measure>> {
 pub(super) fn widest(device: &Device) -> Result<Vec<Measure>> {
     let model = Kind { count: 200, seed: 16, degree: 0, ..MILD }.model();
     let [_, _, largest] = errors(device, &model, &camera(1_048_592, 1), Settings::default())?;
-    Ok(vec![("largest", largest, 1e-4)])
+    Ok(vec![("largest", largest, Rounding(1e-4))])
 }
 
 /// `count` layers before one small tile.
@@ -141,12 +146,12 @@ pub(super) fn straight_on() -> Camera {
 pub(super) fn deep(device: &Device) -> Result<Vec<Measure>> {
     let settings = Settings { stop: 0.0, ..Settings::default() };
     let [_, _, largest] = errors(device, &stack(100_000, 1e-5, -5.5), &straight_on(), settings)?;
-    Ok(vec![("largest", largest, 1e-4)])
+    Ok(vec![("largest", largest, Rounding(1e-4))])
 }
 
 pub(super) fn ties(device: &Device) -> Result<Vec<Measure>> {
     let [_, _, largest] = errors(device, &stack(10_000, 0.0, -3.0), &straight_on(), Settings::default())?;
-    Ok(vec![("largest", largest, 1e-5)])
+    Ok(vec![("largest", largest, Rounding(1e-5))])
 }
 
 fn differing(a: &Image, b: &Image) -> f64 {
@@ -162,7 +167,7 @@ pub(super) fn repeat(device: &Device) -> Result<Vec<Measure>> {
     for _ in 0..3 {
         wrong += differing(&first, &draw(device, &model, &camera, Settings::default())?);
     }
-    Ok(vec![("pixels that changed", wrong, 0.0)])
+    Ok(vec![("pixels that changed", wrong, Exact(0.0))])
 }
 
 pub(super) fn culling(device: &Device) -> Result<Vec<Measure>> {
@@ -171,5 +176,8 @@ pub(super) fn culling(device: &Device) -> Result<Vec<Measure>> {
     let with = |culling| draw(device, &model, &camera, Settings { culling, ..Settings::default() });
     let all = with(Culling::Off)?;
     let exact = differing(&with(Culling::Exact)?, &all);
-    Ok(vec![("exact: pixels changed", exact, 0.0), ("box: pixels changed", differing(&with(Culling::Box)?, &all), 0.0)])
+    Ok(vec![
+        ("exact: pixels changed", exact, Exact(0.0)),
+        ("box: pixels changed", differing(&with(Culling::Box)?, &all), Exact(0.0)),
+    ])
 }

@@ -4,6 +4,7 @@
 mod device;
 pub mod files;
 pub mod golden;
+pub mod mutants;
 pub mod no_nan;
 mod numbers;
 pub mod runs;

@@ -83,6 +83,8 @@ fn this_machine_tells_and_checks_its_device() {
     let told = sandbox.works(&["selftest", "--quick", "--json"]).json();
     assert_eq!(told["passed"], true);
     let checks = told["checks"].as_array().unwrap();
+    assert_eq!(told["counts"]["pass"], checks.len());
+    assert!(checks.iter().all(|c| c["verdict"] == "pass"));
     assert!(checks.len() > 8 && checks.iter().all(|c| c["seen"].as_f64() <= c["allowed"].as_f64()));
 }
 

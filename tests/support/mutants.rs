@@ -1,0 +1,42 @@
+//! Devices with a mistake in one shader.
+
+use qirf_vk::gpu::{Device, DeviceOptions};
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use tempfile::TempDir;
+
+/// A mistake: in this file below `glsl`, this text becomes another.
+pub struct Mistake {
+    pub file: &'static str,
+    pub right: &'static str,
+    pub wrong: &'static str,
+    /// The shaders that it changes, as `ROOM/STAGE`.
+    pub shaders: &'static [&'static str],
+}
+
+impl Mistake {
+    /// A device that makes this mistake; its modules must stay as long as it makes pipelines.
+    pub fn device(&self) -> (Device, TempDir) {
+        let folder = tempfile::tempdir().unwrap();
+        let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("glsl");
+        let text = fs::read_to_string(sources.join(self.file)).unwrap();
+        assert_eq!(text.matches(self.right).count(), 1, "{}: {}", self.file, self.right);
+        // Its own folder comes first where shaders include.
+        let changed = folder.path().join(self.file);
+        fs::create_dir_all(changed.parent().unwrap()).unwrap();
+        fs::write(&changed, text.replace(self.right, self.wrong)).unwrap();
+        for shader in self.shaders {
+            let own = folder.path().join(format!("{shader}.comp"));
+            let source = if own.is_file() { own } else { sources.join(format!("{shader}.comp")) };
+            let module = folder.path().join(format!("{}.spv", shader.replace('/', "-")));
+            let compiled = Command::new("glslc")
+                .args(["-fshader-stage=compute", "--target-env=vulkan1.2", "--target-spv=spv1.5", "-O0"])
+                .args([Path::new("-I"), folder.path(), Path::new("-I"), &sources, &source, Path::new("-o"), &module])
+                .status();
+            assert!(compiled.expect("glslc: run tools/setup").success(), "{shader}");
+        }
+        let shaders = Some(folder.path().to_owned());
+        (Device::open(&DeviceOptions { shaders, ..DeviceOptions::default() }).unwrap(), folder)
+    }
+}
