@@ -1,6 +1,6 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders mutants
+.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders mutants gpu-report
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -81,6 +81,23 @@ spirv: $(SPIRV) ## compile every shader into glsl/spirv; needed after editing on
 shaders: $(SPIRV) ## compare glsl/spirv with its sources; check every shader with glslangValidator and spirv-val
 	@$(SPIRV) --check
 	@tools/check-shaders
+
+# The folder of programs, target/gpu-report-kit, can be copied to a machine without cargo: run gpu-report in it.
+KIT := target/gpu-report-kit
+MINUTES ?= 8
+gpu-report: setup ## measure this machine's device, and write a folder to attach to an issue; MINUTES=8
+	cargo build --release --locked
+	cargo bench --locked --bench engine --no-run
+	cargo test --release --locked --test device --no-run
+	rm -rf "$(KIT)" && mkdir -p "$(KIT)/source/tests" "$(KIT)/source/glsl" "$(KIT)/source/tools"
+	cp target/release/qirf-vk tools/gpu-report "$(KIT)"
+	cp "$$(ls -t target/release/deps/engine-* | grep -v '\.d$$' | head -n 1)" "$(KIT)/bench"
+	cp "$$(ls -t target/release/deps/device-* | grep -v '\.d$$' | head -n 1)" "$(KIT)/device-tests"
+	cp -r tests/golden "$(KIT)/source/tests"
+	cp -r glsl/spirv "$(KIT)/source/glsl"
+	cp -r tools/examples "$(KIT)/source/tools"
+	rm -rf target/gpu-report
+	"$(KIT)/gpu-report" -o target/gpu-report -m "$(MINUTES)"
 
 # Groups are named after stages. Results, and how they were measured: docs/performance.md.
 bench: ## benchmark every stage on this machine's Vulkan device; BENCH=group for one group

@@ -10,13 +10,14 @@ mod render;
 #[allow(dead_code)] // as above
 mod train;
 
+use crate::support::source;
 use qirf_vk::gaussians::formats;
 use qirf_vk::synth::{self, SynthOptions};
-use std::path::Path;
+use std::path::PathBuf;
 
 /// The model that the examples draw by default.
-fn ring() -> &'static Path {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tools/examples/ring.ply"))
+fn ring() -> PathBuf {
+    source("tools/examples/ring.ply")
 }
 
 /// Eight pictures, each with bright pixels of its own.
@@ -24,7 +25,7 @@ fn ring() -> &'static Path {
 fn a_model_is_rendered_from_eight_sides() {
     let folder = tempfile::tempdir().unwrap();
     let mut seen = Vec::new();
-    for path in render::render(ring(), folder.path()).unwrap() {
+    for path in render::render(&ring(), folder.path()).unwrap() {
         let picture = image::open(&path).unwrap().to_rgb8();
         assert_eq!(picture.dimensions(), (640, 480));
         let lit = picture.pixels().filter(|p| p.0.iter().any(|c| *c > 100)).count();
@@ -39,7 +40,7 @@ fn a_model_is_rendered_from_eight_sides() {
 fn a_kernel_of_ones_own_takes_the_colour_out() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("grey.png");
-    let (coloured, grey) = kernel::grey(ring(), &path).unwrap();
+    let (coloured, grey) = kernel::grey(&ring(), &path).unwrap();
     assert!(coloured > 0.01 && grey < 1e-6, "{coloured} {grey}");
     assert_eq!(image::open(&path).unwrap().color(), image::ColorType::L8);
 }

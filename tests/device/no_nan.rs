@@ -2,9 +2,9 @@
 
 use super::{effects, overlap, participation, rasterise, respond, train};
 use crate::support::no_nan::{self, Outcome};
+use crate::support::source;
 use qirf_vk::gpu::Device;
 use qirf_vk::selftest::{Check, cases};
-use std::path::Path;
 use std::time::Instant;
 
 type Test = (&'static str, fn(&Device));
@@ -36,7 +36,7 @@ fn selftest(device: &Device) {
 
 /// `QIRF_MODULES` names another folder of modules to rewrite: those of an older commit, to see which tests notice.
 fn guards_hold(outcome: Outcome) {
-    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("glsl/spirv");
+    let own = source("glsl/spirv");
     let modules = std::env::var_os("QIRF_MODULES").map_or(own, Into::into);
     let (device, _folder, changed) = no_nan::device(&modules, outcome);
     println!("{outcome:?}: {changed:?}");

@@ -1,7 +1,7 @@
 //! Readers for the golden cases of `tests/golden` and of the shared data: just enough PLY, COLMAP text and raw float32 for
 //! tests that must not trust the engine's own.
 
-use super::shared;
+use super::{shared, source};
 
 use std::{
     fs,
@@ -23,12 +23,12 @@ pub struct Case {
 impl Case {
     /// The small cases of the source tree.
     pub fn here() -> Vec<Self> {
-        folders(Path::new(HERE)).map(Self::read).collect()
+        folders(&here()).map(Self::read).collect()
     }
 
     /// The other cases of the shared data; none if those are missing.
     pub fn shared() -> Option<Vec<Self>> {
-        let known = |path: &PathBuf| path.file_name().is_some_and(|name| Path::new(HERE).join(name).is_dir());
+        let known = |path: &PathBuf| path.file_name().is_some_and(|name| here().join(name).is_dir());
         Some(folders(&shared("golden")?).filter(|path| !known(path)).map(Self::read).collect())
     }
 
@@ -74,7 +74,9 @@ impl Case {
 }
 
 /// The golden files of the source tree.
-pub const HERE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden");
+fn here() -> PathBuf {
+    source("tests/golden")
+}
 
 /// Folders of cases, by name.
 fn folders(root: &Path) -> impl Iterator<Item = PathBuf> {
@@ -151,7 +153,7 @@ pub struct Fixture {
 impl Fixture {
     /// Four Gaussians, of the source tree.
     pub fn tiny() -> Self {
-        Self::read(&Path::new(HERE).join("another-engine/tiny_case.safetensors"))
+        Self::read(&here().join("another-engine/tiny_case.safetensors"))
     }
 
     /// Sixteen Gaussians, of the shared data; none if those are missing.
@@ -249,7 +251,7 @@ impl From<Channels> for Loss {
 
 impl Loss {
     pub fn read() -> Self {
-        let text = fs::read_to_string(Path::new(HERE).join("loss.json")).expect("loss.json");
+        let text = fs::read_to_string(here().join("loss.json")).expect("loss.json");
         serde_json::from_str(&text).expect("the golden loss")
     }
 }

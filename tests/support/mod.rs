@@ -13,4 +13,4 @@ pub mod synthetic;
 
 pub use device::{device, finish, new_device};
 pub use numbers::{Random, greatest_difference, relative, seed};
-pub use shared::{shared, skip};
+pub use shared::{shared, skip, source};
