@@ -119,7 +119,9 @@ impl Device {
         let candidate = select::choose(select::candidates(&instance, limits, claim)?, wanted.as_deref())?;
         let choice = options.tuning.clone().map_or_else(TuningChoice::from_environment, Ok)?;
         let tuning = choice.on(&candidate.info)?;
-        let pins = candidate.info.has(Feature::SubgroupSizeControl) && claim.is_none();
+        // A device with one size has no choice, and would only bound the number of subgroups (llvmpipe: 32 of 4).
+        let [least, most] = candidate.info.subgroup_range;
+        let pins = candidate.info.has(Feature::SubgroupSizeControl) && least < most && claim.is_none();
         let context = Context::new(instance, candidate, options, pins)?;
         let device = Self { context: Arc::new(context), tuning: Arc::new(tuning) };
         if options.compile_only {

@@ -367,7 +367,9 @@ impl Report {
         let size = self.subgroup.subgroup_size;
         let pinned = optional.contains(&Feature::SubgroupSizeControl);
         let workgroup = limits.max_compute_work_group_invocations.min(limits.max_compute_work_group_size[0]);
-        let subgroups = if pinned { self.control.max_compute_workgroup_subgroups } else { u32::MAX };
+        // Where sizes are asked for, a workgroup has no more subgroups than this.
+        let asked = pinned && self.control.min_subgroup_size < self.control.max_subgroup_size;
+        let subgroups = if asked { self.control.max_compute_workgroup_subgroups } else { u32::MAX };
         let max_workgroup = workgroup.min(subgroups.saturating_mul(size));
         let timestamps = self.queue_family().is_some_and(|f| self.families[f].timestamp_valid_bits > 0);
         DeviceInfo {
