@@ -1,6 +1,7 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders mutants gpu-report
+.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders mutants gpu-report \
+	devices msl
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -35,6 +36,12 @@ endif
 
 test: setup ## run all tests on this machine's Vulkan device
 	@tools/test
+
+devices: setup ## run the device tests and selftest on every software device, tuning and width; one table (an hour)
+	@tools/devices
+
+msl: ## translate every shader into Metal's language; needs spirv-cross (tools/setup --all)
+	@tools/check-msl
 
 faults: ## read 10,000 damaged files of every format (minutes); kills and full disks are part of `make test`
 	cargo test --locked --test program -- --ignored --exact program::faults::mutations::ten_thousand_mutations --nocapture
