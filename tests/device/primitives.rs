@@ -211,6 +211,21 @@ fn compact_gather_and_segmented_sum() {
 
 /// One Gaussian may have a slot in every tile, and its neighbours none.
 #[test]
+fn compact_reads_no_flag_beyond_the_count() {
+    let device = device();
+    let offsets: Vec<u32> = (0..64).collect();
+    let (flags, offsets) = (device.upload("flags", &[1_u32; 64]).unwrap(), device.upload("offsets", &offsets).unwrap());
+    let indices = device.upload("indices", &[u32::MAX; 64]).unwrap();
+    let count = Count::known(&device, "count", 40, &[]).unwrap();
+    let mut recording = Recording::new();
+    compact(&mut recording, &count, &flags, &offsets, &indices);
+    device.run(recording).unwrap();
+    let expected: Vec<u32> = (0..64).map(|i| if i < 40 { i } else { u32::MAX }).collect();
+    assert_eq!(indices.read(&device).unwrap(), expected);
+    finish(&device);
+}
+
+#[test]
 fn one_segment_may_be_everything() {
     let device = device();
     let lengths = [0_u32, 100_003, 0, 0, 1];
