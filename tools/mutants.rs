@@ -102,7 +102,7 @@ fn run() -> Result<(), Box<dyn Error>> {
     let wanted: Vec<String> = env::args().skip(1).collect();
     let root = env::current_dir()?;
     let scratch = root.join("target/mutants");
-    let _ = fs::remove_dir_all(&scratch);
+    let _ = fs::remove_dir_all(scratch.join("glsl")); // the cache of compiled kernels stays
     let sources = sources(Path::new("glsl"))?;
     for source in &sources {
         copy(source, &scratch)?;
