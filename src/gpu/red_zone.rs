@@ -3,6 +3,7 @@
 
 use super::buffer::{RawBuffer, Storage};
 use super::device::{Context, Device, lock};
+use crate::random;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, Weak};
 
@@ -10,6 +11,12 @@ use std::sync::{Arc, Mutex, Weak};
 const RED_ZONE: u64 = 256;
 /// A quiet NaN as a float; as a count it is large enough to be noticed.
 const POISON: u32 = 0x7fc0_dead;
+
+/// The words of a buffer's red zone: quiet NaN, each with bits of its own. A kernel that reads a NaN behind the end of one buffer
+/// and stores it behind the end of another, where it may come through any sum unchanged, is noticed, too.
+fn red_zone_of(number: u64) -> impl Iterator<Item = u32> {
+    (0..).map(move |k| 0x7fc0_0000 | (random::bits(&[number, k]) as u32 & 0x003f_ffff))
+}
 
 /// The guarded buffers of a device, and those whose red zone was written to.
 #[derive(Default)]
@@ -21,8 +28,11 @@ pub(super) struct Guards {
 impl Guards {
     /// Poisons a new buffer, red zone included, and watches it from now on.
     pub fn watch(&self, buffer: &mut RawBuffer) {
-        for word in buffer.mapped_mut().chunks_exact_mut(4) {
-            word.copy_from_slice(&POISON.to_ne_bytes());
+        let (number, end) = (buffer.number(), buffer.bytes() as usize);
+        let (body, red_zone) = buffer.mapped_mut().split_at_mut(end);
+        body.chunks_exact_mut(4).for_each(|word| word.copy_from_slice(&POISON.to_ne_bytes()));
+        for (word, own) in red_zone.chunks_exact_mut(4).zip(red_zone_of(number)) {
+            word.copy_from_slice(&own.to_ne_bytes());
         }
         lock(&self.alive).insert(buffer.number(), Arc::downgrade(&buffer.0));
     }
@@ -39,7 +49,7 @@ impl Guards {
 fn is_overrun(storage: &Storage) -> bool {
     let red_zone = storage.bytes as usize..(storage.bytes + storage.red_zone) as usize;
     let mapped = storage.mapped().get(red_zone).unwrap_or_default();
-    mapped.chunks_exact(4).any(|word| word != POISON.to_ne_bytes())
+    mapped.chunks_exact(4).zip(red_zone_of(storage.number)).any(|(word, own)| word != own.to_ne_bytes())
 }
 
 impl Context {

@@ -71,6 +71,43 @@ fn the_devices_solver_agrees_with_float64() {
     finish(&device);
 }
 
+/// Batches of many blocks: a dispatch of one of them touches no other's.
+#[test]
+fn many_blocks_whatever_the_batch() {
+    let device = device();
+    let (rows, starts) = blocks(&[3; 240], 17);
+    let mut r = Random(9);
+    let h: Vec<[f32; 8]> = rows.iter().map(|_| [0; 8].map(|_| r.unit() as f32)).collect();
+    let members: Vec<u32> = (0..rows.len() as u32).collect();
+    let resident = Resident::upload(&device, &model(&rows)).unwrap();
+    let results = [4 * 6 * 80, 1 << 20].map(|batch_bytes| {
+        let density = Some(Density { full: true, ..Density::default() });
+        let options = Options { density, batch_bytes, ..Options::default() };
+        let assembly = Assembly::new(&device, &resident, &members, &starts, &h, options).unwrap();
+        let mut bits = Vec::new();
+        assembly
+            .for_each::<Error>(|batch| {
+                for (_, block) in batch.iter() {
+                    let parts = [Some(block.overlap), block.factor, block.density];
+                    bits.extend(parts.into_iter().flatten().flatten().map(|v| v.to_bits()));
+                }
+                Ok(())
+            })
+            .unwrap();
+        assembly
+            .solve_each::<Error>(Problem::default(), |_, solved| {
+                bits.extend(solved.q.iter().map(|v| v.to_bits()));
+                Ok(())
+            })
+            .unwrap();
+        (assembly.batches().len(), bits)
+    });
+    let [(few, one), (many, other)] = results;
+    assert_eq!((few, many), (3, 1));
+    assert!(one == other);
+    finish(&device);
+}
+
 #[test]
 fn a_metric_that_is_not_positive_definite_is_said_to_have_failed() {
     let device = device();
