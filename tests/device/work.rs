@@ -70,7 +70,8 @@ fn an_iteration_does_the_work_that_is_known() {
     let mut wrong = Vec::new();
     for expected in &EXPECTED {
         let (n, side) = (expected.gaussians, if expected.gaussians > 100_000 { 1024 } else { 256 });
-        let mut trainer = trainer(&opened(expected.tuning), n, expected.degree, side);
+        let device = opened(expected.tuning);
+        let mut trainer = trainer(&device, n, expected.degree, side);
         let recording = trainer.recording().unwrap();
         let mut hazards = Hazards::default();
         recording.work(&mut hazards);
@@ -87,7 +88,9 @@ fn an_iteration_does_the_work_that_is_known() {
             work.barriers,
             (adam.read + adam.written) as f64 / n as f64,
         );
-        let near = |got: f64, right: f64| (got - right).abs() <= 0.03 * right;
+        // Measured with subgroups of 8: counters of sorts are more or fewer bytes at other widths.
+        let share = if device.info().subgroup_size == 8 { 0.03 } else { 0.1 };
+        let near = |got: f64, right: f64| (got - right).abs() <= share * right;
         if (work.dispatches, work.barriers) != (expected.dispatches, expected.barriers)
             || !near(read, expected.read)
             || !near(written, expected.written)
