@@ -3,7 +3,7 @@
 use super::select::{DeviceInfo, Feature};
 use std::str::FromStr;
 
-/// Upper bounds on what a device says that it can do.
+/// Upper bounds on what a device says that it can do. The numbers of makers are typical ones, not those of a certain driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Largest buffer that a kernel can bind, in bytes.
@@ -27,7 +27,7 @@ impl Limits {
         workgroup: u32::MAX,
         shared_bytes: u32::MAX,
     };
-    /// Qualcomm's Adreno 6xx, the tightest of its drivers.
+    /// Qualcomm's Adreno 6xx.
     pub const ADRENO: Self =
         Self { buffer_bytes: 128 << 20, storage_buffers: 24, push_bytes: 128, workgroup: 512, shared_bytes: 16 << 10 };
     /// Apple's GPUs through MoltenVK.
