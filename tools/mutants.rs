@@ -234,7 +234,7 @@ fn checks(line: &str) -> Vec<(usize, usize, &'static str)> {
     let mut found = Vec::new();
     for operator in [" < ", " >= ", " > "] {
         for (at, _) in line.match_indices(operator) {
-            let opened = line[..at].rfind(['(', '|', '&', '=', '?']).map_or(0, |k| k + 1);
+            let opened = line[..at].rfind(['(', ',', '|', '&', '=', '?']).map_or(0, |k| k + 1);
             // `group_index()` and a factor behind it hold brackets of their own.
             let start = ["group_index() * BLOCK", "group_index()"]
                 .iter()

@@ -12,10 +12,13 @@ layout(constant_id = 100) const bool BACKWARDS = false; // filled in by the devi
 layout(local_size_x_id = 0) in;
 
 // Index of this workgroup: long dispatches are laid out in two dimensions. Tests number the workgroups from the last one, so
-// that a kernel that relies on their order shows it.
+// that a kernel that relies on their order shows it; in two dimensions from the middle one down, then from the last one, so that
+// surplus workgroups come before some others and after some.
 uint group_index() {
     uint index = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
-    return BACKWARDS ? gl_NumWorkGroups.x * gl_NumWorkGroups.y - 1 - index : index;
+    if (!BACKWARDS) return index;
+    uint all = gl_NumWorkGroups.x * gl_NumWorkGroups.y;
+    return (all + (gl_NumWorkGroups.y > 1 ? all / 2 : 0) - 1 - index) % all;
 }
 
 // Index of this invocation in the dispatch.
