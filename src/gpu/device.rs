@@ -128,6 +128,7 @@ impl Device {
             return Ok(device);
         }
         let width = probe::check(&device)?;
+        device.context.memory.enforce();
         if width == device.info().subgroup_size { Ok(device) } else { device.with_subgroups_of(width, &choice) }
     }
 

@@ -6,7 +6,7 @@ use ash::vk;
 use gpu_allocator::AllocationError;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Bytes of a block that small buffers share.
 pub(super) const BLOCK: u64 = 64 << 20;
@@ -24,6 +24,7 @@ pub(super) struct Memory {
     used: AtomicU64,
     peak: AtomicU64,
     limit: u64,
+    enforced: AtomicBool,
     device: String,
 }
 
@@ -33,7 +34,13 @@ impl Memory {
         let allocator = Allocator::new(info)
             .map_err(|e| Error::MissingFeature { device: device.to_owned(), feature: format!("memory ({e})") })?;
         let (allocator, used, peak) = (Mutex::new(allocator), AtomicU64::new(0), AtomicU64::new(0));
-        Ok(Self { allocator, used, peak, limit, device: device.to_owned() })
+        Ok(Self { allocator, used, peak, limit, enforced: AtomicBool::new(false), device: device.to_owned() })
+    }
+
+    /// Holds the limit from here on; what the driver is probed with before does not count.
+    pub fn enforce(&self) {
+        self.enforced.store(true, Ordering::Relaxed);
+        self.peak.store(self.used.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 
     /// Bytes in use now, and at most so far.
@@ -49,7 +56,7 @@ impl Memory {
     /// Counts `bytes` as used, unless they go beyond the limit.
     pub fn reserve(&self, name: &str, bytes: u64) -> Result<(), Error> {
         let used = self.used.fetch_add(bytes, Ordering::Relaxed) + bytes;
-        if used > self.limit {
+        if used > self.limit && self.enforced.load(Ordering::Relaxed) {
             self.release(bytes);
             return Err(self.out_of_memory(name, bytes));
         }

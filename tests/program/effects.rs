@@ -138,7 +138,7 @@ fn antialias_helps_at_a_second_resolution() {
 
 #[test]
 fn distortion_helps_where_it_is_called_for() {
-    let [off, on] = DISTORTION.short().psnr(1);
+    let [off, on] = DISTORTION.short().psnr(3);
     assert!(on > off + 0.5, "{off} {on}");
 }
 
