@@ -404,3 +404,46 @@ impl Report {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a Mac with Apple's GPU tells through a version of MoltenVK.
+    fn moltenvk(version: u32) -> Report {
+        let mut report = Report { families: vec![vk::QueueFamilyProperties::default()], ..Report::default() };
+        report.families[0].queue_flags = vk::QueueFlags::COMPUTE;
+        report.driver.driver_id = vk::DriverId::MOLTENVK;
+        (report.base.api_version, report.base.driver_version) = (vk::API_VERSION_1_2, version);
+        report.base.limits = vk::PhysicalDeviceLimits {
+            max_compute_work_group_invocations: 1024,
+            max_compute_work_group_size: [1024; 3],
+            max_per_stage_descriptor_storage_buffers: 31,
+            max_descriptor_set_storage_buffers: 155,
+            max_per_stage_resources: 127,
+            max_push_constants_size: 4096,
+            max_compute_shared_memory_size: 32 << 10,
+            ..Default::default()
+        };
+        report.subgroup.subgroup_size = 32;
+        report.subgroup.supported_stages = vk::ShaderStageFlags::COMPUTE;
+        report.subgroup.supported_operations = vk::SubgroupFeatureFlags::from_raw(0xff);
+        report.vulkan_1_2.subgroup_broadcast_dynamic_id = vk::TRUE;
+        report
+    }
+
+    #[test]
+    fn moltenvk_before_1_3_is_refused_by_name() {
+        let missing = |report: Report| report.missing(&report.info(0));
+        for version in [1_01_05, 1_02_11] {
+            assert!(
+                missing(moltenvk(version)).is_some_and(|what| what.starts_with("MoltenVK 1.3 or newer")),
+                "{version}"
+            );
+        }
+        assert_eq!(missing(moltenvk(1_03_00)), None);
+        let mut other = moltenvk(1_02_11);
+        other.driver.driver_id = vk::DriverId::MESA_RADV;
+        assert_eq!(missing(other), None, "another driver's versions mean something else");
+    }
+}

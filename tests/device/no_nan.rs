@@ -60,8 +60,3 @@ fn guards_hold_where_comparisons_with_nan_are_true() {
 fn guards_hold_where_a_comparison_and_its_opposite_are_false() {
     guards_hold(Outcome::BothFalse);
 }
-
-#[test]
-fn guards_hold_where_a_comparison_and_its_opposite_are_true() {
-    guards_hold(Outcome::BothTrue);
-}

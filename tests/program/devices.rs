@@ -1,5 +1,6 @@
 //! Devices as the environment describes them: what the program refuses by name, and what it starts on all the same.
 
+use crate::support::mutants::Mistake;
 use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
@@ -69,4 +70,25 @@ fn portability_drivers_are_found() {
     // Older loaders know the second name only.
     let opened = opens(&[("VK_DRIVER_FILES", path), ("VK_ICD_FILENAMES", path)]);
     assert!(opened["devices"][0]["name"].as_str().unwrap().contains("llvmpipe"), "{opened}");
+}
+
+/// A constant of SSIM that is a little wrong moves one check to twice its bound.
+#[test]
+fn a_device_that_rounds_differently_is_warned_of() {
+    let mistake = Mistake {
+        file: "train/loss.comp",
+        right: "const float C2 = 9e-4;",
+        wrong: "const float C2 = 9.08e-4;",
+        shaders: &["train/loss"],
+    };
+    let modules = mistake.modules();
+    let mut program = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    let output = program.args(["selftest", "--quick", "--json"]).env("QIRF_SHADERS", modules.path()).output().unwrap();
+    let warned = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && warned.contains("this device rounds differently"), "{warned}");
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&told["passed"], &told["counts"]["wrong"]), (&true.into(), &0.into()));
+    let checks = told["checks"].as_array().unwrap();
+    let beyond: Vec<&Value> = checks.iter().filter(|check| check["verdict"] == "rounding").collect();
+    assert!(beyond.len() == 1 && beyond[0]["room"] == "ssim", "{beyond:?}");
 }

@@ -18,6 +18,13 @@ pub struct Mistake {
 impl Mistake {
     /// A device that makes this mistake; its modules must stay as long as it makes pipelines.
     pub fn device(&self) -> (Device, TempDir) {
+        let folder = self.modules();
+        let shaders = Some(folder.path().to_owned());
+        (Device::open(&DeviceOptions { shaders, ..DeviceOptions::default() }).unwrap(), folder)
+    }
+
+    /// A folder with the modules of the shaders that it changes.
+    pub fn modules(&self) -> TempDir {
         let folder = tempfile::tempdir().unwrap();
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("glsl");
         let text = fs::read_to_string(sources.join(self.file)).unwrap();
@@ -36,7 +43,6 @@ impl Mistake {
                 .status();
             assert!(compiled.expect("glslc: run tools/setup").success(), "{shader}");
         }
-        let shaders = Some(folder.path().to_owned());
-        (Device::open(&DeviceOptions { shaders, ..DeviceOptions::default() }).unwrap(), folder)
+        folder
     }
 }

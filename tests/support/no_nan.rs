@@ -29,20 +29,17 @@ const N_MIN: u32 = 79;
 const N_MAX: u32 = 80;
 const N_CLAMP: u32 = 81;
 
-/// What such a driver makes of comparisons with NaN, `a < b` and `!(a < b)`. The program's own modules say false and true.
+/// What such a driver makes of comparisons with NaN, `a < b` and `!(a < b)`. The program's own modules say false and true. Both
+/// as true would change only the first, which the first outcome does, too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// True, and so false.
     Unordered,
     /// False; and `a >= b`, false as well.
     BothFalse,
-    /// True; and `a >= b`, true as well.
-    BothTrue,
 }
 
 impl Outcome {
-    pub const ALL: [Self; 3] = [Self::Unordered, Self::BothFalse, Self::BothTrue];
-
     fn ordered(self) -> bool {
         self == Self::BothFalse
     }
