@@ -30,18 +30,18 @@ const TESTS: &[(&str, &[&str])] = &[
     ("qirf/rrdm", &["device::rrdm::", "many_blocks"]),
     ("rates/", &["device::rates::"]),
     ("render/", &["rasterise::golden_pictures", "rasterise::culling", "rasterise::the_twin", "depth_order::leaves"]),
-    ("render/project_backward", &["rasterise_backward::golden", "rasterise_backward::project", "device::order::every"]),
+    ("render/project_backward", &["rasterise_backward::golden", "rasterise_backward::project"]),
     ("render/rasterise_backward", &["rasterise_backward::golden", "rasterise_backward::project"]),
     ("render/rasterise_backward_atomic", &["rasterise_backward::golden"]), // its walk is the other's
     ("render/rasterise_backward_cas", &["rasterise_backward::golden"]),
     ("response/", &["device::respond::"]),
     ("train/", &["train::density::"]),
     ("train/adam", &["train::adam::"]),
-    ("train/exposure", &["exposure::the_kernel", "device::order::every"]),
+    ("train/exposure", &["exposure::the_kernel"]),
     ("train/halve", &["halve::the_device"]),
     ("train/loss", &["train::loss::the_golden", "train::loss::noise", "train::loss::smooth"]),
     ("train/mask", &["train::mask::"]),
-    ("train/smoothing", &["smoothing::scales", "device::order::every"]),
+    ("train/smoothing", &["smoothing::scales"]),
 ];
 
 /// Rooms whose shaders compute no result.
