@@ -198,6 +198,27 @@ fn culling_loses_nothing_and_pictures_repeat_to_the_bit() {
     finish(&device);
 }
 
+/// Buffers keep what a view of more Gaussians left behind the count of the next one.
+#[test]
+fn a_view_of_fewer_gaussians_follows_one_of_more() {
+    let device = device();
+    let (model, most) = (crowd(1000, 11), camera(64, 48));
+    // Sees those that are the nearest in the other view.
+    let few = Camera::look_at(DVec3::ZERO, DVec3::new(0.0, 0.0, -3.0), DVec3::NEG_Y, 0.9, 64, 48);
+    let drawn = |camera| {
+        let settings = reference::Settings::default();
+        reference::render(&reference::Params::from(&model), camera, &settings).projected.iter().flatten().count()
+    };
+    assert!(drawn(&few) > 50 && drawn(&most) > 2 * drawn(&few), "{} and {}", drawn(&few), drawn(&most));
+    let resident = Resident::upload(&device, &model).unwrap();
+    let renderer = || Renderer::new(&device, Settings::default(), model.len(), 64, 48).unwrap();
+    let mut used = renderer();
+    used.render(&resident, &most).unwrap();
+    assert_eq!(used.render(&resident, &few).unwrap(), renderer().render(&resident, &few).unwrap());
+    drop((used, resident));
+    finish(&device);
+}
+
 #[test]
 fn the_twin_agrees_at_any_size() {
     let device = device();
