@@ -30,12 +30,23 @@ fn against(solve: impl Fn(&Block) -> Result<Solution>, float32: bool) -> Result<
         let seen = worse(relative(&lambda, &block.lam), relative(&q, &block.q));
         measures.push((name, seen, Rounding(Block::tolerance(name, float32))));
         let places = rank(&q);
-        let kept = (0..block.m as u32).filter(|&i| (places[i as usize] as usize) < block.k);
-        wrong += usize::from(r != block.r || fell_back || !kept.eq(block.paper_topk.iter().copied()));
+        let kept = |i: usize| (places[i] as usize) < block.k;
+        let slack = if float32 { Block::tolerance(name, true) } else { 0.0 };
+        wrong += usize::from(r != block.r || fell_back || !keeps_the_best(&block, kept, slack));
     }
     measures.push(("blocks missing", measures.len().abs_diff(10) as f64, Exact(0.0)));
     measures.push(("blocks whose kept set or r differs", wrong as f64, Exact(0.0)));
     Ok(measures)
+}
+
+/// Whether the paper's members are kept. One that is as good as the last of them, within a share of the largest
+/// participation, may take its place: copies differ by rounding alone.
+fn keeps_the_best(block: &Block, kept: impl Fn(usize) -> bool, slack: f64) -> bool {
+    let best = |i: usize| block.paper_topk.contains(&(i as u32));
+    let slack = slack * block.q.iter().copied().fold(0.0, f64::max);
+    let last = (0..block.m).filter(|i| best(*i)).map(|i| block.q[i]).fold(f64::INFINITY, f64::min);
+    let count = (0..block.m).filter(|i| kept(*i)).count();
+    count == block.paper_topk.len() && (0..block.m).all(|i| kept(i) == best(i) || (block.q[i] - last).abs() < slack)
 }
 
 fn by_solver(solver: Eigensolver) -> Result<Vec<Measure>> {
@@ -119,4 +130,21 @@ pub(super) fn indefinite(device: &Device) -> Result<Vec<Measure>> {
         ("solvers that do not say so", silent as f64, Exact(0.0)),
         ("eigenvalue of the rest", seen, Rounding(1e-7)),
     ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_members_as_good_may_take_a_place() {
+        let mut block = hard::blocks().find(|(name, _)| *name == "B2_equal_duplicates").unwrap().1;
+        let (first, second) = (|i: usize| i == 0, |i: usize| i == 1);
+        assert_eq!(block.paper_topk, [0]);
+        assert!(keeps_the_best(&block, first, 0.0) && !keeps_the_best(&block, second, 0.0));
+        assert!(keeps_the_best(&block, second, 2e-2), "two copies");
+        assert!(!keeps_the_best(&block, |_| true, 2e-2) && !keeps_the_best(&block, |_| false, 2e-2));
+        block.q[1] *= 0.9;
+        assert!(!keeps_the_best(&block, second, 2e-2));
+    }
 }
