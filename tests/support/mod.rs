@@ -7,6 +7,7 @@ pub mod golden;
 pub mod mutants;
 pub mod no_nan;
 mod numbers;
+pub mod rounding;
 pub mod runs;
 mod shared;
 pub mod synthetic;

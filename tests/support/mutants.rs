@@ -1,4 +1,4 @@
-//! Devices with a mistake in one shader.
+//! Devices whose shaders are not the program's own: with a mistake in one, or all rewritten.
 
 use qirf_vk::gpu::{Device, DeviceOptions};
 use std::fs;
@@ -45,4 +45,21 @@ impl Mistake {
         }
         folder
     }
+}
+
+/// A validated device with the modules of this folder, each rewritten; they must stay as long as it makes pipelines.
+pub fn rewritten(modules: &Path, mut rewrite: impl FnMut(&[u32]) -> Vec<u32>) -> (Device, TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    for entry in fs::read_dir(modules).unwrap().map(Result::unwrap) {
+        let path = entry.path();
+        if path.extension().is_some_and(|e| e == "spv") {
+            let bytes = fs::read(&path).unwrap();
+            let words: Vec<u32> = bytes.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
+            let bytes: Vec<u8> = rewrite(&words).iter().flat_map(|w| w.to_le_bytes()).collect();
+            fs::write(folder.path().join(entry.file_name()), bytes).unwrap();
+        }
+    }
+    let shaders = Some(folder.path().to_owned());
+    let options = DeviceOptions { shaders, validation: true, guarded: true, ..DeviceOptions::default() };
+    (Device::open(&options).unwrap(), folder)
 }

@@ -1,8 +1,8 @@
 //! The program's shaders as a driver may compile them that assumes that no float is NaN or infinite. Vulkan allows that
 //! assumption, unless a module forbids it and the device can keep NaN.
 
-use qirf_vk::gpu::{Device, DeviceOptions};
-use std::fs;
+use super::mutants::rewritten;
+use qirf_vk::gpu::Device;
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -100,19 +100,7 @@ pub fn rewrite(words: &[u32], outcome: Outcome, changed: &mut Changed) -> Vec<u3
 
 /// A device with the modules of this folder, rewritten; they must stay as long as it makes pipelines.
 pub fn device(modules: &Path, outcome: Outcome) -> (Device, TempDir, Changed) {
-    let folder = tempfile::tempdir().unwrap();
     let mut changed = Changed::default();
-    for entry in fs::read_dir(modules).unwrap().map(Result::unwrap) {
-        let path = entry.path();
-        if path.extension().is_some_and(|e| e == "spv") {
-            let bytes = fs::read(&path).unwrap();
-            let words: Vec<u32> = bytes.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
-            let rewritten = rewrite(&words, outcome, &mut changed);
-            let bytes: Vec<u8> = rewritten.iter().flat_map(|w| w.to_le_bytes()).collect();
-            fs::write(folder.path().join(entry.file_name()), bytes).unwrap();
-        }
-    }
-    let shaders = Some(folder.path().to_owned());
-    let options = DeviceOptions { shaders, validation: true, guarded: true, ..DeviceOptions::default() };
-    (Device::open(&options).unwrap(), folder, changed)
+    let (device, folder) = rewritten(modules, |words| rewrite(words, outcome, &mut changed));
+    (device, folder, changed)
 }
