@@ -3,6 +3,7 @@
 mod support;
 
 mod program {
+    mod attrition;
     mod cli;
     mod compress;
     mod devices;

@@ -23,6 +23,8 @@ layout(constant_id = 5) const uint FORM = UPDATE;
 // Elements of an invocation: 1, so that neighbouring lanes touch neighbouring words, or WIDTH, one Gaussian's, so that values
 // that they share are read once.
 layout(constant_id = 6) const uint RUN = 1;
+// Whether the attribute, which is then the opacity logits, is under the pressure of an attrition.
+layout(constant_id = 7) const bool PRESSED = false;
 
 layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -34,6 +36,8 @@ layout(push_constant) uniform Push {
     float correction1; // 1 / (1 - beta1^step)
     float correction2; // 1 / sqrt(1 - beta2^step)
     uint pair_limit;
+    float pressure;      // added to every gradient of a logit, over the larger of:
+    float least_through; // this and 1 - opacity
 };
 
 float basis(uint m, vec3 d) {
@@ -75,6 +79,7 @@ void main() {
                 moments[at] = vec2(gradient, 0);
                 continue;
             }
+            if (PRESSED) gradient += pressure / max(least_through, 1 / (1 + exp(values[at])));
             vec2 moment = moments[at];
             moment.x = BETA1 * moment.x + (1 - BETA1) * gradient;
             moment.y = BETA2 * moment.y + (1 - BETA2) * gradient * gradient;

@@ -7,6 +7,7 @@ use crate::pipeline::config::Pruning;
 use crate::pipeline::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::pipeline::{Init, Preset, RunConfig};
 use crate::render::Style;
+use crate::train::attrition::Attrition;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -16,8 +17,8 @@ pub(super) struct Training {
     /// Preset of the schedule
     #[arg(long, default_value = "standard", help_heading = "Training")]
     preset: Preset,
-    /// Prune once, or in steps
-    #[arg(long, value_name = "one-shot|gradual", default_value = "one-shot", help_heading = "Compression")]
+    /// Prune once, in steps, or after letting Gaussians fade
+    #[arg(long, value_name = "one-shot|gradual|attrition", default_value = "one-shot", help_heading = "Compression")]
     schedule: Steps,
     /// Length of the run; the schedule's milestones scale with it
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_ITERATIONS)))]
@@ -68,6 +69,8 @@ enum Steps {
     OneShot,
     /// Four times, from 13/30 to 20/30 of the run
     Gradual,
+    /// At 3/4 of the run or before, of those left after a pressure on opacities from half the run on
+    Attrition,
 }
 
 fn init(text: &str) -> Init {
@@ -84,6 +87,9 @@ impl Training {
         let mut pruning = self.preset.pruning();
         if self.schedule == Steps::Gradual {
             pruning.at = Pruning::GRADUAL.to_vec();
+        }
+        if self.schedule == Steps::Attrition {
+            pruning.attrition = Some(Attrition::default());
         }
         pruning.compression = choices.over(pruning.compression);
         pruning

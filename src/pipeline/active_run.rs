@@ -8,12 +8,13 @@ use super::evaluate::{Evaluator, exhibits, protocol};
 use super::output::Output;
 use super::pairs;
 use super::prune::{PruneRequest, prune};
-use super::records::{Counts, CurvePoint, Guards, Protocol, RunRecord, Times};
+use super::records::{AttritionRecord, Counts, CurvePoint, Guards, Protocol, PruneRecord, RunRecord, Times};
 use super::session::Session;
 use super::setup::Setup;
 use super::start::{Start, initialise};
 use crate::error::Error;
 use crate::gaussians::formats;
+use crate::qirf::select::budget::Keep;
 use crate::response::Responses;
 use crate::train::loss::Weights;
 use crate::train::{Options, Trainer};
@@ -70,7 +71,7 @@ impl<'a> ActiveRun<'a> {
         let mut evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
         evaluator.compare_as(config.exposure);
         let mut run = Self { setup, config, output, trainer, evaluator, notes };
-        if !run.notes.prunes.is_empty() {
+        if !run.notes.prunes.is_empty() || run.trainer.attrition().is_some() {
             run.fine_tune();
         }
         Ok(run)
@@ -88,10 +89,11 @@ impl<'a> ActiveRun<'a> {
         let prunes = self.config.prune.as_ref().map(|p| p.iterations(last)).unwrap_or_default();
         while self.trainer.iteration() < until {
             let now = self.trainer.iteration();
-            if prunes.get(self.notes.prunes.len()).is_some_and(|at| *at <= now) {
+            while self.due(&prunes) {
                 self.prune(prunes.len())?;
             }
-            let pause = prunes.get(self.notes.prunes.len()).copied().unwrap_or(last);
+            let planned = prunes.get(self.notes.prunes.len()).copied();
+            let pause = self.trainer.attrition().map(|a| a.last).or(planned).unwrap_or(last);
             let next = |every: u32| now.checked_div(every).map_or(last, |passed| (passed + 1) * every);
             let started = Instant::now();
             let progress = self.trainer.advance(until.min(next(step)).min(next(every)).min(pause))?;
@@ -113,7 +115,16 @@ impl<'a> ActiveRun<'a> {
         Ok(())
     }
 
-    /// Prunes as configured, at any iteration.
+    /// Returns true if a prune, or the attrition before it, is due.
+    fn due(&self, prunes: &[u32]) -> bool {
+        let now = self.trainer.iteration();
+        match self.trainer.attrition() {
+            Some(contest) => contest.over(now, self.trainer.len()),
+            None => prunes.get(self.notes.prunes.len()).is_some_and(|at| *at <= now),
+        }
+    }
+
+    /// Prunes as configured, at any iteration. With attrition, that begins instead.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -145,18 +156,35 @@ impl<'a> ActiveRun<'a> {
         Ok(self.trainer.responses(false)?)
     }
 
-    /// Prune number `self.notes.prunes.len()` of `steps`.
+    /// Returns true if the model was pruned.
+    pub fn pruned(&self) -> bool {
+        !self.notes.prunes.is_empty()
+    }
+
+    /// Prune number `self.notes.prunes.len()` of `steps`; or the beginning of the attrition before it.
     fn prune(&mut self, steps: usize) -> Result<(), Error> {
         let Some(pruning) = &self.config.prune else { return Ok(()) };
         let Setup { session, prepared, .. } = self.setup;
-        let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
-        if self.notes.prunes.is_empty() {
+        let contest = self.trainer.attrition().copied();
+        if self.notes.prunes.is_empty() && contest.is_none() {
             exhibits::dense(&mut self.evaluator, self.trainer.model(), prepared, &self.output.renders())?;
+            if let Some(attrition) = pruning.attrition {
+                self.trainer.begin_attrition(attrition, pruning.survivors(self.trainer.len()))?;
+                self.fine_tune();
+                return Ok(());
+            }
         }
-        let keep = pruning.keep(self.notes.prunes.len(), steps, self.trainer.len());
+        let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
+        let next = || pruning.keep(self.notes.prunes.len(), steps, self.trainer.len());
+        let keep = contest.map_or_else(next, |c| Keep::Count(c.survivors));
         let request = PruneRequest { compression: &pruning.compression, keep, seed: self.config.seed };
         let mut pruned = prune(session.device, &mut self.trainer, pruning.responses, &request)?;
         pruned.frames_per_second_before = frames;
+        pruned.attrition = contest.map(|c| AttritionRecord { from: c.from, before: c.before });
+        self.trainer.end_attrition();
+        if pruning.rewarm && self.notes.prunes.len() + 1 >= steps {
+            self.trainer.rewarm()?;
+        }
         self.fine_tune();
         session.watcher.note(&format!(
             "after iteration {}: {} of {} Gaussians kept, {} blocks, {:.1} s",
@@ -219,7 +247,7 @@ impl<'a> ActiveRun<'a> {
         RunRecord {
             gaussians: Counts {
                 initial: Some(notes.initial),
-                dense: Some(notes.prunes.first().map_or(evaluated.gaussians.last, |p| p.before)),
+                dense: Some(notes.prunes.first().map_or(evaluated.gaussians.last, PruneRecord::dense)),
                 ..evaluated.gaussians
             },
             guards: Guards { skipped_rows: trainer.skipped_rows(), ..evaluated.guards },

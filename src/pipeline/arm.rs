@@ -4,6 +4,11 @@ use super::config::{Compression, Pruning, RunConfig};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
 
+/// What is before `suffix`, and true if it was there.
+fn flag<'a>(text: &'a str, suffix: &str) -> (&'a str, bool) {
+    text.strip_suffix(suffix).map_or((text, false), |rest| (rest, true))
+}
+
 /// One way to continue from the prune point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arm {
@@ -11,6 +16,10 @@ pub struct Arm {
     pub name: String,
     /// Its choice of Gaussians; none for the dense arm.
     pub compression: Option<Compression>,
+    /// True if attrition goes before it.
+    pub attrition: bool,
+    /// True if rates are re-warmed after it.
+    pub rewarm: bool,
 }
 
 impl Arm {
@@ -29,8 +38,10 @@ impl Arm {
                 (rest, Keep::Share(share.ok_or_else(|| format!("'{text}': write a share such as 0.2 after @"))?))
             }
         };
-        let (rest, without_detail) = rest.strip_suffix("-detail").map_or((rest, false), |rest| (rest, true));
-        let (rest, merge) = rest.strip_suffix("+merge").map_or((rest, false), |rest| (rest, true));
+        let (rest, rewarm) = flag(rest, "+rewarm");
+        let (rest, attrition) = flag(rest, "+attrition");
+        let (rest, without_detail) = flag(rest, "-detail");
+        let (rest, merge) = flag(rest, "+merge");
         let (selector, budget) = rest.split_once(':').map_or((rest, None), |(s, b)| (s, Some(b)));
         let named = |budget: &str| match budget {
             "per-block" => Ok(Budget::PerBlock),
@@ -39,7 +50,7 @@ impl Arm {
             other => Err(format!("'{text}': there is no budget '{other}'; choose per-block, hybrid or global")),
         };
         let mut compression = match selector {
-            "dense" => return Ok(Self { name, compression: None }),
+            "dense" => return Ok(Self { name, compression: None, attrition, rewarm }),
             "default" => given.clone(),
             "paper" => Compression::paper(),
             selector => Compression {
@@ -59,7 +70,7 @@ impl Arm {
         if without_detail {
             compression.detail = 0.0;
         }
-        Ok(Self { name, compression: Some(compression) })
+        Ok(Self { name, compression: Some(compression), attrition, rewarm })
     }
 
     /// Its folder's name, valid on every file system.
@@ -71,7 +82,12 @@ impl Arm {
     /// The arm's run: the shared one's, with the arm's pruning.
     pub fn configuration(&self, shared: &RunConfig) -> RunConfig {
         let prune = match (&self.compression, &shared.prune) {
-            (Some(compression), Some(pruning)) => Some(Pruning { compression: compression.clone(), ..pruning.clone() }),
+            (Some(compression), Some(pruning)) => Some(Pruning {
+                compression: compression.clone(),
+                attrition: self.attrition.then(|| pruning.attrition.unwrap_or_default()).or(pruning.attrition),
+                rewarm: self.rewarm || pruning.rewarm,
+                ..pruning.clone()
+            }),
             (None, Some(pruning)) => Some(Pruning { at: Vec::new(), ..pruning.clone() }),
             _ => None,
         };

@@ -10,7 +10,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// Notes that [`Snapshot`] keeps for itself.
-const OWN_NOTES: [&str; 3] = ["iteration", "skipped_rows", "crc32"];
+const OWN_NOTES: [&str; 4] = ["iteration", "skipped_rows", "course", "crc32"];
 
 /// The state of a run besides the trainer's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -84,7 +84,7 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     let mut run = ActiveRun::start(setup, &config, &output, Start::Resumed(Box::new(fork.clone())))?;
     let psnr_pruned = if arm.compression.is_some() {
         run.prune_now()?;
-        run.psnr()?
+        if run.pruned() { run.psnr()? } else { None }
     } else {
         // The dense arm continues with the same loss.
         run.fine_tune();

@@ -140,6 +140,7 @@ fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
         selector,
         before: choice.keep.len(),
         after: choice.kept(),
+        attrition: None,
         detail: choice.detail,
         blocks: blocks.len(),
         voxel: study.partitioned.voxel,

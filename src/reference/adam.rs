@@ -2,6 +2,12 @@
 
 pub use crate::kernels::constants::adam::float64::{BETA1, BETA2, EPSILON, GREATEST_GRADIENT};
 
+/// The gradient by an opacity logit under the pressure of an attrition: `pressure` is added, divided by 1 - opacity or by
+/// `least_through` if that is more.
+pub fn pressed(gradient: f64, logit: f64, pressure: f64, least_through: f64) -> f64 {
+    gradient + pressure / (1.0 / (1.0 + logit.exp())).max(least_through)
+}
+
 /// Updates `row` in place by step `step` (the first is 1) with learning rate `rate`. Returns false if the row was
 /// skipped.
 ///
@@ -55,6 +61,15 @@ mod tests {
             }
             assert!((row[0] - 1.0).abs() < 1e-9 && (row[1] + 1.0).abs() < 1e-9, "{gradient:?}: {row:?}");
         }
+    }
+
+    /// Pressure lowers opaque Gaussians' logits faster, up to a limit, and whatever their size; without a limit below 1 it
+    /// is the same for all.
+    #[test]
+    fn pressure_is_finite_and_grows_with_opacity() {
+        assert_eq!(pressed(-3.0, 0.0, 1.0, 0.05), -1.0, "half opaque");
+        assert!((pressed(0.0, 1e4, 1.0, 0.05) - 20.0).abs() < 1e-12 && pressed(0.0, -1e4, 1.0, 0.05) == 1.0);
+        assert_eq!([-9.0, 0.0, 9.0].map(|logit| pressed(2.0, logit, 0.5, 1.0)), [2.5; 3]);
     }
 
     /// A constant gradient moves a parameter by the rate each step, whatever its size: bias correction works.

@@ -51,7 +51,7 @@ fn steps(device: &Device, by_image: &[[f32; 4]], with_gradients: bool) -> Result
         if with_gradients {
             adam::record_gradients(&mut recording, &renderer, &trainee.model, &apart);
         }
-        adam::record(&mut recording, &renderer, &trainee, &RATES, k);
+        adam::record(&mut recording, &renderer, &trainee, adam::Step::new(k, RATES));
         device.run(recording)?;
         skipped += renderer.backward_counts()?.skipped_rows;
         if with_gradients {

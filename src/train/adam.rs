@@ -19,6 +19,33 @@ pub const STAGE: &str = "adam";
 /// Learning rates of one step, in units of the stored parameters.
 pub type Rates = Attributes<f32>;
 
+/// What attrition adds to the gradient of every opacity logit: see [`crate::reference::adam::pressed`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pressure {
+    /// Added to each gradient, in units of the loss per logit.
+    pub pressure: f32,
+    /// Least value of 1 - opacity, by which the pressure is divided.
+    pub least_through: f32,
+}
+
+/// A step of Adam.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Its number; the first is 1.
+    pub number: u32,
+    /// Learning rates.
+    pub rates: Rates,
+    /// Pressure on opacities, if there is any.
+    pub pressure: Option<Pressure>,
+}
+
+impl Step {
+    /// A step without pressure.
+    pub fn new(number: u32, rates: Rates) -> Self {
+        Self { number, rates, pressure: None }
+    }
+}
+
 /// The offset of each attribute's gradients in a row, and its SH band. The gradients of a band are those of the colour,
 /// times the basis.
 const PLACES: Attributes<(u32, u32)> = Attributes {
@@ -31,19 +58,19 @@ const PLACES: Attributes<(u32, u32)> = Attributes {
 
 /// Use of the gradients.
 #[derive(Clone, Copy)]
-enum Outcome<'a> {
-    /// A step of Adam, the first being 1.
-    Stepped { rates: &'a Rates, step: u32 },
+enum Outcome {
+    /// A step of Adam.
+    Stepped(Step),
     /// Stored as first moments; second moments become 0, and parameters stay unchanged.
     Stored,
 }
 
-/// Records step `step` (the first is 1) of Adam, after [`Renderer::record_backward`]: moments and parameters change.
+/// Records a step of Adam, after [`Renderer::record_backward`]: moments and parameters change.
 ///
 /// Nothing changes if the picture's pairs did not fit. A Gaussian with a non-finite gradient stays unchanged.
-pub fn record(recording: &mut Recording, renderer: &Renderer, trainee: &Trainee, rates: &Rates, step: u32) {
+pub fn record(recording: &mut Recording, renderer: &Renderer, trainee: &Trainee, step: Step) {
     let Trainee { model, moments, .. } = trainee;
-    recording.scope(STAGE, |r| each(r, renderer, model, moments, Outcome::Stepped { rates, step }));
+    recording.scope(STAGE, |r| each(r, renderer, model, moments, Outcome::Stepped(step)));
 }
 
 /// Records that the gradients of [`Renderer::record_backward`] are stored as first moments, for tests and sweeps.
@@ -51,17 +78,18 @@ pub fn record_gradients(recording: &mut Recording, renderer: &Renderer, model: &
     recording.scope(STAGE, |r| each(r, renderer, model, moments, Outcome::Stored));
 }
 
-fn each(recording: &mut Recording, renderer: &Renderer, model: &Resident, moments: &Moments, outcome: Outcome<'_>) {
-    let (form, step, rates) = match outcome {
-        Outcome::Stepped { rates, step } => (UPDATE, step, *rates),
-        Outcome::Stored => (GRADIENT, 1, Rates::default()),
+fn each(recording: &mut Recording, renderer: &Renderer, model: &Resident, moments: &Moments, outcome: Outcome) {
+    let (form, step) = match outcome {
+        Outcome::Stepped(step) => (UPDATE, step),
+        Outcome::Stored => (GRADIENT, Step::new(1, Rates::default())),
     };
-    let correction = |beta: f64| 1.0 - beta.powf(f64::from(step));
+    let correction = |beta: f64| 1.0 - beta.powf(f64::from(step.number));
     let rows = renderer.gradient_rows();
     let arrays = model.parameters.each_ref().zip(moments.each_ref());
-    let all = PLACES.zip(Attributes::widths(model.degree)).zip(arrays).zip(rates);
+    let all = PLACES.zip(Attributes::widths(model.degree)).zip(arrays).zip(step.rates);
     for ((((offset, band), width), (values, moments)), rate) in all.up_to(model.degree) {
         let width = width as u32;
+        let pressure = step.pressure.filter(|_| offset == ROW_LOGIT && band == NO_BAND);
         let run = if renderer.device().tuning().adam_by_gaussian { width } else { 1 };
         let kernel = Adam {
             pairs: rows.pairs,
@@ -74,8 +102,10 @@ fn each(recording: &mut Recording, renderer: &Renderer, model: &Resident, moment
                 correction1: (1.0 / correction(BETA1)) as f32,
                 correction2: (1.0 / correction(BETA2).sqrt()) as f32,
                 pair_limit: rows.limit,
+                pressure: pressure.map_or(0.0, |p| p.pressure),
+                least_through: pressure.map_or(1.0, |p| p.least_through),
             },
-            spec: AdamSpec { workgroup: WORKGROUP, width, offset, band, form, run },
+            spec: AdamSpec { workgroup: WORKGROUP, width, offset, band, form, run, pressed: pressure.is_some() },
         };
         let runs = model.len as u32 * (width / run);
         recording.dispatch(&kernel, Groups::Count(runs.div_ceil(WORKGROUP)));

@@ -1,6 +1,7 @@
 //! The whole state of a run on disk: model, moments, growth, responses, exposures, iteration. A file is written completely or
 //! not at all.
 
+use super::course::Course;
 use super::error::Result;
 use super::exposure::{self, Exposure};
 use super::options::Options;
@@ -33,6 +34,8 @@ pub struct Snapshot {
     pub responses: (Vec<f32>, Vec<u32>),
     /// Exposures, twelve numbers per photo, and their moments, first and second interleaved; empty if there are none.
     pub exposures: (Vec<f32>, Vec<f32>),
+    /// Events of the run so far.
+    pub course: Course,
     /// Text by name that the caller stores along, such as its configuration.
     pub notes: HashMap<String, String>,
 }
@@ -59,6 +62,7 @@ impl Trainer {
                 Some(e) => (e.affine.read(&self.device)?, read(&e.moments)?),
                 None => Default::default(),
             },
+            course: self.course,
             notes: HashMap::new(),
         })
     }
@@ -99,10 +103,13 @@ impl Trainer {
         }
         trainer.iteration = snapshot.iteration;
         trainer.skipped_rows = snapshot.skipped_rows;
+        trainer.course = snapshot.course;
         Ok(trainer)
     }
 }
 
+/// The note that holds the events of the run as JSON, if there were any.
+const COURSE: &str = "course";
 /// The note that holds the checksum of everything else.
 const CHECKSUM: &str = "crc32";
 
@@ -145,9 +152,14 @@ impl Snapshot {
             add("exposures".to_owned(), &self.exposures.0);
             add("exposures.moments".to_owned(), &self.exposures.1);
         }
+        let stored = |what: String| Error::Inconsistent { what: format!("the checkpoint cannot be stored: {what}") };
         let mut notes = self.notes.clone();
         notes.insert("iteration".into(), self.iteration.to_string());
         notes.insert("skipped_rows".into(), self.skipped_rows.to_string());
+        if self.course != Course::default() {
+            let course = serde_json::to_string(&self.course);
+            notes.insert(COURSE.into(), course.map_err(|e| stored(e.to_string()))?);
+        }
         let sum = checksum(tensors.iter().map(|(name, _, bytes)| (name.as_str(), bytes.as_slice())), &notes);
         notes.insert(CHECKSUM.into(), sum.to_string());
         let views: std::result::Result<Vec<_>, _> = tensors
@@ -156,7 +168,7 @@ impl Snapshot {
             .collect();
         let bytes = views
             .and_then(|views| safetensors::serialize(views, Some(notes)))
-            .map_err(|e| Error::Inconsistent { what: format!("the checkpoint cannot be stored: {e}") })?;
+            .map_err(|e| stored(e.to_string()))?;
         write_atomically(path, |out| out.write_all(&bytes))
     }
 
@@ -215,12 +227,16 @@ impl Snapshot {
         if exposures.0.len() % exposure::SIZE != 0 || exposures.1.len() != 2 * exposures.0.len() {
             return Err(bad("exposures", "their lengths do not agree".into()));
         }
+        let course = match notes.get(COURSE) {
+            Some(text) => serde_json::from_str(text).map_err(|e| bad(COURSE, e.to_string()))?,
+            None => Course::default(),
+        };
         let (iteration, skipped_rows) = (number("iteration")? as u32, number("skipped_rows")?);
         // A run resumed from a flipped bit would end with a different model, and nobody would know.
         let all = file.tensors();
         if number(CHECKSUM)? != u64::from(checksum(all.iter().map(|(name, t)| (name.as_str(), t.data())), &notes)) {
             return Err(bad(CHECKSUM, "it is not that of the content: the file is damaged".into()));
         }
-        Ok(Self { iteration, skipped_rows, model, moments, growth, responses, exposures, notes })
+        Ok(Self { iteration, skipped_rows, model, moments, growth, responses, exposures, course, notes })
     }
 }

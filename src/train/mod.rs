@@ -1,7 +1,9 @@
 //! Floor 6: loss, Adam, schedule, density control and the training loop.
 
 pub mod adam;
+pub mod attrition;
 pub mod checkpoint;
+pub mod course;
 pub mod density;
 pub mod device_photos;
 mod error;

@@ -100,13 +100,17 @@ impl Schedule {
         (f64::from(self.iterations) * share).round() as u32
     }
 
+    /// Position learning rate after a share of the run, times the scene's extent.
+    pub fn position_rate_at(&self, share: f64) -> f64 {
+        (self.position_rate.ln() * (1.0 - share) + self.position_rate_end.ln() * share).exp()
+    }
+
     /// Learning rates of iteration `iteration` (the first is 1) in a scene of this extent.
     pub fn rates(&self, iteration: u32, extent: f64) -> Rates {
         let t = f64::from(iteration) / f64::from(self.iterations.max(1));
         let (dc, rest) = (self.dc_rate as f32, self.rest_rate as f32);
-        let position = self.position_rate.ln() * (1.0 - t) + self.position_rate_end.ln() * t;
         Rates {
-            means: (position.exp() * extent) as f32,
+            means: (self.position_rate_at(t) * extent) as f32,
             log_scales: self.scale_rate as f32,
             rotations: self.rotation_rate as f32,
             opacity_logits: self.opacity_rate as f32,

@@ -2,6 +2,7 @@
 //! few iterations the host checks, grows buffers that were too small, and repeats the iterations that did not count.
 
 use super::adam;
+use super::course::Course;
 use super::density::{self, Step, densify};
 use super::device_photos::DevicePhotos;
 use super::error::{Error, Result};
@@ -47,6 +48,8 @@ pub struct Trainer {
     /// Averaged responses, while there are any.
     pub(super) responses: Option<ResidentResponses>,
     pub(super) iteration: u32,
+    /// Events so far.
+    pub(super) course: Course,
     /// Rows skipped for gradients that were not finite, so far.
     pub(super) skipped_rows: u64,
     last_loss: f32,
@@ -103,6 +106,7 @@ impl Trainer {
             trainee,
             responses: None,
             iteration: 0,
+            course: Course::default(),
             skipped_rows: 0,
             last_loss: f32::NAN,
             photos,
@@ -222,7 +226,8 @@ impl Trainer {
     fn boundary(&self, until: u32) -> u32 {
         let schedule = &self.options.schedule;
         let grows = |i: u32| schedule.densifies(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1);
-        let acts = |i: u32| grows(i) || self.smoothing_after(i).is_some();
+        let fades = |i: u32| self.attrition().is_some_and(|a| a.acts(i));
+        let acts = |i: u32| grows(i) || fades(i) || self.smoothing_after(i).is_some();
         let averages = |i: u32| self.options.averaged.start == i + 1 && !self.options.averaged.is_empty();
         (self.iteration + 1..=until.min(self.iteration + LOOK_EVERY))
             .find(|i| acts(*i) || averages(*i))
@@ -311,15 +316,15 @@ impl Trainer {
         let backward = Backward { residual: responses.is_some(), growth, ..Backward::default() };
         let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
         renderer.record_backward(&mut recording, model, camera, gradient, backward);
-        let rates = options.schedule.rates(iteration, self.extent);
-        adam::record(&mut recording, renderer, &self.trainee, &rates, iteration);
+        let step = self.course.step(&options.schedule, iteration, self.extent);
+        adam::record(&mut recording, renderer, &self.trainee, step);
         if let Some(responses) = responses {
             responses.record(&mut recording, renderer, model, camera, Gather::Average { iteration });
         }
         Ok(recording)
     }
 
-    /// Density control, opacity reset and smoothing, if they are due after this iteration.
+    /// Density control, opacity reset, attrition and smoothing, if they are due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
         let schedule = &self.options.schedule;
         if schedule.densifies(iteration) {
@@ -334,6 +339,7 @@ impl Trainer {
             density::reset_opacity(&mut recording, &self.trainee, RESET_OPACITY);
             self.device.run(recording)?;
         }
+        self.attrite(iteration)?;
         if let Some(smoothing) = self.smoothing_after(iteration) {
             let mut recording = Recording::new();
             smoothing.record(&mut recording, &self.trainee.model);

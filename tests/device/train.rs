@@ -1,6 +1,7 @@
 //! Training: the loss, Adam, density control, the loop, and initial models; device against float64 and plain host code.
 
 pub mod adam;
+mod attrition;
 pub mod density;
 mod halve;
 mod loss;

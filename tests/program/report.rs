@@ -29,6 +29,7 @@ fn view(name: &str, psnr: Option<f64>) -> ViewScores {
 
 fn prune(iteration: u32) -> PruneRecord {
     PruneRecord {
+        attrition: None,
         iteration,
         selector: Selector::Gnso,
         before: 5000,

@@ -4,6 +4,7 @@ use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
 use crate::qirf::study::Basis;
+use crate::train::attrition::Attrition;
 use serde::{Deserialize, Serialize};
 
 /// Choice of Gaussians.
@@ -74,6 +75,12 @@ pub struct Pruning {
     pub average_from: f64,
     /// Weight of the mean squared error in the loss of the fine-tuning.
     pub l2: f64,
+    /// Instead of the prunes after the first, and before its choice: attrition to nearly the number kept.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub attrition: Option<Attrition>,
+    /// True if rates are re-warmed after the last prune.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub rewarm: bool,
     /// Choice of Gaussians.
     pub compression: Compression,
 }
@@ -90,6 +97,8 @@ impl Default for Pruning {
             responses: ResponseSource::default(),
             average_from: 13.0 / 30.0,
             l2: Self::L2,
+            attrition: None,
+            rewarm: false,
             compression: Compression::default(),
         }
     }
@@ -104,11 +113,22 @@ impl Pruning {
     /// Shares of the run at which the gradual schedule prunes.
     pub const GRADUAL: [f64; 4] = [13.0 / 30.0, 15.0 / 30.0, 17.0 / 30.0, 20.0 / 30.0];
 
-    /// The iterations after which a run of this length prunes.
+    /// The iterations after which a run of this length prunes; with attrition, the one after which that begins.
     pub fn iterations(&self, length: u32) -> Vec<u32> {
         let mut at: Vec<u32> = self.at.iter().map(|s| (f64::from(length) * s).round() as u32).collect();
         at.dedup();
+        if self.attrition.is_some() {
+            at.truncate(1);
+        }
         at
+    }
+
+    /// Number of `now` Gaussians that attrition leaves.
+    pub fn survivors(&self, now: usize) -> usize {
+        match self.compression.keep {
+            Keep::Paper { kappa: share } | Keep::Share(share) => (share * now as f64).round() as usize,
+            Keep::Count(count) => count.min(now),
+        }
     }
 
     /// Number or share that prune number `step` (from 0) of `steps` keeps of the current `now` Gaussians.

@@ -89,6 +89,11 @@ fn pruning(p: &Pruning) -> Result<(), String> {
     }
     within("prune.average_from", p.average_from, &SHARE)?;
     within("prune.l2", p.l2, &WEIGHT)?;
+    if let Some(a) = &p.attrition {
+        within("prune.attrition.until", a.until, &SHARE)?;
+        within("prune.attrition.opacity_rate", a.opacity_rate, &POSITIVE)?;
+        within("prune.attrition.faint", a.faint, &SHARE)?;
+    }
     compression(&p.compression)
 }
 

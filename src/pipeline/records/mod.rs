@@ -7,5 +7,5 @@ mod run;
 
 pub use compare::{ArmRecord, CompareRecord};
 pub use compress::{CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, Truth, ViewStages};
-pub use prune::{PruneGuards, PruneRecord, PruneSeconds};
+pub use prune::{AttritionRecord, PruneGuards, PruneRecord, PruneSeconds};
 pub use run::{Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores, ViewScores};

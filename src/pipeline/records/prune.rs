@@ -17,6 +17,9 @@ pub struct PruneRecord {
     pub before: usize,
     /// Gaussians kept.
     pub after: usize,
+    /// The attrition that went before; absent without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attrition: Option<AttritionRecord>,
     /// Of these, those kept by the detail safeguard.
     pub detail: usize,
     /// Number of blocks.
@@ -40,6 +43,23 @@ pub struct PruneRecord {
     pub frames_per_second_before: Option<f64>,
     /// Seconds.
     pub seconds: PruneSeconds,
+}
+
+/// Attrition before a prune.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AttritionRecord {
+    /// Number of iterations done at its start.
+    pub from: u32,
+    /// Gaussians at its start.
+    pub before: usize,
+}
+
+impl PruneRecord {
+    /// Gaussians before the prune, or before the attrition that went before it.
+    pub fn dense(&self) -> usize {
+        self.attrition.map_or(self.before, |a| a.before)
+    }
 }
 
 /// Repairs of a prune.

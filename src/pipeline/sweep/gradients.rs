@@ -13,7 +13,7 @@ use crate::render::{AtomicSums, Backward, Image, Renderer};
 use crate::response::Target;
 use crate::scene::camera::{self, Camera};
 use crate::scene::{FourthByte, Photo};
-use crate::train::adam::{self, Rates};
+use crate::train::adam::{self, Rates, Step};
 use crate::train::loss::{self, Loss, Weights};
 use crate::train::schedule::Schedule;
 use crate::train::{self, STAGES, Trainee};
@@ -28,13 +28,6 @@ const STEPS: u32 = 20;
 struct Way {
     name: String,
     sums: Option<AtomicSums>,
-}
-
-/// A step of Adam.
-#[derive(Clone, Copy)]
-struct Step {
-    number: u32,
-    rates: Rates,
 }
 
 /// One training iteration with the trainer's stages, on the first views of the subject.
@@ -86,7 +79,7 @@ impl<'a> Bench<'a> {
     /// Runs one iteration on view `v` and returns its time.
     fn step(&self, way: &Way, trainee: &Trainee, v: usize, step: Step) -> Result<Sample, Error> {
         let mut recording = self.there_and_back(way, trainee, v);
-        adam::record(&mut recording, &self.renderer, trainee, &step.rates, step.number);
+        adam::record(&mut recording, &self.renderer, trainee, step);
         let started = Instant::now();
         let timings = self.context.session.device.run(recording)?;
         Ok(Sample::of(self.context.session.device, &timings, &STAGES, started))
@@ -108,7 +101,7 @@ impl<'a> Bench<'a> {
         let schedule = Schedule::default();
         for step in 1..=STEPS {
             let v = step as usize % subject.views.len();
-            self.step(way, &trainee, v, Step { number: step, rates: schedule.rates(step, 1.0) })?;
+            self.step(way, &trainee, v, Step::new(step, schedule.rates(step, 1.0)))?;
             self.context.session.watcher.unless_stopped()?;
         }
         let camera = &subject.views[0].camera;
@@ -155,7 +148,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord
         ],
     );
     let ordered = bench.gradients(&Way { name: String::new(), sums: None }, &trainee)?;
-    let still = Step { number: 1, rates: Rates::default() };
+    let still = Step::new(1, Rates::default());
     for way in &ways {
         let first = bench.gradients(way, &trainee)?;
         let (mut far, mut differing) = (0.0_f64, 0);

@@ -13,16 +13,16 @@ use qirf_vk::train::adam::{self, Moments, Rates};
 use qirf_vk::train::schedule::Schedule;
 
 /// A model trained with a fixed gradient of the picture.
-struct Bench {
+pub(crate) struct Bench {
     device: Device,
     renderer: Renderer,
-    trainee: Trainee,
+    pub(crate) trainee: Trainee,
     camera: Camera,
     by_image: Buffer<[f32; 4]>,
 }
 
 impl Bench {
-    fn new(device: &Device, model: &Gaussians, camera: &Camera, by_image: &[[f32; 4]]) -> Self {
+    pub(crate) fn new(device: &Device, model: &Gaussians, camera: &Camera, by_image: &[[f32; 4]]) -> Self {
         let size = [camera.width, camera.height];
         let renderer = Renderer::for_training(device, Settings::default(), model.len(), size, 1 << 14).unwrap();
         Self {
@@ -43,13 +43,17 @@ impl Bench {
     }
 
     fn step(&self, step: u32) {
+        self.take(adam::Step::new(step, rates(step)));
+    }
+
+    pub(crate) fn take(&self, step: adam::Step) {
         let mut recording = self.there_and_back(Some(&self.trainee.growth));
-        adam::record(&mut recording, &self.renderer, &self.trainee, &rates(step), step);
+        adam::record(&mut recording, &self.renderer, &self.trainee, step);
         self.device.run(recording).unwrap();
     }
 
     /// Gradients by the current parameters.
-    fn gradients(&self) -> Params {
+    pub(crate) fn gradients(&self) -> Params {
         let apart = adam::zeros(&self.device, &self.trainee.model).unwrap();
         let mut recording = self.there_and_back(None);
         adam::record_gradients(&mut recording, &self.renderer, &self.trainee.model, &apart);
@@ -115,7 +119,7 @@ fn rates(step: u32) -> Rates {
     Schedule { iterations: 40, position_rate: 5e-3, ..Schedule::default() }.rates(step, 1.7)
 }
 
-fn weights(count: usize, seed: u64) -> Vec<[f32; 4]> {
+pub(crate) fn weights(count: usize, seed: u64) -> Vec<[f32; 4]> {
     let mut r = Random(seed);
     (0..count).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect()
 }

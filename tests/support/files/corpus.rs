@@ -8,6 +8,7 @@ use qirf_vk::gaussians::formats::{self, Loaded};
 use qirf_vk::pipeline::RunConfig;
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
 use qirf_vk::train::checkpoint::Snapshot;
+use qirf_vk::train::course::Course;
 use std::fs;
 use std::io::Write;
 use std::path::Path;
@@ -220,6 +221,7 @@ exposure = "off"
 fn checkpoint() -> Vec<u8> {
     let model = make::model(5, 1);
     let snapshot = Snapshot {
+        course: Course::default(),
         iteration: 7,
         skipped_rows: 0,
         moments: Attributes::widths(1).map(|width| vec![0.5; 2 * 5 * width]),

@@ -1,0 +1,112 @@
+//! What happens in a run that its schedule cannot know in advance: attrition, and re-warming after the last prune.
+
+use super::adam::{Rates, Step};
+use super::attrition::{Attrition, Contest};
+use super::density::compact;
+use super::error::Result;
+use super::schedule::Schedule;
+use super::trainer::Trainer;
+use crate::gpu::Buffer;
+use serde::{Deserialize, Serialize};
+
+/// Re-warmed, the positions' rate is as after this share of a run.
+const REWOUND: f64 = 1.0 / 6.0;
+/// For this share of the run after it, scales and rotations take steps ...
+const WARM: f64 = 0.1;
+/// ... so many times longer.
+const LONGER: f32 = 2.0;
+
+/// Events of a run so far, as stored in its checkpoints.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Course {
+    /// Attrition, under way or over.
+    pub attrition: Option<Contest>,
+    /// Iterations done when rates were re-warmed.
+    pub rewarmed: Option<u32>,
+}
+
+impl Course {
+    /// The step of Adam in iteration `iteration` (the first is 1) in a scene of this extent.
+    pub fn step(&self, schedule: &Schedule, iteration: u32, extent: f64) -> Step {
+        let mut rates = schedule.rates(iteration, extent);
+        if let Some(since) = self.rewarmed {
+            self::rewarm(&mut rates, schedule, [since, iteration], extent);
+        }
+        if let Some(rate) = self.attrition.and_then(|a| a.opacity_rate(iteration)) {
+            rates.opacity_logits = rate as f32;
+        }
+        Step { pressure: self.attrition.and_then(|a| a.pressure(iteration)), ..Step::new(iteration, rates) }
+    }
+
+    /// The attrition that is under way.
+    pub fn contest(&self) -> Option<&Contest> {
+        self.attrition.as_ref().filter(|a| a.ended.is_none())
+    }
+}
+
+fn rewarm(rates: &mut Rates, schedule: &Schedule, [since, iteration]: [u32; 2], extent: f64) {
+    let length = schedule.iterations;
+    let share = f64::from(iteration - since) / f64::from((length - since).max(1));
+    rates.means = (schedule.position_rate_at(REWOUND + (1.0 - REWOUND) * share) * extent) as f32;
+    if f64::from(iteration - since) <= WARM * f64::from(length) {
+        rates.log_scales *= LONGER;
+        rates.rotations *= LONGER;
+    }
+}
+
+impl Trainer {
+    /// Begins attrition, which is to leave `survivors` Gaussians.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn begin_attrition(&mut self, settings: Attrition, survivors: usize) -> Result<()> {
+        let logits = self.trainee.model.parameters.opacity_logits.read(&self.device)?;
+        let moments = self.trainee.moments.opacity_logits.read(&self.device)?;
+        let times = [self.iteration, self.options.schedule.iterations];
+        self.course.attrition = Some(Contest::new(settings, survivors, times, &logits, &moments));
+        Ok(())
+    }
+
+    /// The attrition that is under way.
+    pub fn attrition(&self) -> Option<&Contest> {
+        self.course.contest()
+    }
+
+    /// Ends attrition: pressure stops, and opacities' learning rate falls back soon.
+    pub fn end_attrition(&mut self) {
+        if let Some(contest) = &mut self.course.attrition {
+            contest.ended.get_or_insert(self.iteration);
+        }
+    }
+
+    /// Adapts the pressure and removes what has faded.
+    pub(super) fn attrite(&mut self, iteration: u32) -> Result<()> {
+        let Some(contest) = self.course.attrition.as_mut().filter(|a| a.acts(iteration)) else { return Ok(()) };
+        let logits = self.trainee.model.parameters.opacity_logits.read(&self.device)?;
+        let stay = contest.judge(iteration, &logits);
+        tracing::debug!("after iteration {iteration}: {} Gaussians, pressure {:e}", stay.len(), contest.pressure);
+        if stay.len() < logits.len() {
+            compact(&self.device, &mut self.trainee, &stay)?;
+            self.responses = None;
+        }
+        Ok(())
+    }
+
+    /// Takes longer steps again from here: the positions' rate is rewound and falls to the same end, scales and rotations move
+    /// faster for a while, and first moments become 0.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn rewarm(&mut self) -> Result<()> {
+        let device = &self.device;
+        let still = |moments: &Buffer<[f32; 2]>| -> Result<Buffer<[f32; 2]>> {
+            let mut values = moments.read(device)?;
+            values.iter_mut().for_each(|m| m[0] = 0.0);
+            Ok(device.upload("moments", &values)?)
+        };
+        self.trainee.moments = self.trainee.moments.each_ref().try_map(still)?;
+        self.course.rewarmed = Some(self.iteration);
+        Ok(())
+    }
+}
