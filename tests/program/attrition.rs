@@ -10,21 +10,21 @@ use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::synth::{SynthOptions, write};
 use qirf_vk::train::Progress;
 use qirf_vk::train::attrition::Attrition;
-use std::cell::Cell;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Stops after an iteration.
 struct Stops {
     after: u32,
-    now: Cell<u32>,
+    now: AtomicU32,
 }
 
 impl Watcher for Stops {
     fn training(&self, progress: &Progress, _: u32) {
-        self.now.set(progress.iteration);
+        self.now.store(progress.iteration, Ordering::Relaxed);
     }
 
     fn stop(&self) -> bool {
-        self.now.get() >= self.after
+        self.now.load(Ordering::Relaxed) >= self.after
     }
 }
 
@@ -35,7 +35,7 @@ fn stopped_in_the_midst_it_ends_with_the_same_bytes() {
     let options = SynthOptions { views: 9, width: 48, height: 36, points: 400, ..SynthOptions::default() };
     write(&scene, &options, &|_| ()).unwrap();
     let device = Device::open(&DeviceOptions::default()).unwrap();
-    let trained = |config: &RunConfig, name: &str, watcher: &dyn Watcher| {
+    let trained = |config: &RunConfig, name: &str, watcher: &(dyn Watcher + Sync)| {
         let session = Session { device: &device, networks: &Networks::default(), host_bytes: u64::MAX, watcher };
         run::run(&session, config, &Output::new(&folder.path().join(name)).unwrap(), true)
     };
@@ -52,7 +52,7 @@ fn stopped_in_the_midst_it_ends_with_the_same_bytes() {
 
     // Before it, in its midst, and soon after the cut.
     for after in [79, 95, pruned.iteration + 3] {
-        let stopped = trained(&config, "parts", &Stops { after, now: Cell::new(0) });
+        let stopped = trained(&config, "parts", &Stops { after, now: AtomicU32::new(0) });
         assert!(matches!(stopped, Err(Error::Interrupted)), "{stopped:?}");
     }
     let resumed = trained(&config, "parts", &Silent).unwrap();
