@@ -26,8 +26,8 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --arms default,importance,css:hybrid+merge,dense --keep 0.2
   qirf-vk compare capture -o compared --ablation
 
-An arm is dense, default, paper, or a selector's name with any of :BUDGET, +merge, -detail and @SHARE after it, in this
-order. The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
+An arm is dense, default, paper, or a selector's name with any of :BUDGET, +merge, -detail, +attrition,
++rewarm and @SHARE after it, in this order. The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
 /// Compare ways of pruning a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]

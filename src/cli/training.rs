@@ -69,7 +69,7 @@ enum Steps {
     OneShot,
     /// Four times, from 13/30 to 20/30 of the run
     Gradual,
-    /// At 3/4 of the run or before, of those left after a pressure on opacities from half the run on
+    /// By a pressure on opacities from half the run on, and the rest at 3/4 of it at most; rates are then re-warmed
     Attrition,
 }
 
@@ -90,6 +90,7 @@ impl Training {
         }
         if self.schedule == Steps::Attrition {
             pruning.attrition = Some(Attrition::default());
+            pruning.rewarm = true;
         }
         pruning.compression = choices.over(pruning.compression);
         pruning

@@ -23,8 +23,8 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// Reads `dense`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail` and
-    /// `@SHARE`. A selector alone divides its count per block and does not merge. `given` is the meaning of `default`,
+    /// Reads `dense`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
+    /// `+attrition`, `+rewarm` and `@SHARE`. A selector alone divides its count per block and does not merge. `given` is the meaning of `default`,
     /// and gives every arm its share, its detail and its blocks.
     ///
     /// # Errors
@@ -50,7 +50,8 @@ impl Arm {
             other => Err(format!("'{text}': there is no budget '{other}'; choose per-block, hybrid or global")),
         };
         let mut compression = match selector {
-            "dense" => return Ok(Self { name, compression: None, attrition, rewarm }),
+            "dense" if text == selector => return Ok(Self { name, compression: None, attrition, rewarm }),
+            "dense" => return Err(format!("'{text}': the dense arm is not pruned; write dense alone")),
             "default" => given.clone(),
             "paper" => Compression::paper(),
             selector => Compression {
@@ -98,6 +99,21 @@ impl Arm {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::Preset;
+    use crate::train::attrition::Attrition;
+
+    #[test]
+    fn arms_change_the_process_of_the_shared_run() {
+        let shared = RunConfig::sample(Preset::Quick).pruned(Pruning::default());
+        let process = |text: &str| {
+            let arm = Arm::parse(text, &Compression::default()).unwrap();
+            let prune = arm.configuration(&shared).prune.unwrap();
+            (prune.at.len(), prune.attrition, prune.rewarm)
+        };
+        assert_eq!(process("dense"), (0, None, false));
+        assert_eq!(process("css+rewarm"), (1, None, true));
+        assert_eq!(process("default+attrition"), (1, Some(Attrition::default()), false));
+    }
 
     #[test]
     fn arms_by_name() {
@@ -110,7 +126,12 @@ mod tests {
         let all = arm("gnso:global+merge-detail@0.1").unwrap();
         assert_eq!((all.budget, all.merge, all.detail, all.keep), (Budget::Global, true, 0.0, Keep::Share(0.1)));
         assert_eq!(arm("paper").unwrap().keep, Keep::Paper { kappa: 0.22 });
-        for wrong in ["", "nothing", "css:half", "css@2", "css@", "../up"] {
+        let faded = Arm::parse("css-detail+attrition+rewarm@0.5", &given).unwrap();
+        assert!(faded.attrition && faded.rewarm && faded.compression.unwrap().keep == Keep::Share(0.5));
+        assert!(!Arm::parse("css+merge", &given).unwrap().attrition);
+        for wrong in
+            ["dense+rewarm", "dense@0.2", "css+rewarm+attrition", "", "nothing", "css:half", "css@2", "css@", "../up"]
+        {
             assert!(Arm::parse(wrong, &given).is_err(), "{wrong}");
         }
     }

@@ -85,7 +85,13 @@ fn greatest(logits: &[f32], count: usize) -> f64 {
 
 impl Contest {
     /// Begins after iteration `from` of `length`. `logits` are all opacity logits and `moments` their moments.
-    pub fn new(settings: Attrition, survivors: usize, [from, length]: [u32; 2], logits: &[f32], moments: &[[f32; 2]]) -> Self {
+    pub fn new(
+        settings: Attrition,
+        survivors: usize,
+        [from, length]: [u32; 2],
+        logits: &[f32],
+        moments: &[[f32; 2]],
+    ) -> Self {
         // The rest is cut before the run's end, or never.
         let last = ((f64::from(length) * settings.until).round() as u32).min(length.saturating_sub(1)).max(from);
         let correction = 1.0 - BETA2.powf(f64::from(from.max(1)));

@@ -110,3 +110,39 @@ impl Trainer {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Re-warmed after half a run, positions move as after a sixth of it, and reach the same end.
+    #[test]
+    fn rewarmed_rates() {
+        let schedule = Schedule { iterations: 1200, ..Schedule::default() };
+        let course = Course { rewarmed: Some(600), attrition: None };
+        let plain = |i: u32| Course::default().step(&schedule, i, 2.0).rates;
+        let warm = |i: u32| course.step(&schedule, i, 2.0).rates;
+        let near = |a: f32, b: f32| (a / b - 1.0).abs() < 1e-4;
+        assert!(near(warm(600).means, plain(200).means) && near(warm(1200).means, plain(1200).means));
+        assert!(near(warm(900).means, plain(700).means), "log-linear between");
+        assert_eq!([601, 720, 721].map(|i| warm(i).log_scales / plain(i).log_scales), [2.0, 2.0, 1.0]);
+        assert_eq!([601, 720, 721].map(|i| warm(i).rotations / plain(i).rotations), [2.0, 2.0, 1.0]);
+        assert!(warm(700).sh == plain(700).sh && warm(700).opacity_logits == plain(700).opacity_logits);
+        assert!(Course { rewarmed: Some(1200), ..course }.step(&schedule, 1200, 2.0).rates.means.is_finite());
+    }
+
+    /// Pressure and the logits' rate last as long as attrition does.
+    #[test]
+    fn steps_under_attrition() {
+        let schedule = Schedule { iterations: 1200, ..Schedule::default() };
+        let mut contest = Contest::new(Attrition::default(), 1, [600, 1200], &[0.0, 1.0], &[[0.0, 1e-6]; 2]);
+        let step =
+            |contest: Contest, i: u32| Course { attrition: Some(contest), rewarmed: None }.step(&schedule, i, 1.0);
+        let under = step(contest, 700);
+        assert!(under.pressure.is_some() && (under.number, under.rates.opacity_logits) == (700, 0.1));
+        contest.ended = Some(700);
+        assert_eq!([701, 741].map(|i| step(contest, i).rates.opacity_logits), [0.1, 0.05]);
+        assert_eq!(step(contest, 701).pressure, None);
+        assert_eq!(Step::new(5, schedule.rates(5, 1.0)), Course::default().step(&schedule, 5, 1.0));
+    }
+}
