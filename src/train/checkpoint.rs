@@ -166,9 +166,8 @@ impl Snapshot {
             .iter()
             .map(|(name, len, bytes)| TensorView::new(Dtype::F32, vec![*len], bytes).map(|view| (name.clone(), view)))
             .collect();
-        let bytes = views
-            .and_then(|views| safetensors::serialize(views, Some(notes)))
-            .map_err(|e| stored(e.to_string()))?;
+        let bytes =
+            views.and_then(|views| safetensors::serialize(views, Some(notes))).map_err(|e| stored(e.to_string()))?;
         write_atomically(path, |out| out.write_all(&bytes))
     }
 
