@@ -98,9 +98,10 @@ impl Contest {
         // The size of a usual gradient. Adam's steps do not depend on its unit, so any will do where there is none.
         let mut sizes: Vec<f64> = moments.iter().map(|m| f64::from(m[1])).filter(|v| v.is_normal()).collect();
         let middle = sizes.len() / 2;
-        let size = match sizes.is_empty() {
-            true => 1e-9,
-            false => (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / correction).sqrt(),
+        let size = if sizes.is_empty() {
+            1e-9
+        } else {
+            (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / correction).sqrt()
         };
         let steps = settings.opacity_rate.max(1e-6) * f64::from((last - from).max(1));
         Self {

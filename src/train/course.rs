@@ -102,7 +102,9 @@ impl Trainer {
         let device = &self.device;
         let still = |moments: &Buffer<[f32; 2]>| -> Result<Buffer<[f32; 2]>> {
             let mut values = moments.read(device)?;
-            values.iter_mut().for_each(|m| m[0] = 0.0);
+            for [first, _] in &mut values {
+                *first = 0.0;
+            }
             Ok(device.upload("moments", &values)?)
         };
         self.trainee.moments = self.trainee.moments.each_ref().try_map(still)?;
