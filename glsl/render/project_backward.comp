@@ -20,6 +20,8 @@ layout(constant_id = 3) const uint DEGREE = 3; // bands that have arrays
 layout(constant_id = 4) const bool DIRECTION_GRADIENT = true;
 // Whether to add to the sums by which density control decides.
 layout(constant_id = 5) const bool STATISTICS = false;
+// Whether these add up the gradient's size tile by tile: what pulls one tile's pixels against another's then counts, too.
+layout(constant_id = 6) const bool ABSOLUTE = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -56,6 +58,7 @@ struct Gradient {
     vec3 colour;    // by the radiance before its clamp
     vec3 direction; // unit vector of the view
     vec2 mean2d;    // pixels
+    vec2 pull;      // the same with ABSOLUTE, else mean2d
 };
 
 // Let K = (k.x k.y; 0 k.z), so that K^T K is the inverse covariance, T = (row_x; row_y), S the second moments, and W = K T,
@@ -117,7 +120,7 @@ vec3 direction_gradient(uint i, vec3 d, vec3 by_colour) {
 }
 
 Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots) {
-    Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0));
+    Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0), vec2(0));
     vec4 position_sum = vec4(0), covariance_sum = vec4(0), colour_sum = vec4(0);
     uint first = first_slots[i];
     for (uint slot = first; slot < first + slots; slot++) {
@@ -133,6 +136,14 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
     vec2 m1 = position_sum.yz * unit;
     vec3 m2 = covariance_sum.xyz * (2 * LN_2);
     g.mean2d = vec2(k.x * m1.x, k.y * m1.x + k.z * m1.y);
+    g.pull = g.mean2d;
+    if (ABSOLUTE) {
+        g.pull = vec2(0);
+        for (uint slot = first; slot < first + slots; slot++) {
+            vec2 m = position_sums[slot].yz * unit;
+            g.pull += abs(vec2(k.x * m.x, k.y * m.x + k.z * m.y));
+        }
+    }
     Whitened w = whitened(v.dilation, p, k, position_sum.x, m2);
 
     g.log_scale = w.e_x * w.w_x + w.e_y * w.w_y;
@@ -176,12 +187,12 @@ void main() {
     vec3 log_scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
     vec4 quaternion = rotations[i];
     uint slots = tile_counts[i];
-    Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0));
+    Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0), vec2(0));
     if (slots > 0) g = backward(i, mean, log_scale, quaternion, slots);
 
     bool good = sane(g.mean) && sane(g.log_scale) && sane(g.rotation.xyz) && sane(g.rotation.w) && sane(g.logit) && sane(g.colour);
     if (!good) atomicAdd(guards[0], 1);
-    if (STATISTICS && good && slots > 0) growth[i] += vec2(length(g.mean2d * 0.5 * vec2(view[0].size)), 1);
+    if (STATISTICS && good && slots > 0) growth[i] += vec2(length(g.pull * 0.5 * vec2(view[0].size)), 1);
     uint row = i * ROW;
     [[unroll]] for (uint c = 0; c < 3; c++) {
         rows[row + ROW_MEAN + c] = g.mean[c];

@@ -16,6 +16,6 @@ void main() {
     if (i >= count[0]) return;
     for (uint c = 0; c < copies[i]; c++) {
         sources[offsets[i] + c] = i;
-        kinds[offsets[i] + c] = copies[i] == 2 && splits[i] != 0 ? HALF : c; // KEPT, then CLONE
+        kinds[offsets[i] + c] = copies[i] == 2 && splits[i] != 0 ? HALF + c : c; // HALF, OTHER_HALF; or KEPT, CLONE
     }
 }

@@ -8,6 +8,8 @@ use crate::pipeline::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::pipeline::{Init, Preset, RunConfig};
 use crate::render::Style;
 use crate::train::attrition::Attrition;
+use crate::train::growth::Growth;
+use crate::train::schedule::Schedule;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -38,6 +40,9 @@ pub(super) struct Training {
     /// Largest number of Gaussians
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
     max_gaussians: u32,
+    /// Grow to this number by the prune, on a plan [default: thresholds decide how many]
+    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
+    grow_to: Option<u32>,
     /// Keep the energy of Gaussians smaller than a pixel
     #[arg(long, help_heading = "Effects")]
     antialias: bool,
@@ -112,11 +117,15 @@ impl Training {
             exposure: false,
             max_gaussians: self.max_gaussians as usize,
             checkpoint_every: self.checkpoint_every,
-            schedule: self.preset.schedule(self.iterations),
+            schedule: Schedule { growth: self.growth(), ..self.preset.schedule(self.iterations) },
             prune: None,
             effects: self.overrides(),
             tuning: None,
         }
+    }
+
+    fn growth(&self) -> Option<Growth> {
+        self.grow_to.map(|n| Growth { gaussians: n as usize, ..Growth::default() })
     }
 
     /// The preset of the schedule.

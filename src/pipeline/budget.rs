@@ -20,7 +20,7 @@ use crate::train::{Trainer, TrainerNeeds};
 /// Assumed growth of a run's number of Gaussians, as far as `--max-gaussians` allows.
 const GROWTH: usize = 4;
 
-/// Bytes of device memory that a run will need: with four times its initial Gaussians, or with the largest
+/// Bytes of device memory that a run will need: with the Gaussians that it plans to grow to, or four times its initial ones, or with the largest
 /// number allowed if that is less.
 ///
 /// # Errors
@@ -34,7 +34,8 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         Start::Points(n) | Start::Random(n) => (*n).min(config.max_gaussians),
         Start::Resumed(checkpoint) => checkpoint.notes.initial,
     };
-    let grown = if grows { first.saturating_mul(GROWTH).min(config.max_gaussians) } else { first };
+    let most_grown = config.schedule.growth.map_or(first.saturating_mul(GROWTH), |plan| plan.gaussians.max(first));
+    let grown = if grows { most_grown.min(config.max_gaussians) } else { first };
     let size = opened.size();
     let photos: Vec<u64> = opened.train_pixels().iter().map(|pixels| 4 * pixels).collect();
     let degree = config.sh_degree.max(start.degree());

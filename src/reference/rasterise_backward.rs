@@ -39,6 +39,8 @@ pub struct SlotSums {
     pub colour: DVec3,
     /// Sum of T alpha.
     pub contribution: f64,
+    /// Sum over tiles of the gradient by the mean in pixels, each component by its size; zero in a single tile's sums.
+    pub pull: DVec2,
 }
 
 impl SlotSums {
@@ -122,6 +124,9 @@ pub fn rasterise_backward(
     for (t, slots) in slots.iter().enumerate() {
         for (&i, slot) in tiles.list(t).iter().zip(slots) {
             sums[i as usize].add(slot);
+            if let Ok(p) = &projected[i as usize] {
+                sums[i as usize].pull += slot.mean(p.conic).abs();
+            }
         }
     }
     sums

@@ -21,11 +21,13 @@ pub struct Backward<'a> {
     /// n x (sum of the 2D mean's gradient norms in NDC units, number of views that saw it), which density control
     /// reads. The pass adds to it, if given.
     pub growth: Option<&'a Buffer<[f32; 2]>>,
+    /// True if gradients count there by their size in each tile, so that tiles do not cancel.
+    pub absolute: bool,
 }
 
 impl Default for Backward<'_> {
     fn default() -> Self {
-        Self { residual: false, atomics: None, through_direction: true, growth: None }
+        Self { residual: false, atomics: None, through_direction: true, growth: None, absolute: false }
     }
 }
 

@@ -45,6 +45,7 @@ pub(super) fn record(
             degree: model.degree as u32,
             direction_gradient: options.through_direction,
             statistics: options.growth.is_some(),
+            absolute: options.absolute,
         },
     };
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));

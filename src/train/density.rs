@@ -1,5 +1,6 @@
 //! Density control on the device: clone, split, prune, and the opacity reset.
 
+use super::growth::Growth;
 use super::schedule::Schedule;
 use super::trainee::Trainee;
 use crate::gaussians::Attributes;
@@ -61,8 +62,9 @@ pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step
         rotations: &successor.model.quaternions(),
         means: &parameters.means,
         log_scales: &parameters.log_scales,
+        logits: &parameters.opacity_logits,
         push: SplitPush { seed: step.seed, iteration: step.iteration },
-        spec: SplitSpec { workgroup: WORKGROUP },
+        spec: SplitSpec { workgroup: WORKGROUP, lengthwise: schedule.growth.is_some() },
     };
     recording.dispatch(&kernel, count.groups(WORKGROUP));
     device.run(recording)?;
@@ -113,37 +115,85 @@ impl Choice {
     /// Grows every Gaussian whose gradient reaches the schedule's threshold, or, if that makes too many, those with the largest
     /// gradients.
     fn new(device: &Device, trainee: &Trainee, schedule: &Schedule, step: Step) -> Result<Self> {
-        let Trainee { model, growth, .. } = trainee;
-        let n = model.len;
-        let (copies, splits) = (device.buffer("copies", n)?, device.buffer("splits", n)?);
-        let offsets = device.buffer("offsets", n)?;
-        let total = device.buffer::<u32>("new Gaussians", 1)?;
-        let scan = Scan::new(device, n as u32)?;
+        let n = trainee.model.len;
+        let choice = Self {
+            copies: device.buffer("copies", n)?,
+            splits: device.buffer("splits", n)?,
+            offsets: device.buffer("offsets", n)?,
+            after: 0,
+        };
+        match schedule.growth {
+            Some(plan) => choice.planned(device, trainee, schedule, step, plan),
+            None => choice.unplanned(device, trainee, schedule, step),
+        }
+    }
+
+    /// All grow whose gradient reaches the threshold, or a higher one under which there is room for them.
+    fn unplanned(mut self, device: &Device, trainee: &Trainee, schedule: &Schedule, step: Step) -> Result<Self> {
+        let n = trainee.model.len;
         let mut threshold = if n < step.most { schedule.densify_gradient as f32 } else { f32::MAX };
         loop {
             let mut recording = Recording::new();
-            let kernel = Densify {
-                count: &model.count.value,
-                growth,
-                means: &model.parameters.means,
-                log_scales: &model.parameters.log_scales,
-                rotations: &model.quaternions(),
-                logits: &model.parameters.opacity_logits,
-                copies: &copies,
-                splits: &splits,
-                push: step.limits(schedule, threshold),
-                spec: DensifySpec { workgroup: WORKGROUP },
-            };
-            recording.dispatch(&kernel, model.count.groups(WORKGROUP));
-            scan.record(&mut recording, &model.count, &copies, &offsets, Some(&total));
-            device.run(recording)?;
-            let after = total.read(device)?[0] as usize;
-            if after <= step.most.max(n) {
-                return Ok(Self { copies, splits, offsets, after });
+            self.decide(&mut recording, trainee, step.limits(schedule, threshold));
+            self.count(device, trainee, recording)?;
+            if self.after <= step.most.max(n) {
+                return Ok(self);
             }
             // The threshold rises until the successors fit: at most 516 rounds from 1e-12.
             threshold = threshold.max(1e-12) * 1.25;
         }
+    }
+
+    /// As many are halved as the plan says.
+    fn planned(
+        mut self,
+        device: &Device,
+        trainee: &Trainee,
+        schedule: &Schedule,
+        step: Step,
+        plan: Growth,
+    ) -> Result<Self> {
+        let mut recording = Recording::new();
+        self.decide(&mut recording, trainee, step.limits(schedule, f32::MAX));
+        device.run(recording)?;
+        let mut copies = self.copies.read(device)?;
+        let stay = copies.iter().filter(|c| **c > 0).count();
+        let count = plan.planned(schedule, step.iteration).min(step.most).saturating_sub(stay);
+        let (growth, key) = (trainee.growth.read(device)?, [step.seed, step.iteration]);
+        let halved = plan.choose(&growth, schedule.densify_gradient, count, key, |i| copies[i] > 0);
+        copies.iter_mut().zip(&halved).for_each(|(c, halved)| *c += u32::from(*halved));
+        self.copies.write(device, &copies)?;
+        self.splits.write(device, &halved.iter().map(|halved| u32::from(*halved)).collect::<Vec<_>>())?;
+        self.count(device, trainee, Recording::new())?;
+        Ok(self)
+    }
+
+    fn decide(&self, recording: &mut Recording, trainee: &Trainee, push: DensifyPush) {
+        let Trainee { model, growth, .. } = trainee;
+        let kernel = Densify {
+            count: &model.count.value,
+            growth,
+            means: &model.parameters.means,
+            log_scales: &model.parameters.log_scales,
+            rotations: &model.quaternions(),
+            logits: &model.parameters.opacity_logits,
+            copies: &self.copies,
+            splits: &self.splits,
+            push,
+            spec: DensifySpec { workgroup: WORKGROUP },
+        };
+        recording.dispatch(&kernel, model.count.groups(WORKGROUP));
+    }
+
+    /// Finds the first successor of each, and their number.
+    fn count(&mut self, device: &Device, trainee: &Trainee, mut recording: Recording) -> Result<()> {
+        let count = &trainee.model.count;
+        let total = device.buffer::<u32>("new Gaussians", 1)?;
+        let scan = Scan::new(device, trainee.model.len as u32)?;
+        scan.record(&mut recording, count, &self.copies, &self.offsets, Some(&total));
+        device.run(recording)?;
+        self.after = total.read(device)?[0] as usize;
+        Ok(())
     }
 }
 

@@ -8,6 +8,7 @@ pub mod density;
 pub mod device_photos;
 mod error;
 pub mod exposure;
+pub mod growth;
 pub mod halve;
 pub mod initialise;
 mod keep;

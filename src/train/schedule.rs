@@ -1,6 +1,7 @@
 //! The course of a run by iteration: milestones scale with the length of the run, intervals do not.
 
 use super::adam::Rates;
+use super::growth::Growth;
 use serde::{Deserialize, Serialize};
 
 /// The course of a run, as written to `config.toml`.
@@ -46,6 +47,9 @@ pub struct Schedule {
     pub degree_every: f64,
     /// Share of the run that uses pictures of half their size.
     pub half_until: f64,
+    /// Growth to a planned number; without it, all Gaussians grow whose gradient reaches the threshold.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub growth: Option<Growth>,
 }
 
 impl Default for Schedule {
@@ -71,6 +75,7 @@ impl Default for Schedule {
             opacity_reset_every: 3000,
             degree_every: 1.0 / 30.0,
             half_until: 0.0,
+            growth: None,
         }
     }
 }
@@ -134,11 +139,16 @@ impl Schedule {
         iteration <= self.at(self.densify_until)
     }
 
+    /// Iterations between which density control acts.
+    pub fn growing(&self) -> (u32, u32) {
+        (self.at(self.densify_from), self.at(self.densify_until))
+    }
+
     /// Returns true if density control acts after iteration `iteration`.
     pub fn densifies(&self, iteration: u32) -> bool {
         iteration > self.at(self.densify_from)
             && iteration < self.at(self.densify_until)
-            && iteration.is_multiple_of(self.densify_every)
+            && iteration.is_multiple_of(self.growth.map_or(self.densify_every, |g| g.every(self)))
     }
 
     /// Returns true if large Gaussians are pruned at iteration `iteration`.

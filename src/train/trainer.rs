@@ -313,7 +313,13 @@ impl Trainer {
             objective.record_residual(&mut recording, seen, current);
         }
         let growth = options.schedule.gathers(iteration).then_some(&self.trainee.growth);
-        let backward = Backward { residual: responses.is_some(), growth, ..Backward::default() };
+        let absolute = options.schedule.growth.is_some_and(|g| g.absolute);
+        let backward = Backward {
+            residual: responses.is_some(),
+            growth,
+            absolute: growth.is_some() && absolute,
+            ..Backward::default()
+        };
         let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
         renderer.record_backward(&mut recording, model, camera, gradient, backward);
         let step = self.course.step(&options.schedule, iteration, self.extent);

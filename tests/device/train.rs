@@ -3,6 +3,7 @@
 pub mod adam;
 mod attrition;
 pub mod density;
+mod growth;
 mod halve;
 mod loss;
 mod mask;

@@ -78,6 +78,10 @@ fn schedule(s: &Schedule) -> Result<(), String> {
     ] {
         within(&format!("schedule.{field}"), value, &(0.0..=1000.0))?;
     }
+    if let Some(g) = &s.growth {
+        within("schedule.growth.gaussians", g.gaussians, &(1..=MOST_GAUSSIANS))?;
+        within("schedule.growth.steps", g.steps, &(1..=MOST_ITERATIONS))?;
+    }
     Ok(())
 }
 

@@ -11,10 +11,10 @@ use qirf_vk::train::density::{Step, densify, reset_opacity};
 use qirf_vk::train::schedule::Schedule;
 
 const EXTENT: f64 = 3.0;
-const STEP: Step = Step { iteration: 600, seed: 7, extent: EXTENT, cameras: [0.0; 3], most: 1_000_000 };
+pub(crate) const STEP: Step = Step { iteration: 600, seed: 7, extent: EXTENT, cameras: [0.0; 3], most: 1_000_000 };
 
 /// Model and growth, SH degree 1: some Gaussians are faint, some large, some not finite; half of them grow.
-fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
+pub(crate) fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
     let mut r = Random(seed);
     let mut model = Gaussians { sh: vec![Vec::new(), Vec::new()], ..Gaussians::default() };
     let mut growth = Vec::new();
@@ -44,7 +44,7 @@ fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
 }
 
 /// A model in training, whose moments are all different and not zero.
-fn held(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> Trainee {
+pub(crate) fn held(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> Trainee {
     let trainee = Trainee::new(device, model).unwrap();
     for (a, buffer) in attributes(&trainee).into_iter().enumerate() {
         let values: Vec<[f32; 2]> = (0..buffer.len()).map(|k| [(a + 1) as f32, 1.0 + k as f32]).collect();
@@ -59,7 +59,7 @@ fn attributes(trainee: &Trainee) -> Vec<&Buffer<[f32; 2]>> {
 }
 
 /// Attributes row by row, as bits: NaN equals itself.
-fn rows(model: &Gaussians, i: usize) -> Vec<u32> {
+pub(crate) fn rows(model: &Gaussians, i: usize) -> Vec<u32> {
     let band = |l: usize, w: usize| model.sh[l][i * w..(i + 1) * w].to_vec();
     let all = [&model.means[i][..], &model.log_scales[i], &model.rotations[i], &[model.opacity_logits[i]]].concat();
     [all, band(0, 3), band(1, 9)].concat().into_iter().map(f32::to_bits).collect()

@@ -1,0 +1,157 @@
+//! Growth to a planned number of Gaussians, on a schedule: which of them are halved at each density step. The thresholds of
+//! the 3DGS reference leave the number open, and its steps are too few in short runs.
+
+use super::schedule::Schedule;
+use crate::random;
+use serde::{Deserialize, Serialize};
+
+/// Least number of iterations between density steps: gradients need some views.
+const LEAST_EVERY: u32 = 20;
+
+/// Growth to a planned number, as written to `config.toml`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Growth {
+    /// Gaussians at its end.
+    pub gaussians: usize,
+    /// Least number of density steps, in short runs.
+    pub steps: u32,
+    /// True if gradients count by their size in each tile, so that tiles do not cancel.
+    pub absolute: bool,
+    /// True if a Gaussian's chance is in proportion to its gradients; else those with the greatest are halved.
+    pub sampled: bool,
+}
+
+impl Default for Growth {
+    fn default() -> Self {
+        Self { gaussians: 1_000_000, steps: 15, absolute: true, sampled: true }
+    }
+}
+
+impl Growth {
+    /// Iterations between density steps.
+    pub fn every(&self, schedule: &Schedule) -> u32 {
+        let (from, until) = schedule.growing();
+        (until.saturating_sub(from) / (self.steps + 1).max(1))
+            .clamp(LEAST_EVERY, schedule.densify_every.max(LEAST_EVERY))
+    }
+
+    /// The number of Gaussians planned after iteration `iteration`: the square root of growth's share, so that most come early
+    /// and have time to learn.
+    pub fn planned(&self, schedule: &Schedule, iteration: u32) -> usize {
+        let (from, until) = schedule.growing();
+        // The last step is one interval before the end.
+        let passed = (iteration + self.every(schedule)).saturating_sub(from);
+        let share = f64::from(passed) / f64::from(until.saturating_sub(from).max(1));
+        (self.gaussians as f64 * share.min(1.0).sqrt()) as usize
+    }
+
+    /// Marks which `count` of the candidates are halved. `growth` holds each Gaussian's sum of gradients and number of views;
+    /// a candidate is one that `candidate` accepts and whose mean gradient reaches `threshold`.
+    pub fn choose(
+        &self,
+        growth: &[[f32; 2]],
+        threshold: f64,
+        count: usize,
+        key: [u32; 2],
+        candidate: impl Fn(usize) -> bool,
+    ) -> Vec<bool> {
+        let key = key.map(u64::from);
+        let mut weighed: Vec<(f64, usize)> = (0..growth.len())
+            .filter(|i| candidate(*i))
+            .filter_map(|i| {
+                let [sum, views] = growth[i].map(f64::from);
+                let grows = sum.is_finite() && sum > 0.0 && sum >= threshold * views;
+                // The least of exponential variables with these rates: a sample without replacement (Efraimidis, Spirakis).
+                let chance = || -(1.0 - random::uniform(&[key[0], key[1], i as u64])).ln() / sum;
+                grows.then(|| (if self.sampled { chance() } else { -sum / views.max(1.0) }, i))
+            })
+            .collect();
+        weighed.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut halved = vec![false; growth.len()];
+        weighed.iter().take(count).for_each(|(_, i)| halved[*i] = true);
+        halved
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn schedule(iterations: u32, growth: Growth) -> Schedule {
+        Schedule { iterations, growth: Some(growth), ..Schedule::default() }
+    }
+
+    const PLAN: Growth = Growth { gaussians: 10_000, steps: 15, absolute: true, sampled: true };
+
+    /// Short runs have as many steps as asked for, if each can follow twenty views; long ones keep their interval.
+    #[test]
+    fn steps_of_short_runs() {
+        let steps = |iterations: u32| {
+            let s = schedule(iterations, PLAN);
+            (1..=iterations).filter(|i| s.densifies(*i)).count()
+        };
+        assert!(
+            (15..=18).contains(&steps(1000)) && (15..=18).contains(&steps(2000)),
+            "{} {}",
+            steps(1000),
+            steps(2000)
+        );
+        assert_eq!((steps(30_000), steps(200)), (144, 4));
+        let none = schedule(1000, Growth { steps: 0, ..PLAN });
+        assert!((1..=1000).filter(|i| none.densifies(*i)).count() >= 4);
+    }
+
+    /// The plan rises with the square root of growth's share, and the last step reaches it all.
+    #[test]
+    fn the_plan_is_reached_by_the_last_step() {
+        for iterations in [1, 60, 1000, 30_000] {
+            let s = schedule(iterations, PLAN);
+            let planned: Vec<usize> =
+                (1..=iterations).filter(|i| s.densifies(*i)).map(|i| PLAN.planned(&s, i)).collect();
+            assert!(planned.is_sorted() && planned.iter().all(|n| *n <= 10_000), "{planned:?}");
+            assert!(planned.last().is_none_or(|n| *n == 10_000), "{iterations}: {planned:?}");
+        }
+        let s = schedule(30_000, PLAN);
+        let quarter = 500 + (15_000 - 500) / 4 - 100;
+        assert_eq!(PLAN.planned(&s, quarter), 5000);
+    }
+
+    #[test]
+    fn the_greatest_gradients_or_a_fair_sample() {
+        let growth: Vec<[f32; 2]> = (0..100).map(|i| [((i * 37) % 100) as f32, 1.0]).collect();
+        let top = Growth { sampled: false, ..PLAN };
+        let chosen = |plan: Growth, key: u32| plan.choose(&growth, 0.0, 10, [key, 7], |i| i != 97);
+        // 97 * 37 = 89 modulo 100, below the ten greatest.
+        let greatest = chosen(top, 1);
+        assert!((0..100).all(|i| greatest[i] == ((i * 37) % 100 >= 90)));
+        assert_eq!(chosen(PLAN, 1), chosen(PLAN, 1));
+        assert_ne!(chosen(PLAN, 1), chosen(PLAN, 2));
+        let mut times = [0_u32; 100];
+        for key in 0..2000 {
+            let halved = chosen(PLAN, key);
+            assert!(halved.iter().filter(|h| **h).count() == 10 && !halved[97] && !halved[0]);
+            times.iter_mut().zip(&halved).for_each(|(t, h)| *t += u32::from(*h));
+        }
+        // About 2000 * 10 * i / 4861 for gradient i; four standard errors.
+        let of = |gradient: usize| times[(0..100).position(|i| (i * 37) % 100 == gradient).unwrap()];
+        assert!((150..270).contains(&of(50)) && (10..80).contains(&of(10)), "{} {}", of(50), of(10));
+    }
+
+    /// Equal gradients, gradients that are no numbers, thresholds, and more room than candidates.
+    #[test]
+    fn hard_choices() {
+        let count = |growth: &[[f32; 2]], threshold: f64, count: usize| {
+            [true, false].map(|sampled| {
+                let halved = Growth { sampled, ..PLAN }.choose(growth, threshold, count, [1, 2], |_| true);
+                (0..growth.len()).filter(|i| halved[*i]).collect::<Vec<_>>()
+            })
+        };
+        let odd = [[f32::NAN, 1.0], [f32::INFINITY, 1.0], [0.0, 0.0], [-1.0, 1.0], [2.0, 2.0], [9.0, 10.0]];
+        assert_eq!(count(&odd, 0.0, 9), [[4, 5]; 2].map(Vec::from));
+        assert_eq!(count(&odd, 0.95, 9), [vec![4], vec![4]]);
+        assert!(count(&odd, 0.0, 0).iter().all(Vec::is_empty));
+        let equal = count(&[[1.0, 1.0]; 9], 0.5, 3);
+        assert!(equal[0].len() == 3 && equal[1] == [0, 1, 2]);
+    }
+}
