@@ -102,7 +102,7 @@ pub fn responses(criterion: &mut Criterion) {
         high_pass.record(&mut recording, renderer.image(), &gradient, [320, 240]);
         renderer.record_backward(&mut recording, &resident, &camera, &gradient, backward);
         responses.record(&mut recording, &renderer, &resident, &camera, Gather::Mean { views: 1 });
-        scores.record(&mut recording, &renderer, &resident, &camera);
+        scores.record(&mut recording, &renderer, &resident, &camera, None);
         device.run(recording).unwrap()
     };
     run();

@@ -9,6 +9,7 @@
 // hand_in_none(slot), and it defines RESIDUAL: whether the image gradient's fourth component is a residual, by which
 // contributions are weighed, instead of dL/dalpha.
 #include "lib/blending.glsl"
+#include "lib/lane_sum.glsl"
 #include "lib/view.glsl"
 #include "lib/splat.glsl"
 
@@ -32,14 +33,6 @@ float behind[PIXELS];
 vec4 gradient[PIXELS];
 
 float worth(vec4 g, vec4 c) { return RESIDUAL ? dot(g.rgb, c.rgb) : dot(g, c); }
-
-// subgroupAdd. Small subgroups use shuffles: CPU devices run the built-in as a loop with one branch a lane.
-vec4 lane_sum(vec4 x) {
-    if (SUBGROUP != 8) return subgroupAdd(x);
-    x += subgroupShuffleXor(x, 1);
-    x += subgroupShuffleXor(x, 2);
-    return x + subgroupShuffleXor(x, 4);
-}
 
 bool done() {
     bool all = true;

@@ -7,8 +7,10 @@ layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 2, std430) readonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 3, std430) readonly buffer FirstSlots { uint first_slots[]; };
-layout(binding = 4, std430) readonly buffer Tallies { vec4 tallies[]; };
-layout(binding = 5, std430) buffer Scores { vec4 scores[]; }; // sum of T alpha, its largest, hits, sum of opacity x T
+layout(binding = 4, std430) readonly buffer Weights { vec4 weights[]; };
+layout(binding = 5, std430) readonly buffer Changes { vec4 changes[]; };
+layout(binding = 6, std430) readonly buffer Behinds { vec4 behinds[]; };
+layout(binding = 7, std430) buffer Scores { vec4 scores[]; }; // three for each Gaussian: weights, changes, behinds
 layout(push_constant) uniform Push { uint pair_limit; };
 
 void main() {
@@ -16,12 +18,16 @@ void main() {
     if (pairs[1] > pair_limit || i >= count[0]) return;
     uint slots = tile_counts[i];
     if (slots == 0) return;
-    vec4 sum = vec4(0);
+    vec4 weight = vec4(0), change = vec4(0), behind = vec4(0);
     uint first = first_slots[i];
     for (uint slot = first; slot < first + slots; slot++) {
-        vec4 s = tallies[slot];
-        sum = vec4(sum.x + s.x, max(sum.y, s.y), sum.zw + s.zw);
+        vec4 w = weights[slot];
+        weight = vec4(weight.x + w.x, max(weight.y, w.y), weight.zw + w.zw);
+        change += changes[slot];
+        behind += behinds[slot];
     }
-    vec4 old = scores[i];
-    scores[i] = vec4(old.x + sum.x, max(old.y, sum.y), old.zw + sum.zw);
+    vec4 old = scores[3 * i];
+    scores[3 * i] = vec4(old.x + weight.x, max(old.y, weight.y), old.zw + weight.zw);
+    scores[3 * i + 1] += change;
+    scores[3 * i + 2] += behind;
 }

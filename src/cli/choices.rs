@@ -2,6 +2,7 @@
 //! values.
 
 use super::values;
+use crate::error::Error;
 use crate::pipeline::config::Compression;
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;
@@ -20,9 +21,10 @@ pub(super) struct Choices {
     /// Keep exactly this number of Gaussians
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     target_count: Option<u32>,
-    /// Rank by: gnso, ordinary, lowdin, importance, css, radsplat, lightgaussian, contribution, opacity or random
+    /// pairs (merge pairs of neighbours), or rank by: removal, css, gnso, ordinary, lowdin, importance, radsplat,
+    /// lightgaussian, contribution, opacity or random [default: css; compress: pairs]
     #[arg(long, value_name = "NAME", value_parser = values::named::<Selector>)]
-    selector: Option<Selector>,
+    pub selector: Option<Selector>,
     /// Divide the count per-block, hybrid (half by block, half over the scene) or global
     #[arg(long, value_name = "NAME", value_parser = values::named::<Budget>)]
     budget: Option<Budget>,
@@ -51,7 +53,10 @@ pub(super) struct Choices {
 
 impl Choices {
     /// The preset with the given options in place of its own.
-    pub fn over(&self, mut preset: Compression) -> Compression {
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that the selector does not read.
+    pub fn over(&self, mut preset: Compression) -> Result<Compression, Error> {
         fn set<T: Copy>(to: &mut T, given: Option<T>) {
             *to = given.unwrap_or(*to);
         }
@@ -66,6 +71,27 @@ impl Choices {
         set(&mut preset.basis.dilate, self.dilate);
         set(&mut preset.basis.solver, self.solver);
         set(&mut preset.basis.epsilon, self.epsilon);
-        preset
+        let unread = self.of_rankings().filter(|_| preset.selector == Selector::Pairs);
+        unread.map_or(Ok(preset), |option| {
+            Err(Error::Usage(format!(
+                "the selector pairs merges over the whole model and does not read {option}; choose another selector, such as \
+                 --selector css"
+            )))
+        })
+    }
+
+    /// An option that was given and that only selectors read which rank.
+    fn of_rankings(&self) -> Option<&'static str> {
+        let given = [
+            ("--budget", self.budget.is_some()),
+            ("--detail", self.detail.is_some()),
+            ("--merge", self.merge.is_some()),
+            ("--partition", self.partition.is_some()),
+            ("--overlap", self.overlap.is_some()),
+            ("--dilate", self.dilate.is_some()),
+            ("--solver", self.solver.is_some()),
+            ("--epsilon", self.epsilon.is_some()),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 }

@@ -60,7 +60,7 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
-        let pruning = self.training.pruning(&self.choices);
+        let pruning = self.training.pruning(&self.choices)?;
         let asked = self.arms.as_deref().unwrap_or(if self.ablation { ABLATION } else { ARMS });
         let arms: Vec<Arm> = asked
             .split(',')

@@ -16,6 +16,8 @@ use crate::pipeline::config::Compression;
 use crate::pipeline::records::{CompressRecord, Truth};
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Output, Selection, Session, host_bytes};
+use crate::qirf::pairs::PairCounts;
+use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Budget;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -24,7 +26,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compress flowers.ply -o small.spz
   qirf-vk compress flowers.ply -o small.ply --target-count 20000 --fine-tune 500
   qirf-vk compress model.ply -o small.ply --scene capture --resolution /4 --fine-tune 3000
-  qirf-vk compress model.ply -o small.ply --selector importance --budget per-block --json
+  qirf-vk compress model.ply -o small.ply --selector importance --budget global --json
 
 Without photos, pictures of the model itself, from all around it, tell which Gaussians they need. If you have the capture,
 --scene is the better choice; for rooms and landscapes, which surround their cameras, it is the only good one.";
@@ -105,7 +107,7 @@ impl Arguments {
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
         let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
         let session = Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &watcher };
-        let figures = compress::compress(&session, input, &self.configuration(), &self.output)?;
+        let figures = compress::compress(&session, input, &self.configuration()?, &self.output)?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
             Output::text(path, &format!("{json:#}\n"))?;
@@ -130,13 +132,14 @@ impl Arguments {
         Ok(())
     }
 
-    fn configuration(&self) -> CompressConfig {
+    fn configuration(&self) -> Result<CompressConfig, Error> {
         let preset = match self.preset {
-            // Without training afterwards, what each block loses stays lost: every block keeps its share.
-            Preset::Standard if self.fine_tune == 0 => {
-                Compression { budget: Budget::PerBlock, ..Compression::default() }
+            Preset::Standard => {
+                let selector = self.choices.selector.unwrap_or(Selector::Pairs);
+                // Without training afterwards, what each block loses stays lost: every block keeps its share.
+                let budget = if self.fine_tune == 0 { Budget::PerBlock } else { Budget::default() };
+                Compression { selector, budget, ..Compression::default() }
             }
-            Preset::Standard => Compression::default(),
             Preset::Paper => Compression::paper(),
         };
         let default = VirtualCameras::default();
@@ -158,22 +161,25 @@ impl Arguments {
                 background: self.background.unwrap_or([0.0; 3]),
             },
         };
-        CompressConfig {
-            compression: self.choices.over(preset),
+        Ok(CompressConfig {
+            compression: self.choices.over(preset)?,
             views,
             style: self.rendering.style(),
             fine_tune: self.fine_tune,
             seed: self.seed,
-        }
+        })
     }
 }
 
 fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
     let CompressRecord { input, output, time, test, protocol, prune, .. } = figures;
-    console.print(format_args!(
-        "Gaussians  {} of {} kept ({} in {} blocks)",
-        output.gaussians, input.gaussians, prune.selector, prune.blocks
-    ))?;
+    let how = match &prune.pairs {
+        Some(PairCounts { clusters, merged, dropped }) => {
+            format!("{merged} merged into {clusters}, {dropped} dropped")
+        }
+        None => format!("{} in {} blocks", prune.selector, prune.blocks),
+    };
+    console.print(format_args!("Gaussians  {} of {} kept ({how})", output.gaussians, input.gaussians))?;
     // The output may be larger in another format: 28 % of a SOG model's Gaussians written as PLY.
     let [before, after] = [input.bytes, output.bytes].map(|bytes| bytes.max(1) as f64);
     let (ratio, what) = if after <= before { (before / after, "smaller") } else { (after / before, "larger") };
@@ -201,8 +207,11 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
         console.note(format_args!("scores are of {} held-out views against {truth}", protocol.test_views));
     }
     console.print(format_args!(
-        "time       {:.1} s: responses {:.1}, partition to keep mask {:.2}, fine-tuning {:.1}",
-        time.total_s, time.responses_s, time.keep_mask_s, time.fine_tune_s
+        "time       {:.1} s: responses {:.1}, choice and merging {:.2}, fine-tuning {:.1}",
+        time.total_s,
+        time.responses_s,
+        time.keep_mask_s + time.merge_s,
+        time.fine_tune_s
     ))?;
     console.print(format_args!("           {}", output.path.display()))
 }

@@ -73,7 +73,7 @@ impl Arguments {
             return RunConfig::read(path);
         }
         let config = self.training.configuration(self.scene.clone().unwrap_or_default());
-        Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)) })
+        Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) })
     }
 
     fn report(&self, console: &Console, record: &RunRecord, output: &Output) -> Result<(), Error> {

@@ -162,7 +162,7 @@ impl Arguments {
             folder: &self.output,
             config: &self.training.configuration(self.path.clone()),
             preset: self.training.preset(),
-            pruning: &self.training.pruning(&self.choices),
+            pruning: &self.training.pruning(&self.choices)?,
         };
         sweep::heavy(&training, asked)
     }

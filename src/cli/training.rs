@@ -3,6 +3,7 @@
 use super::choices::Choices;
 use super::values;
 use crate::effects::{Choice, Effect, Overrides};
+use crate::error::Error;
 use crate::pipeline::config::Pruning;
 use crate::pipeline::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::pipeline::{Init, Preset, RunConfig};
@@ -88,7 +89,7 @@ fn init(text: &str) -> Init {
 
 impl Training {
     /// Pruning of a run: its steps and its choices.
-    pub fn pruning(&self, choices: &Choices) -> Pruning {
+    pub fn pruning(&self, choices: &Choices) -> Result<Pruning, Error> {
         let mut pruning = self.preset.pruning();
         if self.schedule == Steps::Gradual {
             pruning.at = Pruning::GRADUAL.to_vec();
@@ -97,8 +98,8 @@ impl Training {
             pruning.attrition = Some(Attrition::default());
             pruning.rewarm = true;
         }
-        pruning.compression = choices.over(pruning.compression);
-        pruning
+        pruning.compression = choices.over(pruning.compression)?;
+        Ok(pruning)
     }
 
     /// The configuration of a run on `scene`, without pruning.

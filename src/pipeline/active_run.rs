@@ -15,7 +15,7 @@ use super::start::{Start, initialise};
 use crate::error::Error;
 use crate::gaussians::formats;
 use crate::qirf::select::budget::Keep;
-use crate::response::Responses;
+use crate::response::{Responses, Wanted};
 use crate::train::loss::Weights;
 use crate::train::{Options, Trainer};
 use std::ops::Range;
@@ -153,7 +153,7 @@ impl<'a> ActiveRun<'a> {
     /// # Errors
     /// Device memory; device errors.
     pub fn responses(&mut self) -> Result<Responses, Error> {
-        Ok(self.trainer.responses(false)?)
+        Ok(self.trainer.responses(Wanted::CHANNELS)?)
     }
 
     /// Returns true if the model was pruned.
@@ -187,8 +187,8 @@ impl<'a> ActiveRun<'a> {
         }
         self.fine_tune();
         session.watcher.note(&format!(
-            "after iteration {}: {} of {} Gaussians kept, {} blocks, {:.1} s",
-            pruned.iteration, pruned.after, pruned.before, pruned.blocks, pruned.seconds.total
+            "after iteration {}: {} of {} Gaussians kept by {}, {:.1} s",
+            pruned.iteration, pruned.after, pruned.before, pruned.selector, pruned.seconds.total
         ));
         self.notes.seconds += pruned.seconds.total;
         self.notes.prunes.push(pruned);

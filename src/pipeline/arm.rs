@@ -24,8 +24,8 @@ pub struct Arm {
 
 impl Arm {
     /// Reads `dense`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
-    /// `+attrition`, `+rewarm` and `@SHARE`. A selector alone divides its count per block and does not merge. `given` is the meaning of `default`,
-    /// and gives every arm its share, its detail and its blocks.
+    /// `+attrition`, `+rewarm` and `@SHARE`. A selector alone divides its count per block and does not merge. `given` is the
+    /// meaning of `default`, and gives every arm its share, its detail and its blocks.
     ///
     /// # Errors
     /// A sentence that names the fault.
@@ -61,6 +61,11 @@ impl Arm {
                 ..given.clone()
             },
         };
+        if compression.selector == Selector::Pairs && (budget.is_some() || merge || without_detail) {
+            return Err(format!(
+                "'{text}': pairs merges over the whole model; it takes +attrition, +rewarm and @SHARE alone"
+            ));
+        }
         if selector != "paper" || keep != given.keep {
             compression.keep = keep;
         }
@@ -129,9 +134,19 @@ mod tests {
         let faded = Arm::parse("css-detail+attrition+rewarm@0.5", &given).unwrap();
         assert!(faded.attrition && faded.rewarm && faded.compression.unwrap().keep == Keep::Share(0.5));
         assert!(!Arm::parse("css+merge", &given).unwrap().attrition);
-        for wrong in
-            ["dense+rewarm", "dense@0.2", "css+rewarm+attrition", "", "nothing", "css:half", "css@2", "css@", "../up"]
-        {
+        for wrong in [
+            "dense+rewarm",
+            "dense@0.2",
+            "css+rewarm+attrition",
+            "",
+            "nothing",
+            "css:half",
+            "css@2",
+            "css@",
+            "../up",
+            "pairs:global",
+            "pairs+merge",
+        ] {
             assert!(Arm::parse(wrong, &given).is_err(), "{wrong}");
         }
     }

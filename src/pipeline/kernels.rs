@@ -9,6 +9,7 @@ use crate::qirf::assemble::{self, Assembly};
 use crate::qirf::participation::device::Problem;
 use crate::qirf::rrdm::Density;
 use crate::qirf::select::budget::Keep;
+use crate::response::Wanted;
 use crate::scene::Photo;
 use crate::scene::camera::Camera;
 use crate::train::schedule::Schedule;
@@ -41,7 +42,7 @@ pub fn compiled(device: &Device) -> Result<Vec<Compiled>, Error> {
     let options = Options { schedule: Schedule::default(), degree, ..Options::default() };
     let mut trainer = Trainer::new(device, &model, vec![photo], 1.0, options)?;
     device.submit(trainer.recording()?)?;
-    let responses = trainer.responses(true)?;
+    let responses = trainer.responses(Wanted { residual: true, ..Wanted::BOTH })?;
     let compression = &Preset::Quick.pruning().compression;
     let request = PruneRequest { compression, keep: Keep::Share(0.28), seed: 1 };
     plan(device, trainer.model(), model, &responses, &request)?;

@@ -7,6 +7,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::qirf::CHANNELS;
+use crate::qirf::pairs;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Choice, Keep};
 use crate::qirf::study::{Observed, Study};
@@ -47,11 +48,10 @@ pub fn prune(
 /// Responses of the training views to each Gaussian, and the scores that the selector reads.
 fn respond(trainer: &mut Trainer, source: ResponseSource, selector: Selector) -> Result<Responses, Error> {
     let averages = if source == ResponseSource::Average { trainer.averages()? } else { None };
-    // Only selectors of other methods read scores, which averages lack.
-    let with_scores = selector.reads_scores();
+    // Averages lack scores.
     match averages {
-        Some(averages) if !with_scores => Ok(averages),
-        _ => Ok(trainer.responses(with_scores)?),
+        Some(averages) if !selector.reads().scores => Ok(averages),
+        _ => Ok(trainer.responses(selector.reads())?),
     }
 }
 
@@ -69,7 +69,7 @@ pub fn prune_by(
     let model = trainer.download()?;
     let PrunePlan { mut record, keep, model } = plan(device, trainer.model(), model, responses, request)?;
     let compacting = Instant::now();
-    trainer.keep(&keep, record.merged.map(|_| &model))?;
+    trainer.keep(&keep, (record.merged.is_some() || record.pairs.is_some()).then_some(&model))?;
     record.iteration = trainer.iteration();
     record.seconds.merge += compacting.elapsed().as_secs_f64();
     record.seconds.total = begun.elapsed().as_secs_f64();
@@ -101,6 +101,9 @@ pub fn plan(
     let begun = Instant::now();
     let PruneRequest { compression, keep, seed } = *request;
     let selector = compression.selector;
+    if selector == Selector::Pairs {
+        return Ok(pairs(&model, responses, keep, begun));
+    }
     // If blocks are solved anyway, the paper's eigenproblem is solved too: it gives their numbers of modes.
     let asked = [selector, Selector::Gnso];
     let asked = if selector.of_blocks().is_some() && selector != Selector::Gnso { &asked[..] } else { &asked[..1] };
@@ -118,6 +121,23 @@ pub fn plan(
     record.seconds.select = select;
     record.seconds.total = begun.elapsed().as_secs_f64();
     Ok(PrunePlan { record, keep: choice.keep, model })
+}
+
+/// The plan of merging pairs, which needs neither blocks nor a budget.
+fn pairs(model: &Gaussians, responses: &Responses, keep: Keep, begun: Instant) -> PrunePlan {
+    let Responses { scores, cameras, dilation, .. } = responses;
+    let merged = pairs::merge(model, scores, cameras, *dilation, keep.count(model.len()));
+    let after = merged.keep.iter().filter(|k| **k).count();
+    let seconds = begun.elapsed().as_secs_f64();
+    let record = PruneRecord {
+        selector: Selector::Pairs,
+        before: model.len(),
+        after,
+        pairs: Some(merged.counts),
+        seconds: PruneSeconds { merge: seconds, total: seconds, ..PruneSeconds::default() },
+        ..PruneRecord::default()
+    };
+    PrunePlan { record, keep: merged.keep, model: merged.model }
 }
 
 /// The figures of a study and of its choice; the iteration is filled in later.
@@ -150,6 +170,7 @@ fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
         modes,
         guards: PruneGuards { canonical_blocks: c.canonical, unseen_blocks: c.unseen, repaired_values: c.repaired },
         merged: None,
+        pairs: None,
         frames_per_second_before: None,
         seconds: PruneSeconds {
             partition: study.seconds.partition,

@@ -9,7 +9,7 @@ use crate::gaussians::outline::outline;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording};
 use crate::render::{Image, Renderer, Settings, Style, Uses};
-use crate::response::{HighPass, ResidentResponses, ResidentScores, Responses, full_pass};
+use crate::response::{HighPass, ResidentResponses, ResidentScores, Responses, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::Look;
 use crate::scene::{Photo, Pixels};
@@ -123,7 +123,7 @@ pub fn photo(image: &Image) -> Pixels {
     rgb(image).chunks_exact(3).flat_map(|p| [byte(&p[0]), byte(&p[1]), byte(&p[2]), 255]).collect()
 }
 
-/// Responses of a model to its own pictures, and on request the scores of other methods: a pass over the cameras.
+/// Responses of a model to its own pictures and scores, as `wanted`: a pass over the cameras.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
@@ -132,7 +132,7 @@ pub fn responses(
     model: &Resident,
     cameras: &[Camera],
     settings: Settings,
-    with_scores: bool,
+    wanted: Wanted,
 ) -> Result<Responses, Error> {
     let Session { device, watcher, .. } = *session;
     let follow = |done: usize| {
@@ -145,12 +145,12 @@ pub fn responses(
     let mut renderer = Renderer::for_training(device, settings, model.len, size, pairs)?;
     let gradient = device.buffer("image gradient", pixels)?;
     let high_pass = HighPass::new(device, pixels)?;
-    let loss = |recording: &mut Recording, v: usize, image: &Buffer<[f32; 4]>| -> Result<(), Error> {
+    let loss = |recording: &mut Recording, v: usize, image: &Buffer<[f32; 4]>, _| -> Result<(), Error> {
         follow(v)?;
         high_pass.record(recording, image, &gradient, [cameras[v].width, cameras[v].height]);
         Ok(())
     };
-    let responses = full_pass(&mut renderer, model, cameras, &gradient, with_scores, loss)?;
+    let responses = full_pass(&mut renderer, model, cameras, &gradient, Wanted { residual: false, ..wanted }, loss)?;
     follow(cameras.len())?;
     Ok(responses)
 }

@@ -5,6 +5,7 @@ pub mod batch;
 mod lapack;
 pub mod normalise;
 pub mod overlap;
+pub mod pairs;
 pub mod participation;
 pub mod partition;
 pub mod plan;

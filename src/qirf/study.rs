@@ -111,10 +111,6 @@ pub struct Merging {
     pub refused: usize,
 }
 
-fn column(rows: &[[f32; 4]], c: usize) -> Vec<f32> {
-    rows.iter().map(|row| row[c]).collect()
-}
-
 fn channel(rows: &[[f32; CHANNELS]], c: usize) -> Vec<f32> {
     rows.iter().map(|row| row[c]).collect()
 }
@@ -222,9 +218,7 @@ impl Study {
         let statistics = Statistics {
             rows,
             opacity: &model.opacity_logits,
-            contribution: &column(&responses.scores, 0),
-            peak: &column(&responses.scores, 1),
-            significance: &column(&responses.scores, 3),
+            scores: &responses.scores,
             log_scales: &model.log_scales,
         };
         for &selector in selectors {

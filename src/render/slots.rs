@@ -28,6 +28,8 @@ pub struct Slots<'a> {
     pub geometry: &'a Buffer<[f32; 4]>,
     /// By Gaussian: see `lib/splat.glsl`.
     pub shape: &'a Buffer<[f32; 4]>,
+    /// By Gaussian: see `lib/splat.glsl`.
+    pub colour: &'a Buffer<[f32; 2]>,
     /// By slot, after the backward pass: four sums each.
     pub sums: SlotSums,
     /// Tiles of the picture.
@@ -78,6 +80,7 @@ impl<'a> Slots<'a> {
             sorted: &bin::sorted(frame, tiles).values,
             geometry: &frame.geometry,
             shape: &frame.shape,
+            colour: &frame.colour,
             sums: SlotSums {
                 position: sums.position.cast(),
                 covariance: sums.covariance.cast(),

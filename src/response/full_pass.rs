@@ -6,13 +6,42 @@ use crate::gpu::{Buffer, Error, Recording};
 use crate::render::{Backward, Renderer};
 use crate::scene::camera::Camera;
 
-/// The mean response over all `cameras`, view by view, and the scores of other methods if `with_scores`; deterministic.
+/// What a pass over all views gathers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wanted {
+    /// Response channels, which need the backward pass.
+    pub channels: bool,
+    /// Scores, which need the picture alone.
+    pub scores: bool,
+    /// True if scores compare pictures with photos, where there are photos.
+    pub residual: bool,
+}
+
+impl Wanted {
+    /// Response channels alone.
+    pub const CHANNELS: Self = Self { channels: true, scores: false, residual: false };
+    /// Scores alone, of the pictures as they are.
+    pub const SCORES: Self = Self { channels: false, scores: true, residual: false };
+    /// Response channels and scores.
+    pub const BOTH: Self = Self { channels: true, scores: true, residual: false };
+}
+
+/// What a gradient by the picture is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Term {
+    /// The loss; the fourth component is the residual.
+    Loss,
+    /// Half the sum of the squared differences to the photo, so that the gradient is the difference.
+    Squares,
+}
+
+/// The mean response over all `cameras`, view by view, and scores, as `wanted`; deterministic.
 ///
-/// For a view and its picture, `loss` records the gradient of the loss, with the residual in its fourth component, into
-/// `image_gradient`, which has room for the largest view. The model does not change.
+/// For a view and its picture, `gradient` records the gradient of a term into `image_gradient`, which has room for the largest
+/// view. It is asked for squares only if a residual is wanted. The model does not change.
 ///
 /// # Errors
-/// Device memory; device errors; errors of `loss`.
+/// Device memory; device errors; errors of `gradient`.
 ///
 /// # Panics
 /// If the renderer was not made by [`Renderer::for_training`].
@@ -21,12 +50,12 @@ pub fn full_pass<E: From<Error>>(
     model: &Resident,
     cameras: &[Camera],
     image_gradient: &Buffer<[f32; 4]>,
-    with_scores: bool,
-    mut loss: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>) -> std::result::Result<(), E>,
+    wanted: Wanted,
+    mut gradient: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>, Term) -> std::result::Result<(), E>,
 ) -> std::result::Result<Responses, E> {
     let device = &renderer.device().clone();
-    let responses = ResidentResponses::zeros(device, model.len)?;
-    let scores = with_scores.then(|| ResidentScores::zeros(device, model.len)).transpose()?;
+    let responses = wanted.channels.then(|| ResidentResponses::zeros(device, model.len)).transpose()?;
+    let scores = wanted.scores.then(|| ResidentScores::zeros(device, model.len)).transpose()?;
     let backward = Backward { residual: true, ..Backward::default() };
     let gather = Gather::Mean { views: cameras.len() as u32 };
     for (v, camera) in cameras.iter().enumerate() {
@@ -35,11 +64,16 @@ pub fn full_pass<E: From<Error>>(
             let mut recording = Recording::new();
             renderer.reset_overflow(&mut recording);
             renderer.record(&mut recording, model, camera);
-            loss(&mut recording, v, renderer.image())?;
-            renderer.record_backward(&mut recording, model, camera, image_gradient, backward);
-            responses.record(&mut recording, renderer, model, camera, gather);
+            if let Some(responses) = &responses {
+                gradient(&mut recording, v, renderer.image(), Term::Loss)?;
+                renderer.record_backward(&mut recording, model, camera, image_gradient, backward);
+                responses.record(&mut recording, renderer, model, camera, gather);
+            }
             if let Some(scores) = &scores {
-                scores.record(&mut recording, renderer, model, camera);
+                if wanted.residual {
+                    gradient(&mut recording, v, renderer.image(), Term::Squares)?;
+                }
+                scores.record(&mut recording, renderer, model, camera, wanted.residual.then_some(image_gradient));
             }
             device.run(recording)?;
             // A view whose pairs did not fit has changed nothing.
@@ -48,6 +82,8 @@ pub fn full_pass<E: From<Error>>(
             }
         }
     }
-    let scores = scores.map(|s| s.values.read(device)).transpose()?;
-    Ok(Responses { channels: responses.read(device, gather)?, scores: scores.unwrap_or_default() })
+    let channels = responses.map(|r| r.read(device, gather)).transpose()?.unwrap_or_default();
+    let scores = scores.map(|s| s.values.read(device)).transpose()?.unwrap_or_default();
+    let dilation = renderer.settings().dilation;
+    Ok(Responses { channels, scores, cameras: cameras.to_vec(), dilation })
 }

@@ -18,11 +18,13 @@ mod residual;
 mod respond;
 mod score;
 
-pub use full_pass::full_pass;
+pub use full_pass::{Term, Wanted, full_pass};
 pub use high_pass::HighPass;
 pub use residual::{Target, record_residual};
 pub use respond::{Gather, KEEP, ResidentResponses};
-pub use score::ResidentScores;
+pub use score::{ResidentScores, Score};
+
+use crate::scene::camera::Camera;
 
 /// Response channels of a Gaussian: four of rendering, then four of optimisation.
 pub const CHANNELS: usize = crate::kernels::constants::responses::CHANNELS as usize;
@@ -30,8 +32,12 @@ pub const CHANNELS: usize = crate::kernels::constants::responses::CHANNELS as us
 /// Responses of the pictures to each Gaussian, on the host.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Responses {
-    /// The eight channels, n.
+    /// The eight channels, n; empty if they were not asked for.
     pub channels: Vec<[f32; CHANNELS]>,
-    /// See [`ResidentScores::values`], n; empty if they were not asked for.
-    pub scores: Vec<[f32; 4]>,
+    /// Scores, n; empty if they were not asked for.
+    pub scores: Vec<Score>,
+    /// Cameras of the views of the scores.
+    pub cameras: Vec<Camera>,
+    /// Variance in square pixels that rendering adds to every Gaussian.
+    pub dilation: f32,
 }

@@ -4,12 +4,12 @@ use super::density::compact;
 use super::error::Result;
 use super::loss::Weights;
 use super::trainer::Trainer;
+use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::gaussians::{Attributes, Gaussians};
 
 impl Trainer {
     /// Removes the Gaussians that `keep` does not mark; the others keep their moments. If `merged` is given (of as many
-    /// Gaussians as there are now), opacities and colours are taken from it.
+    /// Gaussians as there are now), parameters are taken from it.
     ///
     /// # Errors
     /// Device memory; device errors. The run is then unchanged.
@@ -19,7 +19,7 @@ impl Trainer {
     pub fn keep(&mut self, keep: &[bool], merged: Option<&Gaussians>) -> Result<()> {
         assert_eq!(keep.len(), self.trainee.model.len, "one mark a Gaussian");
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|i| keep[*i as usize]).collect();
-        let colours = match merged {
+        let merged = match merged {
             None => None,
             Some(model) => {
                 let kept: Vec<usize> = kept.iter().map(|i| *i as usize).collect();
@@ -27,9 +27,8 @@ impl Trainer {
             }
         };
         compact(&self.device, &mut self.trainee, &kept)?;
-        if let Some(Resident { parameters: Attributes { opacity_logits, sh, .. }, .. }) = colours {
-            let parameters = &mut self.trainee.model.parameters;
-            (parameters.opacity_logits, parameters.sh) = (opacity_logits, sh);
+        if let Some(merged) = merged {
+            self.trainee.model.parameters = merged.parameters;
         }
         self.responses = None;
         Ok(())

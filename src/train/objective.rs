@@ -64,6 +64,25 @@ impl Objective {
         with_value: bool,
         step: Option<Step<'_>>,
     ) -> &'a Buffer<[f32; 4]> {
+        self.weighted(recording, rendered, current, (self.weights, with_value), step)
+    }
+
+    /// Records half the gradient of the sum of the squared differences, that is, the differences of the picture from the photo.
+    pub fn record_squares(&self, recording: &mut Recording, rendered: &Buffer<[f32; 4]>, current: Current<'_>) {
+        // The loss takes means over pixels and colours.
+        let half_sum = 1.5 * current.size[0] as f32 * current.size[1] as f32;
+        let weights = Weights { l1: 0.0, ssim: 0.0, l2: half_sum };
+        self.weighted(recording, rendered, current, (weights, false), None);
+    }
+
+    fn weighted<'a>(
+        &'a self,
+        recording: &mut Recording,
+        rendered: &'a Buffer<[f32; 4]>,
+        current: Current<'_>,
+        (weights, with_value): (Weights, bool),
+        step: Option<Step<'_>>,
+    ) -> &'a Buffer<[f32; 4]> {
         let Current { number, pixels: photo, size } = current;
         let (gradient, pixels) = (&self.loss.gradient, size[0] * size[1]);
         let exposed = Rendered { photo: number, image: rendered, pixels };
@@ -77,7 +96,7 @@ impl Objective {
             seen = &mask.image;
         }
         recording.scope(loss::STAGE, |r| {
-            self.loss.record(r, seen, self.target(current), self.weights);
+            self.loss.record(r, seen, self.target(current), weights);
             if with_value {
                 self.loss.record_value(r, size);
             }

@@ -4,16 +4,15 @@ use super::error::Result;
 use super::objective::Current;
 use super::trainer::Trainer;
 use crate::gpu;
-use crate::response::{Gather, Responses, full_pass};
+use crate::response::{Gather, Responses, Term, Wanted, full_pass};
 
 impl Trainer {
-    /// Responses, and the scores of other methods if `with_scores`, by a pass over all photos. Neither model nor moments
-    /// change.
+    /// Responses and scores, as `wanted`, by a pass over all photos. Neither model nor moments change.
     ///
     /// # Errors
     /// Device memory; device errors; photos that cannot be read.
-    pub fn responses(&mut self, with_scores: bool) -> Result<Responses> {
-        self.responses_with(with_scores, |_| Ok(()))
+    pub fn responses(&mut self, wanted: Wanted) -> Result<Responses> {
+        self.responses_with(wanted, |_| Ok(()))
     }
 
     /// As [`Trainer::responses`]; `follow` receives the number of photos done, and may end the pass by an error.
@@ -22,7 +21,7 @@ impl Trainer {
     /// As [`Trainer::responses`]; errors of `follow`.
     pub fn responses_with<E>(
         &mut self,
-        with_scores: bool,
+        wanted: Wanted,
         mut follow: impl FnMut(usize) -> Result<(), E>,
     ) -> Result<Responses, E>
     where
@@ -36,13 +35,17 @@ impl Trainer {
             &self.trainee.model,
             &cameras,
             &objective.loss.gradient,
-            with_scores,
-            |recording, v, image| -> Result<(), E> {
+            wanted,
+            |recording, v, image, term| -> Result<(), E> {
                 follow(v)?;
                 let pixels = device_photos.get(device, photos, v, (v + 1) % cameras.len())?;
                 let current = Current { number: v, pixels, size: [cameras[v].width, cameras[v].height] };
-                let seen = objective.record(recording, image, current, false, None);
-                objective.record_residual(recording, seen, current);
+                if term == Term::Squares {
+                    objective.record_squares(recording, image, current);
+                } else {
+                    let seen = objective.record(recording, image, current, false, None);
+                    objective.record_residual(recording, seen, current);
+                }
                 Ok(())
             },
         )?;
@@ -57,6 +60,6 @@ impl Trainer {
     pub fn averages(&self) -> Result<Option<Responses>> {
         let gather = Gather::Average { iteration: self.iteration };
         let Some(responses) = &self.responses else { return Ok(None) };
-        Ok(Some(Responses { channels: responses.read(&self.device, gather)?, scores: Vec::new() }))
+        Ok(Some(Responses { channels: responses.read(&self.device, gather)?, ..Responses::default() }))
     }
 }

@@ -47,8 +47,8 @@ fn words(s: &Snapshot) -> Vec<u32> {
 
 /// The pass over the views, and overlaps and participation of blocks of any size; what each of them gives, as words.
 fn respond_and_assemble(device: &Device, trainer: &mut Trainer) -> Vec<u32> {
-    let responses = trainer.responses(true).unwrap();
-    let scores = responses.scores.as_flattened();
+    let responses = trainer.responses(qirf_vk::response::Wanted::BOTH).unwrap();
+    let scores: &[f32] = bytemuck::cast_slice(&responses.scores);
     let mut words: Vec<u32> = responses.channels.as_flattened().iter().chain(scores).map(|v| v.to_bits()).collect();
     let n = trainer.len() as u32;
     let members: Vec<u32> = (0..n).rev().collect();

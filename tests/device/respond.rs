@@ -1,5 +1,7 @@
 //! Responses on the device, against the float64 twin.
 
+use bytemuck::cast_slice;
+
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
@@ -7,12 +9,14 @@ use qirf_vk::gpu::{Buffer, Device, Error, Recording};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
 use qirf_vk::response::{
-    Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Target, full_pass, record_residual,
+    Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Score, Target, Term, Wanted, full_pass, record_residual,
 };
 use qirf_vk::scene::FourthByte;
 use qirf_vk::scene::camera::Camera;
 
 const SIZE: [u32; 2] = [45, 37];
+/// Place of the peak among the scores.
+const PEAK: usize = 1;
 
 /// Two cameras; the second is moved, so that the views differ.
 fn cameras() -> [Camera; 2] {
@@ -42,30 +46,38 @@ fn compare<const N: usize>(name: &str, got: &[[f32; N]], expected: &[[f64; N]], 
 }
 
 /// The pass over both views with given gradients and residuals, with an initial capacity of `pairs`.
-fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<[f32; 4]>) {
+fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<Score>) {
     let cameras = cameras();
     let resident = Resident::upload(device, model).unwrap();
     let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), SIZE, pairs).unwrap();
     let weights: Vec<Buffer<[f32; 4]>> = (0..2).map(|v| device.upload("weights", &image_weights(v)).unwrap()).collect();
     let gradient = device.buffer("image gradient", image_weights(0).len()).unwrap();
-    let loss = |r: &mut Recording, v: usize, _: &Buffer<[f32; 4]>| {
-        r.copy(&weights[v], &gradient, gradient.len());
+    // The scores' residuals are the other view's gradients.
+    let loss = |r: &mut Recording, v: usize, _: &Buffer<[f32; 4]>, term: Term| {
+        r.copy(&weights[if term == Term::Loss { v } else { 1 - v }], &gradient, gradient.len());
         Ok::<(), Error>(())
     };
-    let responses = full_pass(&mut renderer, &resident, &cameras, &gradient, true, loss).unwrap();
+    let wanted = Wanted { residual: true, ..Wanted::BOTH };
+    let responses = full_pass(&mut renderer, &resident, &cameras, &gradient, wanted, loss).unwrap();
+    assert!(responses.cameras == cameras && responses.dilation == Settings::default().dilation);
     let after = resident.download(device).unwrap();
     assert_eq!(&after, model, "the model does not change");
     (responses.channels, responses.scores)
 }
 
 /// Responses and scores of the twin.
-fn twin(model: &Gaussians, v: usize) -> (Vec<[f64; 8]>, Vec<[f64; 4]>) {
+fn twin(model: &Gaussians, v: usize) -> (Vec<[f64; 8]>, Vec<[f64; 10]>) {
     let weights = image_weights(v as u64);
     let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
     let residual: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
     let (params, camera, settings) = (Params::from(model), &cameras()[v], reference::Settings::default());
     let channels = reference::respond::respond(&params, camera, &settings, &by_image, &residual);
-    (channels, reference::score::score(&params, camera, &settings))
+    let others: Vec<[f64; 3]> = image_weights(1 - v as u64).iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
+    let flat = |s: reference::score::Score| {
+        let values = s.weights.into_iter().chain(s.changes).chain(s.behind);
+        values.collect::<Vec<_>>().try_into().expect("ten numbers")
+    };
+    (channels, reference::score::score(&params, camera, &settings, &others).into_iter().map(flat).collect())
 }
 
 #[test]
@@ -78,18 +90,20 @@ fn respond_and_score_over_a_full_pass_are_the_twins_mean() {
         let mean: Vec<[f64; 8]> =
             first.0.iter().zip(&second.0).map(|(a, b)| std::array::from_fn(|k| 0.5 * (a[k] + b[k]))).collect();
         compare(&format!("seed {seed}"), &values, &mean, 3e-4);
-        let both: Vec<[f64; 4]> = first
-            .1
-            .iter()
-            .zip(&second.1)
-            .map(|(a, b)| [a[0] + b[0], a[1].max(b[1]), a[2] + b[2], a[3] + b[3]])
-            .collect();
-        compare(&format!("seed {seed}, scores"), &scores, &both, 3e-4);
+        let add = |(a, b): (&[f64; 10], &[f64; 10])| -> [f64; 10] {
+            std::array::from_fn(|k| if k == PEAK { a[k].max(b[k]) } else { a[k] + b[k] })
+        };
+        let both: Vec<[f64; 10]> = first.1.iter().zip(&second.1).map(add).collect();
+        let flat = |s: &Score| {
+            let [x, y, z] = s.behind;
+            [s.contribution, s.peak, s.hits, s.significance, s.squares, s.change, s.along_residual, x, y, z]
+        };
+        compare(&format!("seed {seed}, scores"), &scores.iter().map(flat).collect::<Vec<_>>(), &both, 3e-4);
         // Neither another capacity nor a second run changes a bit.
         let (again, again_scores) = pass(&device, &model, 1 << 14);
         let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
         assert!(same(values.as_flattened(), again.as_flattened()));
-        assert!(same(scores.as_flattened(), again_scores.as_flattened()));
+        assert!(same(cast_slice(&scores), cast_slice(&again_scores)));
     }
     finish(&device);
 }
@@ -148,11 +162,11 @@ fn a_view_whose_pairs_do_not_fit_leaves_nothing() {
     renderer.reset_overflow(&mut recording);
     renderer.record(&mut recording, &resident, camera);
     responses.record(&mut recording, &renderer, &resident, camera, Gather::Average { iteration: 7 });
-    scores.record(&mut recording, &renderer, &resident, camera);
+    scores.record(&mut recording, &renderer, &resident, camera, None);
     device.run(recording).unwrap();
     assert!(responses.values.read(&device).unwrap().iter().all(|v| *v == 0.0));
     assert!(responses.seen.read(&device).unwrap().iter().all(|v| *v == 0));
-    assert!(scores.values.read(&device).unwrap().iter().flatten().all(|v| *v == 0.0));
+    assert!(scores.values.read(&device).unwrap().iter().all(|v| *v == Score::default()));
     finish(&device);
 }
 
@@ -225,4 +239,32 @@ pub fn gradients_not_finite(device: &Device) {
         assert!(renderer.backward_counts().unwrap().skipped_rows > 0, "{bad}");
     }
     finish(device);
+}
+
+/// What the scores say of a removal is what the picture does: for one Gaussian at a time, and of the twin in float64.
+#[test]
+fn a_score_tells_how_the_picture_changes() {
+    let camera = &cameras()[0];
+    let model = narrowed(&random_scene(camera, 4));
+    // Without the early stop: what lies behind a pixel's end shows once something before it is gone.
+    let settings = reference::Settings { transmittance_stop: 0.0, ..reference::Settings::default() };
+    let picture = |model: &Gaussians| reference::render(&Params::from(model), camera, &settings).composite.image;
+    let whole = picture(&model);
+    let residual: Vec<[f64; 3]> = image_weights(3).iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
+    let scores = reference::score::score(&Params::from(&model), camera, &settings, &residual);
+    let mut compared = 0;
+    for i in 0..model.len() {
+        let without = picture(&model.select(&(0..model.len()).filter(|k| *k != i).collect::<Vec<_>>()));
+        let changes = whole.iter().zip(&without).map(|(a, b)| [a[0] - b[0], a[1] - b[1], a[2] - b[2]]);
+        let (mut square, mut along) = (0.0, 0.0);
+        for (phi, r) in changes.zip(&residual) {
+            square += phi.iter().map(|v| v * v).sum::<f64>();
+            along += phi.iter().zip(r).map(|(v, r)| v * r).sum::<f64>();
+        }
+        let [_, change, along_residual] = scores[i].changes;
+        assert!((change - square).abs() <= 1e-9 * square.max(1e-3), "{i}: {change}, not {square}");
+        assert!((along_residual - along).abs() <= 1e-9 * square.sqrt().max(1e-3), "{i}: {along_residual}, not {along}");
+        compared += usize::from(square > 1e-3);
+    }
+    assert!(compared > 10, "{compared} are seen");
 }

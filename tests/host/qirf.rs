@@ -1,6 +1,7 @@
 //! The host half of QIRF: blocks, eigenproblems, rankings and budgets.
 
 mod hard_cases;
+mod pairs;
 mod participation;
 mod partition;
 mod real;

@@ -42,6 +42,7 @@ fn prune(iteration: u32) -> PruneRecord {
         spectrum: [0.71, 0.17, 0.07, 0.03, 0.012, 0.006, 0.0019, 1e-7],
         modes: [30, 110, 100, 40, 20, 0, 0, 0],
         guards: PruneGuards { canonical_blocks: 2, unseen_blocks: 0, repaired_values: 7 },
+        pairs: None,
         merged: Some(Merging { accepted: 3, refused: 4 }),
         frames_per_second_before: Some(12.5),
         seconds: PruneSeconds {

@@ -26,19 +26,19 @@ pub fn respond(
     config: &CompressConfig,
 ) -> Result<(Responses, Resident), Error> {
     let Session { device, watcher, .. } = *session;
-    let with_scores = config.compression.selector.reads_scores();
+    let wanted = config.compression.selector.reads();
     if views.truth == Truth::Photos {
         // A trainer has its own copy of the model: two copies would be too much.
         drop(resident);
         let mut trainer = trainer(device, model, views, config)?;
-        let responses = trainer.responses_with(with_scores, |done| -> Result<(), Error> {
+        let responses = trainer.responses_with(wanted, |done| -> Result<(), Error> {
             watcher.responding(done, views.train.len());
             watcher.unless_stopped()
         })?;
         return Ok((responses, trainer.into_model()));
     }
     let cameras: Vec<Camera> = views.train.iter().map(|v| v.camera.clone()).collect();
-    let responses = virtual_views::responses(session, &resident, &cameras, views.settings, with_scores)?;
+    let responses = virtual_views::responses(session, &resident, &cameras, views.settings, wanted)?;
     Ok((responses, resident))
 }
 

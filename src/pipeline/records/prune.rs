@@ -1,12 +1,13 @@
 //! Record of a prune: a part of `metrics.json`, of the compression's figures and of checkpoints.
 
 use crate::qirf::CHANNELS;
+use crate::qirf::pairs::PairCounts;
 use crate::qirf::select::Selector;
 use crate::qirf::study::Merging;
 use serde::{Deserialize, Serialize};
 
 /// One prune: counts before and after, and statistics of its blocks.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PruneRecord {
     /// Number of iterations done before it.
@@ -39,6 +40,8 @@ pub struct PruneRecord {
     pub guards: PruneGuards,
     /// Blocks in which dropped Gaussians were merged into kept ones; null without merging.
     pub merged: Option<Merging>,
+    /// Numbers of merging by pairs; null for other selectors.
+    pub pairs: Option<PairCounts>,
     /// Pictures per second just before the prune; null if not measured.
     pub frames_per_second_before: Option<f64>,
     /// Seconds.

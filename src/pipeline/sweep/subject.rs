@@ -10,7 +10,7 @@ use crate::pipeline::setup::Setup;
 use crate::pipeline::virtual_views::{self, VirtualCameras};
 use crate::pipeline::{Init, Output, RunConfig, Session};
 use crate::render::{Renderer, Settings, Style};
-use crate::response::Responses;
+use crate::response::{Responses, Wanted};
 use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
 use std::path::Path;
@@ -119,7 +119,7 @@ pub fn of_model(
     let cameras = VirtualCameras { views: AROUND, ..cameras };
     let (cameras, settings) = cameras.views(&model, background, Style::default());
     let resident = Resident::upload(session.device, &model)?;
-    let responses = virtual_views::responses(session, &resident, &cameras, settings, false)?;
+    let responses = virtual_views::responses(session, &resident, &cameras, settings, Wanted::CHANNELS)?;
     let mut renderer = Renderer::new(session.device, settings, model.len(), size.0, size.1)?;
     let mut views = Vec::new();
     for camera in few(cameras, VIEWS) {

@@ -39,6 +39,17 @@ pub enum Keep {
     Count(usize),
 }
 
+impl Keep {
+    /// The number that it keeps of `n`, apart from the paper's rule, which goes by blocks: that one counts as its smallest share.
+    pub fn count(self, n: usize) -> usize {
+        let of = |share: f64| ((millionths(share) * n as u128 + MILLION / 2) / MILLION) as usize;
+        match self {
+            Self::Share(share) | Self::Paper { kappa: share } => of(share),
+            Self::Count(count) => count.min(n),
+        }
+    }
+}
+
 /// A keep mask, and the number kept for each reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Choice {
@@ -91,12 +102,7 @@ pub fn choose(
         choice.main = quotas.iter().sum();
         detail.min(n - choice.main)
     } else {
-        let target = match keep {
-            Keep::Share(share) => ((millionths(share) * n as u128 + MILLION / 2) / MILLION) as usize,
-            Keep::Count(count) => count,
-            Keep::Paper { .. } => 0,
-        }
-        .min(n);
+        let target = keep.count(n);
         let detail = detail.min(target / MOST_DETAIL);
         choice.main = target - detail;
         let shared = match budget {

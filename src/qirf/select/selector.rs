@@ -10,6 +10,7 @@ use super::Ranking;
 use crate::qirf::CHANNELS;
 use crate::qirf::partition::Blocks;
 use crate::random;
+use crate::response::{Score, Wanted};
 
 /// Salt of the random selector's numbers.
 const SALT: u64 = 0x5e1e_c702;
@@ -30,7 +31,7 @@ pub enum BlockSelector {
 }
 
 /// A rule that orders Gaussians, the first to keep first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Selector {
     /// The paper's generalized, non-orthogonal participation.
@@ -48,16 +49,21 @@ pub enum Selector {
     /// A seeded random number.
     Random,
     /// Greedy column subset.
+    #[default]
     Css,
     /// Greatest T alpha over pixels (`RadSplat`, by rank).
     Radsplat,
     /// Global significance (`LightGaussian`).
     Lightgaussian,
+    /// Change of the squared error if it alone is removed.
+    Removal,
+    /// Pairs of neighbours become one Gaussian where the pictures show the least of it ([`crate::qirf::pairs`]).
+    Pairs,
 }
 
 impl Selector {
     /// All selectors with their names on the command line.
-    pub const NAMES: [(Self, &'static str); 10] = [
+    pub const NAMES: [(Self, &'static str); 12] = [
         (Self::Gnso, "gnso"),
         (Self::Ordinary, "ordinary"),
         (Self::Lowdin, "lowdin"),
@@ -68,6 +74,8 @@ impl Selector {
         (Self::Css, "css"),
         (Self::Radsplat, "radsplat"),
         (Self::Lightgaussian, "lightgaussian"),
+        (Self::Removal, "removal"),
+        (Self::Pairs, "pairs"),
     ];
 
     /// The selector of blocks, for selectors that need overlaps; none for those that score each Gaussian alone.
@@ -81,23 +89,29 @@ impl Selector {
         }
     }
 
-    /// Returns true if it reads the ray scores ([`crate::response::ResidentScores`]) besides responses.
-    pub fn reads_scores(self) -> bool {
-        matches!(self, Self::Contribution | Self::Radsplat | Self::Lightgaussian)
+    /// What it reads of a pass over the training views. The detail safeguard beside every selector but `pairs` reads channels.
+    pub fn reads(self) -> Wanted {
+        match self {
+            Self::Contribution | Self::Radsplat | Self::Lightgaussian => Wanted::BOTH,
+            Self::Removal => Wanted { residual: true, ..Wanted::BOTH },
+            Self::Pairs => Wanted::SCORES,
+            _ => Wanted::CHANNELS,
+        }
     }
 
-    /// Score of each Gaussian (n), higher is kept first; none for selectors of blocks.
+    /// Score of each Gaussian (n), higher is kept first; none for selectors of blocks and for `pairs`.
     ///
     /// # Panics
     /// If the array that the selector reads is shorter than `statistics.opacity`.
     pub fn score(self, statistics: &Statistics<'_>, seed: u64) -> Option<Vec<f64>> {
-        let widen = |values: &[f32]| Some(values.iter().map(|&x| f64::from(x)).collect());
+        let by = |score: fn(&Score) -> f64| Some(statistics.scores.iter().map(score).collect());
         match self {
-            Self::Gnso | Self::Ordinary | Self::Lowdin | Self::Css => None,
+            Self::Gnso | Self::Ordinary | Self::Lowdin | Self::Css | Self::Pairs => None,
             Self::Importance => Some(statistics.rows.par_iter().map(importance).collect()),
-            Self::Contribution => widen(statistics.contribution),
-            Self::Opacity => widen(statistics.opacity),
-            Self::Radsplat => widen(statistics.peak),
+            Self::Contribution => by(|s| s.contribution.into()),
+            Self::Opacity => Some(statistics.opacity.iter().map(|&x| x.into()).collect()),
+            Self::Radsplat => by(|s| s.peak.into()),
+            Self::Removal => by(Score::removal),
             Self::Random => {
                 let draw = |i: usize| random::uniform(&[SALT, seed, i as u64]);
                 Some((0..statistics.opacity.len()).into_par_iter().map(draw).collect())
@@ -106,7 +120,7 @@ impl Selector {
         }
     }
 
-    /// The ranking by [`Selector::score`]; none for selectors of blocks.
+    /// The ranking by [`Selector::score`]; none for selectors of blocks and for `pairs`.
     pub fn ranking(self, blocks: &Blocks, statistics: &Statistics<'_>, seed: u64) -> Option<Ranking> {
         self.score(statistics, seed).map(|score| Ranking::by_score(blocks, &score))
     }
@@ -135,12 +149,8 @@ pub struct Statistics<'a> {
     pub rows: &'a [[f32; CHANNELS]],
     /// Opacity or its logit.
     pub opacity: &'a [f32],
-    /// Sum over pixels and views of T alpha.
-    pub contribution: &'a [f32],
-    /// Greatest T alpha of any pixel.
-    pub peak: &'a [f32],
-    /// Sum over the pixels hit of opacity times T.
-    pub significance: &'a [f32],
+    /// Scores over all views.
+    pub scores: &'a [Score],
     /// Natural logarithms of the axes' standard deviations.
     pub log_scales: &'a [[f32; 3]],
 }
@@ -156,6 +166,6 @@ fn lightgaussian(statistics: &Statistics<'_>) -> Vec<f64> {
     let mut sorted: Vec<f64> = volumes.iter().copied().filter(|v| !v.is_nan()).collect();
     let at = ((sorted.len() as f64 * LIGHT.1) as usize).min(sorted.len().saturating_sub(1));
     let reference = if sorted.is_empty() { 0.0 } else { *sorted.select_nth_unstable_by(at, f64::total_cmp).1 };
-    let worth = |(&s, v): (&f32, &f64)| f64::from(s) * (LIGHT.0 * (v - reference).min(0.0)).exp();
-    statistics.significance.iter().zip(&volumes).map(worth).collect()
+    let worth = |(s, v): (&Score, &f64)| f64::from(s.significance) * (LIGHT.0 * (v - reference).min(0.0)).exp();
+    statistics.scores.iter().zip(&volumes).map(worth).collect()
 }

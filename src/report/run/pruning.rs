@@ -29,12 +29,20 @@ fn one(prune: &PruneRecord) -> Markup {
         ("ranked by", selector.to_owned()),
         ("Gaussians before", count(prune.before)),
         ("kept", format!("{} ({})", count(prune.after), percent(prune.after as f64, prune.before as f64))),
-        ("kept by the detail safeguard", count(prune.detail)),
         ("removed", count(removed)),
+    ];
+    if let Some(pairs) = prune.pairs {
+        known.push(("kept in place of several", count(pairs.clusters)));
+        known.push(("merged into others", count(pairs.merged)));
+        known.push(("dropped", count(pairs.dropped)));
+        return html! { (facts(&known)) (times(&prune.seconds)) };
+    }
+    known.extend([
+        ("kept by the detail safeguard", count(prune.detail)),
         ("blocks", count(prune.blocks)),
         ("mean block size", decimals(prune.before as f64 / prune.blocks as f64, 1)),
         ("edge of the finest voxels", format!("{} world units", short(prune.voxel))),
-    ];
+    ]);
     if let Some(merged) = prune.merged {
         known.push(("blocks merged", format!("{}, {} left unchanged", count(merged.accepted), count(merged.refused))));
     }

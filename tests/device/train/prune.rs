@@ -7,7 +7,7 @@ use qirf_vk::pipeline::prune::{PruneRequest, prune_by};
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};
 use qirf_vk::qirf::study::{Basis, Observed, Study};
-use qirf_vk::response::Responses;
+use qirf_vk::response::{Responses, Wanted};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::{Options, Trainer};
 
@@ -19,16 +19,16 @@ fn responses_change_nothing() {
     train(&mut one, 60);
     train(&mut other, 60);
     let before = one.snapshot().unwrap();
-    let responses = one.responses(true).unwrap();
+    let responses = one.responses(Wanted::BOTH).unwrap();
     assert!(before == one.snapshot().unwrap());
-    assert!(responses == other.responses(true).unwrap(), "a pair buffer that began too small");
+    assert!(responses == other.responses(Wanted::BOTH).unwrap(), "a pair buffer that began too small");
     let n = one.len();
     assert_eq!((responses.channels.len(), responses.scores.len()), (n, n));
     let seen = responses.channels.iter().filter(|r| r[0] > 0.0).count();
     assert!(seen > n / 2, "{seen} of {n} seen");
     assert!(responses.channels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
     // A Gaussian contributes where it is seen, and nowhere else.
-    assert!(responses.channels.iter().zip(&responses.scores).all(|(r, s)| (r[0] > 0.0) == (s[2] > 0.0)));
+    assert!(responses.channels.iter().zip(&responses.scores).all(|(r, s)| (r[0] > 0.0) == (s.hits > 0.0)));
     finish(&device);
 }
 
@@ -61,9 +61,9 @@ fn counts_are_exact() {
     let device = device();
     let mut trained = trainer(&device, options());
     train(&mut trained, 60);
-    let responses = trained.responses(true).unwrap();
+    let responses = trained.responses(Wanted { residual: true, ..Wanted::BOTH }).unwrap();
     let model = trained.download().unwrap();
-    let selectors: Vec<Selector> = Selector::NAMES.iter().map(|(s, _)| *s).collect();
+    let selectors: Vec<Selector> = Selector::NAMES.iter().map(|(s, _)| *s).filter(|s| *s != Selector::Pairs).collect();
     let resident = trained.model();
     let observed = Observed { resident, model: &model, responses: &responses };
     let study = |seed| Study::new(&device, observed, &Basis::default(), &selectors, seed).unwrap();
@@ -84,6 +84,36 @@ fn counts_are_exact() {
     let changed = |i: usize| merged.opacity_logits[i].to_bits() != model.opacity_logits[i].to_bits();
     assert!((0..model.len()).all(|i| choice.keep[i] || !changed(i)), "only kept ones change");
     assert!((0..model.len()).any(changed) && merged.opacity_logits.iter().all(|v| v.is_finite()));
+    finish(&device);
+}
+
+/// Merged pairs take the places of some of their members, exactly as many as asked for, and training goes on with them.
+#[test]
+fn pairs_train_on() {
+    let device = device();
+    let mut ends = Vec::new();
+    for _ in 0..2 {
+        let mut trainer = trainer(&device, options());
+        train(&mut trainer, 60);
+        let before = trainer.download().unwrap();
+        let responses = trainer.responses(Wanted::SCORES).unwrap();
+        assert!(responses.channels.is_empty());
+        let compression = Compression { selector: Selector::Pairs, ..Compression::default() };
+        let third = before.len() / 3;
+        let request = PruneRequest { compression: &compression, keep: Keep::Count(third), seed: 1 };
+        let pruned = prune_by(&device, &mut trainer, &responses, &request).unwrap();
+        let pairs = pruned.pairs.expect("merged by pairs");
+        assert_eq!((pruned.after, trainer.len()), (third, third));
+        assert_eq!(pairs.merged + pairs.dropped, before.len() - third);
+        let after = trainer.download().unwrap();
+        after.validate().unwrap();
+        let moved = after.means.iter().filter(|mean| !before.means.contains(mean)).count();
+        assert_eq!(moved, pairs.clusters, "clusters have new centres, the others keep theirs");
+        train(&mut trainer, 100);
+        assert_eq!((trainer.len(), trainer.skipped_rows()), (third, 0));
+        ends.push(bits(&trainer.download().unwrap()));
+    }
+    assert!(ends[0] == ends[1]);
     finish(&device);
 }
 

@@ -7,6 +7,7 @@ use qirf_vk::qirf::select::budget::{Budget, Keep, Safeguard, choose, quotas};
 use qirf_vk::qirf::select::merge::{Functions, merge};
 use qirf_vk::qirf::select::{BlockSelector, Ranking, Selector, Statistics, detail, rank, rounded};
 use qirf_vk::random::uniform;
+use qirf_vk::response::Score;
 
 const BUDGETS: [Budget; 3] = [Budget::PerBlock, Budget::Hybrid, Budget::Global];
 
@@ -158,12 +159,19 @@ fn the_safeguard_looks_for_small_visible_opaque_and_unsettled() {
 #[test]
 fn selectors_of_single_gaussians() {
     let rows = [[1.0_f32; CHANNELS], [2.0; CHANNELS], [0.0; CHANNELS]];
+    let score = |contribution: f32, peak: f32, significance: f32, change: f32, along_residual: f32| Score {
+        contribution,
+        peak,
+        significance,
+        change,
+        along_residual,
+        ..Score::default()
+    };
+    let scores = [score(3.0, 0.5, 1.0, 2.0, 1.5), score(1.0, 0.9, 1.0, 2.0, 0.0), score(2.0, 0.1, 2.0, 1.0, -1.0)];
     let statistics = Statistics {
         rows: &rows,
         opacity: &[0.1, 0.2, 0.3],
-        contribution: &[3.0, 1.0, 2.0],
-        peak: &[0.5, 0.9, 0.1],
-        significance: &[1.0, 1.0, 2.0],
+        scores: &scores,
         log_scales: &[[-5.0; 3], [-1.0; 3], [-1.0; 3]],
     };
     let blocks = super::blocks(&[3]);
@@ -173,12 +181,13 @@ fn selectors_of_single_gaussians() {
     assert_eq!(order(Selector::Opacity).unwrap(), [2, 1, 0]);
     assert_eq!(order(Selector::Radsplat).unwrap(), [1, 0, 2]);
     assert_eq!(order(Selector::Lightgaussian).unwrap(), [2, 1, 0]);
+    assert_eq!(order(Selector::Removal).unwrap(), [2, 1, 0], "the first is in the photos' way");
     assert_eq!(order(Selector::Random), order(Selector::Random));
     assert_ne!(Selector::Random.score(&statistics, 7), Selector::Random.score(&statistics, 8));
     for (selector, name) in Selector::NAMES {
         assert_eq!(name.parse::<Selector>().unwrap(), selector);
         assert_eq!(selector.to_string(), name);
-        assert_eq!(selector.of_blocks().is_none(), order(selector).is_some());
+        assert_eq!(selector.of_blocks().is_none() && selector != Selector::Pairs, order(selector).is_some());
     }
     assert!("gsno".parse::<Selector>().unwrap_err().contains("gnso"));
 }

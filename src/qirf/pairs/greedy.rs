@@ -1,0 +1,144 @@
+//! Greedy merging: the pair of neighbours that costs least, again and again.
+
+use super::footprint::Footprint;
+use rayon::prelude::*;
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// Nearest Gaussians that each may merge with; pairs inherit the neighbours of both.
+const NEIGHBOURS: usize = 10;
+
+/// Gaussians that become one.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Cluster {
+    /// Their numbers, rising.
+    pub members: Vec<usize>,
+    /// Opacity of the merged one.
+    pub opacity: f64,
+}
+
+/// Merges pairs of `footprints` until at most `target` are left; if no neighbours are left before that, drops those that
+/// contribute least. In the order of the clusters' first members.
+pub(super) fn clusters(footprints: Vec<Footprint>, target: usize) -> Vec<Cluster> {
+    let mut merging = Merging::new(footprints);
+    while merging.left > target && merging.step() {}
+    let mut clusters = merging.clusters();
+    if clusters.len() > target {
+        clusters.sort_by(|(a, x), (b, y)| y.total_cmp(x).then(a.members.cmp(&b.members)));
+        clusters.truncate(target);
+        clusters.sort_by(|(a, _), (b, _)| a.members.cmp(&b.members));
+    }
+    clusters.into_iter().map(|(cluster, _)| cluster).collect()
+}
+
+/// A pair in the queue: its cost as bits, which order like the cost, and its two numbers.
+type Entry = Reverse<(u32, u32, u32)>;
+
+/// Merged Gaussians get a number of their own, so that a pair in the queue is valid as long as both of its numbers live.
+struct Merging {
+    /// By place; the footprint of a merged Gaussian takes the place of its first part.
+    footprints: Vec<Footprint>,
+    /// By number: its place, or GONE.
+    place: Vec<u32>,
+    /// By place: numbers of the neighbours, some of them gone.
+    links: Vec<Vec<u32>>,
+    /// By place: the place that it was merged into, or itself.
+    into: Vec<u32>,
+    queue: BinaryHeap<Entry>,
+    left: usize,
+}
+
+const GONE: u32 = u32::MAX;
+
+impl Merging {
+    fn new(footprints: Vec<Footprint>) -> Self {
+        let n = footprints.len();
+        let links = neighbours(&footprints);
+        let pairs = |(i, links): (usize, &Vec<u32>)| {
+            let later = links.iter().filter(|j| **j as usize > i);
+            later.map(|&j| Reverse((footprints[i].cost(&footprints[j as usize]).to_bits(), i as u32, j))).collect()
+        };
+        let pairs: Vec<Vec<Entry>> = links.par_iter().enumerate().map(|(i, links)| pairs((i, links))).collect();
+        let queue = pairs.into_iter().flatten().collect::<Vec<_>>().into();
+        let numbers = || (0..n as u32).collect::<Vec<_>>();
+        Self { footprints, place: numbers(), links, into: numbers(), queue, left: n }
+    }
+
+    /// Merges the pair that costs least; false if there is none.
+    fn step(&mut self) -> bool {
+        while let Some(Reverse((_, i, j))) = self.queue.pop() {
+            let (a, b) = (self.place[i as usize], self.place[j as usize]);
+            if a != GONE && b != GONE {
+                self.merge([i, j], [a as usize, b as usize]);
+                return true;
+            }
+        }
+        false
+    }
+
+    fn merge(&mut self, [i, j]: [u32; 2], [a, b]: [usize; 2]) {
+        let merged = self.footprints[a].merged(&self.footprints[b]);
+        self.footprints[a] = merged;
+        let number = self.place.len() as u32;
+        self.place.push(a as u32);
+        (self.place[i as usize], self.place[j as usize]) = (GONE, GONE);
+        self.into[b] = a as u32;
+        self.left -= 1;
+        let mut links = std::mem::take(&mut self.links[a]);
+        links.append(&mut self.links[b]);
+        links.retain(|k| self.place[*k as usize] != GONE);
+        links.sort_unstable();
+        links.dedup();
+        for &k in &links {
+            let at = self.place[k as usize] as usize;
+            let cost = self.footprints[at].cost(&self.footprints[a]);
+            self.queue.push(Reverse((cost.to_bits(), k, number)));
+            let theirs = &mut self.links[at];
+            theirs.retain(|k| self.place[*k as usize] != GONE);
+            theirs.push(number);
+        }
+        self.links[a] = links;
+    }
+
+    /// The clusters with their contributions, by their first members.
+    fn clusters(self) -> Vec<(Cluster, f64)> {
+        let n = self.into.len();
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); n];
+        for i in 0..n {
+            let mut root = i;
+            while self.into[root] as usize != root {
+                root = self.into[root] as usize;
+            }
+            members[root].push(i);
+        }
+        let of = |(members, footprint): (Vec<usize>, &Footprint)| {
+            (Cluster { members, opacity: footprint.opacity }, footprint.contribution)
+        };
+        let mut clusters: Vec<_> =
+            members.into_iter().zip(&self.footprints).filter(|(members, _)| !members.is_empty()).map(of).collect();
+        clusters.sort_by(|(a, _), (b, _)| a.members.cmp(&b.members));
+        clusters
+    }
+}
+
+/// The nearest ones of each, by distance and number; whoever is near to another has it as a neighbour, too.
+fn neighbours(footprints: &[Footprint]) -> Vec<Vec<u32>> {
+    let point = |(i, f): (usize, &Footprint)| GeomWithData::new(f.mean.to_array(), i as u32);
+    let tree = RTree::bulk_load(footprints.iter().enumerate().map(point).collect());
+    let near = |(i, f): (usize, &Footprint)| {
+        let others = tree.nearest_neighbor_iter(f.mean.to_array()).map(|p| p.data).filter(|j| *j as usize != i);
+        others.take(NEIGHBOURS).collect()
+    };
+    let near: Vec<Vec<u32>> = footprints.par_iter().enumerate().map(near).collect();
+    let mut links = near.clone();
+    for (i, list) in near.iter().enumerate() {
+        for &j in list {
+            if !near[j as usize].contains(&(i as u32)) {
+                links[j as usize].push(i as u32);
+            }
+        }
+    }
+    links
+}

@@ -1,0 +1,104 @@
+//! Merging by pairs: neighbours become one Gaussian wherever the pictures show the least of it (docs/method.md).
+//!
+//! The pictures tell how much of each Gaussian they show ([`Score`]); `footprint` predicts from that, in closed form, how
+//! the squared error of all pictures grows if two Gaussians become one; `greedy` merges the pair with the least growth, again
+//! and again; `moments` makes one Gaussian of each cluster, with its mean, covariance, visible mass and colours.
+
+mod footprint;
+mod greedy;
+mod moments;
+
+pub use footprint::{DIRECTIONS, Footprint, Observation};
+
+use crate::gaussians::Gaussians;
+use crate::response::Score;
+use crate::scene::camera::Camera;
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Cameras that the size of a pixel is averaged over, at most.
+const MOST_CAMERAS: usize = 32;
+
+/// Result of merging a model's Gaussians by pairs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pairs {
+    /// Keep mask of exactly the wanted number, n. A cluster is kept in the place of its member that the pictures show most.
+    pub keep: Vec<bool>,
+    /// The model, n; the kept Gaussians stand for their clusters.
+    pub model: Gaussians,
+    /// Numbers of the merging.
+    pub counts: PairCounts,
+}
+
+/// How a model's Gaussians were merged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PairCounts {
+    /// Kept Gaussians that stand for several.
+    pub clusters: usize,
+    /// Gaussians merged into others.
+    pub merged: usize,
+    /// Gaussians dropped, because no picture shows them or they had no neighbour left.
+    pub dropped: usize,
+}
+
+/// Merges pairs of Gaussians until `target` are left. `cameras` are those of the scores' views, and `dilation` is the variance
+/// in square pixels that rendering adds to every Gaussian. Deterministic; equal costs by index.
+///
+/// # Panics
+/// If there is not one score per Gaussian.
+pub fn merge(model: &Gaussians, scores: &[Score], cameras: &[Camera], dilation: f32, target: usize) -> Pairs {
+    let n = model.len();
+    assert_eq!(scores.len(), n, "one score a Gaussian");
+    let observe = |i: usize| {
+        let widening = f64::from(dilation) * pixel_area(cameras, DVec3::from(model.means[i].map(f64::from)));
+        Footprint::of(model, i, &Observation { score: &scores[i], widening })
+    };
+    let observed: Vec<Option<Footprint>> = (0..n).into_par_iter().map(observe).collect();
+    let (mut seen, mut footprints) = (Vec::new(), Vec::new());
+    for (i, footprint) in observed.into_iter().enumerate() {
+        if let Some(footprint) = footprint {
+            seen.push(i);
+            footprints.push(footprint);
+        }
+    }
+    let clusters = greedy::clusters(footprints, target);
+    let mut pairs = Pairs { keep: vec![false; n], model: model.clone(), counts: PairCounts::default() };
+    let made: Vec<_> = clusters
+        .into_par_iter()
+        .map(|mut cluster| {
+            cluster.members.iter_mut().for_each(|k| *k = seen[*k]);
+            (moments::merged(model, scores, &cluster), cluster.members)
+        })
+        .collect();
+    for (gaussian, members) in &made {
+        let place = moments::heaviest(scores, members);
+        pairs.keep[place] = true;
+        if let Some(gaussian) = gaussian {
+            gaussian.store(&mut pairs.model, place);
+            pairs.counts.clusters += 1;
+            pairs.counts.merged += members.len() - 1;
+        }
+    }
+    // If fewer are seen than wanted, the first of the others are kept, too.
+    let missing = target.min(n) - made.len();
+    pairs.keep.iter_mut().filter(|keep| !**keep).take(missing).for_each(|keep| *keep = true);
+    let kept = pairs.keep.iter().filter(|k| **k).count();
+    pairs.counts.dropped = n - kept - pairs.counts.merged;
+    pairs
+}
+
+/// Area in world units that a pixel covers at a point: the mean over the cameras that it lies before.
+fn pixel_area(cameras: &[Camera], point: DVec3) -> f64 {
+    let stride = cameras.len().div_ceil(MOST_CAMERAS).max(1);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for camera in cameras.iter().step_by(stride) {
+        let depth = camera.rotation.row(2).dot(point) + camera.translation.z;
+        if depth > 0.0 {
+            sum += depth * depth / (camera.focal.x * camera.focal.y);
+            count += 1.0;
+        }
+    }
+    if count > 0.0 { sum / count } else { 0.0 }
+}

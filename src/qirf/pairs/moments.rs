@@ -1,0 +1,77 @@
+//! One Gaussian in place of a cluster: mean, covariance and colours are means weighted by contribution.
+
+use super::footprint::covariance;
+use super::greedy::Cluster;
+use crate::gaussians::Gaussians;
+use crate::qirf::lapack::syevd;
+use crate::response::Score;
+use glam::{DMat3, DQuat, DVec3};
+
+/// Smallest axis of a merged Gaussian, as a share of its largest.
+const THINNEST: f64 = 1e-6;
+
+/// A merged Gaussian.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Merged {
+    mean: [f32; 3],
+    log_scales: [f32; 3],
+    rotation: [f32; 4],
+    opacity_logit: f32,
+    sh: Vec<Vec<f32>>,
+}
+
+/// The member that the pictures show most, the first of equals.
+pub(super) fn heaviest(scores: &[Score], members: &[usize]) -> usize {
+    let weight = |i: usize| scores[i].contribution;
+    members.iter().copied().reduce(|a, b| if weight(b) > weight(a) { b } else { a }).expect("a cluster has members")
+}
+
+/// The Gaussian that stands for a cluster; none for a cluster of one, which stays as it is.
+pub(super) fn merged(model: &Gaussians, scores: &[Score], cluster: &Cluster) -> Option<Merged> {
+    let Cluster { members, opacity } = cluster;
+    if members.len() < 2 {
+        return None;
+    }
+    let whole: f64 = members.iter().map(|&i| f64::from(scores[i].contribution)).sum();
+    let share = |i: usize| f64::from(scores[i].contribution) / whole;
+    let mean_of = |i: usize| DVec3::from(model.means[i].map(f64::from));
+    let mean: DVec3 = members.iter().map(|&i| share(i) * mean_of(i)).sum();
+    let mut spread = DMat3::ZERO;
+    for &i in members {
+        let d = mean_of(i) - mean;
+        spread += share(i) * (covariance(model, i) + DMat3::from_cols(d * d.x, d * d.y, d * d.z));
+    }
+    let mut axes = spread.to_cols_array();
+    let variances = syevd(3, &mut axes)?;
+    let mut axes = DMat3::from_cols_array(&axes);
+    if axes.determinant() < 0.0 {
+        axes.z_axis = -axes.z_axis;
+    }
+    let rotation = DQuat::from_mat3(&axes);
+    let least = (variances[2] * THINNEST * THINNEST).max(f64::MIN_POSITIVE);
+    let sh = model.sh.iter().enumerate().map(|(l, band)| {
+        let width = Gaussians::band_width(l);
+        let sum = |c: usize| members.iter().map(|&i| share(i) * f64::from(band[width * i + c])).sum::<f64>();
+        (0..width).map(|c| sum(c) as f32).collect()
+    });
+    Some(Merged {
+        mean: mean.as_vec3().to_array(),
+        log_scales: std::array::from_fn(|k| (0.5 * variances[k].max(least).ln()) as f32),
+        rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|x| x as f32),
+        opacity_logit: (opacity / (1.0 - opacity)).ln() as f32,
+        sh: sh.collect(),
+    })
+}
+
+impl Merged {
+    /// Writes it into a model, in place of Gaussian `i`.
+    pub fn store(&self, model: &mut Gaussians, i: usize) {
+        model.means[i] = self.mean;
+        model.log_scales[i] = self.log_scales;
+        model.rotations[i] = self.rotation;
+        model.opacity_logits[i] = self.opacity_logit;
+        for (band, mine) in model.sh.iter_mut().zip(&self.sh) {
+            band[mine.len() * i..][..mine.len()].copy_from_slice(mine);
+        }
+    }
+}
