@@ -20,8 +20,8 @@ use crate::train::{Trainer, TrainerNeeds};
 /// Assumed growth of a run's number of Gaussians, as far as `--max-gaussians` allows.
 const GROWTH: usize = 4;
 
-/// Bytes of device memory that a run will need: with the Gaussians that it plans to grow to, or four times its initial ones, or with the largest
-/// number allowed if that is less.
+/// Bytes of device memory that a run will need: with the Gaussians that it plans to grow to, or four times its initial
+/// ones, or with the largest number allowed if that is less.
 ///
 /// # Errors
 /// [`Error::Memory`] if the device allows less.

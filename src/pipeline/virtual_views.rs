@@ -9,7 +9,7 @@ use crate::gaussians::outline::outline;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording};
 use crate::render::{Image, Renderer, Settings, Style, Uses};
-use crate::response::{HighPass, ResidentResponses, ResidentScores, Responses, Wanted, full_pass};
+use crate::response::{HighPass, ResidentResponses, ResidentScores, Responses, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::Look;
 use crate::scene::{Photo, Pixels};
@@ -146,13 +146,11 @@ pub fn responses(
     let gradient = device.buffer("image gradient", pixels)?;
     let high_pass = HighPass::new(device, pixels)?;
     let loss = |recording: &mut Recording, v: usize, image: &Buffer<[f32; 4]>, _| -> Result<(), Error> {
-        follow(v)?;
         high_pass.record(recording, image, &gradient, [cameras[v].width, cameras[v].height]);
         Ok(())
     };
-    let responses = full_pass(&mut renderer, model, cameras, &gradient, Wanted { residual: false, ..wanted }, loss)?;
-    follow(cameras.len())?;
-    Ok(responses)
+    let wanted = Wanted { residual: false, ..wanted };
+    full_pass(&mut renderer, model, Views { cameras, follow }, &gradient, wanted, loss)
 }
 
 /// Bytes of device memory that [`responses`] takes besides the model.

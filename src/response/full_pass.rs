@@ -35,20 +35,28 @@ pub enum Term {
     Squares,
 }
 
-/// The mean response over all `cameras`, view by view, and scores, as `wanted`; deterministic.
+/// The views of a pass.
+pub struct Views<'a, F> {
+    /// Their cameras.
+    pub cameras: &'a [Camera],
+    /// Receives the number of views done, before each view and after the last; its error ends the pass.
+    pub follow: F,
+}
+
+/// The mean response over all views, one by one, and scores, as `wanted`; deterministic.
 ///
 /// For a view and its picture, `gradient` records the gradient of a term into `image_gradient`, which has room for the largest
 /// view. It is asked for squares only if a residual is wanted. The model does not change.
 ///
 /// # Errors
-/// Device memory; device errors; errors of `gradient`.
+/// Device memory; device errors; errors of `gradient` and of [`Views::follow`].
 ///
 /// # Panics
 /// If the renderer was not made by [`Renderer::for_training`].
 pub fn full_pass<E: From<Error>>(
     renderer: &mut Renderer,
     model: &Resident,
-    cameras: &[Camera],
+    Views { cameras, mut follow }: Views<'_, impl FnMut(usize) -> std::result::Result<(), E>>,
     image_gradient: &Buffer<[f32; 4]>,
     wanted: Wanted,
     mut gradient: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>, Term) -> std::result::Result<(), E>,
@@ -59,6 +67,7 @@ pub fn full_pass<E: From<Error>>(
     let backward = Backward { residual: true, ..Backward::default() };
     let gather = Gather::Mean { views: cameras.len() as u32 };
     for (v, camera) in cameras.iter().enumerate() {
+        follow(v)?;
         renderer.make_room(model, camera)?;
         loop {
             let mut recording = Recording::new();
@@ -82,6 +91,7 @@ pub fn full_pass<E: From<Error>>(
             }
         }
     }
+    follow(cameras.len())?;
     let channels = responses.map(|r| r.read(device, gather)).transpose()?.unwrap_or_default();
     let scores = scores.map(|s| s.values.read(device)).transpose()?.unwrap_or_default();
     let dilation = renderer.settings().dilation;

@@ -18,7 +18,7 @@ mod residual;
 mod respond;
 mod score;
 
-pub use full_pass::{Term, Wanted, full_pass};
+pub use full_pass::{Term, Views, Wanted, full_pass};
 pub use high_pass::HighPass;
 pub use residual::{Target, record_residual};
 pub use respond::{Gather, KEEP, ResidentResponses};

@@ -4,7 +4,7 @@ use super::error::Result;
 use super::objective::Current;
 use super::trainer::Trainer;
 use crate::gpu;
-use crate::response::{Gather, Responses, Term, Wanted, full_pass};
+use crate::response::{Gather, Responses, Term, Views, Wanted, full_pass};
 
 impl Trainer {
     /// Responses and scores, as `wanted`, by a pass over all photos. Neither model nor moments change.
@@ -22,7 +22,7 @@ impl Trainer {
     pub fn responses_with<E>(
         &mut self,
         wanted: Wanted,
-        mut follow: impl FnMut(usize) -> Result<(), E>,
+        follow: impl FnMut(usize) -> Result<(), E>,
     ) -> Result<Responses, E>
     where
         E: From<gpu::Error> + From<super::Error>,
@@ -30,14 +30,13 @@ impl Trainer {
         let cameras: Vec<_> = self.photos.iter().map(|p| p.camera.clone()).collect();
         let (device, photos, device_photos) = (&self.device, &self.photos, &mut self.device_photos);
         let objective = &self.objective;
-        let responses = full_pass(
+        full_pass(
             &mut self.renderer,
             &self.trainee.model,
-            &cameras,
+            Views { cameras: &cameras, follow },
             &objective.loss.gradient,
             wanted,
             |recording, v, image, term| -> Result<(), E> {
-                follow(v)?;
                 let pixels = device_photos.get(device, photos, v, (v + 1) % cameras.len())?;
                 let current = Current { number: v, pixels, size: [cameras[v].width, cameras[v].height] };
                 if term == Term::Squares {
@@ -48,9 +47,7 @@ impl Trainer {
                 }
                 Ok(())
             },
-        )?;
-        follow(cameras.len())?;
-        Ok(responses)
+        )
     }
 
     /// Responses averaged over [`super::Options::averaged`], decayed to the last iteration done; none before those iterations.

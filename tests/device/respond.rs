@@ -9,7 +9,8 @@ use qirf_vk::gpu::{Buffer, Device, Error, Recording};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
 use qirf_vk::response::{
-    Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Score, Target, Term, Wanted, full_pass, record_residual,
+    Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Score, Target, Term, Views, Wanted, full_pass,
+    record_residual,
 };
 use qirf_vk::scene::FourthByte;
 use qirf_vk::scene::camera::Camera;
@@ -58,7 +59,8 @@ fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<S
         Ok::<(), Error>(())
     };
     let wanted = Wanted { residual: true, ..Wanted::BOTH };
-    let responses = full_pass(&mut renderer, &resident, &cameras, &gradient, wanted, loss).unwrap();
+    let views = Views { cameras: &cameras, follow: |_| Ok(()) };
+    let responses = full_pass(&mut renderer, &resident, views, &gradient, wanted, loss).unwrap();
     assert!(responses.cameras == cameras && responses.dilation == Settings::default().dilation);
     let after = resident.download(device).unwrap();
     assert_eq!(&after, model, "the model does not change");

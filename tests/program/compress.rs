@@ -307,11 +307,16 @@ impl Watcher for Impatient {
 
 #[test]
 fn an_interrupted_job_writes_nothing() {
+    interrupted(Selector::Importance);
+    interrupted(Selector::Pairs);
+}
+
+fn interrupted(selector: Selector) {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
     let path = folder.path().join("model.ply");
     let config = CompressConfig {
-        compression: Compression { selector: Selector::Importance, keep: Keep::Count(90), ..Compression::default() },
+        compression: Compression { selector, keep: Keep::Count(90), ..Compression::default() },
         views: ViewSource::OwnPictures {
             cameras: VirtualCameras { views: 8, size: (40, 40), up: UP },
             background: [0.0; 3],

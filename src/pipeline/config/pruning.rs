@@ -125,10 +125,7 @@ impl Pruning {
 
     /// Number of `now` Gaussians that attrition leaves.
     pub fn survivors(&self, now: usize) -> usize {
-        match self.compression.keep {
-            Keep::Paper { kappa: share } | Keep::Share(share) => (share * now as f64).round() as usize,
-            Keep::Count(count) => count.min(now),
-        }
+        self.compression.keep.count(now)
     }
 
     /// Number or share that prune number `step` (from 0) of `steps` keeps of the current `now` Gaussians.
