@@ -8,9 +8,10 @@ use super::show::Show;
 use super::training::Training;
 use crate::error::Error;
 use crate::pipeline::arm::Arm;
-use crate::pipeline::compare::compare;
+use crate::pipeline::compare::{compare, compare_seeds};
 use crate::pipeline::config::{Compression, Pruning};
 use crate::pipeline::records::CompareRecord;
+use crate::qirf::select::budget::Keep;
 use crate::pipeline::{Output, Session};
 use crate::report;
 use std::path::PathBuf;
@@ -26,8 +27,9 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --arms default,importance,css:hybrid+merge,dense --keep 0.2
   qirf-vk compare capture -o compared --ablation
 
-An arm is dense, default, paper, or a selector's name with any of :BUDGET, +merge, -detail, +attrition,
-+rewarm and @SHARE after it, in this order. The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
+An arm is a selector's name with any of :BUDGET, +merge, -detail, +attrition, +rewarm, +thresholds and
+@SHARE after it, in this order; or default, paper, dense (not pruned), dense+thresholds (not pruned, grown as by the 3DGS
+reference) or grown (not pruned, grown only to the number kept). The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
 /// Compare ways of pruning a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]
@@ -44,6 +46,9 @@ pub(super) struct Arguments {
     /// Compare the arms of the paper's ablations
     #[arg(long, conflicts_with = "arms")]
     ablation: bool,
+    /// Train every arm with N seeds, from --seed on, each in a folder of its own; the figures are means and spreads
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    seeds: Option<u32>,
     /// Reuse finished parts of an earlier comparison with the same options
     #[arg(long)]
     resume: bool,
@@ -64,23 +69,32 @@ impl Arguments {
         let asked = self.arms.as_deref().unwrap_or(if self.ablation { ABLATION } else { ARMS });
         let arms: Vec<Arm> = asked
             .split(',')
-            .map(|text| Arm::parse(text.trim(), &pruning.compression))
+            .map(|text| Arm::parse(text.trim(), &pruning))
             .collect::<Result<_, _>>()
             .map_err(|e| Error::Usage(format!("--arms: {e}")))?;
         if let Some(twice) = (1..arms.len()).find(|i| arms[..*i].iter().any(|a| a.name == arms[*i].name)) {
             return Err(Error::Usage(format!("--arms: {} is there twice", arms[twice].name)));
         }
-        // The arms share everything up to the checkpoint: another choice of arms continues from it.
+        // The arms share everything up to the checkpoint: another choice of arms continues from it. A count decides how far
+        // the model grows.
+        let keep = match pruning.compression.keep {
+            count @ Keep::Count(_) => count,
+            _ => Compression::default().keep,
+        };
+        let compression = Compression { keep, ..Compression::default() };
         let config = self
             .training
             .configuration(self.scene.clone())
-            .pruned(Pruning { compression: Compression::default(), ..pruning });
+            .pruned(Pruning { compression, ..pruning });
         let networks = self.resources.networks(console)?;
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);
         let host_bytes = self.resources.host_bytes();
         let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
-        let compared = compare(&session, &config, &arms, &self.output, self.resume)?;
+        let compared = match self.seeds {
+            None => compare(&session, &config, &arms, &self.output, self.resume)?,
+            Some(seeds) => compare_seeds(&session, &config, &arms, seeds, &self.output, self.resume)?,
+        };
         let json = serde_json::to_string_pretty(&compared).map_err(|e| Error::encoding("compare.json", e))?;
         Output::text(&self.output.join("compare.json"), &json)?;
         Output::text(&self.output.join("compare.csv"), &compared.csv())?;
@@ -91,14 +105,15 @@ impl Arguments {
     fn report(&self, console: &Console, compared: &CompareRecord) -> Result<(), Error> {
         let number = |v: Option<f64>, digits: usize| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
         console.print(format_args!(
-            "{:<24} {:>8} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
-            "arm", "PSNR/dB", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
+            "{:<24} {:>8} {:>6} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
+            "arm", "PSNR/dB", "+-", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
         ))?;
         for arm in &compared.arms {
             console.print(format_args!(
-                "{:<24} {:>8} {:>8} {:>8} {:>10} {:>7.1}% {:>8.2} {:>8} {:>8.1}",
+                "{:<24} {:>8} {:>6} {:>8} {:>8} {:>10} {:>7.1}% {:>8.2} {:>8} {:>8.1}",
                 arm.name,
                 number(arm.psnr, 3),
+                number(arm.psnr_spread, 2),
                 number(arm.ssim, 4),
                 number(arm.lpips_vgg, 4),
                 arm.gaussians,

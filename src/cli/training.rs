@@ -1,14 +1,13 @@
 //! Options of training and photos, shared by run and compare.
 
 use super::choices::Choices;
-use super::values;
+use super::values::{self, GrowTo};
 use crate::effects::{Choice, Effect, Overrides};
 use crate::error::Error;
 use crate::pipeline::config::Pruning;
 use crate::pipeline::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::pipeline::{Init, Preset, RunConfig};
 use crate::render::Style;
-use crate::train::attrition::Attrition;
 use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use clap::Args;
@@ -20,9 +19,9 @@ pub(super) struct Training {
     /// Preset of the schedule
     #[arg(long, default_value = "standard", help_heading = "Training")]
     preset: Preset,
-    /// Prune once, in steps, or after letting Gaussians fade
-    #[arg(long, value_name = "one-shot|gradual|attrition", default_value = "one-shot", help_heading = "Compression")]
-    schedule: Steps,
+    /// Prune after letting Gaussians fade, once, or in steps [default: attrition; preset paper: one-shot]
+    #[arg(long, value_name = "attrition|one-shot|gradual", help_heading = "Compression")]
+    schedule: Option<Steps>,
     /// Length of the run; the schedule's milestones scale with it
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_ITERATIONS)))]
     iterations: Option<u32>,
@@ -41,9 +40,10 @@ pub(super) struct Training {
     /// Largest number of Gaussians
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
     max_gaussians: u32,
-    /// Grow to this number by the prune, on a plan [default: thresholds decide how many]
-    #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
-    grow_to: Option<u32>,
+    /// Number of Gaussians at the prune, to which the model grows on a plan; auto: by the photos' pixels and the iterations;
+    /// thresholds: as many as have large gradients [default: auto; preset paper: thresholds]
+    #[arg(long, value_name = "N|auto|thresholds", value_parser = values::growth, help_heading = "Training")]
+    grow_to: Option<GrowTo>,
     /// Keep the energy of Gaussians smaller than a pixel
     #[arg(long, help_heading = "Effects")]
     antialias: bool,
@@ -71,12 +71,12 @@ pub(super) struct Training {
 /// One prune, or several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Steps {
+    /// By a pressure on opacities from half the run on, and the rest at 3/4 of it at most; rates are then re-warmed
+    Attrition,
     /// Once, at half the run
     OneShot,
     /// Four times, from 13/30 to 20/30 of the run
     Gradual,
-    /// By a pressure on opacities from half the run on, and the rest at 3/4 of it at most; rates are then re-warmed
-    Attrition,
 }
 
 fn init(text: &str) -> Init {
@@ -90,14 +90,15 @@ fn init(text: &str) -> Init {
 impl Training {
     /// Pruning of a run: its steps and its choices.
     pub fn pruning(&self, choices: &Choices) -> Result<Pruning, Error> {
-        let mut pruning = self.preset.pruning();
-        if self.schedule == Steps::Gradual {
-            pruning.at = Pruning::GRADUAL.to_vec();
-        }
-        if self.schedule == Steps::Attrition {
-            pruning.attrition = Some(Attrition::default());
-            pruning.rewarm = true;
-        }
+        let preset = self.preset.pruning();
+        let process = match self.schedule {
+            None => preset.clone(),
+            Some(Steps::Attrition) => Pruning::default(),
+            Some(Steps::OneShot) => Pruning::at_once(),
+            Some(Steps::Gradual) => Pruning::gradual(),
+        };
+        let Pruning { responses, compression, .. } = preset;
+        let mut pruning = Pruning { responses, compression, ..process };
         pruning.compression = choices.over(pruning.compression)?;
         Ok(pruning)
     }
@@ -118,15 +119,22 @@ impl Training {
             exposure: false,
             max_gaussians: self.max_gaussians as usize,
             checkpoint_every: self.checkpoint_every,
-            schedule: Schedule { growth: self.growth(), ..self.preset.schedule(self.iterations) },
+            schedule: self.course(),
             prune: None,
             effects: self.overrides(),
             tuning: None,
         }
     }
 
-    fn growth(&self) -> Option<Growth> {
-        self.grow_to.map(|n| Growth { gaussians: n as usize, ..Growth::default() })
+    fn course(&self) -> Schedule {
+        let preset = self.preset.schedule(self.iterations);
+        let growth = match self.grow_to {
+            None => preset.growth,
+            Some(GrowTo::Thresholds) => None,
+            Some(GrowTo::Auto) => Some(Growth::default()),
+            Some(GrowTo::Number(n)) => Some(Growth { gaussians: Some(n as usize), ..Growth::default() }),
+        };
+        Schedule { growth, ..preset }
     }
 
     /// The preset of the schedule.

@@ -1,5 +1,6 @@
 //! Values on the command line: sizes, colours, resolutions, directions.
 
+use crate::pipeline::config::ranges::MOST_GAUSSIANS;
 use crate::qirf::partition::Partition;
 use crate::scene::Resize;
 use crate::scene::orbit::UP;
@@ -36,6 +37,31 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     };
     let parsed = digits.parse::<u64>().ok().and_then(|n| n.checked_mul(unit)).filter(|n| *n > 0);
     parsed.ok_or_else(|| "write a number of bytes, such as 2G, 800M or 1000000".to_owned())
+}
+
+/// The number of Gaussians that a run grows to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum GrowTo {
+    /// On a plan, by the photos' pixels and the iterations.
+    Auto,
+    /// On a plan, to this number.
+    Number(u32),
+    /// As many as have gradients above the thresholds.
+    Thresholds,
+}
+
+/// `auto`, `thresholds` or a number of Gaussians.
+pub(super) fn growth(text: &str) -> Result<GrowTo, String> {
+    match text {
+        "auto" => Ok(GrowTo::Auto),
+        "thresholds" => Ok(GrowTo::Thresholds),
+        _ => {
+            let number = text.parse::<u32>().ok().filter(|n| (1..=MOST_GAUSSIANS).contains(&(*n as usize)));
+            number
+                .map(GrowTo::Number)
+                .ok_or_else(|| format!("write auto, thresholds or a number from 1 to {MOST_GAUSSIANS}"))
+        }
+    }
 }
 
 /// A share above 0, up to 1.

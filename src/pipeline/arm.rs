@@ -1,36 +1,52 @@
-//! The arms of a comparison: ways to continue from the prune point.
+//! The arms of a comparison: ways to continue from the prune point, or to train from the beginning.
 
 use super::config::{Compression, Pruning, RunConfig};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
+use crate::train::growth::Growth;
+use crate::train::schedule::Schedule;
 
-/// What is before `suffix`, and true if it was there.
-fn flag<'a>(text: &'a str, suffix: &str) -> (&'a str, bool) {
+/// Removes `suffix` from the end of `text`. Returns what is left, and whether the suffix was there.
+fn without<'a>(text: &'a str, suffix: &str) -> (&'a str, bool) {
     text.strip_suffix(suffix).map_or((text, false), |rest| (rest, true))
 }
 
-/// One way to continue from the prune point.
+/// How an arm's model grows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Grown {
+    /// With the other arms: it continues from their checkpoint at the prune point.
+    Together,
+    /// By the thresholds of the 3DGS reference, from the beginning.
+    ByThresholds,
+    /// From the beginning to the number that would be kept of the other arms' Gaussians; it is not pruned.
+    To(Keep),
+}
+
+/// One way to reach a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arm {
     /// Its name, as given on the command line.
     pub name: String,
-    /// Its choice of Gaussians; none for the dense arm.
+    /// Its choice of Gaussians; none if it is not pruned.
     pub compression: Option<Compression>,
     /// True if attrition goes before it.
     pub attrition: bool,
     /// True if rates are re-warmed after it.
     pub rewarm: bool,
+    /// How its model grows.
+    pub grown: Grown,
 }
 
 impl Arm {
-    /// Reads `dense`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
-    /// `+attrition`, `+rewarm` and `@SHARE`. A selector alone divides its count per block and does not merge. `given` is the
-    /// meaning of `default`, and gives every arm its share, its detail and its blocks.
+    /// Reads `dense`, `grown`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
+    /// `+attrition`, `+rewarm`, `+thresholds` and `@SHARE`. A selector alone prunes without attrition, divides its count per
+    /// block and does not merge. `given` is the meaning of `default`, and gives every arm its share, its detail and its blocks.
     ///
     /// # Errors
     /// A sentence that names the fault.
-    pub fn parse(text: &str, given: &Compression) -> Result<Self, String> {
-        let name = text.to_owned();
+    pub fn parse(text: &str, given: &Pruning) -> Result<Self, String> {
+        let (name, process) = (text.to_owned(), given);
+        let given = &process.compression;
         let (rest, keep) = match text.split_once('@') {
             None => (text, given.keep),
             Some((rest, share)) => {
@@ -38,10 +54,12 @@ impl Arm {
                 (rest, Keep::Share(share.ok_or_else(|| format!("'{text}': write a share such as 0.2 after @"))?))
             }
         };
-        let (rest, rewarm) = flag(rest, "+rewarm");
-        let (rest, attrition) = flag(rest, "+attrition");
-        let (rest, without_detail) = flag(rest, "-detail");
-        let (rest, merge) = flag(rest, "+merge");
+        let (rest, thresholds) = without(rest, "+thresholds");
+        let (rest, rewarm) = without(rest, "+rewarm");
+        let (rest, attrition) = without(rest, "+attrition");
+        let (rest, without_detail) = without(rest, "-detail");
+        let (rest, merge) = without(rest, "+merge");
+        let grown = if thresholds { Grown::ByThresholds } else { Grown::Together };
         let (selector, budget) = rest.split_once(':').map_or((rest, None), |(s, b)| (s, Some(b)));
         let named = |budget: &str| match budget {
             "per-block" => Ok(Budget::PerBlock),
@@ -50,12 +68,19 @@ impl Arm {
             other => Err(format!("'{text}': there is no budget '{other}'; choose per-block, hybrid or global")),
         };
         let mut compression = match selector {
-            "dense" if text == selector => return Ok(Self { name, compression: None, attrition, rewarm }),
-            "dense" => return Err(format!("'{text}': the dense arm is not pruned; write dense alone")),
+            "dense" if text == selector || text == "dense+thresholds" => {
+                return Ok(Self { name, compression: None, attrition, rewarm, grown });
+            }
+            "grown" if rest == selector && text.split('@').next() == Some(rest) => {
+                return Ok(Self { name, compression: None, attrition, rewarm, grown: Grown::To(keep) });
+            }
+            "dense" | "grown" => {
+                return Err(format!("'{text}': this arm is not pruned; write {selector} without the rest"));
+            }
             "default" => given.clone(),
             "paper" => Compression::paper(),
             selector => Compression {
-                selector: selector.parse::<Selector>().map_err(|e| format!("{e}, or default, paper or dense"))?,
+                selector: selector.parse::<Selector>().map_err(|e| format!("{e}, or default, paper, dense or grown"))?,
                 budget: Budget::PerBlock,
                 merge: false,
                 ..given.clone()
@@ -63,7 +88,7 @@ impl Arm {
         };
         if compression.selector == Selector::Pairs && (budget.is_some() || merge || without_detail) {
             return Err(format!(
-                "'{text}': pairs merges over the whole model; it takes +attrition, +rewarm and @SHARE alone"
+                "'{text}': pairs merges over the whole model; it takes +attrition, +rewarm, +thresholds and @SHARE alone"
             ));
         }
         if selector != "paper" || keep != given.keep {
@@ -76,7 +101,9 @@ impl Arm {
         if without_detail {
             compression.detail = 0.0;
         }
-        Ok(Self { name, compression: Some(compression), attrition, rewarm })
+        let default = selector == "default";
+        let attrition = attrition || default && process.attrition.is_some();
+        Ok(Self { name, compression: Some(compression), attrition, rewarm: rewarm || default && process.rewarm, grown })
     }
 
     /// Its folder's name, valid on every file system.
@@ -85,19 +112,27 @@ impl Arm {
         name.replace([':', '@'], "-")
     }
 
-    /// The arm's run: the shared one's, with the arm's pruning.
-    pub fn configuration(&self, shared: &RunConfig) -> RunConfig {
+    /// The arm's run: the shared one's, with the arm's pruning and growth. `gaussians` is their number at the
+    /// shared run's prune point.
+    pub fn configuration(&self, shared: &RunConfig, gaussians: usize) -> RunConfig {
         let prune = match (&self.compression, &shared.prune) {
             (Some(compression), Some(pruning)) => Some(Pruning {
                 compression: compression.clone(),
-                attrition: self.attrition.then(|| pruning.attrition.unwrap_or_default()).or(pruning.attrition),
-                rewarm: self.rewarm || pruning.rewarm,
+                attrition: self.attrition.then(|| pruning.attrition.unwrap_or_default()),
+                rewarm: self.rewarm,
                 ..pruning.clone()
             }),
             (None, Some(pruning)) => Some(Pruning { at: Vec::new(), ..pruning.clone() }),
             _ => None,
         };
-        RunConfig { prune, checkpoint_every: 0, ..shared.clone() }
+        let plan = shared.schedule.growth;
+        let growth = match self.grown {
+            Grown::Together => plan,
+            Grown::ByThresholds => None,
+            Grown::To(keep) => Some(Growth { gaussians: Some(keep.count(gaussians)), ..plan.unwrap_or_default() }),
+        };
+        let schedule = Schedule { growth, ..shared.schedule.clone() };
+        RunConfig { prune, schedule, checkpoint_every: 0, ..shared.clone() }
     }
 }
 
@@ -105,25 +140,33 @@ impl Arm {
 mod tests {
     use super::*;
     use crate::pipeline::Preset;
-    use crate::train::attrition::Attrition;
 
     #[test]
     fn arms_change_the_process_of_the_shared_run() {
         let shared = RunConfig::sample(Preset::Quick).pruned(Pruning::default());
-        let process = |text: &str| {
-            let arm = Arm::parse(text, &Compression::default()).unwrap();
-            let prune = arm.configuration(&shared).prune.unwrap();
-            (prune.at.len(), prune.attrition, prune.rewarm)
+        let process = |text: &str, given: &Pruning| {
+            let arm = Arm::parse(text, given).unwrap();
+            let RunConfig { prune, schedule, .. } = arm.configuration(&shared, 100);
+            let prune = prune.unwrap();
+            (prune.at.len(), prune.attrition.is_some(), prune.rewarm, schedule.growth.map(|g| g.gaussians))
         };
-        assert_eq!(process("dense"), (0, None, false));
-        assert_eq!(process("css+rewarm"), (1, None, true));
-        assert_eq!(process("default+attrition"), (1, Some(Attrition::default()), false));
+        let default = Pruning::default();
+        assert!(!process("dense", &default).2 && process("dense", &default).0 == 0);
+        assert_eq!(process("css+rewarm", &default), (1, false, true, Some(None)));
+        assert_eq!(process("default", &default), (1, true, true, Some(None)));
+        assert_eq!(process("default", &Pruning::at_once()), (1, false, false, Some(None)));
+        assert_eq!(process("default+attrition", &Pruning::at_once()), (1, true, false, Some(None)));
+        assert_eq!(process("importance+thresholds", &default), (1, false, false, None));
+        assert_eq!(process("dense+thresholds", &default), (0, false, false, None));
+        assert_eq!(process("grown", &default), (0, false, false, Some(Some(28))));
+        assert_eq!(process("grown@0.5", &default), (0, false, false, Some(Some(50))));
     }
 
     #[test]
     fn arms_by_name() {
         let given = Compression { merge: true, ..Compression::default() };
-        let arm = |text: &str| Arm::parse(text, &given).unwrap().compression;
+        let process = Pruning { compression: given.clone(), ..Pruning::default() };
+        let arm = |text: &str| Arm::parse(text, &process).unwrap().compression;
         assert_eq!(arm("dense"), None);
         assert_eq!(arm("default"), Some(given.clone()));
         let css = arm("css").unwrap();
@@ -131,12 +174,14 @@ mod tests {
         let all = arm("gnso:global+merge-detail@0.1").unwrap();
         assert_eq!((all.budget, all.merge, all.detail, all.keep), (Budget::Global, true, 0.0, Keep::Share(0.1)));
         assert_eq!(arm("paper").unwrap().keep, Keep::Paper { kappa: 0.22 });
-        let faded = Arm::parse("css-detail+attrition+rewarm@0.5", &given).unwrap();
+        let faded = Arm::parse("css-detail+attrition+rewarm@0.5", &process).unwrap();
         assert!(faded.attrition && faded.rewarm && faded.compression.unwrap().keep == Keep::Share(0.5));
-        assert!(!Arm::parse("css+merge", &given).unwrap().attrition);
+        assert!(!Arm::parse("css+merge", &process).unwrap().attrition);
         for wrong in [
             "dense+rewarm",
             "dense@0.2",
+            "grown+thresholds",
+            "css+thresholds+rewarm",
             "css+rewarm+attrition",
             "",
             "nothing",
@@ -147,7 +192,7 @@ mod tests {
             "pairs:global",
             "pairs+merge",
         ] {
-            assert!(Arm::parse(wrong, &given).is_err(), "{wrong}");
+            assert!(Arm::parse(wrong, &process).is_err(), "{wrong}");
         }
     }
 }

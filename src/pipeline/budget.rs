@@ -34,7 +34,9 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         Start::Points(n) | Start::Random(n) => (*n).min(config.max_gaussians),
         Start::Resumed(checkpoint) => checkpoint.notes.initial,
     };
-    let most_grown = config.schedule.growth.map_or(first.saturating_mul(GROWTH), |plan| plan.gaussians.max(first));
+    let pixels = opened.train_pixels().iter().sum();
+    let planned = schedule.growth.and_then(|plan| plan.for_photos(pixels, schedule.iterations).gaussians);
+    let most_grown = planned.map_or(first.saturating_mul(GROWTH), |n| n.max(first));
     let grown = if grows { most_grown.min(config.max_gaussians) } else { first };
     let size = opened.size();
     let photos: Vec<u64> = opened.train_pixels().iter().map(|pixels| 4 * pixels).collect();

@@ -2,11 +2,12 @@
 //! loss and iterations.
 
 use super::active_run::ActiveRun;
-use super::arm::Arm;
+use super::arm::{Arm, Grown};
 use super::checkpoint::Checkpoint;
 use super::config::RunConfig;
 use super::evaluate::Evaluator;
 use super::output::Output;
+use super::prepare::Prepared;
 use super::records::{ArmRecord, CompareRecord, RunRecord};
 use super::session::Session;
 use super::setup::{Setup, tuned};
@@ -19,7 +20,30 @@ use std::path::Path;
 /// Number of rounds in which the arms' frame rates are taken in turn.
 const ROUNDS: usize = 5;
 
-/// Compares `arms` on one scene; all results go to `folder`. With `resume`, finished parts of an earlier comparison
+/// Compares `arms` on one scene with `seeds` seeds (at least one), from the configuration's own on, each in a folder of its own
+/// inside `folder`.
+///
+/// # Errors
+/// As [`compare`].
+pub fn compare_seeds(
+    session: &Session<'_>,
+    shared: &RunConfig,
+    arms: &[Arm],
+    seeds: u32,
+    folder: &Path,
+    resume: bool,
+) -> Result<CompareRecord, Error> {
+    let of_seed = |k: u32| {
+        let seed = shared.seed.wrapping_add(k);
+        session.watcher.note(&format!("seed {seed} ({} of {seeds})", k + 1));
+        let config = RunConfig { seed, ..shared.clone() };
+        compare(session, &config, arms, &folder.join(CompareRecord::folder_of(seed)), resume)
+    };
+    let first = of_seed(0)?;
+    Ok(first.mean(&(1..seeds).map(of_seed).collect::<Result<Vec<_>, _>>()?))
+}
+
+/// Compares `arms` on one scene with one seed; all results go to `folder`. With `resume`, finished parts of an earlier comparison
 /// with the same options are reused.
 ///
 /// # Errors
@@ -57,6 +81,7 @@ pub fn compare(
         version: env!("CARGO_PKG_VERSION"),
         device: session.device.tuned(),
         scene: setup.config.scene.display().to_string(),
+        seeds: vec![setup.config.seed],
         iterations,
         prune_point,
         gaussians: fork.snapshot.model.len(),
@@ -69,10 +94,11 @@ fn arm_output(folder: &Path, name: &str) -> Result<Output, Error> {
     Output::new(&folder.join("arms").join(Arm::folder(name)))
 }
 
-/// Takes one arm from the fork to its end, or reuses its result of an earlier comparison.
+/// Takes one arm to its end, from the fork or from the beginning, or reuses its result of an earlier comparison.
 fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume: bool) -> Result<ArmRecord, Error> {
     let output = arm_output(folder, &arm.name)?;
-    let config = arm.configuration(&setup.config);
+    let gaussians = fork.snapshot.model.len();
+    let config = arm.configuration(&setup.config, gaussians);
     let (config_text, file) = (config.written()?, output.folder().join("arm.json"));
     if resume && std::fs::read_to_string(output.config()).is_ok_and(|text| text == config_text) {
         // An unreadable result is computed again.
@@ -81,17 +107,25 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
             return Ok(record);
         }
     }
-    let mut run = ActiveRun::start(setup, &config, &output, Start::Resumed(Box::new(fork.clone())))?;
+    let start = if arm.grown == Grown::Together {
+        Start::Resumed(Box::new(fork.clone()))
+    } else {
+        let Prepared { scene, train, .. } = &setup.prepared;
+        let pixels = train.iter().map(|p| u64::from(p.camera.width) * u64::from(p.camera.height)).max().unwrap_or(0);
+        Start::of(&config, scene.points.len(), pixels)?
+    };
+    let mut run = ActiveRun::start(setup, &config, &output, start)?;
+    run.train(fork.snapshot.iteration)?;
     let psnr_pruned = if arm.compression.is_some() {
         run.prune_now()?;
         if run.pruned() { run.psnr()? } else { None }
     } else {
-        // The dense arm continues with the same loss.
+        // Arms without a prune continue with the same loss.
         run.fine_tune();
         None
     };
     run.train(config.schedule.iterations)?;
-    let record = arm_record(&arm.name, fork.snapshot.model.len(), psnr_pruned, run.finish()?);
+    let record = arm_record(&arm.name, gaussians, psnr_pruned, run.finish()?);
     let text = serde_json::to_string(&record).map_err(|e| Error::encoding("arm.json", e))?;
     Output::text(&file, &text)?;
     Output::text(&output.config(), &config_text)?;
@@ -103,6 +137,8 @@ fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecor
     ArmRecord {
         name: name.to_owned(),
         psnr: test.and_then(|t| t.psnr),
+        psnr_spread: None,
+        psnr_by_seed: Vec::new(),
         ssim: test.map(|t| t.ssim),
         lpips_vgg: test.and_then(|t| t.lpips_vgg),
         gaussians: run.gaussians.last,

@@ -50,7 +50,10 @@ impl<'a> Setup<'a> {
         let opened = open(&config.selection())?;
         let start = match checkpoint {
             Some(checkpoint) => Start::Resumed(Box::new(checkpoint)),
-            None => Start::of(config, &opened)?,
+            None => {
+                let pixels = opened.train_pixels().into_iter().max().unwrap_or(0);
+                Start::of(config, opened.scene.points.len(), pixels)?
+            }
         };
         let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
         let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;

@@ -2,7 +2,7 @@
 
 use super::checkpoint::Checkpoint;
 use super::config::{Init, RunConfig};
-use super::prepare::{Opened, Prepared};
+use super::prepare::Prepared;
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
 use crate::scene::SceneKind;
@@ -25,18 +25,17 @@ pub enum Start {
 }
 
 impl Start {
-    /// The initial state that the configuration selects for this scene.
+    /// The initial state that the configuration selects for a scene with this number of points and training pictures of at
+    /// most `pixels` pixels.
     ///
     /// # Errors
     /// A model that cannot be read.
-    pub fn of(config: &RunConfig, opened: &Opened) -> Result<Self, Error> {
-        let points = opened.scene.points.len();
+    pub fn of(config: &RunConfig, points: usize, pixels: u64) -> Result<Self, Error> {
         Ok(match &config.init {
             Init::Model(path) => Self::Model(formats::read(path)?.gaussians),
             Init::Points if points > 0 => Self::Points(points),
             Init::Points | Init::Random => {
-                let pixels = opened.train_pixels().into_iter().max().unwrap_or(0) as f64;
-                let count = (pixels * POINTS_PER_PIXEL) as usize;
+                let count = (pixels as f64 * POINTS_PER_PIXEL) as usize;
                 let count = config.init_count.unwrap_or(count.clamp(POINTS.0, POINTS.1));
                 // More would only be thinned out again.
                 Self::Random(count.min(config.max_gaussians))

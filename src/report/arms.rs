@@ -51,6 +51,7 @@ fn figures(compared: &CompareRecord) -> Markup {
     let columns = [
         Column::Text("arm"),
         Column::Number("PSNR / dB"),
+        Column::Number("deviation / dB"),
         Column::Number("SSIM"),
         Column::Number("LPIPS"),
         Column::Number("right after the prune / dB"),
@@ -64,6 +65,7 @@ fn figures(compared: &CompareRecord) -> Markup {
         vec![
             a.name.clone(),
             decimals(a.psnr, 2),
+            decimals(a.psnr_spread, 2),
             decimals(a.ssim, 4),
             decimals(a.lpips_vgg, 4),
             decimals(a.psnr_pruned, 2),
@@ -110,6 +112,11 @@ fn pictures(choices: &[&str], views: &[View], stack: impl Fn(&View) -> Option<St
 fn views(compared: &CompareRecord, folder: &Path) -> Vec<View> {
     let Some(first) = compared.arms.first() else { return Vec::new() };
     let names: Vec<&str> = first.views.iter().map(|v| v.name.as_str()).collect();
+    // Pictures of the first seed.
+    let folder = match compared.seeds.first() {
+        Some(seed) if compared.by_seed() => folder.join(CompareRecord::folder_of(*seed)),
+        _ => folder.to_owned(),
+    };
     let renders = |arm: &ArmRecord| folder.join("arms").join(Arm::folder(&arm.name)).join("renders");
     let view = |exhibit: crate::pipeline::evaluate::exhibits::Exhibit| {
         let photo = read(&renders(first).join(&exhibit.photo));

@@ -160,7 +160,7 @@ impl Choice {
         let stay = copies.iter().filter(|c| **c > 0).count();
         let count = plan.planned(schedule, step.iteration).min(step.most).saturating_sub(stay);
         let (growth, key) = (trainee.growth.read(device)?, [step.seed, step.iteration]);
-        let halved = plan.choose(&growth, schedule.densify_gradient, count, key, |i| copies[i] > 0);
+        let halved = plan.choose(&growth, count, key, |i| copies[i] > 0);
         copies.iter_mut().zip(&halved).for_each(|(c, halved)| *c += u32::from(*halved));
         self.copies.write(device, &copies)?;
         self.splits.write(device, &halved.iter().map(|halved| u32::from(*halved)).collect::<Vec<_>>())?;

@@ -12,8 +12,9 @@ const LEAST_EVERY: u32 = 20;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Growth {
-    /// Gaussians at its end.
-    pub gaussians: usize,
+    /// Gaussians at its end; by the photos and the length of the run if absent, see [`Growth::by_photos`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gaussians: Option<usize>,
     /// Least number of density steps, in short runs.
     pub steps: u32,
     /// True if gradients count by their size in each tile, so that tiles do not cancel.
@@ -24,11 +25,24 @@ pub struct Growth {
 
 impl Default for Growth {
     fn default() -> Self {
-        Self { gaussians: 1_000_000, steps: 15, absolute: true, sampled: true }
+        Self { gaussians: None, steps: 15, absolute: true, sampled: true }
     }
 }
 
 impl Growth {
+    /// The number for a run of `iterations` on photos with `pixels` pixels in all: the geometric mean of the two. Both limit
+    /// what can be learnt: a picture holds no more detail than it has pixels, and each Gaussian needs its steps.
+    /// docs/decisions.md (50) has the figures.
+    pub fn by_photos(pixels: u64, iterations: u32) -> usize {
+        (pixels as f64 * f64::from(iterations)).sqrt() as usize
+    }
+
+    /// The same plan with its number, by the photos if it has none.
+    #[must_use]
+    pub fn for_photos(self, pixels: u64, iterations: u32) -> Self {
+        Self { gaussians: self.gaussians.or_else(|| Some(Self::by_photos(pixels, iterations))), ..self }
+    }
+
     /// Iterations between density steps.
     pub fn every(&self, schedule: &Schedule) -> u32 {
         let (from, until) = schedule.growing();
@@ -37,21 +51,20 @@ impl Growth {
     }
 
     /// The number of Gaussians planned after iteration `iteration`: the square root of growth's share, so that most come early
-    /// and have time to learn.
+    /// and have time to learn. A plan without a number has no growth.
     pub fn planned(&self, schedule: &Schedule, iteration: u32) -> usize {
         let (from, until) = schedule.growing();
         // The last step is one interval before the end.
         let passed = (iteration + self.every(schedule)).saturating_sub(from);
         let share = f64::from(passed) / f64::from(until.saturating_sub(from).max(1));
-        (self.gaussians as f64 * share.min(1.0).sqrt()) as usize
+        (self.gaussians.unwrap_or(0) as f64 * share.min(1.0).sqrt()) as usize
     }
 
     /// Marks which `count` of the candidates are halved. `growth` holds each Gaussian's sum of gradients and number of views;
-    /// a candidate is one that `candidate` accepts and whose mean gradient reaches `threshold`.
+    /// a candidate is one that `candidate` accepts and that has a gradient.
     pub fn choose(
         &self,
         growth: &[[f32; 2]],
-        threshold: f64,
         count: usize,
         key: [u32; 2],
         candidate: impl Fn(usize) -> bool,
@@ -61,7 +74,7 @@ impl Growth {
             .filter(|i| candidate(*i))
             .filter_map(|i| {
                 let [sum, views] = growth[i].map(f64::from);
-                let grows = sum.is_finite() && sum > 0.0 && sum >= threshold * views;
+                let grows = sum.is_finite() && sum > 0.0;
                 // The least of exponential variables with these rates: a sample without replacement (Efraimidis, Spirakis).
                 let chance = || -(1.0 - random::uniform(&[key[0], key[1], i as u64])).ln() / sum;
                 grows.then(|| (if self.sampled { chance() } else { -sum / views.max(1.0) }, i))
@@ -82,7 +95,7 @@ mod tests {
         Schedule { iterations, growth: Some(growth), ..Schedule::default() }
     }
 
-    const PLAN: Growth = Growth { gaussians: 10_000, steps: 15, absolute: true, sampled: true };
+    const PLAN: Growth = Growth { gaussians: Some(10_000), steps: 15, absolute: true, sampled: true };
 
     /// Short runs have as many steps as asked for, if each can follow twenty views; long ones keep their interval.
     #[test]
@@ -121,7 +134,7 @@ mod tests {
     fn the_greatest_gradients_or_a_fair_sample() {
         let growth: Vec<[f32; 2]> = (0..100).map(|i| [((i * 37) % 100) as f32, 1.0]).collect();
         let top = Growth { sampled: false, ..PLAN };
-        let chosen = |plan: Growth, key: u32| plan.choose(&growth, 0.0, 10, [key, 7], |i| i != 97);
+        let chosen = |plan: Growth, key: u32| plan.choose(&growth, 10, [key, 7], |i| i != 97);
         // 97 * 37 = 89 modulo 100, below the ten greatest.
         let greatest = chosen(top, 1);
         assert!((0..100).all(|i| greatest[i] == ((i * 37) % 100 >= 90)));
@@ -138,20 +151,19 @@ mod tests {
         assert!((150..270).contains(&of(50)) && (10..80).contains(&of(10)), "{} {}", of(50), of(10));
     }
 
-    /// Equal gradients, gradients that are no numbers, thresholds, and more room than candidates.
+    /// Equal gradients, gradients that are no numbers, and more room than candidates.
     #[test]
     fn hard_choices() {
-        let count = |growth: &[[f32; 2]], threshold: f64, count: usize| {
+        let count = |growth: &[[f32; 2]], count: usize| {
             [true, false].map(|sampled| {
-                let halved = Growth { sampled, ..PLAN }.choose(growth, threshold, count, [1, 2], |_| true);
+                let halved = Growth { sampled, ..PLAN }.choose(growth, count, [1, 2], |_| true);
                 (0..growth.len()).filter(|i| halved[*i]).collect::<Vec<_>>()
             })
         };
         let odd = [[f32::NAN, 1.0], [f32::INFINITY, 1.0], [0.0, 0.0], [-1.0, 1.0], [2.0, 2.0], [9.0, 10.0]];
-        assert_eq!(count(&odd, 0.0, 9), [[4, 5]; 2].map(Vec::from));
-        assert_eq!(count(&odd, 0.95, 9), [vec![4], vec![4]]);
-        assert!(count(&odd, 0.0, 0).iter().all(Vec::is_empty));
-        let equal = count(&[[1.0, 1.0]; 9], 0.5, 3);
+        assert_eq!(count(&odd, 9), [[4, 5]; 2].map(Vec::from));
+        assert!(count(&odd, 0).iter().all(Vec::is_empty));
+        let equal = count(&[[1.0, 1.0]; 9], 3);
         assert!(equal[0].len() == 3 && equal[1] == [0, 1, 2]);
     }
 }

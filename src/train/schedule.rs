@@ -30,7 +30,7 @@ pub struct Schedule {
     pub densify_until: f64,
     /// Iterations between density steps.
     pub densify_every: u32,
-    /// Mean gradient by the 2D mean, in NDC units, from which a Gaussian grows.
+    /// Mean gradient by the 2D mean, in NDC units, from which a Gaussian grows, if growth has no plan.
     pub densify_gradient: f64,
     /// Growing Gaussians whose largest axis exceeds this share of the reach are split, others are cloned. The reach is the
     /// scene's extent, or the Gaussian's distance from the cameras' mean if that is greater.

@@ -82,11 +82,14 @@ impl Trainer {
         trainee: Trainee,
         photos: Vec<Photo>,
         extent: f64,
-        options: Options,
+        mut options: Options,
     ) -> Result<Self> {
         if photos.is_empty() {
             return Err(Error::NoViews);
         }
+        let pixels = photos.iter().map(|p| u64::from(p.camera.width) * u64::from(p.camera.height)).sum();
+        let schedule = &mut options.schedule;
+        schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
         let size = camera::largest(photos.iter().map(|p| &p.camera));
         let renderer =
             Renderer::for_training(device, options.settings, trainee.model.len * 5 / 4, size, options.pairs)?;

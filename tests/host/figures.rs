@@ -3,7 +3,7 @@
 #[path = "../../tools/figures/mod.rs"]
 mod generator;
 
-use generator::{Bench, Origin, RENDERS, Sweep, fill, made, renders};
+use generator::{Bench, Origin, RENDERS, Sweep, fill, made, renders, results};
 use image::{Rgb, RgbImage};
 use std::path::{Path, PathBuf};
 
@@ -236,4 +236,37 @@ fn a_comparison_without_pictures_is_refused() {
     let folder = comparison();
     RgbImage::new(4, 3).save(folder.path().join("arms/dense/renders/a.png")).unwrap();
     assert!(renders(folder.path()).map(|_| ()).unwrap_err().contains("a.png"), "sizes differ");
+}
+
+/// The comparison of one scene, as `make results` leaves it.
+fn compared(psnr: f64) -> serde_json::Value {
+    let arm = |name: &str, psnr: f64, gaussians: usize| {
+        serde_json::json!({ "name": name, "psnr": psnr, "psnr_spread": 0.126, "psnr_pruned": null, "ssim": 0.91234,
+            "gaussians": gaussians, "ply_bytes": 1_500_000, "seconds": 61.0 })
+    };
+    let arms = [arm("dense", psnr, 100_000), arm("default", psnr - 0.25, 28_000)];
+    serde_json::json!({ "device": { "name": "a device" }, "iterations": 7000, "prune_point": 3500, "gaussians": 100_000,
+        "seeds": [1, 2, 3], "arms": arms })
+}
+
+#[test]
+fn tables_of_results() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(results(folder.path(), &origin()).map(|_| ()).unwrap_err().contains("no comparison"));
+    for (scene, psnr) in [("fox", 32.0), ("chair", 35.5)] {
+        std::fs::create_dir(folder.path().join(scene)).unwrap();
+        std::fs::write(folder.path().join(scene).join("compare.json"), compared(psnr).to_string()).unwrap();
+    }
+    let [page, readme] = results(folder.path(), &origin()).unwrap();
+    let (page, readme) = (part(&page, "results"), part(&readme, "results"));
+    for told in ["a device, commit 0123abc", "### chair", "seeds: 3.", "| default | 31.75 | 0.13 | - | 0.9123 | 28,000 | "] {
+        assert!(page.contains(told), "{told}: {page}");
+    }
+    assert!(readme.contains("| chair | - | 35.50 dB, 100 k | - | 35.25 dB, 28 k |"), "{readme}");
+    for (file, body) in [("docs/results.md", page), ("README.md", readme)] {
+        let text = read(&Path::new(env!("CARGO_MANIFEST_DIR")).join(file));
+        assert!(fill(file, &text, &vec![("results", body.to_owned())]).unwrap().contains(body.trim_end()));
+    }
+    std::fs::write(folder.path().join("fox/compare.json"), "{").unwrap();
+    assert!(results(folder.path(), &origin()).map(|_| ()).unwrap_err().contains("fox"));
 }

@@ -39,7 +39,7 @@ fn stopped_in_the_midst_it_ends_with_the_same_bytes() {
         let session = Session { device: &device, networks: &Networks::default(), host_bytes: u64::MAX, watcher };
         run::run(&session, config, &Output::new(&folder.path().join(name)).unwrap(), true)
     };
-    let mut pruning = Pruning { attrition: Some(Attrition::default()), rewarm: true, ..Pruning::default() };
+    let mut pruning = Pruning::default();
     pruning.compression.keep = Keep::Count(150);
     let config = runs::config(&scene, 160).pruned(pruning);
 

@@ -349,3 +349,33 @@ fn arms_are_compared_at_equal_counts() {
     assert_eq!(again["arms"][0]["psnr"], first["arms"][1]["psnr"]);
     assert_eq!(model("importance").unwrap(), before, "not trained again");
 }
+
+/// With several seeds each has its folder, figures are means, and finished seeds are reused. Arms may grow on their own.
+#[test]
+fn arms_are_compared_over_seeds() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("compared");
+    let compare = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+        command.arg("compare").arg(&scene).arg("-o").arg(&out).args(["--iterations", "100", "--json"]).args(more);
+        serde_json::from_slice::<serde_json::Value>(&works(&mut command).stdout).expect("one JSON document")
+    };
+    let first = compare(&["--arms", "default,grown,dense+thresholds", "--seeds", "1", "--seed", "5"]);
+    assert_eq!((&first["seeds"], &first["arms"][0]["psnr_spread"]), (&serde_json::json!([5]), &serde_json::Value::Null));
+    let model = out.join("seed-5/arms/grown/model.ply");
+    let written = || std::fs::metadata(&model).unwrap().modified().unwrap();
+    let before = written();
+    let both = compare(&["--arms", "default,grown,dense+thresholds", "--seeds", "2", "--seed", "5", "--resume"]);
+    assert_eq!((&both["seeds"], before), (&serde_json::json!([5, 6]), written()));
+    for (arm, once) in both["arms"].as_array().unwrap().iter().zip(first["arms"].as_array().unwrap()) {
+        let seeds: Vec<f64> = arm["psnr_by_seed"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        assert!(seeds.len() == 2 && seeds[0] == once["psnr"].as_f64().unwrap(), "{seeds:?}");
+        let (mean, spread) = (arm["psnr"].as_f64().unwrap(), arm["psnr_spread"].as_f64().unwrap());
+        assert!((mean - f64::midpoint(seeds[0], seeds[1])).abs() < 1e-9);
+        assert!((spread - (seeds[0] - seeds[1]).abs() / 2.0_f64.sqrt()).abs() < 1e-9, "{arm}");
+    }
+    let [kept, grown] = [0, 1].map(|k| both["arms"][k]["gaussians"].as_f64().unwrap());
+    assert!(grown <= 1.02 * kept && grown > 0.5 * kept, "{grown} of {kept}");
+    assert!(std::fs::read_to_string(out.join("compare.html")).unwrap().contains("<img"));
+}

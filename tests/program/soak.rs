@@ -59,7 +59,7 @@ fn config(scene: &Path) -> RunConfig {
         effects: Preset::Quick.effects(),
         ..runs::config(scene, ROUND)
     };
-    config.pruned(Pruning { at: Pruning::GRADUAL.to_vec(), ..Pruning::default() })
+    config.pruned(Pruning::gradual())
 }
 
 #[test]

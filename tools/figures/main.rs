@@ -1,15 +1,16 @@
-//! `make figures`: writes the generated parts of pages, the plots and the renders.
+//! `make figures` and `make results`: write the generated parts of pages, the plots and the renders.
 
 #[path = "mod.rs"]
 mod figures;
 
-use figures::{Bench, Origin, Parts, RENDERS, Sweep, fill, made, renders};
+use figures::{Bench, Origin, Parts, RENDERS, Sweep, fill, made, renders, results};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 const USAGE: &str = "usage (from the repository's root):
   figures measured CRITERION_FOLDER SWEEP.JSON COMMIT COMMAND   tables and plots
-  figures renders COMPARISON_FOLDER                             the renders in README.md";
+  figures renders COMPARISON_FOLDER                             the renders in README.md
+  figures results FOLDER_OF_COMPARISONS COMMIT COMMAND          the tables of docs/results.md and README.md";
 
 /// A file and its new content.
 type File = (PathBuf, Vec<u8>);
@@ -23,6 +24,10 @@ fn main() -> ExitCode {
             measured(Path::new(criterion), Path::new(sweep), &origin)
         }
         ["renders", comparison] => rendered(Path::new(comparison)),
+        ["results", folder, commit, command] => {
+            let origin = Origin { commit: commit.to_owned(), command: command.to_owned() };
+            compared(Path::new(folder), &origin)
+        }
         _ => {
             eprintln!("{USAGE}");
             return ExitCode::from(2);
@@ -48,6 +53,11 @@ fn measured(criterion: &Path, sweep: &Path, origin: &Origin) -> Result<Vec<File>
 fn rendered(comparison: &Path) -> Result<Vec<File>, String> {
     let (picture, readme) = renders(comparison)?;
     Ok(vec![filled("README.md", &readme)?, (RENDERS.into(), picture)])
+}
+
+fn compared(folder: &Path, origin: &Origin) -> Result<Vec<File>, String> {
+    let [page, readme] = results(folder, origin)?;
+    Ok(vec![filled("docs/results.md", &page)?, filled("README.md", &readme)?])
 }
 
 fn filled(file: &str, parts: &Parts) -> Result<File, String> {

@@ -1,8 +1,9 @@
 //! Markers of a page's generated parts: `<!-- figures: begin NAME -->` and `<!-- figures: end NAME -->`.
 
 /// Every part that a page may have.
-const KNOWN: [&str; 11] =
-    ["device", "sort", "frame", "cost", "culling", "iteration", "effects", "kernels", "sweep", "exactness", "renders"];
+const KNOWN: [&str; 12] = [
+    "device", "sort", "frame", "cost", "culling", "iteration", "effects", "kernels", "sweep", "exactness", "renders", "results",
+];
 
 /// The page with each of these parts filled and everything else unchanged; `file` names it in errors.
 ///

@@ -1,5 +1,5 @@
 //! The generated figures of `docs/performance.md` and README.md: tables and plots from the output of the benchmarks and
-//! a sweep, and renders from a comparison. The work of `make figures`.
+//! a sweep, and renders from a comparison: the work of `make figures`. The tables of `docs/results.md`: that of `make results`.
 
 mod bound;
 mod effects;
@@ -9,12 +9,14 @@ mod markers;
 mod measured;
 mod pictures;
 mod renders;
+mod results;
 mod sweep;
 mod tables;
 
 pub use markers::fill;
 pub use measured::Bench;
 pub use renders::{FILE as RENDERS, renders};
+pub use results::results;
 pub use sweep::Sweep;
 
 /// Origin of the figures, as the page states it.

@@ -30,7 +30,7 @@ impl Default for Compression {
         Self {
             selector: Selector::Css,
             budget: Budget::Hybrid,
-            keep: Keep::Share(0.28),
+            keep: Keep::Share(Keep::SHARE),
             detail: 0.05,
             merge: true,
             basis: Basis::default(),
@@ -76,10 +76,10 @@ pub struct Pruning {
     /// Weight of the mean squared error in the loss of the fine-tuning.
     pub l2: f64,
     /// Instead of the prunes after the first, and before its choice: attrition to nearly the number kept.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attrition: Option<Attrition>,
     /// True if rates are re-warmed after the last prune.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub rewarm: bool,
     /// Choice of Gaussians.
     pub compression: Compression,
@@ -97,8 +97,8 @@ impl Default for Pruning {
             responses: ResponseSource::default(),
             average_from: 13.0 / 30.0,
             l2: Self::L2,
-            attrition: None,
-            rewarm: false,
+            attrition: Some(Attrition::default()),
+            rewarm: true,
             compression: Compression::default(),
         }
     }
@@ -107,7 +107,17 @@ impl Default for Pruning {
 impl Pruning {
     /// Every choice as in the paper.
     pub fn paper() -> Self {
-        Self { responses: ResponseSource::Average, compression: Compression::paper(), ..Self::default() }
+        Self { responses: ResponseSource::Average, compression: Compression::paper(), ..Self::at_once() }
+    }
+
+    /// One prune at half the run, without attrition.
+    pub fn at_once() -> Self {
+        Self { attrition: None, rewarm: false, ..Self::default() }
+    }
+
+    /// Four prunes, without attrition.
+    pub fn gradual() -> Self {
+        Self { at: Self::GRADUAL.to_vec(), ..Self::at_once() }
     }
 
     /// Shares of the run at which the gradual schedule prunes.
@@ -149,7 +159,7 @@ mod tests {
 
     #[test]
     fn gradual_prunes_end_at_the_share_asked_for() {
-        let pruning = Pruning { at: Pruning::GRADUAL.to_vec(), ..Pruning::default() };
+        let pruning = Pruning::gradual();
         assert_eq!(pruning.iterations(30_000), [13_000, 15_000, 17_000, 20_000]);
         let share: f64 = (0..4)
             .map(|k| match pruning.keep(k, 4, 1000) {
@@ -162,7 +172,7 @@ mod tests {
 
     #[test]
     fn an_exact_count_is_reached_by_the_last_prune() {
-        let mut pruning = Pruning { at: vec![0.4, 0.5, 0.6], ..Pruning::default() };
+        let mut pruning = Pruning { at: vec![0.4, 0.5, 0.6], ..Pruning::at_once() };
         pruning.compression.keep = Keep::Count(123);
         let mut now = 1000;
         for k in 0..3 {

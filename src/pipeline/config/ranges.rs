@@ -79,7 +79,8 @@ fn schedule(s: &Schedule) -> Result<(), String> {
         within(&format!("schedule.{field}"), value, &(0.0..=1000.0))?;
     }
     if let Some(g) = &s.growth {
-        within("schedule.growth.gaussians", g.gaussians, &(1..=MOST_GAUSSIANS))?;
+        let gaussians = g.gaussians.unwrap_or(MOST_GAUSSIANS);
+        within("schedule.growth.gaussians", gaussians, &(1..=MOST_GAUSSIANS))?;
         within("schedule.growth.steps", g.steps, &(1..=MOST_ITERATIONS))?;
     }
     Ok(())
@@ -141,7 +142,7 @@ mod tests {
         for preset in [Preset::Paper, Preset::Standard, Preset::Quick] {
             let run = RunConfig::sample(preset).pruned(preset.pruning());
             assert_eq!(check(&run), Ok(()));
-            let gradual = Pruning { at: Pruning::GRADUAL.to_vec(), ..preset.pruning() };
+            let gradual = Pruning::gradual();
             assert_eq!(check(&run.pruned(gradual)), Ok(()));
         }
     }

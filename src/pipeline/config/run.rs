@@ -3,7 +3,9 @@
 use super::pruning::Pruning;
 use crate::effects::{Choice, Effect, Overrides};
 use crate::gpu::Tuning;
+use crate::qirf::select::budget::Keep;
 use crate::render::Style;
+use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -46,14 +48,15 @@ impl Preset {
     /// The preset's schedule, scaled to another length if one is given.
     pub fn schedule(self, iterations: Option<u32>) -> Schedule {
         let whole = Schedule::default();
+        let planned = |iterations| Schedule { growth: Some(Growth::default()), ..Schedule::of(iterations) };
         match self {
             // The published rates, at any length.
             Self::Paper => {
                 let iterations = iterations.unwrap_or(whole.iterations);
                 Schedule { iterations, densify_until: 13.0 / 30.0, ..whole }
             }
-            Self::Standard => Schedule::of(iterations.unwrap_or(whole.iterations)),
-            Self::Quick => Schedule::of(iterations.unwrap_or(2000)),
+            Self::Standard => planned(iterations.unwrap_or(whole.iterations)),
+            Self::Quick => planned(iterations.unwrap_or(2000)),
         }
     }
 }
@@ -139,11 +142,15 @@ pub struct Selection {
 }
 
 impl RunConfig {
-    /// The same run with pruning: densification ends at the first prune.
+    /// The same run with pruning: densification ends at the first prune. A run that is to keep a given number of Gaussians
+    /// plans to grow to the usual multiple of it, unless told otherwise.
     #[must_use]
     pub fn pruned(mut self, pruning: Pruning) -> Self {
         if let Some(first) = pruning.at.first() {
             self.schedule.densify_until = self.schedule.densify_until.min(*first);
+        }
+        if let (Some(plan), Keep::Count(count)) = (&mut self.schedule.growth, pruning.compression.keep) {
+            plan.gaussians = plan.gaussians.or(Some((count as f64 / Keep::SHARE).ceil() as usize));
         }
         self.prune = Some(pruning);
         self

@@ -2,7 +2,7 @@
 
 use crate::effects::{Choice, Effect, Overrides, Trigger};
 use crate::pipeline::arm::Arm;
-use crate::pipeline::config::Compression;
+use crate::pipeline::config::Pruning;
 use crate::qirf::overlap::Method;
 use crate::qirf::participation::Eigensolver;
 use crate::render::{Culling, Settings};
@@ -342,7 +342,7 @@ impl Asked {
             Axis::Gradients => Self::Gradients(known(axis, names, sums)?),
             Axis::Keep => Self::Keep(known(axis, names, share)?),
             Axis::Selector => {
-                Self::Selector(rungs(names, |name| Arm::parse(name, &Compression::default()).map(|_| ()))?)
+                Self::Selector(rungs(names, |name| Arm::parse(name, &Pruning::default()).map(|_| ()))?)
             }
             Axis::Iterations => Self::Iterations(known(axis, names, fraction)?),
             Axis::Effects => Self::Effects(rungs(names, switch)?),

@@ -61,7 +61,7 @@ pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord
     let mut arms: Vec<Arm> = Vec::new();
     for (_, name) in asked.iter().flat_map(|asked| arms_of(asked, given.keep)) {
         if arms.iter().all(|arm| arm.name != name) {
-            arms.push(Arm::parse(&name, given).map_err(Error::Usage)?);
+            arms.push(Arm::parse(&name, training.pruning).map_err(Error::Usage)?);
         }
     }
     let pruning = Pruning { compression: Compression::default(), ..training.pruning.clone() };

@@ -40,6 +40,9 @@ pub enum Keep {
 }
 
 impl Keep {
+    /// The share that is kept unless another is asked for: the paper's mean.
+    pub const SHARE: f64 = 0.28;
+
     /// The number that it keeps of `n`, apart from the paper's rule, which goes by blocks: that one counts as its smallest share.
     pub fn count(self, n: usize) -> usize {
         let of = |share: f64| ((millionths(share) * n as u128 + MILLION / 2) / MILLION) as usize;
