@@ -1,7 +1,7 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders mutants gpu-report \
-	devices msl
+.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
+	gpu-report devices msl
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -130,6 +130,17 @@ figures: ## measure, then rewrite the plots, renders and tables of README.md and
 figures-written:
 	cargo run --release --locked --quiet --features figures --bin figures -- measured "$(FIGURES)/criterion" "$(FIGURES)/sweep/sweep.json" \
 		"$$(git describe --always --dirty 2>/dev/null || echo unknown)" "make figures"
+
+# Interrupted, it goes on where it stopped. SEEDS=1 ITERATIONS=2000 make results is a shorter look.
+RESULTS ?= target/results
+results: ## train and compare every scene with three seeds, then rewrite the tables of README.md and docs/results.md (hours)
+	cargo build --release --locked --features figures --bins
+	RESULTS="$(RESULTS)" tools/results
+	@$(MAKE) --no-print-directory results-written
+
+results-written:
+	cargo run --release --locked --quiet --features figures --bin figures -- results "$(RESULTS)/compared" \
+		"$$(git describe --always --dirty 2>/dev/null || echo unknown)" "make results"
 
 # Both arms train equally long, so that the pictures differ by the prune alone.
 renders: ## train the demo scene dense and pruned, and rewrite the three renders of README.md (ten minutes)

@@ -132,7 +132,10 @@ impl Arm {
             Grown::To(keep) => Some(Growth { gaussians: Some(keep.count(gaussians)), ..plan.unwrap_or_default() }),
         };
         let schedule = Schedule { growth, ..shared.schedule.clone() };
-        RunConfig { prune, schedule, checkpoint_every: 0, ..shared.clone() }
+        // Initial points are thinned to the largest number allowed.
+        let most = growth.filter(|_| self.grown != Grown::Together).and_then(|g| g.gaussians);
+        let max_gaussians = most.map_or(shared.max_gaussians, |most| most.min(shared.max_gaussians));
+        RunConfig { prune, schedule, max_gaussians, checkpoint_every: 0, ..shared.clone() }
     }
 }
 

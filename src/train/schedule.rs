@@ -37,7 +37,7 @@ pub struct Schedule {
     pub clone_scale: f64,
     /// Opacity below which a Gaussian is pruned.
     pub prune_opacity: f64,
-    /// Gaussians whose largest axis exceeds this share of the reach are pruned, after `prune_scale_from`.
+    /// Gaussians whose largest axis exceeds this share of the reach are pruned, after `prune_scale_from`, if growth has no plan.
     pub prune_scale: f64,
     /// Share of the run after which large Gaussians are pruned.
     pub prune_scale_from: f64,
@@ -151,9 +151,10 @@ impl Schedule {
             && iteration.is_multiple_of(self.growth.map_or(self.densify_every, |g| g.every(self)))
     }
 
-    /// Returns true if large Gaussians are pruned at iteration `iteration`.
+    /// Returns true if large Gaussians are pruned at iteration `iteration`. A plan splits them instead: its many steps would take
+    /// away backgrounds time and again.
     pub fn prunes_large(&self, iteration: u32) -> bool {
-        iteration > self.at(self.prune_scale_from)
+        self.growth.is_none() && iteration > self.at(self.prune_scale_from)
     }
 
     /// Returns true if opacities are reset after iteration `iteration`.

@@ -209,7 +209,7 @@ fn memory_is_estimated_before_the_start() {
     let out = folder.path().join("out");
     let sizes = ["--init", "random", "--init-count", "20000", "--max-gaussians", "50000"];
     let said = refused(command(&scene, &out, &sizes).args(["--memory-budget", "60M"]));
-    assert!(said.contains("62914560") && said.contains("50000 Gaussians") && said.contains("48 x 36"), "{said}");
+    assert!(said.contains("62914560") && said.contains("20000 Gaussians") && said.contains("48 x 36"), "{said}");
     assert!(!out.join("config.toml").exists(), "nothing was begun");
     // The advised size works, and the run's peak is within its estimate.
     let advised = said.split("--max-gaussians ").nth(1).and_then(|t| t.split(',').next()).expect("advice").to_owned();
@@ -376,6 +376,6 @@ fn arms_are_compared_over_seeds() {
         assert!((spread - (seeds[0] - seeds[1]).abs() / 2.0_f64.sqrt()).abs() < 1e-9, "{arm}");
     }
     let [kept, grown] = [0, 1].map(|k| both["arms"][k]["gaussians"].as_f64().unwrap());
-    assert!(grown <= 1.02 * kept && grown > 0.5 * kept, "{grown} of {kept}");
+    assert!(grown <= kept && grown > 0.9 * kept, "{grown} of {kept}");
     assert!(std::fs::read_to_string(out.join("compare.html")).unwrap().contains("<img"));
 }
