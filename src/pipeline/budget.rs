@@ -14,7 +14,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::qirf::study;
 use crate::render::Style;
-use crate::response::{ResidentResponses, ResidentScores};
+use crate::response::Wanted;
 use crate::train::{Trainer, TrainerNeeds};
 
 /// Assumed growth of a run's number of Gaussians, as far as `--max-gaussians` allows.
@@ -47,7 +47,8 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         let exposure = config.effects.allow(Effect::Exposure);
         let masked = opened.scene.has_masks();
         let pairs = pairs::room(gaussians);
-        let pruning = if config.prune.is_some() { study::bytes(gaussians) } else { 0 };
+        let wanted = config.prune.as_ref().map(|p| p.compression.selector.reads());
+        let pruning = wanted.map_or(0, |wanted| study::bytes(gaussians, wanted));
         let (style, halves) = (effects::style(|effect| config.effects.allow(effect)), schedule.halves(1));
         let trainer =
             TrainerNeeds { gaussians, pairs, size, photos, degree, exposure, masked, style, halves, grows, pruning };
@@ -89,6 +90,8 @@ pub struct CompressNeeds {
     pub photos: Vec<u64>,
     /// True if the photos have masks.
     pub masked: bool,
+    /// What the pass over the views gathers.
+    pub wanted: Wanted,
     /// Style of rendering.
     pub style: Style,
     /// Largest number of Gaussians in a trainer, for responses or for fine-tuning.
@@ -100,14 +103,14 @@ pub struct CompressNeeds {
 /// # Errors
 /// As [`for_run`].
 pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) -> Result<u64, Error> {
-    let CompressNeeds { size, own_pictures, photos, masked, style, trained } = needs;
+    let CompressNeeds { size, own_pictures, photos, masked, wanted, style, trained } = needs;
     let (gaussians, degree) = (model.len(), model.degree());
     let resident = Resident::bytes(gaussians, degree);
     let resident = resident + staging_bytes(resident);
     let pairs = pairs::most(device, gaussians);
     let evaluates = resident + Evaluator::bytes(device, gaussians, size, style);
-    let studies = resident + study::bytes(gaussians);
-    let responds = resident + virtual_views::bytes(device, gaussians, size, pairs, style);
+    let studies = resident + study::bytes(gaussians, wanted);
+    let responds = resident + virtual_views::bytes(device, gaussians, size, pairs, style) + wanted.bytes(gaussians);
     let trainer = TrainerNeeds {
         gaussians: trained,
         pairs: pairs::most(device, trained),
@@ -119,10 +122,9 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
         style: Style { antialias: true, ..style },
         halves: false,
         grows: false,
-        pruning: study::bytes(trained),
+        pruning: study::bytes(trained, wanted),
     };
-    let rows = ResidentResponses::bytes(trained) + ResidentScores::bytes(trained);
-    let trains = if trained > 0 { Trainer::bytes(device, &trainer) + rows } else { 0 };
+    let trains = if trained > 0 { Trainer::bytes(device, &trainer) + wanted.bytes(trained) } else { 0 };
     let needed = evaluates.max(studies).max(trains).max(if own_pictures { responds } else { 0 });
     let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };
     check(device, "the compression", gaussians, size, needed, relief)

@@ -9,7 +9,7 @@ use crate::gaussians::outline::outline;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording};
 use crate::render::{Image, Renderer, Settings, Style, Uses};
-use crate::response::{HighPass, ResidentResponses, ResidentScores, Responses, Views, Wanted, full_pass};
+use crate::response::{HighPass, Responses, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::Look;
 use crate::scene::{Photo, Pixels};
@@ -153,13 +153,12 @@ pub fn responses(
     full_pass(&mut renderer, model, Views { cameras, follow }, &gradient, wanted, loss)
 }
 
-/// Bytes of device memory that [`responses`] takes besides the model.
+/// Bytes of device memory that [`responses`] takes besides the model and the results ([`Wanted::bytes`]).
 pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], pairs: u32, style: Style) -> u64 {
     let pixels = size[0] as usize * size[1] as usize;
     let pictures = Buffer::<[f32; 4]>::bytes_of(pixels) + HighPass::bytes(pixels);
-    let rows = ResidentResponses::bytes(gaussians) + ResidentScores::bytes(gaussians);
     let uses = Uses { training: true, style };
-    Renderer::bytes(device, gaussians, size, pairs, uses) + pictures + rows
+    Renderer::bytes(device, gaussians, size, pairs, uses) + pictures
 }
 
 #[cfg(test)]

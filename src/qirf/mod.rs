@@ -3,6 +3,7 @@
 pub mod assemble;
 pub mod batch;
 mod lapack;
+pub mod measured;
 pub mod normalise;
 pub mod overlap;
 pub mod pairs;

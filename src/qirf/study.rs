@@ -10,11 +10,11 @@ use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
 use super::select::detail::{self, Exponents, Inputs};
 use super::select::merge::{Functions, merge};
 use super::select::{BlockSelector, Ranking, Selector, Statistics};
-use super::{CHANNELS, normalise};
+use super::{CHANNELS, measured, normalise};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Device, Result, Timings};
-use crate::response::{ResidentResponses, ResidentScores, Responses};
+use crate::response::{Responses, Wanted};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -22,10 +22,10 @@ use std::time::Instant;
 /// Bytes of overlaps per batch, of which two are in flight: enough to keep every core busy, little besides a model.
 const BATCH_BYTES: usize = 16 << 20;
 
-/// Peak device memory of responses and study of `n` Gaussians, in bytes.
-pub fn bytes(n: usize) -> u64 {
+/// Peak device memory of a study of `n` Gaussians and of the pass before it, which gathers `wanted`; in bytes.
+pub fn bytes(n: usize, wanted: Wanted) -> u64 {
     let batches = Options { batch_bytes: BATCH_BYTES, ..Options::default() };
-    Assembly::bytes(n, &batches).max(ResidentResponses::bytes(n) + ResidentScores::bytes(n))
+    Assembly::bytes(n, &batches).max(wanted.bytes(n))
 }
 
 /// The overlaps used as the metric.
@@ -222,8 +222,10 @@ impl Study {
             log_scales: &model.log_scales,
         };
         for &selector in selectors {
-            let alone = selector.ranking(&self.partitioned.blocks, &statistics, u64::from(seed));
-            if let Some(ranking) = alone.or_else(|| solved.next()) {
+            let blocks = &self.partitioned.blocks;
+            let alone = selector.ranking(blocks, &statistics, u64::from(seed));
+            let measured = || selector.of_measured().map(|selector| measured::ranking(selector, blocks, responses));
+            if let Some(ranking) = alone.or_else(measured).or_else(|| solved.next()) {
                 self.rankings.push((selector, ranking));
             }
         }

@@ -78,7 +78,7 @@ pub fn densify(params: &Params, growth: &[[f64; 2]], thresholds: &Thresholds) ->
 }
 
 /// The random number of a key, 32 bits: PCG's output permutation over one linear congruential step.
-fn hash(x: u32) -> u32 {
+pub(super) fn hash(x: u32) -> u32 {
     let x = x.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
     let x = ((x >> ((x >> 28) + 4)) ^ x).wrapping_mul(277_803_737);
     (x >> 22) ^ x

@@ -1,6 +1,6 @@
 //! Responses and scores from one pass over all views.
 
-use super::{Gather, ResidentResponses, ResidentScores, Responses};
+use super::{Gather, ResidentResponses, ResidentScores, ResidentSketches, Responses};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Error, Recording};
 use crate::render::{Backward, Renderer};
@@ -15,15 +15,25 @@ pub struct Wanted {
     pub scores: bool,
     /// True if scores compare pictures with photos, where there are photos.
     pub residual: bool,
+    /// Sketches, which need the picture alone.
+    pub sketches: bool,
 }
 
 impl Wanted {
     /// Response channels alone.
-    pub const CHANNELS: Self = Self { channels: true, scores: false, residual: false };
+    pub const CHANNELS: Self = Self { channels: true, scores: false, residual: false, sketches: false };
     /// Scores alone, of the pictures as they are.
-    pub const SCORES: Self = Self { channels: false, scores: true, residual: false };
+    pub const SCORES: Self = Self { channels: false, scores: true, ..Self::CHANNELS };
     /// Response channels and scores.
-    pub const BOTH: Self = Self { channels: true, scores: true, residual: false };
+    pub const BOTH: Self = Self { scores: true, ..Self::CHANNELS };
+
+    /// Bytes of device memory that the results take for `gaussians` Gaussians.
+    pub fn bytes(self, gaussians: usize) -> u64 {
+        let of = |wanted: bool, bytes: fn(usize) -> u64| if wanted { bytes(gaussians) } else { 0 };
+        of(self.channels, ResidentResponses::bytes)
+            + of(self.scores, ResidentScores::bytes)
+            + of(self.sketches, ResidentSketches::bytes)
+    }
 }
 
 /// What a gradient by the picture is of.
@@ -64,6 +74,7 @@ pub fn full_pass<E: From<Error>>(
     let device = &renderer.device().clone();
     let responses = wanted.channels.then(|| ResidentResponses::zeros(device, model.len)).transpose()?;
     let scores = wanted.scores.then(|| ResidentScores::zeros(device, model.len)).transpose()?;
+    let sketches = wanted.sketches.then(|| ResidentSketches::zeros(device, model.len)).transpose()?;
     let backward = Backward { residual: true, ..Backward::default() };
     let gather = Gather::Mean { views: cameras.len() as u32 };
     for (v, camera) in cameras.iter().enumerate() {
@@ -84,6 +95,9 @@ pub fn full_pass<E: From<Error>>(
                 }
                 scores.record(&mut recording, renderer, model, camera, wanted.residual.then_some(image_gradient));
             }
+            if let Some(sketches) = &sketches {
+                sketches.record(&mut recording, renderer, model, camera, v as u32);
+            }
             device.run(recording)?;
             // A view whose pairs did not fit has changed nothing.
             if !renderer.make_room_for_pairs(renderer.pairs()?)? {
@@ -94,6 +108,7 @@ pub fn full_pass<E: From<Error>>(
     follow(cameras.len())?;
     let channels = responses.map(|r| r.read(device, gather)).transpose()?.unwrap_or_default();
     let scores = scores.map(|s| s.values.read(device)).transpose()?.unwrap_or_default();
+    let sketches = sketches.map(|s| s.read(device)).transpose()?.unwrap_or_default();
     let dilation = renderer.settings().dilation;
-    Ok(Responses { channels, scores, cameras: cameras.to_vec(), dilation })
+    Ok(Responses { channels, scores, sketches, cameras: cameras.to_vec(), dilation })
 }

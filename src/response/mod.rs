@@ -17,12 +17,14 @@ mod high_pass;
 mod residual;
 mod respond;
 mod score;
+mod sketch;
 
 pub use full_pass::{Term, Views, Wanted, full_pass};
 pub use high_pass::HighPass;
 pub use residual::{Target, record_residual};
 pub use respond::{Gather, KEEP, ResidentResponses};
 pub use score::{ResidentScores, Score};
+pub use sketch::{BUCKETS, ROWS, ResidentSketches, Sketch};
 
 use crate::scene::camera::Camera;
 
@@ -36,6 +38,8 @@ pub struct Responses {
     pub channels: Vec<[f32; CHANNELS]>,
     /// Scores, n; empty if they were not asked for.
     pub scores: Vec<Score>,
+    /// Sketches, n; empty if they were not asked for.
+    pub sketches: Vec<Sketch>,
     /// Cameras of the views of the scores.
     pub cameras: Vec<Camera>,
     /// Variance in square pixels that rendering adds to every Gaussian.

@@ -9,7 +9,7 @@ use qirf_vk::gpu::{Buffer, Device, Error, Recording};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
 use qirf_vk::response::{
-    Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Score, Target, Term, Views, Wanted, full_pass,
+    Gather, HighPass, KEEP, ROWS, ResidentResponses, ResidentScores, Score, Target, Term, Views, Wanted, full_pass,
     record_residual,
 };
 use qirf_vk::scene::FourthByte;
@@ -269,4 +269,54 @@ fn a_score_tells_how_the_picture_changes() {
         compared += usize::from(square > 1e-3);
     }
     assert!(compared > 10, "{compared} are seen");
+}
+
+/// Sketches of the pass are the twin's, and their products are those over all pixels, on average over the pairs.
+#[test]
+fn sketches_stand_for_products_over_all_pixels() {
+    let device = device();
+    let cameras = cameras();
+    for seed in [2, 5] {
+        let model = narrowed(&random_scene(&cameras[0], seed));
+        let resident = Resident::upload(&device, &model).unwrap();
+        let sketched = |pairs: u32| {
+            let mut renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, pairs).unwrap();
+            let gradient = device.buffer("image gradient", image_weights(0).len()).unwrap();
+            let views = Views { cameras: &cameras, follow: |_| Ok::<(), Error>(()) };
+            let wanted = Wanted { sketches: true, ..Wanted::SCORES };
+            full_pass(&mut renderer, &resident, views, &gradient, wanted, |_, _, _, _| Ok(())).unwrap()
+        };
+        let got = sketched(8);
+        assert!(bytemuck::cast_slice::<_, u8>(&got.sketches) == bytemuck::cast_slice::<_, u8>(&sketched(1 << 14).sketches));
+
+        let (params, n) = (Params::from(&model), model.len());
+        let settings = reference::Settings { tile: device.tuning().tile, ..reference::Settings::default() };
+        let mut twin = vec![[[0.0; 4]; ROWS]; n];
+        let [mut changes, mut weights] = [vec![0.0; n * n], vec![0.0; n * n]];
+        for (v, camera) in cameras.iter().enumerate() {
+            reference::sketch::sketch(&params, camera, &settings, v as u32, &mut twin);
+            reference::sketch::grams(&params, camera, &settings, [&mut changes, &mut weights]);
+        }
+        compare(&format!("seed {seed}, sketches"), got.sketches.as_flattened(), twin.as_flattened(), 3e-4);
+
+        // The exact diagonals are the scores'; products of sketches miss the others by no more than chance allows.
+        let near = |a: f32, b: f64| (f64::from(a) - b).abs() <= 1e-3 * b + 1e-9;
+        assert!((0..n).all(|i| near(got.scores[i].change, changes[i * n + i]) && near(got.scores[i].squares, weights[i * n + i])));
+        let product = |i: usize, j: usize, k: std::ops::Range<usize>| -> f64 {
+            twin[i].iter().zip(&twin[j]).map(|(a, b)| a[k.clone()].iter().zip(&b[k.clone()]).map(|(x, y)| x * y).sum::<f64>()).sum()
+        };
+        for (name, exact, k, signs) in [("changes", &changes, 0..3, 2.0), ("weights", &weights, 3..4, 2.0)] {
+            let (mut error, mut size, mut bias) = (0.0, 0.0, 0.0);
+            for (i, j) in (0..n).flat_map(|i| (0..i).map(move |j| (i, j))) {
+                let norms = (exact[i * n + i] * exact[j * n + j]).sqrt();
+                // Both sets of signs count in each product.
+                let off = product(i, j, k.clone()) / signs - exact[i * n + j];
+                (error, size, bias) = (error + off * off, size + norms * norms, bias + off * norms);
+            }
+            let (error, bias) = ((error / size).sqrt(), bias / size);
+            println!("seed {seed}, {name}: error {error:.3} of the norms, bias {bias:.4}");
+            assert!(error < 0.35 && bias.abs() < 0.05, "{name}: {error}, {bias}");
+        }
+    }
+    finish(&device);
 }

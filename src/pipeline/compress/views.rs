@@ -55,6 +55,7 @@ impl Views {
             own_pictures: false,
             photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
             masked: opened.scene.has_masks(),
+            wanted: config.compression.selector.reads(),
             style: config.style,
             trained: model.len(),
         };
@@ -79,6 +80,7 @@ impl Views {
             own_pictures: true,
             photos: vec![4 * u64::from(size[0]) * u64::from(size[1]); cameras.views as usize],
             masked: false,
+            wanted: config.compression.selector.reads(),
             style: config.style,
             trained: if fine_tunes { most_kept(config.compression.keep, model.len()) } else { 0 },
         };
