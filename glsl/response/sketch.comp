@@ -11,8 +11,8 @@ layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 2, std430) readonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 3, std430) readonly buffer FirstSlots { uint first_slots[]; };
-layout(binding = 4, std430) readonly buffer First { vec4 first_signs[]; };
-layout(binding = 5, std430) readonly buffer Second { vec4 second_signs[]; };
+layout(binding = 4, std430) readonly buffer FirstSigns { vec4 first_signs[]; };
+layout(binding = 5, std430) readonly buffer SecondSigns { vec4 second_signs[]; };
 layout(binding = 6, std430) readonly buffer Tiles { vec4 tiles[]; };
 layout(binding = 7, std430) buffer Sketches { vec4 sketches[]; }; // n x BUCKETS x 2
 layout(push_constant) uniform Push {

@@ -11,8 +11,8 @@ use crate::pipeline::arm::Arm;
 use crate::pipeline::compare::{compare, compare_seeds};
 use crate::pipeline::config::{Compression, Pruning};
 use crate::pipeline::records::CompareRecord;
-use crate::qirf::select::budget::Keep;
 use crate::pipeline::{Output, Session};
+use crate::qirf::select::budget::Keep;
 use crate::report;
 use std::path::PathBuf;
 
@@ -82,10 +82,7 @@ impl Arguments {
             _ => Compression::default().keep,
         };
         let compression = Compression { keep, ..Compression::default() };
-        let config = self
-            .training
-            .configuration(self.scene.clone())
-            .pruned(Pruning { compression, ..pruning });
+        let config = self.training.configuration(self.scene.clone()).pruned(Pruning { compression, ..pruning });
         let networks = self.resources.networks(console)?;
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);

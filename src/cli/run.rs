@@ -39,7 +39,7 @@ pub(super) struct Arguments {
     /// Continue from the folder's checkpoint, if there is one
     #[arg(long)]
     resume: bool,
-    /// Read all options from this file: an earlier run's config.toml
+    /// Read all options from this file: an earlier run's config.toml. Its learning rates belong to its number of iterations
     #[arg(long, value_name = "FILE", conflicts_with_all = ["Training", "Choices", "no_prune"])]
     config: Option<PathBuf>,
     #[command(flatten)]

@@ -80,7 +80,9 @@ impl Arm {
             "default" => given.clone(),
             "paper" => Compression::paper(),
             selector => Compression {
-                selector: selector.parse::<Selector>().map_err(|e| format!("{e}, or default, paper, dense or grown"))?,
+                selector: selector
+                    .parse::<Selector>()
+                    .map_err(|e| format!("{e}, or default, paper, dense or grown"))?,
                 budget: Budget::PerBlock,
                 merge: false,
                 ..given.clone()
@@ -122,7 +124,9 @@ impl Arm {
                 rewarm: self.rewarm,
                 ..pruning.clone()
             }),
-            (None, Some(pruning)) => Some(Pruning { at: Vec::new(), ..pruning.clone() }),
+            (None, Some(pruning)) => {
+                Some(Pruning { at: Vec::new(), attrition: None, rewarm: false, ..pruning.clone() })
+            }
             _ => None,
         };
         let plan = shared.schedule.growth;
@@ -154,7 +158,7 @@ mod tests {
             (prune.at.len(), prune.attrition.is_some(), prune.rewarm, schedule.growth.map(|g| g.gaussians))
         };
         let default = Pruning::default();
-        assert!(!process("dense", &default).2 && process("dense", &default).0 == 0);
+        assert_eq!(process("dense", &default), (0, false, false, Some(None)));
         assert_eq!(process("css+rewarm", &default), (1, false, true, Some(None)));
         assert_eq!(process("default", &default), (1, true, true, Some(None)));
         assert_eq!(process("default", &Pruning::at_once()), (1, false, false, Some(None)));

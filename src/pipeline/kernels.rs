@@ -42,7 +42,7 @@ pub fn compiled(device: &Device) -> Result<Vec<Compiled>, Error> {
     let options = Options { schedule: Schedule::default(), degree, ..Options::default() };
     let mut trainer = Trainer::new(device, &model, vec![photo], 1.0, options)?;
     device.submit(trainer.recording()?)?;
-    let responses = trainer.responses(Wanted { residual: true, ..Wanted::BOTH })?;
+    let responses = trainer.responses(Wanted { residual: true, sketches: true, ..Wanted::BOTH })?;
     let compression = &Preset::Quick.pruning().compression;
     let request = PruneRequest { compression, keep: Keep::Share(0.28), seed: 1 };
     plan(device, trainer.model(), model, &responses, &request)?;

@@ -48,13 +48,11 @@ impl<'a> Setup<'a> {
         let Session { device, watcher, .. } = *session;
         let checkpoint = if resume { checkpoint(output, watcher)? } else { None };
         let opened = open(&config.selection())?;
-        let start = match checkpoint {
-            Some(checkpoint) => Start::Resumed(Box::new(checkpoint)),
-            None => {
-                let pixels = opened.train_pixels().into_iter().max().unwrap_or(0);
-                Start::of(config, opened.scene.points.len(), pixels)?
-            }
+        let fresh = || {
+            let pixels = opened.train_pixels().into_iter().max().unwrap_or(0);
+            Start::of(config, opened.scene.points.len(), pixels)
         };
+        let start = checkpoint.map_or_else(fresh, |checkpoint| Ok(Start::Resumed(Box::new(checkpoint))))?;
         let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
         let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
         let (decisions, gains) = effects::decide(&prepared, config)?;

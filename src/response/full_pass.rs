@@ -7,6 +7,7 @@ use crate::render::{Backward, Renderer};
 use crate::scene::camera::Camera;
 
 /// What a pass over all views gathers.
+#[expect(clippy::struct_excessive_bools, reason = "parts of a pass, each on its own")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wanted {
     /// Response channels, which need the backward pass.

@@ -259,13 +259,15 @@ fn tables_of_results() {
     }
     let [page, readme] = results(folder.path(), &origin()).unwrap();
     let (page, readme) = (part(&page, "results"), part(&readme, "results"));
-    for told in ["a device, commit 0123abc", "### chair", "seeds: 3.", "| default | 31.75 | 0.13 | - | 0.9123 | 28,000 | "] {
+    for told in
+        ["a device, commit 0123abc", "### chair", "seeds: 3.", "| default | 31.75 | 0.13 | – | 0.9123 | 28,000 | "]
+    {
         assert!(page.contains(told), "{told}: {page}");
     }
     assert!(readme.contains("| chair | - | 35.50 dB, 100 k | - | 35.25 dB, 28 k |"), "{readme}");
     for (file, body) in [("docs/results.md", page), ("README.md", readme)] {
         let text = read(&Path::new(env!("CARGO_MANIFEST_DIR")).join(file));
-        assert!(fill(file, &text, &vec![("results", body.to_owned())]).unwrap().contains(body.trim_end()));
+        assert!(fill(file, &text, &[("results", body.to_owned())]).unwrap().contains(body.trim_end()));
     }
     std::fs::write(folder.path().join("fox/compare.json"), "{").unwrap();
     assert!(results(folder.path(), &origin()).map(|_| ()).unwrap_err().contains("fox"));

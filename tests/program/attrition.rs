@@ -9,7 +9,6 @@ use qirf_vk::pipeline::{Output, RunConfig, Session, Silent, Watcher, run};
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::synth::{SynthOptions, write};
 use qirf_vk::train::Progress;
-use qirf_vk::train::attrition::Attrition;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Stops after an iteration.

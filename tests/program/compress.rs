@@ -217,7 +217,8 @@ fn photos_give_evidence_scores_and_fine_tuning() {
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let out = folder.path().join("small.ply");
     let scene = scene.to_str().unwrap();
-    let more = ["--scene", scene, "--keep", "0.1", "--fine-tune", "80", "--eval-every", "3", "--json"];
+    let pruned = ["--scene", scene, "--selector", "importance", "--keep", "0.1"];
+    let more = [&pruned[..], &["--fine-tune", "80", "--eval-every", "3", "--json"]].concat();
     let figures = figures(&compressed(&trained.join("model.ply"), &out, &more));
     let [before, pruned, tuned] = ["before", "pruned", "fine_tuned"].map(|stage| psnr(&figures, stage));
     println!("{before:.2} dB, pruned {pruned:.2} dB, fine-tuned {tuned:.2} dB");

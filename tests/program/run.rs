@@ -362,7 +362,10 @@ fn arms_are_compared_over_seeds() {
         serde_json::from_slice::<serde_json::Value>(&works(&mut command).stdout).expect("one JSON document")
     };
     let first = compare(&["--arms", "default,grown,dense+thresholds", "--seeds", "1", "--seed", "5"]);
-    assert_eq!((&first["seeds"], &first["arms"][0]["psnr_spread"]), (&serde_json::json!([5]), &serde_json::Value::Null));
+    assert_eq!(
+        (&first["seeds"], &first["arms"][0]["psnr_spread"]),
+        (&serde_json::json!([5]), &serde_json::Value::Null)
+    );
     let model = out.join("seed-5/arms/grown/model.ply");
     let written = || std::fs::metadata(&model).unwrap().modified().unwrap();
     let before = written();

@@ -2,7 +2,18 @@
 
 /// Every part that a page may have.
 const KNOWN: [&str; 12] = [
-    "device", "sort", "frame", "cost", "culling", "iteration", "effects", "kernels", "sweep", "exactness", "renders", "results",
+    "device",
+    "sort",
+    "frame",
+    "cost",
+    "culling",
+    "iteration",
+    "effects",
+    "kernels",
+    "sweep",
+    "exactness",
+    "renders",
+    "results",
 ];
 
 /// The page with each of these parts filled and everything else unchanged; `file` names it in errors.

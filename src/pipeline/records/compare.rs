@@ -127,7 +127,8 @@ impl CompareRecord {
     /// The table as comma-separated values: one line per arm.
     pub fn csv(&self) -> String {
         let cell = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
-        let mut text = "name,psnr,psnr_spread,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned\n".to_owned();
+        let mut text =
+            "name,psnr,psnr_spread,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned\n".to_owned();
         for a in &self.arms {
             let scores = [a.psnr, a.psnr_spread, a.ssim, a.lpips_vgg].map(cell).join(",");
             text += &format!("{},{scores},{},{:.4},{},", a.name, a.gaussians, a.removed, a.ply_bytes);

@@ -87,13 +87,18 @@ impl Axis {
             Self::Keep => &["1", "0.5", "0.28", "0.2", "0.1", "0.05"],
             Self::Selector => &[
                 "default",
-                "default:per-block",
-                "default:global",
+                "importance+attrition+rewarm",
+                "css:hybrid+merge",
+                "css:global+merge",
+                "css",
                 "gnso",
                 "ordinary",
                 "lowdin",
                 "importance",
-                "css",
+                "removal",
+                "elimination",
+                "css-measured",
+                "gnso-measured",
                 "radsplat",
                 "lightgaussian",
                 "contribution",
@@ -341,9 +346,7 @@ impl Asked {
             Axis::Storage => Self::Storage(known(axis, names, storage)?),
             Axis::Gradients => Self::Gradients(known(axis, names, sums)?),
             Axis::Keep => Self::Keep(known(axis, names, share)?),
-            Axis::Selector => {
-                Self::Selector(rungs(names, |name| Arm::parse(name, &Pruning::default()).map(|_| ()))?)
-            }
+            Axis::Selector => Self::Selector(rungs(names, |name| Arm::parse(name, &Pruning::default()).map(|_| ()))?),
             Axis::Iterations => Self::Iterations(known(axis, names, fraction)?),
             Axis::Effects => Self::Effects(rungs(names, switch)?),
         })

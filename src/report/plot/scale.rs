@@ -99,16 +99,22 @@ impl Scale {
     pub fn marks(&self) -> Vec<(f64, String)> {
         let steps = ((self.high - self.low) / self.step).round() as i32;
         let stride = if self.log { steps / MOST_DECADES + 1 } else { 1 };
-        (0..=steps)
+        let values: Vec<f64> = (0..=steps)
             .step_by(stride.max(1) as usize)
-            .map(|k| {
-                let v = self.low + f64::from(k) * self.step;
-                // Avoids a rounding error in place of zero.
-                let v = if v.abs() < 1e-9 * self.step { 0.0 } else { v };
-                let text = if self.log { power(v.round() as i32) } else { short(v) };
-                (self.at(if self.log { 10_f64.powf(v) } else { v }), text)
-            })
-            .collect()
+            .map(|k| self.low + f64::from(k) * self.step)
+            // Avoids a rounding error in place of zero.
+            .map(|v| if v.abs() < 1e-9 * self.step { 0.0 } else { v })
+            .collect();
+        if self.log {
+            return values.iter().map(|v| (self.at(10_f64.powf(*v)), power(v.round() as i32))).collect();
+        }
+        let mut labels: Vec<String> = values.iter().map(|v| short(*v)).collect();
+        if labels.windows(2).any(|pair| pair[0] == pair[1]) {
+            // A narrow range needs the digits of its step.
+            let places = (-self.step.log10().floor()).clamp(0.0, 12.0) as usize;
+            labels = values.iter().map(|v| format!("{v:.places$}").replace('-', "−")).collect();
+        }
+        values.iter().map(|v| self.at(*v)).zip(labels).collect()
     }
 }
 
@@ -144,6 +150,8 @@ mod tests {
         assert_eq!(labels(Axis::new(""), &[17.3, 27.9]), ["15", "20", "25", "30"]);
         assert_eq!(labels(Axis::from_zero(""), &[0.0, 10.0]), ["0", "2", "4", "6", "8", "10"]);
         assert_eq!(labels(Axis::log(""), &[0.0, 0.00002, 0.9]), ["10⁻⁵", "10⁻⁴", "0.001", "0.01", "0.1", "1"]);
+        assert_eq!(labels(Axis::new(""), &[29.46, 29.51]), ["29.46", "29.47", "29.48", "29.49", "29.50", "29.51"]);
+        assert_eq!(labels(Axis::new(""), &[-123_456.0, -123_455.0]).len(), 6);
         assert_eq!(labels(Axis::new(""), &[]), ["0", "0.2", "0.4", "0.6", "0.8", "1"]);
     }
 

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Options of every run here: four prunes with fine-tuning in between, all in a second or two.
-const RUN: [&str; 4] = ["--iterations", "120", "--schedule", "gradual"];
+const RUN: [&str; 6] = ["--iterations", "120", "--schedule", "gradual", "--grow-to", "300"];
 
 /// The iteration of the first prune of such a run.
 pub const FIRST_PRUNE: u32 = 52;
