@@ -22,13 +22,19 @@ const ARMS: &str =
 const ABLATION: &str =
     "dense,gnso,gnso-detail,ordinary,gnso@0.1,ordinary@0.1,gnso@0.2,ordinary@0.2,gnso@0.4,ordinary@0.4";
 
+/// Methods of the paper's Tables 1 and 2 as far as they are here: QIRF, 3DGS, `RadSplat`, `LightGaussian`, GaussianPOP, GNS, and
+/// growth to the same count. Learnt masks (Compact3DGS, `MaskGaussian`) and 3DGS-MCMC's noise are not.
+const PAPER_TABLES: &str = "dense,dense+thresholds,default,paper,gnso,radsplat:global-detail+twice,lightgaussian:global-detail,\
+     removal:global-detail+twice,opacity:global-detail+attrition,importance,grown";
+
 const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --preset quick --resolution 256
   qirf-vk compare capture -o compared --arms default,importance,css:hybrid+merge,dense --keep 0.2
   qirf-vk compare capture -o compared --ablation
+  qirf-vk compare capture -o compared --arms paper-tables --seeds 3
 
-An arm is a selector's name with any of :BUDGET, +merge, -detail, +attrition, +rewarm, +thresholds and
-@SHARE after it, in this order; or default, paper, dense (not pruned), dense+thresholds (not pruned, grown as by the 3DGS
+An arm is a selector's name with any of :BUDGET, +merge, -detail, +attrition, +twice, +rewarm,
++thresholds and @SHARE after it, in this order (+twice: half of the way at 16/30 of the run, the rest at 24/30); or default, paper, dense (not pruned), dense+thresholds (not pruned, grown as by the 3DGS
 reference) or grown (not pruned, grown only to the number kept). The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
 /// Compare ways of pruning a scene, all from one checkpoint
@@ -40,7 +46,7 @@ pub(super) struct Arguments {
     /// Folder for the results; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Arms to compare, separated by commas [default: every selector, the default and the dense model]
+    /// Arms to compare, separated by commas, or paper-tables [default: every selector, the default and the dense model]
     #[arg(long, value_name = "ARM,...")]
     arms: Option<String>,
     /// Compare the arms of the paper's ablations
@@ -66,7 +72,12 @@ pub(super) struct Arguments {
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let pruning = self.training.pruning(&self.choices)?;
-        let asked = self.arms.as_deref().unwrap_or(if self.ablation { ABLATION } else { ARMS });
+        let asked = match self.arms.as_deref() {
+            Some("paper-tables") => PAPER_TABLES,
+            Some(arms) => arms,
+            None if self.ablation => ABLATION,
+            None => ARMS,
+        };
         let arms: Vec<Arm> = asked
             .split(',')
             .map(|text| Arm::parse(text.trim(), &pruning))

@@ -11,6 +11,9 @@ fn without<'a>(text: &'a str, suffix: &str) -> (&'a str, bool) {
     text.strip_suffix(suffix).map_or((text, false), |rest| (rest, true))
 }
 
+/// Shares of the run at which an arm prunes that does so in two steps, as `RadSplat` does.
+pub const TWICE: [f64; 2] = [16.0 / 30.0, 24.0 / 30.0];
+
 /// How an arm's model grows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Grown {
@@ -33,13 +36,15 @@ pub struct Arm {
     pub attrition: bool,
     /// True if rates are re-warmed after it.
     pub rewarm: bool,
+    /// True if it prunes in two steps, [`TWICE`].
+    pub twice: bool,
     /// How its model grows.
     pub grown: Grown,
 }
 
 impl Arm {
     /// Reads `dense`, `grown`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
-    /// `+attrition`, `+rewarm`, `+thresholds` and `@SHARE`. A selector alone prunes without attrition, divides its count per
+    /// `+attrition`, `+twice`, `+rewarm`, `+thresholds` and `@SHARE`. A selector alone prunes without attrition, divides its count per
     /// block and does not merge. `given` is the meaning of `default`, and gives every arm its share, its detail and its blocks.
     ///
     /// # Errors
@@ -56,6 +61,7 @@ impl Arm {
         };
         let (rest, thresholds) = without(rest, "+thresholds");
         let (rest, rewarm) = without(rest, "+rewarm");
+        let (rest, twice) = without(rest, "+twice");
         let (rest, attrition) = without(rest, "+attrition");
         let (rest, without_detail) = without(rest, "-detail");
         let (rest, merge) = without(rest, "+merge");
@@ -69,10 +75,10 @@ impl Arm {
         };
         let mut compression = match selector {
             "dense" if text == selector || text == "dense+thresholds" => {
-                return Ok(Self { name, compression: None, attrition, rewarm, grown });
+                return Ok(Self { name, compression: None, attrition, rewarm, twice, grown });
             }
             "grown" if rest == selector && text.split('@').next() == Some(rest) => {
-                return Ok(Self { name, compression: None, attrition, rewarm, grown: Grown::To(keep) });
+                return Ok(Self { name, compression: None, attrition, rewarm, twice, grown: Grown::To(keep) });
             }
             "dense" | "grown" => {
                 return Err(format!("'{text}': this arm is not pruned; write {selector} without the rest"));
@@ -90,7 +96,7 @@ impl Arm {
         };
         if compression.selector == Selector::Pairs && (budget.is_some() || merge || without_detail) {
             return Err(format!(
-                "'{text}': pairs merges over the whole model; it takes +attrition, +rewarm, +thresholds and @SHARE alone"
+                "'{text}': pairs merges over the whole model; it takes +attrition, +twice, +rewarm, +thresholds and @SHARE alone"
             ));
         }
         if selector != "paper" || keep != given.keep {
@@ -103,9 +109,13 @@ impl Arm {
         if without_detail {
             compression.detail = 0.0;
         }
+        if attrition && twice {
+            return Err(format!("'{text}': choose one of +attrition and +twice"));
+        }
         let default = selector == "default";
-        let attrition = attrition || default && process.attrition.is_some();
-        Ok(Self { name, compression: Some(compression), attrition, rewarm: rewarm || default && process.rewarm, grown })
+        let attrition = attrition || default && !twice && process.attrition.is_some();
+        let rewarm = rewarm || default && process.rewarm;
+        Ok(Self { name, compression: Some(compression), attrition, rewarm, twice, grown })
     }
 
     /// Its folder's name, valid on every file system.
@@ -123,7 +133,8 @@ impl Arm {
                 attrition: self.attrition.then(|| pruning.attrition.unwrap_or_default()),
                 rewarm: self.rewarm,
                 ..pruning.clone()
-            }),
+            })
+            .map(|pruning| if self.twice { twice(pruning, gaussians) } else { pruning }),
             (None, Some(pruning)) => {
                 Some(Pruning { at: Vec::new(), attrition: None, rewarm: false, ..pruning.clone() })
             }
@@ -141,6 +152,15 @@ impl Arm {
         let max_gaussians = most.map_or(shared.max_gaussians, |most| most.min(shared.max_gaussians));
         RunConfig { prune, schedule, max_gaussians, checkpoint_every: 0, ..shared.clone() }
     }
+}
+
+/// The same pruning in two steps, to exactly as many of `gaussians`.
+fn twice(mut pruning: Pruning, gaussians: usize) -> Pruning {
+    pruning.at = TWICE.to_vec();
+    if let Keep::Share(_) = pruning.compression.keep {
+        pruning.compression.keep = Keep::Count(pruning.compression.keep.count(gaussians));
+    }
+    pruning
 }
 
 #[cfg(test)]
@@ -163,6 +183,7 @@ mod tests {
         assert_eq!(process("default", &default), (1, true, true, Some(None)));
         assert_eq!(process("default", &Pruning::at_once()), (1, false, false, Some(None)));
         assert_eq!(process("default+attrition", &Pruning::at_once()), (1, true, false, Some(None)));
+        assert_eq!(process("radsplat:global+twice", &default), (2, false, false, Some(None)));
         assert_eq!(process("importance+thresholds", &default), (1, false, false, None));
         assert_eq!(process("dense+thresholds", &default), (0, false, false, None));
         assert_eq!(process("grown", &default), (0, false, false, Some(Some(28))));
@@ -189,6 +210,8 @@ mod tests {
             "dense@0.2",
             "grown+thresholds",
             "css+thresholds+rewarm",
+            "css+attrition+twice",
+            "dense+twice",
             "css+rewarm+attrition",
             "",
             "nothing",

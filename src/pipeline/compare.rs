@@ -116,7 +116,11 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     };
     let mut run = ActiveRun::start(setup, &config, &output, start)?;
     run.train(fork.snapshot.iteration)?;
-    let psnr_pruned = if arm.compression.is_some() {
+    let psnr_pruned = if arm.twice {
+        // Its prunes come later.
+        run.fine_tune();
+        None
+    } else if arm.compression.is_some() {
         run.prune_now()?;
         if run.pruned() { run.psnr()? } else { None }
     } else {

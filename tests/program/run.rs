@@ -326,22 +326,24 @@ fn arms_are_compared_at_equal_counts() {
         let output = works(&mut command);
         serde_json::from_slice::<serde_json::Value>(&output.stdout).expect("one JSON document")
     };
-    let first = compare(&["--arms", "default,importance,random:global,dense", "--keep", "0.3"]);
+    let first = compare(&["--arms", "default,importance,random:global,dense,radsplat:global+twice", "--keep", "0.3"]);
     let arms = first["arms"].as_array().unwrap();
     let names: Vec<_> = arms.iter().map(|a| a["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["default", "importance", "random:global", "dense"]);
+    assert_eq!(names, ["default", "importance", "random:global", "dense", "radsplat:global+twice"]);
     let n = first["gaussians"].as_u64().unwrap();
     let kept = (n * 3 + 5) / 10;
     let counts: Vec<_> = arms.iter().map(|a| a["gaussians"].as_u64().unwrap()).collect();
-    assert_eq!(counts, [kept, kept, kept, n]);
+    assert_eq!(counts, [kept, kept, kept, n, kept]);
+    let iterations: Vec<_> = arms[4]["prunes"].as_array().unwrap().iter().map(|p| p["iteration"].clone()).collect();
+    assert_eq!(iterations, [85, 128]);
     assert!(arms.iter().all(|a| a["psnr"].as_f64().is_some() && a["fps"].as_f64().unwrap() > 0.0));
     let page = std::fs::read_to_string(out.join("compare.html")).unwrap();
     assert!(
-        page.contains("random:global") && page.matches("<img").count() == 2 * 2 * 5,
+        page.contains("random:global") && page.matches("<img").count() == 2 * 2 * 6,
         "photo and arms, whole and cut"
     );
     let table = std::fs::read_to_string(out.join("compare.csv")).unwrap();
-    assert_eq!(table.lines().count(), 5);
+    assert_eq!(table.lines().count(), 6);
 
     let model = |name: &str| std::fs::metadata(out.join("arms").join(name).join("model.ply")).unwrap().modified();
     let before = model("importance").unwrap();

@@ -6,12 +6,13 @@ use qirf_vk::report::format::{bytes, count, decimals, seconds};
 use serde_json::Value;
 use std::path::Path;
 
-/// Arms of the table in README.md, with their headings there.
-const SHOWN: [(&str, &str); 4] = [
-    ("dense+thresholds", "grown as by 3DGS, not pruned"),
-    ("dense", "grown to a plan, not pruned"),
-    ("importance", "pruned at once by importance"),
-    ("default", "default"),
+/// Arms of the table in README.md, with their headings there; those that no comparison has are left out.
+const SHOWN: [(&str, &str); 5] = [
+    ("dense+thresholds", "not pruned, grown as by 3DGS"),
+    ("dense", "not pruned, grown to a plan"),
+    ("grown", "grown to the kept number"),
+    ("importance", "grown to a plan, pruned at once"),
+    ("default", "grown to a plan, pruned by attrition (default)"),
 ];
 
 /// The comparison of one scene.
@@ -55,8 +56,9 @@ impl Compared {
     fn table(&self) -> String {
         let r = &self.record;
         let seeds = r["seeds"].as_array().map_or(1, Vec::len);
+        let one = if seeds == 1 { "; another seed may differ by some tenths of a decibel" } else { "" };
         let mut out = format!(
-            "### {}\n\n{} iterations; {} Gaussians after iteration {}; seeds: {seeds}.\n\n\
+            "### {}\n\n{} iterations; {} Gaussians after iteration {}; seeds: {seeds}{one}.\n\n\
              | arm | PSNR / dB | deviation | right after the prune | SSIM | Gaussians | PLY | training |\n\
              |---|---:|---:|---:|---:|---:|---:|---:|\n",
             self.scene,
@@ -85,17 +87,19 @@ fn whole(value: &Value) -> usize {
     value.as_u64().unwrap_or(0) as usize
 }
 
-/// One row a scene: PSNR and number of Gaussians of each arm shown.
+/// One row for each scene: PSNR and number of Gaussians of each arm shown.
 fn summary(all: &[Compared]) -> String {
-    let heads = SHOWN.map(|(_, heading)| heading).join(" | ");
-    let mut out = format!("| scene | {heads} |\n|---|{}\n", "---:|".repeat(SHOWN.len()));
+    let shown: Vec<_> = SHOWN.iter().filter(|(name, _)| all.iter().any(|c| c.arm(name).is_some())).collect();
+    let heads: Vec<&str> = shown.iter().map(|(_, heading)| *heading).collect();
+    let mut out = format!("| scene | {} |\n|---|{}\n", heads.join(" | "), "---:|".repeat(shown.len()));
     for compared in all {
-        let cell = |(name, _): (&str, &str)| {
+        let cell = |name: &str| {
             let Some(arm) = compared.arm(name) else { return "-".to_owned() };
             let thousands = whole(&arm["gaussians"]) as f64 / 1e3;
             format!("{} dB, {thousands:.0} k", decimals(arm["psnr"].as_f64(), 2))
         };
-        out += &format!("| {} | {} |\n", compared.scene, SHOWN.map(cell).join(" | "));
+        let cells: Vec<String> = shown.iter().map(|(name, _)| cell(name)).collect();
+        out += &format!("| {} | {} |\n", compared.scene, cells.join(" | "));
     }
     out
 }
