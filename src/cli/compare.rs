@@ -33,9 +33,10 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --ablation
   qirf-vk compare capture -o compared --arms paper-tables --seeds 3
 
-An arm is a selector's name with any of :BUDGET, +merge, -detail, +attrition, +twice, +rewarm,
-+thresholds and @SHARE after it, in this order (+twice: half of the way at 16/30 of the run, the rest at 24/30); or default, paper, dense (not pruned), dense+thresholds (not pruned, grown as by the 3DGS
-reference) or grown (not pruned, grown only to the number kept). The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
+An arm is a selector's name with any of :BUDGET, +merge, -detail, +attrition, +twice, +rewarm, +thresholds and @SHARE after
+it, in this order; +twice prunes at 16/30 and 24/30 of the run. Or it is default, paper, dense (not pruned), dense+thresholds
+(not pruned, grown as by the 3DGS reference) or grown (not pruned, grown only to the number kept). The folder holds
+compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
 /// Compare ways of pruning a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]

@@ -1,5 +1,6 @@
 //! Submitting a recording, and waiting for it.
 
+use super::buffer::Buffer;
 use super::device::{Context, Device, lock};
 use super::encode::{Encoder, Scope};
 use super::error::{During, Error};
@@ -8,6 +9,7 @@ use super::pipeline::Pipeline;
 use super::profiler::Timings;
 use super::recording::Recording;
 use ash::vk;
+use bytemuck::Pod;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -29,6 +31,18 @@ impl Device {
         let ticket = self.submit(recording)?;
         self.context().counters.round_trips.fetch_add(1, Ordering::Relaxed);
         ticket.wait()
+    }
+
+    /// A buffer of `len` elements whose bytes are zero.
+    ///
+    /// # Errors
+    /// As [`Device::buffer`]; device errors.
+    pub fn zeros<T: Pod>(&self, name: &str, len: usize) -> Result<Buffer<T>, Error> {
+        let buffer = self.buffer(name, len)?;
+        let mut recording = Recording::new();
+        recording.fill(&buffer, 0);
+        self.run(recording)?;
+        Ok(buffer)
     }
 
     /// Submits a recording. Recordings run in the order of their submission.

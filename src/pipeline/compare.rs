@@ -111,7 +111,7 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
         Start::Resumed(Box::new(fork.clone()))
     } else {
         let Prepared { scene, train, .. } = &setup.prepared;
-        let pixels = train.iter().map(|p| u64::from(p.camera.width) * u64::from(p.camera.height)).max().unwrap_or(0);
+        let pixels = train.iter().map(|p| p.camera.pixels()).max().unwrap_or(0);
         Start::of(&config, scene.points.len(), pixels)?
     };
     let mut run = ActiveRun::start(setup, &config, &output, start)?;

@@ -75,10 +75,7 @@ impl Opened {
 
     /// Pixels of each training picture; includes photos that turn out damaged.
     pub fn train_pixels(&self) -> Vec<u64> {
-        let pixels = |i: &usize| {
-            let camera = self.scene.views[*i].camera_at(self.resize);
-            u64::from(camera.width) * u64::from(camera.height)
-        };
+        let pixels = |i: &usize| self.scene.views[*i].camera_at(self.resize).pixels();
         self.scene.split(self.selection.eval_every).train.iter().map(pixels).collect()
     }
 

@@ -18,12 +18,12 @@ pub fn respond(
     residual: &[f64],
 ) -> Vec<[f64; 8]> {
     let mut channels = vec![[0.0; 8]; params.len()];
-    each_sample(params, camera, settings, |i, at, _, alpha, transmittance| {
-        let (c, weight) = (&mut channels[i], transmittance * alpha);
+    each_sample(params, camera, settings, |sample| {
+        let c = &mut channels[sample.gaussian];
         c[0] = 1.0;
-        c[1] += weight;
-        c[2] += weight * residual[at];
-        c[3] += alpha;
+        c[1] += sample.weight;
+        c[2] += sample.weight * residual[sample.pixel];
+        c[3] += sample.alpha;
     });
     let pixels = f64::from(camera.width) * f64::from(camera.height);
     let by = gradients(params, camera, settings, dl_dimage, None).params;
@@ -44,23 +44,53 @@ pub fn respond(
     channels
 }
 
-/// Passes on each contribution that a pixel blends: Gaussian, pixel, opacity at the centre, alpha, and the
-/// transmittance before it.
-pub(super) fn each_sample(
-    params: &Params,
-    camera: &Camera,
-    settings: &Settings,
-    mut each: impl FnMut(usize, usize, f64, f64, f64),
-) {
-    let Rendered { projected, tiles, .. } = render(params, camera, settings);
+/// What a pixel blends of a Gaussian.
+pub(super) struct Sample {
+    /// Number of the tile.
+    pub tile: usize,
+    /// Number of the pixel.
+    pub pixel: usize,
+    /// Number of the Gaussian.
+    pub gaussian: usize,
+    /// Its opacity at the centre.
+    pub opacity: f64,
+    /// Its opacity here.
+    pub alpha: f64,
+    /// T, the transmittance before it.
+    pub transmittance: f64,
+    /// w = T alpha.
+    pub weight: f64,
+    /// w b, b the colour behind it.
+    pub behind: DVec3,
+    /// phi = w (c - b), the change of the pixel if it is removed.
+    pub phi: DVec3,
+}
+
+/// Passes on each contribution that a pixel blends, front to back.
+pub(super) fn each_sample(params: &Params, camera: &Camera, settings: &Settings, mut each: impl FnMut(&Sample)) {
+    let Rendered { projected, tiles, composite } = render(params, camera, settings);
     for t in 0..tiles.offsets.len() - 1 {
         let list = tiles.list(t);
         let (columns, rows) = tiles.pixels(t, camera.width, camera.height);
         for y in rows {
             for x in columns.clone() {
-                let at = (y * camera.width + x) as usize;
+                let pixel = (y * camera.width + x) as usize;
+                let mut left = DVec3::from(composite.image[pixel]);
                 walk(list, &projected, (x, y), settings, |k, p, s, transmittance| {
-                    each(list[k] as usize, at, p.opacity, s.alpha, transmittance);
+                    let weight = transmittance * s.alpha;
+                    left -= weight * p.colour;
+                    let behind = left * (s.alpha / (1.0 - s.alpha));
+                    each(&Sample {
+                        tile: t,
+                        pixel,
+                        gaussian: list[k] as usize,
+                        opacity: p.opacity,
+                        alpha: s.alpha,
+                        transmittance,
+                        weight,
+                        behind,
+                        phi: weight * p.colour - behind,
+                    });
                 });
             }
         }

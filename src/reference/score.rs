@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-use super::{Params, Rendered, Settings, rasterise::walk, render};
+use super::respond::{Sample, each_sample};
+use super::{Params, Settings};
 use crate::scene::camera::Camera;
 
 /// Scores of a Gaussian in a view; see [`crate::response::Score`] for each of them.
@@ -18,33 +19,22 @@ pub struct Score {
 
 /// Scores of a view, n. `residual` is the picture minus its photo, by pixel.
 pub fn score(params: &Params, camera: &Camera, settings: &Settings, residual: &[[f64; 3]]) -> Vec<Score> {
-    let Rendered { projected, tiles, composite } = render(params, camera, settings);
     let mut scores = vec![Score::default(); params.len()];
-    for t in 0..tiles.offsets.len() - 1 {
-        let list = tiles.list(t);
-        let (columns, rows) = tiles.pixels(t, camera.width, camera.height);
-        for (x, y) in rows.flat_map(|y| columns.clone().map(move |x| (x, y))) {
-            let at = (y * camera.width + x) as usize;
-            let (mut behind, residual) = (DVec3::from(composite.image[at]), DVec3::from(residual[at]));
-            walk(list, &projected, (x, y), settings, |k, p, s, transmittance| {
-                let score = &mut scores[list[k] as usize];
-                let w = transmittance * s.alpha;
-                behind -= w * p.colour;
-                let seen_behind = behind * (s.alpha / (1.0 - s.alpha));
-                let phi = w * p.colour - seen_behind;
-                let [contribution, peak, hits, significance] = &mut score.weights;
-                *contribution += w;
-                *peak = peak.max(w);
-                *hits += 1.0;
-                *significance += p.opacity * transmittance;
-                for (sum, term) in score.changes.iter_mut().zip([w * w, phi.length_squared(), phi.dot(residual)]) {
-                    *sum += term;
-                }
-                for (sum, term) in score.behind.iter_mut().zip(seen_behind.to_array()) {
-                    *sum += term;
-                }
-            });
+    each_sample(params, camera, settings, |sample| {
+        let Sample { weight, behind, phi, .. } = *sample;
+        let score = &mut scores[sample.gaussian];
+        let [contribution, peak, hits, significance] = &mut score.weights;
+        *contribution += weight;
+        *peak = peak.max(weight);
+        *hits += 1.0;
+        *significance += sample.opacity * sample.transmittance;
+        let residual = DVec3::from(residual[sample.pixel]);
+        for (sum, term) in score.changes.iter_mut().zip([weight * weight, phi.length_squared(), phi.dot(residual)]) {
+            *sum += term;
         }
-    }
+        for (sum, term) in score.behind.iter_mut().zip(behind.to_array()) {
+            *sum += term;
+        }
+    });
     scores
 }

@@ -1,44 +1,27 @@
 //! What each Gaussian does in the pictures: the sums of products over all pixels, and the sketches that stand for them.
 
-use glam::DVec3;
-
 use super::densify::hash;
-use super::{Params, Rendered, Settings, rasterise::walk, render};
+use super::respond::{Sample, each_sample};
+use super::{Params, Settings};
 use crate::response::{BUCKETS, ROWS};
 use crate::scene::camera::Camera;
 
 /// What a Gaussian does at one pixel: phi in three colours, and w = T alpha.
 type Effect = [f64; 4];
 
-/// Calls `body` for each pixel of a view and each Gaussian that it blends: with the tile, the pixel, the Gaussian, and what it
-/// does there.
-fn effects(params: &Params, camera: &Camera, settings: &Settings, mut body: impl FnMut([u32; 2], usize, Effect)) {
-    let Rendered { projected, tiles, composite } = render(params, camera, settings);
-    for t in 0..tiles.offsets.len() - 1 {
-        let list = tiles.list(t);
-        let (columns, rows) = tiles.pixels(t, camera.width, camera.height);
-        for (x, y) in rows.flat_map(|y| columns.clone().map(move |x| (x, y))) {
-            let at = y * camera.width + x;
-            let mut behind = DVec3::from(composite.image[at as usize]);
-            walk(list, &projected, (x, y), settings, |k, p, s, transmittance| {
-                let w = transmittance * s.alpha;
-                behind -= w * p.colour;
-                let phi = w * p.colour - behind * (s.alpha / (1.0 - s.alpha));
-                body([t as u32, at], list[k] as usize, [phi.x, phi.y, phi.z, w]);
-            });
-        }
-    }
+fn effect(Sample { phi, weight, .. }: &Sample) -> Effect {
+    [phi.x, phi.y, phi.z, *weight]
 }
 
 /// Adds the sketches of view number `number` to those of earlier views, n x [`ROWS`].
 pub fn sketch(params: &Params, camera: &Camera, settings: &Settings, number: u32, sketches: &mut [[Effect; ROWS]]) {
-    effects(params, camera, settings, |[tile, pixel], i, effect| {
-        let random = hash(pixel ^ hash(number));
-        let bucket = hash(hash(number.wrapping_add(0x9e37_79b9)) ^ tile) as usize % BUCKETS;
+    each_sample(params, camera, settings, |sample| {
+        let random = hash(sample.pixel as u32 ^ hash(number));
+        let bucket = hash(hash(number.wrapping_add(0x9e37_79b9)) ^ sample.tile as u32) as usize % BUCKETS;
         for (k, bit) in [random >> 16, random >> 24].into_iter().enumerate() {
             let sign = if bit & 1 == 1 { 1.0 } else { -1.0 };
-            let row = &mut sketches[i][2 * bucket + k];
-            row.iter_mut().zip(effect).for_each(|(sum, value)| *sum += sign * value);
+            let row = &mut sketches[sample.gaussian][2 * bucket + k];
+            row.iter_mut().zip(effect(sample)).for_each(|(sum, value)| *sum += sign * value);
         }
     });
 }
@@ -57,12 +40,12 @@ pub fn grams(params: &Params, camera: &Camera, settings: &Settings, [changes, we
         }
         there.clear();
     };
-    effects(params, camera, settings, |[_, pixel], i, effect| {
-        if last != Some(pixel) {
+    each_sample(params, camera, settings, |sample| {
+        if last != Some(sample.pixel) {
             add(&mut at_pixel);
-            last = Some(pixel);
+            last = Some(sample.pixel);
         }
-        at_pixel.push((i, effect));
+        at_pixel.push((sample.gaussian, effect(sample)));
     });
     add(&mut at_pixel);
 }

@@ -45,13 +45,8 @@ impl ResidentResponses {
     /// # Errors
     /// Device memory; device errors.
     pub fn zeros(device: &Device, gaussians: usize) -> Result<Self> {
-        let (values, seen) =
-            (device.buffer("responses", CHANNELS * gaussians)?, device.buffer("responses' iterations", gaussians)?);
-        let mut recording = Recording::new();
-        recording.fill(&values, 0);
-        recording.fill(&seen, 0);
-        device.run(recording)?;
-        Ok(Self { values, seen })
+        let (values, seen) = ("responses", "responses' iterations");
+        Ok(Self { values: device.zeros(values, CHANNELS * gaussians)?, seen: device.zeros(seen, gaussians)? })
     }
 
     /// Records the responses of a view, after its [`Renderer::record_backward`] with [`residual`](crate::render::Backward::residual).

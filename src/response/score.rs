@@ -109,10 +109,7 @@ impl ResidentScores {
     /// # Errors
     /// Device memory; device errors.
     pub fn zeros(device: &Device, gaussians: usize) -> Result<Self> {
-        let values = device.buffer("scores", gaussians)?;
-        let mut recording = Recording::new();
-        recording.fill(&values, 0);
-        device.run(recording)?;
+        let values = device.zeros("scores", gaussians)?;
         Ok(Self { values, subgroup: device.info().subgroup_size })
     }
 

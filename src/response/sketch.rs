@@ -38,10 +38,7 @@ impl ResidentSketches {
     /// # Errors
     /// Device memory; device errors.
     pub fn zeros(device: &Device, gaussians: usize) -> Result<Self> {
-        let values = device.buffer("sketches", ROWS * gaussians)?;
-        let mut recording = Recording::new();
-        recording.fill(&values, 0);
-        device.run(recording)?;
+        let values = device.zeros("sketches", ROWS * gaussians)?;
         Ok(Self { values, subgroup: device.info().subgroup_size })
     }
 

@@ -26,6 +26,11 @@ impl Camera {
         -(self.rotation.transpose() * self.translation)
     }
 
+    /// Number of the image's pixels.
+    pub fn pixels(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+
     /// The same view at another image size; focal lengths and principal point scale per axis.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {

@@ -107,7 +107,7 @@ impl<'a> Store<'a> {
         let mut starts = Vec::with_capacity(cameras.len());
         for camera in cameras {
             starts.push(all);
-            all += 4 * u64::from(camera.width) * u64::from(camera.height);
+            all += 4 * camera.pixels();
         }
         if all <= bytes {
             return Ok(Self { file: None, folder, starts });

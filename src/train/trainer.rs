@@ -87,7 +87,7 @@ impl Trainer {
         if photos.is_empty() {
             return Err(Error::NoViews);
         }
-        let pixels = photos.iter().map(|p| u64::from(p.camera.width) * u64::from(p.camera.height)).sum();
+        let pixels = photos.iter().map(|p| p.camera.pixels()).sum();
         let schedule = &mut options.schedule;
         schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
         let size = camera::largest(photos.iter().map(|p| &p.camera));

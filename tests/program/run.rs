@@ -314,18 +314,20 @@ fn presets_and_schedules_prune() {
     assert_eq!(pruned["gaussians"]["final"], 77);
 }
 
+/// A comparison's figures.
+fn compared(scene: &Path, out: &Path, iterations: &str, more: &[&str]) -> serde_json::Value {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    command.arg("compare").arg(scene).arg("-o").arg(out).args(["--iterations", iterations, "--json"]).args(more);
+    serde_json::from_slice(&works(&mut command).stdout).expect("one JSON document")
+}
+
 /// Arms start from one checkpoint: equal counts, one dense model, and finished arms are reused.
 #[test]
 fn arms_are_compared_at_equal_counts() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     let out = folder.path().join("compared");
-    let compare = |more: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        command.arg("compare").arg(&scene).arg("-o").arg(&out).args(["--iterations", "160", "--json"]).args(more);
-        let output = works(&mut command);
-        serde_json::from_slice::<serde_json::Value>(&output.stdout).expect("one JSON document")
-    };
+    let compare = |more: &[&str]| compared(&scene, &out, "160", more);
     let first = compare(&["--arms", "default,importance,random:global,dense,radsplat:global+twice", "--keep", "0.3"]);
     let arms = first["arms"].as_array().unwrap();
     let names: Vec<_> = arms.iter().map(|a| a["name"].as_str().unwrap()).collect();
@@ -358,11 +360,7 @@ fn arms_are_compared_over_seeds() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     let out = folder.path().join("compared");
-    let compare = |more: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        command.arg("compare").arg(&scene).arg("-o").arg(&out).args(["--iterations", "100", "--json"]).args(more);
-        serde_json::from_slice::<serde_json::Value>(&works(&mut command).stdout).expect("one JSON document")
-    };
+    let compare = |more: &[&str]| compared(&scene, &out, "100", more);
     let first = compare(&["--arms", "default,grown,dense+thresholds", "--seeds", "1", "--seed", "5"]);
     assert_eq!(
         (&first["seeds"], &first["arms"][0]["psnr_spread"]),
