@@ -1,6 +1,6 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
-.PHONY: help setup run test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
+.PHONY: help setup run viewer-picture test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
 	gpu-report devices msl
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
@@ -141,6 +141,10 @@ results: ## train and compare every scene with three seeds, then rewrite the tab
 results-written:
 	cargo run --release --locked --quiet --features figures --bin figures -- results "$(RESULTS)/compared" \
 		"$$(git describe --always --dirty 2>/dev/null || echo unknown)" "make results"
+
+# RUN: folder of a run. Needs Chromium.
+viewer-picture: ## rewrite the picture of the viewer in README.md; RUN=folder of a run
+	QIRF_SUBJECT="$(RUN)" QIRF_PICTURE=docs/figures/viewer.jpg cargo test --locked --test program view::page::picture -- --ignored
 
 # Both arms train equally long, so that the pictures differ by the prune alone.
 renders: ## train the demo scene dense and pruned, and rewrite the three renders of README.md (ten minutes)

@@ -41,7 +41,8 @@
 //! | `synth` | `synth`: an embedded scene, ray-traced into a capture | |
 //! | `pipeline` | `pipeline`: whole jobs such as run, compress, compare and sweep; `selftest` | `train`, `lapack`, `synth` |
 //! | `report` | `report`: pages of a job's results | `pipeline` |
-//! | `cli` | the program `qirf-vk` | `report` |
+//! | `view` | `view`: a viewer for browsers | `pipeline` |
+//! | `cli` | the program `qirf-vk` | `report`, `view` |
 //!
 //! # Floors
 //!
@@ -82,3 +83,5 @@ pub mod pipeline;
 pub mod report;
 #[cfg(feature = "pipeline")]
 pub mod selftest;
+#[cfg(feature = "view")]
+pub mod view;

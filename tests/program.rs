@@ -15,4 +15,6 @@ mod program {
     mod run;
     mod soak;
     mod sweep;
+    #[cfg(unix)] // signals are the system's
+    mod view;
 }

@@ -21,6 +21,7 @@ mod sweep;
 mod synth;
 mod training;
 mod values;
+mod view;
 
 use crate::error::Error;
 use crate::gpu::{Device, DeviceOptions};
@@ -75,6 +76,8 @@ enum Command {
     Compress(compress::Arguments),
     /// Render pictures of a model, from a scene's cameras or on a circle around it
     Render(render::Arguments),
+    /// Look at a model, a run or a capture in a browser
+    View(view::Arguments),
     /// Convert a model between file formats
     Convert(convert::Arguments),
     /// Show the contents of a model or a scene
@@ -92,7 +95,7 @@ enum Command {
 /// Groups of commands in the top-level help.
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Training and compression", &["run", "compress", "compare", "sweep", "eval"]),
-    ("Models and pictures", &["render", "convert", "inspect"]),
+    ("Models and pictures", &["view", "render", "convert", "inspect"]),
     ("Data", &["synth"]),
     ("This machine", &["device", "selftest", "completions"]),
 ];
@@ -103,6 +106,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk sweep capture -o swept
   qirf-vk eval trained/model.ply --config trained/config.toml
   qirf-vk compress flowers.ply -o small.ply --keep 0.28
+  qirf-vk view flowers.ply
   qirf-vk render flowers.ply --orbit 8 -o pictures
   qirf-vk render model.spz --scene capture --resolution /2 -o pictures
   qirf-vk inspect capture
@@ -176,6 +180,7 @@ impl Cli {
             Command::Eval(a) => a.run(console, &self.global),
             Command::Compress(a) => a.run(console, &self.global),
             Command::Render(a) => a.run(console, &self.global),
+            Command::View(a) => a.run(console, &self.global),
             Command::Convert(a) => a.run(console),
             Command::Inspect(a) => a.run(console),
             Command::Synth(a) => a.run(console),

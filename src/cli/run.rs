@@ -6,16 +6,20 @@ use super::console::Console;
 use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
+use super::view::{self, Watched};
 use crate::error::Error;
 use crate::pipeline::records::RunRecord;
 use crate::pipeline::{Output, RunConfig, Session, run};
 use crate::report;
+use crate::view::{Live, Server};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --preset quick --resolution 256
   qirf-vk run capture -o trained --iterations 7000 --resume
   qirf-vk run capture -o trained --keep 0.2 --selector css --schedule gradual
+  qirf-vk run capture -o trained --view                # watch it in a browser
   qirf-vk run capture -o dense --no-prune
   qirf-vk run --config trained/config.toml -o again
 
@@ -46,6 +50,8 @@ pub(super) struct Arguments {
     training: Training,
     #[command(flatten)]
     resources: Resources,
+    #[command(flatten)]
+    watched: Watched,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -56,6 +62,7 @@ impl Arguments {
         if self.output.exists() && !self.output.is_dir() {
             return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
         }
+        self.watched.check()?;
         let config = self.configuration()?;
         let networks = self.resources.networks(console)?;
         let device = self.resources.device(global)?;
@@ -63,7 +70,18 @@ impl Arguments {
         let output = Output::new(&self.output)?;
         let host_bytes = self.resources.host_bytes();
         let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
-        let record = run::run(&session, &config, &output, self.resume)?;
+        let record = if self.watched.view {
+            let subject = Arc::new(view::of_run(&config, &self.output, console)?);
+            self.watched.address.warn(console);
+            let server =
+                Server::start(&self.watched.address.options(), Arc::clone(&subject), &device.info().name, true)?;
+            // Needed even where notes are not wanted, and no part of the results.
+            console.error(server.url());
+            let live = Live::new(&watcher, &server, &device, subject);
+            run::run(&Session { watcher: &live, ..session }, &config, &output, self.resume)?
+        } else {
+            run::run(&session, &config, &output, self.resume)?
+        };
         report::write(&record, &output)?;
         self.report(console, &record, &output)
     }

@@ -96,16 +96,19 @@ impl<'a> ActiveRun<'a> {
             let pause = self.trainer.attrition().map(|a| a.last).or(planned).unwrap_or(last);
             let next = |every: u32| now.checked_div(every).map_or(last, |passed| (passed + 1) * every);
             let started = Instant::now();
-            let progress = self.trainer.advance(until.min(next(step)).min(next(every)).min(pause))?;
+            let watcher = self.setup.session.watcher;
+            let pace = now.saturating_add(watcher.pace());
+            let progress = self.trainer.advance(until.min(next(step)).min(next(every)).min(pause).min(pace))?;
             self.notes.seconds += started.elapsed().as_secs_f64();
-            self.setup.session.watcher.training(&progress, last);
+            watcher.training(&progress, last);
+            watcher.look(&self.trainer);
             let at = progress.iteration;
             let recorded = self.notes.curve.last().is_some_and(|p| p.iteration == at);
             if at > now && (at.is_multiple_of(step) || at == last) && !recorded {
                 self.point(at)?;
             }
-            let stop = self.setup.session.watcher.stop();
-            if stop || (every > 0 && at > now && at.is_multiple_of(every) && at < last) {
+            let stop = watcher.stop();
+            if stop || watcher.checkpoint() || (every > 0 && at > now && at.is_multiple_of(every) && at < last) {
                 self.checkpoint()?.write(&self.output.checkpoint())?;
             }
             if stop {

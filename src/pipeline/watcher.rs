@@ -1,7 +1,7 @@
 //! Progress of a job, and requests to end it early.
 
 use crate::error::Error;
-use crate::train::Progress;
+use crate::train::{Progress, Trainer};
 
 /// Follows a job; every method has a default.
 pub trait Watcher {
@@ -9,6 +9,16 @@ pub trait Watcher {
     fn loading(&self, _done: usize, _total: usize) {}
     /// Progress of training, and the iteration at which it ends.
     fn training(&self, _progress: &Progress, _until: u32) {}
+    /// Called between iterations, a few times a second: the watcher may draw the model, or hold the run.
+    fn look(&self, _trainer: &Trainer) {}
+    /// Largest number of iterations before the next look.
+    fn pace(&self) -> u32 {
+        u32::MAX
+    }
+    /// Returns true once if a checkpoint is asked for.
+    fn checkpoint(&self) -> bool {
+        false
+    }
     /// Views whose responses are computed so far, and their total.
     fn responding(&self, _done: usize, _total: usize) {}
     /// Held-out views scored so far, and their total.

@@ -99,6 +99,11 @@ impl Renderer {
         &self.launch.settings
     }
 
+    /// Changes the colour behind the Gaussians of later pictures.
+    pub fn set_background(&mut self, background: [f32; 3]) {
+        self.launch.settings.background = background;
+    }
+
     /// Tile side in pixels.
     pub fn tile(&self) -> u32 {
         self.launch.tuning.tile

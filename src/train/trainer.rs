@@ -16,7 +16,7 @@ use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Device, Recording, Ticket, Timings};
 use crate::random::permutation;
-use crate::render::{Backward, Renderer};
+use crate::render::{Backward, Renderer, Settings};
 use crate::response::{Gather, ResidentResponses};
 use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
@@ -215,6 +215,11 @@ impl Trainer {
 
     fn progress(&self) -> Progress {
         Progress { iteration: self.iteration, loss: self.last_loss, gaussians: self.trainee.model.len }
+    }
+
+    /// The settings that pictures of the model are drawn with.
+    pub fn settings(&self) -> &Settings {
+        &self.options.settings
     }
 
     /// The current model, on the host.

@@ -18,7 +18,7 @@ const FLOORS: &[&[&str]] = &[
     &["reference"],
     &["error"],
     &["pipeline", "selftest"],
-    &["report"],
+    &["report", "view"],
     &["cli"],
     &["main"],
 ];

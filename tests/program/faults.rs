@@ -1,7 +1,7 @@
 //! Faults: damaged files, kills, lost devices, full disks, too little memory. Errors name the cause, and existing files
 //! stay whole.
 
-mod harness;
+pub mod harness;
 mod killed;
 mod lost;
 mod mutate;

@@ -86,7 +86,11 @@ pub fn write(path: &Path, image: &Image, format: Format, transparent: bool) -> R
     .map_err(Error::writing)
 }
 
-fn write_png(out: &mut dyn io::Write, image: &Image, transparent: bool) -> io::Result<()> {
+/// Encodes a picture as PNG; with `transparent` as [`write()`] does.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_png(out: &mut dyn io::Write, image: &Image, transparent: bool) -> io::Result<()> {
     let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
     let (bytes, kind): (Vec<u8>, _) = if transparent {
         let pixel = |p: &[f32; 4]| {

@@ -1,0 +1,238 @@
+//! `qirf-vk view MODEL|RUN|SCENE`.
+
+use super::Global;
+use super::console::Console;
+use super::inspect::{is_scene, read_model};
+use super::interrupt::Watch;
+use super::style;
+use super::values::{self, Up};
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::pipeline::{Output, RunConfig};
+use crate::scene::{OpenOptions, Resize, Scene};
+use crate::train::initialise::{Seed, from_points};
+use crate::view::subject::Capture;
+use crate::view::{Server, ServerOptions, Studio, Subject};
+use serde_json::json;
+use std::collections::HashMap;
+use std::net::{IpAddr, Ipv4Addr};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk view flowers.ply
+  qirf-vk view small.ply --against flowers.ply
+  qirf-vk view trained                     # a run's folder: its model, photos and scores
+  qirf-vk view capture                     # a capture's cameras and points
+  qirf-vk view model.spz --scene capture
+
+Open the printed address in a browser. From another machine: ssh -L 8080:127.0.0.1:8080 SERVER, and --port 8080 here.";
+
+/// Wait for a wish, after which Ctrl-C is looked for.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// Look at a model, a run or a capture in a browser.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Model, folder of a run, or scene
+    subject: PathBuf,
+    /// Second model, to compare with by a slider
+    #[arg(long, value_name = "MODEL")]
+    against: Option<PathBuf>,
+    /// Cameras and photos of this scene
+    #[arg(long, value_name = "SCENE", help_heading = "Photos")]
+    scene: Option<PathBuf>,
+    /// Picture size at photos' cameras, as width or as a divisor of the photos' size [default: the run's, else 640]
+    #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution)]
+    resolution: Option<Resize>,
+    /// World axis that is up where there are no photos: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
+    #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true)]
+    up: Option<Up>,
+    /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: the run's, else black]
+    #[arg(long, value_name = "R,G,B", value_parser = values::colour)]
+    background: Option<[f32; 3]>,
+    #[command(flatten)]
+    rendering: style::Rendering,
+    #[command(flatten)]
+    address: Address,
+}
+
+/// Where a viewer listens.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct Address {
+    /// Port of the viewer [default: one that is free]
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, help_heading = "Viewer")]
+    port: u16,
+    /// Address to listen on; other machines reach any but 127.0.0.1, without encryption
+    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), help_heading = "Viewer")]
+    host: IpAddr,
+}
+
+impl Address {
+    /// The server's options; a page may steer a run if only this machine reaches it.
+    pub fn options(&self) -> ServerOptions {
+        ServerOptions { host: self.host, port: self.port, control: self.host.is_loopback() }
+    }
+
+    /// Warns of an address that other machines reach.
+    pub fn warn(&self, console: &Console) {
+        if !self.host.is_loopback() {
+            console.warn(format_args!(
+                "other machines can reach {}: whoever has the printed address sees the pictures; the connection is not encrypted",
+                self.host
+            ));
+        }
+    }
+}
+
+/// Whether browsers watch a run.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct Watched {
+    /// Let browsers watch the run and steer it; prints the address
+    #[arg(long, help_heading = "Viewer")]
+    pub view: bool,
+    #[command(flatten)]
+    pub address: Address,
+}
+
+impl Watched {
+    /// Refuses an address that nothing listens on.
+    pub fn check(&self) -> Result<(), Error> {
+        let unused = !self.view && (self.address.port != 0 || self.address.host != Ipv4Addr::LOCALHOST);
+        if unused { Err(Error::Usage("--port and --host are for --view; add it".into())) } else { Ok(()) }
+    }
+}
+
+/// Models with their names.
+type Models = Vec<(String, Gaussians)>;
+
+impl Arguments {
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        let subject = Arc::new(self.subject(console)?);
+        let device = global.open()?;
+        let mut studio = Studio::new(&device, &subject)?;
+        self.address.warn(console);
+        let watch = Watch::begin();
+        let server = Server::start(&self.address.options(), Arc::clone(&subject), &device.info().name, false)?;
+        console.print(server.url())?;
+        console.note("Ctrl-C ends the viewer");
+        let lobby = server.lobby();
+        while !watch.pressed() {
+            let Some((client, wish)) = lobby.next_wish(PATIENCE) else { continue };
+            match studio.draw(&wish) {
+                Ok(drawn) => lobby.deliver(client, drawn.header, Arc::new(drawn.image)),
+                // A wish that cannot be fulfilled is the page's affair; anything else ends the viewer.
+                Err(Error::Device(e)) => return Err(e.into()),
+                Err(e) => lobby.refuse(client, json!({ "error": e.to_string() }).to_string()),
+            }
+        }
+        Ok(())
+    }
+
+    fn subject(&self, console: &Console) -> Result<Subject, Error> {
+        let path = &self.subject;
+        let run = path.join("config.toml").is_file() && path.join("model.ply").is_file();
+        let config = run.then(|| RunConfig::read(&path.join("config.toml"))).transpose()?;
+        let scene = self.scene.clone().or(config.as_ref().map(|c| c.scene.clone()));
+        let scene = scene.or_else(|| (!run && is_scene(path)).then(|| path.clone()));
+        let capture = match &scene {
+            // A run's capture may be elsewhere by now; its model can be seen all the same.
+            Some(scene) if run && self.scene.is_none() && !scene.exists() => {
+                console.warn(format_args!("{} is not there: the run's photos are not shown", scene.display()));
+                None
+            }
+            Some(scene) => {
+                let mut capture = capture(scene, config.as_ref(), self.resolution, console)?;
+                capture.psnr = self.psnr();
+                Some(capture)
+            }
+            None => None,
+        };
+        let mut models = if run {
+            Self::models(&path.join("model.ply"), console)?
+        } else if is_scene(path) {
+            points(capture.as_ref(), path)?
+        } else {
+            Self::models(path, console)?
+        };
+        if let Some(other) = &self.against {
+            models.extend(Self::models(other, console)?);
+        }
+        let style = self.rendering.style().or(config.as_ref().map(|c| c.style).unwrap_or_default());
+        let given = self.background.or(config.and_then(|c| c.background));
+        let background = given.unwrap_or_else(|| capture.as_ref().map_or([0.0; 3], Capture::background));
+        let title = name(path);
+        let up = self.up.unwrap_or(Up::Auto).direction();
+        Ok(Subject { title, models, style, background, up, capture })
+    }
+
+    fn models(path: &Path, console: &Console) -> Result<Models, Error> {
+        Ok(vec![(name(path), read_model(path, console)?.gaussians)])
+    }
+
+    /// PSNR of a run's held-out views by name, from its metrics.json; empty where there is none.
+    fn psnr(&self) -> HashMap<String, f64> {
+        let read = || -> Option<HashMap<String, f64>> {
+            let text = std::fs::read_to_string(Output::new(&self.subject).ok()?.metrics()).ok()?;
+            let document: serde_json::Value = serde_json::from_str(&text).ok()?;
+            let view = |v: &serde_json::Value| Some((v["name"].as_str()?.to_owned(), v["psnr"].as_f64()?));
+            Some(document["views"].as_array()?.iter().filter_map(view).collect())
+        };
+        read().unwrap_or_default()
+    }
+}
+
+/// The last part of a path.
+fn name(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
+}
+
+/// A run that is to be watched: its capture, and no model yet.
+pub(super) fn of_run(config: &RunConfig, output: &Path, console: &Console) -> Result<Subject, Error> {
+    let capture = capture(&config.scene, Some(config), None, console)?;
+    let background = config.background.unwrap_or_else(|| capture.background());
+    let (title, models, up) = (name(output), Vec::new(), Up::Auto.direction());
+    Ok(Subject { title, models, style: config.style, background, up, capture: Some(capture) })
+}
+
+/// A capture at a run's working size, or 640 pixels wide.
+fn capture(
+    path: &Path,
+    config: Option<&RunConfig>,
+    resolution: Option<Resize>,
+    console: &Console,
+) -> Result<Capture, Error> {
+    let images = config.and_then(|c| c.images.clone());
+    let mut scene = Scene::open(path, &OpenOptions { images, undistort: None })?;
+    // As a run does before it holds photos out; a capture without any photo still has its cameras.
+    let mut photographed = scene.clone();
+    if photographed.require_photos().is_ok() {
+        scene = photographed;
+    }
+    for line in scene.skipped.summary() {
+        console.warn(format_args!("{}: {line}", path.display()));
+    }
+    let of_run = config.and_then(|c| c.resolution.as_deref()).map(values::resolution).transpose();
+    let of_run = of_run.map_err(Error::Usage)?.or(config.map(|_| Resize::Full));
+    let resize = resolution.or(of_run).unwrap_or(Resize::Width(640));
+    let split = scene.split(config.map_or(crate::scene::EVAL_EVERY, |c| c.eval_every));
+    Ok(Capture { scene, resize, split, psnr: HashMap::new() })
+}
+
+/// A capture's points as a model, for captures without one.
+fn points(capture: Option<&Capture>, path: &Path) -> Result<Models, Error> {
+    let seeds: Vec<Seed> = capture.map_or_else(Vec::new, |c| c.scene.points.iter().map(Seed::from).collect());
+    if seeds.is_empty() {
+        let path = path.display();
+        return Err(Error::Usage(format!(
+            "{path} has no points to show; train it with `qirf-vk run`, or name its model"
+        )));
+    }
+    let mut model = from_points(&seeds);
+    // Visible dots in place of the faint blobs that training starts from.
+    model.opacity_logits.fill(4.0);
+    model.log_scales.iter_mut().flatten().for_each(|s| *s -= 1.5);
+    Ok(vec![("points".into(), model)])
+}

@@ -1,0 +1,99 @@
+// A camera that orbits, pans and flies. Rotations are quaternions [w, x, y, z] from camera (x right, y down, z forward) to world.
+
+export const add = (a, b) => a.map((v, i) => v + b[i]);
+export const scaled = (a, s) => a.map((v) => v * s);
+export const dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
+export const less = (a, b) => add(a, scaled(b, -1));
+export const length = (a) => Math.sqrt(dot(a, a));
+export const cross = ([a, b, c], [d, e, f]) => [b * f - c * e, c * d - a * f, a * e - b * d];
+export const unit = (a) => scaled(a, 1 / (length(a) || 1));
+
+const times = ([a, b, c, d], [e, f, g, h]) => [
+  a * e - b * f - c * g - d * h, a * f + b * e + c * h - d * g, a * g - b * h + c * e + d * f, a * h + b * g - c * f + d * e,
+];
+
+/** A vector turned by a rotation. */
+export function turned(q, v) {
+  const t = scaled(cross(q.slice(1), v), 2);
+  return add(add(v, scaled(t, q[0])), cross(q.slice(1), t));
+}
+
+/** A vector turned back. */
+export const turnedBack = ([w, x, y, z], v) => turned([w, -x, -y, -z], v);
+
+const about = (axis, angle) => [Math.cos(angle / 2), ...scaled(unit(axis), Math.sin(angle / 2))];
+
+/** The rotation whose camera looks along `forward` with `up` upwards. */
+function looking(forward, up) {
+  const z = unit(forward), x = unit(cross(z, up)), y = cross(z, x);
+  const trace = x[0] + y[1] + z[2];
+  const q = [1 + trace, y[2] - z[1], z[0] - x[2], x[1] - y[0]];
+  if (length(q) > 1e-3) return unit(q);
+  // Half a turn: the largest diagonal entry names the axis.
+  const axis = [x[0], y[1], z[2]].indexOf(Math.max(x[0], y[1], z[2]));
+  return [[0, 1 + x[0], x[1], x[2]], [0, y[0], 1 + y[1], y[2]], [0, z[0], z[1], 1 + z[2]]].map(unit)[axis];
+}
+
+/** A camera between which and the poles of an orbit this angle remains, in radians. */
+const POLE = 0.02;
+
+export class Camera {
+  constructor({ position, rotation, fov }, target, up) {
+    Object.assign(this, { position, rotation: unit(rotation), fov, up: unit(up) });
+    this.distance = Math.max(length(less(target, position)), 1e-6);
+  }
+
+  get right() { return turned(this.rotation, [1, 0, 0]); }
+  get down() { return turned(this.rotation, [0, 1, 0]); }
+  get forward() { return turned(this.rotation, [0, 0, 1]); }
+  get target() { return add(this.position, scaled(this.forward, this.distance)); }
+
+  /** Angles of a turn about `up` and about the camera's right, so that it passes no pole. */
+  turn(yaw, pitch) {
+    const above = Math.asin(Math.max(-1, Math.min(1, dot(this.forward, this.up))));
+    const most = Math.PI / 2 - POLE;
+    const allowed = Math.max(-most - above, Math.min(most - above, pitch));
+    const right = this.right;
+    return times(about(this.up, yaw), about(right, Math.abs(above) > most ? 0 : allowed));
+  }
+
+  /** Turns round the target. */
+  orbit(dx, dy) {
+    const target = this.target;
+    this.rotation = unit(times(this.turn(-dx, -dy), this.rotation));
+    this.position = less(target, scaled(this.forward, this.distance));
+  }
+
+  /** Turns on the spot. */
+  look(dx, dy) { this.rotation = unit(times(this.turn(dx, dy), this.rotation)); }
+
+  /** Moves by shares of the picture's height at the target's distance. */
+  pan(dx, dy) {
+    const height = 2 * this.distance * Math.tan(this.fov / 2);
+    this.position = add(this.position, add(scaled(this.right, -dx * height), scaled(this.down, -dy * height)));
+  }
+
+  /** Multiplies the distance from the target. */
+  dolly(factor) {
+    const target = this.target;
+    this.distance = Math.max(this.distance * factor, 1e-6);
+    this.position = less(target, scaled(this.forward, this.distance));
+  }
+
+  /** Moves along its axes, in target distances. */
+  fly(right, down, forward) {
+    const step = add(add(scaled(this.right, right), scaled(this.down, down)), scaled(this.forward, forward));
+    this.position = add(this.position, scaled(step, this.distance));
+  }
+
+  /** Puts the horizon level. */
+  level() { if (length(cross(this.forward, this.up)) > 1e-3) this.rotation = looking(this.forward, this.up); }
+
+  /** The pixel and depth of a point in a picture of this size; null behind the camera. */
+  project(point, [width, height]) {
+    const [x, y, z] = turnedBack(this.rotation, less(point, this.position));
+    if (z < 1e-4 * this.distance) return null;
+    const focal = height / 2 / Math.tan(this.fov / 2);
+    return [width / 2 + (focal * x) / z, height / 2 + (focal * y) / z, z];
+  }
+}

@@ -1,0 +1,141 @@
+//! One client's conversation: its wishes go to the lobby, pictures come back, encoded here and not where they are drawn.
+
+use super::lobby::{Lobby, Outgoing};
+use super::protocol::{Encoding, Header, Message};
+use super::subject::jpeg;
+use crate::error::Error;
+use crate::pipeline::evaluate::pictures::write_png;
+use crate::render::Image;
+use jpeg_encoder::SamplingFactor;
+use std::io;
+use std::net::TcpStream;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::{Duration, Instant};
+use tungstenite::protocol::{CloseFrame, Role, WebSocketConfig, frame::coding::CloseCode};
+use tungstenite::{Error as SocketError, Message as Packet, WebSocket};
+
+/// Largest message of a client in bytes.
+const MOST_MESSAGE: usize = 4 << 10;
+/// Messages that a client may send in a second; a page sends some 100.
+const MOST_MESSAGES: u32 = 2_000;
+/// Time that a picture may take to leave.
+const STALLED: Duration = Duration::from_secs(10);
+/// Time between looks at the outbox, while a picture is awaited and while none is.
+const PACES: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(20)];
+/// Quality of a moving picture's JPEG.
+const QUALITY: u8 = 80;
+
+/// Converses until one side ends it.
+pub fn converse(stream: TcpStream, rest: Vec<u8>, lobby: &Lobby, control: bool) {
+    let config = WebSocketConfig::default()
+        .max_message_size(Some(MOST_MESSAGE))
+        .max_frame_size(Some(MOST_MESSAGE))
+        .read_buffer_size(MOST_MESSAGE);
+    let _ = stream.set_nodelay(true);
+    let _ = stream.set_write_timeout(Some(STALLED));
+    let mut socket = WebSocket::from_partially_read(stream, rest, Role::Server, Some(config));
+    let (sender, outbox) = channel();
+    let Some(id) = lobby.enter(sender) else {
+        end(&mut socket, CloseCode::Again, "four pages look already; close one of them");
+        return;
+    };
+    let talk = Talk { lobby, id, control, outbox };
+    let (code, reason) = talk.run(&mut socket);
+    lobby.leave(id);
+    end(&mut socket, code, reason);
+}
+
+fn end(socket: &mut WebSocket<TcpStream>, code: CloseCode, reason: &'static str) {
+    let _ = socket.close(Some(CloseFrame { code, reason: reason.into() }));
+    let _ = socket.flush();
+}
+
+struct Talk<'a> {
+    lobby: &'a Lobby,
+    id: u64,
+    control: bool,
+    outbox: Receiver<Outgoing>,
+}
+
+impl Talk<'_> {
+    /// Returns why it ended.
+    fn run(&self, socket: &mut WebSocket<TcpStream>) -> (CloseCode, &'static str) {
+        let mut pace = None;
+        let mut second = (Instant::now(), 0);
+        loop {
+            let wanted = PACES[usize::from(!self.lobby.awaits(self.id))];
+            if pace != Some(wanted) {
+                pace = Some(wanted);
+                let _ = socket.get_ref().set_read_timeout(pace);
+            }
+            match socket.read() {
+                Ok(Packet::Text(text)) => {
+                    if second.0.elapsed() > Duration::from_secs(1) {
+                        second = (Instant::now(), 0);
+                    }
+                    second.1 += 1;
+                    if second.1 > MOST_MESSAGES {
+                        return (CloseCode::Policy, "too many messages");
+                    }
+                    if let Err(reason) = self.hear(&text) {
+                        return (CloseCode::Invalid, reason);
+                    }
+                }
+                Ok(Packet::Binary(_)) => return (CloseCode::Unsupported, "messages are JSON"),
+                Ok(_) => {}
+                Err(SocketError::Io(e)) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
+                Err(SocketError::Capacity(_)) => return (CloseCode::Size, "a message has at most 4 kB"),
+                Err(_) => return (CloseCode::Normal, ""),
+            }
+            loop {
+                match self.outbox.try_recv() {
+                    Ok(outgoing) => {
+                        let Ok(packet) = packet(outgoing) else {
+                            return (CloseCode::Error, "a picture was not encoded");
+                        };
+                        if socket.send(packet).is_err() {
+                            return (CloseCode::Normal, "");
+                        }
+                    }
+                    Err(TryRecvError::Empty) => break,
+                    Err(TryRecvError::Disconnected) => return (CloseCode::Normal, ""),
+                }
+            }
+            if self.lobby.closed() {
+                return (CloseCode::Away, "qirf-vk has ended");
+            }
+        }
+    }
+
+    fn hear(&self, text: &str) -> Result<(), &'static str> {
+        match serde_json::from_str(text) {
+            Ok(Message::Wish(wish)) => self.lobby.wish(self.id, wish),
+            Ok(Message::Shown(_)) => self.lobby.shown(self.id),
+            Ok(Message::Control(control)) if self.control => self.lobby.control(control),
+            Ok(Message::Control(_)) => return Err("this viewer steers nothing"),
+            Err(_) => return Err("this message is not of this version; load the page again"),
+        }
+        Ok(())
+    }
+}
+
+fn packet(outgoing: Outgoing) -> Result<Packet, Error> {
+    Ok(match outgoing {
+        Outgoing::Text(text) => Packet::text(text),
+        Outgoing::Frame(header, image) => Packet::binary(frame(header, &image)?),
+    })
+}
+
+/// A frame's bytes: its header, and its picture encoded.
+fn frame(header: Header, image: &Image) -> Result<Vec<u8>, Error> {
+    let mut out = header.to_bytes().to_vec();
+    match header.encoding {
+        Encoding::Png => write_png(&mut out, image, false).map_err(|e| Error::encoding("a PNG picture", e))?,
+        Encoding::Jpeg => {
+            let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+            let rgb: Vec<u8> = image.pixels.iter().flat_map(|p| [byte(p[0]), byte(p[1]), byte(p[2])]).collect();
+            out.extend(jpeg(&rgb, image.width, image.height, QUALITY, SamplingFactor::F_2_2)?);
+        }
+    }
+    Ok(out)
+}

@@ -1,0 +1,145 @@
+//! Draws one wish with a model on the device, whoever owns that model.
+
+use super::paint;
+use super::protocol::{Encoding, Eye, Header, MOST_PIXELS, Picture, Wish};
+use super::subject::{Capture, Subject};
+use crate::error::Error;
+use crate::gaussians::resident::Resident;
+use crate::gpu::Device;
+use crate::pipeline::evaluate::truth;
+use crate::render::{Image, Renderer, Settings};
+use crate::scene::camera::Camera;
+use std::time::Instant;
+
+/// What a wish is drawn from.
+#[derive(Clone, Copy)]
+pub struct Sitter<'a> {
+    /// The model.
+    pub whole: &'a Resident,
+    /// Its most visible part, which replaces it in this picture's colours.
+    pub reduced: Option<&'a Resident>,
+    /// The model that an error picture away from photos compares with.
+    pub other: Option<&'a Resident>,
+    /// Iteration of the run; 0 without one.
+    pub iteration: u32,
+}
+
+/// A finished picture.
+pub struct Drawn {
+    /// What precedes it on its way to the client.
+    pub header: Header,
+    /// The picture.
+    pub image: Image,
+}
+
+/// A renderer, and what it remembers from wish to wish.
+pub struct Easel {
+    device: Device,
+    renderer: Renderer,
+    /// The photo compared with last, over its background.
+    photo: Option<(usize, Vec<f32>)>,
+}
+
+impl Easel {
+    /// An easel for models of up to `gaussians`; it grows with pictures and models.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, settings: Settings, gaussians: usize) -> Result<Self, Error> {
+        let renderer = Renderer::new(device, settings, gaussians, 64, 64)?;
+        Ok(Self { device: device.clone(), renderer, photo: None })
+    }
+
+    /// Draws a wish.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for wishes that cannot be fulfilled; device errors.
+    pub fn draw(&mut self, subject: &Subject, sitter: Sitter<'_>, wish: &Wish) -> Result<Drawn, Error> {
+        let camera = camera(wish, subject.capture.as_ref())?;
+        let begun = Instant::now();
+        self.renderer.set_background(match wish.picture {
+            Picture::Colour => wish.background.unwrap_or(subject.background),
+            Picture::Error => subject.background,
+            Picture::Depth | Picture::Alpha | Picture::Blocks => [0.0; 3],
+        });
+        let reduced = sitter.reduced.filter(|_| wish.picture == Picture::Colour);
+        let model = reduced.unwrap_or(sitter.whole);
+        let mut psnr = f32::NAN;
+        let image = match wish.picture {
+            Picture::Colour if wish.degree < model.degree => {
+                self.renderer.render(&paint::of_degree(&self.device, model, wish.degree)?, &camera)?
+            }
+            Picture::Colour => self.renderer.render(model, &camera)?,
+            Picture::Alpha => paint::alpha_picture(self.renderer.render(model, &camera)?),
+            Picture::Depth => {
+                let colours = paint::depths(&self.means(model)?, &camera).0;
+                let painted = paint::painted(&self.device, model, &colours)?;
+                paint::depth_picture(self.renderer.render(&painted, &camera)?)
+            }
+            Picture::Blocks => {
+                let colours = paint::blocks(&self.means(model)?);
+                self.renderer.render(&paint::painted(&self.device, model, &colours)?, &camera)?
+            }
+            Picture::Error => {
+                let image = self.renderer.render(model, &camera)?;
+                let (picture, db) = paint::error_picture(image, &self.truth(subject, sitter, wish, &camera)?);
+                psnr = db;
+                picture
+            }
+        };
+        let header = Header {
+            // The false colours of other pictures mean numbers: JPEG would change them.
+            encoding: if wish.still || wish.picture != Picture::Colour { Encoding::Png } else { Encoding::Jpeg },
+            reduced: reduced.is_some(),
+            size: [image.width, image.height],
+            number: wish.number,
+            draw_ms: begun.elapsed().as_secs_f32() * 1e3,
+            iteration: sitter.iteration,
+            gaussians: model.len as u32,
+            psnr,
+        };
+        Ok(Drawn { header, image })
+    }
+
+    fn means(&self, model: &Resident) -> Result<Vec<[f32; 3]>, Error> {
+        Ok(model.parameters.means.cast::<[f32; 3]>().read(&self.device)?)
+    }
+
+    /// What an error picture compares with: the photo at a photo's camera, else the other model.
+    fn truth(
+        &mut self,
+        subject: &Subject,
+        sitter: Sitter<'_>,
+        wish: &Wish,
+        camera: &Camera,
+    ) -> Result<Vec<f32>, Error> {
+        if let (Eye::Photo(n), Some(capture)) = (wish.camera, &subject.capture) {
+            if self.photo.as_ref().is_none_or(|(at, _)| *at != n) {
+                self.photo = Some((n, truth(&capture.photo(n)?, subject.background)?));
+            }
+            return Ok(self.photo.as_ref().map(|(_, t)| t.clone()).unwrap_or_default());
+        }
+        let Some(other) = sitter.other else {
+            return Err(Error::Usage("an error picture needs the camera of a photo, or a second model".into()));
+        };
+        let image = self.renderer.render(other, camera)?;
+        Ok(image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect())
+    }
+}
+
+/// The camera of a wish.
+fn camera(wish: &Wish, capture: Option<&Capture>) -> Result<Camera, Error> {
+    match wish.camera {
+        Eye::Photo(n) => {
+            let camera = capture.and_then(|c| c.camera(n));
+            camera.ok_or_else(|| Error::Usage(format!("there is no photo {n}")))
+        }
+        Eye::Pose { position, rotation, fov } => {
+            let [width, height] = wish.size;
+            if width == 0 || height == 0 || u64::from(width) * u64::from(height) > MOST_PIXELS {
+                return Err(Error::Usage(format!("a picture has 1 to {MOST_PIXELS} pixels")));
+            }
+            Eye::free(position, rotation, fov, wish.size).map_err(Error::Usage)
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! Who may look: the holder of the printed address.
+//!
+//! Every user of a shared machine can reach its loopback ports, and any page of any site can send requests there. So a request
+//! needs the token of the address, exchanged for a cookie that other sites cannot use; its `Host` must be this machine's own
+//! name (against names rebound by DNS); and a WebSocket's `Origin` must be that same host.
+
+use std::net::IpAddr;
+
+/// Checks of a request.
+#[derive(Clone, Debug)]
+pub struct Guard {
+    token: String,
+    port: u16,
+    /// The address bound to, if it is not a loopback one.
+    host: Option<String>,
+}
+
+/// Result of the checks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Serve it.
+    Pass,
+    /// The address holds the token: set the cookie and redirect.
+    Enter,
+    /// Refuse it with this sentence.
+    Refuse(&'static str),
+}
+
+/// Parts of a request that the guard reads.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Asked<'a> {
+    /// Query of the address, without `?`.
+    pub query: &'a str,
+    /// Header `Host`.
+    pub host: &'a str,
+    /// Header `Origin`.
+    pub origin: Option<&'a str>,
+    /// Header `Cookie`.
+    pub cookie: &'a str,
+    /// True for a WebSocket.
+    pub socket: bool,
+}
+
+impl Guard {
+    /// A guard with a random token of 128 bits, for a server bound to this address.
+    ///
+    /// # Errors
+    /// The system has no random numbers.
+    pub fn new(bound: IpAddr, port: u16) -> std::io::Result<Self> {
+        let mut bytes = [0; 16];
+        getrandom::fill(&mut bytes).map_err(|e| std::io::Error::other(e.to_string()))?;
+        let token = format!("{:032x}", u128::from_ne_bytes(bytes));
+        let host = (!bound.is_loopback()).then(|| bound.to_string());
+        Ok(Self { token, port, host })
+    }
+
+    /// Path and query of the page for the holder of the token.
+    pub fn entrance(&self) -> String {
+        format!("/?token={}", self.token)
+    }
+
+    /// The cookie to set.
+    pub fn cookie(&self) -> String {
+        format!("{}={}; Path=/; SameSite=Strict; HttpOnly", self.name(), self.token)
+    }
+
+    /// Cookies do not tell ports apart: each server names its own.
+    fn name(&self) -> String {
+        format!("qirf-vk-{}", self.port)
+    }
+
+    /// Checks a request.
+    pub fn check(&self, asked: Asked<'_>) -> Verdict {
+        if !self.own(asked.host) {
+            return Verdict::Refuse("this name is not the viewer's; use the address that qirf-vk printed");
+        }
+        if asked.socket && asked.origin.and_then(|o| o.strip_prefix("http://")) != Some(asked.host) {
+            return Verdict::Refuse("another site may not look at this viewer");
+        }
+        let given = asked.query.split('&').find_map(|p| p.strip_prefix("token="));
+        if given.is_some_and(|token| self.is_token(token)) {
+            return Verdict::Enter;
+        }
+        let name = self.name();
+        let kept = asked.cookie.split(';').find_map(|c| c.trim().strip_prefix(name.as_str())?.strip_prefix('='));
+        if kept.is_some_and(|token| self.is_token(token)) {
+            return Verdict::Pass;
+        }
+        Verdict::Refuse("the token is missing or wrong; use the whole address that qirf-vk printed")
+    }
+
+    /// True if a `Host` is this machine's: a loopback name, at any port, since a tunnel may change it; or the address bound to.
+    fn own(&self, host: &str) -> bool {
+        let name = match host.rsplit_once(':') {
+            Some((name, port)) if port.parse::<u16>().is_ok() => name,
+            _ => host,
+        };
+        ["127.0.0.1", "localhost", "[::1]"].contains(&name)
+            || self.host.as_ref().is_some_and(|bound| match bound.as_str() {
+                // Bound to every address: any address of digits is this machine's, and no name can be rebound to it.
+                "0.0.0.0" | "::" => name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok(),
+                own => name.trim_matches(['[', ']']) == own,
+            })
+    }
+
+    /// Compares in a time that does not depend on where the two differ.
+    fn is_token(&self, given: &str) -> bool {
+        given.len() == self.token.len() && given.bytes().zip(self.token.bytes()).fold(0, |d, (a, b)| d | (a ^ b)) == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HERE: IpAddr = IpAddr::V4(std::net::Ipv4Addr::LOCALHOST);
+
+    #[test]
+    fn only_the_holder_of_the_token_passes() {
+        let guard = Guard::new(HERE, 4711).unwrap();
+        let query = guard.entrance().split_once('?').unwrap().1.to_owned();
+        let cookie = guard.cookie().split(';').next().unwrap().to_owned();
+        let host = "127.0.0.1:4711";
+        let asked = Asked { host, ..Asked::default() };
+        assert_eq!(guard.check(Asked { query: &query, ..asked }), Verdict::Enter);
+        assert_eq!(guard.check(Asked { cookie: &cookie, ..asked }), Verdict::Pass);
+        assert_eq!(guard.check(Asked { cookie: &format!("a=b; {cookie}; c=d"), ..asked }), Verdict::Pass);
+        let socket = Asked { cookie: &cookie, origin: Some("http://127.0.0.1:4711"), socket: true, ..asked };
+        assert_eq!(guard.check(socket), Verdict::Pass);
+        // Through a tunnel, the browser sees another port.
+        assert_eq!(guard.check(Asked { host: "localhost:9000", cookie: &cookie, ..asked }), Verdict::Pass);
+
+        let other = Guard::new(HERE, 4711).unwrap().cookie();
+        for refused in [
+            asked,
+            Asked { query: "token=", ..asked },
+            Asked { query: "token=00000000000000000000000000000000", ..asked },
+            Asked { cookie: &other, ..asked },
+            Asked { host: "", cookie: &cookie, ..asked },
+            Asked { host: "127.evil.example:4711", cookie: &cookie, ..asked },
+            Asked { host: "127.0.0.1.evil.example", cookie: &cookie, ..asked },
+            Asked { host: "192.168.0.7:4711", cookie: &cookie, ..asked },
+            Asked { origin: None, ..socket },
+            Asked { origin: Some("http://evil.example"), ..socket },
+            Asked { origin: Some("http://127.0.0.1:4711.evil.example"), ..socket },
+            Asked { origin: Some("https://127.0.0.1:4711"), ..socket },
+        ] {
+            assert!(matches!(guard.check(refused), Verdict::Refuse(_)), "{refused:?}");
+        }
+    }
+
+    #[test]
+    fn a_server_open_to_the_network_is_reached_by_its_numbers() {
+        let guard = Guard::new("0.0.0.0".parse().unwrap(), 80).unwrap();
+        let cookie = guard.cookie();
+        let check = |host| guard.check(Asked { host, cookie: cookie.split(';').next().unwrap(), ..Asked::default() });
+        assert_eq!(check("10.0.0.5:80"), Verdict::Pass);
+        assert_eq!(check("localhost:80"), Verdict::Pass);
+        assert!(matches!(check("evil.example:80"), Verdict::Refuse(_)));
+    }
+}

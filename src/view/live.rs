@@ -1,0 +1,192 @@
+//! Watches a run: draws its model between iterations, within a share of the time, and passes on what pages ask for.
+//!
+//! The model is only read, on the thread and the queue that train it, so that a run's bytes do not depend on who watches.
+//! Without a page, a look costs one atomic load.
+
+use super::easel::{Easel, Sitter};
+use super::protocol::Control;
+use super::server::Server;
+use super::subject::Subject;
+use crate::gpu::Device;
+use crate::pipeline::Watcher;
+use crate::train::{Progress, Trainer};
+use serde_json::json;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Share of the time that pictures may take, until a page asks for another.
+const SHARE: f64 = 0.05;
+/// Largest share that a page may ask for.
+const MOST_SHARE: f64 = 0.9;
+/// Largest credit in seconds, so that a page that comes late does not halt the run.
+const MOST_CREDIT: f64 = 0.25;
+/// Iterations at a time while a page waits for a picture.
+const PACE: u32 = 2;
+/// Time between two reports of progress.
+const NEWS: Duration = Duration::from_millis(400);
+/// Wait for a wish or a control while the run is paused.
+const PAUSED: Duration = Duration::from_millis(50);
+
+/// A watcher that lets pages look at the run, beside another one.
+pub struct Live<'a> {
+    beside: &'a (dyn Watcher + Sync),
+    server: &'a Server,
+    device: &'a Device,
+    subject: Arc<Subject>,
+    state: Mutex<State>,
+}
+
+struct State {
+    easel: Option<Easel>,
+    /// Seconds that pictures may take now.
+    credit: f64,
+    share: f64,
+    looked: Instant,
+    told: Option<Instant>,
+    until: u32,
+    loss: f32,
+    paused: bool,
+    stop: bool,
+    checkpoint: bool,
+}
+
+impl<'a> Live<'a> {
+    /// Watches beside `beside`, which is asked and told everything too.
+    pub fn new(
+        beside: &'a (dyn Watcher + Sync),
+        server: &'a Server,
+        device: &'a Device,
+        subject: Arc<Subject>,
+    ) -> Self {
+        let state = State {
+            easel: None,
+            credit: 0.0,
+            share: SHARE,
+            looked: Instant::now(),
+            told: None,
+            until: 0,
+            loss: 0.0,
+            paused: false,
+            stop: false,
+            checkpoint: false,
+        };
+        Self { beside, server, device, subject, state: Mutex::new(state) }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Obeys what pages asked for.
+    fn obey(&self, state: &mut State, trainer: &Trainer) {
+        let controls = self.server.lobby().controls();
+        for control in &controls {
+            match control {
+                Control::Pause => state.paused = true,
+                Control::Resume => state.paused = false,
+                Control::Checkpoint => state.checkpoint = true,
+                Control::Stop => state.stop = true,
+                Control::Share(share) if share.is_finite() => state.share = share.clamp(0.0, MOST_SHARE),
+                Control::Share(_) => {}
+            }
+        }
+        if !controls.is_empty() || state.told.is_none_or(|t| t.elapsed() > NEWS) {
+            self.tell(state, trainer);
+        }
+    }
+
+    fn tell(&self, state: &mut State, trainer: &Trainer) {
+        state.told = Some(Instant::now());
+        let loss = Some(state.loss).filter(|l| l.is_finite());
+        let news = json!({
+            "iteration": trainer.iteration(), "until": state.until, "gaussians": trainer.len(), "loss": loss,
+            "paused": state.paused, "share": state.share,
+        });
+        self.server.lobby().tell(&news.to_string());
+    }
+
+    /// Draws the next wish; false if there is none.
+    fn draw(&self, state: &mut State, trainer: &Trainer, patience: Duration) -> bool {
+        let Some((client, wish)) = self.server.lobby().next_wish(patience) else { return false };
+        let begun = Instant::now();
+        let sitter = Sitter { whole: trainer.model(), reduced: None, other: None, iteration: trainer.iteration() };
+        let made = match state.easel.take() {
+            Some(easel) => Ok(easel),
+            None => Easel::new(self.device, *trainer.settings(), trainer.len()),
+        };
+        let drawn = made.and_then(|mut easel| {
+            let drawn = easel.draw(&self.subject, sitter, &wish);
+            state.easel = Some(easel);
+            drawn
+        });
+        match drawn {
+            Ok(drawn) => self.server.lobby().deliver(client, drawn.header, Arc::new(drawn.image)),
+            // No picture is worth a run: it goes on, and meets a lost device by itself.
+            Err(e) => self.server.lobby().refuse(client, json!({ "error": e.to_string() }).to_string()),
+        }
+        state.credit -= begun.elapsed().as_secs_f64();
+        true
+    }
+}
+
+impl Watcher for Live<'_> {
+    fn loading(&self, done: usize, total: usize) {
+        self.beside.loading(done, total);
+    }
+
+    fn training(&self, progress: &Progress, until: u32) {
+        self.beside.training(progress, until);
+        let mut state = self.state();
+        (state.until, state.loss) = (until, progress.loss);
+    }
+
+    fn look(&self, trainer: &Trainer) {
+        let lobby = self.server.lobby();
+        if lobby.present() == 0 {
+            let mut state = self.state();
+            // Whoever paused a run and left does not halt it for ever.
+            (state.paused, state.credit, state.looked, state.easel) = (false, 0.0, Instant::now(), None);
+            return;
+        }
+        let mut state = self.state();
+        let earned = state.looked.elapsed().as_secs_f64() * state.share;
+        state.credit = (state.credit + earned).min(MOST_CREDIT);
+        self.obey(&mut state, trainer);
+        while state.credit > 0.0 && self.draw(&mut state, trainer, Duration::ZERO) {}
+        while state.paused && !state.stop && !state.checkpoint && !self.beside.stop() && lobby.present() > 0 {
+            self.draw(&mut state, trainer, PAUSED);
+            self.obey(&mut state, trainer);
+            state.credit = 0.0;
+        }
+        state.looked = Instant::now();
+    }
+
+    fn pace(&self) -> u32 {
+        if self.server.lobby().present() > 0 && self.server.lobby().waiting() { PACE } else { self.beside.pace() }
+    }
+
+    fn checkpoint(&self) -> bool {
+        std::mem::take(&mut self.state().checkpoint) || self.beside.checkpoint()
+    }
+
+    fn responding(&self, done: usize, total: usize) {
+        self.beside.responding(done, total);
+    }
+
+    fn evaluating(&self, done: usize, total: usize) {
+        self.beside.evaluating(done, total);
+    }
+
+    fn rendering(&self, done: usize, total: usize) {
+        self.beside.rendering(done, total);
+    }
+
+    fn note(&self, line: &str) {
+        self.beside.note(line);
+        self.server.lobby().tell(&json!({ "note": line }).to_string());
+    }
+
+    fn stop(&self) -> bool {
+        self.state().stop || self.beside.stop()
+    }
+}

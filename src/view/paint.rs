@@ -1,0 +1,134 @@
+//! Pictures other than colours: a model painted in other colours and drawn by the same kernels, and what is made of the result.
+
+use crate::error::Error;
+use crate::gaussians::resident::Resident;
+use crate::gpu::Device;
+use crate::kernels::constants::sh::float64::SH_C0;
+use crate::qirf::partition::Partition;
+use crate::random::mix;
+use crate::render::Image;
+use crate::scene::camera::Camera;
+use glam::DVec3;
+
+/// Shares of the Gaussians in front of the camera between whose depths the scale of a depth picture lies.
+const DEPTHS: [f64; 2] = [0.02, 0.98];
+/// Gaussians sampled for that scale.
+const SAMPLES: usize = 5_000;
+/// Difference at the upper end of the scale of an error picture.
+const LARGEST_ERROR: f32 = 0.25;
+
+/// SH coefficient of degree 0 that gives a colour.
+fn coefficient(colour: f32) -> f32 {
+    ((f64::from(colour) - 0.5) / SH_C0) as f32
+}
+
+/// A model of the same Gaussians in other colours, 3 a Gaussian in [0, 1]. It shares all buffers but the colours'.
+pub fn painted(device: &Device, model: &Resident, colours: &[f32]) -> Result<Resident, Error> {
+    let coefficients: Vec<f32> = colours.iter().map(|c| coefficient(*c)).collect();
+    let mut parameters = model.parameters.clone();
+    parameters.sh[0] = device.upload("painted", &coefficients)?;
+    Ok(Resident::new(device, parameters, 0, model.len)?)
+}
+
+/// A view of a model with fewer SH bands.
+pub fn of_degree(device: &Device, model: &Resident, degree: usize) -> Result<Resident, Error> {
+    Ok(Resident::new(device, model.parameters.clone(), degree.min(model.degree), model.len)?)
+}
+
+/// Depth of each Gaussian as a share of a scale, 3 equal numbers each, and the scale's ends in world units.
+pub fn depths(means: &[[f32; 3]], camera: &Camera) -> (Vec<f32>, [f64; 2]) {
+    let (forward, origin) = (camera.rotation.row(2), camera.centre());
+    let depth = |m: &[f32; 3]| (DVec3::from_array(m.map(f64::from)) - origin).dot(forward);
+    let mut sample: Vec<f64> =
+        means.iter().step_by(means.len().div_ceil(SAMPLES).max(1)).map(depth).filter(|z| *z > 0.0).collect();
+    sample.sort_by(f64::total_cmp);
+    let at = |share: f64| sample.get((share * sample.len() as f64) as usize).or(sample.last()).copied();
+    let [near, far] = DEPTHS.map(|share| at(share).unwrap_or(1.0));
+    let range = (far - near).max(1e-9 * far.abs()).max(f64::MIN_POSITIVE);
+    let share = |m: &[f32; 3]| ((depth(m) - near) / range).clamp(0.0, 1.0) as f32;
+    (means.iter().flat_map(|m| [share(m); 3]).collect(), [near, far])
+}
+
+/// A colour for each block of the default partition.
+pub fn blocks(means: &[[f32; 3]]) -> Vec<f32> {
+    let mut colours = vec![0.0; 3 * means.len()];
+    for (b, members) in Partition::default().of(means).blocks.iter().enumerate() {
+        let bits = mix(b as u64);
+        let colour: [f32; 3] = std::array::from_fn(|c| 0.15 + 0.8 * ((bits >> (16 * c)) & 0xffff) as f32 / 65535.0);
+        for i in members {
+            colours[3 * *i as usize..][..3].copy_from_slice(&colour);
+        }
+    }
+    colours
+}
+
+/// Colours of the scale from 0 to 1: dark blue, blue, green, yellow, red.
+const SCALE: [[f32; 3]; 5] =
+    [[0.09, 0.07, 0.35], [0.12, 0.45, 0.85], [0.25, 0.75, 0.45], [0.95, 0.85, 0.25], [0.80, 0.12, 0.10]];
+
+/// The scale's colour of a share.
+fn scale(share: f32) -> [f32; 3] {
+    let at = share.clamp(0.0, 1.0) * (SCALE.len() - 1) as f32;
+    let below = (at as usize).min(SCALE.len() - 2);
+    let part = at - below as f32;
+    std::array::from_fn(|c| SCALE[below][c] * (1.0 - part) + SCALE[below + 1][c] * part)
+}
+
+/// A picture of depths from one whose red holds them, weighted by opacity.
+pub fn depth_picture(mut image: Image) -> Image {
+    for pixel in &mut image.pixels {
+        let [value, _, _, alpha] = *pixel;
+        let [r, g, b] = if alpha > 1e-3 { scale(value / alpha).map(|c| c * alpha) } else { [0.0; 3] };
+        *pixel = [r, g, b, alpha];
+    }
+    image
+}
+
+/// A grey picture of opacity.
+pub fn alpha_picture(mut image: Image) -> Image {
+    for pixel in &mut image.pixels {
+        *pixel = [pixel[3], pixel[3], pixel[3], 1.0];
+    }
+    image
+}
+
+/// A picture of the mean absolute difference from `truth` (red, green, blue of each pixel), and the PSNR in dB.
+pub fn error_picture(mut image: Image, truth: &[f32]) -> (Image, f32) {
+    let mut squares = 0.0_f64;
+    for (pixel, truth) in image.pixels.iter_mut().zip(truth.chunks_exact(3)) {
+        let apart: [f32; 3] = std::array::from_fn(|c| pixel[c].clamp(0.0, 1.0) - truth[c].clamp(0.0, 1.0));
+        squares += apart.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>();
+        let [r, g, b] = scale(apart.iter().map(|d| d.abs()).sum::<f32>() / 3.0 / LARGEST_ERROR);
+        *pixel = [r, g, b, 1.0];
+    }
+    let mean = squares / truth.len().max(1) as f64;
+    (image, (-10.0 * mean.log10()) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scales_and_differences() {
+        assert_eq!((scale(-1.0), scale(2.0), scale(f32::NAN)), (SCALE[0], SCALE[4], scale(f32::NAN)));
+        let pixels = vec![[0.5, 0.5, 0.5, 1.0]; 4];
+        let image = Image { width: 2, height: 2, pixels };
+        let (picture, psnr) = error_picture(image.clone(), &[0.4; 12]);
+        assert!((psnr - 20.0).abs() < 1e-4, "{psnr}");
+        assert_eq!(picture.pixels[0][..3], scale(0.4));
+        assert_eq!(error_picture(image, &[0.5; 12]).1, f32::INFINITY);
+    }
+
+    #[test]
+    fn depths_are_shares_of_what_lies_in_front() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, 8, 8);
+        let means: Vec<[f32; 3]> = (0..=100).map(|i| [0.0, 0.0, i as f32]).chain([[0.0, 0.0, -5.0]]).collect();
+        let (shares, [near, far]) = depths(&means, &camera);
+        assert!((near - 3.0).abs() <= 1.0 && (far - 99.0).abs() <= 1.0, "{near} {far}");
+        assert_eq!((shares[0], shares[300], shares[303]), (0.0, 1.0, 0.0));
+        assert!(shares.windows(2).take(299).all(|w| w[0] <= w[1]));
+        assert!(depths(&[], &camera).0.is_empty());
+        assert!(depths(&[[0.0, 0.0, 2.0]], &camera).0.iter().all(|s| s.is_finite()));
+    }
+}

@@ -1,0 +1,251 @@
+//! What a page and the program say to each other over the WebSocket.
+//!
+//! A page sends JSON: wishes, acknowledgements and controls. The program answers with binary frames, 32 bytes of
+//! [`Header`] before an encoded picture, and with JSON that tells how a run is doing.
+
+use crate::scene::camera::Camera;
+use glam::{DMat3, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// Largest number of pixels of a picture.
+pub const MOST_PIXELS: u64 = 8 << 20;
+/// Field of view that a wish may have, in radians.
+const FIELDS: std::ops::RangeInclusive<f64> = 0.01..=3.0;
+
+/// A message of the page.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Message {
+    /// Draw this; it replaces an earlier wish that was not drawn yet.
+    Wish(Wish),
+    /// The frame of this number has been shown.
+    Shown(u32),
+    /// Steer the run.
+    Control(Control),
+}
+
+/// A picture to draw.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wish {
+    /// Number of the wish, which its frame repeats.
+    pub number: u32,
+    /// Camera.
+    pub camera: Eye,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Content.
+    #[serde(default)]
+    pub picture: Picture,
+    /// Model, by its place in the list.
+    #[serde(default)]
+    pub model: usize,
+    /// Highest SH degree drawn.
+    #[serde(default = "all_degrees")]
+    pub degree: usize,
+    /// Colour behind the Gaussians; none for the subject's own.
+    #[serde(default)]
+    pub background: Option<[f32; 3]>,
+    /// True for a whole and lossless picture; false while the camera moves.
+    #[serde(default)]
+    pub still: bool,
+}
+
+fn all_degrees() -> usize {
+    crate::gaussians::MAX_SH_DEGREE
+}
+
+/// A camera.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Eye {
+    /// That of a photo of the capture, by its number, at the working size; the wish's size does not matter.
+    Photo(usize),
+    /// A free one.
+    Pose {
+        /// Centre in world coordinates.
+        position: [f64; 3],
+        /// Rotation from camera (x right, y down, z forward) to world coordinates: w, x, y, z.
+        rotation: [f64; 4],
+        /// Vertical field of view in radians.
+        fov: f64,
+    },
+}
+
+/// Content of a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Picture {
+    /// Colours over the background.
+    #[default]
+    Colour,
+    /// Expected depth: the mean of the Gaussians' depths, weighted as their colours.
+    Depth,
+    /// Opacity.
+    Alpha,
+    /// Blocks of the default partition, each in a colour of its own.
+    Blocks,
+    /// Mean absolute difference over the channels from the photo, or from the other model.
+    Error,
+}
+
+/// A request to steer a run.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Control {
+    /// Halt training; pictures are still drawn.
+    Pause,
+    /// Go on.
+    Resume,
+    /// Write a checkpoint.
+    Checkpoint,
+    /// Write a checkpoint and end, as Ctrl-C does.
+    Stop,
+    /// Share of the time, 0 to 1, that pictures may take.
+    Share(f64),
+}
+
+impl Eye {
+    /// The camera of a free pose.
+    ///
+    /// # Errors
+    /// A sentence that names the fault.
+    pub fn free(position: [f64; 3], rotation: [f64; 4], fov: f64, [width, height]: [u32; 2]) -> Result<Camera, String> {
+        let [w, x, y, z] = rotation;
+        let (position, to_world) = (DVec3::from(position), DQuat::from_xyzw(x, y, z, w));
+        let length = to_world.length();
+        let whole = position.is_finite() && length.is_finite() && length > 1e-6;
+        if !whole || !FIELDS.contains(&fov) {
+            return Err(
+                "the camera is not a finite position, a rotation and a field of view of 0.01 to 3 radians".into()
+            );
+        }
+        let rotation = DMat3::from_quat(to_world.normalize()).transpose();
+        let level = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, fov, width, height);
+        Ok(Camera { rotation, translation: -(rotation * position), ..level })
+    }
+}
+
+/// Encoding of a frame's picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Encoding {
+    /// JPEG, 4:2:0.
+    Jpeg = 0,
+    /// PNG, 8 bits a channel.
+    Png = 1,
+}
+
+/// What precedes a picture: 32 bytes, numbers in little-endian order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Header {
+    /// Encoding.
+    pub encoding: Encoding,
+    /// True if Gaussians or pixels were left out.
+    pub reduced: bool,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Number of the wish.
+    pub number: u32,
+    /// Milliseconds to draw it.
+    pub draw_ms: f32,
+    /// Iteration of the run; 0 without one.
+    pub iteration: u32,
+    /// Number of Gaussians drawn.
+    pub gaussians: u32,
+    /// PSNR against the photo in dB; NaN where there is none to compare with.
+    pub psnr: f32,
+}
+
+impl Header {
+    /// Bytes of a header.
+    pub const BYTES: usize = 32;
+    /// Version of this layout.
+    const VERSION: u8 = 1;
+
+    /// The header's bytes.
+    pub fn to_bytes(self) -> [u8; Self::BYTES] {
+        let mut out = [0; Self::BYTES];
+        out[..4].copy_from_slice(&[Self::VERSION, self.encoding as u8, u8::from(self.reduced), 0]);
+        let [width, height] = self.size;
+        let words =
+            [width, height, self.number, self.draw_ms.to_bits(), self.iteration, self.gaussians, self.psnr.to_bits()];
+        for (place, word) in out[4..].chunks_exact_mut(4).zip(words) {
+            place.copy_from_slice(&word.to_le_bytes());
+        }
+        out
+    }
+
+    /// Reads a header; none if the bytes are of another layout.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let (head, words) = bytes.get(..Self::BYTES)?.split_at(4);
+        let encoding = match head {
+            [Self::VERSION, 0, ..] => Encoding::Jpeg,
+            [Self::VERSION, 1, ..] => Encoding::Png,
+            _ => return None,
+        };
+        let word = |i: usize| u32::from_le_bytes(std::array::from_fn(|b| words[4 * i + b]));
+        Some(Self {
+            encoding,
+            reduced: head[2] != 0,
+            size: [word(0), word(1)],
+            number: word(2),
+            draw_ms: f32::from_bits(word(3)),
+            iteration: word(4),
+            gaussians: word(5),
+            psnr: f32::from_bits(word(6)),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_come_back() {
+        let header = Header {
+            encoding: Encoding::Png,
+            reduced: true,
+            size: [640, 360],
+            number: 7,
+            draw_ms: 1.5,
+            iteration: 900,
+            gaussians: 93_000,
+            psnr: 30.25,
+        };
+        let bytes = header.to_bytes();
+        assert_eq!(Header::from_bytes(&bytes), Some(header));
+        assert_eq!(Header::from_bytes(&bytes[..31]), None);
+        assert_eq!(Header::from_bytes(&[9; 32]), None);
+    }
+
+    #[test]
+    fn messages_are_read_as_the_page_writes_them() {
+        let text = r#"{"wish":{"number":3,"camera":{"pose":{"position":[0,0,-2],"rotation":[1,0,0,0],"fov":0.7}},"size":[64,48],"picture":"depth"}}"#;
+        let Ok(Message::Wish(wish)) = serde_json::from_str(text) else { panic!("{text}") };
+        assert_eq!((wish.number, wish.picture, wish.model, wish.degree, wish.still), (3, Picture::Depth, 0, 3, false));
+        for text in [r#"{"shown":4}"#, r#"{"control":"pause"}"#] {
+            assert!(serde_json::from_str::<Message>(text).is_ok(), "{text}");
+        }
+        for text in ["", "{}", r#"{"wish":{}}"#, r#"{"control":"format"}"#, r#"{"shown":-1}"#] {
+            assert!(serde_json::from_str::<Message>(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_free_camera_is_that_of_its_pose() {
+        let (eye, target) = (DVec3::new(1.0, -2.0, 3.0), DVec3::new(0.5, 0.0, -1.0));
+        let wanted = Camera::look_at(eye, target, DVec3::NEG_Y, 0.9, 64, 48);
+        let q = DQuat::from_mat3(&wanted.rotation.transpose());
+        let camera = Eye::free(eye.to_array(), [q.w, q.x, q.y, q.z], 0.9, [64, 48]).unwrap();
+        assert!((camera.translation - wanted.translation).length() < 1e-12);
+        assert_eq!((camera.focal, camera.principal, camera.width), (wanted.focal, wanted.principal, 64));
+        let one = [1.0, 0.0, 0.0, 0.0];
+        for (position, rotation, fov) in
+            [([f64::NAN; 3], one, 0.9), ([0.0; 3], [0.0; 4], 0.9), ([0.0; 3], one, 0.0), ([0.0; 3], one, f64::INFINITY)]
+        {
+            assert!(Eye::free(position, rotation, fov, [64, 48]).is_err());
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Serves the page, the subject's description, its photos, and the WebSocket.
+
+use super::client::converse;
+use super::guard::{Asked, Guard, Verdict};
+use super::http::{self, Request, Status};
+use super::lobby::Lobby;
+use super::subject::Subject;
+use crate::error::Error;
+use std::io::Write;
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+use tungstenite::handshake::derive_accept_key;
+
+/// Largest number of connections at a time.
+const MOST_CONNECTIONS: usize = 32;
+
+const PAGE: &str = include_str!("page.html");
+const SCRIPTS: [(&str, &str); 3] = [
+    ("/camera.js", include_str!("camera.js")),
+    ("/draw.js", include_str!("draw.js")),
+    ("/page.js", include_str!("page.js")),
+];
+const STYLE: &str = include_str!("page.css");
+
+/// Where a server listens, and what it allows.
+#[derive(Clone, Copy, Debug)]
+pub struct ServerOptions {
+    /// Address to bind.
+    pub host: IpAddr,
+    /// Port; 0 for any that is free.
+    pub port: u16,
+    /// True if a page may pause, checkpoint and stop a run.
+    pub control: bool,
+}
+
+/// What every connection needs.
+struct Site {
+    guard: Guard,
+    lobby: Arc<Lobby>,
+    subject: Arc<Subject>,
+    description: String,
+    control: bool,
+    connections: AtomicUsize,
+}
+
+/// A listening server; it stops when dropped.
+pub struct Server {
+    site: Arc<Site>,
+    address: SocketAddr,
+}
+
+impl Server {
+    /// Listens and answers from threads of its own.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if the address cannot be bound.
+    pub fn start(options: &ServerOptions, subject: Arc<Subject>, device: &str, live: bool) -> Result<Self, Error> {
+        let wanted = SocketAddr::new(options.host, options.port);
+        let refused =
+            |e: std::io::Error| Error::Usage(format!("cannot listen on {wanted}: {e}; choose another --port"));
+        let listener = TcpListener::bind(wanted).map_err(refused)?;
+        let address = listener.local_addr().map_err(refused)?;
+        let description = subject.description(device, live).to_string();
+        let site = Arc::new(Site {
+            guard: Guard::new(options.host, address.port()).map_err(refused)?,
+            lobby: Arc::new(Lobby::default()),
+            subject,
+            description,
+            control: options.control && live,
+            connections: AtomicUsize::new(0),
+        });
+        let serving = Arc::clone(&site);
+        std::thread::spawn(move || accept(&listener, &serving));
+        Ok(Self { site, address })
+    }
+
+    /// The address to open in a browser. It holds the token.
+    pub fn url(&self) -> String {
+        format!("http://{}{}", self.address, self.site.guard.entrance())
+    }
+
+    /// Where clients wait.
+    pub fn lobby(&self) -> &Lobby {
+        &self.site.lobby
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.site.lobby.close();
+        // Wakes the listener, which then ends.
+        let here = match self.address.ip() {
+            ip if ip.is_unspecified() => SocketAddr::new(IpAddr::from([127, 0, 0, 1]), self.address.port()),
+            _ => self.address,
+        };
+        let _ = TcpStream::connect_timeout(&here, Duration::from_millis(200));
+    }
+}
+
+fn accept(listener: &TcpListener, site: &Arc<Site>) {
+    for stream in listener.incoming() {
+        if site.lobby.closed() {
+            return;
+        }
+        let Ok(mut stream) = stream else { continue };
+        if site.connections.fetch_add(1, Ordering::AcqRel) >= MOST_CONNECTIONS {
+            site.connections.fetch_sub(1, Ordering::AcqRel);
+            http::say(&mut stream, Status::FULL, "too many connections");
+            continue;
+        }
+        let site = Arc::clone(site);
+        std::thread::spawn(move || {
+            site.serve(stream);
+            site.connections.fetch_sub(1, Ordering::AcqRel);
+        });
+    }
+}
+
+impl Site {
+    fn serve(&self, mut stream: TcpStream) {
+        let request = match http::read(&mut stream) {
+            Ok(request) => request,
+            Err(Some(status)) => return http::say(&mut stream, status, status.1),
+            Err(None) => return,
+        };
+        let asked = Asked {
+            query: &request.query,
+            host: &request.host,
+            origin: request.origin.as_deref(),
+            cookie: &request.cookie,
+            socket: request.path == "/ws",
+        };
+        match self.guard.check(asked) {
+            Verdict::Refuse(why) => http::say(&mut stream, Status::FORBIDDEN, why),
+            Verdict::Enter => {
+                let more = format!("Location: /\r\nSet-Cookie: {}\r\n", self.guard.cookie());
+                http::answer(&mut stream, Status(303, "See Other"), "text/plain", &more, b"");
+            }
+            Verdict::Pass => self.answer(stream, request),
+        }
+    }
+
+    fn answer(&self, mut stream: TcpStream, request: Request) {
+        let stream_ref = &mut stream;
+        match request.path.as_str() {
+            "/" => http::answer(stream_ref, Status::OK, "text/html; charset=utf-8", "", PAGE.as_bytes()),
+            "/page.css" => http::answer(stream_ref, Status::OK, "text/css; charset=utf-8", "", STYLE.as_bytes()),
+            "/scene.json" => {
+                http::answer(stream_ref, Status::OK, "application/json", "", self.description.as_bytes());
+            }
+            "/ws" => match request.socket_key {
+                Some(key) => self.upgrade(stream, &key, request.rest),
+                None => http::say(stream_ref, Status::BAD, "this path is for a WebSocket"),
+            },
+            path => match (script(path), photo_number(path)) {
+                (Some(text), _) => {
+                    http::answer(stream_ref, Status::OK, "text/javascript; charset=utf-8", "", text.as_bytes());
+                }
+                (_, Some(n)) => self.photo(stream_ref, n),
+                _ => http::say(stream_ref, Status::MISSING, "there is nothing here"),
+            },
+        }
+    }
+
+    fn photo(&self, stream: &mut TcpStream, n: usize) {
+        let capture = self.subject.capture.as_ref().filter(|c| n < c.scene.views.len());
+        let Some(capture) = capture else { return http::say(stream, Status::MISSING, "there is no such photo") };
+        match capture.photo_jpeg(n, self.subject.background) {
+            Ok(bytes) => http::answer(stream, Status::OK, "image/jpeg", "", &bytes),
+            Err(e) => http::say(stream, Status::MISSING, &e.to_string()),
+        }
+    }
+
+    fn upgrade(&self, mut stream: TcpStream, key: &str, rest: Vec<u8>) {
+        let accept = derive_accept_key(key.as_bytes());
+        let head = format!(
+            "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {accept}\r\n\r\n"
+        );
+        if stream.write_all(head.as_bytes()).is_ok() {
+            converse(stream, rest, &self.lobby, self.control);
+        }
+    }
+}
+
+fn script(path: &str) -> Option<&'static str> {
+    SCRIPTS.iter().find(|(name, _)| *name == path).map(|(_, text)| *text)
+}
+
+/// `/photo/12`; digits only, so that no path leads anywhere else.
+fn photo_number(path: &str) -> Option<usize> {
+    let digits = path.strip_prefix("/photo/")?;
+    digits.bytes().all(|b| b.is_ascii_digit()).then(|| digits.parse().ok()).flatten()
+}

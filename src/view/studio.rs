@@ -1,0 +1,116 @@
+//! Draws wishes for models that do not change.
+
+use super::easel::{Drawn, Easel, Sitter};
+use super::protocol::{Picture, Wish};
+use super::subject::Subject;
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
+use crate::gpu::Device;
+use crate::render::Settings;
+
+/// One Gaussian in this many is drawn in a reduced picture: those of the largest product of opacity and area.
+const REDUCED: usize = 4;
+/// Smallest model that is worth reducing.
+const LEAST_REDUCED: usize = 20_000;
+/// Milliseconds of a whole moving picture beyond which moving pictures are reduced.
+const SLOW_MS: f32 = 70.0;
+/// Milliseconds that a whole picture is estimated at, below which moving pictures are whole again.
+const FAST_MS: f32 = 25.0;
+
+/// A model on the device.
+struct Shown {
+    whole: Resident,
+    /// Its most visible quarter, for moving pictures on slow devices.
+    reduced: Option<Resident>,
+}
+
+/// The device's side of the viewer.
+pub struct Studio<'a> {
+    subject: &'a Subject,
+    easel: Easel,
+    shown: Vec<Shown>,
+    /// True if moving pictures are reduced: slow devices take a time for each Gaussian, hardly for each pixel.
+    reduce: bool,
+}
+
+/// The Gaussians of the largest product of opacity and area, one in [`REDUCED`], in their order.
+fn most_visible(model: &Gaussians) -> Gaussians {
+    let size = |i: usize| {
+        let mut scales = model.log_scales[i];
+        scales.sort_by(f32::total_cmp);
+        let opacity = -(-model.opacity_logits[i]).exp().ln_1p();
+        scales[1] + scales[2] + opacity
+    };
+    let mut order: Vec<usize> = (0..model.len()).collect();
+    let kept = model.len().div_ceil(REDUCED);
+    if kept < order.len() {
+        order.select_nth_unstable_by(kept, |a, b| size(*b).total_cmp(&size(*a)).then(a.cmp(b)));
+    }
+    order.truncate(kept);
+    order.sort_unstable();
+    model.select(&order)
+}
+
+impl<'a> Studio<'a> {
+    /// A studio with all models of the subject on the device.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn new(device: &Device, subject: &'a Subject) -> Result<Self, Error> {
+        let usual = subject.style.over(subject.background);
+        let settings = Settings { near: subject.near(usual.near), ..usual };
+        let most = subject.models.iter().map(|(_, m)| m.len()).max().unwrap_or(0);
+        let shown = |(_, model): &(String, Gaussians)| -> Result<Shown, Error> {
+            let mut model = model.clone();
+            // As `render` does: bands that change no colour by a step of eight bits are not drawn.
+            model.sh.truncate(model.degree_in_effect() + 1);
+            let whole = Resident::upload(device, &model)?;
+            let reduced = (model.len() >= LEAST_REDUCED).then(|| most_visible(&model));
+            let reduced = reduced.map(|m| Resident::upload(device, &m)).transpose()?;
+            Ok(Shown { whole, reduced })
+        };
+        Ok(Self {
+            subject,
+            easel: Easel::new(device, settings, most)?,
+            shown: subject.models.iter().map(shown).collect::<Result<_, _>>()?,
+            reduce: false,
+        })
+    }
+
+    /// Draws a wish.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for wishes that cannot be fulfilled; device errors.
+    pub fn draw(&mut self, wish: &Wish) -> Result<Drawn, Error> {
+        let Some(Shown { whole, reduced }) = self.shown.get(wish.model) else {
+            return Err(Error::Usage(format!("there is no model {}", wish.model)));
+        };
+        let other = self.shown.iter().enumerate().find(|(m, _)| *m != wish.model).map(|(_, s)| &s.whole);
+        let reduced = reduced.as_ref().filter(|_| self.reduce && !wish.still);
+        let drawn = self.easel.draw(self.subject, Sitter { whole, reduced, other, iteration: 0 }, wish)?;
+        if !wish.still && wish.picture == Picture::Colour {
+            let ms = drawn.header.draw_ms;
+            self.reduce = if drawn.header.reduced { ms * REDUCED as f32 > FAST_MS } else { ms > SLOW_MS };
+        }
+        Ok(drawn)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_most_visible_quarter_is_large_and_opaque() {
+        let mut model = Gaussians::zeroed(100, 0);
+        for i in 0..100 {
+            model.means[i] = [i as f32, 0.0, 0.0];
+            model.log_scales[i] = [-9.0, if i % 2 == 0 { 0.0 } else { -2.0 }, -1.0];
+            model.opacity_logits[i] = if i % 4 < 2 { 2.0 } else { -5.0 };
+        }
+        let kept: Vec<f32> = most_visible(&model).means.iter().map(|m| m[0]).collect();
+        assert_eq!(kept, (0..25).map(|i| (4 * i) as f32).collect::<Vec<_>>());
+        assert_eq!(most_visible(&Gaussians::zeroed(1, 0)).len(), 1);
+    }
+}

@@ -1,0 +1,183 @@
+//! What is looked at: models, and the capture that they were made from.
+
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::outline::outline;
+use crate::pipeline::evaluate::truth;
+use crate::render::Style;
+use crate::scene::camera::Camera;
+use crate::scene::orbit::Look;
+use crate::scene::{FourthByte, LoadOptions, Photo, Resize, Scene, Split, load_photos};
+use glam::{DQuat, DVec3};
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use serde_json::{Value, json};
+use std::collections::HashMap;
+
+/// Quality of photos' JPEG.
+const PHOTO_QUALITY: u8 = 92;
+/// Share of an orbit's distance at which the near plane of a model without a capture lies at most.
+const NEAR: f64 = 0.02;
+
+/// Models and their capture.
+pub struct Subject {
+    /// Title of the page.
+    pub title: String,
+    /// Names and models, at least one; empty while a run is watched, whose model changes.
+    pub models: Vec<(String, Gaussians)>,
+    /// Style of rendering.
+    pub style: Style,
+    /// Colour behind the Gaussians.
+    pub background: [f32; 3],
+    /// Up in the world, where there is no capture.
+    pub up: DVec3,
+    /// Photos and their cameras.
+    pub capture: Option<Capture>,
+}
+
+/// A capture at a working size.
+pub struct Capture {
+    /// Its views.
+    pub scene: Scene,
+    /// The working size.
+    pub resize: Resize,
+    /// Views that were trained on, and held out.
+    pub split: Split,
+    /// PSNR of held-out views in dB, by name; empty if unknown.
+    pub psnr: HashMap<String, f64>,
+}
+
+impl Capture {
+    /// The camera of photo `n` at the working size.
+    pub fn camera(&self, n: usize) -> Option<Camera> {
+        Some(self.scene.views.get(n)?.camera_at(self.resize))
+    }
+
+    /// Photo `n` at the working size.
+    ///
+    /// # Errors
+    /// A photo that is absent or damaged.
+    pub fn photo(&self, n: usize) -> Result<Photo, Error> {
+        let view = self.scene.views.get(n).ok_or_else(|| Error::Usage(format!("there is no photo {n}")))?;
+        let options = LoadOptions { resize: self.resize, ..LoadOptions::default() };
+        let mut photos = load_photos(&[view], &options, &|_| ()).map_err(Error::Scene)?;
+        photos.remove(0).map_err(Error::Scene)
+    }
+
+    /// The background that photos are usually drawn on: white where they have alpha, as in Blender's scenes, else black.
+    pub fn background(&self) -> [f32; 3] {
+        let alpha = self.photo(0).is_ok_and(|photo| photo.fourth_byte == FourthByte::Alpha);
+        if alpha { [1.0; 3] } else { [0.0; 3] }
+    }
+
+    /// Photo `n` as JPEG, over a background.
+    ///
+    /// # Errors
+    /// Those of [`Capture::photo`].
+    pub fn photo_jpeg(&self, n: usize, background: [f32; 3]) -> Result<Vec<u8>, Error> {
+        let photo = self.photo(n)?;
+        let bytes: Vec<u8> = truth(&photo, background)?.iter().map(|v| (v * 255.0 + 0.5) as u8).collect();
+        jpeg(&bytes, photo.camera.width, photo.camera.height, PHOTO_QUALITY, SamplingFactor::F_1_1)
+    }
+
+    /// Mean of the cameras' up directions.
+    fn up(&self) -> DVec3 {
+        let sum: DVec3 = self.scene.views.iter().map(|v| -v.camera.rotation.row(1)).sum();
+        sum.try_normalize().unwrap_or(DVec3::NEG_Y)
+    }
+}
+
+/// Encodes red, green, blue bytes as JPEG.
+///
+/// # Errors
+/// A picture that JPEG cannot hold.
+pub(super) fn jpeg(
+    rgb: &[u8],
+    width: u32,
+    height: u32,
+    quality: u8,
+    sampling: SamplingFactor,
+) -> Result<Vec<u8>, Error> {
+    let mut out = Vec::with_capacity(rgb.len() / 16);
+    let mut encoder = Encoder::new(&mut out, quality);
+    encoder.set_sampling_factor(sampling);
+    let side = |n: u32| u16::try_from(n).unwrap_or(u16::MAX);
+    encoder.encode(rgb, side(width), side(height), ColorType::Rgb).map_err(|e| Error::encoding("a JPEG picture", e))?;
+    Ok(out)
+}
+
+/// Position, rotation (camera to world; w, x, y, z) and vertical field of view of a camera.
+fn pose(camera: &Camera) -> Value {
+    let q = DQuat::from_mat3(&camera.rotation.transpose());
+    let fov = 2.0 * (0.5 * f64::from(camera.height) / camera.focal.y).atan();
+    json!({ "position": camera.centre().to_array(), "rotation": [q.w, q.x, q.y, q.z], "fov": fov })
+}
+
+impl Subject {
+    /// Up in the world.
+    fn upwards(&self) -> DVec3 {
+        self.capture.as_ref().map_or(self.up, Capture::up)
+    }
+
+    /// Everything that the page needs to know at its start.
+    pub fn description(&self, device: &str, live: bool) -> Value {
+        let model = |(name, model): &(String, Gaussians)| json!({ "name": name, "gaussians": model.len(), "degree": model.degree() });
+        let up = self.upwards();
+        let look = Look::default();
+        let (start, target) = match (&self.capture, self.models.first()) {
+            (Some(capture), _) => {
+                let first = capture.split.test.first().copied().unwrap_or(0);
+                let camera = capture.camera(first);
+                let centre = capture.scene.centre(&(0..capture.scene.views.len()).collect::<Vec<_>>());
+                let target = camera.as_ref().map_or(centre, |c| sight(c, centre, &capture.scene));
+                (camera.as_ref().map(pose), target)
+            }
+            (None, Some((_, model))) => {
+                let outline = outline(model, up);
+                let target = outline.centre + up * outline.framing(&look).height;
+                (Some(pose(&outline.camera(0.0, &look))), target)
+            }
+            (None, None) => (None, DVec3::ZERO),
+        };
+        let cameras: Vec<Value> = self.capture.as_ref().map_or_else(Vec::new, |capture| {
+            let views = capture.scene.views.iter().enumerate();
+            let of = |(n, view): (usize, &crate::scene::View)| {
+                let camera = view.camera_at(capture.resize);
+                let mut entry = pose(&camera);
+                entry["name"] = json!(view.name);
+                entry["size"] = json!([camera.width, camera.height]);
+                entry["held_out"] = json!(capture.split.test.contains(&n));
+                entry["psnr"] = json!(capture.psnr.get(&view.name));
+                entry["photo"] = json!(view.image.is_file());
+                entry
+            };
+            views.map(of).collect()
+        });
+        json!({
+            "title": self.title, "device": device, "live": live,
+            "models": self.models.iter().map(model).collect::<Vec<_>>(),
+            "background": self.background, "up": up.to_array(),
+            "start": start, "target": target.to_array(), "cameras": cameras,
+        })
+    }
+
+    /// The near plane: closer than usual for a small model without a capture.
+    pub fn near(&self, usual: f32) -> f32 {
+        match (&self.capture, self.models.first()) {
+            (None, Some((_, model))) => {
+                usual.min((NEAR * outline(model, self.up).framing(&Look::default()).distance) as f32)
+            }
+            _ => usual,
+        }
+    }
+}
+
+/// The point that a first camera turns about: on its axis, as far as the other cameras' mean centre or the points lie.
+fn sight(camera: &Camera, centre: DVec3, scene: &Scene) -> DVec3 {
+    let forward = camera.rotation.row(2);
+    let mut depths: Vec<f64> =
+        scene.points.iter().map(|p| (p.position - camera.centre()).dot(forward)).filter(|z| *z > 0.0).collect();
+    depths.sort_by(f64::total_cmp);
+    let around = (centre - camera.centre()).dot(forward);
+    let depth = depths.get(depths.len() / 2).copied().unwrap_or(if around > 0.0 { around } else { 1.0 });
+    camera.centre() + forward * depth
+}

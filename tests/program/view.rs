@@ -1,0 +1,150 @@
+//! `view`: what it serves, to whom, and what a browser makes of it.
+
+mod browser;
+mod live;
+mod page;
+mod refusals;
+mod session;
+
+use qirf_vk::gaussians::formats;
+use qirf_vk::synth::{SynthOptions, write};
+use session::{Viewer, pose, wish};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+/// Five photos of 64 x 48, and a model of their points, made once.
+pub fn scene() -> &'static Path {
+    static MADE: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
+    let made = MADE.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = folder.path().join("scene");
+        let options = SynthOptions { views: 5, width: 64, height: 48, points: 500, ..SynthOptions::default() };
+        write(&scene, &options, &|_| ()).expect("a synthetic scene");
+        let points = qirf_vk::scene::Scene::open(&scene, &qirf_vk::scene::OpenOptions::default()).unwrap().points;
+        let seeds: Vec<_> = points.iter().map(qirf_vk::train::initialise::Seed::from).collect();
+        let mut model = qirf_vk::train::initialise::from_points(&seeds);
+        model.opacity_logits.fill(3.0);
+        formats::write(&folder.path().join("model.ply"), &model).unwrap();
+        model.sh[0].iter_mut().for_each(|c| *c *= 0.5);
+        formats::write(&folder.path().join("other.ply"), &model).unwrap();
+        (folder, scene)
+    });
+    &made.1
+}
+
+/// A file beside the scene.
+pub fn beside(name: &str) -> String {
+    scene().with_file_name(name).display().to_string()
+}
+
+/// A viewer of the model with the scene's photos.
+fn viewer(more: &[&str]) -> Viewer {
+    let (model, scene) = (beside("model.ply"), scene().display().to_string());
+    Viewer::start(&[&["view", &model, "--scene", &scene], more].concat())
+}
+
+#[test]
+fn a_still_picture_is_the_file_that_render_writes() {
+    let out = tempfile::tempdir().unwrap();
+    let rendered = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
+        .args(["render", &beside("model.ply"), "--scene"])
+        .args([scene(), "-o".as_ref(), out.path()])
+        .output()
+        .unwrap();
+    assert!(rendered.status.success(), "{}", String::from_utf8_lossy(&rendered.stderr));
+    let viewer = viewer(&[]);
+    let description = viewer.json("/scene.json");
+    let cameras = description["cameras"].as_array().unwrap();
+    assert_eq!((cameras.len(), description["models"][0]["name"].as_str()), (5, Some("model.ply")));
+    let mut socket = viewer.socket();
+    for (n, camera) in cameras.iter().enumerate() {
+        let (header, bytes) = socket.picture(&wish(n as u32, &format!(r#"{{"photo":{n}}}"#), r#""still":true"#));
+        let file = out.path().join(camera["name"].as_str().unwrap()).with_extension("png");
+        assert_eq!(bytes, fs::read(file).unwrap(), "photo {n}");
+        assert_eq!((header.number, header.size, header.reduced), (n as u32, [64, 48], false));
+    }
+}
+
+#[test]
+fn every_kind_of_picture_is_drawn() {
+    let other = beside("other.ply");
+    let viewer = viewer(&["--against", &other]);
+    let mut socket = viewer.socket();
+    let mut seen = Vec::new();
+    for (n, kind) in ["colour", "depth", "alpha", "blocks", "error"].into_iter().enumerate() {
+        let still = format!(r#""picture":"{kind}","still":true"#);
+        let (header, bytes) = socket.picture(&wish(n as u32, r#"{"photo":1}"#, &still));
+        let picture = image::load_from_memory(&bytes).unwrap().into_rgb8();
+        assert_eq!(header.psnr.is_nan(), kind != "error");
+        assert!(picture.pixels().any(|p| p != picture.get_pixel(0, 0)), "{kind} is one colour");
+        assert!(!seen.contains(&bytes), "{kind} looks like another");
+        seen.push(bytes);
+        // Moving colours are a JPEG of nearly the same; false colours stay lossless.
+        let (_, moving) = socket.picture(&wish(100 + n as u32, r#"{"photo":1}"#, &format!(r#""picture":"{kind}""#)));
+        assert_eq!(moving[..2] == [0xff, 0xd8], kind == "colour");
+        let moving = image::load_from_memory(&moving).unwrap().into_rgb8();
+        let apart: f64 = picture.iter().zip(moving.iter()).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
+        assert!(apart / (picture.len() as f64) < if kind == "colour" { 12.0 } else { 1e-9 }, "{kind}: {apart}");
+    }
+    // From elsewhere, an error picture compares the two models; from the second model's side it is the same.
+    let of = |model: u32| pose(&format!(r#""picture":"error","still":true,"model":{model}"#), model + 7);
+    let [first, second] = [0, 1].map(|m| socket.picture(&of(m)));
+    assert_eq!(first.1, second.1);
+    assert!((20.0..50.0).contains(&first.0.psnr) || first.0.psnr > 0.0, "{}", first.0.psnr);
+}
+
+#[test]
+fn the_newest_wish_wins_and_two_frames_are_in_flight_at_most() {
+    let viewer = viewer(&[]);
+    let mut socket = viewer.socket();
+    for number in 0..500 {
+        socket.send(&pose("", number));
+    }
+    // Nothing is acknowledged: two frames come, and no third.
+    let frames = [socket.frame().unwrap(), socket.frame().unwrap()];
+    assert!(frames[0].0.number < frames[1].0.number);
+    assert!(socket.frame_within(std::time::Duration::from_millis(400)).is_none());
+    socket.send(r#"{"shown":0}"#);
+    let last = match frames[1].0.number {
+        499 => frames[1].0.number,
+        _ => socket.frame().unwrap().0.number,
+    };
+    assert_eq!(last, 499, "the last wish is fulfilled");
+}
+
+#[test]
+fn a_capture_alone_shows_its_points_and_a_run_its_scores() {
+    let viewer = Viewer::start(&["view", &scene().display().to_string()]);
+    let description = viewer.json("/scene.json");
+    assert_eq!(description["models"][0]["name"], "points");
+    assert!(description["models"][0]["gaussians"].as_u64().unwrap() > 100);
+    let photo = viewer.get("/photo/2");
+    assert_eq!((photo.0, image::load_from_memory(&photo.1).unwrap().width()), (200, 64));
+    drop(viewer);
+
+    let out = tempfile::tempdir().unwrap();
+    let run = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
+        .args(["run", &scene().display().to_string(), "--iterations", "20", "--grow-to", "500", "-o"])
+        .arg(out.path())
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let viewer = Viewer::start(&["view", &out.path().display().to_string()]);
+    let description = viewer.json("/scene.json");
+    let cameras = description["cameras"].as_array().unwrap();
+    let scored: Vec<_> = cameras.iter().filter(|c| c["psnr"].is_number()).collect();
+    assert_eq!((cameras.len(), scored.len(), scored[0]["held_out"].as_bool()), (5, 1, Some(true)));
+}
+
+#[test]
+fn ctrl_c_tells_the_page_and_ends_well() {
+    let viewer = viewer(&[]);
+    let mut socket = viewer.socket();
+    socket.picture(&pose("", 1));
+    let ended = viewer.interrupt();
+    assert_eq!(ended, Some(0));
+    assert_eq!(socket.goodbye(), "qirf-vk has ended");
+}

@@ -1,0 +1,217 @@
+//! The page in a browser: what it shows, and what it makes of a mouse, keys and fingers.
+
+use super::browser::Browser;
+use super::session::Viewer;
+use super::{beside, scene, viewer};
+use serde_json::{Value, json};
+use std::process::Command;
+
+/// The still picture that belongs to the last wish is on the canvas.
+const RESTED: &str = "viewer.frame?.lossless && viewer.stillAsked && viewer.received === viewer.sent";
+/// Red, green, blue of every pixel of the canvas.
+const PIXELS: &str = "(() => { const { width: w, height: h } = document.getElementById('picture'); \
+    const context = new OffscreenCanvas(w, h).getContext('2d', { willReadFrequently: true }); \
+    context.drawImage(document.getElementById('picture'), 0, 0); \
+    return [...context.getImageData(0, 0, w, h).data].filter((_, i) => i % 4 < 3) })()";
+
+fn bytes(value: &Value) -> Vec<u8> {
+    value.as_array().unwrap().iter().map(|v| v.as_u64().unwrap() as u8).collect()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn a_still_canvas_holds_the_pixels_of_the_file_that_render_writes() {
+    let viewer = viewer(&[]);
+    let Some(mut page) = Browser::open(&viewer.url) else { return };
+    let out = tempfile::tempdir().unwrap();
+    let rendered = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
+        .args(["render", &beside("model.ply"), "--scene"])
+        .args([scene(), "-o".as_ref(), out.path()])
+        .output()
+        .unwrap();
+    assert!(rendered.status.success());
+    page.until(RESTED);
+    for n in 0..2 {
+        page.value(&format!("document.querySelectorAll('#list button')[{n}].click()"));
+        page.until(&format!("viewer.photo === {n} && {RESTED}"));
+        let name = viewer.json("/scene.json")["cameras"][n]["name"].as_str().unwrap().to_owned();
+        let file = image::open(out.path().join(name).with_extension("png")).unwrap().into_rgb8();
+        assert_eq!(bytes(&page.value(PIXELS)), file.into_raw(), "photo {n}");
+    }
+    assert_eq!(page.complaints, Vec::<String>::new());
+    let own = [format!("http://{}/", viewer.host), format!("ws://{}/", viewer.host)];
+    let foreign = page.requests.iter().filter(|r| !own.iter().any(|o| r.starts_with(o)) && !r.starts_with("data:"));
+    let foreign: Vec<_> = foreign.filter(|r| !r.starts_with("blob:") && *r != "about:blank").collect();
+    assert!(foreign.is_empty() && page.requests.len() > 5, "{foreign:?} of {:?}", page.requests);
+}
+
+#[test]
+fn mouse_and_keys_move_the_camera() {
+    let viewer = viewer(&[]);
+    let Some(mut page) = Browser::open(&viewer.url) else { return };
+    page.until(RESTED);
+    let position = |page: &mut Browser| numbers(&page.value("viewer.camera.position"));
+    let target = |page: &mut Browser| numbers(&page.value("viewer.camera.target"));
+    let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    let drag = |page: &mut Browser, more: &Value| {
+        page.mouse("mousePressed", [300.0, 300.0], more);
+        page.mouse("mouseMoved", [340.0, 320.0], more);
+        page.mouse("mouseMoved", [380.0, 330.0], more);
+        page.mouse("mouseReleased", [380.0, 330.0], more);
+    };
+    let mut shown = page.value(PIXELS);
+    let mut differs = |page: &mut Browser, what: &str| {
+        page.until(RESTED);
+        let now = page.value(PIXELS);
+        assert_ne!(now, shown, "{what} changes the picture");
+        shown = now;
+    };
+
+    // An orbit keeps the target and the distance.
+    let before = (position(&mut page), target(&mut page));
+    drag(&mut page, &json!({}));
+    let after = (position(&mut page), target(&mut page));
+    assert!(apart(&before.1, &after.1) < 1e-6 * apart(&before.0, &before.1), "the target stays");
+    assert!((apart(&after.0, &after.1) / apart(&before.0, &before.1) - 1.0).abs() < 1e-6, "the distance stays");
+    assert!(apart(&before.0, &after.0) > 0.1 * apart(&before.0, &before.1), "the camera moves");
+    differs(&mut page, "an orbit");
+
+    // A pan moves camera and target alike.
+    let before = (position(&mut page), target(&mut page));
+    drag(&mut page, &json!({ "modifiers": 8 }));
+    let after = (position(&mut page), target(&mut page));
+    let moved = [apart(&before.0, &after.0), apart(&before.1, &after.1)];
+    assert!(moved[0] > 0.0 && (moved[0] - moved[1]).abs() < 1e-6 * moved[0], "{moved:?}");
+    differs(&mut page, "a pan");
+
+    // The wheel comes nearer, W flies on.
+    let distance = page.value("viewer.camera.distance").as_f64().unwrap();
+    page.mouse("mouseWheel", [300.0, 300.0], &json!({ "deltaX": 0, "deltaY": -240 }));
+    page.until(&format!("viewer.camera.distance < {}", 0.9 * distance));
+    differs(&mut page, "the wheel");
+    let before = position(&mut page);
+    page.call("Input.dispatchKeyEvent", &json!({ "type": "keyDown", "key": "w" }));
+    page.until(&format!("Math.hypot(...viewer.camera.position.map((v, i) => v - {}[i])) > 1e-3", json!(before)));
+    page.call("Input.dispatchKeyEvent", &json!({ "type": "keyUp", "key": "w" }));
+    differs(&mut page, "W");
+
+    // Two fingers apart come nearer; the level horizon has right at right angles to up; Home is the start.
+    let distance = page.value("viewer.camera.distance").as_f64().unwrap();
+    for (kind, places) in [("touchStart", [250, 350]), ("touchMove", [230, 370]), ("touchMove", [200, 400])] {
+        let points: Vec<Value> = places.iter().zip(1..).map(|(x, id)| json!({ "x": x, "y": 300, "id": id })).collect();
+        page.call("Input.dispatchTouchEvent", &json!({ "type": kind, "touchPoints": points }));
+    }
+    page.call("Input.dispatchTouchEvent", &json!({ "type": "touchEnd", "touchPoints": [] }));
+    page.until(&format!("viewer.camera.distance < {}", 0.9 * distance));
+    page.key("l");
+    let level = "Math.abs(viewer.camera.right.reduce((s, v, i) => s + v * viewer.camera.up[i], 0)) < 1e-9";
+    page.until(level);
+    page.key("Home");
+    page.until("viewer.camera.position.every((v, i) => v === viewer.scene.start.position[i])");
+
+    // The address keeps the view.
+    page.until(&format!("{RESTED} && location.hash.startsWith('#pose=')"));
+    assert_eq!(page.complaints, Vec::<String>::new());
+}
+
+#[test]
+fn photos_are_a_click_away_and_compared_by_a_slider() {
+    let viewer = viewer(&[]);
+    let Some(mut page) = Browser::open(&viewer.url) else { return };
+    page.until(RESTED);
+    // From behind the first photo's camera, its frustum can be clicked.
+    page.value("viewer.camera.dolly(3)");
+    let place = "(() => { const { camera, scene } = viewer, s = document.getElementById('stage'), p = document.getElementById('picture'); \
+        const r = Math.min(s.clientWidth / p.width, s.clientHeight / p.height), size = [p.width * r, p.height * r]; \
+        return scene.cameras.map((c) => camera.project(c.position, size)).map((q) => q && \
+          [q[0] + (s.clientWidth - size[0]) / 2, q[1] + (s.clientHeight - size[1]) / 2]) })()";
+    let places = page.value(place);
+    let inside = |p: &&Value| {
+        p[0].as_f64().is_some_and(|x| (5.0..700.0).contains(&x)) && (5.0..690.0).contains(&p[1].as_f64().unwrap())
+    };
+    let at = numbers(places.as_array().unwrap().iter().find(inside).expect("a camera in view"));
+    for kind in ["mousePressed", "mouseReleased"] {
+        page.mouse(kind, [at[0], at[1]], &json!({}));
+    }
+    page.until(&format!("viewer.photo >= 0 && {RESTED}"));
+    assert_eq!(page.value("[viewer.frame.size[0], viewer.frame.size[1]]"), json!([64, 48]));
+
+    let slide = |page: &mut Browser, to: u32| {
+        let event = "dispatchEvent(new Event('input', { bubbles: true }))";
+        page.value(&format!("(() => {{ const s = document.getElementById('split'); s.value = {to}; s.{event} }})()"));
+    };
+    slide(&mut page, 50);
+    page.until("!photo.hidden && photo.complete && photo.naturalWidth === 64");
+    slide(&mut page, 0);
+    page.until("photo.hidden");
+
+    // Every kind of picture, by its key; the error's PSNR is told.
+    let mut seen = vec![page.value(PIXELS)];
+    for (key, kind) in [("2", "depth"), ("3", "alpha"), ("4", "blocks"), ("5", "error")] {
+        page.key(key);
+        page.until(&format!("viewer.kind === '{kind}' && viewer.received === viewer.sent && {RESTED}"));
+        let now = page.value(PIXELS);
+        assert!(!seen.contains(&now), "{kind}");
+        seen.push(now);
+    }
+    page.until("document.getElementById('status').textContent.includes('PSNR')");
+    page.key("ArrowRight");
+    page.until(RESTED);
+    assert_eq!(page.complaints, Vec::<String>::new());
+}
+
+#[test]
+fn two_models_share_a_picture() {
+    let other = beside("other.ply");
+    let viewer = viewer(&["--against", &other]);
+    let Some(mut page) = Browser::open(&viewer.url) else { return };
+    page.until(RESTED);
+    let first = bytes(&page.value(PIXELS));
+    page.value(
+        "(() => { const s = document.getElementById('split'); s.value = 50; s.dispatchEvent(new Event('input')) })()",
+    );
+    page.until(&format!("viewer.other && {RESTED}"));
+    let both = bytes(&page.value(PIXELS));
+    let width = page.value("document.getElementById('picture').width").as_u64().unwrap() as usize;
+    let part = |pixels: &[u8], left: bool| -> Vec<u8> {
+        let column = |i: &usize| (i / 3 % width < width / 2) == left;
+        (0..pixels.len()).filter(column).map(|i| pixels[i]).collect()
+    };
+    assert_eq!(part(&both, false), part(&first, false), "right of the slider is the first model");
+    assert_ne!(part(&both, true), part(&first, true), "left of it is the other one");
+    assert_eq!(page.complaints, Vec::<String>::new());
+}
+
+#[test]
+fn a_page_without_the_token_or_without_a_program_says_so() {
+    let viewer = viewer(&[]);
+    let Some(mut page) = Browser::open(&format!("http://{}/", viewer.host)) else { return };
+    page.until("document.body?.innerText.includes('token is missing')");
+    drop(page);
+    let Some(mut page) = Browser::open(&viewer.url) else { return };
+    page.until(RESTED);
+    viewer.interrupt();
+    page.until("document.getElementById('message').textContent !== ''");
+}
+
+/// Draws the picture of the viewer in the README: `make viewer-picture`.
+#[test]
+#[ignore = "makes a figure: make viewer-picture"]
+fn picture_of_the_page() {
+    let [subject, file] =
+        ["QIRF_SUBJECT", "QIRF_PICTURE"].map(|key| std::env::var(key).expect("make viewer-picture sets it"));
+    let viewer = Viewer::start(&["view", &subject]);
+    let mut page = Browser::open(&viewer.url).expect("a browser");
+    page.until(RESTED);
+    page.value("viewer.camera.dolly(1.6); viewer.camera.orbit(0.25, 0.1)");
+    page.value("document.getElementById('width').value = 960; document.getElementById('width').dispatchEvent(new Event('change'))");
+    page.value("viewer.camera.look(0, 0)");
+    page.until(RESTED);
+    let shot = page.call("Page.captureScreenshot", &json!({ "format": "jpeg", "quality": 85 }));
+    let bytes =
+        base64::Engine::decode(&base64::engine::general_purpose::STANDARD, shot["data"].as_str().unwrap()).unwrap();
+    std::fs::write(file, bytes).unwrap();
+}

@@ -1,0 +1,164 @@
+//! What a viewer refuses: strangers, other sites, bad requests and messages, a fifth page.
+
+use super::session::{Viewer, pose, wish};
+use super::{beside, viewer};
+use crate::support::Random;
+use std::io::{Read, Write};
+use std::net::TcpListener;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+#[test]
+fn strangers_and_other_sites_see_nothing() {
+    let viewer = viewer(&[]);
+    let cookie = viewer.cookie.clone();
+    let status = |path: &str, headers: &[(&str, &str)]| viewer.exchange(&viewer.request(path, headers)).0;
+    let mine = ("Cookie", cookie.as_str());
+    for path in ["/", "/scene.json", "/photo/0", "/page.js", "/ws", "/?token=0123456789abcdef0123456789abcdef"] {
+        assert_eq!(status(path, &[]), 403, "{path} without a cookie");
+        assert_eq!(status(path, &[("Cookie", "qirf-vk=1")]), 403, "{path} with another cookie");
+    }
+    let port = viewer.host.rsplit_once(':').unwrap().1;
+    for host in [format!("127.evil.example:{port}"), "evil.example".into(), format!("127.0.0.1.nip.example:{port}")] {
+        assert_eq!(status("/scene.json", &[mine, ("Host", &host)]), 403, "{host}");
+    }
+    let upgrade = [("Sec-WebSocket-Key", "dGhlIHNhbXBsZSBub25jZQ=="), mine];
+    for origin in [None, Some("http://evil.example"), Some("null")] {
+        let headers: Vec<_> = upgrade.into_iter().chain(origin.map(|o| ("Origin", o))).collect();
+        assert_eq!(status("/ws", &headers), 403, "{origin:?}");
+    }
+    for path in
+        ["/photo/../../etc/passwd", "/photo/5", "/photo/-1", "/photo/99999999999999999999", "/photo/", "/page.rs", "//"]
+    {
+        assert_eq!(status(path, &[mine]), 404, "{path}");
+    }
+    for path in ["/", "/scene.json", "/photo/4", "/page.js", "/camera.js", "/draw.js", "/page.css"] {
+        assert_eq!(status(path, &[mine]), 200, "{path}");
+    }
+    assert_eq!(viewer.exchange("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n").0, 405);
+    assert_eq!(status(&format!("/{}", "a".repeat(9000)), &[mine]), 431);
+    let head = viewer.exchange(&viewer.request("/", &[mine])).1;
+    assert!(head.contains("Content-Security-Policy: default-src 'none'") && !head.contains("Access-Control"), "{head}");
+}
+
+#[test]
+fn a_request_that_never_ends_is_closed() {
+    let viewer = viewer(&[]);
+    let begun = Instant::now();
+    let mut stream = viewer.connect();
+    // A byte a second.
+    let mut slow = stream.try_clone().unwrap();
+    std::thread::spawn(move || {
+        for byte in b"GET / HTTP/1.1\r\nHost: localhost" {
+            if slow.write_all(&[*byte]).is_err() {
+                return;
+            }
+            std::thread::sleep(Duration::from_secs(1));
+        }
+    });
+    let mut answer = String::new();
+    let _ = stream.read_to_string(&mut answer);
+    assert!(answer.starts_with("HTTP/1.1 408") || answer.is_empty(), "{answer}");
+    assert!((8..14).contains(&begun.elapsed().as_secs()), "{:?}", begun.elapsed());
+}
+
+#[test]
+fn bad_messages_end_the_conversation_and_bad_wishes_do_not() {
+    let viewer = viewer(&[]);
+    for (message, why) in [
+        ("{".to_owned(), "not of this version"),
+        (r#"{"control":"pause"}"#.to_owned(), "steers nothing"),
+        (format!("{{\"shown\":{}}}", " ".repeat(5000)), "4 kB"),
+    ] {
+        let mut socket = viewer.socket();
+        socket.send(&message);
+        let reason = socket.goodbye();
+        assert!(reason.contains(why), "{message:.40}: {reason}");
+    }
+    let mut socket = viewer.socket();
+    for (text, why) in [
+        (wish(1, r#"{"photo":7}"#, ""), "no photo 7"),
+        (pose(r#""model":3"#, 2), "no model 3"),
+        (pose(r#""picture":"error""#, 3), "a second model"),
+        (wish(4, r#"{"pose":{"position":[0,0,0],"rotation":[0,0,0,0],"fov":1}}"#, ""), "the camera"),
+        (pose("", 5).replace("[64,48]", "[60000,60000]"), "pixels"),
+        (pose("", 6).replace("[64,48]", "[0,48]"), "pixels"),
+    ] {
+        socket.send(&text);
+        let said = socket.frame().unwrap_err();
+        assert!(said.contains(why), "{text}: {said}");
+    }
+    socket.picture(&pose("", 9));
+}
+
+#[test]
+fn a_fifth_page_waits_outside() {
+    let viewer = viewer(&[]);
+    let mut sockets: Vec<_> = (0..4).map(|_| viewer.socket()).collect();
+    for socket in &mut sockets {
+        socket.picture(&pose("", 1));
+    }
+    assert!(viewer.socket().goodbye().contains("four pages"));
+    drop(sockets.pop());
+    let begun = Instant::now();
+    while viewer.socket().frame_or_refusal(&pose("", 2)).is_err() {
+        assert!(begun.elapsed() < Duration::from_secs(5), "the place of a page that left stays taken");
+    }
+}
+
+#[test]
+fn mutated_requests_and_messages_do_no_harm() {
+    let mut viewer = viewer(&[]);
+    let mut random = Random(7);
+    let cookie = viewer.cookie.clone();
+    let whole = viewer.request("/scene.json", &[("Cookie", &cookie), ("Origin", "http://localhost")]);
+    let message = pose(r#""still":true,"picture":"depth""#, 1);
+    let mut below = |n: usize| (random.word() % n as u64) as usize;
+    let mut mutate = |text: &str| -> Vec<u8> {
+        let mut bytes = text.as_bytes().to_vec();
+        for _ in 0..=below(4) {
+            let at = below(bytes.len());
+            match below(3) {
+                0 => bytes[at] = below(256) as u8,
+                1 => drop(bytes.remove(at)),
+                _ => bytes.insert(at, below(256) as u8),
+            }
+        }
+        bytes
+    };
+    for _ in 0..300 {
+        let mut stream = viewer.connect();
+        let _ = stream.write_all(&mutate(&whole));
+        let _ = stream.shutdown(std::net::Shutdown::Write);
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+    }
+    let mut socket = viewer.socket();
+    for _ in 0..300 {
+        let text = String::from_utf8_lossy(&mutate(&message)).into_owned();
+        if socket.try_send(&text).is_err() {
+            socket = viewer.socket();
+        }
+    }
+    assert!(viewer.runs());
+    viewer.socket().picture(&pose("", 2));
+}
+
+#[test]
+fn what_cannot_be_shown_or_served_is_said() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let model = beside("model.ply");
+    for (arguments, code, words) in [
+        (vec!["view", &model, "--port", &port], 2, "cannot listen on"),
+        (vec!["view", "nowhere.ply"], 3, "nowhere.ply"),
+        (vec!["view", &model, "--scene", "nowhere"], 3, "nowhere"),
+        (vec!["view", &model, "--host", "example.org"], 2, "--host"),
+    ] {
+        let ended = Command::new(env!("CARGO_BIN_EXE_qirf-vk")).args(&arguments).output().unwrap();
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(code), "{arguments:?}: {said}");
+        assert!(said.contains(words), "{arguments:?}: {said}");
+    }
+    drop(Viewer::start(&["view", &model]));
+}
