@@ -23,7 +23,7 @@ const TESTS: &[(&str, &[&str])] = &[
     ("primitives/gather", &["primitives::compact", "guards::a_store"]),
     ("primitives/reduce", &["primitives::reduce"]),
     ("primitives/scan", &["primitives::scan", "primitives::totals"]),
-    ("primitives/segmented_sum", &["primitives::compact", "primitives::one_segment", "selftest::sum"]),
+    ("primitives/segmented_sum", &["primitives::segmented", "primitives::one_segment", "selftest::sum"]),
     ("primitives/sort", &["primitives::sort", "selftest::sort"]),
     ("qirf/", &["device::overlap::", "many_blocks"]),
     ("qirf/participation", &["device::participation::"]),

@@ -108,8 +108,8 @@ impl Picture {
         let (bytes, operations) = match stage {
             // Written for all: visibility and number of tiles; for the visible also the splat and its depth.
             "project" => (n * (12.0 + 8.0) + v * (FORM - 12.0 + 4.0 * self.sh() + SPLAT + 4.0), v * (PROJECT + colour)),
-            // Scan of the flags, compaction (flags and offsets), gathering of the depths, four passes.
-            "depth sort" => (n * (SCANNED + 8.0) + v * (4.0 + 12.0 + 4.0 * PASS), 0.0),
+            // Flags, read to sum blocks and to compact; depths read, pairs written; four passes.
+            "depth sort" => (n * 8.0 + v * (4.0 + 8.0 + 4.0 * PASS), 0.0),
             // Gathering of the counts, their scan; order, offset, count, most of the splat and the first slot; three
             // words per pair.
             "bin" => (v * (12.0 + SCANNED + 12.0 + 32.0 + 4.0) + 12.0 * p, 0.0),

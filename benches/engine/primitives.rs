@@ -56,7 +56,7 @@ pub fn scan(criterion: &mut Criterion) {
         let scan = Scan::new(device, n).unwrap();
         let run = || {
             let mut recording = Recording::new();
-            recording.scope("scan", |r| scan.record(r, &count, &source, &target, None));
+            recording.scope("scan", |r| scan.record(r, &count, (&source).into(), &target, None));
             let start = Instant::now();
             time_of(&device.run(recording).unwrap(), "scan", start)
         };

@@ -1,14 +1,36 @@
-// Stream compaction: writes the indices whose flags are set, in order, given the scan of the flags.
+// Stream compaction: the indices whose flags are set, in order, each with its key. The last phase of a scan of the flags:
+// `sums` are those of blocks before each, and nothing is written but what is kept.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 
+layout(constant_id = 3) const uint ROWS = 16;
+
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
-layout(binding = 1, std430) readonly buffer Flags { uint flags[]; };
-layout(binding = 2, std430) readonly buffer Offsets { uint offsets[]; };
-layout(binding = 3, std430) writeonly buffer Indices { uint indices[]; };
+layout(binding = 1, std430) readonly buffer Flags { uint flags[]; }; // 0 or 1
+layout(binding = 2, std430) readonly buffer Sums { uint sums[]; };
+layout(binding = 3, std430) readonly buffer Keys { uint keys[]; };
+layout(binding = 4, std430) writeonly buffer KeptKeys { uint kept_keys[]; };
+layout(binding = 5, std430) writeonly buffer Kept { uint kept[]; };
+
+#include "lib/scan.glsl"
 
 void main() {
-    uint i = global_index();
-    if (i < count[0] && flags[i] != 0) indices[offsets[i]] = i;
+    uint n = count[0];
+    uint sum = 0;
+    uint at = first_element();
+    for (uint row = 0; row < ROWS; row++, at += SUBGROUP) sum += at < n ? flags[at] : 0;
+    uint carry = before_run(sum);
+    if (group_index() * BLOCK >= n) return;
+    carry += sums[group_index()];
+    at = first_element();
+    for (uint row = 0; row < ROWS; row++, at += SUBGROUP) {
+        uvec4 set = subgroupBallot(at < n && flags[at] != 0);
+        if (subgroupInverseBallot(set)) {
+            uint to = carry + subgroupBallotExclusiveBitCount(set);
+            kept_keys[to] = keys[at];
+            kept[to] = at;
+        }
+        carry += subgroupBallotBitCount(set);
+    }
 }

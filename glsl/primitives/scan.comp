@@ -1,35 +1,33 @@
-// Exclusive prefix sum in three phases: sums of blocks, scan of those sums by one workgroup, scan within blocks.
-// Each subgroup owns a contiguous run of ROWS x SUBGROUP elements. There is no look-back, which needs forward progress that
-// software devices do not guarantee.
+// Exclusive prefix sum in three phases: sums of blocks, scan of those sums by one workgroup, scan within blocks. The workgroup
+// between also sets the total as a count. There is no look-back, which needs forward progress that software devices do not
+// guarantee.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 
 /// Phase: sums of blocks.
 const uint REDUCE = 0;
-/// Phase: scan of those sums, by one workgroup.
+/// Phase: scan of those sums, and their total, by one workgroup.
 const uint SPINE = 1;
 /// Phase: scan within blocks.
 const uint APPLY = 2;
 
 layout(constant_id = 2) const uint PHASE = REDUCE;
 layout(constant_id = 3) const uint ROWS = 16;
+// Whether the elements are source[indices[i]]; the first phase then leaves them in `target`.
+layout(constant_id = 4) const bool GATHER = false;
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
-layout(binding = 1, std430) readonly buffer Source { uint source[]; };
-layout(binding = 2, std430) buffer Sums { uint sums[]; };
-layout(binding = 3, std430) buffer Target { uint target[]; };
-layout(binding = 4, std430) buffer Total { uint total[]; };
+layout(binding = 1, std430) readonly buffer Indices { uint indices[]; };
+layout(binding = 2, std430) readonly buffer Source { uint source[]; };
+layout(binding = 3, std430) buffer Sums { uint sums[]; };
+layout(binding = 4, std430) buffer Target { uint target[]; };
+layout(binding = 5, std430) buffer Value { uint value[]; }; // the total: 0 where it exceeds its limit; 1: the largest ever needed
+layout(binding = 6, std430) writeonly buffer Arguments { uint arguments[]; };
+layout(push_constant) uniform Push { uint limit; uint sizes[4]; };
 
-const uint SUBGROUPS = WORKGROUP / SUBGROUP;
-const uint BLOCK = WORKGROUP * ROWS;
-shared uint partial[SUBGROUPS];
-
-// Sums over blocks saturate: a total beyond 32 bits must not pass for one that fits.
-uint saturated(uint a, uint b) {
-    uint sum = a + b;
-    return sum < a ? 0xffffffff : sum;
-}
+#include "lib/counts.glsl"
+#include "lib/scan.glsl"
 
 // The sum of up to 65,536 words, from the sums of their halves.
 uint saturated(uvec2 halves) {
@@ -39,21 +37,17 @@ uint saturated(uvec2 halves) {
 
 uvec2 halves(uint word) { return uvec2(word & 0xffff, word >> 16); }
 
-// Sum of `partial` over the first `subgroups`.
-uint before(uint subgroups) {
-    uint sum = 0;
-    for (uint s = 0; s < subgroups; s++) sum = saturated(sum, partial[s]);
-    return sum;
-}
-
-uint first_element() {
-    return group_index() * BLOCK + gl_SubgroupID * SUBGROUP * ROWS + gl_SubgroupInvocationID;
-}
-
 void reduce(uint n) {
     uint sum = 0;
     uint at = first_element();
-    for (uint row = 0; row < ROWS; row++, at += SUBGROUP) sum = saturated(sum, at < n ? source[at] : 0);
+    for (uint row = 0; row < ROWS; row++, at += SUBGROUP) {
+        uint own = 0;
+        if (at < n) {
+            own = source[GATHER ? indices[at] : at];
+            if (GATHER) target[at] = own;
+        }
+        sum = saturated(sum, own);
+    }
     sum = saturated(subgroupAdd(halves(sum)));
     if (subgroupElect()) partial[gl_SubgroupID] = sum;
     barrier();
@@ -73,21 +67,21 @@ void spine(uint n) {
         carry = saturated(carry, before(SUBGROUPS));
         barrier();
     }
-    if (gl_LocalInvocationID.x == 0) total[0] = carry;
+    if (gl_LocalInvocationID.x == 0) set_count(carry, limit, sizes);
 }
+
+uint element(uint at) { return GATHER ? target[at] : source[at]; }
 
 void apply_block(uint n) {
     uint sum = 0;
     uint at = first_element();
-    for (uint row = 0; row < ROWS; row++, at += SUBGROUP) sum += at < n ? source[at] : 0;
-    sum = subgroupAdd(sum);
-    if (subgroupElect()) partial[gl_SubgroupID] = sum;
-    barrier();
+    for (uint row = 0; row < ROWS; row++, at += SUBGROUP) sum += at < n ? element(at) : 0;
+    uint carry = before_run(sum);
     if (group_index() * BLOCK >= n) return;
-    uint carry = sums[group_index()] + before(gl_SubgroupID);
+    carry += sums[group_index()];
     at = first_element();
     for (uint row = 0; row < ROWS; row++, at += SUBGROUP) {
-        uint own = at < n ? source[at] : 0;
+        uint own = at < n ? element(at) : 0;
         uint inclusive = subgroupInclusiveAdd(own);
         if (at < n) target[at] = carry + inclusive - own;
         carry += subgroupBroadcast(inclusive, SUBGROUP - 1);

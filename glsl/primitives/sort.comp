@@ -1,4 +1,5 @@
-// One pass of a stable least-significant-digit radix sort: count digits per block, or scatter by the scanned counts.
+// One pass of a stable least-significant-digit radix sort in three phases: count digits per block, scan the counts of each digit
+// over the blocks, scatter.
 // Within a block each rank unit (a subgroup, or one invocation where SERIAL) owns a contiguous run of keys, so that order
 // among equal digits is order of position: the sort is stable, and the same on every device.
 #version 460
@@ -7,8 +8,10 @@
 
 /// Phase: counts the digits of each block.
 const uint COUNT_DIGITS = 0;
+/// Phase: scans the counts of each digit over the blocks. A rank unit takes a digit.
+const uint SCAN_DIGITS = 1;
 /// Phase: scatters keys and values by the scanned counts.
-const uint SCATTER = 1;
+const uint SCATTER = 2;
 
 layout(constant_id = 2) const uint PHASE = COUNT_DIGITS;
 layout(constant_id = 3) const uint ROWS = 16; // keys per invocation
@@ -19,7 +22,7 @@ layout(constant_id = 5) const bool SERIAL = false;
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer KeysIn { uint keys_in[]; };
 layout(binding = 2, std430) readonly buffer ValuesIn { uint values_in[]; };
-layout(binding = 3, std430) buffer Digits { uint digits[]; }; // [digit][block]
+layout(binding = 3, std430) buffer Digits { uint digits[]; }; // [digit][block], then the total of each digit
 layout(binding = 4, std430) writeonly buffer KeysOut { uint keys_out[]; };
 layout(binding = 5, std430) writeonly buffer ValuesOut { uint values_out[]; };
 layout(push_constant) uniform Push { uint shift; };
@@ -28,6 +31,7 @@ const uint RADIX = 1u << DIGIT_BITS;
 const uint BLOCK = WORKGROUP * ROWS;
 const uint UNITS = SERIAL ? WORKGROUP : WORKGROUP / SUBGROUP;
 shared uint counters[UNITS * RADIX];
+shared uint smaller[RADIX]; // keys with smaller digits
 
 uint digit_of(uint key) { return (key >> shift) & (RADIX - 1); }
 
@@ -91,8 +95,47 @@ void count_digits(uint n) {
     }
 }
 
+void scan_digits(uint n) {
+    uint digit = group_index() * UNITS + unit();
+    if (digit >= RADIX) return;
+    uint blocks = (n + BLOCK - 1) / BLOCK;
+    uint row = digit * blocks;
+    uint sum = 0;
+    if (SERIAL) {
+        for (uint block = 0; block < blocks; block++) {
+            uint own = digits[row + block];
+            digits[row + block] = sum;
+            sum += own;
+        }
+    } else {
+        for (uint first = 0; first < blocks; first += SUBGROUP) {
+            uint block = first + gl_SubgroupInvocationID;
+            uint own = block < blocks ? digits[row + block] : 0;
+            uint inclusive = subgroupInclusiveAdd(own);
+            if (block < blocks) digits[row + block] = sum + inclusive - own;
+            sum += subgroupBroadcast(inclusive, SUBGROUP - 1);
+        }
+    }
+    if (SERIAL || subgroupElect()) digits[RADIX * blocks + digit] = sum;
+}
+
+// One subgroup scans the digits' totals.
+void scan_totals(uint blocks) {
+    if (gl_SubgroupID != 0) return;
+    uint carry = 0;
+    for (uint first = 0; first < RADIX; first += SUBGROUP) {
+        uint digit = first + gl_SubgroupInvocationID;
+        uint own = digit < RADIX ? digits[RADIX * blocks + digit] : 0;
+        uint inclusive = subgroupInclusiveAdd(own);
+        if (digit < RADIX) smaller[digit] = carry + inclusive - own;
+        carry += subgroupBroadcast(inclusive, SUBGROUP - 1);
+    }
+}
+
 void scatter(uint n) {
     uint ranks[ROWS];
+    uint blocks = (n + BLOCK - 1) / BLOCK;
+    scan_totals(blocks);
     clear_counters();
     for (uint row = 0; row < ROWS; row++) {
         uint at = position(row);
@@ -100,10 +143,9 @@ void scatter(uint n) {
         ranks[row] = rank(there ? digit_of(keys_in[at]) : 0, there);
     }
     barrier();
-    uint blocks = (n + BLOCK - 1) / BLOCK;
     if (group_index() >= blocks) return;
     for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) {
-        uint next = digits[digit * blocks + group_index()];
+        uint next = smaller[digit] + digits[digit * blocks + group_index()];
         for (uint u = 0; u < UNITS; u++) {
             uint own = counters[u * RADIX + digit];
             counters[u * RADIX + digit] = next;
@@ -125,5 +167,6 @@ void scatter(uint n) {
 void main() {
     uint n = count[0];
     if (PHASE == COUNT_DIGITS) count_digits(n);
+    else if (PHASE == SCAN_DIGITS) scan_digits(n);
     else scatter(n);
 }

@@ -4,7 +4,7 @@ use super::buffer::{Buffer, RawBuffer};
 use super::hazards::{Barrier, Hazards, Use};
 use super::kernel::{Access, Kernel, Shader};
 use super::pipeline::Key;
-use crate::kernels::constants::arguments::{FEW_GROUPS, MAX_GROUPS};
+use crate::kernels::constants::counts::{FEW_GROUPS, MAX_GROUPS};
 use bytemuck::Pod;
 
 /// How many workgroups a dispatch starts.

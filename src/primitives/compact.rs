@@ -1,18 +1,32 @@
 //! Stream compaction.
 
-use super::WORKGROUP;
 use super::count::Count;
+use super::scan::Scan;
+use super::sort::Pairs;
 use crate::gpu::{Buffer, Recording};
 use crate::kernels::primitives::{Compact, CompactSpec};
 
-/// Records `indices = [i for i < count if flags[i] != 0]`, in order; `offsets` is the scan of `flags`.
+/// Records `kept` = the pairs (`keys[i]`, i) for i < count where `flags[i]` is 1 and not 0, in order, and sets `total` to their
+/// number.
+///
+/// `count` must have been made with [`Scan::block`] among its sizes.
 pub fn compact(
     recording: &mut Recording,
+    scan: &Scan,
     count: &Count,
-    flags: &Buffer<u32>,
-    offsets: &Buffer<u32>,
-    indices: &Buffer<u32>,
+    [flags, keys]: [&Buffer<u32>; 2],
+    kept: &Pairs,
+    total: &Count,
 ) {
-    let kernel = Compact { count: &count.value, flags, offsets, indices, spec: CompactSpec { workgroup: WORKGROUP } };
-    recording.dispatch(&kernel, count.groups(WORKGROUP));
+    scan.blocks(recording, count, flags.into(), flags, total);
+    let kernel = Compact {
+        count: &count.value,
+        flags,
+        sums: &scan.sums,
+        keys,
+        kept_keys: &kept.keys,
+        kept: &kept.values,
+        spec: CompactSpec { workgroup: scan.workgroup, rows: scan.rows },
+    };
+    recording.dispatch(&kernel, count.groups(scan.workgroup * scan.rows));
 }

@@ -8,9 +8,9 @@ use crate::kernels::primitives::{Arguments, ArgumentsPush, ArgumentsSpec};
 pub struct Count {
     /// Word 0: the count; word 1: the largest count requested so far, even beyond the limit.
     pub value: Buffer<u32>,
-    arguments: Buffer<u32>,
-    sizes: [u32; 4],
-    limit: u32,
+    pub(super) arguments: Buffer<u32>,
+    pub(super) sizes: [u32; 4],
+    pub(super) limit: u32,
 }
 
 impl Count {
@@ -45,33 +45,18 @@ impl Count {
         Ok(made)
     }
 
-    /// The largest valid count; [`Count::prepare`] replaces a larger one by 0.
+    /// The largest valid count; a larger one becomes 0.
     pub fn limit(&self) -> u32 {
         self.limit
     }
 
-    /// Sets the count from the host.
+    /// Sets the count from the host, and the dispatch sizes that follow from it.
     pub fn set(&self, recording: &mut Recording, count: u32) {
         recording.update(&self.value, &[count]);
-        self.prepare(recording);
-    }
-
-    /// Computes the dispatch sizes, once a kernel has written the count.
-    pub fn prepare(&self, recording: &mut Recording) {
-        self.record(recording, &self.value, 1, 1);
-    }
-
-    /// Sets this count to ceil(`of` / `per`) x `times`, and its dispatch sizes.
-    pub fn derive(&self, recording: &mut Recording, of: &Self, per: u32, times: u32) {
-        self.record(recording, &of.value, per, times);
-    }
-
-    fn record(&self, recording: &mut Recording, source: &Buffer<u32>, per: u32, times: u32) {
         let kernel = Arguments {
-            source,
             value: &self.value,
             arguments: &self.arguments,
-            push: ArgumentsPush { per, times, limit: self.limit, sizes: self.sizes },
+            push: ArgumentsPush { limit: self.limit, sizes: self.sizes },
             spec: ArgumentsSpec { workgroup: 32 },
         };
         recording.dispatch(&kernel, Groups::Count(1));

@@ -14,7 +14,7 @@ pub use compact::compact;
 pub use count::Count;
 pub use gather::gather;
 pub use reduce::reduce;
-pub use scan::Scan;
+pub use scan::{Scan, Words};
 pub use segmented_sum::{Segments, segmented_sum};
 pub use sort::{Pairs, Sort};
 

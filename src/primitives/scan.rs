@@ -3,14 +3,24 @@
 use super::count::Count;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::scan::{APPLY, REDUCE, SPINE};
-use crate::kernels::primitives::{Scan as Kernel, ScanSpec};
+use crate::kernels::primitives::{Scan as Kernel, ScanPush, ScanSpec};
 
 /// Scratch memory and layout of a prefix sum over at most a given number of words.
 pub struct Scan {
-    sums: Buffer<u32>,
-    unasked: Buffer<u32>,
-    workgroup: u32,
-    rows: u32,
+    /// Sums of the blocks before each.
+    pub(super) sums: Buffer<u32>,
+    unasked: Count,
+    pub(super) workgroup: u32,
+    pub(super) rows: u32,
+}
+
+/// Words to scan.
+#[derive(Clone, Copy)]
+pub struct Words<'a> {
+    /// The array that they are in.
+    pub source: &'a Buffer<u32>,
+    /// Their places in it, if they are not simply its first.
+    pub indices: Option<&'a Buffer<u32>>,
 }
 
 impl Scan {
@@ -21,7 +31,7 @@ impl Scan {
 
     /// Bytes of [`Scan::new`].
     pub fn bytes(device: &Device, capacity: u32) -> u64 {
-        Buffer::<u32>::bytes_of(capacity.div_ceil(Self::block(device)) as usize) + Buffer::<u32>::bytes_of(1)
+        Buffer::<u32>::bytes_of(capacity.div_ceil(Self::block(device)) as usize) + Count::bytes()
     }
 
     /// Scratch for scans of up to `capacity` words.
@@ -31,26 +41,71 @@ impl Scan {
     pub fn new(device: &Device, capacity: u32) -> Result<Self> {
         let (workgroup, rows) = (device.tuning().scan_workgroup, device.tuning().scan_rows);
         let sums = device.buffer("scan sums", capacity.div_ceil(workgroup * rows) as usize)?;
-        Ok(Self { sums, unasked: device.buffer("scan total", 1)?, workgroup, rows })
+        Ok(Self { sums, unasked: Count::new(device, "scan total", u32::MAX, &[])?, workgroup, rows })
     }
 
-    /// Records `target[i] = sum of source[..i]` for i < count, and the sum of all into `total[0]` if requested.
+    /// Records `target[i] = sum of words[..i]` for i < count, and sets `total` to the sum of all if requested.
     ///
-    /// `source` and `target` may be the same buffer. `count` must have been made with [`Scan::block`] among its sizes.
+    /// `count` must have been made with [`Scan::block`] among its sizes. `target` may be the source, unless words have indices.
     pub fn record(
         &self,
         recording: &mut Recording,
         count: &Count,
-        source: &Buffer<u32>,
+        words: Words<'_>,
         target: &Buffer<u32>,
-        total: Option<&Buffer<u32>>,
+        total: Option<&Count>,
     ) {
-        let total = total.unwrap_or(&self.unasked);
+        self.blocks(recording, count, words, target, total.unwrap_or(&self.unasked));
+        self.phase(recording, APPLY, count, words, target, &self.unasked);
+    }
+
+    /// Records the phases before the last: sums of the blocks before each, and the total. Words with indices are left in `target`.
+    pub(super) fn blocks(
+        &self,
+        recording: &mut Recording,
+        count: &Count,
+        words: Words<'_>,
+        target: &Buffer<u32>,
+        total: &Count,
+    ) {
+        self.phase(recording, REDUCE, count, words, target, total);
+        self.phase(recording, SPINE, count, words, target, total);
+    }
+
+    fn phase(
+        &self,
+        recording: &mut Recording,
+        phase: u32,
+        count: &Count,
+        Words { source, indices }: Words<'_>,
+        target: &Buffer<u32>,
+        total: &Count,
+    ) {
+        let gather = indices.is_some();
+        // Phases are bound to what they read and write; small arrays that are bound anyway stand in for the rest.
+        let (reads, writes) = match phase {
+            REDUCE => (true, gather),
+            APPLY => (!gather, true),
+            _ => (false, false),
+        };
+        let kernel = Kernel {
+            count: &count.value,
+            indices: indices.filter(|_| phase == REDUCE).unwrap_or(&count.value),
+            source: if reads { source } else { &count.value },
+            sums: &self.sums,
+            target: if writes { target } else { &self.sums },
+            value: &total.value,
+            arguments: &total.arguments,
+            push: ScanPush { limit: total.limit, sizes: total.sizes },
+            spec: ScanSpec { workgroup: self.workgroup, phase, rows: self.rows, gather },
+        };
         let blocks = count.groups(self.workgroup * self.rows);
-        for (phase, groups) in [(REDUCE, blocks), (SPINE, Groups::Count(1)), (APPLY, blocks)] {
-            let spec = ScanSpec { workgroup: self.workgroup, phase, rows: self.rows };
-            let kernel = Kernel { count: &count.value, source, sums: &self.sums, target, total, spec };
-            recording.dispatch(&kernel, groups);
-        }
+        recording.dispatch(&kernel, if phase == SPINE { Groups::Count(1) } else { blocks });
+    }
+}
+
+impl<'a> From<&'a Buffer<u32>> for Words<'a> {
+    fn from(source: &'a Buffer<u32>) -> Self {
+        Self { source, indices: None }
     }
 }

@@ -1,9 +1,8 @@
 //! Stable radix sort of 32-bit keys with 32-bit values, over the given number of low bits.
 
 use super::count::Count;
-use super::scan::Scan;
-use crate::gpu::{Buffer, Device, Recording, Result};
-use crate::kernels::constants::sort::{COUNT_DIGITS, SCATTER};
+use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::kernels::constants::sort::{COUNT_DIGITS, SCAN_DIGITS, SCATTER};
 use crate::kernels::primitives::{Sort as Kernel, SortPush, SortSpec};
 
 /// Largest width of a digit in bits.
@@ -38,14 +37,13 @@ impl Pairs {
 pub struct Sort {
     other: Pairs,
     digits: Buffer<u32>,
-    digit_count: Count,
-    scan: Scan,
     shape: Shape,
 }
 
 #[derive(Clone, Copy)]
 struct Shape {
     workgroup: u32,
+    subgroup: u32,
     rows: u32,
     serial: bool,
 }
@@ -57,16 +55,21 @@ impl Shape {
         let rows = (capacity / (workgroup * tuning.sort_workgroups))
             .clamp(tuning.sort_rows_min, tuning.sort_rows_max)
             .next_power_of_two();
-        Self { workgroup, rows, serial: tuning.sort_serial }
+        Self { workgroup, subgroup: tuning.subgroup, rows, serial: tuning.sort_serial }
     }
 
     fn block(self) -> u32 {
         self.workgroup * self.rows
     }
 
-    /// Counters of all blocks of a sort.
+    /// Counters of all blocks of a sort, and of their sums.
     fn digits(self, capacity: u32) -> u32 {
-        capacity.div_ceil(self.block()).max(1) << DIGIT_BITS
+        (capacity.div_ceil(self.block()) + 1) << DIGIT_BITS
+    }
+
+    /// Units of a workgroup that each rank a run of keys.
+    fn units(self) -> u32 {
+        if self.serial { self.workgroup } else { self.workgroup / self.subgroup }
     }
 }
 
@@ -86,7 +89,7 @@ impl Sort {
     /// Bytes of [`Sort::new`].
     pub fn bytes(device: &Device, capacity: u32) -> u64 {
         let digits = Shape::of(device, capacity).digits(capacity);
-        Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(digits as usize) + Count::bytes() + Scan::bytes(device, digits)
+        Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(digits as usize)
     }
 
     /// Scratch for sorts of up to `capacity` pairs.
@@ -99,8 +102,6 @@ impl Sort {
         Ok(Self {
             other: Pairs::new(device, "sort scratch", capacity)?,
             digits: device.buffer("sort digits", digits as usize)?,
-            digit_count: Count::new(device, "sort digit count", digits, &[Scan::block(device)])?,
-            scan: Scan::new(device, digits)?,
             shape,
         })
     }
@@ -130,26 +131,24 @@ impl Sort {
 
     fn pass(&self, recording: &mut Recording, count: &Count, from: &Pairs, to: &Pairs, digit: Digit) {
         let Digit { shift, width } = digit;
-        let kernel = |phase| Kernel {
-            count: &count.value,
-            keys_in: &from.keys,
-            values_in: &from.values,
-            digits: &self.digits,
-            keys_out: &to.keys,
-            values_out: &to.values,
-            push: SortPush { shift },
-            spec: SortSpec {
-                workgroup: self.shape.workgroup,
-                phase,
-                rows: self.shape.rows,
-                digit_bits: width,
-                serial: self.shape.serial,
-            },
-        };
-        let groups = count.groups(self.shape.block());
-        recording.dispatch(&kernel(COUNT_DIGITS), groups);
-        self.digit_count.derive(recording, count, self.shape.block(), 1 << width);
-        self.scan.record(recording, &self.digit_count, &self.digits, &self.digits, None);
-        recording.dispatch(&kernel(SCATTER), groups);
+        let Shape { workgroup, rows, serial, .. } = self.shape;
+        let blocks = count.groups(self.shape.block());
+        let by_digit = Groups::Count((1_u32 << width).div_ceil(self.shape.units()));
+        for (phase, groups) in [(COUNT_DIGITS, blocks), (SCAN_DIGITS, by_digit), (SCATTER, blocks)] {
+            // Phases are bound to what they read and write; small arrays that are bound anyway stand in for the rest.
+            let read = |there: bool, buffer| if there { buffer } else { &count.value };
+            let written = |buffer| if phase == SCATTER { buffer } else { &self.digits };
+            let kernel = Kernel {
+                count: &count.value,
+                keys_in: read(phase != SCAN_DIGITS, &from.keys),
+                values_in: read(phase == SCATTER, &from.values),
+                digits: &self.digits,
+                keys_out: written(&to.keys),
+                values_out: written(&to.values),
+                push: SortPush { shift },
+                spec: SortSpec { workgroup, phase, rows, digit_bits: width, serial },
+            };
+            recording.dispatch(&kernel, groups);
+        }
     }
 }

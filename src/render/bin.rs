@@ -4,7 +4,7 @@ use super::frame::{Frame, Launch};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{Bin, BinSpec, Ranges, RangesPush, RangesSpec};
-use crate::primitives::{Pairs, WORKGROUP, compact, gather};
+use crate::primitives::{Pairs, WORKGROUP, Words, compact, gather};
 
 /// Records the list of visible Gaussians, nearest first; equal depths keep the order of the model. If tiles have a
 /// depth order of their own, the whole list keeps the order of the model.
@@ -14,15 +14,11 @@ pub(super) fn depth_sort<'a>(
     frame: &'a Frame,
     model: &Resident,
 ) -> &'a Pairs {
-    let (scan, total) = (&frame.scan, Some(&frame.visible_count.value));
-    scan.record(recording, &model.count, &frame.visible, &frame.offsets, total);
-    let order = &frame.by_depth.values;
-    compact(recording, &model.count, &frame.visible, &frame.offsets, order);
-    frame.visible_count.prepare(recording);
+    let visible = [&frame.visible, &frame.depth];
+    compact(recording, &frame.scan, &model.count, visible, &frame.by_depth, &frame.visible_count);
     if launch.settings.style.depth_order {
         return &frame.by_depth;
     }
-    gather(recording, &frame.visible_count, order, &frame.depth, &frame.by_depth.keys);
     frame.depth_sort.record(recording, &frame.visible_count, &frame.by_depth, 32)
 }
 
@@ -31,10 +27,8 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
     let pairs = &frame.pairs;
     // If tiles have a depth order of their own, the keys of the first sort are depths.
     let (keys, depths) = (pairs.tiles.as_ref().unwrap_or(&pairs.by_tile.keys), &pairs.by_tile.keys);
-    gather(recording, &frame.visible_count, &order.values, &frame.tile_counts, &frame.offsets);
-    let (scan, total) = (&frame.scan, Some(&pairs.count.value));
-    scan.record(recording, &frame.visible_count, &frame.offsets, &frame.offsets, total);
-    pairs.count.prepare(recording);
+    let tile_counts = Words { source: &frame.tile_counts, indices: Some(&order.values) };
+    frame.scan.record(recording, &frame.visible_count, tile_counts, &frame.offsets, Some(&pairs.count));
     let kernel = Bin {
         view: &frame.view,
         count: &frame.visible_count.value,

@@ -42,15 +42,15 @@ fn scan(device: &Device, data: &[u32]) -> Result<f64> {
     let n = data.len() as u32;
     let source = device.upload("source", data)?;
     let target = device.buffer::<u32>("target", n as usize)?;
-    let total = device.buffer::<u32>("total", 1)?;
+    let total = Count::new(device, "total", u32::MAX, &[])?;
     let count = Count::known(device, "count", n, &[Scan::block(device)])?;
     let scan = Scan::new(device, n)?;
     let mut recording = Recording::new();
-    scan.record(&mut recording, &count, &source, &target, Some(&total));
+    scan.record(&mut recording, &count, (&source).into(), &target, Some(&total));
     device.run(recording)?;
     let (sums, sum) = exclusive_sum(data);
     let wrong = if sum < u32::MAX { differing(&target.read_first(device, n as usize)?, &sums) } else { 0.0 };
-    Ok(wrong + differing(&total.read(device)?, &[sum]))
+    Ok(wrong + differing(&total.value.read_first(device, 1)?, &[sum]))
 }
 
 /// Words whose sum stays within 32 bits.
@@ -120,15 +120,17 @@ pub(super) fn compaction(device: &Device) -> Result<Vec<Measure>> {
         let flags: Vec<u32> = words(n, 5).into_iter().map(|w| u32::from(w % 3 == 0)).collect();
         let kept: Vec<u32> = (0..n).filter(|i| flags[*i as usize] != 0).collect();
         let count = Count::known(device, "count", n, &[Scan::block(device)])?;
-        let flags = device.upload("flags", &flags)?;
-        let offsets = device.buffer("offsets", n as usize)?;
-        let indices = device.buffer("indices", n as usize)?;
+        let keys: Vec<u32> = words(n, 7);
+        let kept_keys: Vec<u32> = kept.iter().map(|i| keys[*i as usize]).collect();
+        let (flags, keys) = (device.upload("flags", &flags)?, device.upload("keys", &keys)?);
+        let (pairs, total) = (Pairs::new(device, "kept", n)?, Count::new(device, "kept", n, &[])?);
         let scan = Scan::new(device, n)?;
         let mut recording = Recording::new();
-        scan.record(&mut recording, &count, &flags, &offsets, None);
-        compact(&mut recording, &count, &flags, &offsets, &indices);
+        compact(&mut recording, &scan, &count, [&flags, &keys], &pairs, &total);
         device.run(recording)?;
-        Ok(differing(&indices.read_first(device, kept.len())?, &kept))
+        let number = differing(&total.value.read_first(device, 1)?, &[kept.len() as u32]);
+        let keys = differing(&pairs.keys.read_first(device, kept.len())?, &kept_keys);
+        Ok(number + keys + differing(&pairs.values.read_first(device, kept.len())?, &kept))
     })
 }
 

@@ -10,7 +10,7 @@ use crate::kernels::train::{
     Densify, DensifyPush, DensifySpec, GatherRows, GatherRowsSpec, ResetOpacity, ResetOpacityPush, ResetOpacitySpec,
     Sources, SourcesSpec, Split, SplitPush, SplitSpec,
 };
-use crate::primitives::{Scan, WORKGROUP};
+use crate::primitives::{Count, Scan, WORKGROUP};
 
 /// Inputs of a density step besides the model and the schedule.
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +30,7 @@ pub struct Step {
 /// Bytes that [`densify`] needs besides a model of `n` Gaussians, if it makes `after` Gaussians of them.
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
-    let choice = 3 * words(n) + words(1) + Scan::bytes(device, n as u32) + 2 * words(after);
+    let choice = 3 * words(n) + Count::bytes() + Scan::bytes(device, n as u32) + 2 * words(after);
     choice + Trainee::bytes(after, degree)
 }
 
@@ -188,11 +188,11 @@ impl Choice {
     /// Finds the first successor of each, and their number.
     fn count(&mut self, device: &Device, trainee: &Trainee, mut recording: Recording) -> Result<()> {
         let count = &trainee.model.count;
-        let total = device.buffer::<u32>("new Gaussians", 1)?;
+        let total = Count::new(device, "new Gaussians", u32::MAX, &[])?;
         let scan = Scan::new(device, trainee.model.len as u32)?;
-        scan.record(&mut recording, count, &self.copies, &self.offsets, Some(&total));
+        scan.record(&mut recording, count, (&self.copies).into(), &self.offsets, Some(&total));
         device.run(recording)?;
-        self.after = total.read(device)?[0] as usize;
+        self.after = total.value.read(device)?[0] as usize;
         Ok(())
     }
 }

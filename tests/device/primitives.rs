@@ -2,7 +2,9 @@
 
 use crate::support::{device, finish};
 use qirf_vk::gpu::{Buffer, Device, Recording};
-use qirf_vk::primitives::{Count, Pairs, Scan, Segments, Sort, WORKGROUP, compact, gather, reduce, segmented_sum};
+use qirf_vk::primitives::{
+    Count, Pairs, Scan, Segments, Sort, WORKGROUP, Words, compact, gather, reduce, segmented_sum,
+};
 
 /// Sizes round every boundary: subgroups, workgroups, blocks, powers of two.
 fn sizes(device: &Device) -> Vec<u32> {
@@ -46,11 +48,11 @@ fn scan_is_exact() {
         let data: Vec<u32> = (0..n).map(|i| noise(1, u64::from(i)) % 1000).collect();
         let source = with_sentinel(&device, &data);
         let target = with_sentinel(&device, &vec![7; n as usize]);
-        let total = device.upload("total", &[99_u32]).unwrap();
+        let total = Count::new(&device, "total", u32::MAX, &[]).unwrap();
         let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
         let scan = Scan::new(&device, n).unwrap();
         let mut recording = Recording::new();
-        scan.record(&mut recording, &count, &source, &target, Some(&total));
+        scan.record(&mut recording, &count, (&source).into(), &target, Some(&total));
         device.run(recording).unwrap();
         let mut sum = 0;
         let mut expected = Vec::with_capacity(data.len());
@@ -59,7 +61,12 @@ fn scan_is_exact() {
             sum += v;
         }
         assert_eq!(without_sentinel(&device, &target), expected, "n = {n}");
-        assert_eq!(total.read(&device).unwrap(), [sum], "n = {n}");
+        assert_eq!(total.value.read(&device).unwrap(), [sum; 2], "n = {n}");
+        // In place, without a total.
+        let mut recording = Recording::new();
+        scan.record(&mut recording, &count, (&source).into(), &source, None);
+        device.run(recording).unwrap();
+        assert_eq!(without_sentinel(&device, &source), expected, "n = {n}, in place");
     }
     finish(&device);
 }
@@ -88,15 +95,12 @@ fn totals_saturate() {
         let (source, target) = (device.upload("source", &data).unwrap(), device.buffer("target", data.len()).unwrap());
         let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
         let scan = Scan::new(&device, n).unwrap();
-        let [fits, doubled] = ["fits", "doubled"].map(|name| Count::new(&device, name, u32::MAX - 1, &[]).unwrap());
+        let fits = Count::new(&device, "fits", u32::MAX - 1, &[]).unwrap();
         let mut recording = Recording::new();
-        scan.record(&mut recording, &count, &source, &target, Some(&fits.value));
-        fits.prepare(&mut recording);
-        doubled.derive(&mut recording, &fits, 1, 2);
+        scan.record(&mut recording, &count, (&source).into(), &target, Some(&fits));
         device.run(recording).unwrap();
         let valid = if expected == u32::MAX { 0 } else { expected };
         assert_eq!(fits.value.read(&device).unwrap(), [valid, expected], "{n} words");
-        assert_eq!(doubled.value.read(&device).unwrap(), [0, valid.saturating_mul(2)], "{n} words");
     }
     finish(&device);
 }
@@ -143,46 +147,79 @@ fn sort_is_stable_and_exact() {
     finish(&device);
 }
 
+/// Flags, keys, and the pairs (key, index) that are kept.
+fn check_compact(device: &Device, flags: &[u32]) {
+    let n = flags.len() as u32;
+    let keys: Vec<u32> = (0..n).map(|i| noise(6, u64::from(i))).collect();
+    let kept: Vec<u32> = (0..n).filter(|i| flags[*i as usize] != 0).collect();
+    let kept_keys: Vec<u32> = kept.iter().map(|i| keys[*i as usize]).collect();
+    let count = Count::known(device, "n", n, &[Scan::block(device)]).unwrap();
+    let kept_count = Count::new(device, "kept", n, &[]).unwrap();
+    let (flags, keys) = (with_sentinel(device, flags), with_sentinel(device, &keys));
+    let unwritten = vec![9; n as usize];
+    let pairs = Pairs { keys: with_sentinel(device, &unwritten), values: with_sentinel(device, &unwritten) };
+    let gathered = with_sentinel(device, &unwritten);
+    let scan = Scan::new(device, n).unwrap();
+    let mut recording = Recording::new();
+    compact(&mut recording, &scan, &count, [&flags, &keys], &pairs, &kept_count);
+    gather(&mut recording, &kept_count, &pairs.values, &keys, &gathered);
+    device.run(recording).unwrap();
+    let rest = vec![9; n as usize - kept.len()];
+    assert_eq!(kept_count.value.read(device).unwrap(), [kept.len() as u32; 2], "n = {n}");
+    assert_eq!(without_sentinel(device, &pairs.values), [&kept[..], &rest].concat(), "n = {n}");
+    assert_eq!(without_sentinel(device, &pairs.keys), [&kept_keys[..], &rest].concat(), "n = {n}");
+    assert_eq!(without_sentinel(device, &gathered), [&kept_keys[..], &rest].concat(), "n = {n}");
+}
+
 #[test]
-fn compact_gather_and_segmented_sum() {
+fn compact_and_gather() {
     let device = device();
     for n in sizes(&device) {
-        let flags: Vec<u32> = (0..n).map(|i| u32::from(noise(4, u64::from(i)).is_multiple_of(3))).collect();
-        let kept: Vec<u32> = (0..n).filter(|i| flags[*i as usize] != 0).collect();
-        let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
-        let kept_count = Count::new(&device, "kept", n, &[]).unwrap();
-        let flags_on_device = with_sentinel(&device, &flags);
-        let offsets = with_sentinel(&device, &vec![0; n as usize]);
-        let indices = with_sentinel(&device, &vec![0; n as usize]);
-        let gathered = with_sentinel(&device, &vec![0; n as usize]);
-        let scan = Scan::new(&device, n).unwrap();
-        let mut recording = Recording::new();
-        scan.record(&mut recording, &count, &flags_on_device, &offsets, Some(&kept_count.value));
-        compact(&mut recording, &count, &flags_on_device, &offsets, &indices);
-        kept_count.prepare(&mut recording);
-        gather(&mut recording, &kept_count, &indices, &flags_on_device, &gathered);
-        device.run(recording).unwrap();
-        assert_eq!(without_sentinel(&device, &indices)[..kept.len()], kept, "n = {n}");
-        assert!(without_sentinel(&device, &gathered)[..kept.len()].iter().all(|f| *f == 1));
+        check_compact(
+            &device,
+            &(0..n).map(|i| u32::from(noise(4, u64::from(i)).is_multiple_of(3))).collect::<Vec<_>>(),
+        );
     }
-
     // All kept, and none kept.
     for flag in [0, 1] {
         for n in [1, 256, Scan::block(&device) + 1, 70_001] {
-            let flags = vec![flag; n as usize];
-            let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
-            let (flags, offsets) = (with_sentinel(&device, &flags), with_sentinel(&device, &vec![9; n as usize]));
-            let indices = with_sentinel(&device, &vec![u32::MAX; n as usize]);
-            let scan = Scan::new(&device, n).unwrap();
-            let mut recording = Recording::new();
-            scan.record(&mut recording, &count, &flags, &offsets, None);
-            compact(&mut recording, &count, &flags, &offsets, &indices);
-            device.run(recording).unwrap();
-            let expected: Vec<u32> = (0..n).map(|i| if flag == 1 { i } else { u32::MAX }).collect();
-            assert_eq!(without_sentinel(&device, &indices), expected, "n = {n}, all {flag}");
+            check_compact(&device, &vec![flag; n as usize]);
         }
     }
+    finish(&device);
+}
 
+/// The words are gathered once, and left where their sums are to be.
+#[test]
+fn scan_of_gathered_words() {
+    let device = device();
+    for n in sizes(&device) {
+        let source: Vec<u32> = (0..1000).map(|i| noise(8, i) % 1000).collect();
+        let indices: Vec<u32> = (0..n).map(|i| noise(9, u64::from(i)) % 1000).collect();
+        let mut sum = 0;
+        let mut expected = Vec::with_capacity(n as usize);
+        for i in &indices {
+            expected.push(sum);
+            sum += source[*i as usize];
+        }
+        let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
+        let total = Count::new(&device, "total", 1000 * n, &[64]).unwrap();
+        let (source, indices) = (with_sentinel(&device, &source), with_sentinel(&device, &indices));
+        let target = with_sentinel(&device, &vec![9; n as usize]);
+        let words = Words { source: &source, indices: Some(&indices) };
+        let scan = Scan::new(&device, n).unwrap();
+        let mut recording = Recording::new();
+        scan.record(&mut recording, &count, words, &target, Some(&total));
+        device.run(recording).unwrap();
+        assert_eq!(without_sentinel(&device, &target), expected, "n = {n}");
+        assert_eq!(total.value.read(&device).unwrap(), [sum; 2], "n = {n}");
+    }
+    finish(&device);
+}
+
+#[test]
+fn segmented_sums() {
+    let device = device();
     // Segments of 0, 1, 2, ... rows; three floats per row.
     let lengths: Vec<u32> = (0..200).collect();
     let starts: Vec<u32> = lengths
@@ -211,22 +248,25 @@ fn compact_gather_and_segmented_sum() {
     finish(&device);
 }
 
-/// One Gaussian may have a slot in every tile, and its neighbours none.
 #[test]
 fn compact_reads_no_flag_beyond_the_count() {
     let device = device();
-    let offsets: Vec<u32> = (0..64).collect();
-    let (flags, offsets) = (device.upload("flags", &[1_u32; 64]).unwrap(), device.upload("offsets", &offsets).unwrap());
-    let indices = device.upload("indices", &[u32::MAX; 64]).unwrap();
-    let count = Count::known(&device, "count", 40, &[]).unwrap();
+    let (flags, keys) = (device.upload("flags", &[1_u32; 64]).unwrap(), device.upload("keys", &[5_u32; 64]).unwrap());
+    let unwritten = || device.upload("kept", &[u32::MAX; 64]).unwrap();
+    let kept = Pairs { keys: unwritten(), values: unwritten() };
+    let count = Count::known(&device, "count", 40, &[Scan::block(&device)]).unwrap();
+    let total = Count::new(&device, "total", 64, &[]).unwrap();
+    let scan = Scan::new(&device, 64).unwrap();
     let mut recording = Recording::new();
-    compact(&mut recording, &count, &flags, &offsets, &indices);
+    compact(&mut recording, &scan, &count, [&flags, &keys], &kept, &total);
     device.run(recording).unwrap();
     let expected: Vec<u32> = (0..64).map(|i| if i < 40 { i } else { u32::MAX }).collect();
-    assert_eq!(indices.read(&device).unwrap(), expected);
+    assert_eq!(kept.values.read(&device).unwrap(), expected);
+    assert_eq!(total.value.read(&device).unwrap(), [40, 40]);
     finish(&device);
 }
 
+/// One Gaussian may have a slot in every tile, and its neighbours none.
 #[test]
 fn one_segment_may_be_everything() {
     let device = device();

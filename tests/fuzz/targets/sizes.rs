@@ -101,7 +101,7 @@ fn scan(device: &Device, take: &mut Take) {
     let count = Count::known(device, "n", n, &[Scan::block(device)]).expect("a count");
     let scan = Scan::new(device, n).expect("a scan");
     let mut recording = Recording::new();
-    scan.record(&mut recording, &count, &source, &target, None);
+    scan.record(&mut recording, &count, (&source).into(), &target, None);
     device.run(recording).expect("it runs");
     let mut sum = 0;
     for (got, value) in target.read(device).expect("it is there").into_iter().zip(data) {
