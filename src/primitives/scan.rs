@@ -23,6 +23,15 @@ pub struct Words<'a> {
     pub indices: Option<&'a Buffer<u32>>,
 }
 
+/// What phases share.
+#[derive(Clone, Copy)]
+struct Job<'a> {
+    count: &'a Count,
+    words: Words<'a>,
+    target: &'a Buffer<u32>,
+    total: &'a Count,
+}
+
 impl Scan {
     /// Words that one workgroup scans on this device.
     pub fn block(device: &Device) -> u32 {
@@ -55,8 +64,9 @@ impl Scan {
         target: &Buffer<u32>,
         total: Option<&Count>,
     ) {
-        self.blocks(recording, count, words, target, total.unwrap_or(&self.unasked));
-        self.phase(recording, APPLY, count, words, target, &self.unasked);
+        let total = total.unwrap_or(&self.unasked);
+        self.blocks(recording, count, words, target, total);
+        self.phase(recording, APPLY, Job { count, words, target, total });
     }
 
     /// Records the phases before the last: sums of the blocks before each, and the total. Words with indices are left in `target`.
@@ -68,19 +78,13 @@ impl Scan {
         target: &Buffer<u32>,
         total: &Count,
     ) {
-        self.phase(recording, REDUCE, count, words, target, total);
-        self.phase(recording, SPINE, count, words, target, total);
+        for phase in [REDUCE, SPINE] {
+            self.phase(recording, phase, Job { count, words, target, total });
+        }
     }
 
-    fn phase(
-        &self,
-        recording: &mut Recording,
-        phase: u32,
-        count: &Count,
-        Words { source, indices }: Words<'_>,
-        target: &Buffer<u32>,
-        total: &Count,
-    ) {
+    fn phase(&self, recording: &mut Recording, phase: u32, job: Job<'_>) {
+        let Job { count, words: Words { source, indices }, target, total } = job;
         let gather = indices.is_some();
         // Phases are bound to what they read and write; small arrays that are bound anyway stand in for the rest.
         let (reads, writes) = match phase {
