@@ -3,6 +3,7 @@
 mod support;
 
 mod device {
+    mod batches;
     mod bin;
     mod effects;
     mod examples;

@@ -13,6 +13,8 @@ layout(constant_id = 2) const uint TILE = 16;
 layout(constant_id = 3) const uint BATCH = 256;
 layout(constant_id = 4) const float STOP = TRANSMITTANCE_STOP;
 layout(constant_id = 5) const uint PIXELS = 1; // TILE x TILE / WORKGROUP
+// For tests: the fourth value of a pixel is the number of batches that its tile has loaded.
+layout(constant_id = 6) const bool COUNT_BATCHES = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Starts { uint starts[]; };
@@ -27,6 +29,7 @@ const uint SHARED = BATCH == 0 ? 1 : BATCH;
 shared vec4 batch_geometry[SHARED];
 shared vec4 batch_shape[SHARED];
 shared vec2 batch_colour[SHARED];
+shared bool finished[WORKGROUP / SUBGROUP]; // by subgroup: whether all of its pixels are done
 
 vec2 centre[PIXELS]; // from the view's origin
 vec3 blended[PIXELS];
@@ -54,6 +57,16 @@ bool done() {
     return all;
 }
 
+// Whether all pixels of the tile are done; a barrier for the workgroup.
+bool tile_done() {
+    bool own = subgroupAll(done());
+    if (subgroupElect()) finished[gl_SubgroupID] = own;
+    barrier();
+    bool all = true;
+    for (uint s = 0; s < WORKGROUP / SUBGROUP; s++) all = all && finished[s];
+    return all;
+}
+
 void main() {
     uint tile = group_index();
     uvec2 tiles = view[0].tiles;
@@ -69,10 +82,12 @@ void main() {
         transmittance[p] = all(lessThan(at, size)) ? 1 : -1;
     }
     uint start = starts[tile], end = starts[tile + 1];
+    uint batches = 0;
 
     if (BATCH == 0) {
         // The workgroup is one subgroup: each lane reads one splat, and all lanes blend each in turn.
         for (uint first = start; first < end && !subgroupAll(done()); first += SUBGROUP) {
+            batches++;
             uint length = min(SUBGROUP, end - first);
             uint i = owners[slots[min(first + lane, end - 1)]];
             vec4 my_geometry = geometry[i], my_shape = shape[i];
@@ -82,9 +97,9 @@ void main() {
             }
         }
     } else {
-        for (uint first = start; first < end; first += BATCH) {
+        for (uint first = start; first < end && !tile_done(); first += BATCH) {
+            batches++;
             uint length = min(BATCH, end - first);
-            barrier();
             for (uint n = lane; n < length; n += WORKGROUP) {
                 uint i = owners[slots[first + n]];
                 batch_geometry[n] = geometry[i];
@@ -99,6 +114,8 @@ void main() {
         uint n = p * WORKGROUP + lane;
         uvec2 at = corner + uvec2(n % TILE, n / TILE);
         float t = abs(transmittance[p]);
-        if (all(lessThan(at, size))) image[at.y * size.x + at.x] = vec4(blended[p] + t * view[0].background.rgb, 1 - t);
+        vec4 rgba = vec4(blended[p] + t * view[0].background.rgb, 1 - t);
+        if (COUNT_BATCHES) rgba.a = float(batches);
+        if (all(lessThan(at, size))) image[at.y * size.x + at.x] = rgba;
     }
 }

@@ -21,6 +21,7 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
             batch: launch.tuning.rasterise_batch,
             stop: launch.settings.stop,
             pixels: launch.tuning.tile * launch.tuning.tile / launch.tuning.rasterise_workgroup,
+            count_batches: false,
         },
     };
     recording.dispatch(&kernel, Groups::Count(tiles));
