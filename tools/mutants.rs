@@ -41,6 +41,7 @@ const TESTS: &[(&str, &[&str])] = &[
     ("train/exposure", &["exposure::the_kernel"]),
     ("train/halve", &["halve::the_device"]),
     ("train/loss", &["train::loss::the_golden", "train::loss::noise", "train::loss::smooth"]),
+    ("train/loss_tiles", &["train::loss::the_golden", "train::loss::noise", "train::loss::smooth"]),
     ("train/mask", &["train::mask::"]),
     ("train/smoothing", &["smoothing::scales"]),
 ];

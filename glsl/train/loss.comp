@@ -1,16 +1,11 @@
 // L1 + SSIM (+ L2) of a picture against its photo, and the gradient by the picture. The window is separable: an invocation
 // walks a run of one line of one channel with the last TAPS values in registers, so that it reads each value once.
-//
-// With m = E[x], r = E[(x - y)^2], c = E[xy] under the window and n = E[y], SSIM's map is s = AB / ED of
-//   A = 2 m n + C1, E = A + (m - n)^2, B = 2 (c - m n) + C2, D = B + r - (m - n)^2,
-// which equals the usual quotient. For nearly equal pictures 1 - s is no difference of large numbers here, so that it and its
-// slopes are exact near the end of training.
-//   d(sum s)/dx = W(ds/dm) + 2 (x - y) W(ds/dr) + y W(ds/dc), where W is the same, symmetric window.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/photo.glsl"
+#include "lib/ssim.glsl"
 
 /// Phase: the four window means along columns.
 const uint MEANS = 0;
@@ -18,14 +13,6 @@ const uint MEANS = 0;
 const uint MAP = 1;
 /// Phase: the partial derivatives under the window along columns, and the gradient.
 const uint GRADIENT = 2;
-/// Samples of the window along an axis, and steps of a round.
-const uint TAPS = 11;
-/// Radius of the window in pixels.
-const uint RADIUS = 5;
-/// Keeps SSIM's luminance term finite: (0.01 x range 1)^2.
-const float C1 = 1e-4;
-/// Keeps SSIM's contrast term finite: (0.03 x range 1)^2.
-const float C2 = 9e-4;
 
 layout(constant_id = 2) const uint PHASE = MEANS;
 // Meaning of the photo's fourth byte: lib/photo.glsl.
@@ -49,10 +36,6 @@ layout(push_constant) uniform Push {
     uint row_runs; // runs of MAP
 };
 
-// Gaussian of sigma 1.5 over 11 samples, normalised.
-const float WINDOW[TAPS] = float[](0.0010283801, 0.0075987581, 0.0360007721, 0.1093606895, 0.2130055377, 0.2660117249,
-                                   0.2130055377, 0.1093606895, 0.0360007721, 0.0075987581, 0.0010283801);
-
 // Sum under the window of a ring whose oldest value lies at `first`. Once loops are unrolled, constants index the rings.
 #define TAP(ring, first, k) WINDOW[k] * ring[((first) + (k)) % TAPS]
 #define WINDOWED(ring, first)                                                                                             \
@@ -62,15 +45,7 @@ const float WINDOW[TAPS] = float[](0.0010283801, 0.0075987581, 0.0360007721, 0.1
 
 float rendered(uint pixel, uint channel) { return image[4 * pixel + channel]; }
 
-float truth(uint pixel, uint channel) {
-    uint word = photo[pixel];
-    float value = float((word >> (8 * channel)) & 255u) * (1 / 255.0);
-    if (ALPHA == OPACITY) {
-        float opacity = float(word >> 24) / 255.0;
-        value = value * opacity + background[channel] * (1 - opacity);
-    }
-    return value;
-}
+float truth(uint pixel, uint channel) { return photo_value(photo[pixel], channel, ALPHA, background[channel]); }
 
 // Lanes of a subgroup take neighbouring lines: rows in phase MAP, else columns.
 struct Run {
@@ -136,16 +111,12 @@ void rows_and_map(Run run, uint index) {
         [[unroll]] for (uint s = 0; s < TAPS; s++) {
             READ_MEANS((s + TAPS - 1) % TAPS)
             int centre = at - 1 - int(RADIUS);
-            float mean = WINDOWED(m, s), photo_mean = WINDOWED(n, s), apart = mean - photo_mean;
-            float a = 2 * mean * photo_mean + C1, e = a + apart * apart;
-            float b = 2 * (WINDOWED(c, s) - mean * photo_mean) + C2, excess = WINDOWED(r, s) - apart * apart, d = b + excess;
-            float share = 1 / (e * d), map = a * b * share;
-            float missing = (a * excess + apart * apart * d) * share; // 1 - map
+            Ssim at_centre = ssim_of(WINDOWED(m, s), WINDOWED(n, s), WINDOWED(r, s), WINDOWED(c, s));
             bool there = centre >= 0 && centre < int(width);
-            by_m[s] = there ? 2 * share * ((b - a) * (photo_mean * missing - apart * map) - mean * map * (excess - apart * apart)) : 0;
-            by_r[s] = there ? -map / d : 0;
-            by_c[s] = there ? 2 * a * excess * share / d : 0;
-            if (centre >= run.start && centre < last) total += map;
+            by_m[s] = there ? at_centre.by_m : 0;
+            by_r[s] = there ? at_centre.by_r : 0;
+            by_c[s] = there ? at_centre.by_c : 0;
+            if (centre >= run.start && centre < last) total += at_centre.map;
             int output_at = centre - int(RADIUS);
             if (output_at >= run.start && output_at < last) {
                 uint written = base + uint(output_at);

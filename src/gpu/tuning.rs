@@ -14,6 +14,8 @@ use std::str::FromStr;
 pub enum DeviceClass {
     /// Lanes are a CPU's.
     Cpu,
+    /// A CPU under SwiftShader, whose compilers have limits of their own.
+    SwiftShader,
     /// A GPU of none of the makers below.
     Gpu,
     /// A GPU by NVIDIA.
@@ -30,12 +32,13 @@ pub enum DeviceClass {
 
 impl DeviceClass {
     /// All classes.
-    pub const ALL: [Self; 7] =
-        [Self::Cpu, Self::Gpu, Self::Nvidia, Self::Amd, Self::Intel, Self::Apple, Self::Qualcomm];
+    pub const ALL: [Self; 8] =
+        [Self::Cpu, Self::SwiftShader, Self::Gpu, Self::Nvidia, Self::Amd, Self::Intel, Self::Apple, Self::Qualcomm];
 
     /// The class of a device, which may be a CPU, by its maker's number in the Vulkan (or PCI) registry.
     pub(super) fn of(is_cpu: bool, vendor: u32) -> Self {
         match (is_cpu, vendor) {
+            (true, 0x1ae0) => Self::SwiftShader,
             (true, _) => Self::Cpu,
             (_, 0x10de) => Self::Nvidia,
             (_, 0x1002) => Self::Amd,
@@ -51,6 +54,7 @@ impl fmt::Display for DeviceClass {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Cpu => "cpu",
+            Self::SwiftShader => "swiftshader",
             Self::Gpu => "gpu",
             Self::Nvidia => "nvidia",
             Self::Amd => "amd",
@@ -101,6 +105,9 @@ pub struct Tuning {
     pub sort_serial: bool,
     /// Whether an invocation of Adam owns a Gaussian's elements of an attribute; else it owns one element.
     pub adam_by_gaussian: bool,
+    /// Side of a tile of the loss in pixels; 0 where invocations walk runs of lines instead.
+    #[serde(default)]
+    pub loss_tile: u32,
     /// Rounds of a run of the loss, 11 steps each.
     pub loss_rounds: u32,
     /// Columns of a tile of overlaps, a multiple of the subgroup.
@@ -120,6 +127,8 @@ impl Tuning {
     pub fn new(class: DeviceClass, subgroup: u32, max_workgroup: u32) -> Self {
         match class {
             DeviceClass::Cpu => Self::cpu(subgroup),
+            // Its compilers do not finish the loss's runs, rings of registers in unrolled loops.
+            DeviceClass::SwiftShader => Self { class, loss_tile: 16, ..Self::cpu(subgroup) },
             // One row for all GPUs until one is measured.
             DeviceClass::Gpu
             | DeviceClass::Nvidia
@@ -152,6 +161,8 @@ impl Tuning {
             sort_serial: true,
             // 34: what a Gaussian's elements share is read once: 7.4 to 4.8 ms at 10,000 Gaussians.
             adam_by_gaussian: true,
+            // 53: registers; tiles in shared memory make a whole iteration half as long again.
+            loss_tile: 0,
             // 32: a load costs as much as five multiplications, and long runs read each value less often.
             loss_rounds: 4,
             // Long tiles read a Gaussian less often.
@@ -184,6 +195,8 @@ impl Tuning {
             sort_serial: false,
             // Neighbouring lanes touch neighbouring words.
             adam_by_gaussian: false,
+            // Neighbouring lanes load neighbouring pixels, and a workgroup each of them once: 15 KiB of shared memory.
+            loss_tile: 16,
             // Short runs occupy more lanes.
             loss_rounds: 2,
             // Short tiles spread over more workgroups.
@@ -228,6 +241,8 @@ impl Tuning {
         if self.sort_serial {
             need(self.sort_workgroup == subgroup, "sort_workgroup", "one subgroup where a sort is serial")?;
         }
+        let loss = self.loss_tile * self.loss_tile <= info.max_workgroup && [0, 8, 16].contains(&self.loss_tile);
+        need(loss, "loss_tile", "0, 8 or 16, its square no more than a workgroup")?;
         let positive = [
             ("scan_rows", self.scan_rows),
             ("sort_workgroups", self.sort_workgroups),
@@ -255,6 +270,7 @@ mod tests {
     fn classes_by_kind_and_maker() {
         assert_eq!(DeviceClass::of(true, 0x8086), DeviceClass::Cpu);
         assert_eq!(DeviceClass::of(false, 0x8086), DeviceClass::Intel);
+        assert_eq!(DeviceClass::of(true, 0x1ae0), DeviceClass::SwiftShader);
         assert_eq!(DeviceClass::of(false, 0x1234), DeviceClass::Gpu);
     }
 

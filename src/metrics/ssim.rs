@@ -1,12 +1,12 @@
 //! Structural similarity, in float64; `reference::loss` has the formula and its gradient.
 
 use super::{Error, Image};
-use crate::kernels::constants::loss;
-pub use crate::kernels::constants::loss::float64::{C1, C2};
+use crate::kernels::constants::ssim;
+pub use crate::kernels::constants::ssim::float64::{C1, C2};
 use rayon::prelude::*;
 
 /// Window radius in pixels: 11 x 11.
-pub const RADIUS: usize = loss::RADIUS as usize;
+pub const RADIUS: usize = ssim::RADIUS as usize;
 /// Standard deviation of the window in pixels.
 pub const SIGMA: f64 = 1.5;
 

@@ -1,23 +1,47 @@
 //! The loss: L1, SSIM and on request L2 of a picture against a photo, and its gradient by the picture.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
-use crate::kernels::constants::loss::{GRADIENT, MAP, MEANS, TAPS};
-use crate::kernels::constants::photo;
-use crate::kernels::train::{Loss as Kernel, LossPush, LossSpec};
+use crate::kernels::constants::loss::{GRADIENT, MAP, MEANS};
+use crate::kernels::constants::ssim::TAPS;
+use crate::kernels::constants::{loss_tiles, photo};
+use crate::kernels::train::{Loss as Runs, LossPush, LossSpec, LossTiles as Tiles, LossTilesPush, LossTilesSpec};
 use crate::primitives::{WORKGROUP, reduce};
 use crate::response::Target;
 
 /// The profiler's scope.
 pub const STAGE: &str = "loss";
 
-/// Numbers of runs of the rows phase and of a columns phase.
-fn runs([width, height]: [u32; 2], rounds: u32) -> [u32; 2] {
-    [3 * height * width.div_ceil(TAPS * (rounds - 1) + 1), 3 * width * height.div_ceil(TAPS * rounds)]
+/// How a device computes the loss.
+#[derive(Clone, Copy)]
+enum Shape {
+    /// Each invocation walks a run of a line, of so many rounds.
+    Runs(u32),
+    /// Each workgroup takes a square tile with sides of so many pixels.
+    Tiles(u32),
 }
 
-/// Largest number of terms of a picture of at most this size.
-fn terms(size: [u32; 2], rounds: u32) -> usize {
-    runs(size, rounds).iter().map(|r| *r as usize).sum()
+impl Shape {
+    fn of(device: &Device) -> Self {
+        match device.tuning().loss_tile {
+            0 => Self::Runs(device.tuning().loss_rounds),
+            side => Self::Tiles(side),
+        }
+    }
+
+    /// Numbers of terms of the phases that compute the map and the gradient.
+    fn terms(self, [width, height]: [u32; 2]) -> [u32; 2] {
+        match self {
+            Self::Runs(rounds) => {
+                [3 * height * width.div_ceil(TAPS * (rounds - 1) + 1), 3 * width * height.div_ceil(TAPS * rounds)]
+            }
+            Self::Tiles(side) => [width.div_ceil(side) * height.div_ceil(side); 2],
+        }
+    }
+
+    /// Number of window means that are kept between phases.
+    fn means(self, pixels: usize) -> usize {
+        if matches!(self, Self::Runs(_)) { 12 * pixels } else { 0 }
+    }
 }
 
 /// Weights of the loss's terms.
@@ -39,7 +63,7 @@ impl Default for Weights {
 
 /// Scratch memory of the loss for pictures of at most a number of pixels.
 pub struct Loss {
-    rounds: u32,
+    shape: Shape,
     means: Buffer<f32>,
     partials: Buffer<f32>,
     terms: Buffer<[f32; 4]>,
@@ -48,13 +72,24 @@ pub struct Loss {
     pub gradient: Buffer<[f32; 4]>,
 }
 
+/// What the loss is computed of.
+struct Job<'a> {
+    image: &'a Buffer<[f32; 4]>,
+    target: Target<'a>,
+    /// Over the number of values.
+    weights: Weights,
+    /// Meaning of the photo's fourth byte: `lib/photo.glsl`.
+    alpha: u32,
+}
+
 impl Loss {
     /// Bytes of [`Loss::new`].
     pub fn bytes(device: &Device, width: u32, height: u32) -> u64 {
-        let pixels = width as usize * height as usize;
-        let planes = Buffer::<f32>::bytes_of(12 * pixels) + Buffer::<f32>::bytes_of(9 * pixels);
+        let (pixels, shape) = (width as usize * height as usize, Shape::of(device));
+        let planes = Buffer::<f32>::bytes_of(shape.means(pixels)) + Buffer::<f32>::bytes_of(9 * pixels);
+        let terms: u32 = shape.terms([width, height]).iter().sum();
         let of = Buffer::<[f32; 4]>::bytes_of;
-        planes + of(terms([width, height], device.tuning().loss_rounds)) + of(1) + of(pixels)
+        planes + of(terms as usize) + of(1) + of(pixels)
     }
 
     /// Scratch memory for pictures of at most `width` x `height`.
@@ -62,12 +97,13 @@ impl Loss {
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device, width: u32, height: u32) -> Result<Self> {
-        let (pixels, rounds) = (width as usize * height as usize, device.tuning().loss_rounds);
+        let (pixels, shape) = (width as usize * height as usize, Shape::of(device));
+        let terms: u32 = shape.terms([width, height]).iter().sum();
         Ok(Self {
-            rounds,
-            means: device.buffer("window means", 12 * pixels)?,
+            shape,
+            means: device.buffer("window means", shape.means(pixels))?,
             partials: device.buffer("SSIM partials", 9 * pixels)?,
-            terms: device.buffer("loss terms", terms([width, height], rounds))?,
+            terms: device.buffer("loss terms", terms as usize)?,
             sums: device.buffer("loss sums", 1)?,
             gradient: device.buffer("image gradient", pixels)?,
         })
@@ -75,41 +111,56 @@ impl Loss {
 
     /// Records the loss of `image` against the target and its gradient by the image.
     pub fn record(&self, recording: &mut Recording, image: &Buffer<[f32; 4]>, target: Target<'_>, weights: Weights) {
-        let Target { photo, size: [width, height], fourth_byte, background } = target;
-        let share = 1.0 / (3.0 * width as f32 * height as f32);
-        let [r, g, b] = background;
-        let [row_runs, column_runs] = runs([width, height], self.rounds);
+        let share = 1.0 / (3.0 * target.size[0] as f32 * target.size[1] as f32);
+        let weights = Weights { l1: weights.l1 * share, ssim: weights.ssim * share, l2: weights.l2 * share };
+        let alpha = if target.fourth_byte.shows_background() { photo::OPACITY } else { photo::OPAQUE };
+        let job = Job { image, target, weights, alpha };
+        match self.shape {
+            Shape::Runs(rounds) => self.runs(recording, &job, rounds),
+            Shape::Tiles(side) => self.tiles(recording, &job, side),
+        }
+    }
+
+    fn runs(&self, recording: &mut Recording, job: &Job<'_>, rounds: u32) {
+        let Target { photo, size: [width, height], background: [r, g, b], .. } = job.target;
+        let Weights { l1, ssim, l2 } = job.weights;
+        let [row_runs, column_runs] = self.shape.terms([width, height]);
         for (phase, runs) in [(MEANS, column_runs), (MAP, row_runs), (GRADIENT, column_runs)] {
-            let kernel = Kernel {
-                image: &image.cast(),
+            let kernel = Runs {
+                image: &job.image.cast(),
                 photo,
                 means: &self.means,
                 partials: &self.partials,
                 gradient: &self.gradient.cast(),
                 terms: &self.terms,
-                push: LossPush {
-                    background: [r, g, b, 0.0],
-                    width,
-                    height,
-                    l1: weights.l1 * share,
-                    ssim: weights.ssim * share,
-                    l2: weights.l2 * share,
-                    row_runs,
-                },
-                spec: LossSpec {
-                    workgroup: WORKGROUP,
-                    phase,
-                    alpha: if fourth_byte.shows_background() { photo::OPACITY } else { photo::OPAQUE },
-                    rounds: self.rounds,
-                },
+                push: LossPush { background: [r, g, b, 0.0], width, height, l1, ssim, l2, row_runs },
+                spec: LossSpec { workgroup: WORKGROUP, phase, alpha: job.alpha, rounds },
             };
             recording.dispatch(&kernel, Groups::Count(runs.div_ceil(WORKGROUP)));
         }
     }
 
+    fn tiles(&self, recording: &mut Recording, job: &Job<'_>, side: u32) {
+        let Target { photo, size: [width, height], background: [r, g, b], .. } = job.target;
+        let Weights { l1, ssim, l2 } = job.weights;
+        let [tiles, _] = self.shape.terms([width, height]);
+        for phase in [loss_tiles::MAP, loss_tiles::GRADIENT] {
+            let kernel = Tiles {
+                image: &job.image.cast(),
+                photo,
+                partials: &self.partials,
+                gradient: &self.gradient,
+                terms: &self.terms,
+                push: LossTilesPush { background: [r, g, b, 0.0], width, height, l1, ssim, l2 },
+                spec: LossTilesSpec { workgroup: side * side, phase, alpha: job.alpha, tile: side },
+            };
+            recording.dispatch(&kernel, Groups::Count(tiles));
+        }
+    }
+
     /// Records the sums that [`Loss::value`] reads, which only iterations that the host checks need.
     pub fn record_value(&self, recording: &mut Recording, size: [u32; 2]) {
-        reduce(recording, &self.terms, runs(size, self.rounds).iter().sum(), &self.sums);
+        reduce(recording, &self.terms, self.shape.terms(size).iter().sum(), &self.sums);
     }
 
     /// The value of the last loss whose sums were recorded.

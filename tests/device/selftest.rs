@@ -79,10 +79,10 @@ const MISTAKES: [(&str, &str, Mistake); 3] = [
         "ssim",
         "noise",
         Mistake {
-            file: "train/loss.comp",
+            file: "lib/ssim.glsl",
             right: "const float C2 = 9e-4;",
             wrong: "const float C2 = 8e-4;",
-            shaders: &["train/loss"],
+            shaders: &["train/loss", "train/loss_tiles"],
         },
     ),
 ];

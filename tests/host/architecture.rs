@@ -52,6 +52,7 @@ const STEPS: &[(&str, &str)] = &[
     ("render/rasterise_backward_cas", "render/rasterise_backward"),
     ("response/tally", "response/score"),
     ("train/gather_rows", "train/densify"),
+    ("train/loss_tiles", "train/loss"),
     ("train/reset_opacity", "train/densify"),
     ("train/sources", "train/densify"),
     ("train/split", "train/densify"),

@@ -76,10 +76,10 @@ fn portability_drivers_are_found() {
 #[test]
 fn a_device_that_rounds_differently_is_warned_of() {
     let mistake = Mistake {
-        file: "train/loss.comp",
+        file: "lib/ssim.glsl",
         right: "const float C2 = 9e-4;",
         wrong: "const float C2 = 9.08e-4;",
-        shaders: &["train/loss"],
+        shaders: &["train/loss", "train/loss_tiles"],
     };
     let modules = mistake.modules();
     let mut program = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
