@@ -5,7 +5,7 @@
 //! ```
 //! use qirf_vk::gaussians::{formats, resident::Resident};
 //! use qirf_vk::gpu::{Device, DeviceOptions};
-//! use qirf_vk::render::{Renderer, Settings};
+//! use qirf_vk::render::{Renderer, Style};
 //! use qirf_vk::{glam::DVec3, scene::camera::Camera};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -14,10 +14,11 @@
 //! #     println!("nothing was rendered: {e}");
 //! #     return Ok(());
 //! # }
-//! let model = formats::read("tools/examples/ring.ply".as_ref())?.gaussians;
+//! let loaded = formats::read("tools/examples/ring.ply".as_ref())?;
+//! let (model, settings) = (loaded.gaussians, Style::of(loaded.mode).over([0.0; 3])); // over black
 //! let device = Device::open(&DeviceOptions::default())?;
 //! let resident = Resident::upload(&device, &model)?;
-//! let mut renderer = Renderer::new(&device, Settings::default(), model.len(), 640, 480)?;
+//! let mut renderer = Renderer::new(&device, settings, model.len(), 640, 480)?;
 //! let eye = DVec3::new(0.0, -1.0, 3.0); // captures have y pointing down
 //! let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::NEG_Y, 1.0, 640, 480);
 //! let image = renderer.render(&resident, &camera)?; // rows of red, green, blue, alpha

@@ -14,7 +14,7 @@ const TURN: u32 = 2;
 
 /// The rows: the effects that are on in each, and the meaning of the photo's fourth byte.
 fn arms() -> Vec<(&'static str, Options, FourthByte)> {
-    let style = |antialias, depth_order| Style { antialias, depth_order }.over([0.0; 3]);
+    let style = |antialias, depth_order| Style { antialias, depth_order, ..Style::default() }.over([0.0; 3]);
     let opaque = FourthByte::Opaque;
     vec![
         ("all off, again", options(0), opaque),

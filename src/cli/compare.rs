@@ -94,7 +94,8 @@ impl Arguments {
             _ => Compression::default().keep,
         };
         let compression = Compression { keep, ..Compression::default() };
-        let config = self.training.configuration(self.scene.clone()).pruned(Pruning { compression, ..pruning });
+        let config =
+            self.training.configuration(self.scene.clone(), console)?.pruned(Pruning { compression, ..pruning });
         let networks = self.resources.networks(console)?;
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);

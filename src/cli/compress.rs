@@ -19,6 +19,7 @@ use crate::pipeline::{Output, Selection, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Budget;
+use crate::render::Style;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -104,10 +105,11 @@ impl Arguments {
         let loaded = read_model(&self.model, console)?;
         let read_s = reading.elapsed().as_secs_f64();
         let device = global.open_with(self.memory_budget)?;
+        let style = self.rendering.style(&self.model, &loaded, None, console);
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
         let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
         let session = Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &watcher };
-        let figures = compress::compress(&session, input, &self.configuration()?, &self.output)?;
+        let figures = compress::compress(&session, input, &self.configuration(style)?, &self.output)?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
             Output::text(path, &format!("{json:#}\n"))?;
@@ -132,7 +134,7 @@ impl Arguments {
         Ok(())
     }
 
-    fn configuration(&self) -> Result<CompressConfig, Error> {
+    fn configuration(&self, style: Style) -> Result<CompressConfig, Error> {
         let preset = match self.preset {
             Preset::Standard => {
                 let selector = self.choices.selector.unwrap_or(Selector::Pairs);
@@ -164,7 +166,7 @@ impl Arguments {
         Ok(CompressConfig {
             compression: self.choices.over(preset)?,
             views,
-            style: self.rendering.style(),
+            style,
             fine_tune: self.fine_tune,
             seed: self.seed,
         })

@@ -32,11 +32,12 @@ impl Arguments {
             return Err(Error::Usage(what));
         }
         let loaded = read_model(&self.input, console)?;
-        formats::write(&self.output, &loaded.gaussians).map_err(Error::writing)?;
+        formats::write(&self.output, &loaded.gaussians, loaded.mode).map_err(Error::writing)?;
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
         console.note(format_args!(
-            "{} Gaussians of {} in {} ({bytes} bytes)",
+            "{} {}Gaussians of {} in {} ({bytes} bytes)",
             loaded.gaussians.len(),
+            if loaded.mode.antialiased() { "anti-aliased " } else { "" },
             loaded.format,
             self.output.display()
         ));

@@ -7,10 +7,13 @@ use super::style;
 use super::values;
 use super::{Global, networks};
 use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::Loaded;
 use crate::metrics::Scores;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::records::{RunRecord, ViewScores};
 use crate::pipeline::{Output, RunConfig, Selection, Session, host_bytes};
+use crate::render::Style;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -79,8 +82,8 @@ impl Arguments {
                 return Err(Error::Usage(format!("-o {folder} holds a run and its figures; name another folder")));
             }
         }
-        let evaluation = self.evaluation()?;
         let loaded = read_model(&self.model, console)?;
+        let evaluation = self.evaluation(&loaded, console)?;
         let networks = networks(self.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;
@@ -91,26 +94,37 @@ impl Arguments {
     }
 
     fn run_against(&self, original: &Path, console: &Console, global: &Global) -> Result<(), Error> {
-        let [model, original] = [&self.model, original].map(|path| read_model(path, console));
-        let (model, original) = (model?.gaussians, original?.gaussians);
+        let read = |path: &Path| -> Result<(Gaussians, Style), Error> {
+            let loaded = read_model(path, console)?;
+            let style = self.rendering.style(path, &loaded, None, console);
+            Ok((loaded.gaussians, style))
+        };
+        let (model, original) = (read(&self.model)?, read(original)?);
+        if model.1 != original.1 {
+            let (a, b) = (model.1.mode(), original.1.mode());
+            console.warn(format_args!(
+                "by their files, this model is {a} and the original {b}, and so they are drawn; --antialias=on or --antialias=off \
+                 draws both alike"
+            ));
+        }
         let networks = networks(self.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.memory_budget)?;
         let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
         let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
         let background = self.background.unwrap_or([0.0; 3]);
-        let held_out = eval::against(&session, &model, &original, background, self.rendering.style())?;
+        let held_out = eval::against(&session, [(&model.0, model.1), (&original.0, original.1)], background)?;
         let (test, views) = (held_out.mean(), &held_out.views);
         if self.json {
-            let counts = serde_json::json!({ "model": model.len(), "original": original.len() });
+            let counts = serde_json::json!({ "model": model.0.len(), "original": original.0.len() });
             return console
                 .json(&serde_json::json!({ "schema": 1, "gaussians": counts, "test": test, "views": views }));
         }
         table(console, test.as_ref(), views)
     }
 
-    fn evaluation(&self) -> Result<Evaluation, Error> {
+    fn evaluation(&self, model: &Loaded, console: &Console) -> Result<Evaluation, Error> {
         let file = self.config.as_deref().map(RunConfig::read).transpose()?;
-        let style = self.rendering.style().or(file.as_ref().map(|c| c.style).unwrap_or_default());
+        let style = self.rendering.style(&self.model, model, file.as_ref().map(|c| c.style), console);
         let exposure = file.as_ref().is_some_and(|c| c.exposure);
         let base = file.map(|c| c.selection());
         // The configuration's photo folder does not apply to a scene given as an argument.

@@ -77,8 +77,9 @@ impl Arguments {
         if self.transparent && self.format == Format::Npy {
             return Err(Error::Usage("--transparent is for PNG; npy files always hold alpha".into()));
         }
-        let model = read_model(&self.model, console)?.gaussians;
-        let settings = self.rendering.style().over(self.background);
+        let loaded = read_model(&self.model, console)?;
+        let settings = self.rendering.style(&self.model, &loaded, None, console).over(self.background);
+        let model = loaded.gaussians;
         let mut config = RenderConfig { settings, format: self.format, transparent: self.transparent };
         let shots = match &self.scene {
             Some(scene) => self.scene_shots(scene, console)?,

@@ -63,7 +63,7 @@ impl Arguments {
             return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
         }
         self.watched.check()?;
-        let config = self.configuration()?;
+        let config = self.configuration(console)?;
         let networks = self.resources.networks(console)?;
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);
@@ -86,11 +86,11 @@ impl Arguments {
         self.report(console, &record, &output)
     }
 
-    fn configuration(&self) -> Result<RunConfig, Error> {
+    fn configuration(&self, console: &Console) -> Result<RunConfig, Error> {
         if let Some(path) = &self.config {
             return RunConfig::read(path);
         }
-        let config = self.training.configuration(self.scene.clone().unwrap_or_default());
+        let config = self.training.configuration(self.scene.clone().unwrap_or_default(), console)?;
         Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) })
     }
 

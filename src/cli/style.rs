@@ -1,13 +1,23 @@
 //! Options of the style of rendering, which must match training.
 
+use super::console::Console;
+use super::values;
+use crate::gaussians::formats::Loaded;
 use crate::render::Style;
 use clap::Args;
+use clap::builder::BoolishValueParser;
+use std::path::Path;
 
 #[derive(Clone, Debug, Args)]
 pub struct Rendering {
-    /// Keep the energy of Gaussians smaller than a pixel (models trained with anti-aliasing)
-    #[arg(long, help_heading = "Rendering")]
-    antialias: bool,
+    /// Keep the energy of Gaussians smaller than a pixel, or not (=off) [default: as the model's file says]
+    #[arg(long, value_name = "on|off", help_heading = "Rendering", num_args = 0..=1, require_equals = true,
+        default_missing_value = "on", value_parser = BoolishValueParser::new())]
+    antialias: Option<bool>,
+    /// Variance added to every splat, in square pixels [default: 0.1 for anti-aliased models, 0.3 for others]. Models that
+    /// gsplat or PlayCanvas anti-aliased need 0.3, which no file says
+    #[arg(long, value_name = "0.1|0.3", help_heading = "Rendering", value_parser = values::dilation)]
+    dilation: Option<f32>,
     /// Give each tile of the picture its own depth order (models trained with depth_order; nothing pops in front of
     /// another as the camera turns)
     #[arg(long, help_heading = "Rendering")]
@@ -15,8 +25,24 @@ pub struct Rendering {
 }
 
 impl Rendering {
-    /// The style that the options select.
-    pub fn style(&self) -> Style {
-        Style { antialias: self.antialias, depth_order: self.depth_order }
+    /// The style of the model read from `path`: the options come first, then its run's style, if known, and its tag. Says
+    /// where an option contradicts those.
+    pub fn style(&self, path: &Path, model: &Loaded, run: Option<Style>, console: &Console) -> Style {
+        let run = run.unwrap_or_default();
+        let tagged = Style { antialias: run.antialias || model.mode.antialiased(), ..run };
+        let chosen = Style {
+            antialias: self.antialias.unwrap_or(tagged.antialias),
+            depth_order: self.depth_order || run.depth_order,
+            dilation: self.dilation.or(run.dilation),
+        };
+        if chosen.antialias != tagged.antialias {
+            console.note(format_args!(
+                "{}: drawn {}, as --antialias says; by its file it is {}",
+                path.display(),
+                chosen.mode(),
+                tagged.mode()
+            ));
+        }
+        chosen
     }
 }

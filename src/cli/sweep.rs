@@ -9,6 +9,7 @@ use super::show::Show;
 use super::training::Training;
 use super::values::{self, Up};
 use crate::error::Error;
+use crate::gaussians::formats::Loaded;
 use crate::metrics::Networks;
 use crate::pipeline::sweep::records::figure;
 use crate::pipeline::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
@@ -98,7 +99,7 @@ impl Arguments {
         if asked.iter().any(|a| a.axis().heavy()) {
             let networks = self.resources.networks(console)?;
             let session = Session { networks: &networks, ..session };
-            axes.extend(self.heavy(session, &asked)?);
+            axes.extend(self.heavy(session, console, &asked)?);
         }
         let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis() == axis.axis);
         axes.sort_by_key(place);
@@ -131,7 +132,7 @@ impl Arguments {
             return Ok((Described { path, origin, ..Described::default() }, Vec::new()));
         }
         let own_pictures = !is_scene(&self.path);
-        let subject = if own_pictures { self.of_model(session, console)? } else { self.of_scene(session)? };
+        let subject = if own_pictures { self.of_model(session, console)? } else { self.of_scene(session, console)? };
         let context = Context { session: *session, subject: &subject, own_pictures, seconds: self.budget_per_axis };
         let mut axes = Vec::new();
         for asked in asked {
@@ -140,27 +141,31 @@ impl Arguments {
         Ok((subject.described.clone(), axes))
     }
 
-    fn of_scene(&self, session: &Session<'_>) -> Result<Subject, Error> {
-        let config = self.training.configuration(self.path.clone());
+    fn of_scene(&self, session: &Session<'_>, console: &Console) -> Result<Subject, Error> {
+        let config = self.training.configuration(self.path.clone(), console)?;
+        let config = match &self.model {
+            Some(model) => self.training.obey(config, model, console)?,
+            None => config,
+        };
         let schedule = Preset::Quick.schedule(Some(self.train));
         let config = RunConfig { schedule, checkpoint_every: 0, ..config };
         subject::of_scene(session, &self.output, &config, self.model.as_deref())
     }
 
     fn of_model(&self, session: &Session<'_>, console: &Console) -> Result<Subject, Error> {
-        let model = read_model(&self.path, console)?.gaussians;
+        let Loaded { gaussians: model, mode, .. } = read_model(&self.path, console)?;
         let default = VirtualCameras::default();
         let (size, up) = (self.size.unwrap_or(default.size), self.up.unwrap_or(Up::Auto).direction());
         let background = self.training.background().unwrap_or([0.0; 3]);
-        subject::of_model(session, &self.path, model, VirtualCameras { size, up, ..default }, background)
+        subject::of_model(session, &self.path, (model, mode), VirtualCameras { size, up, ..default }, background)
     }
 
     /// Measures the requested heavy axes.
-    fn heavy(&self, session: Session<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
+    fn heavy(&self, session: Session<'_>, console: &Console, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
         let training = heavy::Training {
             session,
             folder: &self.output,
-            config: &self.training.configuration(self.path.clone()),
+            config: &self.training.configuration(self.path.clone(), console)?,
             preset: self.training.preset(),
             pruning: &self.training.pruning(&self.choices)?,
         };

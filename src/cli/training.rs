@@ -1,9 +1,12 @@
 //! Options of training and photos, shared by run and compare.
 
 use super::choices::Choices;
+use super::console::Console;
+use super::inspect::read_model;
 use super::values::{self, GrowTo};
 use crate::effects::{Choice, Effect, Overrides};
 use crate::error::Error;
+use crate::gaussians::formats::RenderMode;
 use crate::pipeline::config::Pruning;
 use crate::pipeline::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::pipeline::{Init, Preset, RunConfig};
@@ -11,7 +14,8 @@ use crate::render::Style;
 use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use clap::Args;
-use std::path::PathBuf;
+use clap::builder::BoolishValueParser;
+use std::path::{Path, PathBuf};
 
 /// Options of training.
 #[derive(Args, Clone, Debug)]
@@ -44,9 +48,15 @@ pub(super) struct Training {
     /// thresholds: as many as have large gradients [default: auto; preset paper: thresholds]
     #[arg(long, value_name = "N|auto|thresholds", value_parser = values::growth, help_heading = "Training")]
     grow_to: Option<GrowTo>,
-    /// Keep the energy of Gaussians smaller than a pixel
-    #[arg(long, help_heading = "Effects")]
-    antialias: bool,
+    /// Keep the energy of Gaussians smaller than a pixel, or not (=off) [default: as the file of an initial model says, else
+    /// off]
+    #[arg(long, value_name = "on|off", help_heading = "Effects", num_args = 0..=1, require_equals = true,
+        default_missing_value = "on", value_parser = BoolishValueParser::new())]
+    antialias: Option<bool>,
+    /// Variance added to every splat, in square pixels [default: 0.1 with anti-aliasing, 0.3 without]. With --antialias, 0.3
+    /// suits viewers like PlayCanvas's; no file says it
+    #[arg(long, value_name = "0.1|0.3", help_heading = "Effects", value_parser = values::dilation)]
+    dilation: Option<f32>,
     /// Simulate an effect or not, whatever the scene calls for: view_dependence, exposure, antialias, distortion,
     /// transparency or masks; repeat it for others (`qirf-vk inspect SCENE` shows what a scene calls for)
     #[arg(long, value_name = "NAME=on|off|auto", value_parser = Overrides::parse, help_heading = "Effects")]
@@ -104,8 +114,11 @@ impl Training {
     }
 
     /// The configuration of a run on `scene`, without pruning.
-    pub fn configuration(&self, scene: PathBuf) -> RunConfig {
-        RunConfig {
+    ///
+    /// # Errors
+    /// An initial model that cannot be read.
+    pub fn configuration(&self, scene: PathBuf, console: &Console) -> Result<RunConfig, Error> {
+        let config = RunConfig {
             scene,
             images: self.images.clone(),
             resolution: self.resolution.clone(),
@@ -115,7 +128,7 @@ impl Training {
             init: init(&self.init),
             init_count: self.init_count.map(|n| n as usize),
             background: self.background,
-            style: Style::default(),
+            style: Style { dilation: self.dilation, ..Style::default() },
             exposure: false,
             max_gaussians: self.max_gaussians as usize,
             checkpoint_every: self.checkpoint_every,
@@ -123,7 +136,29 @@ impl Training {
             prune: None,
             effects: self.overrides(),
             tuning: None,
+        };
+        match &config.init {
+            Init::Model(path) => self.obey(config.clone(), path, console),
+            _ => Ok(config),
         }
+    }
+
+    /// The configuration for a run that begins with the model at `path`: anti-aliased if its file says so, unless an option
+    /// decides, and says where one contradicts the file.
+    ///
+    /// # Errors
+    /// A model that cannot be read.
+    pub fn obey(&self, mut config: RunConfig, path: &Path, console: &Console) -> Result<RunConfig, Error> {
+        let mode = read_model(path, console)?.mode;
+        let asked = self.antialias.is_some() || self.effect.iter().any(|(effect, _)| *effect == Effect::Antialias);
+        if !asked && mode.antialiased() {
+            config.effects.set(Effect::Antialias, Choice::On);
+            console.note(format_args!("{}: anti-aliased, and so is the run", path.display()));
+        } else if config.effects.forced(Effect::Antialias).is_some_and(|on| on != mode.antialiased()) {
+            let run = RenderMode::of(!mode.antialiased());
+            console.note(format_args!("{}: by its file it is {mode}; the run is {run}, as requested", path.display()));
+        }
+        Ok(config)
     }
 
     fn course(&self) -> Schedule {
@@ -149,8 +184,8 @@ impl Training {
 
     fn overrides(&self) -> Overrides {
         let mut out = self.preset.effects();
-        if self.antialias {
-            out.set(Effect::Antialias, Choice::On);
+        if let Some(on) = self.antialias {
+            out.set(Effect::Antialias, if on { Choice::On } else { Choice::Off });
         }
         if let Some(degree) = self.sh_degree {
             out.set(Effect::ViewDependence, if degree > 0 { Choice::On } else { Choice::Off });

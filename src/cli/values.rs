@@ -2,6 +2,7 @@
 
 use crate::pipeline::config::ranges::MOST_GAUSSIANS;
 use crate::qirf::partition::Partition;
+use crate::render::Style;
 use crate::scene::Resize;
 use crate::scene::orbit::UP;
 use glam::DVec3;
@@ -20,6 +21,13 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
 /// `640` (largest width) or `/4` (divisor).
 pub(super) fn resolution(text: &str) -> Result<Resize, String> {
     crate::pipeline::prepare::resolution(text)
+}
+
+/// One of the dilations in use.
+pub(super) fn dilation(text: &str) -> Result<f32, String> {
+    let known = Style::DILATIONS;
+    let asked = text.parse::<f32>().ok().filter(|asked| known.contains(asked));
+    asked.ok_or_else(|| format!("write {} or {}", known[0], known[1]))
 }
 
 /// As [`resolution`], but returns the text as given.

@@ -224,7 +224,7 @@ impl<'a> ActiveRun<'a> {
         let (config, output) = (self.config, self.output);
         let evaluating = Instant::now();
         let model = self.trainer.download()?;
-        formats::write(&output.model(), &model).map_err(Error::writing)?;
+        formats::write(&output.model(), &model, config.style.mode()).map_err(Error::writing)?;
         let mut follow = |done: usize| {
             watcher.evaluating(done, prepared.test.len());
             Ok(())

@@ -73,7 +73,7 @@ impl RunConfig {
         let degree = decisions.iter().find(|d| d.name == Effect::ViewDependence).and_then(|d| d.degree);
         Self {
             sh_degree: degree.unwrap_or(self.sh_degree).min(self.sh_degree),
-            style: style(|effect| effects::is_on(decisions, effect)),
+            style: Style { dilation: self.style.dilation, ..style(|effect| effects::is_on(decisions, effect)) },
             exposure: effects::is_on(decisions, Effect::Exposure),
             ..self.clone()
         }
@@ -82,7 +82,7 @@ impl RunConfig {
 
 /// The style of a model with these effects.
 pub fn style(on: impl Fn(Effect) -> bool) -> Style {
-    Style { antialias: on(Effect::Antialias), depth_order: on(Effect::DepthOrder) }
+    Style { antialias: on(Effect::Antialias), depth_order: on(Effect::DepthOrder), dilation: None }
 }
 
 /// A line with the effects that are on, and those whose decision was close.

@@ -11,7 +11,7 @@ use super::virtual_views::{OwnPictures, VirtualCameras};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::render::Style;
+use crate::render::{Settings, Style};
 use std::path::Path;
 use std::time::Instant;
 
@@ -81,24 +81,23 @@ pub fn eval(
 }
 
 /// Scores a model against the pictures of `original`, in the held-out views that `qirf-vk compress` would use: the loss
-/// of a compression by any tool. Both are rendered in `style`, over a background of red, green and blue.
+/// of a compression by any tool. Each is given with its style; the background is red, green and blue.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn against(
     session: &Session<'_>,
-    model: &Gaussians,
-    original: &Gaussians,
+    [(model, style), (original, original_style)]: [(&Gaussians, Style); 2],
     background: [f32; 3],
-    style: Style,
 ) -> Result<HeldOut, Error> {
     let Session { device, networks, watcher, .. } = *session;
-    let (cameras, settings) = VirtualCameras::default().views(original, background, style);
+    let (cameras, settings) = VirtualCameras::default().views(original, background, original_style);
     let test = {
         let original = Resident::upload(device, original)?;
         OwnPictures::draw(session, &original, cameras, settings, false)?.test
     };
     let resident = Resident::upload(device, model)?;
+    let settings = Settings { near: settings.near, ..style.over(background) };
     let mut evaluator = Evaluator::new(device, settings, model.len(), test.iter().map(|(_, view)| view))?;
     let held_out = evaluator.held_out(&resident, &test, None, networks, &mut |done| {
         watcher.evaluating(done, test.len());

@@ -1,5 +1,6 @@
 //! Settings of a picture besides its model and camera.
 
+use crate::gaussians::formats::RenderMode;
 use crate::kernels::View;
 use crate::kernels::constants::blending::TRANSMITTANCE_STOP;
 use crate::kernels::constants::tiles;
@@ -55,7 +56,7 @@ impl Default for Settings {
 }
 
 /// Effects that a model is trained with, and must be rendered with. Files store these fields among their own.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Style {
     /// Keep each Gaussian's energy when it is smaller than a pixel.
     pub antialias: bool,
@@ -63,19 +64,31 @@ pub struct Style {
     /// tile's middle. Otherwise one order, by the depth of means, holds for the whole picture.
     #[serde(default)]
     pub depth_order: bool,
+    /// Added to every splat's variance, in square pixels, one of [`Style::DILATIONS`]; if absent, 0.1 with `antialias`
+    /// and 0.3 without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dilation: Option<f32>,
 }
 
 impl Style {
-    /// The union of both styles.
-    #[must_use]
-    pub fn or(self, other: Self) -> Self {
-        Self { antialias: self.antialias || other.antialias, depth_order: self.depth_order || other.depth_order }
+    /// The dilations in use: near a pixel's own variance, and that of the 3DGS reference.
+    pub const DILATIONS: [f32; 2] = [DILATION_ANTIALIAS, DILATION];
+
+    /// The style of a model of this mode.
+    pub fn of(mode: RenderMode) -> Self {
+        Self { antialias: mode.antialiased(), ..Self::default() }
+    }
+
+    /// The mode of models with this style.
+    pub fn mode(self) -> RenderMode {
+        RenderMode::of(self.antialias)
     }
 
     /// The settings of image formation for this style and background.
     #[must_use]
     pub fn over(self, background: [f32; 3]) -> Settings {
-        let dilation = if self.antialias { DILATION_ANTIALIAS } else { DILATION };
+        let usual = if self.antialias { DILATION_ANTIALIAS } else { DILATION };
+        let dilation = self.dilation.unwrap_or(usual);
         Settings { background, style: self, dilation, ..Settings::default() }
     }
 }

@@ -71,12 +71,15 @@ fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Setting
 
 /// Float32 sometimes puts a contribution on the other side of the 1/255 cut-off, which moves a pixel by up to 4e-3.
 fn against_twin(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
-    let [mean, share, largest] = errors(device, &kind.model(), &camera(96, 64), settings)?;
-    Ok(vec![
+    errors(device, &kind.model(), &camera(96, 64), settings).map(measures)
+}
+
+fn measures([mean, share, largest]: [f64; 3]) -> Vec<Measure> {
+    vec![
         ("mean", mean, Rounding(5e-6)),
         ("share beyond 1e-4", share, Rounding(5e-4)),
         ("largest", largest, Rounding(8e-3)),
-    ])
+    ]
 }
 
 pub(super) fn mild(device: &Device) -> Result<Vec<Measure>> {
@@ -100,7 +103,13 @@ pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
 
 pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
     let kind = Kind { count: 3000, seed: 15, log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
-    against_twin(device, &kind, Style { antialias: true, ..Style::default() }.over([0.0; 3]))
+    let mut worst = [0.0_f64; 3];
+    for dilation in Style::DILATIONS {
+        let style = Style { antialias: true, dilation: Some(dilation), ..Style::default() };
+        let errors = errors(device, &kind.model(), &camera(96, 64), style.over([0.0; 3]))?;
+        worst = [0, 1, 2].map(|i| worst[i].max(errors[i]));
+    }
+    Ok(measures(worst))
 }
 
 /// Long intersecting discs, so that their order differs between tiles.

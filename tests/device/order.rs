@@ -27,7 +27,7 @@ fn all_effects() -> Options {
         opacity_reset_every: 15,
         ..options().schedule
     };
-    let style = Style { antialias: true, depth_order: true };
+    let style = Style { antialias: true, depth_order: true, ..Style::default() };
     let (settings, exposure) = (style.over([0.1, 0.2, 0.3]), Some(Vec::new()));
     Options { schedule, settings, exposure, degree: 1, averaged: 22..BEFORE, pairs: 1 << 13, ..options() }
 }

@@ -2,4 +2,5 @@
 
 mod readers;
 mod shared;
+mod tags;
 mod writers;

@@ -4,6 +4,7 @@ mod commands;
 mod kernels;
 mod refusals;
 mod render;
+mod tags;
 
 use qirf_vk::gaussians::{Gaussians, formats};
 use serde_json::Value;
@@ -20,7 +21,7 @@ struct Sandbox {
 impl Sandbox {
     fn new() -> Self {
         let sandbox = Self { folder: tempfile::tempdir().unwrap() };
-        formats::write(&sandbox.path("model.ply"), &model(20)).unwrap();
+        formats::write(&sandbox.path("model.ply"), &model(20), formats::RenderMode::Plain).unwrap();
         sandbox.scene("scene", "1 PINHOLE 40 30 35 35 20 15", &["b/two.png", "one.jpg"]);
         sandbox
     }

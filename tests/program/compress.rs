@@ -47,7 +47,7 @@ fn ball() -> Gaussians {
 
 fn saved(folder: &Path, model: &Gaussians) -> PathBuf {
     let path = folder.join("model.ply");
-    formats::write(&path, model).expect("a model file");
+    formats::write(&path, model, formats::RenderMode::Plain).expect("a model file");
     path
 }
 

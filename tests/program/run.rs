@@ -154,6 +154,7 @@ fn eval_gives_a_runs_model_the_runs_scores() {
     works(command.arg("run").arg(&scene).arg("-o").arg(&out).args(["--no-prune", "--resolution", "40"]).args(more));
     let (model, config) = (out.join("model.ply"), out.join("config.toml"));
     let run = metrics(&out);
+    assert_eq!(qirf_vk::gaussians::formats::read(&model).unwrap().mode.to_string(), "anti-aliased");
 
     let [config_flag, o] = ["--config", "-o"].map(std::ffi::OsStr::new);
     let output = eval(&[model.as_ref(), config_flag, config.as_ref(), o, again.as_ref()]);
@@ -185,12 +186,62 @@ fn eval_gives_a_runs_model_the_runs_scores() {
     let json: serde_json::Value = serde_json::from_slice(&eval(&arguments).stdout).expect("one JSON document");
     assert_eq!((&json["protocol"]["test_views"], &json["protocol"]["train_views"]), (&9.into(), &0.into()));
     assert!(json["train"]["psnr"].is_null());
+    // The model's tag says that it is anti-aliased, also in another format.
+    let converted = folder.path().join("model.spz");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    works(command.arg("convert").arg(&model).arg(&converted));
+    let more =
+        ["--resolution", "40", "--eval-every", "3", "--background", "0.2,0.4,0.6", "--json"].map(std::ffi::OsStr::new);
+    let of = |model: &Path, options: &[&str]| -> f64 {
+        let mut arguments = vec![model.as_os_str(), scene.as_ref()];
+        arguments.extend(more.iter().copied().chain(options.iter().map(std::ffi::OsStr::new)));
+        let scored: serde_json::Value = serde_json::from_slice(&eval(&arguments).stdout).expect("one JSON document");
+        scored["test"]["psnr"].as_f64().unwrap()
+    };
+    let own = run["test"]["psnr"].as_f64().unwrap();
+    assert_eq!(of(&model, &[]), own);
+    assert!((of(&converted, &[]) - own).abs() < 0.3, "{} {own}", of(&converted, &[]));
+    assert_ne!(of(&model, &["--antialias=off"]), own);
+    assert_ne!(of(&model, &["--dilation", "0.3"]), own);
     // Without the file the scene's own size and background are used.
     let json = std::ffi::OsStr::new("--json");
     let plain: serde_json::Value =
         serde_json::from_slice(&eval(&[model.as_ref(), scene.as_ref(), json]).stdout).expect("one JSON document");
     assert_eq!(plain["protocol"]["image_size"], serde_json::json!([48, 36]));
     assert_ne!(plain["test"], run["test"]);
+}
+
+#[test]
+fn a_run_from_an_antialiased_model_is_antialiased() {
+    use qirf_vk::gaussians::formats::{self, RenderMode};
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let [smooth, out] = ["smooth.ply", "out"].map(|name| folder.path().join(name));
+    let seed = |x: f64| qirf_vk::train::initialise::Seed { position: glam::DVec3::X * x, colour: glam::DVec3::ONE };
+    let few = qirf_vk::train::initialise::from_points(&[-0.5, 0.0, 0.5, 1.0].map(seed));
+    formats::write(&smooth, &few, RenderMode::AntiAliased).unwrap();
+    for (more, antialias, says) in [
+        (&[][..], true, "anti-aliased, and so is the run"),
+        (&["--antialias=off"], false, "by its file it is anti-aliased; the run is plain, as requested"),
+        (&["--effect", "antialias=off"], false, "the run is plain"),
+        (&["--antialias", "--dilation", "0.3"], true, ""),
+    ] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+        command.arg("run").arg(&scene).arg("-o").arg(&out).args([
+            "--iterations",
+            "3",
+            "--no-prune",
+            "--resolution",
+            "24",
+        ]);
+        let output = works(command.arg("--init").arg(&smooth).args(more));
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(said.contains(says) && says.is_empty() != said.contains("smooth.ply: "), "{more:?}: {said}");
+        let config = std::fs::read_to_string(out.join("config.toml")).unwrap();
+        assert!(config.contains(&format!("\nantialias = {antialias}\n")), "{more:?}: {config}");
+        assert_eq!(config.contains("\ndilation = 0.3\n"), more.contains(&"0.3"), "{more:?}: {config}");
+        assert_eq!(formats::read(&out.join("model.ply")).unwrap().mode, RenderMode::of(antialias), "{more:?}");
+    }
 }
 
 /// Too small a budget ends the job before a photo is decoded, and advises a size that fits; a run stays within its
@@ -279,7 +330,7 @@ fn eval_refuses_what_it_cannot_score() {
         position: glam::DVec3::ZERO,
         colour: glam::DVec3::ONE,
     }]);
-    qirf_vk::gaussians::formats::write(&model, &one).unwrap();
+    qirf_vk::gaussians::formats::write(&model, &one, qirf_vk::gaussians::formats::RenderMode::Plain).unwrap();
     refused(2, "--eval-every 1", &[model.as_ref(), scene.as_ref(), every, zero]);
     let run = folder.path().join("run");
     std::fs::create_dir(&run).unwrap();

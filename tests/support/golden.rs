@@ -53,11 +53,9 @@ impl Case {
 
     /// The settings as the device takes them.
     pub fn device_settings(&self) -> render::Settings {
-        render::Settings {
-            background: self.settings.background.map(|v| v as f32),
-            style: render::Style { antialias: self.settings.antialias, ..render::Style::default() },
-            ..render::Settings::default()
-        }
+        let dilation = Some(self.settings.dilation as f32);
+        let style = render::Style { antialias: self.settings.antialias, dilation, ..render::Style::default() };
+        style.over(self.settings.background.map(|v| v as f32))
     }
 
     /// The expected array `name`, flat.

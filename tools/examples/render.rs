@@ -2,11 +2,11 @@
 //!
 //! Without arguments it renders the ring of `tools/examples/ring.ply` into the folder `ring`.
 
-use qirf_vk::gaussians::formats;
+use qirf_vk::gaussians::formats::{self, Loaded};
 use qirf_vk::gaussians::outline::outline;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Device, DeviceOptions};
-use qirf_vk::render::{Image, Renderer, Settings};
+use qirf_vk::render::{Image, Renderer, Style};
 use qirf_vk::scene::orbit::{Look, UP};
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -25,11 +25,13 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Writes eight pictures of a model into a folder.
 pub(crate) fn render(model: &Path, folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
-    let gaussians = formats::read(model)?.gaussians;
+    let Loaded { gaussians, mode, .. } = formats::read(model)?;
     let cameras = outline(&gaussians, UP).cameras(8, &Look { size: (640, 480), ..Look::default() });
     let device = Device::open(&DeviceOptions::default())?;
     let resident = Resident::upload(&device, &gaussians)?;
-    let mut renderer = Renderer::new(&device, Settings::default(), gaussians.len(), 640, 480)?;
+    // Anti-aliased or plain, as the file says; over black.
+    let settings = Style::of(mode).over([0.0; 3]);
+    let mut renderer = Renderer::new(&device, settings, gaussians.len(), 640, 480)?;
 
     std::fs::create_dir_all(folder)?;
     let mut written = Vec::new();

@@ -58,6 +58,6 @@ pub(crate) fn train(
         }
         follow(progress);
     }
-    formats::write(model, &trainer.download()?)?;
+    formats::write(model, &trainer.download()?, formats::RenderMode::Plain)?;
     Ok(())
 }

@@ -59,6 +59,9 @@ fn read(path: &Path) -> Result<Loaded, Error> {
 /// Reads a model and warns of repairs.
 pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error> {
     let loaded = read(path)?;
+    if let Some(doubt) = &loaded.doubt {
+        console.warn(format_args!("{}: {doubt}", path.display()));
+    }
     if loaded.repairs.any() {
         console.warn(format_args!("{}: {}", path.display(), loaded.repairs));
     }

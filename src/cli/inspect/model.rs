@@ -29,6 +29,7 @@ pub(super) fn describe(path: &Path, loaded: &Loaded) -> Result<Value, Error> {
     Ok(json!({
         "kind": "model",
         "format": loaded.format.to_string(),
+        "render_mode": loaded.mode,
         "bytes": bytes(path)?,
         "gaussians": model.len(),
         "sh_degree": model.degree(),

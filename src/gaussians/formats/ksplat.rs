@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::bytes::{f32_at, half, logit_of_byte, sh0_of_colour, u16_at, u32_at};
 use super::fault::{Fault, malformed};
-use super::{Format, Gaussians, Parsed};
+use super::{Format, Gaussians, Parsed, Tag};
 use crate::gaussians::MAX_SH_DEGREE;
 
 const HEADER: usize = 4096;
@@ -94,7 +94,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
     for section in &sections {
         section.append_to(&mut model, &common);
     }
-    Ok(Parsed { gaussians: model, format: Format::Ksplat, trailing_bytes: (bytes.len() - at) as u64 })
+    let trailing_bytes = (bytes.len() - at) as u64;
+    Ok(Parsed { gaussians: model, format: Format::Ksplat, tag: Tag::default(), trailing_bytes })
 }
 
 /// Cuts out the section whose data begin at `at`; returns it with its end.

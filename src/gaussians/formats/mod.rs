@@ -9,6 +9,7 @@ mod fault;
 mod ksplat;
 mod output;
 mod ply;
+mod render_mode;
 mod repairs;
 mod sog;
 mod splat;
@@ -23,6 +24,8 @@ use serde::Serialize;
 use super::{Error, Gaussians};
 use fault::Fault;
 pub use output::{refuse_overwrite, remove_leftovers, write_atomically};
+pub use render_mode::RenderMode;
+use render_mode::Tag;
 pub use repairs::{LOG_SCALE_FLOOR, OPACITY_LOGIT_LIMIT, Repairs};
 
 /// The kinds of model file that can be read.
@@ -56,13 +59,17 @@ impl fmt::Display for Format {
     }
 }
 
-/// A model as read, with its original format and its repairs.
+/// A model as read, with its original format, its mode and its repairs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
     /// The model: every stored value finite, no zero quaternion.
     pub gaussians: Gaussians,
     /// The format found, by content first and by the name's extension second.
     pub format: Format,
+    /// How it has to be drawn, as its tag says; plain if it has none.
+    pub mode: RenderMode,
+    /// What is wrong with its tag, as a sentence.
+    pub doubt: Option<String>,
     /// The repairs made.
     pub repairs: Repairs,
 }
@@ -71,6 +78,7 @@ pub struct Loaded {
 struct Parsed {
     gaussians: Gaussians,
     format: Format,
+    tag: Tag,
     /// Bytes after the last record.
     trailing_bytes: u64,
 }
@@ -125,10 +133,10 @@ pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
 
 /// Applies the repairs that all formats share.
 fn finish(parsed: Parsed) -> Loaded {
-    let Parsed { mut gaussians, format, trailing_bytes } = parsed;
+    let Parsed { mut gaussians, format, tag, trailing_bytes } = parsed;
     let mut repairs = repairs::repair(&mut gaussians);
     repairs.trailing_bytes = trailing_bytes;
-    Loaded { gaussians, format, repairs }
+    Loaded { gaussians, format, mode: tag.mode, doubt: tag.doubt, repairs }
 }
 
 /// Refuses a `path` whose extension no writer knows, before any work is done for it.
@@ -146,22 +154,22 @@ pub fn check_output(path: &Path) -> Result<(), Error> {
 }
 
 /// Writes `gaussians` to `path` in the format of its extension: `.ply` (bit-exact), `.spz` or `.sog` (both quantised),
-/// completely or not at all. SOG does not keep the order of the Gaussians.
+/// completely or not at all; with the tag of `mode`. SOG does not keep the order of the Gaussians.
 ///
 /// Call [`refuse_overwrite`] first where the model came from a file.
 ///
 /// # Errors
 /// [`Error::Unsupported`] for another extension or for what SPZ or SOG cannot hold, [`Error::Inconsistent`],
 /// [`Error::Io`].
-pub fn write(path: &Path, gaussians: &Gaussians) -> Result<(), Error> {
+pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(), Error> {
     gaussians.validate()?;
     check_output(path)?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let pack = match extension.as_str() {
         "spz" => spz::pack,
         "sog" => sog::pack,
-        _ => return write_atomically(path, |out| ply::write(out, gaussians)),
+        _ => return write_atomically(path, |out| ply::write(out, gaussians, mode)),
     };
-    let packed = pack(gaussians).map_err(|fault| fault.at(path))?;
+    let packed = pack(gaussians, mode).map_err(|fault| fault.at(path))?;
     write_atomically(path, |out| out.write_all(&packed))
 }

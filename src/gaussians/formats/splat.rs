@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::bytes::{logit_of_byte, sh0_of_colour};
 use super::fault::{Fault, malformed};
-use super::{Format, Gaussians, Parsed};
+use super::{Format, Gaussians, Parsed, Tag};
 
 const RECORD: usize = 32;
 
@@ -29,5 +29,5 @@ pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
         opacity_logits: records().map(|r| logit_of_byte(r[27])).collect(),
         sh: vec![records().flat_map_iter(|r| r[24..27].iter().map(|&c| sh0_of_colour(f32::from(c) / 255.0))).collect()],
     };
-    Ok(Parsed { gaussians, format: Format::Splat, trailing_bytes: 0 })
+    Ok(Parsed { gaussians, format: Format::Splat, tag: Tag::default(), trailing_bytes: 0 })
 }

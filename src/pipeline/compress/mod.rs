@@ -77,7 +77,7 @@ pub fn compress(
 
     watcher.unless_stopped()?;
     let writing = Instant::now();
-    formats::write(output, &model).map_err(Error::writing)?;
+    formats::write(output, &model, config.style.mode()).map_err(Error::writing)?;
     time.write_s = seconds(writing);
     time.total_s = read_s + seconds(begun);
     let stages = views.stages([before, after, tuned]);

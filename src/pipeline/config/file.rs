@@ -7,7 +7,7 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// Keys of the file and names of its tables.
-const KEYS: [&str; 18] = [
+const KEYS: [&str; 19] = [
     "scene",
     "images",
     "resolution",
@@ -19,6 +19,7 @@ const KEYS: [&str; 18] = [
     "background",
     "antialias",
     "depth_order",
+    "dilation",
     "exposure",
     "max_gaussians",
     "checkpoint_every",
@@ -35,6 +36,8 @@ struct StyleKeys {
     _antialias: Option<bool>,
     #[serde(rename = "depth_order")]
     _depth_order: Option<bool>,
+    #[serde(rename = "dilation")]
+    _dilation: Option<f32>,
 }
 
 /// Refuses an unknown key before a missing one is noticed, which is what a misspelt key comes to; and a style's key of the
@@ -89,7 +92,7 @@ mod tests {
     fn config() -> RunConfig {
         RunConfig {
             background: Some([0.5, 0.25, 1.0]),
-            style: Style { antialias: true, depth_order: false },
+            style: Style { antialias: true, ..Style::default() },
             effects: Overrides::default(),
             ..RunConfig::sample(Preset::Quick)
         }
@@ -128,11 +131,14 @@ mod tests {
             init_count: Some(10),
             effects: Preset::Paper.effects(),
             tuning: Some(Tuning::new(DeviceClass::Cpu, 8, 1024)),
+            style: Style { dilation: Some(0.3), ..Style::default() },
             ..config()
         };
         let text = all.pruned(Preset::Quick.pruning()).written().unwrap();
         assert_eq!(check_keys(&text), Ok(()));
         let written: toml::Table = text.parse().unwrap();
+        assert!(text.contains("\ndilation = 0.3\n"), "{text}");
+        assert_eq!(toml::from_str::<RunConfig>(&text).unwrap().style.dilation, Some(0.3));
         assert_eq!(written.len(), KEYS.len(), "a key of KEYS is never written, or this test leaves it out");
     }
 

@@ -6,6 +6,7 @@ use super::run::RunConfig;
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::budget::Keep;
+use crate::render::Style;
 use crate::train::schedule::Schedule;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
@@ -42,6 +43,12 @@ pub fn check(config: &RunConfig) -> Result<(), String> {
     }
     for channel in config.background.into_iter().flatten() {
         within("background", f64::from(channel), &SHARE)?;
+    }
+    if let Some(dilation) = config.style.dilation
+        && !Style::DILATIONS.contains(&dilation)
+    {
+        let [narrow, wide] = Style::DILATIONS;
+        return Err(format!("dilation = {dilation}: write {narrow} or {wide}"));
     }
     schedule(&config.schedule)?;
     config.prune.as_ref().map_or(Ok(()), pruning)

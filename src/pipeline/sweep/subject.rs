@@ -2,6 +2,7 @@
 
 use super::records::Described;
 use crate::error::Error;
+use crate::gaussians::formats::RenderMode;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, formats};
 use crate::metrics::Networks;
@@ -85,7 +86,7 @@ pub fn of_scene(
     let mut run = ActiveRun::start(&setup, config, &output, start)?;
     run.train(iterations)?;
     let (model, responses) = (run.checkpoint()?.snapshot.model, run.responses()?);
-    formats::write(&output.model(), &model).map_err(Error::writing)?;
+    formats::write(&output.model(), &model, config.style.mode()).map_err(Error::writing)?;
     let prepared = &setup.prepared;
     let subject = Subject {
         model,
@@ -101,14 +102,15 @@ pub fn of_scene(
     Ok(subject.told(&config.scene, format!("{from}; responses and views are of the scene's training photos")))
 }
 
-/// The subject of a model: virtual cameras of this size around it, and its own pictures over a background.
+/// The subject of a model, which is drawn in its mode: virtual cameras of this size around it, and its own pictures over a
+/// background.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn of_model(
     session: &Session<'_>,
     path: &Path,
-    model: Gaussians,
+    (model, mode): (Gaussians, RenderMode),
     cameras: VirtualCameras,
     background: [f32; 3],
 ) -> Result<Subject, Error> {
@@ -117,7 +119,7 @@ pub fn of_model(
     }
     let size = cameras.size;
     let cameras = VirtualCameras { views: AROUND, ..cameras };
-    let (cameras, settings) = cameras.views(&model, background, Style::default());
+    let (cameras, settings) = cameras.views(&model, background, Style::of(mode));
     let resident = Resident::upload(session.device, &model)?;
     let responses = virtual_views::responses(session, &resident, &cameras, settings, Wanted::CHANNELS)?;
     let mut renderer = Renderer::new(session.device, settings, model.len(), size.0, size.1)?;

@@ -66,7 +66,7 @@ fn picture(device: &Device, take: &mut Take) {
     // Long and thin pictures more often than large ones.
     let (width, height) = if w % 8 == 0 { (16 * w as u32 + 1, 1 + h as u32 % 4) } else { (1 + w as u32 % 70, 1 + h as u32 % 70) };
     let style = take.bytes::<1>()[0];
-    let style = Style { antialias: style & 1 == 1, depth_order: style & 2 == 2 };
+    let style = Style { antialias: style & 1 == 1, depth_order: style & 2 == 2, dilation: None };
     let settings = style.over([0; 3].map(|_: u8| take.finite().clamp(0.0, 1.0)));
     let focal = DVec2::new(f64::from(take.finite().abs().clamp(1e-3, 1e6)), f64::from(take.finite().abs().clamp(1e-3, 1e6)));
     let mut model = Gaussians::zeroed(n, degree);

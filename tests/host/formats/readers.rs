@@ -62,7 +62,7 @@ fn a_truncated_body_says_what_is_whole_and_what_is_claimed() {
     let model = make::model(10, 0);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("m.ply");
-    formats::write(&path, &model).unwrap();
+    formats::write(&path, &model, formats::RenderMode::Plain).unwrap();
     packed.extend(std::fs::read(&path).unwrap());
     packed.truncate(packed.len() - 100);
     let text = message(&packed, "m.ply");

@@ -56,11 +56,11 @@ fn ply_round_trip_keeps_every_bit() {
         let mut model = make::model(5000, degree);
         model.means[1] = [-0.0, f32::MIN_POSITIVE / 4.0, f32::MAX];
         let (a, b) = (folder.path().join("a.ply"), folder.path().join("b.PLY"));
-        formats::write(&a, &model).unwrap();
+        formats::write(&a, &model, formats::RenderMode::Plain).unwrap();
         let loaded = formats::read(&a).unwrap();
         assert!(!loaded.repairs.any());
         assert_eq!(loaded.gaussians.means[1][0].to_bits(), (-0.0f32).to_bits());
-        formats::write(&b, &loaded.gaussians).unwrap();
+        formats::write(&b, &loaded.gaussians, formats::RenderMode::Plain).unwrap();
         assert!(fs::read(&a).unwrap() == fs::read(&b).unwrap());
         assert_eq!(loaded.gaussians, model);
     }
@@ -72,11 +72,11 @@ fn spz_round_trip_stays_within_its_steps() {
     let path = folder.path().join("a.spz");
     for degree in 0..=3 {
         let model = make::model(2000, degree);
-        formats::write(&path, &model).unwrap();
+        formats::write(&path, &model, formats::RenderMode::Plain).unwrap();
         let back = formats::read(&path).unwrap().gaussians;
         assert_within_spz(&model, &back, 2f32.powi(-12));
         // A second round trip changes nothing beyond rounding: no drift.
-        formats::write(&path, &back).unwrap();
+        formats::write(&path, &back, formats::RenderMode::Plain).unwrap();
         let again = formats::read(&path).unwrap().gaussians;
         assert_eq!((&again.means, &again.log_scales, &again.sh), (&back.means, &back.log_scales, &back.sh));
     }
@@ -92,17 +92,17 @@ fn spz_fits_tiny_and_wide_models_and_refuses_what_it_would_ruin() {
         model.log_scales.iter_mut().flatten().for_each(|x| *x += factor.ln());
         model
     };
-    formats::write(&path, &scaled(2f32.powi(-8))).unwrap();
+    formats::write(&path, &scaled(2f32.powi(-8)), formats::RenderMode::Plain).unwrap();
     assert_within_spz(&scaled(2f32.powi(-8)), &formats::read(&path).unwrap().gaussians, 2f32.powi(-14));
     // 3 x 2^10 units need one fractional bit less than the official 12; values must not wrap.
-    formats::write(&path, &scaled(1024.0)).unwrap();
+    formats::write(&path, &scaled(1024.0), formats::RenderMode::Plain).unwrap();
     assert_within_spz(&scaled(1024.0), &formats::read(&path).unwrap().gaussians, 2f32.powi(-11));
     let before = fs::read(&path).unwrap();
     let mut flyaway = make::model(500, 0);
     flyaway.means[3][1] = 4e6;
-    assert!(matches!(formats::write(&path, &flyaway), Err(Error::Unsupported { .. })));
+    assert!(matches!(formats::write(&path, &flyaway, formats::RenderMode::Plain), Err(Error::Unsupported { .. })));
     flyaway.means[3][1] = 1e9;
-    let text = formats::write(&path, &flyaway).unwrap_err().to_string();
+    let text = formats::write(&path, &flyaway, formats::RenderMode::Plain).unwrap_err().to_string();
     assert!(text.contains("beyond") && text.contains("write .ply"), "{text}");
     assert!(fs::read(&path).unwrap() == before, "a refused write leaves the old file");
 }
@@ -129,7 +129,7 @@ fn sog_round_trip_stays_within_its_steps() {
                 model.sh[l].copy_within(like..like + width, i * width);
             }
         }
-        formats::write(&path, &model).unwrap();
+        formats::write(&path, &model, formats::RenderMode::Plain).unwrap();
         let loaded = formats::read(&path).unwrap();
         assert_eq!((loaded.format, loaded.repairs.any()), (formats::Format::Sog, false));
         let back = loaded.gaussians;
@@ -157,7 +157,7 @@ fn sog_round_trip_stays_within_its_steps() {
             }
         }
         let first = fs::read(&path).unwrap();
-        formats::write(&path, &model).unwrap();
+        formats::write(&path, &model, formats::RenderMode::Plain).unwrap();
         assert!(fs::read(&path).unwrap() == first, "one model, one file");
     }
 }
@@ -168,7 +168,7 @@ fn sog_refuses_what_it_would_ruin() {
     let path = folder.path().join("a.sog");
     let mut model = make::model(500, 0);
     model.log_scales.iter_mut().flatten().for_each(|x| *x -= 12.0);
-    let text = formats::write(&path, &model).unwrap_err().to_string();
+    let text = formats::write(&path, &model, formats::RenderMode::Plain).unwrap_err().to_string();
     assert!(text.contains("16 bits") && text.contains("write .ply") && !path.exists(), "{text}");
 }
 
@@ -184,11 +184,11 @@ fn odd_values_are_written_without_panic() {
     model.sh[2][7] = f32::NAN;
     model.sh[1][3] = 1e30;
     for name in ["a.ply", "a.spz", "a.sog"] {
-        formats::write(&folder.path().join(name), &model).unwrap();
+        formats::write(&folder.path().join(name), &model, formats::RenderMode::Plain).unwrap();
     }
     for empty in [Gaussians::default(), Gaussians::zeroed(0, 3)] {
         for name in ["e.ply", "e.spz", "e.sog"] {
-            formats::write(&folder.path().join(name), &empty).unwrap();
+            formats::write(&folder.path().join(name), &empty, formats::RenderMode::Plain).unwrap();
             assert!(formats::read(&folder.path().join(name)).unwrap().gaussians.is_empty());
         }
     }
@@ -199,11 +199,14 @@ fn bad_requests_are_refused_and_write_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let model = make::model(3, 1);
     let path = folder.path().join("a.obj");
-    assert!(matches!(formats::write(&path, &model), Err(Error::Unsupported { .. })));
+    assert!(matches!(formats::write(&path, &model, formats::RenderMode::Plain), Err(Error::Unsupported { .. })));
     let mut torn = model.clone();
     torn.sh[1].pop();
-    assert!(matches!(formats::write(&folder.path().join("a.ply"), &torn), Err(Error::Inconsistent { .. })));
+    assert!(matches!(
+        formats::write(&folder.path().join("a.ply"), &torn, formats::RenderMode::Plain),
+        Err(Error::Inconsistent { .. })
+    ));
     let nowhere = folder.path().join("absent").join("a.ply");
-    assert!(matches!(formats::write(&nowhere, &model), Err(Error::Io { .. })));
+    assert!(matches!(formats::write(&nowhere, &model, formats::RenderMode::Plain), Err(Error::Io { .. })));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }

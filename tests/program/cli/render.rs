@@ -99,7 +99,7 @@ fn orbits_of_any_model_show_it() {
     tiny.means.iter_mut().flatten().for_each(|v| *v *= 1e-3);
     tiny.log_scales.iter_mut().flatten().for_each(|v| *v -= 6.9);
     for (name, model) in [("lone.ply", model(1)), ("none.ply", model(0)), ("tiny.ply", tiny)] {
-        formats::write(&sandbox.path(name), &model).unwrap();
+        formats::write(&sandbox.path(name), &model, formats::RenderMode::Plain).unwrap();
         sandbox.works(&["render", name, "--orbit", "1", "-o", name.trim_end_matches(".ply"), "--size", "32x32"]);
         sandbox.works(&["render", name, "--orbit", "1", "-o", "one", "--size", "1x1"]);
     }

@@ -309,7 +309,7 @@ fn model<E: std::fmt::Display>(bytes: usize, read: Result<Loaded, E>, folder: &P
     let all = m.len() + repairs.non_finite_rows + repairs.zero_quaternions;
     assert!(all <= bytes, "{all} Gaussians of {bytes} bytes");
     let copy = folder.join("copy.ply");
-    formats::write(&copy, &m).unwrap();
+    formats::write(&copy, &m, formats::RenderMode::Plain).unwrap();
     let again = formats::read(&copy).unwrap();
     assert!(again.gaussians == m && !again.repairs.any());
     true

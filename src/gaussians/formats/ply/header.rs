@@ -1,6 +1,9 @@
 //! The header of a PLY file: encoding, elements, properties.
 
+use std::borrow::Cow;
+
 use super::super::fault::{Fault, malformed};
+use super::super::render_mode::Tag;
 
 /// Encoding of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,6 +90,7 @@ impl Element {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
+    pub(super) tag: Tag,
     /// Byte offset of the body.
     pub(super) body: usize,
 }
@@ -96,6 +100,7 @@ impl Header {
     pub(super) fn parse(bytes: &[u8]) -> Result<Self, Fault> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
+        let mut tag = Tag::default();
         let mut at = 0;
         let mut number = 0;
         loop {
@@ -108,14 +113,15 @@ impl Header {
             };
             number += 1;
             let record = || format!("header line {number}, byte {at}");
-            let Ok(line) = std::str::from_utf8(&rest[..end]) else {
+            let Some(line) = text(&rest[..end]) else {
                 return Err(malformed(record(), "not text; the header is damaged, fetch or export the file again"));
             };
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
             let bad = |what: &str| Err(malformed(record(), format!("{what} in `{}`; repair the header", line.trim())));
             match words.as_slice() {
                 ["ply"] if number == 1 => {}
-                [] | ["comment" | "obj_info", ..] => {}
+                [] | ["obj_info", ..] => {}
+                ["comment", words @ ..] => tag.comment(words),
                 ["format", name, ..] => {
                     encoding = Some(match *name {
                         "ascii" => Encoding::Ascii,
@@ -143,11 +149,19 @@ impl Header {
                 }
                 ["end_header"] => {
                     let Some(encoding) = encoding else { return bad("no `format` line before the end") };
-                    return Ok(Self { encoding, elements, body: at + end + 1 });
+                    return Ok(Self { encoding, elements, tag, body: at + end + 1 });
                 }
                 _ => return bad("unknown keyword"),
             }
             at += end + 1;
         }
     }
+}
+
+/// A line of the header; comments may be in any encoding.
+fn text(line: &[u8]) -> Option<Cow<'_, str>> {
+    if line.starts_with(b"comment") {
+        return Some(String::from_utf8_lossy(line));
+    }
+    std::str::from_utf8(line).ok().map(Cow::Borrowed)
 }

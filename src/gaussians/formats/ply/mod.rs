@@ -25,5 +25,5 @@ pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
         }
         _ => (standard::gaussians(vertex)?, Format::Ply),
     };
-    Ok(Parsed { gaussians, format, trailing_bytes })
+    Ok(Parsed { gaussians, format, tag: header.tag, trailing_bytes })
 }

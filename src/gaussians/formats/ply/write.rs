@@ -2,15 +2,15 @@
 
 use std::io::{self, Write};
 
-use super::super::Gaussians;
+use super::super::{Gaussians, RenderMode};
 
 /// Rows are assembled in blocks of this many, so that memory stays small beside the model.
 const BLOCK: usize = 4096;
 
 /// Writes a whole file; every float keeps its bits, normals are zero as in the reference.
-pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians) -> io::Result<()> {
+pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians, mode: RenderMode) -> io::Result<()> {
     let rest: usize = (1..=model.degree()).map(Gaussians::band_width).sum();
-    write_header(out, model.len(), rest)?;
+    write_header(out, model.len(), rest, mode)?;
     let stride = 4 * (17 + rest);
     let mut block = Vec::with_capacity(stride * BLOCK.min(model.len()));
     for i in 0..model.len() {
@@ -35,8 +35,12 @@ pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians) -> io::Res
     out.write_all(&block)
 }
 
-fn write_header(out: &mut dyn Write, n: usize, rest: usize) -> io::Result<()> {
-    write!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {n}\n")?;
+fn write_header(out: &mut dyn Write, n: usize, rest: usize, mode: RenderMode) -> io::Result<()> {
+    writeln!(out, "ply\nformat binary_little_endian 1.0")?;
+    if mode.antialiased() {
+        writeln!(out, "comment SplatRenderMode: mip")?;
+    }
+    writeln!(out, "element vertex {n}")?;
     for name in ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"] {
         writeln!(out, "property float {name}")?;
     }

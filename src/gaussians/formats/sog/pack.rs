@@ -7,13 +7,13 @@ use std::io::{Cursor, Write};
 use image::codecs::webp::WebPEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use rayon::prelude::*;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use super::super::Gaussians;
 use super::super::bytes::to_smallest_three;
 use super::super::fault::Fault;
+use super::super::{Gaussians, RenderMode};
 use super::codebook::Codebook;
 use super::{ENTRIES_A_ROW, GREATEST, palette};
 
@@ -28,7 +28,7 @@ struct Texture {
 }
 
 /// Packs a consistent model; fails where its means do not fit 16 bits finely enough.
-pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
+pub(in super::super) fn pack(model: &Gaussians, mode: RenderMode) -> Result<Vec<u8>, Fault> {
     let [mins, maxs] = limits(model);
     refuse_coarse_means(model, mins, maxs)?;
     let order = z_order(model, mins, maxs);
@@ -70,12 +70,13 @@ pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
         "quats": { "files": ["quats.webp"] },
         "sh0": { "codebook": colours.0.as_slice(), "files": ["sh0.webp"] },
     });
+    if mode.antialiased() {
+        meta["model"] = json!("antialiased");
+    }
     if model.degree() > 0 && !model.is_empty() {
         let (rest, labels, entry) = rest_bands(model, &order);
         textures.extend([rest, labels]);
-        if let Some(meta) = meta.as_object_mut() {
-            meta.extend(Map::from_iter([("shN".to_owned(), entry)]));
-        }
+        meta["shN"] = entry;
     }
     bundle(&meta, textures).map_err(|what| Fault::Unsupported(format!("SOG cannot be packed ({what}); write .ply")))
 }

@@ -8,10 +8,11 @@ use image::codecs::webp::WebPDecoder;
 use image::{DynamicImage, ImageDecoder, RgbaImage};
 use rayon::prelude::*;
 use serde::Deserialize;
+use serde_json::Value;
 
 use super::super::bytes::{from_smallest_three, logit_of_byte};
 use super::super::fault::{Fault, malformed};
-use super::super::{Format, Gaussians, Parsed};
+use super::super::{Format, Gaussians, Parsed, Tag};
 use super::GREATEST;
 
 const AGAIN: &str = "fetch or export the model again";
@@ -20,6 +21,8 @@ const AGAIN: &str = "fetch or export the model again";
 struct Meta {
     version: Option<u32>,
     count: Option<u64>,
+    model: Option<Value>,
+    antialias: Option<Value>,
     means: Means,
     scales: Values,
     quats: Quats,
@@ -153,7 +156,8 @@ fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, 
     if let Some(rest) = &meta.sh_rest {
         rest_bands(&mut model, rest, &textures[5], &textures[6])?;
     }
-    Ok(Parsed { gaussians: model, format: Format::Sog, trailing_bytes: 0 })
+    let tag = Tag::of_sog(meta.model.as_ref(), meta.antialias.as_ref());
+    Ok(Parsed { gaussians: model, format: Format::Sog, tag, trailing_bytes: 0 })
 }
 
 /// Adds bands 1 and up: each Gaussian's label names a palette entry of K texels, K = 3, 8 or 15.

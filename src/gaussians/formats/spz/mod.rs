@@ -12,6 +12,8 @@ use super::Gaussians;
 pub(super) use pack::pack;
 pub(super) use unpack::read;
 
+/// Flag of the header: the model is anti-aliased.
+const FLAG_ANTIALIASED: u8 = 1;
 const MAGIC: u32 = u32::from_le_bytes(*b"NGSP");
 
 /// Colours are stored as 0.15 SH + 0.5, not 0.282 SH + 0.5: headroom for values that higher bands bring back.

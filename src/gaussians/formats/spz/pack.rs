@@ -9,10 +9,10 @@ use std::io::Write;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use super::super::Gaussians;
 use super::super::bytes::to_smallest_three;
 use super::super::fault::Fault;
-use super::{COLOUR_SCALE, MAGIC, RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
+use super::super::{Gaussians, RenderMode};
+use super::{COLOUR_SCALE, FLAG_ANTIALIASED, MAGIC, RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
 
 /// Greatest magnitude of a 24-bit coordinate.
 const FIXED_MAX: f32 = 8_388_607.0;
@@ -21,7 +21,7 @@ const DEFAULT_FRACTIONAL_BITS: i32 = 12;
 const MAX_FRACTIONAL_BITS: i32 = 30;
 
 /// Packs a consistent model; fails where its means do not fit 24 bits finely enough.
-pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
+pub(in super::super) fn pack(model: &Gaussians, mode: RenderMode) -> Result<Vec<u8>, Fault> {
     let n =
         u32::try_from(model.len()).map_err(|_| Fault::Unsupported("more than 2^32 Gaussians; write .ply".into()))?;
     let mut model = model.clone();
@@ -32,7 +32,8 @@ pub(in super::super) fn pack(model: &Gaussians) -> Result<Vec<u8>, Fault> {
     plain.extend(MAGIC.to_le_bytes());
     plain.extend(3u32.to_le_bytes());
     plain.extend(n.to_le_bytes());
-    plain.extend([model.degree() as u8, bits as u8, 0, 0]);
+    let flags = if mode.antialiased() { FLAG_ANTIALIASED } else { 0 };
+    plain.extend([model.degree() as u8, bits as u8, flags, 0]);
     let unit = 2f32.powi(bits);
     for coordinate in model.means.as_flattened() {
         let fixed = (coordinate * unit).round().clamp(-FIXED_MAX, FIXED_MAX) as i32;

@@ -16,8 +16,8 @@ use rayon::prelude::*;
 
 use super::super::bytes::{field, from_smallest_three, half, logit_of_byte, u32_at, u64_at};
 use super::super::fault::{Fault, malformed};
-use super::super::{Format, Gaussians, Parsed};
-use super::{COLOUR_SCALE, MAGIC, RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
+use super::super::{Format, Gaussians, Parsed, Tag};
+use super::{COLOUR_SCALE, FLAG_ANTIALIASED, MAGIC, RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
 use crate::gaussians::MAX_SH_DEGREE;
 
 const LEGACY_HEADER: usize = 16;
@@ -38,6 +38,7 @@ struct Header {
     n: usize,
     degree: usize,
     fractional_bits: u8,
+    antialiased: bool,
     extended: bool,
     streams: usize,
 }
@@ -70,6 +71,7 @@ impl Header {
             n: n as usize,
             degree: usize::from(degree),
             fractional_bits,
+            antialiased: flags & FLAG_ANTIALIASED != 0,
             extended: flags & FLAG_EXTENSIONS != 0,
             streams: usize::from(streams),
         })
@@ -271,7 +273,7 @@ fn decode(header: &Header, streams: &[&[u8]; 6], system: u32, trailing_bytes: u6
         model.sh.push(band);
     }
     convert(&mut model, system, RIGHT_DOWN_FRONT);
-    Parsed { gaussians: model, format: Format::Spz, trailing_bytes }
+    Parsed { gaussians: model, format: Format::Spz, tag: Tag::of_bit(header.antialiased), trailing_bytes }
 }
 
 /// Versions 1 and 2: x, y, z in 8 bits each, w >= 0 from unit length.

@@ -1,0 +1,188 @@
+//! The render mode of a model, which files carry as a tag.
+//!
+//! PLY: `comment SplatRenderMode: default|mip|2dgs` (brush, splat-transform) or `comment antialiased 0|1` (Postshot); the
+//! last one counts. SPZ: bit 0 of the header's flags. SOG: `"model": "antialiased"` (splat-transform) or `"antialias": true`
+//! (the specification's first version). The other formats have none.
+
+use std::fmt;
+
+use serde::Serialize;
+use serde_json::Value;
+
+/// How a model was trained, and has to be drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RenderMode {
+    /// Gaussians are widened, and become bolder; also that of files without a tag.
+    #[default]
+    Plain,
+    /// Gaussians are widened, and keep their energy.
+    AntiAliased,
+}
+
+impl RenderMode {
+    /// The mode of a model that is anti-aliased or not.
+    pub fn of(antialiased: bool) -> Self {
+        if antialiased { Self::AntiAliased } else { Self::Plain }
+    }
+
+    /// True if Gaussians keep their energy.
+    pub fn antialiased(self) -> bool {
+        self == Self::AntiAliased
+    }
+}
+
+impl fmt::Display for RenderMode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Plain => "plain",
+            Self::AntiAliased => "anti-aliased",
+        })
+    }
+}
+
+/// The tags of a file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Tag {
+    /// What they say.
+    pub mode: RenderMode,
+    /// A tag was found that says so.
+    stated: bool,
+    /// What is wrong with them, as a sentence.
+    pub doubt: Option<String>,
+}
+
+impl Tag {
+    /// That of a format with one bit for it.
+    pub fn of_bit(antialiased: bool) -> Self {
+        Self { mode: RenderMode::of(antialiased), stated: true, doubt: None }
+    }
+
+    /// That of a SOG's `model` and `antialias`.
+    pub fn of_sog(model: Option<&Value>, antialias: Option<&Value>) -> Self {
+        let mut tag = Self::default();
+        match antialias {
+            None | Some(Value::Null) => {}
+            Some(Value::Bool(on)) => tag.state(RenderMode::of(*on)),
+            Some(other) => tag.not_understood(format_args!("\"antialias\": {other}")),
+        }
+        match model {
+            None | Some(Value::Null) => {}
+            Some(Value::String(name)) if name == "antialiased" => tag.state(RenderMode::AntiAliased),
+            Some(Value::String(name)) if name == "default" => tag.state(RenderMode::Plain),
+            Some(Value::String(name)) if name == "2dgs" => tag.flat(),
+            Some(other) => tag.not_understood(format_args!("\"model\": {other}")),
+        }
+        tag
+    }
+
+    /// Reads the words of a PLY comment, most of which are no tag.
+    pub fn comment(&mut self, words: &[&str]) {
+        let lower: Vec<String> = words.iter().map(|word| word.to_ascii_lowercase()).collect();
+        match lower.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
+            ["splatrendermode:", "mip"] | ["antialiased", "1"] => self.state(RenderMode::AntiAliased),
+            ["splatrendermode:", "default"] | ["antialiased", "0"] => self.state(RenderMode::Plain),
+            ["splatrendermode:", "2dgs"] => self.flat(),
+            // Any other sentence may begin with the word `antialiased`.
+            ["antialiased"] | ["antialiased", _] => self.not_understood(format_args!("comment {}", words.join(" "))),
+            [first, ..] if first.starts_with("splatrendermode") => {
+                self.not_understood(format_args!("comment {}", words.join(" ")));
+            }
+            _ => {}
+        }
+    }
+
+    fn state(&mut self, mode: RenderMode) {
+        if self.stated && self.mode != mode {
+            self.doubt = Some(format!("two tags contradict each other; the last one counts: {mode}"));
+        }
+        (self.mode, self.stated) = (mode, true);
+    }
+
+    fn flat(&mut self) {
+        self.state(RenderMode::Plain);
+        self.doubt = Some("its tag says 2DGS; it is drawn as 3D Gaussians, which look different".into());
+    }
+
+    fn not_understood(&mut self, tag: fmt::Arguments<'_>) {
+        let shown: String = tag.to_string().chars().take(80).flat_map(char::escape_debug).collect();
+        self.doubt = Some(format!("the tag `{shown}` is not understood and ignored"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn of_comments(comments: &[&str]) -> Tag {
+        let mut tag = Tag::default();
+        for comment in comments {
+            tag.comment(&comment.split_whitespace().collect::<Vec<_>>());
+        }
+        tag
+    }
+
+    #[test]
+    fn comments_of_other_tools_are_understood() {
+        use RenderMode::{AntiAliased, Plain};
+        for (comments, mode) in [
+            (&["SplatRenderMode: mip"][..], AntiAliased),
+            (&["Exported from Brush", "SH degree: 3", "  SPLATRENDERMODE:  MIP "], AntiAliased),
+            (&["antialiased 1"], AntiAliased),
+            (&["antialiased 0"], Plain),
+            (&["SplatRenderMode: default"], Plain),
+            (&["Generated by something", "antialiased scene of a garden", ""], Plain),
+            (&[], Plain),
+        ] {
+            let tag = of_comments(comments);
+            assert_eq!((tag.mode, tag.doubt), (mode, None), "{comments:?}");
+        }
+    }
+
+    #[test]
+    fn damaged_and_contradicting_comments_are_doubted() {
+        for (comments, mode, doubt) in [
+            (&["SplatRenderMode: mop"][..], RenderMode::Plain, "SplatRenderMode: mop"),
+            (&["SplatRenderMode:"], RenderMode::Plain, "not understood"),
+            (&["SplatRenderMode: mip mip"], RenderMode::Plain, "not understood"),
+            (&["antialiased yes"], RenderMode::Plain, "antialiased yes"),
+            (&["antialiased"], RenderMode::Plain, "not understood"),
+            (&["SplatRenderMode: mip", "antialiased 7"], RenderMode::AntiAliased, "antialiased 7"),
+            (&["SplatRenderMode: mip", "antialiased 0"], RenderMode::Plain, "counts: plain"),
+            (&["antialiased 0", "SplatRenderMode: mip"], RenderMode::AntiAliased, "counts: anti-aliased"),
+            (&["SplatRenderMode: 2dgs"], RenderMode::Plain, "2DGS"),
+            (&["SplatRenderMode: \u{1b}[2J\u{fffd}"], RenderMode::Plain, "\\u{1b}"),
+        ] {
+            let tag = of_comments(comments);
+            assert_eq!(tag.mode, mode, "{comments:?}");
+            assert!(tag.doubt.as_ref().is_some_and(|d| d.contains(doubt)), "{comments:?}: {:?}", tag.doubt);
+        }
+        let long = of_comments(&[&format!("SplatRenderMode: {}", "m".repeat(10_000))]);
+        assert!(long.doubt.unwrap().len() < 200);
+    }
+
+    #[test]
+    fn sog_says_it_in_two_ways() {
+        let of = |model: Option<Value>, antialias: Option<Value>| {
+            let tag = Tag::of_sog(model.as_ref(), antialias.as_ref());
+            (tag.mode.antialiased(), tag.doubt)
+        };
+        assert_eq!(of(None, None), (false, None));
+        assert_eq!(of(Some(json!("antialiased")), None), (true, None));
+        assert_eq!(of(Some(json!("default")), None), (false, None));
+        assert_eq!(of(None, Some(json!(true))), (true, None));
+        assert_eq!(of(None, Some(json!(false))), (false, None));
+        assert_eq!(of(Some(json!("antialiased")), Some(json!(true))), (true, None));
+        for (model, antialias, antialiased) in [
+            (json!("antialiased"), json!(false), true),
+            (json!(3), json!(true), true),
+            (json!("2dgs"), Value::Null, false),
+            (json!({"a": [1]}), Value::Null, false),
+            (json!("antialiased"), json!("yes"), true),
+        ] {
+            let (mode, doubt) = of(Some(model.clone()), Some(antialias.clone()));
+            assert!(mode == antialiased && doubt.is_some(), "{model} {antialias}: {mode} {doubt:?}");
+        }
+    }
+}

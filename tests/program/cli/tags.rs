@@ -1,0 +1,163 @@
+//! Anti-aliased models are drawn as their files say, unless an option says otherwise.
+
+use super::{Ran, Sandbox, model};
+use crate::support::golden::Case;
+use crate::support::source;
+use qirf_vk::gaussians::formats::{self, RenderMode};
+use std::fs;
+use std::io::BufReader;
+
+/// Small Gaussians, of which anti-aliasing leaves less: far from the cameras of `scene`.
+fn sandbox() -> Sandbox {
+    let sandbox = Sandbox::new();
+    let mut small = model(20);
+    small.log_scales.iter_mut().flatten().for_each(|s| *s -= 3.0);
+    for (name, mode) in [("plain.ply", RenderMode::Plain), ("smooth.ply", RenderMode::AntiAliased)] {
+        formats::write(&sandbox.path(name), &small, mode).unwrap();
+    }
+    sandbox
+}
+
+impl Sandbox {
+    /// The picture of a model from the scene's first camera.
+    fn picture(&self, model: &str, options: &[&str]) -> (Vec<u8>, Ran) {
+        let ran = self.works(&[&["render", model, "--scene", "scene", "-o", "out"], options].concat());
+        (fs::read(self.path("out/one.png")).unwrap(), ran)
+    }
+}
+
+#[test]
+fn files_say_how_they_are_drawn_and_options_override_them() {
+    let sandbox = sandbox();
+    let (plain, ran) = sandbox.picture("plain.ply", &[]);
+    assert!(!ran.err.contains("drawn"), "{}", ran.err);
+    let (smooth, ran) = sandbox.picture("smooth.ply", &[]);
+    assert!(smooth != plain && !ran.err.contains("drawn"), "{}", ran.err);
+
+    for option in ["--antialias", "--antialias=on"] {
+        let (forced, ran) = sandbox.picture("plain.ply", &[option]);
+        assert!(
+            forced == smooth && ran.err.contains("drawn anti-aliased, as --antialias says; by its file it is plain")
+        );
+        assert!(!sandbox.picture("smooth.ply", &[option]).1.err.contains("drawn"), "nothing is overridden");
+    }
+    let (forced, ran) = sandbox.picture("smooth.ply", &["--antialias=off"]);
+    assert!(forced == plain && ran.err.contains("smooth.ply: drawn plain"), "{}", ran.err);
+
+    // The widths: each style's own, and the other one.
+    assert!(sandbox.picture("smooth.ply", &["--dilation", "0.1"]).0 == smooth);
+    assert!(sandbox.picture("plain.ply", &["--dilation", "0.3"]).0 == plain);
+    let wide = sandbox.picture("smooth.ply", &["--dilation", "0.3"]).0;
+    assert!(wide != smooth && wide != plain);
+    sandbox.fails(2, &["render", "plain.ply", "--orbit", "1", "-o", "out", "--dilation", "0.2"], &["write 0.1 or 0.3"]);
+}
+
+#[test]
+fn convert_and_compress_keep_the_tag_and_inspect_names_it() {
+    let sandbox = sandbox();
+    let mode = |name: &str| {
+        let said = sandbox.works(&["inspect", name, "--json"]).json()["render_mode"].clone();
+        let shown = sandbox.works(&["inspect", name]).out;
+        assert!(shown.lines().any(|l| l.starts_with("render mode") && l.ends_with(said.as_str().unwrap())), "{shown}");
+        said
+    };
+    for (from, to) in [("smooth.ply", "a.spz"), ("a.spz", "b.sog"), ("b.sog", "c.ply")] {
+        let ran = sandbox.works(&["convert", from, to]);
+        assert!(ran.err.contains("20 anti-aliased Gaussians"), "{}", ran.err);
+        assert_eq!(mode(to), "anti-aliased", "{to}");
+        sandbox.works(&["convert", "plain.ply", to]);
+        assert_eq!(mode(to), "plain", "{to}");
+        sandbox.works(&["convert", from, to]);
+    }
+    let compress = ["--views", "8", "--size", "48x48", "--json"];
+    for (from, to, options, expected) in [
+        ("smooth.ply", "d.spz", &[][..], true),
+        ("a.spz", "d.sog", &[], true),
+        ("plain.ply", "d.ply", &[], false),
+        ("plain.ply", "d.ply", &["--antialias"], true),
+        ("smooth.ply", "d.ply", &["--antialias=off"], false),
+    ] {
+        let ran = sandbox.works(&[&["compress", from, "-o", to], &compress[..], options].concat());
+        assert_eq!(ran.json()["protocol"]["antialias"], expected);
+        assert_eq!(mode(to) == "anti-aliased", expected, "{from} {options:?}");
+    }
+}
+
+#[test]
+fn damaged_tags_are_warnings() {
+    let sandbox = sandbox();
+    let ply = fs::read(sandbox.path("smooth.ply")).unwrap();
+    let at = ply.windows(3).position(|w| w == b"mip").unwrap();
+    fs::write(sandbox.path("hurt.ply"), [&ply[..at], b"m\x1b\xff", &ply[at + 3..]].concat()).unwrap();
+    let (picture, ran) = sandbox.picture("hurt.ply", &[]);
+    assert!(
+        ran.err.contains("warning") && ran.err.contains("hurt.ply: the tag `comment SplatRenderMode: m"),
+        "{}",
+        ran.err
+    );
+    assert!(picture == sandbox.picture("plain.ply", &[]).0);
+}
+
+#[test]
+fn models_are_compared_each_in_its_own_mode() {
+    let sandbox = sandbox();
+    let scores = |model: &str, original: &str, options: &[&str]| {
+        let ran = sandbox.works(&[&["eval", model, "--against", original, "--json"], options].concat());
+        (ran.json()["test"]["psnr"].as_f64(), ran.err)
+    };
+    let (equal, said) = scores("smooth.ply", "smooth.ply", &[]);
+    assert!(equal.is_none() && !said.contains("by their files"), "{equal:?} {said}");
+    let (differing, said) = scores("plain.ply", "smooth.ply", &[]);
+    assert!(differing.is_some() && said.contains("by their files, this model is plain"), "{differing:?} {said}");
+    let (equal, said) = scores("plain.ply", "smooth.ply", &["--antialias=off"]);
+    assert!(equal.is_none() && !said.contains("by their files"), "{equal:?} {said}");
+}
+
+/// The golden anti-aliased case has a filter of 0.3 square pixels, as gsplat and PlayCanvas have.
+#[test]
+fn golden_pictures_come_out_of_the_command_line() {
+    let sandbox = Sandbox::new();
+    for case in Case::here() {
+        let name = case.name.as_str();
+        let from = source("tests/golden").join(name);
+        let scene = sandbox.path(name).join("sparse/0");
+        fs::create_dir_all(&scene).unwrap();
+        for file in ["cameras.txt", "images.txt"] {
+            fs::copy(from.join("sparse/0").join(file), scene.join(file)).unwrap();
+        }
+        fs::write(scene.join("points3D.txt"), "").unwrap();
+        let tagged = sandbox.path(&format!("{name}.ply"));
+        formats::write(&tagged, &case.model, RenderMode::of(case.settings.antialias)).unwrap();
+        let untagged = from.join("model.ply");
+        let background = case.settings.background.map(|v| v.to_string()).join(",");
+
+        let error = |model: &std::path::Path, options: &[&str]| {
+            let out = ["--scene", name, "-o", "out", "--format", "npy", "--background", &background];
+            sandbox.works(&[&["render", model.to_str().unwrap()], &out[..], options].concat());
+            let mut sum = 0.0;
+            for v in 0..case.views.len() {
+                let file = fs::File::open(sandbox.path(&format!("out/view{v}.npy"))).unwrap();
+                let pixels: Vec<f32> = npyz::NpyFile::new(BufReader::new(file)).unwrap().into_vec().unwrap();
+                let (colours, alphas) = (case.expected_view("images", v), case.expected_view("alphas", v));
+                assert_eq!(pixels.len(), 4 * alphas.len());
+                for (p, (rgb, alpha)) in pixels.chunks_exact(4).zip(colours.chunks_exact(3).zip(&alphas)) {
+                    let differences = [rgb[0], rgb[1], rgb[2], *alpha];
+                    sum += (0..4).map(|c| (f64::from(p[c]) - differences[c]).abs()).sum::<f64>() / pixels.len() as f64;
+                }
+            }
+            sum / case.views.len() as f64
+        };
+        let wide = ["--dilation", "0.3"];
+        let right = error(&tagged, &wide);
+        assert!(right < 1e-5, "{name}: {right:.1e}");
+        let narrow = error(&tagged, &["--dilation", "0.1"]);
+        assert!(narrow > 1e-3, "{name}: 0.1 square pixels are not what is expected: {narrow:.1e}");
+        if case.settings.antialias {
+            assert_eq!(error(&untagged, &[&wide[..], &["--antialias"]].concat()), right);
+            assert!(error(&untagged, &wide) > 1e-3, "{name}: without its tag");
+            assert!(error(&tagged, &[]) > 1e-3, "{name}: with the width of our own models");
+        } else {
+            assert_eq!(error(&untagged, &[]), right);
+        }
+    }
+}
