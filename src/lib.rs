@@ -32,18 +32,19 @@
 //!
 //! # Features
 //!
-//! All are on by default. `default-features = false` leaves the readers and writers of models and captures, the renderer, the
+//! All but the last are on by default. `default-features = false` leaves the readers and writers of models and captures, the renderer, the
 //! metrics and the float64 twin.
 //!
 //! | feature | adds | needs |
 //! |---|---|---|
 //! | `train` | `train`: loss, schedule, density control, the training loop | |
-//! | `lapack` | `qirf`: which Gaussians a model can do without | the system's OpenBLAS |
+//! | `lapack` | `qirf`: which Gaussians a model can do without | the system's OpenBLAS (`libopenblas-dev`) |
 //! | `synth` | `synth`: an embedded scene, ray-traced into a capture | |
 //! | `pipeline` | `pipeline`: whole jobs such as run, compress, compare and sweep; `selftest` | `train`, `lapack`, `synth` |
 //! | `report` | `report`: pages of a job's results | `pipeline` |
 //! | `view` | `view`: a viewer for browsers | `pipeline` |
 //! | `cli` | the program `qirf-vk` | `report`, `view` |
+//! | `static` (off by default) | OpenBLAS inside the program; `tools/package` shows how | `lapack`, `libopenblas.a` |
 //!
 //! # Floors
 //!

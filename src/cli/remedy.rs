@@ -17,7 +17,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Metrics(e) => scores(e),
         Error::Memory { relief, .. } => Some(smaller(*relief)),
         Error::SelfTest { .. } => plain(
-            "update the driver (known bad: Mesa before 23, which ends shader loops after 65,535 iterations), or choose \
+            "update the driver (known bad: llvmpipe of Mesa before 25, which ends shader loops after 65,535 iterations), or choose \
              another device with --device",
         ),
         Error::AmongPhotos(_) => plain("name another folder with -o"),
@@ -47,7 +47,7 @@ fn device(error: &gpu::Error) -> Option<String> {
         gpu::Error::NoDevice => plain("install your GPU's driver, or mesa-vulkan-drivers for a software device"),
         gpu::Error::MissingFeature { .. } => plain("choose another device with --device, or update its driver"),
         gpu::Error::Driver { .. } => plain(
-            "install Mesa 23 or newer (Debian 12: mesa-vulkan-drivers from bookworm-backports; tools/setup does it)",
+            "install Mesa 25 or newer (Debian 12: mesa-vulkan-drivers from bookworm-backports; tools/setup does it), or use a GPU",
         ),
         gpu::Error::TooLarge { .. } => plain("use fewer Gaussians or a smaller image"),
         gpu::Error::OutOfMemory { .. } => plain("use fewer Gaussians, a smaller image, or another device"),

@@ -151,7 +151,7 @@ mod tests {
             for part in ["3 of 4", "Some GPU", "driver 1", "sort, adam"] {
                 assert!(told.contains(part), "{told}");
             }
-            assert!(remedy.contains("Mesa before 23") && remedy.contains("--device"), "{remedy}");
+            assert!(remedy.contains("Mesa before 25") && remedy.contains("--device"), "{remedy}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Does a device do what it says? Kernels are specialised for the width of its subgroups, and a driver that runs them at
-//! another would compute wrong pictures without an error. Mesa before 23 stops an invocation after 65,535 iterations in
-//! total, in silence: every long tile list would be cut. One submission tells both.
+//! another would compute wrong pictures without an error. Mesa's llvmpipe before 25 (22.3, 23.2 and 24.0 were
+//! tried) stops an invocation after 65,535 iterations in total, in silence: every long tile list would be cut. One submission tells both.
 
 use super::device::Device;
 use super::error::Error;
@@ -39,7 +39,7 @@ pub(super) fn check(device: &Device) -> Result<u32, Error> {
     let expected = (1..=ITERATIONS).fold(0_u32, u32::wrapping_add);
     if loops && seen[count] != expected {
         return Err(distrust(
-            "it ends shader loops early (Mesa before 23 does so after 65,535 iterations), which would cut pictures \
+            "it ends shader loops early (Mesa before 25 does so after 65,535 iterations), which would cut pictures \
              without an error"
                 .to_owned(),
         ));

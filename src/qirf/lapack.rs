@@ -9,6 +9,38 @@ unsafe extern "C" {
     fn openblas_set_num_threads(threads: i32);
 }
 
+/// Fortran's `//` as gfortran calls it: the only function of its runtime that the routines below need. With it, a program
+/// with OpenBLAS inside needs no libgfortran.
+#[cfg(feature = "static")]
+mod fortran {
+    /// Writes `a` and `b`, one after the other, into `out`: cut off at its end, or filled up with blanks.
+    ///
+    /// # Safety
+    /// The pointers are valid for their lengths, and `out` overlaps neither `a` nor `b`.
+    #[unsafe(no_mangle)]
+    unsafe extern "C" fn _gfortran_concat_string(
+        length: usize,
+        out: *mut u8,
+        a_length: usize,
+        a: *const u8,
+        b_length: usize,
+        b: *const u8,
+    ) {
+        // SAFETY: gfortran passes the buffer of a new string and two strings with their lengths, which are not null even
+        // where a length is zero.
+        let (out, a, b) = unsafe {
+            (
+                std::slice::from_raw_parts_mut(out, length),
+                std::slice::from_raw_parts(a, a_length),
+                std::slice::from_raw_parts(b, b_length),
+            )
+        };
+        for (to, from) in out.iter_mut().zip(a.iter().chain(b).chain(std::iter::repeat(&b' '))) {
+            *to = *from;
+        }
+    }
+}
+
 /// Limits BLAS to one thread per call: blocks are solved in parallel, which a threaded BLAS would only slow down.
 pub fn single_threaded() {
     static ONCE: Once = Once::new();

@@ -52,7 +52,8 @@ pub const UP: DVec3 = DVec3::NEG_Y;
 impl Outline {
     /// The view from which the whole object fills the picture, centred.
     pub fn framing(&self, look: &Look) -> Framing {
-        let reach = self.rings.iter().map(|(h, r)| h.hypot(*r)).fold(0.0, f64::max);
+        // Unlike `hypot`, a root is the same in every C library, and the one of glibc 2.34 has both.
+        let reach = self.rings.iter().map(|(h, r)| (h * h + r * r).sqrt()).fold(0.0, f64::max);
         let (mut near, mut far) = (0.0, reach * 200.0 + f64::MIN_POSITIVE);
         for _ in 0..60 {
             let middle = 0.5 * (near + far);
