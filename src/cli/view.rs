@@ -7,11 +7,11 @@ use super::interrupt::Watch;
 use super::style;
 use super::values::{self, Up};
 use crate::error::Error;
-use crate::gaussians::Gaussians;
 use crate::pipeline::{Output, RunConfig};
+use crate::render::Style;
 use crate::scene::{OpenOptions, Resize, Scene};
 use crate::train::initialise::{Seed, from_points};
-use crate::view::subject::Capture;
+use crate::view::subject::{Capture, Model};
 use crate::view::{Server, ServerOptions, Studio, Subject};
 use serde_json::json;
 use std::collections::HashMap;
@@ -105,9 +105,6 @@ impl Watched {
     }
 }
 
-/// Models with their names.
-type Models = Vec<(String, Gaussians)>;
-
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let subject = Arc::new(self.subject(console)?);
@@ -150,26 +147,28 @@ impl Arguments {
             }
             None => None,
         };
-        let mut models = if run {
-            Self::models(&path.join("model.ply"), console)?
+        let style = config.as_ref().map(|c| c.style);
+        let mut models = vec![if run {
+            self.model(&path.join("model.ply"), style, console)?
         } else if is_scene(path) {
             points(capture.as_ref(), path)?
         } else {
-            Self::models(path, console)?
-        };
+            self.model(path, style, console)?
+        }];
         if let Some(other) = &self.against {
-            models.extend(Self::models(other, console)?);
+            models.push(self.model(other, None, console)?);
         }
-        let style = self.rendering.style().or(config.as_ref().map(|c| c.style).unwrap_or_default());
         let given = self.background.or(config.and_then(|c| c.background));
         let background = given.unwrap_or_else(|| capture.as_ref().map_or([0.0; 3], Capture::background));
         let title = name(path);
         let up = self.up.unwrap_or(Up::Auto).direction();
-        Ok(Subject { title, models, style, background, up, capture })
+        Ok(Subject { title, models, background, up, capture })
     }
 
-    fn models(path: &Path, console: &Console) -> Result<Models, Error> {
-        Ok(vec![(name(path), read_model(path, console)?.gaussians)])
+    fn model(&self, path: &Path, run: Option<Style>, console: &Console) -> Result<Model, Error> {
+        let loaded = read_model(path, console)?;
+        let style = self.rendering.style(path, &loaded, run, console);
+        Ok(Model { name: name(path), gaussians: loaded.gaussians, style })
     }
 
     /// PSNR of a run's held-out views by name, from its metrics.json; empty where there is none.
@@ -194,7 +193,7 @@ pub(super) fn of_run(config: &RunConfig, output: &Path, console: &Console) -> Re
     let capture = capture(&config.scene, Some(config), None, console)?;
     let background = config.background.unwrap_or_else(|| capture.background());
     let (title, models, up) = (name(output), Vec::new(), Up::Auto.direction());
-    Ok(Subject { title, models, style: config.style, background, up, capture: Some(capture) })
+    Ok(Subject { title, models, background, up, capture: Some(capture) })
 }
 
 /// A capture at a run's working size, or 640 pixels wide.
@@ -222,7 +221,7 @@ fn capture(
 }
 
 /// A capture's points as a model, for captures without one.
-fn points(capture: Option<&Capture>, path: &Path) -> Result<Models, Error> {
+fn points(capture: Option<&Capture>, path: &Path) -> Result<Model, Error> {
     let seeds: Vec<Seed> = capture.map_or_else(Vec::new, |c| c.scene.points.iter().map(Seed::from).collect());
     if seeds.is_empty() {
         let path = path.display();
@@ -234,5 +233,5 @@ fn points(capture: Option<&Capture>, path: &Path) -> Result<Models, Error> {
     // Visible dots in place of the faint blobs that training starts from.
     model.opacity_logits.fill(4.0);
     model.log_scales.iter_mut().flatten().for_each(|s| *s -= 1.5);
-    Ok(vec![("points".into(), model)])
+    Ok(Model { name: "points".into(), gaussians: model, style: Style::default() })
 }

@@ -18,8 +18,8 @@ pub struct Sitter<'a> {
     pub whole: &'a Resident,
     /// Its most visible part, which replaces it in this picture's colours.
     pub reduced: Option<&'a Resident>,
-    /// The model that an error picture away from photos compares with.
-    pub other: Option<&'a Resident>,
+    /// Red, green, blue of the other model's picture, which an error picture away from photos compares with.
+    pub other: Option<&'a [f32]>,
     /// Iteration of the run; 0 without one.
     pub iteration: u32,
 }
@@ -82,7 +82,7 @@ impl Easel {
             }
             Picture::Error => {
                 let image = self.renderer.render(model, &camera)?;
-                let (picture, db) = paint::error_picture(image, &self.truth(subject, sitter, wish, &camera)?);
+                let (picture, db) = paint::error_picture(image, self.truth(subject, sitter, wish)?);
                 psnr = db;
                 picture
             }
@@ -101,29 +101,30 @@ impl Easel {
         Ok(Drawn { header, image })
     }
 
+    /// Red, green, blue of each pixel of the model's picture.
+    ///
+    /// # Errors
+    /// As [`Easel::draw`].
+    pub fn colours(&mut self, subject: &Subject, model: &Resident, wish: &Wish) -> Result<Vec<f32>, Error> {
+        self.renderer.set_background(subject.background);
+        let image = self.renderer.render(model, &camera(wish, subject.capture.as_ref())?)?;
+        Ok(image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect())
+    }
+
     fn means(&self, model: &Resident) -> Result<Vec<[f32; 3]>, Error> {
         Ok(model.parameters.means.cast::<[f32; 3]>().read(&self.device)?)
     }
 
     /// What an error picture compares with: the photo at a photo's camera, else the other model.
-    fn truth(
-        &mut self,
-        subject: &Subject,
-        sitter: Sitter<'_>,
-        wish: &Wish,
-        camera: &Camera,
-    ) -> Result<Vec<f32>, Error> {
-        if let (Eye::Photo(n), Some(capture)) = (wish.camera, &subject.capture) {
-            if self.photo.as_ref().is_none_or(|(at, _)| *at != n) {
-                self.photo = Some((n, truth(&capture.photo(n)?, subject.background)?));
-            }
-            return Ok(self.photo.as_ref().map(|(_, t)| t.clone()).unwrap_or_default());
-        }
-        let Some(other) = sitter.other else {
-            return Err(Error::Usage("an error picture needs the camera of a photo, or a second model".into()));
+    fn truth<'s>(&'s mut self, subject: &Subject, sitter: Sitter<'s>, wish: &Wish) -> Result<&'s [f32], Error> {
+        let (Eye::Photo(n), Some(capture)) = (wish.camera, &subject.capture) else {
+            let why = "an error picture needs the camera of a photo, or a second model";
+            return sitter.other.ok_or_else(|| Error::Usage(why.into()));
         };
-        let image = self.renderer.render(other, camera)?;
-        Ok(image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect())
+        if self.photo.as_ref().is_none_or(|(at, _)| *at != n) {
+            self.photo = Some((n, truth(&capture.photo(n)?, subject.background)?));
+        }
+        Ok(self.photo.as_ref().map_or(&[], |(_, truth)| truth))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::easel::{Drawn, Easel, Sitter};
 use super::protocol::{Picture, Wish};
-use super::subject::Subject;
+use super::subject::{Model, Subject};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
@@ -20,6 +20,8 @@ const FAST_MS: f32 = 25.0;
 
 /// A model on the device.
 struct Shown {
+    /// Draws it in its own style.
+    easel: Easel,
     whole: Resident,
     /// Its most visible quarter, for moving pictures on slow devices.
     reduced: Option<Resident>,
@@ -28,7 +30,6 @@ struct Shown {
 /// The device's side of the viewer.
 pub struct Studio<'a> {
     subject: &'a Subject,
-    easel: Easel,
     shown: Vec<Shown>,
     /// True if moving pictures are reduced: slow devices take a time for each Gaussian, hardly for each pixel.
     reduce: bool,
@@ -58,24 +59,19 @@ impl<'a> Studio<'a> {
     /// # Errors
     /// Device memory; device errors.
     pub fn new(device: &Device, subject: &'a Subject) -> Result<Self, Error> {
-        let usual = subject.style.over(subject.background);
-        let settings = Settings { near: subject.near(usual.near), ..usual };
-        let most = subject.models.iter().map(|(_, m)| m.len()).max().unwrap_or(0);
-        let shown = |(_, model): &(String, Gaussians)| -> Result<Shown, Error> {
-            let mut model = model.clone();
+        let shown = |shown: &Model| -> Result<Shown, Error> {
+            let usual = shown.style.over(subject.background);
+            let settings = Settings { near: subject.near(usual.near), ..usual };
+            let mut model = shown.gaussians.clone();
             // As `render` does: bands that change no colour by a step of eight bits are not drawn.
             model.sh.truncate(model.degree_in_effect() + 1);
             let whole = Resident::upload(device, &model)?;
             let reduced = (model.len() >= LEAST_REDUCED).then(|| most_visible(&model));
             let reduced = reduced.map(|m| Resident::upload(device, &m)).transpose()?;
-            Ok(Shown { whole, reduced })
+            Ok(Shown { easel: Easel::new(device, settings, model.len())?, whole, reduced })
         };
-        Ok(Self {
-            subject,
-            easel: Easel::new(device, settings, most)?,
-            shown: subject.models.iter().map(shown).collect::<Result<_, _>>()?,
-            reduce: false,
-        })
+        let shown = subject.models.iter().map(shown).collect::<Result<_, _>>()?;
+        Ok(Self { subject, shown, reduce: false })
     }
 
     /// Draws a wish.
@@ -83,12 +79,14 @@ impl<'a> Studio<'a> {
     /// # Errors
     /// [`Error::Usage`] for wishes that cannot be fulfilled; device errors.
     pub fn draw(&mut self, wish: &Wish) -> Result<Drawn, Error> {
-        let Some(Shown { whole, reduced }) = self.shown.get(wish.model) else {
+        let other = (0..self.shown.len()).find(|m| *m != wish.model).filter(|_| wish.picture == Picture::Error);
+        let other =
+            other.map(|m| &mut self.shown[m]).map(|o| o.easel.colours(self.subject, &o.whole, wish)).transpose()?;
+        let Some(Shown { easel, whole, reduced }) = self.shown.get_mut(wish.model) else {
             return Err(Error::Usage(format!("there is no model {}", wish.model)));
         };
-        let other = self.shown.iter().enumerate().find(|(m, _)| *m != wish.model).map(|(_, s)| &s.whole);
         let reduced = reduced.as_ref().filter(|_| self.reduce && !wish.still);
-        let drawn = self.easel.draw(self.subject, Sitter { whole, reduced, other, iteration: 0 }, wish)?;
+        let drawn = easel.draw(self.subject, Sitter { whole, reduced, other: other.as_deref(), iteration: 0 }, wish)?;
         if !wish.still && wish.picture == Picture::Colour {
             let ms = drawn.header.draw_ms;
             self.reduce = if drawn.header.reduced { ms * REDUCED as f32 > FAST_MS } else { ms > SLOW_MS };

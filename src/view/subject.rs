@@ -18,14 +18,22 @@ const PHOTO_QUALITY: u8 = 92;
 /// Share of an orbit's distance at which the near plane of a model without a capture lies at most.
 const NEAR: f64 = 0.02;
 
+/// A model that does not change.
+pub struct Model {
+    /// Name in the page's list.
+    pub name: String,
+    /// The Gaussians.
+    pub gaussians: Gaussians,
+    /// How they have to be drawn.
+    pub style: Style,
+}
+
 /// Models and their capture.
 pub struct Subject {
     /// Title of the page.
     pub title: String,
-    /// Names and models, at least one; empty while a run is watched, whose model changes.
-    pub models: Vec<(String, Gaussians)>,
-    /// Style of rendering.
-    pub style: Style,
+    /// At least one model; none while a run is watched, whose model changes.
+    pub models: Vec<Model>,
     /// Colour behind the Gaussians.
     pub background: [f32; 3],
     /// Up in the world, where there is no capture.
@@ -120,7 +128,7 @@ impl Subject {
 
     /// Everything that the page needs to know at its start.
     pub fn description(&self, device: &str, live: bool) -> Value {
-        let model = |(name, model): &(String, Gaussians)| json!({ "name": name, "gaussians": model.len(), "degree": model.degree() });
+        let model = |m: &Model| json!({ "name": m.name, "gaussians": m.gaussians.len(), "degree": m.gaussians.degree(), "mode": m.style.mode().to_string() });
         let up = self.upwards();
         let look = Look::default();
         let (start, target) = match (&self.capture, self.models.first()) {
@@ -131,8 +139,8 @@ impl Subject {
                 let target = camera.as_ref().map_or(centre, |c| sight(c, centre, &capture.scene));
                 (camera.as_ref().map(pose), target)
             }
-            (None, Some((_, model))) => {
-                let outline = outline(model, up);
+            (None, Some(model)) => {
+                let outline = outline(&model.gaussians, up);
                 let target = outline.centre + up * outline.framing(&look).height;
                 (Some(pose(&outline.camera(0.0, &look))), target)
             }
@@ -163,8 +171,8 @@ impl Subject {
     /// The near plane: closer than usual for a small model without a capture.
     pub fn near(&self, usual: f32) -> f32 {
         match (&self.capture, self.models.first()) {
-            (None, Some((_, model))) => {
-                usual.min((NEAR * outline(model, self.up).framing(&Look::default()).distance) as f32)
+            (None, Some(model)) => {
+                usual.min((NEAR * outline(&model.gaussians, self.up).framing(&Look::default()).distance) as f32)
             }
             _ => usual,
         }

@@ -6,7 +6,7 @@ mod page;
 mod refusals;
 mod session;
 
-use qirf_vk::gaussians::formats;
+use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::synth::{SynthOptions, write};
 use session::{Viewer, pose, wish};
 use std::fs;
@@ -27,9 +27,9 @@ pub fn scene() -> &'static Path {
         let seeds: Vec<_> = points.iter().map(qirf_vk::train::initialise::Seed::from).collect();
         let mut model = qirf_vk::train::initialise::from_points(&seeds);
         model.opacity_logits.fill(3.0);
-        formats::write(&folder.path().join("model.ply"), &model).unwrap();
+        formats::write(&folder.path().join("model.ply"), &model, RenderMode::default()).unwrap();
         model.sh[0].iter_mut().for_each(|c| *c *= 0.5);
-        formats::write(&folder.path().join("other.ply"), &model).unwrap();
+        formats::write(&folder.path().join("other.ply"), &model, RenderMode::default()).unwrap();
         (folder, scene)
     });
     &made.1
