@@ -116,9 +116,43 @@ pub enum Error {
     /// A picture that would be written among a scene's own photos: exit code 2.
     #[error("{} would lie among the scene's own photos", .0.display())]
     AmongPhotos(PathBuf),
+    /// None of these programs is installed: exit code 2.
+    #[error("{} not on the PATH", absent(.0))]
+    NoProgram(Vec<&'static str>),
+    /// A program that works for this one failed: exit code 3.
+    #[error("{program} failed ({ended}{}{last}); its log is {}", if last.is_empty() { "" } else { ": " }, log.display())]
+    Program {
+        /// The program.
+        program: &'static str,
+        /// How it ended.
+        ended: String,
+        /// The last line that it wrote.
+        last: String,
+        /// The file with all its lines.
+        log: PathBuf,
+    },
+    /// Too few photos could be placed: exit code 3.
+    #[error("poses were found for {posed} of {photos} photos: too few for a scene")]
+    FewPoses {
+        /// Photos.
+        photos: usize,
+        /// Photos with poses.
+        posed: usize,
+    },
+    /// A folder for poses that holds something else: exit code 2.
+    #[error("{} holds something else than poses that this program estimated", .0.display())]
+    NotOurs(PathBuf),
     /// The user pressed Ctrl-C: exit code 130.
     #[error("interrupted; what was finished is kept")]
     Interrupted,
+}
+
+/// Names of programs that are not there, as the beginning of a sentence.
+fn absent(programs: &[&str]) -> String {
+    match programs {
+        [one] => format!("{one} is"),
+        several => format!("{} are", several.join(" and ")),
+    }
 }
 
 /// A change that would make a job fit into the device's memory, besides smaller photos.
@@ -188,6 +222,8 @@ impl Error {
             Self::Memory { .. } | Self::Write { .. } | Self::Encode { .. } | Self::Print(_) => 5,
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
             Self::Train(train::Error::Photos(_)) => 5,
+            Self::NoProgram(_) | Self::NotOurs(_) => 2,
+            Self::Program { .. } | Self::FewPoses { .. } => 3,
             Self::Usage(_) | Self::NothingHeldOut(_) | Self::OtherRun { .. } | Self::Synth(_) => 2,
             Self::AmongPhotos(_) | Self::NothingToTrainOn(_) | Self::Train(train::Error::NoViews) => 2,
             Self::Gaussians(gaussians::Error::SameFile { .. }) | Self::Scene(scene::Error::NoImageFolder { .. }) => 2,

@@ -11,6 +11,8 @@ mod program {
     #[cfg(unix)] // limits and signals are the system's
     mod faults;
     mod html;
+    #[cfg(unix)] // with a shell script in COLMAP's place
+    mod pose;
     mod report;
     mod run;
     mod soak;

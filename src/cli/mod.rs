@@ -10,6 +10,7 @@ mod device;
 mod eval;
 mod inspect;
 mod interrupt;
+mod pose;
 mod remedy;
 mod render;
 mod resources;
@@ -64,7 +65,7 @@ struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Train a scene: photos with poses to a 3DGS model, its pictures and its figures
+    /// Train a scene: photos to a 3DGS model, its pictures and its figures
     Run(run::Arguments),
     /// Compare ways of pruning a scene, all from one checkpoint
     Compare(compare::Arguments),
@@ -82,6 +83,8 @@ enum Command {
     Convert(convert::Arguments),
     /// Show the contents of a model or a scene
     Inspect(inspect::Arguments),
+    /// Estimate the camera poses of photos or of a video, with COLMAP or OpenMVG-rs
+    Pose(pose::Arguments),
     /// Make a synthetic capture: photos, cameras and points, without a download
     Synth(synth::Arguments),
     /// List the Vulkan devices, and which one would be used
@@ -96,12 +99,12 @@ enum Command {
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Training and compression", &["run", "compress", "compare", "sweep", "eval"]),
     ("Models and pictures", &["view", "render", "convert", "inspect"]),
-    ("Data", &["synth"]),
+    ("Data", &["pose", "synth"]),
     ("This machine", &["device", "selftest", "completions"]),
 ];
 
 const EXAMPLES: &str = "Examples:
-  qirf-vk run capture -o trained --preset quick --resolution 256
+  qirf-vk run photos -o trained --preset quick --resolution 256
   qirf-vk compare capture -o compared --arms default,importance,dense
   qirf-vk sweep capture -o swept
   qirf-vk eval trained/model.ply --config trained/config.toml
@@ -183,6 +186,7 @@ impl Cli {
             Command::View(a) => a.run(console, &self.global),
             Command::Convert(a) => a.run(console),
             Command::Inspect(a) => a.run(console),
+            Command::Pose(a) => a.run(console),
             Command::Synth(a) => a.run(console),
             Command::Device(a) => a.run(console, &self.global),
             Command::Selftest(a) => a.run(console, &self.global),

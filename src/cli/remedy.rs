@@ -20,6 +20,13 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
             "update the driver (known bad: llvmpipe of Mesa before 25, which ends shader loops after 65,535 iterations), or choose \
              another device with --device",
         ),
+        Error::NoProgram(programs) => Some(install(programs)),
+        Error::Program { .. } => plain("give the same command again to go on; if it fails again, read the log"),
+        Error::FewPoses { .. } => plain(
+            "take at least 20 photos while you walk around the scene, each sharp, at one zoom, and showing two thirds of the \
+             one before; scenes need texture. `--matching exhaustive` compares more pairs",
+        ),
+        Error::NotOurs(_) => plain("name an empty or new folder with -o"),
         Error::AmongPhotos(_) => plain("name another folder with -o"),
         Error::NothingToTrainOn(_) => plain("use a larger --eval-every"),
         Error::NothingHeldOut(_) => plain("give --eval-every 1 to score all of them"),
@@ -91,7 +98,7 @@ fn capture(error: &scene::Error) -> Option<String> {
             "undistort the photos with `colmap image_undistorter` and open its output, or calibrate again with \
              --ImageReader.camera_model OPENCV",
         ),
-        scene::Error::NoPoses { root, images, .. } => Some(colmap(root, images)),
+        scene::Error::NoPoses { root, images, .. } => Some(pose(root, images)),
         scene::Error::NoScene { .. } => plain("give the folder that holds one of them"),
         scene::Error::NoImageFolder { .. } => plain("give one with --images"),
         scene::Error::NoPhotos { .. } => plain("name their folder with --images DIR"),
@@ -128,19 +135,23 @@ fn smaller(relief: Relief) -> String {
     format!("give{first} a smaller --resolution, a larger --memory-budget where there is one, or another --device")
 }
 
-/// The COLMAP commands that estimate camera poses.
-fn colmap(root: &Path, images: &Path) -> String {
-    let (database, sparse) = (quoted(&root.join("database.db")), quoted(&root.join("sparse")));
-    let (images, root) = (quoted(images), quoted(root));
-    format!(
-        "COLMAP finds that out:\n  \
-         colmap feature_extractor --database_path {database} --image_path {images} --ImageReader.camera_model OPENCV\n  \
-         colmap exhaustive_matcher --database_path {database}\n  \
-         mkdir -p {sparse}\n  \
-         colmap mapper --database_path {database} --image_path {images} --output_path {sparse}\n\
-         Add --ImageReader.single_camera 1 to the first where one camera at one zoom took them all. Distortion is \
-         corrected here; `colmap image_undistorter` is not needed. Then open {root} again."
-    )
+/// The commands that install one of these programs.
+fn install(programs: &[&str]) -> String {
+    let line = |program: &&str| match *program {
+        "colmap" => "`sudo apt-get install colmap`",
+        "openmvg-sfm" => "`cargo install openmvg-cli`",
+        _ => "`sudo apt-get install ffmpeg`",
+    };
+    let mut lines: Vec<&str> = programs.iter().map(line).collect();
+    lines.dedup();
+    format!("install it by {}", lines.join(" or "))
+}
+
+/// The command that estimates camera poses.
+fn pose(root: &Path, images: &Path) -> String {
+    let input =
+        if images == root || ["images", "input"].iter().any(|sub| images == root.join(sub)) { root } else { images };
+    format!("`qirf-vk pose {} -o SCENE` estimates that", quoted(input))
 }
 
 /// A path quoted for a shell.
@@ -197,12 +208,14 @@ mod tests {
     }
 
     #[test]
-    fn photos_without_poses_are_told_the_colmap_commands() {
+    fn photos_without_poses_are_told_the_command() {
         let error =
             |root: &str, images: &str| scene::Error::NoPoses { root: root.into(), images: images.into(), photos: 3 };
-        let steps = ["colmap feature_extractor --database_path", "exhaustive_matcher", "colmap mapper"];
-        says(error("/s", "/s/images"), &[&steps[..], &["--image_path /s/images", "--output_path /s/sparse"]].concat());
-        let quoted = ["--database_path 'a b/database.db'", r"--image_path 'a b/it'\''s'", "mkdir -p 'a b/sparse'"];
-        says(error("a b", "a b/it's"), &quoted);
+        says(error("/s", "/s/images"), &["`qirf-vk pose /s -o SCENE`"]);
+        says(error("/s", "/s/small"), &["`qirf-vk pose /s/small -o SCENE`"]);
+        says(error("a b's", "a b's"), &[r"`qirf-vk pose 'a b'\''s' -o SCENE`"]);
+        says(Error::NoProgram(vec!["colmap", "openmvg-sfm"]), &["apt-get install colmap", "cargo install openmvg-cli"]);
+        assert_eq!(install(&["ffmpeg", "ffprobe"]), "install it by `sudo apt-get install ffmpeg`");
+        says(Error::FewPoses { photos: 9, posed: 1 }, &["sharp", "--matching exhaustive"]);
     }
 }

@@ -3,33 +3,38 @@
 use super::Global;
 use super::choices::Choices;
 use super::console::Console;
+use super::pose::{Posing, warn};
 use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::view::{self, Watched};
 use crate::error::Error;
+use crate::pipeline::pose::{is_video, pose};
 use crate::pipeline::records::RunRecord;
 use crate::pipeline::{Output, RunConfig, Session, run};
 use crate::report;
+use crate::scene::{self, OpenOptions, Scene};
 use crate::view::{Live, Server};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --preset quick --resolution 256
+  qirf-vk run photos -o trained --preset quick --resolution 256
   qirf-vk run capture -o trained --iterations 7000 --resume
   qirf-vk run capture -o trained --keep 0.2 --selector css --schedule gradual
   qirf-vk run capture -o trained --view                # watch it in a browser
   qirf-vk run capture -o dense --no-prune
   qirf-vk run --config trained/config.toml -o again
 
-The folder holds model.ply, report.html, metrics.json, renders/ and config.toml, which reproduces the run.";
+The folder holds model.ply, report.html, metrics.json, renders/ and config.toml, which reproduces the run. Photos without
+poses, and videos, first get poses as by `qirf-vk pose`: their scene is in the folder's scene/.";
 
-/// Train a scene: photos with poses to a 3DGS model, its pictures and its figures.
+/// Train a scene: photos to a 3DGS model, its pictures and its figures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder, a folder of photos, or a video
     #[arg(required_unless_present = "config", conflicts_with = "config")]
     scene: Option<PathBuf>,
     /// Folder for the results; created if absent
@@ -44,10 +49,12 @@ pub(super) struct Arguments {
     #[arg(long)]
     resume: bool,
     /// Read all options from this file: an earlier run's config.toml. Its learning rates belong to its number of iterations
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["Training", "Choices", "no_prune"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["Training", "Choices", "Posing", "no_prune"])]
     config: Option<PathBuf>,
     #[command(flatten)]
     training: Training,
+    #[command(flatten)]
+    posing: Posing,
     #[command(flatten)]
     resources: Resources,
     #[command(flatten)]
@@ -68,6 +75,7 @@ impl Arguments {
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);
         let output = Output::new(&self.output)?;
+        let config = self.posed(config, &output, &watcher, console)?;
         let host_bytes = self.resources.host_bytes();
         let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
         let record = if self.watched.view {
@@ -92,6 +100,20 @@ impl Arguments {
         }
         let config = self.training.configuration(self.scene.clone().unwrap_or_default(), console)?;
         Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) })
+    }
+
+    /// The same run on a scene with poses: photos without any, and videos, get them.
+    fn posed(&self, config: RunConfig, output: &Output, watcher: &Show, console: &Console) -> Result<RunConfig, Error> {
+        let options = OpenOptions { images: config.images.clone(), undistort: None };
+        let input = match Scene::find(&config.scene, &options) {
+            _ if is_video(&config.scene) => config.scene.clone(),
+            Err(scene::Error::NoPoses { images, .. }) => images,
+            found => return Ok(found.map(|()| config)?),
+        };
+        let posed = pose(&input, &output.scene(), &self.posing.options(), watcher)?;
+        warn(&posed, console);
+        console.note(posed.summary());
+        Ok(RunConfig { scene: output.scene(), images: None, ..config })
     }
 
     fn report(&self, console: &Console, record: &RunRecord, output: &Output) -> Result<(), Error> {

@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 pub(super) struct Show<'a> {
     console: &'a Console,
     watch: Watch,
+    poses: OnceLock<ProgressBar>,
     photos: OnceLock<ProgressBar>,
     training: OnceLock<ProgressBar>,
     responses: OnceLock<ProgressBar>,
@@ -21,8 +22,8 @@ pub(super) struct Show<'a> {
 impl<'a> Show<'a> {
     /// Shows a job, and starts to watch for Ctrl-C.
     pub fn new(console: &'a Console) -> Self {
-        let [photos, training, responses, scores, pictures] = Default::default();
-        Self { console, watch: Watch::begin(), photos, training, responses, scores, pictures }
+        let [poses, photos, training, responses, scores, pictures] = Default::default();
+        Self { console, watch: Watch::begin(), poses, photos, training, responses, scores, pictures }
     }
 
     fn step(&self, bar: &OnceLock<ProgressBar>, what: &'static str, done: usize, total: usize) {
@@ -39,6 +40,17 @@ fn advance(bar: &ProgressBar, done: u64, total: u64) {
 }
 
 impl Watcher for Show<'_> {
+    fn posing(&self, stage: &'static str, done: usize, total: usize) {
+        let bar = self.poses.get_or_init(|| self.console.bar(total as u64, stage));
+        if bar.message() != stage {
+            // One bar for all stages: it begins anew.
+            bar.reset();
+            bar.set_message(stage);
+        }
+        bar.set_length(total as u64);
+        advance(bar, done as u64, total as u64);
+    }
+
     fn loading(&self, done: usize, total: usize) {
         self.step(&self.photos, "photos", done, total);
     }

@@ -13,6 +13,7 @@ pub mod evaluate;
 pub mod kernels;
 pub mod output;
 pub mod pairs;
+pub mod pose;
 pub mod prepare;
 pub mod prune;
 pub mod records;

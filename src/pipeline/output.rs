@@ -57,6 +57,11 @@ impl Output {
         self.0.join("renders")
     }
 
+    /// The scene of a run on photos without poses.
+    pub fn scene(&self) -> PathBuf {
+        self.0.join("scene")
+    }
+
     /// Writes `document` as JSON, whole or not at all; `what` names it in errors.
     ///
     /// # Errors

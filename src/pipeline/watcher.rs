@@ -5,6 +5,8 @@ use crate::train::{Progress, Trainer};
 
 /// Follows a job; every method has a default.
 pub trait Watcher {
+    /// Steps of this stage of estimating poses that are done, and their total.
+    fn posing(&self, _stage: &'static str, _done: usize, _total: usize) {}
     /// Photos decoded so far, and their total.
     fn loading(&self, _done: usize, _total: usize) {}
     /// Progress of training, and the iteration at which it ends.

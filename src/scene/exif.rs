@@ -1,19 +1,34 @@
-//! The exposure of a photo from its EXIF header.
+//! What a photo's header says of its camera and its exposure.
 
+use super::image_size::image_size;
 use super::view::View;
 use exif::{Exif, In, Reader, Tag, Value};
 use std::fs::File;
 use std::io::BufReader;
+use std::path::Path;
 
 impl View {
     /// The photo's exposure in stops: log2 of time times sensitivity over the square of the aperture's f-number. None
     /// if the header lacks one of the three.
     pub fn exposure_stops(&self) -> Option<f64> {
-        let file = File::open(&self.image).ok()?;
-        let header = Reader::new().read_from_container(&mut BufReader::new(file)).ok()?;
+        let header = header(&self.image)?;
         let [time, aperture] = [Tag::ExposureTime, Tag::FNumber].map(|tag| positive(&header, tag));
         Some((time? * positive(&header, Tag::PhotographicSensitivity)? / aperture?.powi(2)).log2())
     }
+}
+
+/// The kind of camera that took a photo, as text: make, model, focal length and the photo's size in pixels. Photos with
+/// equal texts can share one camera's parameters. None if the photo's size cannot be read.
+pub fn camera_kind(photo: &Path) -> Option<String> {
+    let (width, height) = image_size(photo).ok()?;
+    let header = header(photo);
+    let field = |tag| header.as_ref()?.get_field(tag, In::PRIMARY).map(|f| f.display_value().to_string());
+    let said: Vec<String> = [Tag::Make, Tag::Model, Tag::FocalLength].into_iter().filter_map(field).collect();
+    Some(format!("{} {width}x{height}", said.join(" ")))
+}
+
+fn header(photo: &Path) -> Option<Exif> {
+    Reader::new().read_from_container(&mut BufReader::new(File::open(photo).ok()?)).ok()
 }
 
 /// The first number of a field, if it is finite and above 0.

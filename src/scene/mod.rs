@@ -25,8 +25,10 @@ use serde::Serialize;
 
 pub use decode::{LoadOptions, PhotoMemory, load_photos};
 pub use error::Error;
+pub use exif::camera_kind;
 pub use photo::{FourthByte, Photo};
 pub use pixels::{PhotoFile, Pixels};
+pub use readers::{mask_of, photo_folder, photo_names};
 pub use skipped::{Names, Skipped};
 pub use view::{Resize, Role, View};
 

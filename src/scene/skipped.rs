@@ -1,12 +1,12 @@
 //! Unusable parts of a scene, counted, with a few of their names.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Number of names kept as examples.
 const EXAMPLES: usize = 5;
 
 /// A count with its first few names.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Names {
     /// Their number.
     pub count: usize,

@@ -14,10 +14,14 @@ pub(super) fn is_photo_name(path: &Path) -> bool {
     path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
 }
 
-/// Number of photos directly in a folder; 0 if there is no such folder.
-pub(super) fn count_photos(folder: &Path) -> usize {
-    let Ok(entries) = fs::read_dir(folder) else { return 0 };
-    entries.flatten().filter(|e| is_photo_name(&e.path()) && e.path().is_file()).count()
+/// Names of the photos directly in a folder, sorted; hidden files are none. Empty if there is no such folder.
+pub fn photo_names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let photos = entries.filter(|e| is_photo_name(&e.path()) && e.path().is_file());
+    let mut names: Vec<String> = photos.filter_map(|e| e.file_name().into_string().ok()).collect();
+    names.retain(|name| !name.starts_with('.'));
+    names.sort();
+    names
 }
 
 /// The photo folder that the user names: within the scene, otherwise a path of its own.
@@ -27,7 +31,7 @@ pub(super) fn image_folder(root: &Path, asked: &Path) -> Result<PathBuf, Error> 
             .into_iter()
             .flatten()
             .flatten()
-            .filter(|e| count_photos(&e.path()) > 0)
+            .filter(|e| !photo_names(&e.path()).is_empty())
             .map(|e| e.file_name().to_string_lossy().into_owned())
             .collect();
         known.sort();
@@ -73,6 +77,14 @@ pub(super) fn mask_folder(root: &Path, images: &Path) -> Option<PathBuf> {
 pub(super) fn find_mask(folder: &Path, name: &str) -> Option<PathBuf> {
     let plain = folder.join(name);
     [appended(&plain, "png"), plain.with_extension("png"), plain].into_iter().find(|p| p.is_file())
+}
+
+/// The mask of the photo `name` in the folder `images`: in the mask folder beside it, or within it where that is the
+/// whole capture.
+pub fn mask_of(images: &Path, name: &str) -> Option<PathBuf> {
+    let own = images.file_name().is_some_and(|n| n == "input" || n.to_string_lossy().starts_with("images"));
+    let capture = if own { images.parent()? } else { images };
+    find_mask(&mask_folder(capture, images)?, name)
 }
 
 /// Width and height of the photo at `path`, if there is one with a legible header.

@@ -10,6 +10,8 @@ mod point_ply;
 mod pose;
 mod transforms;
 
+pub use files::{mask_of, photo_names};
+
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::path::{Path, PathBuf};
@@ -60,49 +62,73 @@ impl Scene {
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, Error> {
         open(path, options)
     }
+
+    /// Finds the scene at `path` as [`Scene::open`] does, and reads nothing.
+    ///
+    /// # Errors
+    /// [`Error::NoPoses`] for a folder of photos alone; [`Error::NoScene`]; [`Error::Io`].
+    pub fn find(path: &Path, options: &OpenOptions) -> Result<(), Error> {
+        find(path, options).map(|_| ())
+    }
 }
 
 /// The places that [`open`] tries, in this order.
 const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, in sparse/0, sparse and colmap/sparse/0, \
                           transforms.json, transforms_train.json";
 
+/// The files that hold a scene's poses.
+enum Found {
+    Colmap { root: PathBuf, model: PathBuf },
+    Transforms { root: PathBuf, file: PathBuf },
+}
+
 /// Finds the scene at `path` and reads it.
 fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
+    let listing = match find(path, options)? {
+        Found::Colmap { root, model } => colmap::read(&root, &model, options)?,
+        Found::Transforms { root, file } => transforms::read(&root, &file, options)?,
+    };
+    assemble(listing, options)
+}
+
+/// Finds the scene at `path`, and reads nothing.
+fn find(path: &Path, options: &OpenOptions) -> Result<Found, Error> {
     std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
     let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let root = folder.to_owned();
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
-        return assemble(transforms::read(folder, path, options)?, options);
+        return Ok(Found::Transforms { root, file: path.to_owned() });
     }
     let part_of_model =
         ["cameras", "images", "points3D"].iter().any(|part| path.file_stem().is_some_and(|s| s == *part));
     if path.is_file() && !part_of_model {
         return Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR });
     }
-    for model in ["", "sparse/0", "sparse"].map(|sub| folder.join(sub)) {
-        if colmap::is_model(&model) {
-            return assemble(colmap::read(folder, &model, options)?, options);
-        }
+    let models = |subs: &[&str]| subs.iter().map(|sub| folder.join(sub)).find(|model| colmap::is_model(model));
+    if let Some(model) = models(&["", "sparse/0", "sparse"]) {
+        return Ok(Found::Colmap { root, model });
     }
-    for name in ["transforms.json", "transforms_train.json"] {
-        let file = folder.join(name);
-        if file.is_file() {
-            return assemble(transforms::read(folder, &file, options)?, options);
-        }
+    let named = ["transforms.json", "transforms_train.json"].map(|name| folder.join(name));
+    if let Some(file) = named.into_iter().find(|file| file.is_file()) {
+        return Ok(Found::Transforms { root, file });
     }
-    let model = folder.join("colmap/sparse/0");
-    if colmap::is_model(&model) {
-        return assemble(colmap::read(folder, &model, options)?, options);
+    if let Some(model) = models(&["colmap/sparse/0"]) {
+        return Ok(Found::Colmap { root, model });
     }
-    let asked = options.images.iter().filter_map(|asked| files::image_folder(folder, asked).ok());
-    let usual = ["images", "input", ""].map(|sub| if sub.is_empty() { folder.to_owned() } else { folder.join(sub) });
-    for images in asked.chain(usual) {
-        let photos = files::count_photos(&images);
-        if photos > 0 {
-            return Err(Error::NoPoses { root: folder.to_owned(), images, photos });
-        }
+    if let Some(images) = photo_folder(folder, options.images.as_deref()) {
+        let photos = files::photo_names(&images).len();
+        return Err(Error::NoPoses { root, images, photos });
     }
     Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR })
+}
+
+/// The folder of a capture's photos: the one asked for, its images or its input folder, or the capture itself.
+pub fn photo_folder(capture: &Path, asked: Option<&Path>) -> Option<PathBuf> {
+    let asked = asked.and_then(|asked| files::image_folder(capture, asked).ok());
+    let usual = ["images", "input"].map(|sub| capture.join(sub));
+    let folders = asked.into_iter().chain(usual).chain([capture.to_owned()]);
+    folders.into_iter().find(|folder| !files::photo_names(folder).is_empty())
 }
 
 /// Sorts views, reads their photos' headers, chooses ideal cameras and renumbers tracks.

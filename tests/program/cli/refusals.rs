@@ -107,7 +107,7 @@ fn bad_scenes_are_refused_with_file_and_record() {
 
     fs::create_dir_all(sandbox.path("photos/images")).unwrap();
     image::RgbImage::new(8, 8).save(sandbox.path("photos/images/a.png")).unwrap();
-    render("photos", &["colmap mapper"]);
+    render("photos", &["qirf-vk pose photos"]);
     fs::write(sandbox.path("transforms.json"), "{\"frames\": [").unwrap();
     render("transforms.json", &["transforms.json"]);
     assert!(!sandbox.path("out").exists());

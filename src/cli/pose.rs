@@ -1,0 +1,89 @@
+//! `qirf-vk pose INPUT`, and its options, which `run` shares.
+
+use super::console::Console;
+use super::show::Show;
+use crate::error::Error;
+use crate::pipeline::pose::{self, Backend, Matching, Options, Posed};
+use crate::scene::photo_folder;
+use clap::Args;
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk pose photos -o scene
+  qirf-vk pose walk.mp4 -o scene --frames 200
+  qirf-vk pose photos -o scene --matching exhaustive
+
+The folder then holds images/ and sparse/0, as COLMAP's scenes do, and pose/log.txt. Interrupted, the same command goes on
+where it stopped. `qirf-vk run INPUT -o DIR` does the same into DIR/scene, and trains.";
+
+/// Estimate the camera poses of photos or of a video, with COLMAP or OpenMVG-rs
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Folder of photos, or a video
+    input: PathBuf,
+    /// Folder for the scene: new, empty, or an earlier one of this command
+    #[arg(short, long, value_name = "SCENE")]
+    output: PathBuf,
+    #[command(flatten)]
+    posing: Posing,
+    /// Print the figures as JSON on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Options of estimating poses.
+#[derive(Args, Clone, Debug)]
+pub(super) struct Posing {
+    /// Program that estimates poses
+    #[arg(long, value_name = "auto|colmap|openmvg", default_value = "auto", help_heading = "Poses")]
+    poses: Backend,
+    /// Pairs of photos that COLMAP compares: sequential (neighbours by name), exhaustive, or auto (sequential for videos and
+    /// for 120 photos or more)
+    #[arg(long, value_name = "auto|sequential|exhaustive", default_value = "auto", help_heading = "Poses")]
+    matching: Matching,
+    /// Largest number of frames taken from a video; at most two a second
+    #[arg(long, value_name = "N", default_value_t = 150, help_heading = "Poses", value_parser = clap::value_parser!(u32).range(3..=100_000))]
+    frames: u32,
+}
+
+impl Posing {
+    /// The options.
+    pub fn options(&self) -> Options {
+        Options { backend: self.poses, matching: self.matching, frames: self.frames as usize }
+    }
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console) -> Result<(), Error> {
+        let input = self.input()?;
+        let watcher = Show::new(console);
+        let posed = pose::pose(&input, &self.output, &self.posing.options(), &watcher)?;
+        if self.json {
+            return console.json(&posed);
+        }
+        warn(&posed, console);
+        console.print(posed.summary())?;
+        console.print(self.output.display())
+    }
+
+    /// The video, or the folder that holds the photos.
+    fn input(&self) -> Result<PathBuf, Error> {
+        let path = &self.input;
+        std::fs::metadata(path).map_err(|source| Error::Read { path: path.clone(), source })?;
+        if pose::is_video(path) {
+            return Ok(path.clone());
+        }
+        photo_folder(path, None).ok_or_else(|| {
+            let path = path.display();
+            Error::Usage(format!("{path} holds no photos (jpg, png, webp), and is no video (mp4, mov, mkv, webm, avi)"))
+        })
+    }
+}
+
+/// Tells what makes poses doubtful.
+pub(super) fn warn(posed: &Posed, console: &Console) {
+    for doubt in &posed.warnings {
+        console.warn(doubt);
+    }
+}

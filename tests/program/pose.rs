@@ -1,0 +1,5 @@
+//! Poses of photos and videos: by a COLMAP that the test plays itself, and by the real one.
+
+mod fake;
+mod real;
+mod video;

@@ -1,0 +1,269 @@
+//! With a shell script in COLMAP's place: it notes how it is called, and does what the test wants.
+
+use crate::program::faults::harness::{Ended, content, end, program, scene, start};
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use tempfile::TempDir;
+
+const SCRIPT: &str = r#"#!/bin/sh
+cd "$FAKE" || exit 9
+echo "$*" >> calls
+if [ "$2" = -h ]; then cat help; exit; fi
+command=$1
+if [ "$command" = "$FAKE_AT" ]; then
+  if [ "$FAKE_DOES" = hang ]; then
+    trap '' INT TERM
+    echo $$ > pid
+    while :; do sleep 1; done
+  fi
+  echo "no memory is left" >&2
+  echo "----" >&2
+  exit 7
+fi
+while [ $# -gt 1 ]; do
+  case $1 in
+    --image_list_path) list=$2 ;;
+    --output_path) output=$2 ;;
+  esac
+  shift
+done
+case $command in
+  feature_extractor) n=0; while read -r name; do n=$((n + 1)); echo "Processed file [$n/9]"; done < "$list" ;;
+  exhaustive_matcher) echo "Matching block [1/1, 1/1]" ;;
+  mapper) cp -r models/. "$output" ;;
+esac
+"#;
+
+const OLD: &str = "COLMAP 3.8 (Commit Unknown without CUDA)
+  --ImageReader.single_camera arg (=0)
+  --ImageReader.existing_camera_id arg (=-1)
+  --ImageReader.camera_model arg (=SIMPLE_RADIAL)
+  --SiftExtraction.use_gpu arg (=1)
+  --SiftMatching.use_gpu arg (=1)
+  --SequentialMatching.overlap arg (=10)
+";
+
+/// A folder with twelve photos, the script, and its answers.
+pub struct Stage {
+    folder: TempDir,
+}
+
+impl Stage {
+    pub fn new() -> Self {
+        let stage = Self { folder: tempfile::tempdir().unwrap() };
+        for sub in ["photos", "bin", "fake/models"] {
+            fs::create_dir_all(stage.path(sub)).unwrap();
+        }
+        for name in names(0..12) {
+            image::RgbImage::new(40, 30).save(stage.path("photos").join(name)).unwrap();
+        }
+        let script = stage.path("bin/colmap");
+        fs::write(&script, SCRIPT).unwrap();
+        fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
+        fs::write(stage.path("fake/help"), OLD).unwrap();
+        stage
+    }
+
+    pub fn path(&self, part: &str) -> PathBuf {
+        self.folder.path().join(part)
+    }
+
+    /// A model that the script will give.
+    pub fn gives(&self, number: usize, photos: std::ops::Range<usize>) {
+        let model = self.path("fake/models").join(number.to_string());
+        fs::create_dir_all(&model).unwrap();
+        let line = |(i, name): (usize, String)| format!("{i} 1 0 0 0 0.{i} 0 4 1 {name}\n\n");
+        fs::write(model.join("cameras.txt"), "1 PINHOLE 40 30 35 35 20 15\n").unwrap();
+        fs::write(model.join("images.txt"), (1..).zip(names(photos)).map(line).collect::<String>()).unwrap();
+        fs::write(model.join("points3D.txt"), "1 0 0 0 10 20 30 0.5 1 0\n").unwrap();
+    }
+
+    /// The program in this folder, with the script before all other programs.
+    pub fn program(&self, arguments: &[&str]) -> Command {
+        let mut path = vec![self.path("bin")];
+        path.extend(std::env::split_paths(&std::env::var_os("PATH").unwrap_or_default()));
+        let mut command = program();
+        command.args(arguments).current_dir(self.folder.path()).env("FAKE", self.path("fake"));
+        command.env("PATH", std::env::join_paths(path).unwrap());
+        command
+    }
+
+    fn pose(&self, more: &[&str]) -> Command {
+        self.program(&[&["pose", "photos", "-o", "scene"], more].concat())
+    }
+
+    /// The script's calls so far whose first word is this; help is not counted.
+    fn calls(&self, of: &str) -> Vec<String> {
+        let calls = fs::read_to_string(self.path("fake/calls")).unwrap_or_default();
+        calls.lines().filter(|l| l.starts_with(of) && !l.ends_with("-h")).map(ToOwned::to_owned).collect()
+    }
+}
+
+fn names(photos: std::ops::Range<usize>) -> Vec<String> {
+    photos.map(|i| format!("{i:02}.png")).collect()
+}
+
+pub fn works(mut command: Command) -> (Ended, String) {
+    let output = command.output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    (Ended::of(&output).with(0, &[]), said)
+}
+
+#[test]
+fn either_spelling_of_colmaps_options_is_spoken() {
+    for (help, extraction, matching) in [
+        (OLD.to_owned(), "--SiftExtraction.use_gpu 0", "--SiftMatching.use_gpu 0"),
+        (OLD.replace("Sift", "Feature"), "--FeatureExtraction.use_gpu 0", "--FeatureMatching.use_gpu 0"),
+    ] {
+        let stage = Stage::new();
+        stage.gives(0, 0..12);
+        fs::write(stage.path("fake/help"), help).unwrap();
+        let (_, said) = works(stage.pose(&[]));
+        assert!(said.contains("12 of 12 photos have poses"), "{said}");
+        // The first photo brings the camera that the others share.
+        let features = stage.calls("feature_extractor");
+        assert_eq!(features.len(), 2, "{features:?}");
+        assert!(features.iter().all(|call| call.contains(extraction) && call.contains("camera_model OPENCV")));
+        assert!(
+            features[0].contains("single_camera 1") && features[1].contains("existing_camera_id 1"),
+            "{features:?}"
+        );
+        assert!(stage.calls("exhaustive_matcher")[0].contains(matching));
+        assert!(!stage.calls("mapper")[0].contains("min_model_size"), "an option that it does not know");
+        assert_eq!(fs::read_dir(stage.path("scene/images")).unwrap().count(), 12);
+    }
+}
+
+#[test]
+fn what_is_there_is_not_estimated_again() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    works(stage.pose(&[]));
+    let (before, poses) = (stage.calls("").len(), content(&stage.path("scene/sparse")));
+    let (_, said) = works(stage.pose(&[]));
+    assert!(said.contains("12 of 12"), "{said}");
+    assert_eq!((stage.calls("").len(), content(&stage.path("scene/sparse"))), (before, poses));
+
+    // Other pairs are compared.
+    works(stage.pose(&["--matching", "sequential"]));
+    assert_eq!(stage.calls("sequential_matcher").len(), 1);
+    assert!(stage.calls("sequential_matcher")[0].contains("--SequentialMatching.overlap 10"));
+    // Another photo: all begins anew, and the photos are those that there are now.
+    fs::remove_file(stage.path("photos/00.png")).unwrap();
+    stage.gives(0, 1..12);
+    let (_, said) = works(stage.pose(&[]));
+    assert!(said.contains("11 of 11"), "{said}");
+    assert_eq!(fs::read_dir(stage.path("scene/images")).unwrap().count(), 11);
+    assert_eq!(fs::read_dir(stage.path("photos")).unwrap().count(), 11, "the user's own photos stay");
+}
+
+#[test]
+fn a_colmap_that_dies_is_named_with_its_last_words_and_its_log() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    let mut command = stage.pose(&[]);
+    let ended =
+        end(command.env("FAKE_AT", "mapper")).with(3, &["colmap failed", "exit status: 7", "scene/pose/log.txt"]);
+    assert!(ended.said.contains("no memory is left") && ended.said.lines().count() == 1, "{}", ended.said);
+    assert!(fs::read_to_string(stage.path("scene/pose/log.txt")).unwrap().contains("no memory is left"));
+    // The next one goes on where this one died.
+    let (features, matches) = (stage.calls("feature_extractor").len(), stage.calls("exhaustive_matcher").len());
+    works(stage.pose(&[]));
+    assert_eq!(stage.calls("feature_extractor").len(), features);
+    assert_eq!(stage.calls("exhaustive_matcher").len(), matches);
+}
+
+#[test]
+fn a_colmap_that_ignores_ctrl_c_is_ended() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    let mut command = stage.pose(&[]);
+    let mut running = start(command.env("FAKE_AT", "exhaustive_matcher").env("FAKE_DOES", "hang"));
+    let pid = stage.path("fake/pid");
+    assert!(running.until(|| fs::read_to_string(&pid).is_ok_and(|text| text.ends_with('\n'))));
+    running.signal("INT").with(130, &["interrupted"]);
+    let pid = fs::read_to_string(pid).unwrap();
+    let alive = Command::new("kill").args(["-0", pid.trim()]).output().unwrap();
+    assert!(!alive.status.success(), "colmap still runs");
+    let features = stage.calls("feature_extractor").len();
+    works(stage.pose(&[]));
+    assert_eq!(stage.calls("feature_extractor").len(), features, "its features were kept");
+}
+
+#[test]
+fn of_two_parts_the_larger_is_taken_and_both_are_told() {
+    let stage = Stage::new();
+    stage.gives(0, 0..4);
+    stage.gives(1, 4..11);
+    let (ended, said) = works(stage.pose(&[]));
+    for words in ["7 of 12 photos have poses", "4 make a part of their own", "1 are in no part: 11.png"] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    // 7 of 12 are less than 80 %.
+    assert!(ended.said.contains("warning:") && ended.said.contains("many photos have no pose"), "{}", ended.said);
+    let (_, told) = works(stage.program(&["inspect", "scene"]));
+    assert!(told.lines().any(|l| l.starts_with("views ") && l.ends_with(" 7")), "{told}");
+    let (_, told) = works(stage.program(&["inspect", "scene/pose/models/0"]));
+    assert!(told.lines().any(|l| l.starts_with("photos present") && l.ends_with(" 4")), "the other part: {told}");
+}
+
+#[test]
+fn photos_that_show_nothing_in_common_are_told_in_one_line() {
+    let stage = Stage::new();
+    let ended = end(&mut stage.pose(&[])).with(3, &["0 of 12 photos", "sharp"]);
+    assert_eq!(ended.said.lines().count(), 1, "{}", ended.said);
+    stage.gives(0, 0..2); // too few at all, and less than a fifth
+    end(&mut stage.pose(&[])).with(3, &["2 of 12 photos"]);
+    assert!(!stage.path("scene/sparse").exists());
+}
+
+#[test]
+fn what_cannot_be_posed_is_usage_and_changes_nothing() {
+    let stage = Stage::new();
+    let without = |arguments: &[&str]| {
+        let mut command = stage.program(arguments);
+        command.env("PATH", stage.path("fake"));
+        end(&mut command)
+    };
+    without(&["pose", "photos", "-o", "scene"]).with(2, &["colmap and openmvg-sfm are", "apt-get install colmap"]);
+    without(&["pose", "photos", "-o", "scene", "--poses", "openmvg"]).with(2, &["cargo install openmvg-cli"]);
+    assert!(!stage.path("scene").exists());
+    fs::write(stage.path("walk.mp4"), "no video").unwrap();
+    let mut command = stage.program(&["pose", "walk.mp4", "-o", "scene"]);
+    end(command.env("PATH", stage.path("bin"))).with(2, &["ffmpeg", "apt-get install ffmpeg"]);
+    let pose = |input: &str, output: &str| end(&mut stage.program(&["pose", input, "-o", output]));
+    pose("fake", "other").with(2, &["holds no photos"]);
+    pose("absent", "other").with(3, &["absent"]);
+    let before = content(&stage.path("photos"));
+    pose("photos", "photos").with(2, &["holds something else", "-o"]);
+    assert_eq!(content(&stage.path("photos")), before);
+    // Folders of photos are told the command.
+    end(&mut stage.program(&["inspect", "photos"])).with(3, &["qirf-vk pose photos -o SCENE"]);
+}
+
+#[test]
+fn one_command_leads_from_photos_to_a_model() {
+    let stage = Stage::new();
+    let photos = scene().join("images");
+    let known = stage.path("fake/models/0");
+    fs::create_dir_all(&known).unwrap();
+    for entry in fs::read_dir(scene().join("sparse/0")).unwrap().flatten() {
+        fs::copy(entry.path(), known.join(entry.file_name())).unwrap();
+    }
+    let photos = photos.to_str().unwrap();
+    let run = ["run", photos, "-o", "out", "--iterations", "20", "--no-prune"];
+    let ended = end(&mut stage.program(&run)).with(0, &["9 of 9 photos have poses"]);
+    assert!(stage.path("out/model.ply").is_file() && stage.path("out/report.html").is_file(), "{}", ended.said);
+    let config = fs::read_to_string(stage.path("out/config.toml")).unwrap();
+    assert!(config.contains("scene = \"out/scene\""), "{config}");
+    // The poses are those that were given, and are used again.
+    let calls = stage.calls("").len();
+    let bytes = fs::read(stage.path("out/model.ply")).unwrap();
+    end(&mut stage.program(&run)).with(0, &[]);
+    assert_eq!((stage.calls("").len(), fs::read(stage.path("out/model.ply")).unwrap()), (calls, bytes.clone()));
+    let direct = ["run", scene().to_str().unwrap(), "-o", "direct", "--iterations", "20", "--no-prune"];
+    end(&mut stage.program(&direct)).with(0, &[]);
+    assert!(fs::read(stage.path("direct/model.ply")).unwrap() == bytes, "the same scene with known poses");
+}
