@@ -17,14 +17,33 @@ impl View {
     }
 }
 
-/// The kind of camera that took a photo, as text: make, model, focal length and the photo's size in pixels. Photos with
-/// equal texts can share one camera's parameters. None if the photo's size cannot be read.
-pub fn camera_kind(photo: &Path) -> Option<String> {
-    let (width, height) = image_size(photo).ok()?;
-    let header = header(photo);
-    let field = |tag| header.as_ref()?.get_field(tag, In::PRIMARY).map(|f| f.display_value().to_string());
-    let said: Vec<String> = [Tag::Make, Tag::Model, Tag::FocalLength].into_iter().filter_map(field).collect();
-    Some(format!("{} {width}x{height}", said.join(" ")))
+/// The kind of camera that took a photo.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CameraKind {
+    /// Make, model and focal length; empty if the header does not say.
+    pub said: String,
+    /// True if the header tells the field of view.
+    pub has_focal: bool,
+    /// Width and height of the photo in pixels.
+    pub size: (u32, u32),
+}
+
+impl CameraKind {
+    /// Reads a photo's header. None if not even its size can be read.
+    pub fn of(photo: &Path) -> Option<Self> {
+        let size = image_size(photo).ok()?;
+        let header = header(photo);
+        let field = |tag| header.as_ref()?.get_field(tag, In::PRIMARY).map(|f| f.display_value().to_string());
+        let said: Vec<String> = [Tag::Make, Tag::Model, Tag::FocalLength].into_iter().filter_map(field).collect();
+        let has_focal = header.as_ref().is_some_and(|h| positive(h, Tag::FocalLengthIn35mmFilm).is_some());
+        Some(Self { said: said.join(" "), has_focal, size })
+    }
+
+    /// True if both photos can share one camera's parameters: their sizes differ by 1 % at most, as after cropping.
+    pub fn shares(&self, other: &Self) -> bool {
+        let near = |a: u32, b: u32| a.abs_diff(b) <= b / 100;
+        self.said == other.said && near(self.size.0, other.size.0) && near(self.size.1, other.size.1)
+    }
 }
 
 fn header(photo: &Path) -> Option<Exif> {

@@ -25,7 +25,7 @@ use serde::Serialize;
 
 pub use decode::{LoadOptions, PhotoMemory, load_photos};
 pub use error::Error;
-pub use exif::camera_kind;
+pub use exif::CameraKind;
 pub use photo::{FourthByte, Photo};
 pub use pixels::{PhotoFile, Pixels};
 pub use readers::{mask_of, photo_folder, photo_names};

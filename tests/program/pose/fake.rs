@@ -3,19 +3,18 @@
 use crate::program::faults::harness::{Ended, content, end, program, scene, start};
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 use tempfile::TempDir;
 
 const SCRIPT: &str = r#"#!/bin/sh
-cd "$FAKE" || exit 9
-echo "$*" >> calls
-if [ "$2" = -h ]; then cat help; exit; fi
+echo "$*" >> "$FAKE/calls"
+if [ "$2" = -h ]; then cat "$FAKE/help"; exit; fi
 command=$1
 if [ "$command" = "$FAKE_AT" ]; then
   if [ "$FAKE_DOES" = hang ]; then
     trap '' INT TERM
-    echo $$ > pid
+    echo $$ > "$FAKE/pid"
     while :; do sleep 1; done
   fi
   echo "no memory is left" >&2
@@ -32,8 +31,15 @@ done
 case $command in
   feature_extractor) n=0; while read -r name; do n=$((n + 1)); echo "Processed file [$n/9]"; done < "$list" ;;
   exhaustive_matcher) echo "Matching block [1/1, 1/1]" ;;
-  mapper) cp -r models/. "$output" ;;
+  mapper)
+    cp -r "$FAKE/models/." "$output"
+    if [ -z "$(ls "$output")" ]; then echo "ERROR: failed to create sparse model"; exit 1; fi ;;
 esac
+"#;
+
+const OPENMVG: &str = r#"#!/bin/sh
+[ "$2 $3" = "--colmap --share-intrinsics" ] && [ "$5" = --output ] || exit 2
+mkdir -p "$6/colmap/sparse" && cp -r "$FAKE/models/0" "$6/colmap/sparse/0"
 "#;
 
 const OLD: &str = "COLMAP 3.8 (Commit Unknown without CUDA)
@@ -59,9 +65,11 @@ impl Stage {
         for name in names(0..12) {
             image::RgbImage::new(40, 30).save(stage.path("photos").join(name)).unwrap();
         }
-        let script = stage.path("bin/colmap");
-        fs::write(&script, SCRIPT).unwrap();
-        fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
+        for (name, text) in [("colmap", SCRIPT), ("openmvg-sfm", OPENMVG)] {
+            let script = stage.path("bin").join(name);
+            fs::write(&script, text).unwrap();
+            fs::set_permissions(&script, fs::Permissions::from_mode(0o755)).unwrap();
+        }
         fs::write(stage.path("fake/help"), OLD).unwrap();
         stage
     }
@@ -125,7 +133,7 @@ fn either_spelling_of_colmaps_options_is_spoken() {
         // The first photo brings the camera that the others share.
         let features = stage.calls("feature_extractor");
         assert_eq!(features.len(), 2, "{features:?}");
-        assert!(features.iter().all(|call| call.contains(extraction) && call.contains("camera_model OPENCV")));
+        assert!(features.iter().all(|call| call.contains(extraction) && call.contains("camera_model SIMPLE_RADIAL")));
         assert!(
             features[0].contains("single_camera 1") && features[1].contains("existing_camera_id 1"),
             "{features:?}"
@@ -157,6 +165,22 @@ fn what_is_there_is_not_estimated_again() {
     assert!(said.contains("11 of 11"), "{said}");
     assert_eq!(fs::read_dir(stage.path("scene/images")).unwrap().count(), 11);
     assert_eq!(fs::read_dir(stage.path("photos")).unwrap().count(), 11, "the user's own photos stay");
+}
+
+#[test]
+fn photos_of_nearly_one_size_share_a_camera() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    // 240 and 241 pixels are one camera's photos, 200 another's.
+    for (i, name) in names(0..12).into_iter().enumerate() {
+        image::RgbImage::new([240, 241, 200][i % 3], 100).save(stage.path("photos").join(name)).unwrap();
+    }
+    works(stage.pose(&[]));
+    let features = stage.calls("feature_extractor");
+    assert_eq!(features.len(), 4, "{features:?}");
+    let listed = fs::read_to_string(stage.path("scene/pose/photos.txt")).unwrap();
+    assert_eq!(listed.lines().collect::<Vec<_>>(), ["05.png", "08.png", "11.png"]);
+    assert!(features[3].contains("existing_camera_id 2"), "{features:?}");
 }
 
 #[test]
@@ -207,6 +231,16 @@ fn of_two_parts_the_larger_is_taken_and_both_are_told() {
     assert!(told.lines().any(|l| l.starts_with("views ") && l.ends_with(" 7")), "{told}");
     let (_, told) = works(stage.program(&["inspect", "scene/pose/models/0"]));
     assert!(told.lines().any(|l| l.starts_with("photos present") && l.ends_with(" 4")), "the other part: {told}");
+}
+
+#[test]
+fn openmvgs_poses_are_taken_likewise() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    let (_, said) = works(stage.pose(&["--poses", "openmvg"]));
+    assert!(said.contains("12 of 12 photos have poses"), "{said}");
+    works(stage.program(&["inspect", "scene"]));
+    assert!(stage.calls("").is_empty());
 }
 
 #[test]
