@@ -56,7 +56,7 @@ impl Folder {
         let path = root.join(RECORD);
         let text = match fs::read(&path) {
             Ok(text) => text,
-            Err(e) if e.kind() == io::ErrorKind::NotFound => {
+            Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
                 let empty = fs::read_dir(root).map_or(!root.exists(), |mut entries| entries.next().is_none());
                 return if empty { Ok(folder(fresh, None)) } else { Err(Error::NotOurs(root.to_owned())) };
             }

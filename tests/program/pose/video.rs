@@ -13,7 +13,7 @@ pub fn starts(program: &str) -> bool {
 }
 
 /// Frames of the video.
-const FRAMES: usize = 90;
+const FRAMES: usize = 60;
 
 #[test]
 fn the_sharp_frames_of_a_video_are_chosen() {
@@ -22,13 +22,13 @@ fn the_sharp_frames_of_a_video_are_chosen() {
     }
     let stage = Stage::new();
     let traced = stage.path("traced");
-    let options = SynthOptions { views: FRAMES, width: 160, height: 120, points: 10, ..SynthOptions::default() };
+    let options = SynthOptions { views: FRAMES, width: 96, height: 72, points: 10, ..SynthOptions::default() };
     write(&traced, &options, &|_| ()).unwrap();
     let frames = stage.path("frames");
     fs::create_dir(&frames).unwrap();
     for (i, entry) in sorted(&traced.join("images")).into_iter().enumerate() {
         let sharp = image::open(entry).unwrap();
-        let frame = if i % 3 == 1 { sharp } else { sharp.blur(1.5) };
+        let frame = if i % 3 == 1 { sharp } else { sharp.blur(1.2) };
         frame.save(frames.join(format!("{i:04}.png"))).unwrap();
     }
     let encoded = Command::new("ffmpeg")
@@ -40,12 +40,12 @@ fn the_sharp_frames_of_a_video_are_chosen() {
     assert!(encoded.unwrap().success());
 
     // The script places no photo: only the choice is looked at.
-    end(&mut stage.program(&["pose", "a: walk.mp4", "-o", "scene"])).with(3, &["0 of 18 photos"]);
+    end(&mut stage.program(&["pose", "a: walk.mp4", "-o", "scene"])).with(3, &["0 of 12 photos"]);
     let chosen: Vec<usize> = sorted(&stage.path("scene/images"))
         .iter()
         .map(|path| path.file_stem().unwrap().to_str().unwrap().strip_prefix("frame_").unwrap().parse().unwrap())
         .collect();
-    assert_eq!(chosen.len(), 18, "two a second: {chosen:?}");
+    assert_eq!(chosen.len(), 12, "two a second: {chosen:?}");
     let sharp = chosen.iter().filter(|i| *i % 3 == 1).count();
     assert!(sharp * 100 >= 95 * chosen.len(), "{sharp} sharp frames among {chosen:?}");
     // Each is the frame that its name says.
