@@ -117,15 +117,15 @@ fn follow(
                 each(piece)?;
             }
             // A program that it started may hold its pipes open.
-            Err(end) => match ended {
-                Some(status) => return Ok((status, last)),
-                None => {
-                    ended = child.try_wait().ok().flatten();
-                    if end == RecvTimeoutError::Disconnected && ended.is_none() {
-                        thread::sleep(LOOK);
-                    }
+            Err(end) => {
+                if let Some(status) = ended {
+                    return Ok((status, last));
                 }
-            },
+                ended = child.try_wait().ok().flatten();
+                if end == RecvTimeoutError::Disconnected && ended.is_none() {
+                    thread::sleep(LOOK);
+                }
+            }
         }
     }
 }

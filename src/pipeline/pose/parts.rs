@@ -41,7 +41,9 @@ pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
     }
     let placed: BTreeSet<&str> = parts.iter().flat_map(|(_, s)| &s.views).map(|view| view.name.as_str()).collect();
     let mut nowhere = Names::default();
-    folder.photos().iter().filter(|name| !placed.contains(name.as_str())).for_each(|name| nowhere.add(name));
+    for name in folder.photos().iter().filter(|name| !placed.contains(name.as_str())) {
+        nowhere.add(name);
+    }
     let others = parts[1..].iter().map(|(path, scene)| (path.clone(), scene.views.len())).collect();
     let posed = Posed { photos, posed, others, nowhere, warnings: doubts(scene, photos) };
     put(best, &folder.poses())?;
@@ -56,7 +58,9 @@ fn models(at: &Path, found: &mut Vec<PathBuf>) {
     let entries = fs::read_dir(at).into_iter().flatten().flatten();
     let mut folders: Vec<PathBuf> = entries.map(|e| e.path()).filter(|p| p.is_dir()).collect();
     folders.sort();
-    folders.iter().for_each(|folder| models(folder, found));
+    for folder in &folders {
+        models(folder, found);
+    }
 }
 
 /// Moves a model to its place, instead of an earlier one.
