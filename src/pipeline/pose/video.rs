@@ -173,8 +173,10 @@ mod tests {
     #[test]
     fn two_chosen_frames_are_never_close() {
         // The sharpest frames lie at both sides of a border of windows of ten.
-        let sharpness: Vec<f64> = (0..20).map(|i| if i == 9 || i == 10 { 9.0 } else { 1.0 + f64::from(i) }).collect();
-        assert_eq!(choose(&sharpness, 2), [9, 19]);
+        let sharpness: Vec<f64> = (0..20).map(|i| if i == 9 || i == 10 { 9.0 } else { 1.0 }).collect();
+        let chosen = choose(&sharpness, 2);
+        assert_eq!((chosen.len(), chosen[0]), (2, 9));
+        assert!(chosen[1] >= 12, "{chosen:?}");
         assert_eq!(choose(&[], 5), [0; 0]);
         assert_eq!(choose(&[1.0, 2.0], 5), [0, 1]);
     }
