@@ -1,6 +1,6 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
-.PHONY: help setup run viewer-picture test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
+.PHONY: help setup run viewer-picture viewer-speed test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
 	gpu-report devices msl
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
@@ -141,6 +141,10 @@ results: ## train and compare every scene with three seeds, then rewrite the tab
 results-written:
 	cargo run --release --locked --quiet --features figures --bin figures -- results "$(RESULTS)/compared" \
 		"$$(git describe --always --dirty 2>/dev/null || echo unknown)" "make results"
+
+viewer-speed: ## measure the viewer: the table of docs/viewer.md; needs a quiet machine
+	cargo build --release --locked
+	QIRF_PROGRAM="$(CURDIR)/target/release/qirf-vk" cargo test --locked --test program view::speed -- --ignored --nocapture 2>/dev/null | grep '^|'
 
 # RUN: folder of a run. Needs Chromium.
 viewer-picture: ## rewrite the picture of the viewer in README.md; RUN=folder of a run

@@ -13,7 +13,6 @@ use crate::scene::{OpenOptions, Resize, Scene};
 use crate::train::initialise::{Seed, from_points};
 use crate::view::subject::{Capture, Model};
 use crate::view::{Server, ServerOptions, Studio, Subject};
-use serde_json::json;
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::{Path, PathBuf};
@@ -120,9 +119,9 @@ impl Arguments {
             let Some((client, wish)) = lobby.next_wish(PATIENCE) else { continue };
             match studio.draw(&wish) {
                 Ok(drawn) => lobby.deliver(client, drawn.header, Arc::new(drawn.image)),
-                // A wish that cannot be fulfilled is the page's affair; anything else ends the viewer.
-                Err(Error::Device(e)) => return Err(e.into()),
-                Err(e) => lobby.refuse(client, json!({ "error": e.to_string() }).to_string()),
+                // A wish that cannot be fulfilled is the page's affair; a lost device ends the viewer.
+                Err(Error::Device(e)) if !e.is_resources() => return Err(e.into()),
+                Err(e) => lobby.refuse(client, &wish, &e),
             }
         }
         Ok(())

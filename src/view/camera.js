@@ -48,24 +48,24 @@ export class Camera {
   get forward() { return turned(this.rotation, [0, 0, 1]); }
   get target() { return add(this.position, scaled(this.forward, this.distance)); }
 
-  /** Angles of a turn about `up` and about the camera's right, so that it passes no pole. */
+  /** A turn to the left about `up` and upwards about the camera's right, in radians, that passes no pole. */
   turn(yaw, pitch) {
     const above = Math.asin(Math.max(-1, Math.min(1, dot(this.forward, this.up))));
     const most = Math.PI / 2 - POLE;
-    const allowed = Math.max(-most - above, Math.min(most - above, pitch));
-    const right = this.right;
-    return times(about(this.up, yaw), about(right, Math.abs(above) > most ? 0 : allowed));
+    // Beyond the limit, as a photo's camera may be, it can only turn back.
+    const allowed = Math.max(Math.min(0, -most - above), Math.min(Math.max(0, most - above), pitch));
+    return times(about(this.up, yaw), about(this.right, allowed));
   }
 
-  /** Turns round the target. */
+  /** Turns round the target: what lies before it moves right and down. */
   orbit(dx, dy) {
     const target = this.target;
     this.rotation = unit(times(this.turn(-dx, -dy), this.rotation));
     this.position = less(target, scaled(this.forward, this.distance));
   }
 
-  /** Turns on the spot. */
-  look(dx, dy) { this.rotation = unit(times(this.turn(dx, dy), this.rotation)); }
+  /** Turns on the spot, to the right and upwards. */
+  look(right, up) { this.rotation = unit(times(this.turn(-right, up), this.rotation)); }
 
   /** Moves by shares of the picture's height at the target's distance. */
   pan(dx, dy) {

@@ -20,8 +20,12 @@ const MOST_MESSAGE: usize = 4 << 10;
 const MOST_MESSAGES: u32 = 2_000;
 /// Time that a picture may take to leave.
 const STALLED: Duration = Duration::from_secs(10);
+/// Time between two questions whether a page is still there, and after which one that does not answer has left.
+const ALIVE: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(60)];
 /// Time between looks at the outbox, while a picture is awaited and while none is.
 const PACES: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(20)];
+/// Kinds of errors of a read that only waited; the last one follows SIGCONT.
+const MEANWHILE: [io::ErrorKind; 3] = [io::ErrorKind::WouldBlock, io::ErrorKind::TimedOut, io::ErrorKind::Interrupted];
 /// Quality of a moving picture's JPEG.
 const QUALITY: u8 = 80;
 
@@ -62,13 +66,24 @@ impl Talk<'_> {
     fn run(&self, socket: &mut WebSocket<TcpStream>) -> (CloseCode, &'static str) {
         let mut pace = None;
         let mut second = (Instant::now(), 0);
+        let (mut heard, mut asked) = (Instant::now(), Instant::now());
         loop {
             let wanted = PACES[usize::from(!self.lobby.awaits(self.id))];
             if pace != Some(wanted) {
                 pace = Some(wanted);
                 let _ = socket.get_ref().set_read_timeout(pace);
             }
-            match socket.read() {
+            if asked.elapsed() > ALIVE[0] {
+                asked = Instant::now();
+                if heard.elapsed() > ALIVE[1] || socket.send(Packet::Ping(Vec::new().into())).is_err() {
+                    return (CloseCode::Normal, "");
+                }
+            }
+            let read = socket.read();
+            if read.is_ok() {
+                heard = Instant::now();
+            }
+            match read {
                 Ok(Packet::Text(text)) => {
                     if second.0.elapsed() > Duration::from_secs(1) {
                         second = (Instant::now(), 0);
@@ -83,7 +98,7 @@ impl Talk<'_> {
                 }
                 Ok(Packet::Binary(_)) => return (CloseCode::Unsupported, "messages are JSON"),
                 Ok(_) => {}
-                Err(SocketError::Io(e)) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
+                Err(SocketError::Io(e)) if MEANWHILE.contains(&e.kind()) => {}
                 Err(SocketError::Capacity(_)) => return (CloseCode::Size, "a message has at most 4 kB"),
                 Err(_) => return (CloseCode::Normal, ""),
             }

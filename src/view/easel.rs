@@ -6,8 +6,9 @@ use super::subject::{Capture, Subject};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
-use crate::pipeline::evaluate::truth;
+use crate::pipeline::evaluate::{hide, rgb, truth};
 use crate::render::{Image, Renderer, Settings};
+use crate::scene::Photo;
 use crate::scene::camera::Camera;
 use std::time::Instant;
 
@@ -36,8 +37,8 @@ pub struct Drawn {
 pub struct Easel {
     device: Device,
     renderer: Renderer,
-    /// The photo compared with last, over its background.
-    photo: Option<(usize, Vec<f32>)>,
+    /// The photo compared with last.
+    photo: Option<(usize, Photo)>,
 }
 
 impl Easel {
@@ -82,7 +83,9 @@ impl Easel {
             }
             Picture::Error => {
                 let image = self.renderer.render(model, &camera)?;
-                let (picture, db) = paint::error_picture(image, self.truth(subject, sitter, wish)?);
+                let mut rendered = rgb(&image);
+                let truth = self.truth(subject, sitter, wish, &mut rendered)?;
+                let (picture, db) = paint::error_picture(image, &rendered, &truth);
                 psnr = db;
                 picture
             }
@@ -115,16 +118,27 @@ impl Easel {
         Ok(model.parameters.means.cast::<[f32; 3]>().read(&self.device)?)
     }
 
-    /// What an error picture compares with: the photo at a photo's camera, else the other model.
-    fn truth<'s>(&'s mut self, subject: &Subject, sitter: Sitter<'s>, wish: &Wish) -> Result<&'s [f32], Error> {
+    /// What an error picture compares `rendered` with: the photo at a photo's camera, whose mask then hides parts of both,
+    /// else the other model.
+    fn truth(
+        &mut self,
+        subject: &Subject,
+        sitter: Sitter<'_>,
+        wish: &Wish,
+        rendered: &mut [f32],
+    ) -> Result<Vec<f32>, Error> {
         let (Eye::Photo(n), Some(capture)) = (wish.camera, &subject.capture) else {
             let why = "an error picture needs the camera of a photo, or a second model";
-            return sitter.other.ok_or_else(|| Error::Usage(why.into()));
+            return sitter.other.map(<[f32]>::to_vec).ok_or_else(|| Error::Usage(why.into()));
         };
-        if self.photo.as_ref().is_none_or(|(at, _)| *at != n) {
-            self.photo = Some((n, truth(&capture.photo(n)?, subject.background)?));
-        }
-        Ok(self.photo.as_ref().map_or(&[], |(_, truth)| truth))
+        let photo = match self.photo.take() {
+            Some((at, photo)) if at == n => photo,
+            _ => capture.photo(n)?,
+        };
+        hide(rendered, &photo, subject.background)?;
+        let truth = truth(&photo, subject.background);
+        self.photo = Some((n, photo));
+        truth
     }
 }
 

@@ -4,14 +4,14 @@
 //! needs the token of the address, exchanged for a cookie that other sites cannot use; its `Host` must be this machine's own
 //! name (against names rebound by DNS); and a WebSocket's `Origin` must be that same host.
 
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 
 /// Checks of a request.
 #[derive(Clone, Debug)]
 pub struct Guard {
     token: String,
     port: u16,
-    /// The address bound to, if it is not a loopback one.
+    /// The address bound to, if it is not the usual one.
     host: Option<String>,
 }
 
@@ -20,7 +20,7 @@ pub struct Guard {
 pub enum Verdict {
     /// Serve it.
     Pass,
-    /// The address holds the token: set the cookie and redirect.
+    /// The address holds the token: set the cookie.
     Enter,
     /// Refuse it with this sentence.
     Refuse(&'static str),
@@ -50,7 +50,7 @@ impl Guard {
         let mut bytes = [0; 16];
         getrandom::fill(&mut bytes).map_err(|e| std::io::Error::other(e.to_string()))?;
         let token = format!("{:032x}", u128::from_ne_bytes(bytes));
-        let host = (!bound.is_loopback()).then(|| bound.to_string());
+        let host = (bound != Ipv4Addr::LOCALHOST && bound != Ipv6Addr::LOCALHOST).then(|| bound.to_string());
         Ok(Self { token, port, host })
     }
 
@@ -72,7 +72,7 @@ impl Guard {
     /// Checks a request.
     pub fn check(&self, asked: Asked<'_>) -> Verdict {
         if !self.own(asked.host) {
-            return Verdict::Refuse("this name is not the viewer's; use the address that qirf-vk printed");
+            return Verdict::Refuse("this name is not the viewer's; use the address of numbers that qirf-vk printed");
         }
         if asked.socket && asked.origin.and_then(|o| o.strip_prefix("http://")) != Some(asked.host) {
             return Verdict::Refuse("another site may not look at this viewer");

@@ -77,8 +77,8 @@ impl<'a> Live<'a> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Obeys what pages asked for.
-    fn obey(&self, state: &mut State, trainer: &Trainer) {
+    /// Notes what pages asked for; false if that is nothing.
+    fn hear(&self, state: &mut State) -> bool {
         let controls = self.server.lobby().controls();
         for control in &controls {
             match control {
@@ -90,7 +90,12 @@ impl<'a> Live<'a> {
                 Control::Share(_) => {}
             }
         }
-        if !controls.is_empty() || state.told.is_none_or(|t| t.elapsed() > NEWS) {
+        !controls.is_empty()
+    }
+
+    /// Hears pages, and tells them how the run is doing.
+    fn converse(&self, state: &mut State, trainer: &Trainer) {
+        if self.hear(state) || state.told.is_none_or(|t| t.elapsed() > NEWS) {
             self.tell(state, trainer);
         }
     }
@@ -114,15 +119,14 @@ impl<'a> Live<'a> {
             Some(easel) => Ok(easel),
             None => Easel::new(self.device, *trainer.settings(), trainer.len()),
         };
-        let drawn = made.and_then(|mut easel| {
-            let drawn = easel.draw(&self.subject, sitter, &wish);
-            state.easel = Some(easel);
-            drawn
-        });
-        match drawn {
-            Ok(drawn) => self.server.lobby().deliver(client, drawn.header, Arc::new(drawn.image)),
-            // No picture is worth a run: it goes on, and meets a lost device by itself.
-            Err(e) => self.server.lobby().refuse(client, json!({ "error": e.to_string() }).to_string()),
+        let lobby = self.server.lobby();
+        // No picture is worth a run: it goes on, and meets a lost device by itself. Its memory comes first, too.
+        match made.and_then(|mut easel| easel.draw(&self.subject, sitter, &wish).map(|drawn| (easel, drawn))) {
+            Ok((easel, drawn)) => {
+                state.easel = Some(easel);
+                lobby.deliver(client, drawn.header, Arc::new(drawn.image));
+            }
+            Err(e) => lobby.refuse(client, &wish, &e),
         }
         state.credit -= begun.elapsed().as_secs_f64();
         true
@@ -144,25 +148,36 @@ impl Watcher for Live<'_> {
         let lobby = self.server.lobby();
         if lobby.present() == 0 {
             let mut state = self.state();
+            self.hear(&mut state); // the last words of a page that left
             // Whoever paused a run and left does not halt it for ever.
-            (state.paused, state.credit, state.looked, state.easel) = (false, 0.0, Instant::now(), None);
+            (state.paused, state.share, state.credit) = (false, SHARE, 0.0);
+            (state.looked, state.easel) = (Instant::now(), None);
             return;
         }
         let mut state = self.state();
         let earned = state.looked.elapsed().as_secs_f64() * state.share;
         state.credit = (state.credit + earned).min(MOST_CREDIT);
-        self.obey(&mut state, trainer);
+        self.converse(&mut state, trainer);
         while state.credit > 0.0 && self.draw(&mut state, trainer, Duration::ZERO) {}
         while state.paused && !state.stop && !state.checkpoint && !self.beside.stop() && lobby.present() > 0 {
             self.draw(&mut state, trainer, PAUSED);
-            self.obey(&mut state, trainer);
+            self.converse(&mut state, trainer);
             state.credit = 0.0;
         }
         state.looked = Instant::now();
     }
 
     fn pace(&self) -> u32 {
-        if self.server.lobby().present() > 0 && self.server.lobby().waiting() { PACE } else { self.beside.pace() }
+        let lobby = self.server.lobby();
+        if lobby.present() == 0 {
+            return self.beside.pace();
+        }
+        let state = self.state();
+        match (state.paused, state.credit >= 0.0 && lobby.waiting()) {
+            (true, _) => 1,
+            (_, true) => PACE,
+            _ => self.beside.pace(),
+        }
     }
 
     fn checkpoint(&self) -> bool {
@@ -187,6 +202,8 @@ impl Watcher for Live<'_> {
     }
 
     fn stop(&self) -> bool {
-        self.state().stop || self.beside.stop()
+        let mut state = self.state();
+        self.hear(&mut state);
+        state.stop || self.beside.stop()
     }
 }

@@ -2,7 +2,9 @@
 //! gets no others, so that latency cannot build up.
 
 use super::protocol::{Control, Header, Wish};
+use crate::error::Error;
 use crate::render::Image;
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
@@ -139,10 +141,10 @@ impl Lobby {
         self.send(id, Outgoing::Frame(header, image));
     }
 
-    /// Sends a client a text in place of the picture that it wished for.
-    pub fn refuse(&self, id: u64, text: String) {
+    /// Tells a client why the picture that it wished for does not come.
+    pub fn refuse(&self, id: u64, wish: &Wish, error: &Error) {
         self.shown(id);
-        self.send(id, Outgoing::Text(text));
+        self.send(id, Outgoing::Text(json!({ "error": error.to_string(), "number": wish.number }).to_string()));
     }
 
     /// Sends a text to every client.

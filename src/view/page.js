@@ -14,7 +14,7 @@ const picture = $("picture"), photo = $("photo"), lines = $("lines"), stage = $(
 
 const state = {
   scene: null, camera: null, photo: -1, model: 0, kind: "colour",
-  sent: 0, received: 0, changed: false, moving: false, lastChange: 0, stillAsked: true, other: null, shown: null,
+  sent: 0, received: 0, wish: null, otherAsked: 0, changed: false, moving: false, lastChange: 0, stillAsked: true, other: null, shown: null,
   keys: new Set(), pointers: new Map(), socket: null, wait: BACK_OFF[0], times: [],
 };
 globalThis.viewer = state;
@@ -41,13 +41,22 @@ function send(still, model) {
     camera: state.photo >= 0 ? { photo: state.photo } : { pose: { position, rotation, fov } },
     background: grey === "" ? null : [Number(grey), Number(grey), Number(grey)],
   };
-  state.asked = { number: wish.number, model };
+  state.wish = wish;
+  state.socket.send(JSON.stringify({ wish }));
+}
+
+/** Asks for the last picture again, of the other model. */
+function sendOther() {
+  if (state.socket?.readyState !== WebSocket.OPEN) return;
+  const wish = { ...state.wish, number: ++state.sent, model: 1 - state.model };
+  state.otherAsked = wish.number;
   state.socket.send(JSON.stringify({ wish }));
 }
 
 /** Notes that the next picture differs. `leave`: the camera has left the photo. */
 function change(leave = false) {
   if (leave && state.photo >= 0) choose(-1);
+  if (!twoModels()) forgetOther();
   state.changed = true;
   state.lastChange = performance.now();
   state.stillAsked = false;
@@ -63,7 +72,7 @@ function tick(now) {
   } else if (!state.stillAsked && now - state.lastChange > REST && !(twoModels() && waiting)) {
     state.stillAsked = true;
     send(true, state.model);
-    location.replace(`#${fragment()}`);
+    history.replaceState(null, "", `#${fragment()}`);
   }
   overlay();
   requestAnimationFrame(tick);
@@ -71,7 +80,12 @@ function tick(now) {
 
 // --- Frames ---------------------------------------------------------------------------------------------------------------
 
-async function receive(data) {
+function forgetOther() {
+  state.other?.close();
+  state.other = null;
+}
+
+async function receive(socket, data) {
   const view = new DataView(data);
   const word = (i) => view.getUint32(4 + 4 * i, true), real = (i) => view.getFloat32(4 + 4 * i, true);
   const frame = {
@@ -79,16 +93,29 @@ async function receive(data) {
     ms: real(3), iteration: word(4), gaussians: word(5), psnr: real(6), bytes: data.byteLength - HEADER,
   };
   const blob = new Blob([new Uint8Array(data, HEADER)], { type: frame.lossless ? "image/png" : "image/jpeg" });
-  const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
-  state.socket?.send(JSON.stringify({ shown: frame.number }));
-  if (frame.number < state.received) return;
+  let bitmap = null;
+  try {
+    bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  } catch {
+    say("a picture could not be decoded");
+  } finally {
+    if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ shown: frame.number }));
+  }
+  if (frame.number < state.received || socket !== state.socket) return bitmap?.close();
   state.received = frame.number;
-  const second = state.asked?.number === frame.number && state.asked.model !== state.model;
-  if (second) state.other = bitmap;
-  else [state.shown, state.frame] = [bitmap, frame];
+  if (!bitmap) return;
+  state.wait = BACK_OFF[0];
+  const second = frame.number === state.otherAsked;
+  if (second) {
+    forgetOther();
+    state.other = bitmap;
+  } else {
+    state.shown?.close();
+    [state.shown, state.frame] = [bitmap, frame];
+  }
   paint();
   report(frame);
-  if (!second && twoModels() && !state.changed) send(frame.lossless, 1 - state.model);
+  if (!second && twoModels()) sendOther();
 }
 
 /** Puts the picture on the canvas; with two models, the other one left of the slider. */
@@ -180,6 +207,7 @@ function overlay() {
   if (lines.width !== width || lines.height !== height) {
     [lines.width, lines.height] = [width, height];
     if (state.camera && state.photo < 0) change();
+    paint();
   }
   const context = lines.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -230,7 +258,7 @@ function drag(event) {
   } else if (event.ctrlKey || event.metaKey) {
     state.camera.look((-dx / height) * state.camera.fov, (dy / height) * state.camera.fov);
   } else {
-    state.camera.orbit((dx / height) * Math.PI, (-dy / height) * Math.PI);
+    state.camera.orbit((dx / height) * Math.PI, (dy / height) * Math.PI);
   }
   change(true);
 }
@@ -259,7 +287,8 @@ function listen() {
     change(true);
   }, { passive: false });
   addEventListener("keydown", (event) => {
-    if (event.target.matches?.("select, input") || event.ctrlKey || event.metaKey || !state.camera) return;
+    const typing = event.target.matches?.("select, input[type=range]");
+    if (typing || event.ctrlKey || event.metaKey || event.altKey || !state.camera) return;
     const key = event.key.toLowerCase();
     if (key === "arrowleft" || key === "arrowright") step(key === "arrowleft" ? -1 : 1);
     else if (key === "home") home();
@@ -271,6 +300,9 @@ function listen() {
   });
   addEventListener("keyup", (event) => state.keys.delete(event.key.toLowerCase()));
   addEventListener("blur", () => state.keys.clear());
+  addEventListener("hashchange", () => restore(location.hash.slice(1)));
+  // Keys belong to the camera again.
+  $("panel").addEventListener("change", (event) => event.target.blur());
   $("kind").addEventListener("change", kind);
   $("models").addEventListener("change", () => { state.model = Number($("models").value); change(); });
   $("split").addEventListener("input", () => { paint(); if (twoModels() && !state.other) change(); });
@@ -329,10 +361,12 @@ function restore(text) {
 function told(text) {
   const news = JSON.parse(text);
   if (news.error ?? news.note) say(news.error ?? news.note);
+  if (news.number != null) state.received = Math.max(state.received, news.number); // no picture comes for this one
   if (news.iteration != null) {
     // The model has changed: a picture of it, once the last one has come.
-    if (news.iteration !== state.iteration && state.received === state.sent) send(state.stillAsked, state.model);
-    state.iteration = news.iteration;
+    const old = news.iteration !== state.frame?.iteration;
+    if (old && !document.hidden && state.received === state.sent) send(state.stillAsked, state.model);
+    $("share").value = String(news.share);
     state.paused = news.paused;
     $("pause").textContent = news.paused ? "Resume" : "Pause";
     const words = [`iteration ${news.iteration} of ${news.until}`, `${news.gaussians.toLocaleString("en")} Gaussians`];
@@ -349,28 +383,37 @@ function connect() {
   state.socket = socket;
   socket.addEventListener("open", () => {
     say("");
-    state.wait = BACK_OFF[0];
     change();
   });
   socket.addEventListener("message", ({ data }) => {
     if (typeof data === "string") return told(data);
     say("");
-    receive(data);
+    receive(socket, data);
   });
   socket.addEventListener("close", ({ reason }) => {
     say(reason || "no connection to qirf-vk; trying again");
-    setTimeout(connect, state.wait);
+    setTimeout(again, state.wait);
     state.wait = Math.min(2 * state.wait, BACK_OFF[1]);
   });
 }
 
+/** Connects again; a program that was started anew has another token, and says so. */
+async function again() {
+  const answer = await fetch("/scene.json").catch(() => null);
+  if (answer?.status === 403) return say(await answer.text());
+  connect();
+}
+
 async function begin() {
+  // The token has become a cookie.
+  if (location.search) history.replaceState(null, "", location.pathname + location.hash);
   const answer = await fetch("/scene.json");
   if (!answer.ok) return say(await answer.text());
   const scene = await answer.json();
   Object.assign(state, { scene, paints: colours(scene.cameras), length: frustumLength(scene.cameras) });
   document.title = $("title").textContent = scene.title;
   $("run").hidden = !scene.live;
+  for (const id of ["share", "pause", "checkpoint", "stop"]) $(id).disabled = !scene.control;
   $("photos").hidden = scene.cameras.length === 0;
   $("sort").hidden = scene.cameras.every((c) => c.psnr == null);
   $("models-label").hidden = scene.models.length < 2;

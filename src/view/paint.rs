@@ -66,8 +66,9 @@ pub fn blocks(means: &[[f32; 3]]) -> Vec<f32> {
 const SCALE: [[f32; 3]; 5] =
     [[0.09, 0.07, 0.35], [0.12, 0.45, 0.85], [0.25, 0.75, 0.45], [0.95, 0.85, 0.25], [0.80, 0.12, 0.10]];
 
-/// The scale's colour of a share.
+/// The scale's colour of a share; what is no number counts as the largest.
 fn scale(share: f32) -> [f32; 3] {
+    let share = if share.is_nan() { 1.0 } else { share };
     let at = share.clamp(0.0, 1.0) * (SCALE.len() - 1) as f32;
     let below = (at as usize).min(SCALE.len() - 2);
     let part = at - below as f32;
@@ -92,11 +93,11 @@ pub fn alpha_picture(mut image: Image) -> Image {
     image
 }
 
-/// A picture of the mean absolute difference from `truth` (red, green, blue of each pixel), and the PSNR in dB.
-pub fn error_picture(mut image: Image, truth: &[f32]) -> (Image, f32) {
+/// A picture of the mean absolute difference of two pictures (red, green, blue of each pixel), and their PSNR in dB.
+pub fn error_picture(mut image: Image, rendered: &[f32], truth: &[f32]) -> (Image, f32) {
     let mut squares = 0.0_f64;
-    for (pixel, truth) in image.pixels.iter_mut().zip(truth.chunks_exact(3)) {
-        let apart: [f32; 3] = std::array::from_fn(|c| pixel[c].clamp(0.0, 1.0) - truth[c].clamp(0.0, 1.0));
+    for ((pixel, x), y) in image.pixels.iter_mut().zip(rendered.chunks_exact(3)).zip(truth.chunks_exact(3)) {
+        let apart: [f32; 3] = std::array::from_fn(|c| x[c].clamp(0.0, 1.0) - y[c].clamp(0.0, 1.0));
         squares += apart.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>();
         let [r, g, b] = scale(apart.iter().map(|d| d.abs()).sum::<f32>() / 3.0 / LARGEST_ERROR);
         *pixel = [r, g, b, 1.0];
@@ -111,13 +112,13 @@ mod tests {
 
     #[test]
     fn scales_and_differences() {
-        assert_eq!((scale(-1.0), scale(2.0), scale(f32::NAN)), (SCALE[0], SCALE[4], scale(f32::NAN)));
+        assert_eq!((scale(-1.0), scale(2.0), scale(f32::NAN)), (SCALE[0], SCALE[4], SCALE[4]));
         let pixels = vec![[0.5, 0.5, 0.5, 1.0]; 4];
         let image = Image { width: 2, height: 2, pixels };
-        let (picture, psnr) = error_picture(image.clone(), &[0.4; 12]);
+        let (picture, psnr) = error_picture(image.clone(), &[0.5; 12], &[0.4; 12]);
         assert!((psnr - 20.0).abs() < 1e-4, "{psnr}");
-        assert_eq!(picture.pixels[0][..3], scale(0.4));
-        assert_eq!(error_picture(image, &[0.5; 12]).1, f32::INFINITY);
+        assert!(picture.pixels[0].iter().zip(scale(0.4)).all(|(a, b)| (a - b).abs() < 1e-5));
+        assert_eq!(error_picture(image, &[0.5; 12], &[0.5; 12]).1, f32::INFINITY);
     }
 
     #[test]

@@ -7,14 +7,17 @@ use super::lobby::Lobby;
 use super::subject::Subject;
 use crate::error::Error;
 use std::io::Write;
-use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tungstenite::handshake::derive_accept_key;
 
 /// Largest number of connections at a time.
 const MOST_CONNECTIONS: usize = 32;
+
+/// Time for pages to hear that the program ends.
+const FAREWELL: Duration = Duration::from_millis(300);
 
 const PAGE: &str = include_str!("page.html");
 const SCRIPTS: [(&str, &str); 3] = [
@@ -62,13 +65,14 @@ impl Server {
             |e: std::io::Error| Error::Usage(format!("cannot listen on {wanted}: {e}; choose another --port"));
         let listener = TcpListener::bind(wanted).map_err(refused)?;
         let address = listener.local_addr().map_err(refused)?;
-        let description = subject.description(device, live).to_string();
+        let control = options.control && live;
+        let description = subject.description(device, live, control).to_string();
         let site = Arc::new(Site {
             guard: Guard::new(options.host, address.port()).map_err(refused)?,
             lobby: Arc::new(Lobby::default()),
             subject,
             description,
-            control: options.control && live,
+            control,
             connections: AtomicUsize::new(0),
         });
         let serving = Arc::clone(&site);
@@ -78,7 +82,9 @@ impl Server {
 
     /// The address to open in a browser. It holds the token.
     pub fn url(&self) -> String {
-        format!("http://{}{}", self.address, self.site.guard.entrance())
+        let ip = if self.address.ip().is_unspecified() { own_address() } else { None };
+        let address = SocketAddr::new(ip.unwrap_or(self.address.ip()), self.address.port());
+        format!("http://{address}{}", self.site.guard.entrance())
     }
 
     /// Where clients wait.
@@ -96,7 +102,19 @@ impl Drop for Server {
             _ => self.address,
         };
         let _ = TcpStream::connect_timeout(&here, Duration::from_millis(200));
+        // Pages are told, unless one does not listen.
+        let begun = Instant::now();
+        while self.site.lobby.present() > 0 && begun.elapsed() < FAREWELL {
+            std::thread::sleep(Duration::from_millis(2));
+        }
     }
+}
+
+/// The address by which other machines reach this one; no packet is sent to find it.
+fn own_address() -> Option<IpAddr> {
+    let socket = UdpSocket::bind("0.0.0.0:0").ok()?;
+    socket.connect("192.0.2.1:9").ok()?;
+    socket.local_addr().ok().map(|a| a.ip())
 }
 
 fn accept(listener: &TcpListener, site: &Arc<Site>) {
@@ -134,9 +152,10 @@ impl Site {
         };
         match self.guard.check(asked) {
             Verdict::Refuse(why) => http::say(&mut stream, Status::FORBIDDEN, why),
+            // No redirect: after a click on another site's link, browsers would send it without the cookie.
             Verdict::Enter => {
-                let more = format!("Location: /\r\nSet-Cookie: {}\r\n", self.guard.cookie());
-                http::answer(&mut stream, Status(303, "See Other"), "text/plain", &more, b"");
+                let more = format!("Set-Cookie: {}\r\n", self.guard.cookie());
+                http::answer(&mut stream, Status::OK, "text/html; charset=utf-8", &more, PAGE.as_bytes());
             }
             Verdict::Pass => self.answer(stream, request),
         }

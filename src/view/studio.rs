@@ -16,7 +16,7 @@ const LEAST_REDUCED: usize = 20_000;
 /// Milliseconds of a whole moving picture beyond which moving pictures are reduced.
 const SLOW_MS: f32 = 70.0;
 /// Milliseconds that a whole picture is estimated at, below which moving pictures are whole again.
-const FAST_MS: f32 = 25.0;
+const FAST_MS: f32 = 50.0;
 
 /// A model on the device.
 struct Shown {
@@ -25,14 +25,14 @@ struct Shown {
     whole: Resident,
     /// Its most visible quarter, for moving pictures on slow devices.
     reduced: Option<Resident>,
+    /// True if moving pictures are reduced: slow devices take a time for each Gaussian, hardly for each pixel.
+    reduce: bool,
 }
 
 /// The device's side of the viewer.
 pub struct Studio<'a> {
     subject: &'a Subject,
     shown: Vec<Shown>,
-    /// True if moving pictures are reduced: slow devices take a time for each Gaussian, hardly for each pixel.
-    reduce: bool,
 }
 
 /// The Gaussians of the largest product of opacity and area, one in [`REDUCED`], in their order.
@@ -68,10 +68,10 @@ impl<'a> Studio<'a> {
             let whole = Resident::upload(device, &model)?;
             let reduced = (model.len() >= LEAST_REDUCED).then(|| most_visible(&model));
             let reduced = reduced.map(|m| Resident::upload(device, &m)).transpose()?;
-            Ok(Shown { easel: Easel::new(device, settings, model.len())?, whole, reduced })
+            Ok(Shown { easel: Easel::new(device, settings, model.len())?, whole, reduced, reduce: false })
         };
         let shown = subject.models.iter().map(shown).collect::<Result<_, _>>()?;
-        Ok(Self { subject, shown, reduce: false })
+        Ok(Self { subject, shown })
     }
 
     /// Draws a wish.
@@ -82,14 +82,14 @@ impl<'a> Studio<'a> {
         let other = (0..self.shown.len()).find(|m| *m != wish.model).filter(|_| wish.picture == Picture::Error);
         let other =
             other.map(|m| &mut self.shown[m]).map(|o| o.easel.colours(self.subject, &o.whole, wish)).transpose()?;
-        let Some(Shown { easel, whole, reduced }) = self.shown.get_mut(wish.model) else {
+        let Some(Shown { easel, whole, reduced, reduce }) = self.shown.get_mut(wish.model) else {
             return Err(Error::Usage(format!("there is no model {}", wish.model)));
         };
-        let reduced = reduced.as_ref().filter(|_| self.reduce && !wish.still);
+        let reduced = reduced.as_ref().filter(|_| *reduce && !wish.still);
         let drawn = easel.draw(self.subject, Sitter { whole, reduced, other: other.as_deref(), iteration: 0 }, wish)?;
         if !wish.still && wish.picture == Picture::Colour {
             let ms = drawn.header.draw_ms;
-            self.reduce = if drawn.header.reduced { ms * REDUCED as f32 > FAST_MS } else { ms > SLOW_MS };
+            *reduce = if drawn.header.reduced { ms * REDUCED as f32 > FAST_MS } else { ms > SLOW_MS };
         }
         Ok(drawn)
     }

@@ -127,7 +127,7 @@ impl Subject {
     }
 
     /// Everything that the page needs to know at its start.
-    pub fn description(&self, device: &str, live: bool) -> Value {
+    pub fn description(&self, device: &str, live: bool, control: bool) -> Value {
         let model = |m: &Model| json!({ "name": m.name, "gaussians": m.gaussians.len(), "degree": m.gaussians.degree(), "mode": m.style.mode().to_string() });
         let up = self.upwards();
         let look = Look::default();
@@ -161,7 +161,7 @@ impl Subject {
             views.map(of).collect()
         });
         json!({
-            "title": self.title, "device": device, "live": live,
+            "title": self.title, "device": device, "live": live, "control": control,
             "models": self.models.iter().map(model).collect::<Vec<_>>(),
             "background": self.background, "up": up.to_array(),
             "start": start, "target": target.to_array(), "cameras": cameras,

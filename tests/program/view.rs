@@ -5,6 +5,7 @@ mod live;
 mod page;
 mod refusals;
 mod session;
+mod speed;
 
 use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::synth::{SynthOptions, write};

@@ -35,6 +35,23 @@ pub fn truth(view: &Photo, background: [f32; 3]) -> Result<Vec<f32>, Error> {
     Ok(out)
 }
 
+/// Puts the background in a rendered picture (red, green, blue of each pixel) where the photo's mask hides the photo.
+///
+/// # Errors
+/// A photo in a file that cannot be read.
+pub fn hide(rendered: &mut [f32], view: &Photo, background: [f32; 3]) -> Result<(), Error> {
+    if view.fourth_byte == FourthByte::Mask {
+        let bytes = view.pixels.read().map_err(train::Error::Photos)?;
+        for (x, p) in rendered.chunks_exact_mut(3).zip(bytes.chunks_exact(4)) {
+            let counts = f32::from(p[3]) / 255.0;
+            for c in 0..3 {
+                x[c] = x[c] * counts + background[c] * (1.0 - counts);
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Red, green, blue of a rendered picture, clamped to [0, 1].
 pub fn rgb(image: &Image) -> Vec<f32> {
     image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| v.clamp(0.0, 1.0))).collect()
@@ -97,15 +114,7 @@ impl Evaluator {
     /// A rendered view and its photo, as they are compared.
     fn compared(&self, image: &Image, view: &Photo) -> Result<Compared, Error> {
         let (mut rendered, photo) = (rgb(image), truth(view, self.background)?);
-        if view.fourth_byte == FourthByte::Mask {
-            let bytes = view.pixels.read().map_err(train::Error::Photos)?;
-            for (x, p) in rendered.chunks_exact_mut(3).zip(bytes.chunks_exact(4)) {
-                let counts = f32::from(p[3]) / 255.0;
-                for c in 0..3 {
-                    x[c] = x[c] * counts + self.background[c] * (1.0 - counts);
-                }
-            }
-        }
+        hide(&mut rendered, view, self.background)?;
         let (w, h) = (image.width as usize, image.height as usize);
         if !self.fits_exposure {
             return Ok(([w, h], rendered, photo));

@@ -7,4 +7,4 @@ mod exposure_fit;
 pub mod pictures;
 
 pub use assess::{Assessment, protocol};
-pub use evaluator::{Evaluator, HeldOut, rgb, truth};
+pub use evaluator::{Evaluator, HeldOut, hide, rgb, truth};

@@ -70,6 +70,30 @@ fn mouse_and_keys_move_the_camera() {
         shown = now;
     };
 
+    // Whatever the drag does, what lies before the target follows the pointer, to the right and down.
+    let near = "(() => { const c = viewer.camera; globalThis.near = c.position.map((v, i) => v + 0.5 * c.distance * c.forward[i]); })()";
+    let seen = "viewer.camera.project(near, [640, 480]).slice(0, 2)";
+    for (what, more) in [("orbit", json!({})), ("pan", json!({ "modifiers": 8 })), ("look", json!({ "modifiers": 2 }))]
+    {
+        page.value(near);
+        let before = numbers(&page.value(seen));
+        drag(&mut page, &more);
+        let after = numbers(&page.value(seen));
+        assert!(after[0] > before[0] + 1.0 && after[1] > before[1] + 1.0, "{what}: {before:?} to {after:?}");
+    }
+    differs(&mut page, "dragging");
+
+    // At a pole an orbit stops, and turns back from there.
+    page.value("viewer.camera.level()");
+    page.value("for (let i = 0; i < 50; i++) viewer.camera.orbit(0.01, 0.3)");
+    let above = "viewer.camera.forward.reduce((s, v, i) => s + v * viewer.camera.up[i], 0)";
+    let lowest = page.value(above).as_f64().unwrap();
+    assert!((-0.99999..-0.999).contains(&lowest), "{lowest}");
+    page.value("viewer.camera.orbit(0, -0.5)");
+    assert!(page.value(above).as_f64().unwrap() > -0.98, "it stays at the pole");
+    page.key("Home");
+    page.until(RESTED);
+
     // An orbit keeps the target and the distance.
     let before = (position(&mut page), target(&mut page));
     drag(&mut page, &json!({}));
@@ -170,9 +194,12 @@ fn two_models_share_a_picture() {
     let Some(mut page) = Browser::open(&viewer.url) else { return };
     page.until(RESTED);
     let first = bytes(&page.value(PIXELS));
-    page.value(
-        "(() => { const s = document.getElementById('split'); s.value = 50; s.dispatchEvent(new Event('input')) })()",
-    );
+    let slide = |to: u32| {
+        format!(
+            "(() => {{ const s = document.getElementById('split'); s.value = {to}; s.dispatchEvent(new Event('input')) }})()"
+        )
+    };
+    page.value(&slide(50));
     page.until(&format!("viewer.other && {RESTED}"));
     let both = bytes(&page.value(PIXELS));
     let width = page.value("document.getElementById('picture').width").as_u64().unwrap() as usize;
@@ -182,6 +209,15 @@ fn two_models_share_a_picture() {
     };
     assert_eq!(part(&both, false), part(&first, false), "right of the slider is the first model");
     assert_ne!(part(&both, true), part(&first, true), "left of it is the other one");
+
+    // Without the slider the other's picture is forgotten when the camera moves, and comes back from the new camera.
+    page.value(&slide(0));
+    page.value("viewer.camera.orbit(0.3, 0.1)");
+    page.key("l");
+    page.until(&format!("!viewer.other && {RESTED}"));
+    page.value(&slide(50));
+    page.until(&format!("viewer.other && {RESTED}"));
+    assert_ne!(part(&bytes(&page.value(PIXELS)), true), part(&both, true));
     assert_eq!(page.complaints, Vec::<String>::new());
 }
 
@@ -193,8 +229,12 @@ fn a_page_without_the_token_or_without_a_program_says_so() {
     drop(page);
     let Some(mut page) = Browser::open(&viewer.url) else { return };
     page.until(RESTED);
+    let port = viewer.host.rsplit_once(':').unwrap().1.to_owned();
     viewer.interrupt();
     page.until("document.getElementById('message').textContent !== ''");
+    // Another program in its place has another token, and the page says so.
+    let _another = Viewer::start(&["view", &beside("model.ply"), "--port", &port]);
+    page.until("document.getElementById('message').textContent.includes('token is missing')");
 }
 
 /// Draws the picture of the viewer in the README: `make viewer-picture`.

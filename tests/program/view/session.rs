@@ -25,8 +25,10 @@ pub struct Viewer {
 impl Viewer {
     /// Starts the program and enters with the printed address.
     pub fn start(arguments: &[&str]) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        command.args(arguments).env("QIRF_VALIDATION", "1");
+        // Measurements name a program of the release profile, and do without validation.
+        let measured = std::env::var_os("QIRF_PROGRAM");
+        let mut command = Command::new(measured.clone().unwrap_or_else(|| env!("CARGO_BIN_EXE_qirf-vk").into()));
+        command.args(arguments).env("QIRF_VALIDATION", if measured.is_some() { "0" } else { "1" });
         Self::of(command)
     }
 
@@ -49,7 +51,7 @@ impl Viewer {
         let (host, entrance) = (host.to_owned(), format!("/{entrance}"));
         let mut viewer = Self { child, said, host, cookie: String::new(), url };
         let (status, head, _) = viewer.exchange(&viewer.request(&entrance, &[]));
-        assert_eq!(status, 303);
+        assert_eq!(status, 200);
         let set = head.lines().find_map(|l| l.strip_prefix("Set-Cookie: ")).expect("a cookie");
         assert!(set.contains("HttpOnly") && set.contains("SameSite=Strict"), "{set}");
         set.split(';').next().unwrap().clone_into(&mut viewer.cookie);
@@ -120,6 +122,15 @@ impl Viewer {
     /// Waits for the end; returns the exit code.
     pub fn wait(mut self) -> Option<i32> {
         self.child.wait().unwrap().code()
+    }
+
+    /// Largest resident memory of the program so far, in bytes; 0 where the system does not tell.
+    pub fn peak_memory(&self) -> f64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap_or_default();
+        let line = status
+            .lines()
+            .find_map(|l| l.strip_prefix("VmHWM:")?.trim().strip_suffix("kB")?.trim().parse::<f64>().ok());
+        line.unwrap_or(0.0) * 1024.0
     }
 
     /// True while the program runs.
