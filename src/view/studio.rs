@@ -14,9 +14,9 @@ const REDUCED: usize = 4;
 /// Smallest model that is worth reducing.
 const LEAST_REDUCED: usize = 20_000;
 /// Milliseconds of a whole moving picture beyond which moving pictures are reduced.
-const SLOW_MS: f32 = 70.0;
+const SLOW_MS: f32 = 45.0;
 /// Milliseconds that a whole picture is estimated at, below which moving pictures are whole again.
-const FAST_MS: f32 = 50.0;
+const FAST_MS: f32 = 40.0;
 
 /// A model on the device.
 struct Shown {

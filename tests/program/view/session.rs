@@ -73,6 +73,7 @@ impl Viewer {
     pub fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect(&self.host).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream.set_nodelay(true).unwrap(); // as browsers do
         stream
     }
 
