@@ -291,6 +291,28 @@ fn plots_are_sound_on_their_own() {
     assert_eq!((html.select("svg").len(), html.select(".legend").len()), (4, 2));
 }
 
+/// Opens a report in a browser: it complains of nothing, asks for nothing else, and its sliders move.
+#[cfg(unix)]
+pub fn works_in_a_browser(page: &Path) {
+    use crate::support::browser::Browser;
+    let url = format!("file://{}", page.display());
+    let Some(mut browser) = Browser::open(&url) else { return };
+    browser.until("document.readyState === 'complete'");
+    let sliders = browser.value("document.querySelectorAll('.stack input').length").as_u64().unwrap();
+    assert!(sliders > 0, "no slider in {url}");
+    let moved = "[...document.querySelectorAll('.stack')].every((s) => { const i = s.querySelector('input'); \
+        i.value = 20; i.dispatchEvent(new Event('input')); return s.style.getPropertyValue('--at') === '20%' })";
+    assert_eq!(browser.value(moved), serde_json::json!(true), "{url}");
+    let pictures = "[...document.images].every((i) => i.complete && i.naturalWidth > 0)";
+    assert_eq!(browser.value(pictures), serde_json::json!(true), "{url}");
+    // Each button brings another picture to its side.
+    let buttons = "[...document.querySelectorAll('.compare button')].every((b) => { b.click(); return b.ariaPressed === 'true' })";
+    assert_eq!(browser.value(buttons), serde_json::json!(true), "{url}");
+    assert_eq!(browser.complaints, Vec::<String>::new());
+    let foreign: Vec<_> = browser.requests.iter().filter(|r| **r != url && !r.starts_with("data:")).collect();
+    assert!(foreign.iter().all(|r| *r == "about:blank"), "{foreign:?}");
+}
+
 fn run(scene: &Path, out: &Path, more: &[&str]) -> (String, Html) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
     command.arg("run").arg(scene).arg("-o").arg(out).args(["--iterations", "120"]).args(more);
@@ -312,6 +334,8 @@ fn a_run_leaves_its_report_and_names_it() {
     assert_eq!(html.select(".stack img").len(), 2 * 4, "photo, dense, compressed and error of two views");
     assert_eq!(html.select("#pruning svg").len(), 5);
     assert!(html.texts("pre")[0].contains("iterations = 120"));
+    #[cfg(unix)]
+    works_in_a_browser(&out.join("report.html"));
 
     // The dense pictures of that run do not belong to another run that does not prune.
     let (said, html) = run(&scene, &out, &["--no-prune", "--json"]);

@@ -395,6 +395,8 @@ fn arms_are_compared_at_equal_counts() {
         page.contains("random:global") && page.matches("<img").count() == 2 * 2 * 6,
         "photo and arms, whole and cut"
     );
+    #[cfg(unix)]
+    super::report::works_in_a_browser(&out.join("compare.html"));
     let table = std::fs::read_to_string(out.join("compare.csv")).unwrap();
     assert_eq!(table.lines().count(), 6);
 

@@ -1,6 +1,5 @@
 //! `view`: what it serves, to whom, and what a browser makes of it.
 
-mod browser;
 mod live;
 mod page;
 mod refusals;
@@ -47,15 +46,21 @@ fn viewer(more: &[&str]) -> Viewer {
     Viewer::start(&[&["view", &model, "--scene", &scene], more].concat())
 }
 
-#[test]
-fn a_still_picture_is_the_file_that_render_writes() {
+/// What `render` makes of the model at the photos' cameras.
+fn rendered() -> TempDir {
     let out = tempfile::tempdir().unwrap();
-    let rendered = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
+    let ended = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
         .args(["render", &beside("model.ply"), "--scene"])
         .args([scene(), "-o".as_ref(), out.path()])
         .output()
         .unwrap();
-    assert!(rendered.status.success(), "{}", String::from_utf8_lossy(&rendered.stderr));
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    out
+}
+
+#[test]
+fn a_still_picture_is_the_file_that_render_writes() {
+    let out = rendered();
     let viewer = viewer(&[]);
     let description = viewer.json("/scene.json");
     let cameras = description["cameras"].as_array().unwrap();

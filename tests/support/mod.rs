@@ -1,6 +1,8 @@
 //! Shared by the three test programs: devices, small scenes, golden cases, input files, and the place of shared data.
 #![allow(dead_code, unused_imports)] // each program uses its own part
 
+#[cfg(unix)]
+pub mod browser;
 mod device;
 pub mod files;
 pub mod golden;

@@ -1,10 +1,9 @@
 //! The page in a browser: what it shows, and what it makes of a mouse, keys and fingers.
 
-use super::browser::Browser;
 use super::session::Viewer;
-use super::{beside, scene, viewer};
+use super::{beside, rendered, viewer};
+use crate::support::browser::Browser;
 use serde_json::{Value, json};
-use std::process::Command;
 
 /// The still picture that belongs to the last wish is on the canvas.
 const RESTED: &str = "viewer.frame?.lossless && viewer.stillAsked && viewer.received === viewer.sent";
@@ -26,13 +25,7 @@ fn numbers(value: &Value) -> Vec<f64> {
 fn a_still_canvas_holds_the_pixels_of_the_file_that_render_writes() {
     let viewer = viewer(&[]);
     let Some(mut page) = Browser::open(&viewer.url) else { return };
-    let out = tempfile::tempdir().unwrap();
-    let rendered = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
-        .args(["render", &beside("model.ply"), "--scene"])
-        .args([scene(), "-o".as_ref(), out.path()])
-        .output()
-        .unwrap();
-    assert!(rendered.status.success());
+    let out = rendered();
     page.until(RESTED);
     for n in 0..2 {
         page.value(&format!("document.querySelectorAll('#list button')[{n}].click()"));

@@ -1,6 +1,6 @@
 //! A headless Chromium, steered through its own debugging protocol.
 
-use crate::support::skip;
+use super::skip;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
