@@ -7,7 +7,8 @@ use super::interrupt::Watch;
 use super::style;
 use super::values::{self, Up};
 use crate::error::Error;
-use crate::pipeline::{Output, RunConfig};
+use crate::pipeline::RunConfig;
+use crate::pipeline::records::ViewScores;
 use crate::render::Style;
 use crate::scene::{OpenOptions, Resize, Scene};
 use crate::train::initialise::{Seed, from_points};
@@ -141,7 +142,9 @@ impl Arguments {
             }
             Some(scene) => {
                 let mut capture = capture(scene, config.as_ref(), self.resolution, console)?;
-                capture.psnr = self.psnr();
+                if run {
+                    capture.psnr = psnr(path);
+                }
                 Some(capture)
             }
             None => None,
@@ -169,17 +172,18 @@ impl Arguments {
         let style = self.rendering.style(path, &loaded, run, console);
         Ok(Model { name: name(path), gaussians: loaded.gaussians, style })
     }
+}
 
-    /// PSNR of a run's held-out views by name, from its metrics.json; empty where there is none.
-    fn psnr(&self) -> HashMap<String, f64> {
-        let read = || -> Option<HashMap<String, f64>> {
-            let text = std::fs::read_to_string(Output::new(&self.subject).ok()?.metrics()).ok()?;
-            let document: serde_json::Value = serde_json::from_str(&text).ok()?;
-            let view = |v: &serde_json::Value| Some((v["name"].as_str()?.to_owned(), v["psnr"].as_f64()?));
-            Some(document["views"].as_array()?.iter().filter_map(view).collect())
-        };
-        read().unwrap_or_default()
-    }
+/// PSNR of a run's held-out views by name, from its metrics.json; empty where there is none. The folder is only read: the run
+/// may still be writing.
+fn psnr(run: &Path) -> HashMap<String, f64> {
+    let read = || -> Option<Vec<ViewScores>> {
+        let document: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(run.join("metrics.json")).ok()?).ok()?;
+        serde_json::from_value(document["views"].clone()).ok()
+    };
+    let views = read().unwrap_or_default().into_iter();
+    views.filter_map(|v| Some((v.name, v.scores.psnr?))).collect()
 }
 
 /// The last part of a path.

@@ -18,6 +18,11 @@ use std::time::Instant;
 /// Near plane of an orbit's pictures, as a share of the camera's distance.
 const NEAR: f64 = 0.02;
 
+/// Largest distance of the near plane of a camera on an orbit, by its distance from the model, in world units.
+pub fn near_limit(distance: f64) -> f32 {
+    (NEAR * distance) as f32
+}
+
 /// A picture to draw, and its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shot {
@@ -55,7 +60,7 @@ impl Orbit {
         let outline = outline(model, self.up);
         let Framing { height, distance } = outline.framing(&self.look);
         tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", outline.centre);
-        config.settings.near = config.settings.near.min((NEAR * distance) as f32);
+        config.settings.near = config.settings.near.min(near_limit(distance));
         let digits = self.count.to_string().len().max(3);
         let path = |i| folder.join(format!("orbit_{i:0digits$}.{}", config.format.extension()));
         let cameras = outline.cameras(self.count, &self.look);

@@ -1,5 +1,6 @@
 //! Views of a model without photos: cameras all around it, and its own pictures as the ground truth.
 
+use super::evaluate::pictures::byte;
 use super::evaluate::rgb;
 use super::pairs;
 use super::session::Session;
@@ -119,8 +120,7 @@ impl OwnPictures {
 
 /// A picture as a photo: opaque, 8 bits a channel.
 pub fn photo(image: &Image) -> Pixels {
-    let byte = |v: &f32| (v * 255.0 + 0.5) as u8;
-    rgb(image).chunks_exact(3).flat_map(|p| [byte(&p[0]), byte(&p[1]), byte(&p[2]), 255]).collect()
+    rgb(image).chunks_exact(3).flat_map(|p| [byte(p[0]), byte(p[1]), byte(p[2]), 255]).collect()
 }
 
 /// Responses of a model to its own pictures and scores, as `wanted`: a pass over the cameras.

@@ -4,7 +4,7 @@ use super::lobby::{Lobby, Outgoing};
 use super::protocol::{Encoding, Header, Message};
 use super::subject::jpeg;
 use crate::error::Error;
-use crate::pipeline::evaluate::pictures::write_png;
+use crate::pipeline::evaluate::pictures::{byte, write_png};
 use crate::render::Image;
 use jpeg_encoder::SamplingFactor;
 use std::io;
@@ -147,7 +147,6 @@ fn frame(header: Header, image: &Image) -> Result<Vec<u8>, Error> {
     match header.encoding {
         Encoding::Png => write_png(&mut out, image, false).map_err(|e| Error::encoding("a PNG picture", e))?,
         Encoding::Jpeg => {
-            let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
             let rgb: Vec<u8> = image.pixels.iter().flat_map(|p| [byte(p[0]), byte(p[1]), byte(p[2])]).collect();
             out.extend(jpeg(&rgb, image.width, image.height, QUALITY, SamplingFactor::F_2_2)?);
         }

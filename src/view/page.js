@@ -14,7 +14,7 @@ const picture = $("picture"), photo = $("photo"), lines = $("lines"), stage = $(
 
 const state = {
   scene: null, camera: null, photo: -1, model: 0, kind: "colour",
-  sent: 0, received: 0, wish: null, otherAsked: 0, changed: false, moving: false, lastChange: 0, stillAsked: true, other: null, shown: null,
+  sent: 0, received: 0, wish: null, otherAsked: 0, changed: false, lastChange: 0, stillAsked: true, other: null, shown: null,
   keys: new Set(), pointers: new Map(), socket: null, wait: BACK_OFF[0], times: [],
 };
 globalThis.viewer = state;

@@ -3,7 +3,9 @@
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
+use crate::pipeline::evaluate::pictures::byte;
 use crate::pipeline::evaluate::truth;
+use crate::pipeline::render::near_limit;
 use crate::render::Style;
 use crate::scene::camera::Camera;
 use crate::scene::orbit::Look;
@@ -15,8 +17,6 @@ use std::collections::HashMap;
 
 /// Quality of photos' JPEG.
 const PHOTO_QUALITY: u8 = 92;
-/// Share of an orbit's distance at which the near plane of a model without a capture lies at most.
-const NEAR: f64 = 0.02;
 
 /// A model that does not change.
 pub struct Model {
@@ -83,7 +83,7 @@ impl Capture {
     /// Those of [`Capture::photo`].
     pub fn photo_jpeg(&self, n: usize, background: [f32; 3]) -> Result<Vec<u8>, Error> {
         let photo = self.photo(n)?;
-        let bytes: Vec<u8> = truth(&photo, background)?.iter().map(|v| (v * 255.0 + 0.5) as u8).collect();
+        let bytes: Vec<u8> = truth(&photo, background)?.into_iter().map(byte).collect();
         jpeg(&bytes, photo.camera.width, photo.camera.height, PHOTO_QUALITY, SamplingFactor::F_1_1)
     }
 
@@ -168,13 +168,11 @@ impl Subject {
         })
     }
 
-    /// The near plane: closer than usual for a small model without a capture.
-    pub fn near(&self, usual: f32) -> f32 {
+    /// Largest distance of the near plane in world units: it is closer than usual for a small model without a capture.
+    pub fn near(&self) -> f32 {
         match (&self.capture, self.models.first()) {
-            (None, Some(model)) => {
-                usual.min((NEAR * outline(&model.gaussians, self.up).framing(&Look::default()).distance) as f32)
-            }
-            _ => usual,
+            (None, Some(model)) => near_limit(outline(&model.gaussians, self.up).framing(&Look::default()).distance),
+            _ => f32::INFINITY,
         }
     }
 }

@@ -86,12 +86,16 @@ pub fn write(path: &Path, image: &Image, format: Format, transparent: bool) -> R
     .map_err(Error::writing)
 }
 
+/// The nearest step of eight bits to a value in [0, 1]; values beyond are clamped.
+pub fn byte(value: f32) -> u8 {
+    (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+}
+
 /// Encodes a picture as PNG; with `transparent` as [`write()`] does.
 ///
 /// # Errors
 /// Those of `out`.
 pub fn write_png(out: &mut dyn io::Write, image: &Image, transparent: bool) -> io::Result<()> {
-    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
     let (bytes, kind): (Vec<u8>, _) = if transparent {
         let pixel = |p: &[f32; 4]| {
             let over = if p[3] > 0.0 { 1.0 / p[3] } else { 0.0 };

@@ -63,6 +63,9 @@ impl Folder {
             Err(source) => return Err(Error::Read { path, source }),
         };
         let earlier = serde_json::from_slice::<Record>(&text).ok().filter(|r| r.made_by == MADE_BY);
+        // Photos of an earlier job are removed: none may lie elsewhere.
+        let earlier =
+            earlier.filter(|r| r.photos.iter().all(|name| Path::new(name).file_name() == Some(name.as_ref())));
         let Some(earlier) = earlier else { return Err(Error::NotOurs(root.to_owned())) };
         let there = |name: &String| root.join("images").join(name).is_file();
         if earlier.key != fresh.key || earlier.backend != backend || !earlier.photos.iter().all(there) {
