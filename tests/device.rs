@@ -13,6 +13,7 @@ mod device {
     mod order;
     mod overlap;
     mod participation;
+    mod parts;
     mod primitives;
     mod project;
     mod random;

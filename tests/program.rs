@@ -11,6 +11,7 @@ mod program {
     #[cfg(unix)] // limits and signals are the system's
     mod faults;
     mod html;
+    mod larger;
     #[cfg(unix)] // with a shell script in COLMAP's place
     mod pose;
     mod report;

@@ -23,13 +23,16 @@ struct View {
     uvec2 tiles;        // columns, rows
     uint degree;        // SH degree in use
     float dilation;     // added to a splat's variance, in square pixels
+    uvec2 whole;        // pixels of the whole picture, of which this may be a part
+    uvec2 corner;       // upper left corner of this part in it, pixels
 };
 
 mat3 world_to_camera(View v) { return transpose(mat3(v.rotation[0].xyz, v.rotation[1].xyz, v.rotation[2].xyz)); }
 
-// The point of the picture from which positions are measured, in pixels from the upper left corner. The error of a float32
-// position is 6e-8 of its distance from there: next to nothing near the middle, however wide the picture.
-vec2 origin(View v) { return vec2(v.size / 2u); }
+// The point of the whole picture from which positions are measured, in pixels from the upper left corner of this part. The error
+// of a float32 position is 6e-8 of its distance from there: next to nothing near the middle, however wide the picture. Positions
+// do not depend on the part, so that its pixels are those of the whole picture, bit for bit.
+vec2 origin(View v) { return vec2(v.whole / 2u) - vec2(v.corner); }
 
 // From the camera's centre to a point in the world: exact for near points, however far the scene lies from its origin.
 vec3 from_centre(View v, vec3 point) {

@@ -192,7 +192,7 @@ void main() {
 
     bool good = sane(g.mean) && sane(g.log_scale) && sane(g.rotation.xyz) && sane(g.rotation.w) && sane(g.logit) && sane(g.colour);
     if (!good) atomicAdd(guards[0], 1);
-    if (STATISTICS && good && slots > 0) growth[i] += vec2(length(g.pull * 0.5 * vec2(view[0].size)), 1);
+    if (STATISTICS && good && slots > 0) growth[i] += vec2(length(g.pull * 0.5 * vec2(view[0].whole)), 1);
     uint row = i * ROW;
     [[unroll]] for (uint c = 0; c < 3; c++) {
         rows[row + ROW_MEAN + c] = g.mean[c];

@@ -1,4 +1,5 @@
-// Adds up the slots of response/score.comp by Gaussian, in slot order, on top of the scores of earlier views.
+// Adds up the slots of response/score.comp by Gaussian, in slot order, on top of the scores of earlier views: one after the other,
+// so that a picture may be scored in parts, from its first tiles to its last, with the same result.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
@@ -18,7 +19,7 @@ void main() {
     if (pairs[1] > pair_limit || i >= count[0]) return;
     uint slots = tile_counts[i];
     if (slots == 0) return;
-    vec4 weight = vec4(0), change = vec4(0), behind = vec4(0);
+    vec4 weight = scores[3 * i], change = scores[3 * i + 1], behind = scores[3 * i + 2];
     uint first = first_slots[i];
     for (uint slot = first; slot < first + slots; slot++) {
         vec4 w = weights[slot];
@@ -26,8 +27,7 @@ void main() {
         change += changes[slot];
         behind += behinds[slot];
     }
-    vec4 old = scores[3 * i];
-    scores[3 * i] = vec4(old.x + weight.x, max(old.y, weight.y), old.zw + weight.zw);
-    scores[3 * i + 1] += change;
-    scores[3 * i + 2] += behind;
+    scores[3 * i] = weight;
+    scores[3 * i + 1] = change;
+    scores[3 * i + 2] = behind;
 }

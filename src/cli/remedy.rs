@@ -56,7 +56,9 @@ fn device(error: &gpu::Error) -> Option<String> {
         gpu::Error::Driver { .. } => plain(
             "install Mesa 25 or newer (Debian 12: mesa-vulkan-drivers from bookworm-backports; tools/setup does it), or use a GPU",
         ),
-        gpu::Error::TooLarge { .. } => plain("use fewer Gaussians or a smaller image"),
+        gpu::Error::TooLarge { .. } => {
+            plain("use fewer Gaussians or a smaller image; compress has room for more with --selector pairs")
+        }
         gpu::Error::OutOfMemory { .. } => plain("use fewer Gaussians, a smaller image, or another device"),
         gpu::Error::Exhausted { .. } => {
             plain("end other programs that use it, or use fewer Gaussians, a smaller image, or another device")

@@ -35,6 +35,17 @@ impl Resident {
         Self::new(device, parameters, model.degree().min(MAX_SH_DEGREE), model.len())
     }
 
+    /// Uploads a model without its colours. Its overlaps can be computed; it cannot be rendered.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn upload_shapes(device: &Device, model: &Gaussians) -> Result<Self> {
+        let mut arrays = model.attributes();
+        arrays.sh = [&[]; MAX_SH_DEGREE + 1];
+        let parameters = Attributes::NAMES.zip(arrays).try_map(|(name, values)| device.upload(name, values))?;
+        Self::new(device, parameters, 0, model.len())
+    }
+
     /// A model of `n` Gaussians with these arrays.
     ///
     /// # Errors
@@ -64,7 +75,7 @@ impl Resident {
     /// # Errors
     /// Device memory; device errors.
     pub fn upload_half(device: &Device, model: &Gaussians) -> Result<Self> {
-        let mut resident = Self::upload(device, &Gaussians { sh: vec![vec![0.0; 3 * model.len()]], ..model.clone() })?;
+        let mut resident = Self::upload_shapes(device, model)?;
         let degree = model.degree().min(MAX_SH_DEGREE);
         for (l, band) in model.sh.iter().enumerate().take(degree + 1) {
             resident.parameters.sh[l] = device.upload(Attributes::NAMES.sh[l], &halves(band))?.cast();

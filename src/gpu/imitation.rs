@@ -63,7 +63,11 @@ impl FromStr for Limits {
             "apple" => Self::APPLE,
             "intel" => Self::INTEL,
             "small-buffers" => Self::SMALL_BUFFERS,
-            other => return Err(format!("'{other}' is none of adreno, apple, intel and small-buffers")),
+            other => {
+                let bytes = other.strip_prefix("buffers=").and_then(|bytes| bytes.parse().ok());
+                let unknown = || format!("'{other}' is none of adreno, apple, intel, small-buffers and buffers=BYTES");
+                Self { buffer_bytes: bytes.ok_or_else(unknown)?, ..Self::NONE }
+            }
         })
     }
 }
@@ -105,6 +109,8 @@ mod tests {
     #[test]
     fn texts_of_imitations() {
         assert_eq!("adreno".parse(), Ok(Limits::ADRENO));
+        assert_eq!("buffers=4096".parse(), Ok(Limits { buffer_bytes: 4096, ..Limits::NONE }));
+        assert!("buffers=many".parse::<Limits>().is_err());
         assert!("riva".parse::<Limits>().is_err_and(|e| e.contains("'riva'") && e.contains("small-buffers")));
         assert_eq!("16".parse(), Ok(Claim { subgroup: 16, pinned: true }));
         assert_eq!("4,unpinned".parse(), Ok(Claim { subgroup: 4, pinned: false }));

@@ -13,9 +13,9 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::qirf::study;
-use crate::render::Style;
+use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds};
 use crate::response::Wanted;
-use crate::train::{Trainer, TrainerNeeds};
+use crate::train::{PhotoNeeds, Trainer, TrainerNeeds, responses_bytes};
 
 /// Assumed growth of a run's number of Gaussians, as far as `--max-gaussians` allows.
 const GROWTH: usize = 4;
@@ -68,15 +68,54 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
     check(device, "the run", expected, size, needed(expected), relief)
 }
 
-/// Bytes of device memory that an evaluation will need.
+/// Where a job has its model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// True if the device holds all of it; else it stays on the host, and the device gets what each picture shows.
+    pub whole: bool,
+    /// Bytes of device memory that the job is expected to need.
+    pub bytes: u64,
+}
+
+/// A job that shows a model in pictures.
+struct Job {
+    what: &'static str,
+    gaussians: usize,
+    degree: usize,
+    size: [u32; 2],
+    uses: Uses,
+    beside: Beside,
+    /// Bytes that it needs with the whole model on the device.
+    needed: u64,
+    relief: Relief,
+}
+
+impl Job {
+    /// The whole model if it fits; else parts, if there is room for one.
+    fn place(&self, device: &Device) -> Result<Place, Error> {
+        let &Self { what, gaussians, degree, size, uses, beside, needed, relief } = self;
+        let limit = device.memory_limit();
+        let whole = needed <= limit && binds(device, gaussians, degree, size, (uses, beside));
+        let tile = [device.tuning().tile; 2];
+        let least = Resident::bytes(1, degree) + beside.each + Renderer::bytes(device, 1, tile, LEAST_PAIRS, uses);
+        if !whole && least > limit {
+            check(device, what, gaussians, size, needed, relief)?;
+        }
+        Ok(Place { whole, bytes: needed.min(limit) })
+    }
+}
+
+/// Where a model is while pictures of at most `size` are drawn of it.
 ///
 /// # Errors
-/// As [`for_run`].
-pub fn for_eval(device: &Device, opened: &Opened, model: &Gaussians, style: Style) -> Result<u64, Error> {
-    let (size, gaussians) = (opened.size(), model.len());
-    let resident = Resident::bytes(gaussians, model.degree());
+/// [`Error::Memory`] if the device has no room for the smallest part.
+pub fn for_pictures(device: &Device, model: &Gaussians, size: [u32; 2], style: Style) -> Result<Place, Error> {
+    let (gaussians, degree) = (model.len(), model.degree());
+    let resident = Resident::bytes(gaussians, degree);
     let needed = resident + staging_bytes(resident) + Evaluator::bytes(device, gaussians, size, style);
-    check(device, "the evaluation", gaussians, size, needed, Relief::None)
+    let uses = Uses { style, ..Uses::default() };
+    let (what, beside, relief) = ("drawing", Beside::default(), Relief::None);
+    Job { what, gaussians, degree, size, uses, beside, needed, relief }.place(device)
 }
 
 /// Parameters of a compression's memory besides the model.
@@ -94,23 +133,35 @@ pub struct CompressNeeds {
     pub wanted: Wanted,
     /// Style of rendering.
     pub style: Style,
-    /// Largest number of Gaussians in a trainer, for responses or for fine-tuning.
+    /// Largest number of Gaussians that are fine-tuned.
     pub trained: usize,
 }
 
-/// Bytes of device memory that a compression will need: the largest need of its stages.
+/// Where the model is in a compression: whole on the device if all stages have room for it there, fine-tuning excepted.
 ///
 /// # Errors
-/// As [`for_run`].
-pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) -> Result<u64, Error> {
+/// As [`for_run`]: blocks that are solved, and Gaussians that are fine-tuned, must be on the device at once.
+pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) -> Result<Place, Error> {
     let CompressNeeds { size, own_pictures, photos, masked, wanted, style, trained } = needs;
     let (gaussians, degree) = (model.len(), model.degree());
-    let resident = Resident::bytes(gaussians, degree);
-    let resident = resident + staging_bytes(resident);
+    let staged = |bytes: u64| bytes + staging_bytes(bytes);
+    let resident = staged(Resident::bytes(gaussians, degree));
     let pairs = pairs::most(device, gaussians);
     let evaluates = resident + Evaluator::bytes(device, gaussians, size, style);
-    let studies = resident + study::bytes(gaussians, wanted);
-    let responds = resident + virtual_views::bytes(device, gaussians, size, pairs, style) + wanted.bytes(gaussians);
+    let passes = if own_pictures {
+        virtual_views::bytes(device, gaussians, (size, pairs), style, wanted)
+    } else {
+        let photos = PhotoNeeds { size, bytes: &photos, masked };
+        responses_bytes(device, gaussians, pairs, photos, (style, wanted))
+    };
+    let solves = wanted.channels;
+    let studied = if solves { study::bytes(gaussians, wanted) } else { 0 };
+    let whole = evaluates.max(resident + studied).max(resident + passes + wanted.bytes(gaussians));
+    let uses = Uses { purpose: wanted.purpose(), style };
+    let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };
+    let (what, beside) = ("the compression", wanted.beside(0));
+    let place = Job { what, gaussians, degree, size, uses, beside, needed: whole, relief }.place(device)?;
+
     let trainer = TrainerNeeds {
         gaussians: trained,
         pairs: pairs::most(device, trained),
@@ -122,12 +173,13 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
         style: Style { antialias: true, ..style },
         halves: false,
         grows: false,
-        pruning: study::bytes(trained, wanted),
+        pruning: 0,
     };
-    let trains = if trained > 0 { Trainer::bytes(device, &trainer) + wanted.bytes(trained) } else { 0 };
-    let needed = evaluates.max(studies).max(trains).max(if own_pictures { responds } else { 0 });
-    let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };
-    check(device, "the compression", gaussians, size, needed, relief)
+    let trains = if trained > 0 { Trainer::bytes(device, &trainer) } else { 0 };
+    let shapes = staged(Resident::bytes(gaussians, 0));
+    let studies = if solves && !place.whole { shapes + studied } else { 0 };
+    let bytes = check(device, what, gaussians, size, place.bytes.max(trains).max(studies), relief)?;
+    Ok(Place { bytes, ..place })
 }
 
 /// The largest number up to `limit` that fits, if every smaller one does; 0 for none.

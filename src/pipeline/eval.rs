@@ -7,11 +7,12 @@ use super::output::Output;
 use super::prepare::open;
 use super::records::{RunRecord, Times};
 use super::session::Session;
-use super::virtual_views::{OwnPictures, VirtualCameras};
+use super::shown::Shown;
+use super::virtual_views::{ALL, OwnPictures, VirtualCameras};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
-use crate::gaussians::resident::Resident;
 use crate::render::{Settings, Style};
+use crate::scene::camera;
 use std::path::Path;
 use std::time::Instant;
 
@@ -42,7 +43,7 @@ pub fn eval(
     let Session { device, networks, watcher, .. } = *session;
     let Evaluation { selection, style, exposure } = evaluation;
     let opened = open(selection)?;
-    let estimated_bytes = budget::for_eval(device, &opened, model, *style)?;
+    let place = budget::for_pictures(device, model, opened.size(), *style)?;
     let elsewhere = std::env::temp_dir();
     let folder = output.map_or(elsewhere.as_path(), Output::folder);
     let prepared = opened.load(session.photo_memory(folder), watcher)?;
@@ -52,16 +53,16 @@ pub fn eval(
     let load_s = begun.elapsed().as_secs_f64();
 
     let evaluating = Instant::now();
-    let resident = Resident::upload(device, model)?;
+    let shown = Shown::new(session, model, place.whole)?;
     let settings = style.over(prepared.background);
-    let mut evaluator = Evaluator::new(device, settings, model.len(), prepared.views())?;
+    let mut evaluator = Evaluator::of(device, settings, shown.source(), prepared.views())?;
     evaluator.compare_as(*exposure);
     let mut follow = |done: usize| {
         watcher.evaluating(done, prepared.test.len());
         watcher.unless_stopped()
     };
     let renders = output.map(Output::renders);
-    let assessment = evaluator.assess(&resident, &prepared, renders.as_deref(), networks, &mut follow)?;
+    let assessment = evaluator.assess(shown.source(), &prepared, renders.as_deref(), networks, &mut follow)?;
     assessment.held_out.warn(watcher);
     let protocol = protocol(selection, &prepared, networks, *exposure);
     let record = RunRecord {
@@ -71,7 +72,7 @@ pub fn eval(
             evaluate_s: evaluating.elapsed().as_secs_f64(),
             ..Times::default()
         },
-        memory: session.memory(estimated_bytes),
+        memory: session.memory(place.bytes),
         ..assessment.record(session, &prepared, protocol, model, file)
     };
     if let Some(output) = output {
@@ -92,14 +93,16 @@ pub fn against(
 ) -> Result<HeldOut, Error> {
     let Session { device, networks, watcher, .. } = *session;
     let (cameras, settings) = VirtualCameras::default().views(original, background, original_style);
+    let size = camera::largest(&cameras);
+    let place = |model, style| budget::for_pictures(device, model, size, style).map(|place| place.whole);
     let test = {
-        let original = Resident::upload(device, original)?;
-        OwnPictures::draw(session, &original, cameras, settings, false)?.test
+        let original = Shown::new(session, original, place(original, original_style)?)?;
+        OwnPictures::draw(session, original.source(), cameras, settings, (false, ALL))?.test
     };
-    let resident = Resident::upload(device, model)?;
+    let shown = Shown::new(session, model, place(model, style)?)?;
     let settings = Settings { near: settings.near, ..style.over(background) };
-    let mut evaluator = Evaluator::new(device, settings, model.len(), test.iter().map(|(_, view)| view))?;
-    let held_out = evaluator.held_out(&resident, &test, None, networks, &mut |done| {
+    let mut evaluator = Evaluator::of(device, settings, shown.source(), test.iter().map(|(_, view)| view))?;
+    let held_out = evaluator.held_out(shown.source(), &test, None, networks, &mut |done| {
         watcher.evaluating(done, test.len());
         watcher.unless_stopped()
     })?;

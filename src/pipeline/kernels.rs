@@ -45,7 +45,7 @@ pub fn compiled(device: &Device) -> Result<Vec<Compiled>, Error> {
     let responses = trainer.responses(Wanted { residual: true, sketches: true, ..Wanted::BOTH })?;
     let compression = &Preset::Quick.pruning().compression;
     let request = PruneRequest { compression, keep: Keep::Share(0.28), seed: 1 };
-    plan(device, trainer.model(), model, &responses, &request)?;
+    plan(device, trainer.model().into(), &model, &responses, &request)?;
     // The sweep solves blocks on the device, too.
     let members: Vec<u32> = (0..GAUSSIANS as u32).collect();
     let starts: Vec<u32> = (0..=GAUSSIANS as u32).step_by(BLOCK).collect();

@@ -21,6 +21,7 @@ pub mod render;
 pub mod run;
 pub mod session;
 pub mod setup;
+mod shown;
 pub mod start;
 pub mod sweep;
 pub mod virtual_views;

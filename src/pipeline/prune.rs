@@ -11,6 +11,7 @@ use crate::qirf::pairs;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Choice, Keep};
 use crate::qirf::study::{Observed, Study};
+use crate::render::Source;
 use crate::response::Responses;
 use crate::train::Trainer;
 use std::time::Instant;
@@ -67,9 +68,9 @@ pub fn prune_by(
 ) -> Result<PruneRecord, Error> {
     let begun = Instant::now();
     let model = trainer.download()?;
-    let PrunePlan { mut record, keep, model } = plan(device, trainer.model(), model, responses, request)?;
+    let PrunePlan { mut record, keep, merged } = plan(device, trainer.model().into(), &model, responses, request)?;
     let compacting = Instant::now();
-    trainer.keep(&keep, (record.merged.is_some() || record.pairs.is_some()).then_some(&model))?;
+    trainer.keep(&keep, merged.as_ref())?;
     record.iteration = trainer.iteration();
     record.seconds.merge += compacting.elapsed().as_secs_f64();
     record.seconds.total = begun.elapsed().as_secs_f64();
@@ -82,19 +83,19 @@ pub struct PrunePlan {
     pub record: PruneRecord,
     /// For each Gaussian, whether it is kept; n.
     pub keep: Vec<bool>,
-    /// The model, all n; after merging, the kept Gaussians include the dropped ones' contributions.
-    pub model: Gaussians,
+    /// After merging, the model, all n: the kept Gaussians include the dropped ones' contributions.
+    pub merged: Option<Gaussians>,
 }
 
-/// Decides which Gaussians of `model` to keep; `resident` is its copy on the device. Studies its blocks (partition,
-/// overlap, solution), selects, and merges if requested.
+/// Decides which Gaussians of `model` to keep; `source` says where it is shown from. Studies its blocks (partition, overlap,
+/// solution), selects, and merges if requested.
 ///
 /// # Errors
 /// Device memory; device errors.
 pub fn plan(
     device: &Device,
-    resident: &Resident,
-    mut model: Gaussians,
+    source: Source<'_>,
+    model: &Gaussians,
     responses: &Responses,
     request: &PruneRequest<'_>,
 ) -> Result<PrunePlan, Error> {
@@ -102,25 +103,34 @@ pub fn plan(
     let PruneRequest { compression, keep, seed } = *request;
     let selector = compression.selector;
     if selector == Selector::Pairs {
-        return Ok(pairs(&model, responses, keep, begun));
+        return Ok(pairs(model, responses, keep, begun));
     }
+    let uploaded;
+    let resident = match source {
+        Source::Device(resident) => resident,
+        Source::Host(model) => {
+            uploaded = Resident::upload_shapes(device, model)?;
+            &uploaded
+        }
+    };
     // If blocks are solved anyway, the paper's eigenproblem is solved too: it gives their numbers of modes.
     let asked = [selector, Selector::Gnso];
     let asked = if selector.of_blocks().is_some() && selector != Selector::Gnso { &asked[..] } else { &asked[..1] };
-    let observed = Observed { resident, model: &model, responses };
+    let observed = Observed { resident, model, responses };
     let study = Study::new(device, observed, &compression.basis, asked, seed)?;
     let choosing = Instant::now();
     let choice = study.choose(selector, compression.budget, keep, compression.detail);
     let select = choosing.elapsed().as_secs_f64();
     let mut record = record(selector, &study, &choice);
     let merging = Instant::now();
-    if compression.merge {
-        record.merged = Some(study.merge(device, resident, &mut model, &choice.keep)?);
+    let mut merged = compression.merge.then(|| model.clone());
+    if let Some(merged) = &mut merged {
+        record.merged = Some(study.merge(device, resident, merged, &choice.keep)?);
         record.seconds.merge = merging.elapsed().as_secs_f64();
     }
     record.seconds.select = select;
     record.seconds.total = begun.elapsed().as_secs_f64();
-    Ok(PrunePlan { record, keep: choice.keep, model })
+    Ok(PrunePlan { record, keep: choice.keep, merged })
 }
 
 /// The plan of merging pairs, which needs neither blocks nor a budget.
@@ -137,7 +147,7 @@ fn pairs(model: &Gaussians, responses: &Responses, keep: Keep, begun: Instant) -
         seconds: PruneSeconds { merge: seconds, total: seconds, ..PruneSeconds::default() },
         ..PruneRecord::default()
     };
-    PrunePlan { record, keep: merged.keep, model: merged.model }
+    PrunePlan { record, keep: merged.keep, merged: Some(merged.model) }
 }
 
 /// The figures of a study and of its choice; the iteration is filled in later.

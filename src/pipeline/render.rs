@@ -2,11 +2,11 @@
 
 use super::evaluate::pictures::{self, Format};
 use super::session::Session;
+use super::{budget, shown::Shown};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
-use crate::gaussians::resident::Resident;
-use crate::render::{Renderer, Settings};
+use crate::render::{Painter, Settings};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::{Framing, Look};
 use crate::scene::{Resize, Scene, View};
@@ -114,16 +114,17 @@ pub fn render(
         // Skips bands that change no colour by a step of eight bits; `.npy` pictures are drawn from the full model.
         model.sh.truncate(model.degree_in_effect() + 1);
     }
-    let [width, height] = camera::largest(shots.iter().map(|s| &s.camera));
-    let resident = Resident::upload(session.device, &model)?;
-    let mut renderer = Renderer::new(session.device, config.settings, model.len(), width, height)?;
+    let size = camera::largest(shots.iter().map(|s| &s.camera));
+    let place = budget::for_pictures(session.device, &model, size, config.settings.style)?;
+    let shown = Shown::new(session, &model, place.whole)?;
+    let mut painter = Painter::of(session.device, config.settings, shown.source(), size)?;
     let begun = Instant::now();
     let mut draw_s = 0.0;
     for (done, shot) in shots.iter().enumerate() {
         session.watcher.rendering(done, shots.len());
         session.watcher.unless_stopped()?;
         let started = Instant::now();
-        let image = renderer.render(&resident, &shot.camera)?;
+        let image = painter.render(shown.source(), &shot.camera)?;
         draw_s += started.elapsed().as_secs_f64();
         pictures::write(&shot.path, &image, config.format, config.transparent)?;
     }

@@ -7,15 +7,15 @@ use super::session::Session;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
-use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording};
-use crate::render::{Image, Renderer, Settings, Style, Uses};
-use crate::response::{HighPass, Responses, Views, Wanted, full_pass};
+use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
+use crate::response::{self, HighPass, Responses, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::Look;
 use crate::scene::{Photo, Pixels};
 use glam::DVec3;
-use std::ops::RangeInclusive;
+use serde::{Deserialize, Serialize};
+use std::ops::{Range, RangeInclusive};
 
 /// Elevations of the cameras above the horizon, in radians: captures look level or down, seldom from below.
 const ELEVATIONS: RangeInclusive<f64> = -0.35..=1.22;
@@ -28,8 +28,12 @@ const NEAR: f64 = 0.02;
 /// Every eighth view is held out, as of photos.
 const HOLD_OUT: usize = 8;
 
+/// All views held out.
+pub const ALL: Range<usize> = 0..usize::MAX;
+
 /// Parameters of virtual cameras.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct VirtualCameras {
     /// Number of views, including those held out.
     pub views: u32,
@@ -85,29 +89,32 @@ pub struct OwnPictures {
 }
 
 impl OwnPictures {
-    /// Draws the pictures; cameras and settings are those of [`VirtualCameras::views`].
+    /// Draws the pictures, of the views held out those with these numbers; cameras and settings are those of
+    /// [`VirtualCameras::views`].
     ///
     /// # Errors
     /// Device memory; device errors; [`Error::Interrupted`].
     pub fn draw(
         session: &Session<'_>,
-        model: &Resident,
+        model: Source<'_>,
         cameras: Vec<Camera>,
         settings: Settings,
-        with_train_pixels: bool,
+        (with_train_pixels, held_out): (bool, Range<usize>),
     ) -> Result<Self, Error> {
-        let [width, height] = camera::largest(&cameras);
-        let mut renderer = Renderer::new(session.device, settings, model.len, width, height)?;
+        let mut painter = Painter::of(session.device, settings, model, camera::largest(&cameras))?;
         let (mut train, mut test) = (Vec::new(), Vec::new());
         for (i, camera) in cameras.into_iter().enumerate() {
-            let held_out = i.is_multiple_of(HOLD_OUT);
-            let pixels = if held_out || with_train_pixels {
-                photo(&renderer.render(model, &camera)?)
+            let test_view = i.is_multiple_of(HOLD_OUT);
+            if test_view && !held_out.contains(&(i / HOLD_OUT)) {
+                continue;
+            }
+            let pixels = if test_view || with_train_pixels {
+                photo(&painter.render(model, &camera)?)
             } else {
                 Pixels::from(Vec::new())
             };
             let view = Photo::opaque(camera, pixels);
-            if held_out {
+            if test_view {
                 test.push((format!("virtual_{i:03}"), view));
             } else {
                 train.push(view);
@@ -123,41 +130,42 @@ pub fn photo(image: &Image) -> Pixels {
     rgb(image).chunks_exact(3).flat_map(|p| [byte(p[0]), byte(p[1]), byte(p[2]), 255]).collect()
 }
 
-/// Responses of a model to its own pictures and scores, as `wanted`: a pass over the cameras.
+/// Responses of a model to its own pictures and scores, as `wanted`: a pass over the cameras, or over one chunk of them alone, as
+/// [`Views::only`].
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn responses(
+pub fn responses<'m>(
     session: &Session<'_>,
-    model: &Resident,
-    cameras: &[Camera],
+    model: impl Into<Source<'m>>,
+    (cameras, only): (&[Camera], Option<usize>),
     settings: Settings,
     wanted: Wanted,
 ) -> Result<Responses, Error> {
     let Session { device, watcher, .. } = *session;
+    let model = model.into();
     let follow = |done: usize| {
         watcher.responding(done, cameras.len());
         watcher.unless_stopped()
     };
+    let wanted = Wanted { residual: false, ..wanted };
     let size = camera::largest(cameras);
-    let pixels = size[0] as usize * size[1] as usize;
-    let pairs = pairs::few(device, model.len);
-    let mut renderer = Renderer::for_training(device, settings, model.len, size, pairs)?;
+    let mut renderer = response::renderer(device, settings, model, (size, pairs::few(device, model.len())), wanted)?;
+    let pixels = wanted.gradient_pixels(size);
     let gradient = device.buffer("image gradient", pixels)?;
     let high_pass = HighPass::new(device, pixels)?;
     let loss = |recording: &mut Recording, v: usize, image: &Buffer<[f32; 4]>, _| -> Result<(), Error> {
         high_pass.record(recording, image, &gradient, [cameras[v].width, cameras[v].height]);
         Ok(())
     };
-    let wanted = Wanted { residual: false, ..wanted };
-    full_pass(&mut renderer, model, Views { cameras, follow }, &gradient, wanted, loss)
+    full_pass(&mut renderer, model, Views { cameras, follow, only }, &gradient, wanted, loss)
 }
 
 /// Bytes of device memory that [`responses`] takes besides the model and the results ([`Wanted::bytes`]).
-pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], pairs: u32, style: Style) -> u64 {
-    let pixels = size[0] as usize * size[1] as usize;
+pub fn bytes(device: &Device, gaussians: usize, (size, pairs): ([u32; 2], u32), style: Style, wanted: Wanted) -> u64 {
+    let pixels = wanted.gradient_pixels(size);
     let pictures = Buffer::<[f32; 4]>::bytes_of(pixels) + HighPass::bytes(pixels);
-    let uses = Uses { training: true, style };
+    let uses = Uses { purpose: wanted.purpose(), style };
     Renderer::bytes(device, gaussians, size, pairs, uses) + pictures
 }
 

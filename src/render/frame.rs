@@ -22,13 +22,37 @@ impl Launch {
     }
 }
 
+/// What a renderer is for, each with all before it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Purpose {
+    /// Pictures.
+    #[default]
+    Pictures,
+    /// Sums over the pixels of each (tile, Gaussian) slot.
+    Scores,
+    /// Gradients: the backward pass.
+    Training,
+}
+
 /// The features that a renderer needs memory for.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Uses {
-    /// True if it also runs the backward pass.
-    pub training: bool,
+    /// What it is for.
+    pub purpose: Purpose,
     /// Effects of the model.
     pub style: Style,
+}
+
+impl Uses {
+    /// Floats of a row of gradients: one for all Gaussians without a backward pass.
+    fn gradients(self, gaussians: usize) -> usize {
+        if self.purpose == Purpose::Training { GRADIENT_ROW * gaussians } else { 1 }
+    }
+
+    /// Bytes of a Gaussian in the array that has most of them.
+    pub(super) fn row_bytes(self) -> usize {
+        size_of::<[f32; 4]>().max(self.gradients(1) * size_of::<f32>())
+    }
 }
 
 /// Intermediate arrays of one frame.
@@ -90,7 +114,7 @@ impl PairBuffers {
     /// Bytes of [`PairBuffers::new`].
     pub fn bytes(device: &Device, capacity: u32, uses: Uses) -> u64 {
         let n = capacity as usize;
-        let sums = if uses.training { SlotSums::bytes(n) } else { 0 };
+        let sums = if uses.purpose >= Purpose::Scores { SlotSums::bytes(n) } else { 0 };
         let lists = Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(n) + Sort::bytes(device, capacity);
         let tiles = if uses.style.depth_order { Buffer::<u32>::bytes_of(n) } else { 0 };
         Count::bytes() + lists + tiles + sums
@@ -105,7 +129,7 @@ impl PairBuffers {
             owners: device.buffer("pair owners", n)?,
             sort: Sort::new(device, capacity)?,
             tiles: uses.style.depth_order.then(|| device.buffer("pair tiles", n)).transpose()?,
-            sums: uses.training.then(|| SlotSums::new(device, n)).transpose()?,
+            sums: (uses.purpose >= Purpose::Scores).then(|| SlotSums::new(device, n)).transpose()?,
         })
     }
 }
@@ -121,7 +145,7 @@ impl Frame {
         let n = gaussians.max(1);
         let splats = 2 * Buffer::<[f32; 4]>::bytes_of(n) + Buffer::<[f32; 2]>::bytes_of(n);
         let words = 5 * Buffer::<u32>::bytes_of(n);
-        let rows = Buffer::<f32>::bytes_of(if uses.training { GRADIENT_ROW * n } else { 1 });
+        let rows = Buffer::<f32>::bytes_of(uses.gradients(n));
         let order = Count::bytes() + Pairs::bytes(n as u32) + Scan::bytes(device, n as u32);
         let picture = Buffer::<u32>::bytes_of(tiles + 1) + Buffer::<[f32; 4]>::bytes_of(pixels);
         let pairs = PairBuffers::bytes(device, pairs, uses);
@@ -141,7 +165,7 @@ impl Frame {
             visible: device.buffer("visible flags", n)?,
             offsets: device.buffer("offsets", n)?,
             first_slots: device.buffer("first slots", n)?,
-            gradient_rows: device.buffer("gradient rows", if uses.training { GRADIENT_ROW * n } else { 1 })?,
+            gradient_rows: device.buffer("gradient rows", uses.gradients(n))?,
             visible_count: Count::new(device, "visible", n as u32, &sizes)?,
             by_depth: Pairs::new(device, "by depth", n as u32)?,
             scan: Scan::new(device, n as u32)?,

@@ -1,12 +1,12 @@
 //! Buffers of one frame, and the lists of its stages forward and backward.
 
 use super::backward::{Backward, BackwardCounts, Pass};
-use super::frame::{Frame, Launch, PairBuffers, Uses};
+use super::frame::{Frame, Launch, PairBuffers, Purpose, Uses};
 use super::settings::{Settings, view};
 use super::slots::{GradientRows, Slots};
 use super::{bin, project, project_backward, rasterise, rasterise_backward, rasterise_backward_atomic};
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Buffer, Device, Recording, Result, Timings};
+use crate::gpu::{Buffer, Device, Error, Recording, Result, Timings};
 use crate::scene::camera::Camera;
 
 /// The stages of a frame, in order: scope names of its timings.
@@ -14,6 +14,9 @@ pub const STAGES: [&str; 5] = ["project", "depth sort", "bin", "tile sort", "ras
 
 /// The stages of the backward pass, in order.
 pub const BACKWARD_STAGES: [&str; 2] = ["rasterise backward", "project backward"];
+
+/// Least initial capacity in (tile, Gaussian) pairs.
+pub const LEAST_PAIRS: u32 = 1 << 14;
 
 /// Message of the panic if a renderer was not made for training.
 const FOR_TRAINING: &str = "a renderer for training";
@@ -27,6 +30,17 @@ pub struct Image {
     pub height: u32,
     /// Red, green, blue (background blended in) and alpha, row by row.
     pub pixels: Vec<[f32; 4]>,
+}
+
+/// What became of a picture whose number of pairs was not known before.
+#[derive(Debug)]
+pub enum Settled {
+    /// They did fit.
+    Drawn,
+    /// There was no room for them, and there is now: the picture must be drawn again.
+    Grown,
+    /// The device cannot hold them, for this reason.
+    TooMany(Error),
 }
 
 /// Renders models; its buffers grow with the numbers of Gaussians and pixels.
@@ -46,8 +60,8 @@ impl Renderer {
     /// # Errors
     /// Device memory.
     pub fn new(device: &Device, settings: Settings, gaussians: usize, width: u32, height: u32) -> Result<Self> {
-        let pairs = (gaussians as u32).saturating_mul(4).max(1 << 14);
-        Self::with(device, settings, gaussians, [width, height], pairs, false)
+        let pairs = (gaussians as u32).saturating_mul(4).max(LEAST_PAIRS);
+        Self::with(device, settings, gaussians, ([width, height], pairs), Purpose::Pictures)
     }
 
     /// A renderer that also runs the backward pass, with an initial capacity of `pairs` (tile, Gaussian) pairs.
@@ -61,23 +75,36 @@ impl Renderer {
         size: [u32; 2],
         pairs: u32,
     ) -> Result<Self> {
-        Self::with(device, settings, gaussians, size, pairs, true)
+        Self::with(device, settings, gaussians, (size, pairs), Purpose::Training)
+    }
+
+    /// A renderer whose pictures can be scored, with an initial capacity of `pairs` (tile, Gaussian) pairs.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn for_scores(
+        device: &Device,
+        settings: Settings,
+        gaussians: usize,
+        size: [u32; 2],
+        pairs: u32,
+    ) -> Result<Self> {
+        Self::with(device, settings, gaussians, (size, pairs), Purpose::Scores)
     }
 
     fn with(
         device: &Device,
         settings: Settings,
         gaussians: usize,
-        [width, height]: [u32; 2],
-        pairs: u32,
-        training: bool,
+        ([width, height], pairs): ([u32; 2], u32),
+        purpose: Purpose,
     ) -> Result<Self> {
         let launch = Launch::new(device, settings);
         let tile = launch.tuning.tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
-        let uses = Uses { training, style: settings.style };
+        let uses = Uses { purpose, style: settings.style };
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, uses)?;
-        let guards = training.then(|| device.upload("guards", &[0, 0])).transpose()?;
+        let guards = (purpose == Purpose::Training).then(|| device.upload("guards", &[0, 0])).transpose()?;
         Ok(Self { device: device.clone(), launch, frame, gaussians, uses, guards })
     }
 
@@ -85,7 +112,7 @@ impl Renderer {
     pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, uses: Uses) -> u64 {
         let tile = device.tuning().tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
-        let guards = if uses.training { Buffer::<u32>::bytes_of(2) } else { 0 };
+        let guards = if uses.purpose == Purpose::Training { Buffer::<u32>::bytes_of(2) } else { 0 };
         Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, uses) + guards
     }
 
@@ -102,6 +129,11 @@ impl Renderer {
     /// Changes the colour behind the Gaussians of later pictures.
     pub fn set_background(&mut self, background: [f32; 3]) {
         self.launch.settings.background = background;
+    }
+
+    /// What it is for.
+    pub fn uses(&self) -> Uses {
+        self.uses
     }
 
     /// Tile side in pixels.
@@ -128,9 +160,26 @@ impl Renderer {
             let timings = self.draw(model, camera)?;
             let pairs = self.pairs()?;
             if !self.make_room_for_pairs(pairs)? {
-                let pixels = self.frame.image.read_first(&self.device, (camera.width * camera.height) as usize)?;
-                return Ok((Image { width: camera.width, height: camera.height, pixels }, timings, pairs));
+                return Ok((self.read_image(camera)?, timings, pairs));
             }
+        }
+    }
+
+    /// The picture drawn last.
+    pub(super) fn read_image(&self, camera: &Camera) -> Result<Image> {
+        let pixels = self.frame.image.read_first(&self.device, (camera.width * camera.height) as usize)?;
+        Ok(Image { width: camera.width, height: camera.height, pixels })
+    }
+
+    /// Looks whether the pairs of the picture drawn last did fit, and makes room for them where it can.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn settle(&mut self) -> Result<Settled> {
+        match self.make_room_for_pairs(self.pairs()?) {
+            Ok(grown) => Ok(if grown { Settled::Grown } else { Settled::Drawn }),
+            Err(error) if error.is_resources() => Ok(Settled::TooMany(error)),
+            Err(error) => Err(error),
         }
     }
 
@@ -278,7 +327,12 @@ impl Renderer {
     pub fn make_room_for_pairs(&mut self, pairs: u32) -> Result<bool> {
         let grow = pairs > self.frame.pairs.count.limit();
         if grow {
-            self.frame.pairs = PairBuffers::new(&self.device, pairs.saturating_add(pairs / 4), self.uses)?;
+            let room = |pairs: u32| PairBuffers::new(&self.device, pairs, self.uses);
+            // A quarter more, if there is room for it, saves growing again soon.
+            self.frame.pairs = match room(pairs.saturating_add(pairs / 4)) {
+                Err(error) if error.is_resources() => room(pairs)?,
+                made => made?,
+            };
         }
         Ok(grow)
     }

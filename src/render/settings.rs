@@ -6,7 +6,7 @@ use crate::kernels::constants::blending::TRANSMITTANCE_STOP;
 use crate::kernels::constants::tiles;
 use crate::kernels::constants::view::float64::FIELD_MARGIN;
 use crate::kernels::constants::view::{DILATION, DILATION_ANTIALIAS, NEAR};
-use crate::scene::camera::Camera;
+use crate::scene::camera::{Camera, Whole};
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
@@ -99,8 +99,9 @@ pub fn view(camera: &Camera, settings: &Settings, degree: usize, tile: u32) -> V
     let centre = camera.centre().as_vec3();
     let lost = (camera.centre() - centre.as_dvec3()).as_vec3();
     let row = |r: usize| [rotation[r][0] as f32, rotation[r][1] as f32, rotation[r][2] as f32, lost[r]];
+    let Whole { size: whole, corner } = camera.whole();
     // Positions in the picture are measured from here: origin() of lib/view.glsl.
-    let origin = DVec2::new(f64::from(camera.width / 2), f64::from(camera.height / 2));
+    let origin = DVec2::new(f64::from(whole[0] / 2), f64::from(whole[1] / 2));
     let [r, g, b] = settings.background;
     let limit = |size: u32, focal: f64| (FIELD_MARGIN * 0.5 * f64::from(size) / focal) as f32;
     View {
@@ -109,10 +110,12 @@ pub fn view(camera: &Camera, settings: &Settings, degree: usize, tile: u32) -> V
         background: [r, g, b, 0.0],
         focal: camera.focal.as_vec2().to_array(),
         principal: (camera.principal - origin).as_vec2().to_array(),
-        tangent_limit: [limit(camera.width, camera.focal.x), limit(camera.height, camera.focal.y)],
+        tangent_limit: [limit(whole[0], camera.focal.x), limit(whole[1], camera.focal.y)],
         size: [camera.width, camera.height],
         tiles: [camera.width.div_ceil(tile), camera.height.div_ceil(tile)],
         degree: degree as u32,
         dilation: settings.dilation,
+        whole,
+        corner,
     }
 }

@@ -1,10 +1,18 @@
 //! Responses and scores from one pass over all views.
 
-use super::{Gather, ResidentResponses, ResidentScores, ResidentSketches, Responses};
+use super::sums::{Rows, Sums};
+use super::{CHANNELS, Gather, ResidentResponses, ResidentScores, ResidentSketches, Responses, Score};
+use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Buffer, Error, Recording};
-use crate::render::{Backward, Renderer};
-use crate::scene::camera::Camera;
+use crate::gpu::{Buffer, Device, Error, Recording, Result};
+use crate::render::{
+    Backward, Beside, LEAST_PAIRS, Outcome, Parts, Purpose, Renderer, Settings, Settled, Source, capacity,
+};
+use crate::scene::camera::{self, Camera};
+
+/// Views whose responses and scores are added on the device, in float32. The sums of such chunks are added on the host, in
+/// float64 and in their order: any machine that does some chunks of a pass gets the same sums.
+pub const CHUNK: usize = 16;
 
 /// What a pass over all views gathers.
 #[expect(clippy::struct_excessive_bools, reason = "parts of a pass, each on its own")]
@@ -35,6 +43,28 @@ impl Wanted {
             + of(self.scores, ResidentScores::bytes)
             + of(self.sketches, ResidentSketches::bytes)
     }
+
+    /// What a device holds besides the Gaussians and their renderer, of which `taken` bytes are for anything else.
+    pub fn beside(self, taken: u64) -> Beside {
+        let row = |wanted: bool, bytes: usize| if wanted { bytes as u64 } else { 0 };
+        let channels = row(self.channels, CHANNELS * size_of::<f32>());
+        Beside { each: self.bytes(1), row: channels.max(row(self.scores, size_of::<Score>())), taken }
+    }
+
+    /// What the renderer of such a pass is for.
+    pub fn purpose(self) -> Purpose {
+        if self.channels { Purpose::Training } else { Purpose::Scores }
+    }
+
+    /// Whether a pass needs gradients of pictures, and so whole pictures.
+    pub fn gradients(self) -> bool {
+        self.channels || self.residual
+    }
+
+    /// Pixels of the gradient of pictures of at most `size`: one that nobody reads where none is needed.
+    pub fn gradient_pixels(self, size: [u32; 2]) -> usize {
+        if self.gradients() { size[0] as usize * size[1] as usize } else { 1 }
+    }
 }
 
 /// What a gradient by the picture is of.
@@ -52,64 +82,203 @@ pub struct Views<'a, F> {
     pub cameras: &'a [Camera],
     /// Receives the number of views done, before each view and after the last; its error ends the pass.
     pub follow: F,
+    /// The number of a chunk of [`CHUNK`] views, if only that is done: its part of the sums, see [`Responses::sum`].
+    pub only: Option<usize>,
 }
 
-/// The mean response over all views, one by one, and scores, as `wanted`; deterministic.
-///
-/// For a view and its picture, `gradient` records the gradient of a term into `image_gradient`, which has room for the largest
-/// view. It is asked for squares only if a residual is wanted. The model does not change.
-///
-/// # Errors
-/// Device memory; device errors; errors of `gradient` and of [`Views::follow`].
-///
-/// # Panics
-/// If the renderer was not made by [`Renderer::for_training`].
-pub fn full_pass<E: From<Error>>(
-    renderer: &mut Renderer,
-    model: &Resident,
-    Views { cameras, mut follow }: Views<'_, impl FnMut(usize) -> std::result::Result<(), E>>,
-    image_gradient: &Buffer<[f32; 4]>,
+/// What a pass gathers, in device memory.
+struct Gathered {
+    responses: Option<ResidentResponses>,
+    scores: Option<ResidentScores>,
+    sketches: Option<ResidentSketches>,
+}
+
+impl Gathered {
+    fn zeros(device: &Device, gaussians: usize, wanted: Wanted) -> Result<Self> {
+        Ok(Self {
+            responses: wanted.channels.then(|| ResidentResponses::zeros(device, gaussians)).transpose()?,
+            scores: wanted.scores.then(|| ResidentScores::zeros(device, gaussians)).transpose()?,
+            sketches: wanted.sketches.then(|| ResidentSketches::zeros(device, gaussians)).transpose()?,
+        })
+    }
+
+    fn upload(device: &Device, rows: &Rows, wanted: Wanted) -> Result<Self> {
+        Ok(Self {
+            responses: wanted.channels.then(|| ResidentResponses::upload(device, &rows.channels)).transpose()?,
+            scores: wanted.scores.then(|| ResidentScores::upload(device, &rows.scores)).transpose()?,
+            sketches: None,
+        })
+    }
+
+    /// Makes all but the sketches zero.
+    fn clear(&self, device: &Device) -> Result<()> {
+        let mut recording = Recording::new();
+        if let Some(responses) = &self.responses {
+            responses.clear(&mut recording);
+        }
+        if let Some(scores) = &self.scores {
+            scores.clear(&mut recording);
+        }
+        device.run(recording)?;
+        Ok(())
+    }
+
+    /// All but the sketches.
+    fn read(&self, device: &Device, gather: Gather) -> Result<Rows> {
+        let channels = self.responses.as_ref().map(|r| r.read(device, gather)).transpose()?.unwrap_or_default();
+        let scores = self.scores.as_ref().map(|s| s.values.read(device)).transpose()?.unwrap_or_default();
+        Ok(Rows { channels, scores })
+    }
+}
+
+/// A pass over views.
+struct Pass<'a, G> {
+    image_gradient: &'a Buffer<[f32; 4]>,
     wanted: Wanted,
-    mut gradient: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>, Term) -> std::result::Result<(), E>,
-) -> std::result::Result<Responses, E> {
-    let device = &renderer.device().clone();
-    let responses = wanted.channels.then(|| ResidentResponses::zeros(device, model.len)).transpose()?;
-    let scores = wanted.scores.then(|| ResidentScores::zeros(device, model.len)).transpose()?;
-    let sketches = wanted.sketches.then(|| ResidentSketches::zeros(device, model.len)).transpose()?;
-    let backward = Backward { residual: true, ..Backward::default() };
-    let gather = Gather::Mean { views: cameras.len() as u32 };
-    for (v, camera) in cameras.iter().enumerate() {
-        follow(v)?;
+    gather: Gather,
+    gradient: G,
+}
+
+impl<G> Pass<'_, G> {
+    /// Adds what view number `v` shows of a model, drawn by `camera`.
+    fn view<E: From<Error>>(
+        &mut self,
+        renderer: &mut Renderer,
+        gathered: &Gathered,
+        model: &Resident,
+        (v, camera): (usize, &Camera),
+    ) -> std::result::Result<Outcome, E>
+    where
+        G: FnMut(&mut Recording, usize, &Buffer<[f32; 4]>, Term) -> std::result::Result<(), E>,
+    {
+        let Self { image_gradient, wanted, gather, gradient } = self;
+        let backward = Backward { residual: true, ..Backward::default() };
         renderer.make_room(model, camera)?;
         loop {
             let mut recording = Recording::new();
             renderer.reset_overflow(&mut recording);
             renderer.record(&mut recording, model, camera);
-            if let Some(responses) = &responses {
+            if let Some(responses) = &gathered.responses {
                 gradient(&mut recording, v, renderer.image(), Term::Loss)?;
                 renderer.record_backward(&mut recording, model, camera, image_gradient, backward);
-                responses.record(&mut recording, renderer, model, camera, gather);
+                responses.record(&mut recording, renderer, model, camera, *gather);
             }
-            if let Some(scores) = &scores {
+            if let Some(scores) = &gathered.scores {
                 if wanted.residual {
                     gradient(&mut recording, v, renderer.image(), Term::Squares)?;
                 }
-                scores.record(&mut recording, renderer, model, camera, wanted.residual.then_some(image_gradient));
+                scores.record(&mut recording, renderer, model, camera, wanted.residual.then_some(*image_gradient));
             }
-            if let Some(sketches) = &sketches {
+            if let Some(sketches) = &gathered.sketches {
                 sketches.record(&mut recording, renderer, model, camera, v as u32);
             }
-            device.run(recording)?;
+            renderer.device().clone().run(recording)?;
             // A view whose pairs did not fit has changed nothing.
-            if !renderer.make_room_for_pairs(renderer.pairs()?)? {
-                break;
+            match renderer.settle()? {
+                Settled::Drawn => return Ok(Outcome::Done),
+                Settled::Grown => {}
+                Settled::TooMany(error) => return Ok(Outcome::TooMany(error)),
+            }
+        }
+    }
+}
+
+/// A renderer for [`full_pass`] over pictures of at most `size`, with an initial capacity of `pairs` (tile, Gaussian) pairs. That of
+/// a model on the host grows to the largest part.
+///
+/// # Errors
+/// Device memory.
+pub fn renderer(
+    device: &Device,
+    settings: Settings,
+    model: Source<'_>,
+    (size, pairs): ([u32; 2], u32),
+    wanted: Wanted,
+) -> Result<Renderer> {
+    let (gaussians, size, pairs) = match model {
+        Source::Device(model) => (model.len, size, pairs),
+        Source::Host(_) => {
+            let most = device.info().max_buffer_bytes / size_of::<[f32; 4]>() as u64;
+            (1, [1, 1], u32::try_from(most).unwrap_or(u32::MAX).min(LEAST_PAIRS))
+        }
+    };
+    match wanted.purpose() {
+        Purpose::Training => Renderer::for_training(device, settings, gaussians, size, pairs),
+        _ => Renderer::for_scores(device, settings, gaussians, size, pairs),
+    }
+}
+
+/// The mean response over all views, one by one, and scores, as `wanted`; deterministic.
+///
+/// For a view and its picture, `gradient` records the gradient of a term into `image_gradient`, which has room for the largest
+/// view. It is asked for squares only if a residual is wanted. The model does not change. A model on the host goes to the device
+/// view by view, as far as the view may show it; the results are the same, bit for bit. Only scores without a residual are then
+/// gathered from parts of pictures, and there are no sketches.
+///
+/// # Errors
+/// Device memory; device errors; errors of `gradient` and of [`Views::follow`].
+///
+/// # Panics
+/// If the renderer was not made by [`Renderer::for_training`], or, without channels, by [`Renderer::for_scores`].
+pub fn full_pass<'m, E: From<Error>>(
+    renderer: &mut Renderer,
+    model: impl Into<Source<'m>>,
+    Views { cameras, mut follow, only }: Views<'_, impl FnMut(usize) -> std::result::Result<(), E>>,
+    image_gradient: &Buffer<[f32; 4]>,
+    wanted: Wanted,
+    gradient: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>, Term) -> std::result::Result<(), E>,
+) -> std::result::Result<Responses, E> {
+    let device = &renderer.device().clone();
+    let gather = Gather::Mean { views: cameras.len() as u32 };
+    let mut pass = Pass { image_gradient, wanted, gather, gradient };
+    let views: Vec<(usize, &Camera)> = cameras.iter().enumerate().collect();
+    let chunks = || views.chunks(CHUNK).enumerate().filter(|(c, _)| only.is_none_or(|only| only == *c));
+    let mut sketches = Vec::new();
+    let model = model.into();
+    let mut sums = Sums::zeros(model.len(), wanted);
+    match model {
+        Source::Device(model) => {
+            let gathered = Gathered::zeros(device, model.len, wanted)?;
+            for (_, chunk) in chunks() {
+                gathered.clear(device)?;
+                for &view in chunk {
+                    follow(view.0)?;
+                    if let Outcome::TooMany(error) = pass.view(renderer, &gathered, model, view)? {
+                        return Err(error.into());
+                    }
+                }
+                sums.add(&gathered.read(device, gather)?);
+            }
+            sketches = gathered.sketches.map(|s| s.read(device)).transpose()?.unwrap_or_default();
+        }
+        Source::Host(model) => {
+            let mut parts = Parts::new(model, most(renderer, model, cameras, wanted));
+            for (_, chunk) in chunks() {
+                let mut rows = Rows::zeros(model.len(), wanted);
+                for &(v, camera) in chunk {
+                    follow(v)?;
+                    parts.for_each(renderer, camera, wanted.gradients(), &mut |renderer, part| {
+                        let gathered = Gathered::upload(device, &rows.of(part.members), wanted)?;
+                        let outcome = pass.view(renderer, &gathered, part.model, (v, &part.camera))?;
+                        if matches!(outcome, Outcome::Done) {
+                            rows.set(part.members, &gathered.read(device, gather)?);
+                        }
+                        Ok::<_, E>(outcome)
+                    })?;
+                }
+                sums.add(&rows);
             }
         }
     }
     follow(cameras.len())?;
-    let channels = responses.map(|r| r.read(device, gather)).transpose()?.unwrap_or_default();
-    let scores = scores.map(|s| s.values.read(device)).transpose()?.unwrap_or_default();
-    let sketches = sketches.map(|s| s.read(device)).transpose()?.unwrap_or_default();
+    let Rows { channels, scores } = sums.rounded();
     let dilation = renderer.settings().dilation;
     Ok(Responses { channels, scores, sketches, cameras: cameras.to_vec(), dilation })
+}
+
+/// Gaussians of a part of a view at most.
+fn most(renderer: &Renderer, model: &Gaussians, cameras: &[Camera], wanted: Wanted) -> usize {
+    let device = renderer.device();
+    let beside = wanted.beside(device.memory_used().0);
+    capacity(device, model.degree(), camera::largest(cameras), renderer.uses(), beside)
 }

@@ -18,8 +18,9 @@ mod residual;
 mod respond;
 mod score;
 mod sketch;
+mod sums;
 
-pub use full_pass::{Term, Views, Wanted, full_pass};
+pub use full_pass::{CHUNK, Term, Views, Wanted, full_pass, renderer};
 pub use high_pass::HighPass;
 pub use residual::{Target, record_residual};
 pub use respond::{Gather, KEEP, ResidentResponses};

@@ -49,6 +49,21 @@ impl ResidentResponses {
         Ok(Self { values: device.zeros(values, CHANNELS * gaussians)?, seen: device.zeros(seen, gaussians)? })
     }
 
+    /// Given values, n, of a mean.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn upload(device: &Device, values: &[[f32; CHANNELS]]) -> Result<Self> {
+        let (name, seen) = ("responses", "responses' iterations");
+        Ok(Self { values: device.upload(name, values.as_flattened())?, seen: device.zeros(seen, values.len())? })
+    }
+
+    /// Records that all of them become zero.
+    pub fn clear(&self, recording: &mut Recording) {
+        recording.fill(&self.values, 0);
+        recording.fill(&self.seen, 0);
+    }
+
     /// Records the responses of a view, after its [`Renderer::record_backward`] with [`residual`](crate::render::Backward::residual).
     ///
     /// Nothing changes if the view's pairs did not fit, as in training.

@@ -113,6 +113,19 @@ impl ResidentScores {
         Ok(Self { values, subgroup: device.info().subgroup_size })
     }
 
+    /// Given scores, n.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn upload(device: &Device, scores: &[Score]) -> Result<Self> {
+        Ok(Self { values: device.upload("scores", scores)?, subgroup: device.info().subgroup_size })
+    }
+
+    /// Records that all of them become zero.
+    pub fn clear(&self, recording: &mut Recording) {
+        recording.fill(&self.values, 0);
+    }
+
     /// Records the scores of the picture recorded before, which the backward pass need not have seen; the slots' sums that
     /// it left are overwritten. `residual` is the picture minus its photo, if there is one.
     ///

@@ -12,12 +12,23 @@ pub struct Camera {
     pub translation: DVec3,
     /// Focal lengths in pixels.
     pub focal: DVec2,
-    /// Principal point in pixels, measured from the image's upper left corner.
+    /// Principal point in pixels, measured from the upper left corner of the whole image.
     pub principal: DVec2,
     /// Image width in pixels.
     pub width: u32,
     /// Image height in pixels.
     pub height: u32,
+    /// The whole image, if this camera takes only a part of it.
+    pub whole: Option<Whole>,
+}
+
+/// The image that another one is a part of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Whole {
+    /// Its width and height in pixels.
+    pub size: [u32; 2],
+    /// Upper left corner of the part in it, in pixels.
+    pub corner: [u32; 2],
 }
 
 impl Camera {
@@ -31,7 +42,26 @@ impl Camera {
         u64::from(self.width) * u64::from(self.height)
     }
 
-    /// The same view at another image size; focal lengths and principal point scale per axis.
+    /// The whole image that this camera's is a part of; that is itself, from corner 0, unless it was made by [`Camera::part`].
+    pub fn whole(&self) -> Whole {
+        self.whole.unwrap_or(Whole { size: [self.width, self.height], corner: [0, 0] })
+    }
+
+    /// The camera of a part of this one's image, `size` pixels from `corner` on. It renders the pixels of the whole image, bit
+    /// for bit, if `corner` is a multiple of the tile's side.
+    ///
+    /// # Panics
+    /// If the part is not within the image.
+    #[must_use]
+    pub fn part(&self, corner: [u32; 2], size: [u32; 2]) -> Self {
+        let inside = corner[0] + size[0] <= self.width && corner[1] + size[1] <= self.height;
+        assert!(inside, "{size:?} pixels from {corner:?} are part of {} x {}", self.width, self.height);
+        let whole = self.whole();
+        let corner = [whole.corner[0] + corner[0], whole.corner[1] + corner[1]];
+        Self { width: size[0], height: size[1], whole: Some(Whole { size: whole.size, corner }), ..self.clone() }
+    }
+
+    /// The same view at another image size; focal lengths and principal point scale per axis. It is a whole image.
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let ratio = DVec2::new(f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height));
@@ -55,6 +85,7 @@ impl Camera {
             principal: DVec2::new(f64::from(width), f64::from(height)) * 0.5,
             width,
             height,
+            whole: None,
         }
     }
 }

@@ -177,6 +177,7 @@ mod tests {
             principal: lens.principal,
             width: 5,
             height: 4,
+            whole: None,
         };
         let pixels: Vec<u8> = (0..5 * 4 * 4).map(|i| (i * 37 % 256) as u8).collect();
         let source = Raster::<4> { width: 5, height: 4, pixels };

@@ -85,6 +85,7 @@ impl View {
             principal: lens.principal,
             width: lens.width,
             height: lens.height,
+            whole: None,
         };
         let mut view = Self {
             name,

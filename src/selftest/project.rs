@@ -87,6 +87,7 @@ pub fn ahead() -> Camera {
         principal: DVec2::splat(16.0),
         width: 32,
         height: 32,
+        whole: None,
     }
 }
 

@@ -11,7 +11,7 @@ use super::trainee::Trainee;
 use super::trainer::Trainer;
 use crate::gaussians::Gaussians;
 use crate::gpu::{Device, staging_bytes};
-use crate::render::{Renderer, Style, Uses};
+use crate::render::{Purpose, Renderer, Style, Uses};
 
 /// Inputs of the memory estimate of a run.
 #[derive(Clone, Debug)]
@@ -46,7 +46,7 @@ impl Trainer {
     pub fn bytes(device: &Device, needs: &TrainerNeeds) -> u64 {
         let &TrainerNeeds { gaussians: n, pairs, size, degree, grows, .. } = needs;
         let model = Trainee::bytes(n, degree);
-        let uses = Uses { training: true, style: needs.style };
+        let uses = Uses { purpose: Purpose::Training, style: needs.style };
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
         let pictures =
             DevicePhotos::bytes(&needs.photos, device.memory_limit()) + Loss::bytes(device, size[0], size[1]);

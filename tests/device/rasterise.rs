@@ -373,6 +373,7 @@ fn deep_stacks_are_not_cut() {
         principal: DVec2::splat(2.0),
         width: 4,
         height: 4,
+        whole: None,
     };
     let image = render(&device, &model, &camera, Settings { stop: 0.0, ..Settings::default() });
     let settings = reference::Settings { transmittance_stop: 0.0, ..reference::Settings::default() };

@@ -199,6 +199,7 @@ fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> 
         principal: glam::DVec2::splat(0.5),
         width: 1,
         height: 1,
+        whole: None,
     };
     let mut r = Random(1);
     let model = Gaussians {

@@ -136,6 +136,7 @@ fn read_cameras(folder: &Path) -> Vec<Camera> {
                 principal: DVec2::from_slice(&c[5..7]),
                 width: c[1] as u32,
                 height: c[2] as u32,
+                whole: None,
             }
         })
         .collect()
@@ -192,6 +193,7 @@ impl Fixture {
             principal: 0.5 * size,
             width,
             height,
+            whole: None,
         }
     }
 

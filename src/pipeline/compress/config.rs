@@ -3,9 +3,11 @@
 use crate::pipeline::config::{Compression, Selection};
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
+use serde::{Deserialize, Serialize};
 
 /// How a model is compressed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct CompressConfig {
     /// Choice of Gaussians.
     pub compression: Compression,
@@ -20,7 +22,8 @@ pub struct CompressConfig {
 }
 
 /// Source of the views that a model is scored on.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum ViewSource {
     /// A scene's photos.
     Photos(Selection),

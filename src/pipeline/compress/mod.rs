@@ -2,6 +2,7 @@
 
 mod config;
 mod scoring;
+pub mod stages;
 mod train;
 mod views;
 
@@ -11,8 +12,8 @@ use super::output::bytes_on_disk;
 use super::prune::{self, PrunePlan, PruneRequest};
 use super::records::{CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
 use super::session::Session;
+use super::virtual_views::ALL;
 use crate::error::Error;
-use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, formats};
 use crate::qirf::select::budget::Keep;
 use scoring::Scoring;
@@ -47,31 +48,31 @@ pub fn compress(
     let mut time = CompressTimes { read_s, ..CompressTimes::default() };
     let keep = at_least_one(config.compression.keep, model.len());
 
-    let (views, resident) = Views::load(session, &model, config)?;
+    let (views, shown) = Views::load(session, &model, config, ALL)?;
     time.truth_s = seconds(begun);
     let mut scoring = Scoring::new(session, &views, config);
-    let before = if views.truth == Truth::Photos { scoring.scores(&resident)? } else { Vec::new() };
+    let before = if views.truth == Truth::Photos { scoring.scores(shown.source())? } else { Vec::new() };
 
     let responding = Instant::now();
-    let (responses, resident) = train::respond(session, &model, resident, &views, config)?;
+    let responses = train::respond(session, shown.source(), model.degree(), (&views, None), config)?;
     time.responses_s = seconds(responding);
 
     let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
-    let PrunePlan { record: prune, keep, model } = prune::plan(device, &resident, model, &responses, &request)?;
-    drop((resident, responses));
+    let PrunePlan { record: prune, keep, merged } = prune::plan(device, shown.source(), &model, &responses, &request)?;
+    drop((shown, responses));
     time.merge_s = prune.seconds.merge;
     time.keep_mask_s = prune.seconds.total - prune.seconds.merge;
     watcher.unless_stopped()?;
     let kept: Vec<usize> = (0..keep.len()).filter(|i| keep[*i]).collect();
-    let mut model = model.select(&kept);
-    let after = scoring.scores(&Resident::upload(device, &model)?)?;
+    let mut model = merged.unwrap_or(model).select(&kept);
+    let after = scoring.scores_of(&model)?;
 
     let tuning = Instant::now();
     let mut tuned = Vec::new();
     if config.fine_tune > 0 {
         model = train::fine_tune(session, &model, &views, config)?;
         time.fine_tune_s = seconds(tuning);
-        tuned = scoring.scores(&Resident::upload(device, &model)?)?;
+        tuned = scoring.scores_of(&model)?;
     }
     time.evaluate_s = scoring.seconds;
 

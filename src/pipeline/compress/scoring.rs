@@ -3,11 +3,15 @@
 use super::config::CompressConfig;
 use super::views::Views;
 use crate::error::Error;
-use crate::gaussians::resident::Resident;
+use crate::gaussians::Gaussians;
 use crate::metrics::{Networks, Scores};
+use crate::pipeline::budget;
 use crate::pipeline::evaluate::Evaluator;
 use crate::pipeline::records::Truth;
 use crate::pipeline::session::Session;
+use crate::pipeline::shown::Shown;
+use crate::render::Source;
+use crate::scene::camera;
 use std::time::Instant;
 
 /// Scores models on the held-out views.
@@ -27,12 +31,20 @@ impl<'a> Scoring<'a> {
         Self { session, views, total: stages * views.test.len(), done: 0, seconds: 0.0 }
     }
 
+    /// The scores of a model on the host in each held-out view.
+    pub fn scores_of(&mut self, model: &Gaussians) -> Result<Vec<Scores>, Error> {
+        let Views { test, settings, .. } = self.views;
+        let size = camera::largest(test.iter().map(|(_, view)| &view.camera));
+        let place = budget::for_pictures(self.session.device, model, size, settings.style)?;
+        self.scores(Shown::new(self.session, model, place.whole)?.source())
+    }
+
     /// The scores of a model in each held-out view.
-    pub fn scores(&mut self, model: &Resident) -> Result<Vec<Scores>, Error> {
+    pub fn scores(&mut self, model: Source<'_>) -> Result<Vec<Scores>, Error> {
         let begun = Instant::now();
         let Session { device, watcher, .. } = *self.session;
         let Views { test, settings, .. } = self.views;
-        let mut evaluator = Evaluator::new(device, *settings, model.len, test.iter().map(|(_, view)| view))?;
+        let mut evaluator = Evaluator::of(device, *settings, model, test.iter().map(|(_, view)| view))?;
         let (done, total) = (self.done, self.total);
         // These scores need no network.
         let networks = Networks::default();

@@ -4,42 +4,39 @@ use super::config::CompressConfig;
 use super::views::Views;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
-use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::pipeline::config::Pruning;
 use crate::pipeline::pairs;
 use crate::pipeline::records::Truth;
 use crate::pipeline::session::Session;
 use crate::pipeline::virtual_views;
+use crate::render::Source;
 use crate::response::Responses;
 use crate::scene::camera::Camera;
 use crate::train::loss::Weights;
 use crate::train::schedule::Schedule;
-use crate::train::{Options, Trainer};
+use crate::train::{self, Options, Trainer};
 
-/// Responses of the training views to each Gaussian; also returns the model on the device, given as `resident`.
+/// Responses of the training views to each Gaussian of a model; with `only`, of one chunk of the views.
 pub fn respond(
     session: &Session<'_>,
-    model: &Gaussians,
-    resident: Resident,
-    views: &Views,
+    model: Source<'_>,
+    degree: usize,
+    (views, only): (&Views, Option<usize>),
     config: &CompressConfig,
-) -> Result<(Responses, Resident), Error> {
+) -> Result<Responses, Error> {
     let Session { device, watcher, .. } = *session;
     let wanted = config.compression.selector.reads();
     if views.truth == Truth::Photos {
-        // A trainer has its own copy of the model: two copies would be too much.
-        drop(resident);
-        let mut trainer = trainer(device, model, views, config)?;
-        let responses = trainer.responses_with(wanted, |done| -> Result<(), Error> {
+        let options = options(device, (model.len(), degree), views, config);
+        let follow = |done| -> Result<(), Error> {
             watcher.responding(done, views.train.len());
             watcher.unless_stopped()
-        })?;
-        return Ok((responses, trainer.into_model()));
+        };
+        return train::responses(device, model, &views.train, &options, wanted, (follow, only));
     }
     let cameras: Vec<Camera> = views.train.iter().map(|v| v.camera.clone()).collect();
-    let responses = virtual_views::responses(session, &resident, &cameras, views.settings, wanted)?;
-    Ok((responses, resident))
+    virtual_views::responses(session, model, (&cameras, only), views.settings, wanted)
 }
 
 /// Trains the kept Gaussians further.
@@ -60,8 +57,13 @@ pub fn fine_tune(
 }
 
 fn trainer(device: &Device, model: &Gaussians, views: &Views, config: &CompressConfig) -> Result<Trainer, Error> {
+    let options = options(device, (model.len(), model.degree()), views, config);
+    Ok(Trainer::new(device, model, views.train.clone(), views.extent, options)?)
+}
+
+fn options(device: &Device, (gaussians, degree): (usize, usize), views: &Views, config: &CompressConfig) -> Options {
     let end = Schedule::default().position_rate_end;
-    let options = Options {
+    Options {
         // A trained model continues with the rates of the end of training: positions move as slowly, and its number is
         // fixed.
         schedule: Schedule {
@@ -73,12 +75,11 @@ fn trainer(device: &Device, model: &Gaussians, views: &Views, config: &CompressC
         },
         settings: views.settings,
         seed: config.seed,
-        degree: model.degree(),
-        most: model.len(),
+        degree,
+        most: gaussians,
         exposure: None,
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,
-        pairs: pairs::few(device, model.len()),
-    };
-    Ok(Trainer::new(device, model, views.train.clone(), views.extent, options)?)
+        pairs: pairs::few(device, gaussians),
+    }
 }

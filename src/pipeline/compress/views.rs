@@ -3,17 +3,18 @@
 use super::config::{CompressConfig, ViewSource};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
-use crate::gaussians::resident::Resident;
 use crate::metrics::Scores;
 use crate::pipeline::budget::{self, CompressNeeds};
 use crate::pipeline::config::Selection;
 use crate::pipeline::prepare::{Prepared, open};
 use crate::pipeline::records::{CompressProtocol, StageScores, Truth, ViewStages};
 use crate::pipeline::session::Session;
+use crate::pipeline::shown::Shown;
 use crate::pipeline::virtual_views::{OwnPictures, VirtualCameras};
 use crate::qirf::select::budget::Keep;
 use crate::render::Settings;
 use crate::scene::{Photo, camera};
+use std::ops::Range;
 
 /// Training and held-out views of a compression.
 pub struct Views {
@@ -30,25 +31,32 @@ pub struct Views {
 
 impl Views {
     /// Checks that the job fits the device, then decodes the photos or draws the model's own pictures; also returns the
-    /// model on the device.
-    pub fn load(session: &Session<'_>, model: &Gaussians, config: &CompressConfig) -> Result<(Self, Resident), Error> {
+    /// model where it is. Of the views held out, only those with the numbers `held_out` are there.
+    pub fn load<'m>(
+        session: &Session<'_>,
+        model: &'m Gaussians,
+        config: &CompressConfig,
+        held_out: Range<usize>,
+    ) -> Result<(Self, Shown<'m>), Error> {
         match &config.views {
             ViewSource::Photos(selection) => {
-                let views = Self::of_photos(session, model, selection, config)?;
-                Ok((views, Resident::upload(session.device, model)?))
+                let (mut views, shown) = Self::of_photos(session, model, selection, config)?;
+                let mut number = 0..;
+                views.test.retain(|_| number.next().is_some_and(|n| held_out.contains(&n)));
+                Ok((views, shown))
             }
             ViewSource::OwnPictures { cameras, background } => {
-                Self::of_model(session, model, cameras, *background, config)
+                Self::of_model(session, model, (cameras, *background), config, held_out)
             }
         }
     }
 
-    fn of_photos(
+    fn of_photos<'m>(
         session: &Session<'_>,
-        model: &Gaussians,
+        model: &'m Gaussians,
         selection: &Selection,
         config: &CompressConfig,
-    ) -> Result<Self, Error> {
+    ) -> Result<(Self, Shown<'m>), Error> {
         let opened = open(selection)?;
         let needs = CompressNeeds {
             size: opened.size(),
@@ -57,23 +65,23 @@ impl Views {
             masked: opened.scene.has_masks(),
             wanted: config.compression.selector.reads(),
             style: config.style,
-            trained: model.len(),
+            trained: trained(config, model),
         };
-        let estimated_bytes = budget::for_compress(session.device, model, needs)?;
+        let place = budget::for_compress(session.device, model, needs)?;
         let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
         let settings = config.style.over(prepared.background);
         let Prepared { train, test, extent, .. } = prepared;
-        Ok(Self { truth: Truth::Photos, train, test, extent, settings, estimated_bytes })
+        let shown = Shown::new(session, model, place.whole)?;
+        Ok((Self { truth: Truth::Photos, train, test, extent, settings, estimated_bytes: place.bytes }, shown))
     }
 
-    fn of_model(
+    fn of_model<'m>(
         session: &Session<'_>,
-        model: &Gaussians,
-        cameras: &VirtualCameras,
-        background: [f32; 3],
+        model: &'m Gaussians,
+        (cameras, background): (&VirtualCameras, [f32; 3]),
         config: &CompressConfig,
-    ) -> Result<(Self, Resident), Error> {
-        let fine_tunes = config.fine_tune > 0;
+        held_out: Range<usize>,
+    ) -> Result<(Self, Shown<'m>), Error> {
         let size = [cameras.size.0, cameras.size.1];
         let needs = CompressNeeds {
             size,
@@ -82,14 +90,16 @@ impl Views {
             masked: false,
             wanted: config.compression.selector.reads(),
             style: config.style,
-            trained: if fine_tunes { most_kept(config.compression.keep, model.len()) } else { 0 },
+            trained: trained(config, model),
         };
-        let estimated_bytes = budget::for_compress(session.device, model, needs)?;
+        let place = budget::for_compress(session.device, model, needs)?;
         let (cameras, settings) = cameras.views(model, background, config.style);
-        let resident = Resident::upload(session.device, model)?;
-        let OwnPictures { train, test } = OwnPictures::draw(session, &resident, cameras, settings, fine_tunes)?;
+        let shown = Shown::new(session, model, place.whole)?;
+        let drawn = (config.fine_tune > 0, held_out);
+        let OwnPictures { train, test } = OwnPictures::draw(session, shown.source(), cameras, settings, drawn)?;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
-        Ok((Self { truth: Truth::OwnPictures, train, test, extent, settings, estimated_bytes }, resident))
+        let (truth, estimated_bytes) = (Truth::OwnPictures, place.bytes);
+        Ok((Self { truth, train, test, extent, settings, estimated_bytes }, shown))
     }
 
     /// Conditions of the measurement.
@@ -117,11 +127,12 @@ impl Views {
     }
 }
 
-/// Gaussians that are kept at most.
-fn most_kept(keep: Keep, gaussians: usize) -> usize {
-    match keep {
-        Keep::Share(share) => (share * gaussians as f64).ceil() as usize,
-        Keep::Count(count) => count.min(gaussians),
-        Keep::Paper { .. } => gaussians,
+/// Gaussians that are fine-tuned at most.
+fn trained(config: &CompressConfig, model: &Gaussians) -> usize {
+    match config.compression.keep {
+        _ if config.fine_tune == 0 => 0,
+        Keep::Share(share) => (share * model.len() as f64).ceil() as usize,
+        Keep::Count(count) => count.min(model.len()),
+        Keep::Paper { .. } => model.len(),
     }
 }

@@ -125,7 +125,8 @@ pub struct RunConfig {
 }
 
 /// Selection of a scene's pictures.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Selection {
     /// The scene's folder or file.
     pub scene: PathBuf,

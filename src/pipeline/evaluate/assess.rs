@@ -4,13 +4,13 @@ use super::evaluator::{Evaluator, HeldOut};
 use super::exposure_fit;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
-use crate::gaussians::resident::Resident;
 use crate::metrics::Networks;
 use crate::pipeline::Session;
 use crate::pipeline::config::Selection;
 use crate::pipeline::output::bytes_on_disk;
 use crate::pipeline::prepare::Prepared;
 use crate::pipeline::records::{Counts, Guards, Protocol, RunRecord, Times, TrainScores};
+use crate::render::Source;
 use crate::scene::camera;
 use std::path::Path;
 
@@ -32,14 +32,15 @@ impl Evaluator {
     ///
     /// # Errors
     /// Device errors; pictures that cannot be written; errors of `follow`.
-    pub fn assess(
+    pub fn assess<'m>(
         &mut self,
-        model: &Resident,
+        model: impl Into<Source<'m>>,
         prepared: &Prepared,
         renders: Option<&Path>,
         networks: &Networks,
         follow: &mut dyn FnMut(usize) -> Result<(), Error>,
     ) -> Result<Assessment, Error> {
+        let model = model.into();
         let held_out = self.held_out(model, &prepared.test, renders, networks, follow)?;
         let unfitted_psnr = self.unfitted_psnr(model, prepared.test.iter().map(|(_, view)| view))?;
         let train_psnr = self.psnr(model, prepared.train.iter())?;

@@ -9,7 +9,7 @@ use crate::metrics::{self, Networks, Scores};
 use crate::pipeline::prepare::Prepared;
 use crate::pipeline::records::ViewScores;
 use crate::pipeline::{Watcher, pairs};
-use crate::render::{Image, Renderer, Settings, Style, Uses};
+use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
 use crate::scene::{FourthByte, Photo, camera};
 use crate::train;
 use std::path::Path;
@@ -85,13 +85,13 @@ type Compared = ([usize; 2], Vec<f32>, Vec<f32>);
 
 /// Renders views of a model one after the other.
 pub struct Evaluator {
-    renderer: Renderer,
+    painter: Painter,
     background: [f32; 3],
     fits_exposure: bool,
 }
 
 impl Evaluator {
-    /// An evaluator for views of at most the size of the largest given one.
+    /// An evaluator of models on the device, for views of at most the size of the largest given one.
     ///
     /// # Errors
     /// Device memory.
@@ -101,9 +101,22 @@ impl Evaluator {
         gaussians: usize,
         views: impl Iterator<Item = &'a Photo>,
     ) -> Result<Self, Error> {
-        let [width, height] = camera::largest(views.map(|v| &v.camera));
-        let renderer = Renderer::new(device, settings, gaussians, width, height)?;
-        Ok(Self { renderer, background: settings.background, fits_exposure: false })
+        let painter = Painter::new(device, settings, gaussians, camera::largest(views.map(|v| &v.camera)))?;
+        Ok(Self { painter, background: settings.background, fits_exposure: false })
+    }
+
+    /// An evaluator of a model wherever it is, for views of at most the size of the largest given one.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn of<'a>(
+        device: &Device,
+        settings: Settings,
+        model: Source<'_>,
+        views: impl Iterator<Item = &'a Photo>,
+    ) -> Result<Self, Error> {
+        let painter = Painter::of(device, settings, model, camera::largest(views.map(|v| &v.camera)))?;
+        Ok(Self { painter, background: settings.background, fits_exposure: false })
     }
 
     /// Sets whether photos have exposures of their own and are scored by the protocol of `exposure_fit`.
@@ -125,7 +138,7 @@ impl Evaluator {
 
     /// Device memory in bytes of an evaluator for views of at most this size, readback included.
     pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], style: Style) -> u64 {
-        let uses = Uses { training: false, style };
+        let uses = Uses { style, ..Uses::default() };
         let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
         Renderer::bytes(device, gaussians, size, pairs::room(gaussians), uses) + staging_bytes(picture)
     }
@@ -134,8 +147,8 @@ impl Evaluator {
     ///
     /// # Errors
     /// Device errors.
-    pub fn render(&mut self, model: &Resident, view: &Photo) -> Result<Image, Error> {
-        Ok(self.renderer.render(model, &view.camera)?)
+    pub fn render<'m>(&mut self, model: impl Into<Source<'m>>, view: &Photo) -> Result<Image, Error> {
+        Ok(self.painter.render(model.into(), &view.camera)?)
     }
 
     /// Draws a view without reading it back, for the frame rate.
@@ -143,7 +156,7 @@ impl Evaluator {
     /// # Errors
     /// Device errors.
     pub fn draw(&mut self, model: &Resident, view: &Photo) -> Result<(), Error> {
-        self.renderer.draw(model, &view.camera)?;
+        self.painter.renderer().draw(model, &view.camera)?;
         Ok(())
     }
 
@@ -162,7 +175,12 @@ impl Evaluator {
     ///
     /// # Errors
     /// Device errors.
-    pub fn psnr<'a>(&mut self, model: &Resident, views: impl Iterator<Item = &'a Photo>) -> Result<Option<f64>, Error> {
+    pub fn psnr<'a, 'm>(
+        &mut self,
+        model: impl Into<Source<'m>>,
+        views: impl Iterator<Item = &'a Photo>,
+    ) -> Result<Option<f64>, Error> {
+        let model = model.into();
         let (mut sum, mut n) = (0.0, 0);
         for view in views {
             let image = self.render(model, view)?;
@@ -178,9 +196,9 @@ impl Evaluator {
     ///
     /// # Errors
     /// Device errors.
-    pub fn unfitted_psnr<'a>(
+    pub fn unfitted_psnr<'a, 'm>(
         &mut self,
-        model: &Resident,
+        model: impl Into<Source<'m>>,
         views: impl Iterator<Item = &'a Photo>,
     ) -> Result<Option<f64>, Error> {
         if !self.fits_exposure {
@@ -197,14 +215,15 @@ impl Evaluator {
     ///
     /// # Errors
     /// Device errors; pictures that cannot be written; errors of `follow`.
-    pub fn held_out(
+    pub fn held_out<'m>(
         &mut self,
-        model: &Resident,
+        model: impl Into<Source<'m>>,
         test: &[(String, Photo)],
         renders: Option<&Path>,
         networks: &Networks,
         follow: &mut dyn FnMut(usize) -> Result<(), Error>,
     ) -> Result<HeldOut, Error> {
+        let model = model.into();
         let names = pictures::names(test.iter().map(|(name, _)| name.as_str()), Format::Png.extension());
         let mut out = HeldOut { views: Vec::new(), empty: 0 };
         for ((name, view), file) in test.iter().zip(names) {
@@ -223,13 +242,22 @@ impl Evaluator {
     ///
     /// # Errors
     /// Device errors.
-    pub fn frames_per_second(&mut self, model: &Resident, prepared: &Prepared) -> Result<Option<f64>, Error> {
+    pub fn frames_per_second<'m>(
+        &mut self,
+        model: impl Into<Source<'m>>,
+        prepared: &Prepared,
+    ) -> Result<Option<f64>, Error> {
+        let model = model.into();
         let views: Vec<_> = prepared.views().take(TIMED_FRAMES).collect();
         let Some(first) = views.first() else { return Ok(None) };
         self.render(model, first)?;
         let started = Instant::now();
         for view in &views {
-            self.draw(model, view)?;
+            match model {
+                Source::Device(model) => self.draw(model, view)?,
+                // Its parts travel to the device for every picture.
+                Source::Host(_) => drop(self.render(model, view)?),
+            }
         }
         Ok(Some(views.len() as f64 / started.elapsed().as_secs_f64()))
     }

@@ -6,7 +6,7 @@ use crate::gpu::TunedDevice;
 use crate::metrics::{Scores, mean};
 use crate::pipeline::config::Compression;
 use crate::render::Style;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// A compression's JSON report.
@@ -84,7 +84,7 @@ pub struct ModelFile {
 }
 
 /// Scores at each stage.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageScores {
     /// Of the original model; null if its own pictures are the truth, or without held-out views.
     pub before: Option<Scores>,
@@ -105,7 +105,7 @@ impl StageScores {
 }
 
 /// A held-out view.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewStages {
     /// Its name.
     pub name: String,

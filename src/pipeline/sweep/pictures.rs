@@ -8,7 +8,6 @@ use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::render::{Culling, Image, Renderer, STAGES, Settings};
 use crate::scene::camera::{self, Camera};
-use glam::DVec2;
 use std::time::Instant;
 
 /// Largest number of (tile, Gaussian) pairs without culling: more take minutes on a CPU device.
@@ -91,8 +90,7 @@ fn frame(context: &Context<'_>, renderer: &Renderer, way: &Way<'_>, camera: &Cam
 /// The centre of a view, at the view's own scale.
 fn crop(camera: &Camera, width: u32, height: u32) -> Camera {
     let (width, height) = (width.min(camera.width), height.min(camera.height));
-    let corner = DVec2::new(f64::from((camera.width - width) / 2), f64::from((camera.height - height) / 2));
-    Camera { principal: camera.principal - corner, width, height, ..camera.clone() }
+    camera.part([(camera.width - width) / 2, (camera.height - height) / 2], [width, height])
 }
 
 /// Measures the axis of culling.

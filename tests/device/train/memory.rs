@@ -5,7 +5,7 @@ use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Device;
-use qirf_vk::render::{Renderer, Settings, Style, Uses};
+use qirf_vk::render::{Purpose, Renderer, Settings, Style, Uses};
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::device_photos::DevicePhotos;
@@ -48,7 +48,7 @@ fn owners_know_their_bytes() {
             for pairs in [1, 5000, 1 << 18] {
                 for depth_order in [false, true] {
                     let style = Style { depth_order, ..Style::default() };
-                    let right = Renderer::bytes(&device, n, size, pairs, Uses { training: true, style });
+                    let right = Renderer::bytes(&device, n, size, pairs, Uses { purpose: Purpose::Training, style });
                     let s = style.over([0.0; 3]);
                     let made = taken(&|| Box::new(Renderer::for_training(&device, s, n, size, pairs).unwrap()));
                     assert_eq!(made, right, "{n} at {w} x {h}, {pairs} pairs, {depth_order}");

@@ -80,6 +80,7 @@ fn picture(device: &Device, take: &mut Take) {
         principal: DVec2::new(f64::from(width), f64::from(height)) * 0.5,
         width,
         height,
+        whole: None,
     };
     let resident = Resident::upload(device, &model).expect("a small model");
     let mut renderer = Renderer::new(device, settings, n, width, height).expect("a small picture");

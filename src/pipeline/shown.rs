@@ -1,0 +1,34 @@
+//! A model of which a job shows pictures: on the device if it fits there, else on the host.
+
+use super::session::Session;
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
+use crate::render::Source;
+
+/// A model, and its copy on the device if that holds it.
+pub struct Shown<'a> {
+    model: &'a Gaussians,
+    resident: Option<Resident>,
+}
+
+impl<'a> Shown<'a> {
+    /// Uploads a model if the device holds it whole; else says that pictures are drawn in parts.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn new(session: &Session<'_>, model: &'a Gaussians, whole: bool) -> Result<Self, Error> {
+        let Session { device, watcher, .. } = *session;
+        if whole {
+            return Ok(Self { model, resident: Some(Resident::upload(device, model)?) });
+        }
+        let (n, name) = (model.len(), &device.info().name);
+        watcher.note(&format!("pictures of {n} Gaussians are more than {name} holds at once: they are drawn in parts"));
+        Ok(Self { model, resident: None })
+    }
+
+    /// The model where it is.
+    pub fn source(&self) -> Source<'_> {
+        self.resident.as_ref().map_or(Source::Host(self.model), Source::Device)
+    }
+}

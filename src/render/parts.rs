@@ -1,0 +1,260 @@
+//! Pictures of models that the device cannot hold at once: each picture takes the Gaussians that it may show, and is drawn in
+//! parts of whole tiles where even these are too many. The pixels are those of the whole model and picture, bit for bit.
+
+use super::frame::Uses;
+use super::frustum;
+use super::renderer::{Image, Renderer, Settled};
+use super::settings::Settings;
+use crate::gaussians::resident::Resident;
+use crate::gaussians::{Attributes, Gaussians};
+use crate::gpu::{Device, Error, Result, staging_bytes};
+use crate::scene::camera::Camera;
+
+/// Pairs of a Gaussian and a tile that estimates assume for each Gaussian. More are allowed as far as memory goes.
+const PAIRS: usize = 8;
+
+/// A model to draw.
+#[derive(Clone, Copy)]
+pub enum Source<'a> {
+    /// All of it is on the device.
+    Device(&'a Resident),
+    /// It is on the host; the device gets the part that a picture shows.
+    Host(&'a Gaussians),
+}
+
+impl<'a> From<&'a Resident> for Source<'a> {
+    fn from(model: &'a Resident) -> Self {
+        Self::Device(model)
+    }
+}
+
+impl Source<'_> {
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Device(model) => model.len,
+            Self::Host(model) => model.len(),
+        }
+    }
+
+    /// Returns true if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A part of a picture, and the Gaussians that it may show.
+pub struct Part<'a> {
+    /// The part.
+    pub camera: Camera,
+    /// The numbers of its Gaussians, rising.
+    pub members: &'a [u32],
+    /// These Gaussians on the device.
+    pub model: &'a Resident,
+}
+
+/// What became of a part.
+#[derive(Debug)]
+pub enum Outcome {
+    /// It was drawn.
+    Done,
+    /// Its pairs are more than the device holds, for this reason; nothing has changed.
+    TooMany(Error),
+}
+
+/// What a device holds besides the Gaussians of a picture and what their renderer needs.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Beside {
+    /// Bytes for each Gaussian.
+    pub each: u64,
+    /// Those of them that lie in one array, at most.
+    pub row: u64,
+    /// Bytes of anything else.
+    pub taken: u64,
+}
+
+/// The largest number of Gaussians of this SH degree that a device can hold and draw in pictures of `size`; 0 if there is none.
+pub fn capacity(device: &Device, degree: usize, size: [u32; 2], uses: Uses, beside: Beside) -> usize {
+    let fits = |n: usize| {
+        let pairs = u32::try_from(n.saturating_mul(PAIRS)).unwrap_or(u32::MAX);
+        let model = Resident::bytes(n, degree) + beside.each * n as u64;
+        let needed = beside.taken + model + staging_bytes(model) + Renderer::bytes(device, n, size, pairs, uses);
+        widest(n, degree, uses, beside) <= device.info().max_buffer_bytes && needed <= device.memory_limit()
+    };
+    let (mut low, mut high) = (0, u32::MAX as usize);
+    while low < high {
+        let middle = low + (high - low).div_ceil(2);
+        if fits(middle) {
+            low = middle;
+        } else {
+            high = middle - 1;
+        }
+    }
+    low
+}
+
+/// Whether the device can bind a picture of `size`, and each array of `n` Gaussians of this SH degree, of their renderer and of
+/// what lies beside them.
+pub fn binds(device: &Device, n: usize, degree: usize, size: [u32; 2], (uses, beside): (Uses, Beside)) -> bool {
+    let (limit, pixels) = (device.info().max_buffer_bytes, u64::from(size[0]) * u64::from(size[1]));
+    widest(n, degree, uses, beside) <= limit && picture_bytes(pixels) <= limit
+}
+
+fn picture_bytes(pixels: u64) -> u64 {
+    pixels * size_of::<[f32; 4]>() as u64
+}
+
+/// Bytes of the largest array with a row for each of `n` Gaussians.
+fn widest(n: usize, degree: usize, uses: Uses, beside: Beside) -> u64 {
+    let model = Attributes::widths(degree).into_array().into_iter().max().unwrap_or(0) * size_of::<f32>();
+    n as u64 * beside.row.max(model.max(uses.row_bytes()) as u64)
+}
+
+/// Draws a model on the host part by part.
+pub struct Parts<'a> {
+    model: &'a Gaussians,
+    most: usize,
+    /// Parts drawn so far.
+    pub drawn: u64,
+}
+
+impl<'a> Parts<'a> {
+    /// Parts of at most `most` Gaussians of `model`.
+    pub fn new(model: &'a Gaussians, most: usize) -> Self {
+        Self { model, most, drawn: 0 }
+    }
+
+    /// Calls `body` for each part of a picture, from top to bottom and from left to right, so that the parts' tiles come in the
+    /// picture's own order; a part that is too large for the device is taken in two. `whole` allows no parts but the picture.
+    ///
+    /// # Errors
+    /// Those of `body`; what a single tile shows is too much for the device.
+    pub fn for_each<E: From<Error>>(
+        &mut self,
+        renderer: &mut Renderer,
+        camera: &Camera,
+        whole: bool,
+        body: &mut dyn FnMut(&mut Renderer, &Part<'_>) -> std::result::Result<Outcome, E>,
+    ) -> std::result::Result<(), E> {
+        let all: Vec<u32> = (0..self.model.len() as u32).collect();
+        let mut open = vec![(camera.clone(), all)];
+        while let Some((camera, candidates)) = open.pop() {
+            let members = frustum::visible(self.model, &candidates, &camera, renderer.settings());
+            drop(candidates);
+            let halves = if whole { None } else { halves(&camera, renderer.tile()) };
+            if halves.is_none() || self.fits(renderer, &camera, members.len()) {
+                let picked: Vec<usize> = members.iter().map(|i| *i as usize).collect();
+                let model = Resident::upload(renderer.device(), &self.model.select(&picked))?;
+                let part = Part { camera: camera.clone(), members: &members, model: &model };
+                match (body(renderer, &part)?, &halves) {
+                    (Outcome::Done, _) => {
+                        self.drawn += 1;
+                        continue;
+                    }
+                    (Outcome::TooMany(error), None) => return Err(error.into()),
+                    (Outcome::TooMany(_), Some(_)) => {}
+                }
+            }
+            let [first, second] = halves.expect("what cannot be halved was drawn");
+            open.push((second, members.clone()));
+            open.push((first, members));
+        }
+        Ok(())
+    }
+
+    /// Whether the device holds a picture of this many Gaussians, as far as can be told before it is drawn.
+    fn fits(&self, renderer: &Renderer, camera: &Camera, gaussians: usize) -> bool {
+        gaussians <= self.most && picture_bytes(camera.pixels()) <= renderer.device().info().max_buffer_bytes
+    }
+
+    /// Draws a picture.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn render(&mut self, renderer: &mut Renderer, camera: &Camera) -> Result<Image> {
+        let (width, height) = (camera.width, camera.height);
+        let mut image = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
+        let outer = camera.whole().corner;
+        self.for_each(renderer, camera, false, &mut |renderer, part| {
+            renderer.make_room(part.model, &part.camera)?;
+            loop {
+                renderer.draw(part.model, &part.camera)?;
+                match renderer.settle()? {
+                    Settled::Drawn => break,
+                    Settled::Grown => {}
+                    Settled::TooMany(error) => return Ok(Outcome::TooMany(error)),
+                }
+            }
+            let drawn = renderer.read_image(&part.camera)?;
+            let corner = part.camera.whole().corner;
+            let (left, top) = ((corner[0] - outer[0]) as usize, (corner[1] - outer[1]) as usize);
+            for (row, pixels) in drawn.pixels.chunks_exact(drawn.width as usize).enumerate() {
+                let at = (top + row) * width as usize + left;
+                image.pixels[at..at + pixels.len()].copy_from_slice(pixels);
+            }
+            Ok::<_, Error>(Outcome::Done)
+        })?;
+        Ok(image)
+    }
+}
+
+/// The halves of a picture, of whole tiles: its upper and lower rows of tiles, or of a single row the left and right tiles; none
+/// for a single tile.
+fn halves(camera: &Camera, tile: u32) -> Option<[Camera; 2]> {
+    let Camera { width, height, .. } = *camera;
+    let middle = |length: u32| (length > tile).then(|| length.div_ceil(tile) / 2 * tile);
+    if let Some(y) = middle(height) {
+        return Some([camera.part([0, 0], [width, y]), camera.part([0, y], [width, height - y])]);
+    }
+    let x = middle(width)?;
+    Some([camera.part([0, 0], [x, height]), camera.part([x, 0], [width - x, height])])
+}
+
+/// Draws pictures of a model wherever it is.
+pub struct Painter {
+    renderer: Renderer,
+    most: usize,
+}
+
+impl Painter {
+    /// A painter of models on the device with up to `gaussians` Gaussians, in pictures of at most `size`.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(device: &Device, settings: Settings, gaussians: usize, size: [u32; 2]) -> Result<Self> {
+        Ok(Self { renderer: Renderer::new(device, settings, gaussians, size[0], size[1])?, most: gaussians })
+    }
+
+    /// A painter of a model, in pictures of at most `size`.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn of(device: &Device, settings: Settings, model: Source<'_>, size: [u32; 2]) -> Result<Self> {
+        match model {
+            Source::Device(model) => Self::new(device, settings, model.len, size),
+            Source::Host(model) => {
+                let uses = Uses { style: settings.style, ..Uses::default() };
+                let beside = Beside { taken: device.memory_used().0, ..Beside::default() };
+                let most = capacity(device, model.degree(), size, uses, beside);
+                // It grows to the largest part.
+                Ok(Self { most, ..Self::new(device, settings, model.len().min(most), [1, 1])? })
+            }
+        }
+    }
+
+    /// Draws a picture.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn render(&mut self, model: Source<'_>, camera: &Camera) -> Result<Image> {
+        match model {
+            Source::Device(model) => self.renderer.render(model, camera),
+            Source::Host(model) => Parts::new(model, self.most).render(&mut self.renderer, camera),
+        }
+    }
+
+    /// The renderer, for models on the device.
+    pub fn renderer(&mut self) -> &mut Renderer {
+        &mut self.renderer
+    }
+}

@@ -1,0 +1,92 @@
+//! Models larger than the device: every command that reads one does its work in parts, and writes the same bytes.
+
+use crate::support::Random;
+use qirf_vk::gaussians::{Gaussians, formats};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Bytes of the largest buffer: 2,700 of the 4,000 Gaussians have room for their colours.
+const BUFFERS: &str = "buffers=100000";
+
+/// A ball of small Gaussians with colours that depend on the direction.
+fn ball(folder: &Path) -> PathBuf {
+    let mut random = Random(11);
+    let mut model = Gaussians::zeroed(4000, 1);
+    for i in 0..model.len() {
+        let place = [0; 3].map(|_| random.within(-1.0, 1.0));
+        let length = place.iter().map(|x| x * x).sum::<f64>().sqrt();
+        model.means[i] = place.map(|x| (x / length) as f32);
+        model.log_scales[i] = [random.within(0.02, 0.06).ln() as f32; 3];
+        model.rotations[i] = [1.0, 0.0, 0.0, 0.0];
+        model.opacity_logits[i] = random.within(-1.0, 3.0) as f32;
+    }
+    for band in &mut model.sh {
+        band.iter_mut().for_each(|v| *v = random.within(-0.6, 0.6) as f32);
+    }
+    let path = folder.join("ball.ply");
+    formats::write(&path, &model, formats::RenderMode::Plain).expect("a model file");
+    path
+}
+
+/// Runs the program on a device with large buffers, or with small ones.
+fn qirf(folder: &Path, small: bool, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    if small {
+        command.env("QIRF_LIMITS", BUFFERS);
+    }
+    command.current_dir(folder).args(arguments).output().expect("the program starts")
+}
+
+/// Its standard error; it must have ended well, and told of parts just where it drew them.
+fn told(output: &Output, parts: bool) -> String {
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    assert_eq!(said.contains("4000 Gaussians are more than"), parts, "{said}");
+    said
+}
+
+fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let read = |entry: fs::DirEntry| (entry.file_name().display().to_string(), fs::read(entry.path()).unwrap());
+    let mut all: Vec<_> = fs::read_dir(folder).unwrap().flatten().map(read).collect();
+    all.sort();
+    all
+}
+
+#[test]
+fn larger_models_are_compressed_rendered_and_scored_with_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    ball(root);
+    let mut scores = Vec::new();
+    for (small, out) in [(false, "whole"), (true, "parts")] {
+        let model = format!("{out}.ply");
+        let compress = ["compress", "ball.ply", "-o", &model, "--views", "20", "--size", "72x56", "--json"];
+        told(&qirf(root, small, &compress), small);
+        let render = ["render", "ball.ply", "--orbit", "3", "--size", "80x60", "--format", "npy", "-o", out];
+        told(&qirf(root, small, &render), small);
+        // The device holds the compressed model, and not the original.
+        let eval = qirf(root, small, &["eval", "whole.ply", "--against", "ball.ply", "--json"]);
+        told(&eval, small);
+        let figures: Value = serde_json::from_slice(&eval.stdout).expect("one JSON document");
+        scores.push(figures["test"].clone());
+    }
+    assert!(fs::read(root.join("whole.ply")).unwrap() == fs::read(root.join("parts.ply")).unwrap());
+    assert_eq!(files(&root.join("whole")), files(&root.join("parts")));
+    assert!(scores[0]["psnr"].as_f64().is_some_and(|psnr| psnr > 20.0), "{scores:?}");
+    assert_eq!(scores[0], scores[1]);
+}
+
+/// What must be on the device at once is refused with a way out: gradients of pictures that show the whole model.
+#[test]
+fn what_must_be_on_the_device_at_once_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    ball(root);
+    let ended = qirf(root, true, &["compress", "ball.ply", "-o", "css.ply", "--selector", "css", "--views", "8"]);
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(5), "{said}");
+    assert!(said.contains("binds at most 100000") && said.contains("--selector pairs"), "{said}");
+    assert!(!root.join("css.ply").exists());
+}
