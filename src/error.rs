@@ -217,7 +217,7 @@ impl Error {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Device(e) if e.is_resources() => 5,
-            Self::Device(gpu::Error::Variable { .. }) => 2,
+            Self::Device(gpu::Error::Variable { .. } | gpu::Error::Address(_)) => 2,
             Self::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => 5,
             Self::Memory { .. } | Self::Write { .. } | Self::Encode { .. } | Self::Print(_) => 5,
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,

@@ -99,8 +99,8 @@ impl Arguments {
         let networks = self.resources.networks(console)?;
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);
-        let host_bytes = self.resources.host_bytes();
-        let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
+        let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
+        let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
         let compared = match self.seeds {
             None => compare(&session, &config, &arms, &self.output, self.resume)?,
             Some(seeds) => compare_seeds(&session, &config, &arms, seeds, &self.output, self.resume)?,

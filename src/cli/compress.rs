@@ -4,6 +4,7 @@ use super::Global;
 use super::choices::Choices;
 use super::console::Console;
 use super::inspect::read_model;
+use super::scratch::Scratch;
 use super::show::Show;
 use super::style;
 use super::values::{self, Up};
@@ -87,6 +88,8 @@ pub(super) struct Arguments {
     /// Limit on device memory, such as 2G or 800M [default: the device's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Rendering")]
     memory_budget: Option<u64>,
+    #[command(flatten)]
+    scratch: Scratch,
 }
 
 /// A preset of all options under "Compression".
@@ -107,8 +110,10 @@ impl Arguments {
         let device = global.open_with(self.memory_budget)?;
         let style = self.rendering.style(&self.model, &loaded, None, console);
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
-        let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
-        let session = Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &watcher };
+        let watcher = Show::new(console);
+        let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
+        let session =
+            Session { device: &device, networks: &Networks::default(), host_bytes, scratch, watcher: &watcher };
         let figures = compress::compress(&session, input, &self.configuration(style)?, &self.output)?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {

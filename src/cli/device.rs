@@ -106,10 +106,15 @@ fn describe(info: &DeviceInfo, tuning: Option<&Tuning>) -> String {
     let tuning = tuning.map(shapes).unwrap_or_default();
     let timestamps = if info.timestamp_period > 0.0 { format!("{} ns", info.timestamp_period) } else { "none".into() };
     let missing = info.missing.as_ref().map(|m| format!("\n    cannot be used: it lacks {m}")).unwrap_or_default();
+    let hidden =
+        info.hidden_by.map(|v| format!("\n    hidden by {v}: used only where it is named")).unwrap_or_default();
+    let names = [info.pci.map(|pci| format!("pci:{pci}")), info.uuid.map(|uuid| format!("uuid:{uuid}"))];
+    let names: Vec<String> = names.into_iter().flatten().collect();
+    let address = if names.is_empty() { String::new() } else { format!("\n    address     {}", names.join(", ")) };
     let [low, high] = info.subgroup_range;
     format!(
-        "{mark}{} {} ({})\n    driver      {}, Vulkan {}\n    memory      {}, {} a buffer, {} shared by a workgroup\n    \
-         subgroups   {} ({low} to {high}), workgroups of {}\n    timestamps  {timestamps}\n    optional    {optional}{tuning}{missing}",
+        "{mark}{} {} ({})\n    driver      {}, Vulkan {}{address}\n    memory      {}, {} a buffer, {} shared by a workgroup\n    \
+         subgroups   {} ({low} to {high}), workgroups of {}\n    timestamps  {timestamps}\n    optional    {optional}{tuning}{hidden}{missing}",
         info.index,
         info.name,
         info.kind,

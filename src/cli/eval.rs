@@ -2,6 +2,7 @@
 
 use super::console::Console;
 use super::inspect::read_model;
+use super::scratch::Scratch;
 use super::show::Show;
 use super::style;
 use super::values;
@@ -51,6 +52,8 @@ pub(super) struct Arguments {
     /// Limit on device memory, such as 2G or 800M [default: the device's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Rendering")]
     memory_budget: Option<u64>,
+    #[command(flatten)]
+    scratch: Scratch,
     /// Photo folder (such as images_4)
     #[arg(long, value_name = "DIR", help_heading = "Photos")]
     images: Option<PathBuf>,
@@ -87,8 +90,9 @@ impl Arguments {
         let networks = networks(self.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;
-        let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
-        let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
+        let watcher = Show::new(console);
+        let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
+        let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
         let record = eval::eval(&session, &self.model, &loaded.gaussians, &evaluation, output.as_ref())?;
         self.report(console, &record)
     }
@@ -109,8 +113,9 @@ impl Arguments {
         }
         let networks = networks(self.lpips_weights.as_deref(), console)?;
         let device = global.open_with(self.memory_budget)?;
-        let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
-        let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
+        let watcher = Show::new(console);
+        let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
+        let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
         let background = self.background.unwrap_or([0.0; 3]);
         let held_out = eval::against(&session, [(&model.0, model.1), (&original.0, original.1)], background)?;
         let (test, views) = (held_out.mean(), &held_out.views);

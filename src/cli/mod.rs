@@ -15,6 +15,7 @@ mod remedy;
 mod render;
 mod resources;
 mod run;
+mod scratch;
 mod selftest;
 mod show;
 mod style;
@@ -49,8 +50,9 @@ struct Cli {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Global options")]
 struct Global {
-    /// Vulkan device: its index, or part of its name (default: $QIRF_DEVICE, else the fastest kind available)
-    #[arg(long, global = true, value_name = "NAME|INDEX")]
+    /// Vulkan device: its index, part of its name, uuid:UUID, pci:ADDRESS, or free: one that no other process asked for by
+    /// this word (default: $QIRF_DEVICE, else the fastest kind available)
+    #[arg(long, global = true, value_name = "NAME|INDEX|uuid:|pci:|free")]
     device: Option<String>,
     /// Print only results and errors
     #[arg(short, long, global = true)]
@@ -199,6 +201,12 @@ impl Global {
     /// Opens the device that the options select.
     fn open(&self) -> Result<Device, Error> {
         self.open_with(None)
+    }
+
+    /// Opens another handle of a device that is open.
+    fn open_again(device: &Device) -> Result<Device, Error> {
+        let index = Some(device.info().index.to_string());
+        Ok(Device::open(&DeviceOptions { device: index, ..DeviceOptions::default() })?)
     }
 
     /// Opens the device that the options select to make its kernels, and to run nothing.

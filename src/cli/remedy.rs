@@ -67,7 +67,13 @@ fn device(error: &gpu::Error) -> Option<String> {
             "give the same command again, with --resume where it has that; if it happens again, try a newer driver, a \
              longer watchdog of the driver, a smaller --resolution, or another --device",
         ),
+        gpu::Error::NoFreeDevice { .. } => plain("wait for one of them, or choose a device with --device"),
+        gpu::Error::HiddenDevices { .. } => plain(
+            "change that variable, or name a device by index or address with --device (qirf-vk device lists them)",
+        ),
+        gpu::Error::Lease { .. } => plain("name another folder with QIRF_LEASES"),
         gpu::Error::UnknownDevice { .. }
+        | gpu::Error::Address(_)
         | gpu::Error::Tuning(_)
         | gpu::Error::Variable { .. }
         | gpu::Error::Shader { .. }

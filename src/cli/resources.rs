@@ -1,13 +1,14 @@
 //! Resources and weights of a job, which are no part of its configuration.
 
 use super::console::Console;
+use super::scratch::Scratch;
 use super::{Global, networks, values};
 use crate::error::Error;
 use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::pipeline::host_bytes;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Memory limits and LPIPS weights.
 #[derive(Args, Clone, Debug)]
@@ -19,6 +20,8 @@ pub(super) struct Resources {
     /// LPIPS weights: a file, or a folder of them (tools/lpips-weights makes them)
     #[arg(long, value_name = "PATH", help_heading = "Photos")]
     lpips_weights: Option<PathBuf>,
+    #[command(flatten)]
+    scratch: Scratch,
 }
 
 impl Resources {
@@ -35,5 +38,10 @@ impl Resources {
     /// Bytes of the host's memory that decoded photos may take.
     pub fn host_bytes(&self) -> u64 {
         host_bytes(self.memory_budget)
+    }
+
+    /// The folder of temporary files, if one was named.
+    pub fn scratch(&self) -> Option<&Path> {
+        self.scratch.folder()
     }
 }

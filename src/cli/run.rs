@@ -76,8 +76,8 @@ impl Arguments {
         let watcher = Show::new(console);
         let output = Output::new(&self.output)?;
         let config = self.posed(config, &output, &watcher, console)?;
-        let host_bytes = self.resources.host_bytes();
-        let session = Session { device: &device, networks: &networks, host_bytes, watcher: &watcher };
+        let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
+        let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
         let record = if self.watched.view {
             let subject = Arc::new(view::of_run(&config, &self.output, console)?);
             self.watched.address.warn(console);

@@ -93,8 +93,10 @@ impl Arguments {
         }
         let device = self.resources.device(global)?;
         Output::new(&self.output)?;
-        let (watcher, host_bytes) = (Show::new(console), self.resources.host_bytes());
-        let session = Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &watcher };
+        let watcher = Show::new(console);
+        let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
+        let session =
+            Session { device: &device, networks: &Networks::default(), host_bytes, scratch, watcher: &watcher };
         let (described, mut axes) = self.light(&session, console, &asked)?;
         if asked.iter().any(|a| a.axis().heavy()) {
             let networks = self.resources.networks(console)?;

@@ -1,5 +1,6 @@
 //! A logical device with its queue, memory and pipelines.
 
+use super::choice;
 use super::compiled::{self, Compiled};
 use super::descriptors::{Binder, Descriptors};
 use super::error::{During, Error};
@@ -8,6 +9,7 @@ use super::frame::Frame;
 use super::hazards::Hazards;
 use super::imitation::{Claim, Limits};
 use super::instance::{self, Instance};
+use super::lease::{self, Lease};
 use super::memory::{self, Memory};
 use super::module::Modules;
 use super::order::{Disorder, Order};
@@ -31,7 +33,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// How to open a device.
 #[derive(Clone, Debug, Default)]
 pub struct DeviceOptions {
-    /// Index, or part of the name; else `QIRF_DEVICE`; else the best there is.
+    /// Index, part of the name, `uuid:UUID`, `pci:ADDRESS`, or `free` for one that no other process holds by a lease; else
+    /// `QIRF_DEVICE`; else the best there is.
     pub device: Option<String>,
     /// Switch the validation layers on (also `QIRF_VALIDATION=1`).
     pub validation: bool,
@@ -96,6 +99,8 @@ pub(super) struct Context {
     pub guards: Option<Guards>,
     pub disorder: Option<Disorder>,
     pub memory: ManuallyDrop<Memory>,
+    /// Held while the device is open.
+    _lease: Option<Lease>,
     instance: Instance,
 }
 
@@ -116,7 +121,8 @@ impl Device {
         let wanted = options.device.clone().or_else(|| variables::text("QIRF_DEVICE"));
         let limits = variables::or(options.limits, "QIRF_LIMITS")?.unwrap_or(Limits::NONE);
         let claim = variables::or(options.claim, "QIRF_SUBGROUP")?;
-        let candidate = select::choose(select::candidates(&instance, limits, claim)?, wanted.as_deref())?;
+        let candidates = select::candidates(&instance, limits, claim)?;
+        let candidate = choice::choose(candidates, wanted.as_deref(), &lease::folder())?;
         let choice = options.tuning.clone().map_or_else(TuningChoice::from_environment, Ok)?;
         let tuning = choice.on(&candidate.info)?;
         // A device with one size has no choice, and would only bound the number of subgroups (llvmpipe: 32 of 4).
@@ -252,6 +258,7 @@ impl Context {
             guards: options.guarded.then(Guards::default),
             disorder: options.order.or_else(Order::from_environment).map(Disorder::new),
             memory: ManuallyDrop::new(Memory::new(&allocator, &info.name, limit)?),
+            _lease: candidate.lease,
             info,
             raw,
             instance,

@@ -1,5 +1,6 @@
 //! What can go wrong between the program and a Vulkan device.
 
+use super::select::DeviceKind;
 use ash::vk;
 use std::path::PathBuf;
 
@@ -19,6 +20,31 @@ pub enum Error {
         wanted: String,
         /// The names of the devices present.
         there: String,
+    },
+    /// A text that is no address of a device.
+    #[error("{0}")]
+    Address(String),
+    /// Other processes hold all devices.
+    #[error("all devices of the best kind ({kind}: {held}) are held by other processes that asked for a free one")]
+    NoFreeDevice {
+        /// The number of devices held.
+        held: usize,
+        /// Their kind.
+        kind: DeviceKind,
+    },
+    /// The environment hides every device.
+    #[error("{variable} hides every device")]
+    HiddenDevices {
+        /// The variable.
+        variable: &'static str,
+    },
+    /// The folder of leases cannot be used.
+    #[error("{}: leases of devices cannot be kept there: {source}", path.display())]
+    Lease {
+        /// The folder.
+        path: PathBuf,
+        /// The system's error.
+        source: std::io::Error,
     },
     /// A tuning that does not exist, or that the device cannot have.
     #[error("tuning: {0}")]

@@ -1,7 +1,9 @@
 //! Floor 1: Vulkan, and nothing of splats. Devices, memory, kernels, recordings with derived barriers, timestamps.
 #![allow(unsafe_code)] // Vulkan is called from this floor alone; each block states its invariant.
 
+mod address;
 mod buffer;
+mod choice;
 mod compiled;
 mod descriptors;
 mod device;
@@ -13,12 +15,14 @@ mod hazards;
 mod imitation;
 mod instance;
 mod kernel;
+mod lease;
 mod memory;
 mod module;
 mod order;
 mod pipeline;
 mod probe;
 mod profiler;
+mod properties;
 mod queue;
 mod readback;
 mod recording;
@@ -29,8 +33,10 @@ mod submit;
 mod tuning;
 mod tuning_choice;
 mod variables;
+mod visible;
 mod work;
 
+pub use address::{PciAddress, Uuid};
 pub use buffer::{Buffer, RawBuffer};
 pub use compiled::Compiled;
 pub use descriptors::Descriptors;

@@ -10,6 +10,7 @@ pub mod config;
 pub mod effects;
 pub mod eval;
 pub mod evaluate;
+mod host_memory;
 pub mod kernels;
 pub mod output;
 pub mod pairs;

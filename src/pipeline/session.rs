@@ -1,5 +1,6 @@
 //! The context of every job besides its own configuration.
 
+use super::host_memory::physical;
 use super::records::Memory;
 use super::watcher::{Silent, Watcher};
 use crate::gpu::Device;
@@ -20,6 +21,8 @@ pub struct Session<'a> {
     pub networks: &'a Networks,
     /// Bytes of the host's memory that decoded photos may take; beyond them they go to a file.
     pub host_bytes: u64,
+    /// The folder of that file, if it is not to be beside the outputs.
+    pub scratch: Option<&'a Path>,
     /// Follows the job, and may end it.
     pub watcher: &'a (dyn Watcher + Sync),
 }
@@ -27,12 +30,16 @@ pub struct Session<'a> {
 impl<'a> Session<'a> {
     /// A session that prints nothing, whose photos may take a quarter of the host's memory.
     pub fn new(device: &'a Device, networks: &'a Networks) -> Self {
-        Self { device, networks, host_bytes: host_bytes(None), watcher: &Silent }
+        Self { device, networks, host_bytes: host_bytes(None), scratch: None, watcher: &Silent }
     }
 
-    /// The memory limit of decoded photos, and the `folder` of the temporary file for the rest.
-    pub fn photo_memory<'f>(&self, folder: &'f Path) -> PhotoMemory<'f> {
-        PhotoMemory { bytes: self.host_bytes, folder }
+    /// The memory limit of decoded photos, and the folder of the temporary file for the rest: the session's own, else
+    /// `folder`.
+    pub fn photo_memory<'f>(&self, folder: &'f Path) -> PhotoMemory<'f>
+    where
+        'a: 'f,
+    {
+        PhotoMemory { bytes: self.host_bytes, folder: self.scratch.unwrap_or(folder) }
     }
 
     /// The device's memory use so far, with an estimate made before the start.
@@ -45,13 +52,4 @@ impl<'a> Session<'a> {
 pub fn host_bytes(given: Option<u64>) -> u64 {
     let quarter = physical().unwrap_or(HOST) / HOST_SHARE;
     given.map_or(quarter, |given| given.min(quarter))
-}
-
-/// Bytes of memory of this machine, or of the program's container; none if the system does not report it.
-fn physical() -> Option<u64> {
-    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = info.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
-    let machine = line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10;
-    let container = std::fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|t| t.trim().parse().ok());
-    Some(container.map_or(machine, |limit: u64| limit.min(machine)))
 }

@@ -3,8 +3,9 @@
 use crate::support::mutants::Mistake;
 use serde_json::Value;
 use std::fs;
-use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 fn device(variables: &[(&str, &str)]) -> Output {
     let mut program = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
@@ -91,4 +92,80 @@ fn a_device_that_rounds_differently_is_warned_of() {
     let checks = told["checks"].as_array().unwrap();
     let beyond: Vec<&Value> = checks.iter().filter(|check| check["verdict"] == "rounding").collect();
     assert!(beyond.len() == 1 && beyond[0]["room"] == "ssim", "{beyond:?}");
+}
+
+/// `qirf-vk device --device WANTED`, with leases in `folder`.
+fn ask(wanted: &str, folder: &Path) -> Output {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    program.args(["device", "--json", "--device", wanted]).env("QIRF_LEASES", folder);
+    program.output().expect("the program starts")
+}
+
+#[test]
+fn a_device_is_named_by_its_uuid_and_its_place_on_the_bus() {
+    let folder = tempfile::tempdir().unwrap();
+    let told = opens(&[]);
+    let chosen = &told["devices"][told["chosen"].as_u64().unwrap() as usize];
+    let uuid = chosen["uuid"].as_str().expect("Vulkan 1.2 has UUIDs");
+    for wanted in [format!("uuid:{uuid}"), format!("uuid:GPU-{}", uuid.to_uppercase())] {
+        let output = ask(&wanted, folder.path());
+        assert!(output.status.success(), "{wanted}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+    if let Some(pci) = chosen["pci"].as_str() {
+        assert!(ask(&format!("pci:{pci}"), folder.path()).status.success(), "{pci}");
+    }
+    let other = if uuid.starts_with('0') { uuid.replacen('0', "1", 1) } else { format!("0{}", &uuid[1..]) };
+    for (wanted, code, says) in [
+        (format!("uuid:{other}"), 4, "no device matches"),
+        ("pci:ffffffff:ff:1f.7".to_owned(), 4, "no device matches"),
+        ("uuid:12".to_owned(), 2, "'12' is no UUID"),
+        ("pci:zero".to_owned(), 2, "'zero' is no PCI address"),
+    ] {
+        let output = ask(&wanted, folder.path());
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(code) && told.contains(says), "{wanted}: {told}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "none of these takes a lease");
+}
+
+/// Two processes on one device: the second finds none free until the first is gone, however it went.
+#[cfg(unix)]
+#[test]
+fn a_free_device_is_held_by_one_process_until_it_dies() {
+    let folder = tempfile::tempdir().unwrap();
+    let alone = ask("free", folder.path());
+    assert!(alone.status.success(), "{}", String::from_utf8_lossy(&alone.stderr));
+    let count = opens(&[])["devices"].as_array().unwrap().len();
+    if count > 1 {
+        return crate::support::skip("several devices: who gets which is not told");
+    }
+    let mut holder = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    holder.args(["selftest", "--device", "free"]).env("QIRF_LEASES", folder.path());
+    let mut holder = holder.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts");
+    let begun = Instant::now();
+    let refused = loop {
+        let asked = ask("free", folder.path());
+        if !asked.status.success() {
+            break asked;
+        }
+        assert!(holder.try_wait().unwrap().is_none() && begun.elapsed() < Duration::from_secs(60), "never held");
+    };
+    let told = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(4) && told.contains("held by other processes"), "{told}");
+    assert!(ask("0", folder.path()).status.success(), "who names the device gets it");
+    holder.kill().unwrap(); // SIGKILL
+    holder.wait().unwrap();
+    assert!(ask("free", folder.path()).status.success(), "the lease died with its holder");
+}
+
+/// Variables of vendors whose devices are not here change nothing.
+#[test]
+fn variables_of_other_vendors_hide_nothing() {
+    let other = ["CUDA_VISIBLE_DEVICES", "ROCR_VISIBLE_DEVICES", "HIP_VISIBLE_DEVICES", "SLURM_JOB_GPUS"];
+    let told = opens(&[]);
+    let vendors: Vec<u64> = told["devices"].as_array().unwrap().iter().filter_map(|d| d["vendor"].as_u64()).collect();
+    if vendors.iter().any(|vendor| [0x10de, 0x1002].contains(vendor)) {
+        return crate::support::skip("their devices are here");
+    }
+    assert_eq!(told, opens(&other.map(|name| (name, ""))));
 }

@@ -3,6 +3,7 @@
 use crate::support::runs;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::setup::Setup;
 use qirf_vk::pipeline::{Init, Preset, RunConfig, Session, Silent, prepare, run};
 use qirf_vk::scene::{PhotoMemory, Pixels};
 use qirf_vk::synth::{SynthOptions, write};
@@ -295,8 +296,10 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
     };
     let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
     let mut results = Vec::new();
+    let elsewhere = folder.path().join("nowhere");
     for (name, host_bytes) in [("memory", u64::MAX), ("file", 0)] {
-        let session = Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &Silent };
+        let session =
+            Session { device: &device, networks: &Networks::default(), host_bytes, scratch: None, watcher: &Silent };
         let opened = prepare::open(&config.selection()).unwrap();
         let prepared = opened.load(PhotoMemory { bytes: host_bytes, folder: folder.path() }, &Silent).unwrap();
         assert!(prepared.views().all(|v| matches!(v.pixels, Pixels::Filed { .. }) == (host_bytes == 0)));
@@ -306,6 +309,9 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
         let mut files: Vec<_> = std::fs::read_dir(output.folder()).unwrap().map(|e| e.unwrap().file_name()).collect();
         files.sort();
         assert_eq!(files, ["config.toml", "metrics.json", "model.ply", "renders"]);
+        // A scratch folder takes the file: where there is none, only photos in memory can be read.
+        let scratch = Session { scratch: Some(&elsewhere), ..session };
+        assert_eq!(Setup::load(&scratch, &config, &output, false).is_ok(), host_bytes > 0);
         results.push((model(output.folder()), r.test, r.train.psnr, r.views.len()));
     }
     assert!(results[0] == results[1]);

@@ -1,0 +1,203 @@
+//! The choice among the devices of this machine.
+
+use super::address::{PciAddress, Uuid};
+use super::error::Error;
+use super::lease::{self, Lease};
+use super::select::{Candidate, DeviceInfo};
+use std::path::Path;
+
+/// What the user asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Wish {
+    /// The best one.
+    Best,
+    /// The best one that no other process holds by a lease.
+    Free,
+    /// The one with this UUID.
+    Uuid(Uuid),
+    /// The one in this place on the PCI bus.
+    Pci(PciAddress),
+    /// The one of this index, else one whose name has this part.
+    Text(String),
+}
+
+impl Wish {
+    fn parse(wanted: Option<&str>) -> Result<Self, Error> {
+        let Some(text) = wanted else { return Ok(Self::Best) };
+        let parsed = match text.split_once(':') {
+            Some(("uuid", uuid)) => uuid.parse().map(Self::Uuid),
+            Some(("pci", address)) => address.parse().map(Self::Pci),
+            _ if text == "free" => Ok(Self::Free),
+            _ => Ok(Self::Text(text.to_owned())),
+        };
+        parsed.map_err(Error::Address)
+    }
+}
+
+/// The device that `wanted` names: an index, part of a name in any case, `uuid:UUID`, `pci:ADDRESS`, or `free`, for one that
+/// comes with its lease. Without a wish the best usable one: discrete before integrated before virtual before CPU.
+///
+/// Devices that the environment hides are chosen by index and address alone.
+pub(super) fn choose(mut all: Vec<Candidate>, wanted: Option<&str>, leases: &Path) -> Result<Candidate, Error> {
+    let wish = Wish::parse(wanted)?;
+    let seen: Vec<(&DeviceInfo, usize)> = all.iter().map(|c| (&c.info, c.place)).collect();
+    let (position, lease) = match &wish {
+        Wish::Free => free(&seen, leases)?,
+        _ => (position(&seen, &wish).ok_or_else(|| unknown(&seen, wanted))?, None),
+    };
+    let chosen = Candidate { lease, ..all.swap_remove(position) };
+    match &chosen.info.missing {
+        Some(feature) => Err(Error::MissingFeature { device: chosen.info.name.clone(), feature: feature.clone() }),
+        None => Ok(chosen),
+    }
+}
+
+/// The position of the device that is wished for, among devices with their places.
+fn position(all: &[(&DeviceInfo, usize)], wish: &Wish) -> Option<usize> {
+    match wish {
+        Wish::Best | Wish::Free => ranked(all).first().copied(),
+        Wish::Uuid(uuid) => all.iter().position(|(d, _)| d.uuid == Some(*uuid)),
+        Wish::Pci(address) => all.iter().position(|(d, _)| d.pci == Some(*address)),
+        Wish::Text(text) => {
+            let lower = text.to_lowercase();
+            let named = |i: &usize| all[*i].0.name.to_lowercase().contains(&lower);
+            let mut visible: Vec<usize> = (0..all.len()).filter(|i| all[*i].0.hidden_by.is_none()).collect();
+            visible.sort_by_key(|i| all[*i].1);
+            let by_index = text.parse::<usize>().ok().filter(|i| *i < all.len());
+            by_index.or_else(|| visible.into_iter().find(named))
+        }
+    }
+}
+
+/// Positions of the visible devices, the best first.
+fn ranked(all: &[(&DeviceInfo, usize)]) -> Vec<usize> {
+    let mut visible: Vec<usize> = (0..all.len()).filter(|i| all[*i].0.hidden_by.is_none()).collect();
+    visible.sort_by_key(|i| (all[*i].0.missing.is_some(), all[*i].0.kind, all[*i].1));
+    visible
+}
+
+/// The first device of the best kind whose lease no other process holds. A worse kind is no substitute: its results have other
+/// bits, and it is a hundred times slower.
+fn free(all: &[(&DeviceInfo, usize)], leases: &Path) -> Result<(usize, Option<Lease>), Error> {
+    let ranked = ranked(all);
+    let best = all[*ranked.first().ok_or_else(|| unknown(all, None))?].0;
+    let equal = |i: &usize| (all[*i].0.kind, all[*i].0.missing.is_some()) == (best.kind, best.missing.is_some());
+    let machine = lease::machine();
+    let mut held = 0;
+    for position in ranked.into_iter().filter(equal) {
+        let lease = Lease::take(leases, &lease::name(all[position].0, &machine));
+        match lease.map_err(|source| Error::Lease { path: leases.to_owned(), source })? {
+            Some(lease) => return Ok((position, Some(lease))),
+            None => held += 1,
+        }
+    }
+    Err(Error::NoFreeDevice { held, kind: best.kind })
+}
+
+/// No device is there, or none is as it should be.
+fn unknown(all: &[(&DeviceInfo, usize)], wanted: Option<&str>) -> Error {
+    let hidden = all.iter().find_map(|(d, _)| d.hidden_by);
+    match (wanted, hidden) {
+        (None | Some("free"), None) => Error::NoDevice,
+        (None | Some("free"), Some(variable)) => Error::HiddenDevices { variable },
+        (Some(wanted), _) => {
+            let told = |d: &DeviceInfo| match d.hidden_by {
+                Some(variable) => format!("{} {} (hidden by {variable})", d.index, d.name),
+                None => format!("{} {}", d.index, d.name),
+            };
+            let there = all.iter().map(|(d, _)| told(d)).collect::<Vec<_>>().join(", ");
+            Error::UnknownDevice { wanted: wanted.to_owned(), there }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::select::DeviceKind;
+    use crate::gpu::tuning::DeviceClass;
+
+    fn device(index: usize, name: &str, kind: DeviceKind) -> DeviceInfo {
+        DeviceInfo {
+            index,
+            name: name.into(),
+            kind,
+            class: DeviceClass::Cpu,
+            driver: String::new(),
+            api: String::new(),
+            subgroup_size: 32,
+            subgroup_range: [32; 2],
+            max_buffer_bytes: 0,
+            max_storage_buffers: 0,
+            push_bytes: 0,
+            memory_bytes: 0,
+            shared_bytes: 0,
+            max_workgroup: 0,
+            timestamp_period: 0.0,
+            optional: Vec::new(),
+            vendor: 0,
+            uuid: Some(Uuid([index as u8; 16])),
+            pci: Some(PciAddress { domain: 0, bus: 0x10 * (index as u32 + 1), device: 0, function: 0 }),
+            hidden_by: None,
+            missing: None,
+        }
+    }
+
+    /// A CPU device and three equal GPUs, of which the first is hidden, and the last comes before the other.
+    fn node() -> Vec<(DeviceInfo, usize)> {
+        let gpu = |i| device(i, "H200", DeviceKind::Discrete);
+        let hidden = DeviceInfo { hidden_by: Some("CUDA_VISIBLE_DEVICES"), ..gpu(1) };
+        vec![(device(0, "llvmpipe", DeviceKind::Cpu), 0), (hidden, 0), (gpu(2), 1), (gpu(3), 0)]
+    }
+
+    fn chosen(all: &[(DeviceInfo, usize)], wanted: Option<&str>) -> Option<usize> {
+        let all: Vec<_> = all.iter().map(|(d, place)| (d, *place)).collect();
+        position(&all, &Wish::parse(wanted).unwrap())
+    }
+
+    #[test]
+    fn names_take_visible_devices_and_addresses_take_any() {
+        let all = node();
+        for (wanted, expected) in [
+            (None, Some(3)),
+            (Some("h2"), Some(3)),
+            (Some("LLVM"), Some(0)),
+            (Some("1"), Some(1)),
+            (Some("4"), None),
+            (Some("uuid:GPU-01010101-0101-0101-0101-010101010101"), Some(1)),
+            (Some("uuid:09010101010101010101010101010101"), None),
+            (Some("pci:30:00.0"), Some(2)),
+            (Some("pci:31:00.0"), None),
+        ] {
+            assert_eq!(chosen(&all, wanted), expected, "{wanted:?}");
+        }
+        for wrong in ["uuid:1", "pci:0", "pci:"] {
+            assert!(matches!(Wish::parse(Some(wrong)), Err(Error::Address(_))), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn free_devices_are_of_the_best_kind_and_have_one_holder() {
+        let folder = tempfile::tempdir().unwrap();
+        let all = node();
+        let all: Vec<_> = all.iter().map(|(d, place)| (d, *place)).collect();
+        let take = || free(&all, folder.path());
+        let (first, second) = (take().unwrap(), take().unwrap());
+        assert_eq!((first.0, second.0), (3, 2));
+        let third = take().map(|(position, _)| position);
+        assert!(matches!(third, Err(Error::NoFreeDevice { held: 2, kind: DeviceKind::Discrete })), "{third:?}");
+        drop(second);
+        assert_eq!(take().unwrap().0, 2, "it is free again");
+        drop(first);
+    }
+
+    #[test]
+    fn hidden_devices_are_told_of() {
+        let all = node();
+        let hidden = [(&all[1].0, 0)];
+        assert!(matches!(unknown(&hidden, None), Error::HiddenDevices { variable: "CUDA_VISIBLE_DEVICES" }));
+        let told = unknown(&hidden, Some("riva")).to_string();
+        assert!(told.contains("1 H200 (hidden by CUDA_VISIBLE_DEVICES)"), "{told}");
+        assert!(matches!(unknown(&[], Some("free")), Error::NoDevice));
+    }
+}

@@ -1,0 +1,89 @@
+//! Leases of devices: a locked file for each device that a process of `--device free` holds.
+//!
+//! The lock belongs to the open file and goes with the process, however that ends.
+
+use super::select::DeviceInfo;
+use super::variables;
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A device that this process holds.
+pub(super) struct Lease {
+    /// The lock is released when it is closed.
+    _file: File,
+}
+
+impl Lease {
+    /// Takes the lease called `name` in `folder`, or none if another process has it.
+    ///
+    /// # Errors
+    /// A folder or file that cannot be made or opened.
+    pub fn take(folder: &Path, name: &str) -> io::Result<Option<Self>> {
+        make_folder(folder)?;
+        let file = open(&folder.join(name))?;
+        match fs4::FileExt::try_lock(&file) {
+            Ok(()) => Ok(Some(Self { _file: file })),
+            Err(fs4::TryLockError::WouldBlock) => Ok(None),
+            Err(fs4::TryLockError::Error(error)) => Err(error),
+        }
+    }
+}
+
+/// The folder of leases: `QIRF_LEASES`, or one in the system's temporary folder.
+pub(super) fn folder() -> PathBuf {
+    variables::text("QIRF_LEASES").map_or_else(|| std::env::temp_dir().join("qirf-vk-leases"), PathBuf::from)
+}
+
+/// The name of a device's lease, on a machine of this name: temporary folders may be shared by machines.
+pub(super) fn name(info: &DeviceInfo, machine: &str) -> String {
+    let device = match (info.pci, info.uuid) {
+        (Some(pci), _) => pci.to_string(),
+        (None, Some(uuid)) => format!("{uuid}-{}", info.index),
+        (None, None) => info.index.to_string(),
+    };
+    format!("{machine}-{device}.lock").replace(|c: char| !c.is_ascii_alphanumeric() && !".-".contains(c), "-")
+}
+
+/// The name of this machine; empty where the system does not tell.
+pub(super) fn machine() -> String {
+    fs::read_to_string("/proc/sys/kernel/hostname").map(|name| name.trim().to_owned()).unwrap_or_default()
+}
+
+/// Makes a folder in which all users may make files, as in the temporary folder.
+fn make_folder(folder: &Path) -> io::Result<()> {
+    if folder.is_dir() {
+        return Ok(());
+    }
+    fs::create_dir_all(folder)?;
+    #[cfg(unix)]
+    fs::set_permissions(folder, std::os::unix::fs::PermissionsExt::from_mode(0o1777))?;
+    Ok(())
+}
+
+/// Opens a file for its lock alone. One that is there, perhaps another user's, is only read.
+fn open(path: &Path) -> io::Result<File> {
+    match File::open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            OpenOptions::new().create(true).truncate(false).read(true).write(true).open(path)
+        }
+        opened => opened,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lease_has_one_holder_and_ends_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path().join("leases");
+        let take = |name: &str| Lease::take(&folder, name).unwrap();
+        let held = take("a.lock").expect("nobody has it");
+        assert!(take("a.lock").is_none() && take("b.lock").is_some());
+        drop(held);
+        assert!(take("a.lock").is_some(), "the file stays, the lock does not");
+        assert!(Lease::take(Path::new("/proc/nowhere"), "a").is_err());
+    }
+}

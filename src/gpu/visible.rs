@@ -1,0 +1,209 @@
+//! Devices that the environment hides. Schedulers of clusters give GPUs to jobs by variables that Vulkan ignores.
+
+use super::address::{PciAddress, Uuid};
+use super::select::{DeviceInfo, DeviceKind};
+
+/// PCI vendors.
+const NVIDIA: u32 = 0x10de;
+const AMD: u32 = 0x1002;
+
+/// The variables of NVIDIA's GPUs, and of AMD's; each one indexes what those before it leave.
+const NVIDIA_VARIABLES: [&str; 1] = ["CUDA_VISIBLE_DEVICES"];
+const AMD_VARIABLES: [&str; 2] = ["ROCR_VISIBLE_DEVICES", "HIP_VISIBLE_DEVICES"];
+/// The job's GPUs on this machine, by Slurm's count of all of them.
+const SLURM: &str = "SLURM_JOB_GPUS";
+
+/// What variables can say of a device.
+#[derive(Clone, Debug)]
+pub(super) struct Named {
+    vendor: u32,
+    discrete: bool,
+    uuid: Option<Uuid>,
+    pci: Option<PciAddress>,
+    /// AMD's own number of a GPU, by which `ROCR_VISIBLE_DEVICES` calls it.
+    serial: Option<String>,
+}
+
+impl Named {
+    /// The names of a device; AMD's number is read from the system.
+    pub fn of(info: &DeviceInfo) -> Self {
+        let file = |pci| format!("/sys/bus/pci/devices/{pci}/unique_id");
+        let serial = info.pci.filter(|_| info.vendor == AMD).and_then(|pci| std::fs::read_to_string(file(pci)).ok());
+        Self {
+            vendor: info.vendor,
+            discrete: info.kind == DeviceKind::Discrete,
+            uuid: info.uuid,
+            pci: info.pci,
+            serial: serial.map(|text| text.trim().to_lowercase()),
+        }
+    }
+
+    /// Whether an entry such as `GPU-4b2c` means this device. NVIDIA's may be cut short.
+    fn is(&self, entry: &str) -> bool {
+        let Some(name) = entry.strip_prefix("GPU-").map(str::to_lowercase).filter(|name| !name.is_empty()) else {
+            return false;
+        };
+        match self.vendor {
+            AMD => self.serial.as_ref() == Some(&name),
+            _ => self.uuid.is_some_and(|uuid| uuid.to_string().starts_with(&name)),
+        }
+    }
+}
+
+/// Whether a device may be chosen without being named by index or address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Visibility {
+    /// It may, in this place among its kind.
+    Place(usize),
+    /// This variable hides it.
+    Hidden(&'static str),
+}
+
+/// What the variables make of each device. `variable` is a variable's text, if it is set.
+///
+/// Indices count the devices of one vendor by PCI address, as CUDA does where GPUs are equal or `CUDA_DEVICE_ORDER` is
+/// `PCI_BUS_ID`. As in CUDA, an entry that means no device ends the list.
+pub(super) fn visibility(devices: &[Named], variable: &dyn Fn(&str) -> Option<String>) -> Vec<Visibility> {
+    let mut all: Vec<Visibility> = (0..devices.len()).map(Visibility::Place).collect();
+    let mut set = false;
+    for (vendor, variables) in [(NVIDIA, &NVIDIA_VARIABLES[..]), (AMD, &AMD_VARIABLES[..])] {
+        let mut left = by_address(devices, |d| d.vendor == vendor);
+        for name in variables {
+            if let Some(text) = variable(name) {
+                left = restrict(&mut all, &left, listed(devices, &left, &text), name);
+                set = true;
+            }
+        }
+    }
+    if let Some(text) = variable(SLURM).filter(|_| !set) {
+        let there = by_address(devices, |d| d.discrete);
+        let asked = ranges(&text);
+        // Where the job is confined to its devices, there are no others to hide, and Slurm's indices count what is not there.
+        if !asked.is_empty() && there.len() > asked.len() {
+            let kept = asked.into_iter().map_while(|i| there.get(i).copied()).collect();
+            restrict(&mut all, &there, kept, SLURM);
+        }
+    }
+    all
+}
+
+/// Positions of the devices of a kind, by PCI address.
+fn by_address(devices: &[Named], kind: impl Fn(&Named) -> bool) -> Vec<usize> {
+    let mut positions: Vec<usize> = (0..devices.len()).filter(|i| kind(&devices[*i])).collect();
+    positions.sort_by_key(|i| devices[*i].pci);
+    positions
+}
+
+/// The devices among `left` that a list of indices and names means, in the list's order.
+fn listed(devices: &[Named], left: &[usize], text: &str) -> Vec<usize> {
+    let means = |entry: &str| match entry.trim().parse::<usize>() {
+        Ok(index) => left.get(index).copied(),
+        Err(_) => left.iter().copied().find(|i| devices[*i].is(entry.trim())),
+    };
+    let mut kept = Vec::new();
+    for device in text.split(',').map_while(means) {
+        if !kept.contains(&device) {
+            kept.push(device);
+        }
+    }
+    kept
+}
+
+/// Hides the devices of `left` that are not in `kept`, and gives the others their places; returns `kept`.
+fn restrict(all: &mut [Visibility], left: &[usize], kept: Vec<usize>, name: &'static str) -> Vec<usize> {
+    if kept.is_empty() && !left.is_empty() {
+        tracing::info!("{name} hides all {} devices that it speaks of", left.len());
+    }
+    for device in left {
+        all[*device] = kept.iter().position(|k| k == device).map_or(Visibility::Hidden(name), Visibility::Place);
+    }
+    kept
+}
+
+/// Indices such as `0,2-3`; empty where something else stands there.
+fn ranges(text: &str) -> Vec<usize> {
+    let one = |part: &str| {
+        let (first, last) = part.trim().split_once('-').unwrap_or((part.trim(), part.trim()));
+        // No machine has more; a slip of the pen must not fill the memory.
+        let [first, last] = [first, last].map(|n| n.parse::<usize>().ok().filter(|n| *n < 4096));
+        Some(first?..=last?)
+    };
+    text.split(',').map(one).collect::<Option<Vec<_>>>().unwrap_or_default().into_iter().flatten().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Visibility::{Hidden, Place};
+
+    fn device(vendor: u32, bus: u32) -> Named {
+        let pci = PciAddress { domain: 0, bus, device: 0, function: 0 };
+        let serial = (vendor == AMD).then(|| format!("{bus:016x}"));
+        Named { vendor, discrete: true, uuid: Some(Uuid([bus as u8; 16])), pci: Some(pci), serial }
+    }
+
+    /// Three GPUs by NVIDIA and one by AMD, which Vulkan lists out of order, and a CPU device.
+    fn node() -> Vec<Named> {
+        let cpu = Named { vendor: 0x10005, discrete: false, uuid: None, pci: None, serial: None };
+        vec![device(NVIDIA, 0x81), device(AMD, 0x21), device(NVIDIA, 0x01), device(NVIDIA, 0xc1), cpu]
+    }
+
+    fn seen(devices: &[Named], set: &[(&str, &str)]) -> Vec<Visibility> {
+        visibility(devices, &|name| set.iter().find(|(n, _)| *n == name).map(|(_, text)| (*text).to_owned()))
+    }
+
+    #[test]
+    fn without_variables_vulkans_order_stands() {
+        assert_eq!(seen(&node(), &[]), [0, 1, 2, 3, 4].map(Place));
+    }
+
+    #[test]
+    fn indices_count_one_vendors_devices_by_address() {
+        let hidden = Hidden("CUDA_VISIBLE_DEVICES");
+        let with = |text: &str| seen(&node(), &[("CUDA_VISIBLE_DEVICES", text)]);
+        assert_eq!(with("0"), [hidden, Place(1), Place(0), hidden, Place(4)]);
+        assert_eq!(with(" 2, 1"), [Place(1), Place(1), hidden, Place(0), Place(4)]);
+        // CUDA: an entry that means nothing ends the list; so does -1, and an empty list shows none.
+        assert_eq!(with("1,7,0"), [Place(0), Place(1), hidden, hidden, Place(4)]);
+        for none in ["", "-1", "-1,0", "MIG-1234", "NoDevFiles"] {
+            assert_eq!(with(none), [hidden, Place(1), hidden, hidden, Place(4)], "{none}");
+        }
+        assert_eq!(with("1,1"), with("1"));
+    }
+
+    #[test]
+    fn uuids_may_be_cut_short() {
+        let hidden = Hidden("CUDA_VISIBLE_DEVICES");
+        for text in ["GPU-c1c1c1c1-c1c1-c1c1-c1c1-c1c1c1c1c1c1", "GPU-c1", "GPU-C1C1"] {
+            let all = seen(&node(), &[("CUDA_VISIBLE_DEVICES", text)]);
+            assert_eq!(all, [hidden, Place(1), hidden, Place(0), Place(4)], "{text}");
+        }
+        let all = seen(&node(), &[("CUDA_VISIBLE_DEVICES", "GPU-")]);
+        assert_eq!(all, [hidden, Place(1), hidden, hidden, Place(4)], "no prefix of all");
+    }
+
+    #[test]
+    fn hip_indexes_what_rocr_leaves() {
+        let devices: Vec<Named> = [0x41, 0x21, 0x31].map(|bus| device(AMD, bus)).into();
+        let [rocr, hip] = ["ROCR_VISIBLE_DEVICES", "HIP_VISIBLE_DEVICES"];
+        assert_eq!(seen(&devices, &[(rocr, "2,1")]), [Place(0), Hidden(rocr), Place(1)]);
+        assert_eq!(seen(&devices, &[(rocr, "2,1"), (hip, "1")]), [Hidden(hip), Hidden(rocr), Place(0)]);
+        assert_eq!(seen(&devices, &[(hip, "0")]), [Hidden(hip), Place(0), Hidden(hip)]);
+        let by_number = seen(&devices, &[(rocr, "GPU-0000000000000041")]);
+        assert_eq!(by_number, [Place(0), Hidden(rocr), Hidden(rocr)]);
+        assert_eq!(seen(&devices, &[(rocr, "GPU-00")]), [Hidden(rocr); 3], "AMD's numbers are whole");
+    }
+
+    #[test]
+    fn slurms_indices_count_only_where_nothing_else_is_told() {
+        let slurm = Hidden("SLURM_JOB_GPUS");
+        // By address: 01 (2), 21 (1), 81 (0), c1 (3).
+        assert_eq!(seen(&node(), &[("SLURM_JOB_GPUS", "1,3")]), [slurm, Place(0), slurm, Place(1), Place(4)]);
+        assert_eq!(seen(&node(), &[("SLURM_JOB_GPUS", "2-3")]), [Place(0), slurm, slurm, Place(1), Place(4)]);
+        // A job that is confined to its devices sees no others.
+        assert_eq!(seen(&node(), &[("SLURM_JOB_GPUS", "4-7")]), [0, 1, 2, 3, 4].map(Place));
+        let both = seen(&node(), &[("SLURM_JOB_GPUS", "3"), ("CUDA_VISIBLE_DEVICES", "0")]);
+        assert_eq!(both, seen(&node(), &[("CUDA_VISIBLE_DEVICES", "0")]));
+        assert_eq!(seen(&node(), &[("SLURM_JOB_GPUS", "0-99999999999")]), [0, 1, 2, 3, 4].map(Place), "no list");
+    }
+}
