@@ -5,6 +5,7 @@ use super::console::Console;
 use crate::error::Error;
 use crate::gpu::{self, Compiled, Device, DeviceInfo, Feature, Tuning};
 use crate::pipeline::kernels::compiled;
+use crate::selftest;
 use serde_json::json;
 
 const EXAMPLES: &str = "Examples:
@@ -12,7 +13,8 @@ const EXAMPLES: &str = "Examples:
   qirf-vk device --json
   QIRF_DEVICE=llvmpipe qirf-vk device
   QIRF_TUNING=gpu qirf-vk device
-  qirf-vk device --kernels";
+  qirf-vk device --kernels
+  qirf-vk device --fingerprint";
 
 /// List the Vulkan devices, the default one, and the tuning of its kernels.
 #[derive(Debug, clap::Args)]
@@ -24,12 +26,19 @@ pub(super) struct Arguments {
     /// Print what the driver's compiler makes of each kernel: registers, spills, code size; nothing is run
     #[arg(long)]
     kernels: bool,
+    /// Print what tells this device from others: checksums of all that it computes for an embedded scene (some seconds).
+    /// Where they are equal, equal commands write equal bytes
+    #[arg(long, conflicts_with = "kernels")]
+    fingerprint: bool,
 }
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         if self.kernels {
             return self.kernels(console, global);
+        }
+        if self.fingerprint {
+            return self.fingerprint(console, global);
         }
         let devices = gpu::list()?;
         // Opening the device is the real test: it checks features and, on CPU devices, the driver.
@@ -46,6 +55,15 @@ impl Arguments {
             }
         }
         opened.map(|_| ())
+    }
+
+    fn fingerprint(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        let device = global.open()?;
+        let fingerprint = selftest::fingerprint(&device)?;
+        if self.json {
+            return console.json(&json!({ "device": device.tuned(), "fingerprint": fingerprint }));
+        }
+        console.print(fingerprint)
     }
 
     fn kernels(&self, console: &Console, global: &Global) -> Result<(), Error> {

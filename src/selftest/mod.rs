@@ -4,6 +4,7 @@
 
 mod adam;
 pub mod backward;
+mod fingerprint;
 #[doc(hidden)]
 pub mod hard;
 mod loss;
@@ -15,6 +16,7 @@ mod random;
 mod rasterise;
 mod run;
 
+pub use fingerprint::fingerprint;
 pub use run::{News, run};
 
 use crate::gpu::{self, Device, Groups, Recording};

@@ -169,3 +169,35 @@ fn variables_of_other_vendors_hide_nothing() {
     }
     assert_eq!(told, opens(&other.map(|name| (name, ""))));
 }
+
+/// `qirf-vk device --fingerprint` with these variables.
+fn fingerprint(variables: &[(&str, &str)]) -> String {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    let output = program.args(["device", "--fingerprint"]).envs(variables.iter().copied()).output().unwrap();
+    assert!(output.status.success(), "{variables:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap().trim().to_owned()
+}
+
+#[test]
+fn a_fingerprint_is_the_devices_own() {
+    let own = fingerprint(&[]);
+    let parts: Vec<&str> = own.split('-').collect();
+    assert!(
+        parts.len() == 6 && parts.iter().all(|part| part.len() == 8 && u32::from_str_radix(part, 16).is_ok()),
+        "{own}"
+    );
+    // Threads of the device and of the host change nothing.
+    assert_eq!(fingerprint(&[("LP_NUM_THREADS", "1"), ("RAYON_NUM_THREADS", "1")]), own);
+    assert_eq!(fingerprint(&[("QIRF_FINGERPRINT", "another machine")]), "another machine");
+    // A kernel that computes a little else is another device, in the parts that use it.
+    let mistake = Mistake {
+        file: "lib/ssim.glsl",
+        right: "const float C2 = 9e-4;",
+        wrong: "const float C2 = 9.08e-4;",
+        shaders: &["train/loss", "train/loss_tiles"],
+    };
+    let modules = mistake.modules();
+    let other = fingerprint(&[("QIRF_SHADERS", modules.path().to_str().unwrap())]);
+    let differs: Vec<bool> = parts.iter().zip(other.split('-')).map(|(a, b)| *a != b).collect();
+    assert!(!differs[0] && !differs[1] && differs[2] && differs[3], "{own} {other}");
+}
