@@ -118,6 +118,7 @@ fn capture(error: &scene::Error) -> Option<String> {
 fn synthetic(error: &synth::Error) -> Option<String> {
     match error {
         synth::Error::Conflict(..) => plain("leave one out"),
+        synth::Error::NotThere { .. } => plain("leave it out"),
         synth::Error::Foreign(_) | synth::Error::NotFolder(_) => plain("name an empty or new folder"),
         _ => None,
     }

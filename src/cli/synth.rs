@@ -9,7 +9,8 @@ use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk synth capture
-  qirf-vk synth capture --views 100 --size 640x480 --effects exposure,distortion";
+  qirf-vk synth capture --views 100 --size 640x480 --effects exposure,distortion
+  qirf-vk synth land --kind terrain --views 96 --size 320x240";
 
 /// Make a synthetic capture: a COLMAP project with photos, cameras and points.
 #[derive(Debug, clap::Args)]
@@ -17,6 +18,10 @@ const EXAMPLES: &str = "Examples:
 pub(super) struct Arguments {
     /// Folder to write: new, empty, or an earlier synthetic capture
     dir: PathBuf,
+    /// What is photographed: a plaza with objects, from all around, or terrain, a strip of land seen by a drone, which is longer
+    /// with more photos
+    #[arg(long, value_name = "plaza|terrain", default_value = "plaza")]
+    kind: Kind,
     /// Number of photos
     #[arg(long, value_name = "N", default_value_t = 48)]
     views: usize,
@@ -34,6 +39,24 @@ pub(super) struct Arguments {
     effects: Vec<String>,
 }
 
+/// Kinds of scenes.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Kind {
+    /// A plaza with objects, from all around
+    Plaza,
+    /// A strip of land, from a drone
+    Terrain,
+}
+
+impl From<Kind> for synth::Kind {
+    fn from(kind: Kind) -> Self {
+        match kind {
+            Kind::Plaza => Self::Plaza,
+            Kind::Terrain => Self::Terrain,
+        }
+    }
+}
+
 fn long_help() -> String {
     let effects: Vec<String> = Effect::ALL.iter().map(|e| format!("  {e:<11} {}", e.description())).collect();
     format!("Effects:\n{}\n\n{EXAMPLES}", effects.join("\n"))
@@ -43,6 +66,7 @@ impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         let effects = self.effects.iter().filter(|e| !e.trim().is_empty()).map(|e| e.parse());
         let options = SynthOptions {
+            kind: self.kind.into(),
             views: self.views,
             width: self.size.0,
             height: self.size.1,

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Effect;
+use super::{Effect, Kind};
 
 /// The reason why no synthetic scene was written.
 #[derive(Debug, thiserror::Error)]
@@ -16,6 +16,14 @@ pub enum Error {
     /// Two effects that exclude each other were requested.
     #[error("effects \"{0}\" and \"{1}\" exclude each other")]
     Conflict(Effect, Effect),
+    /// An effect that scenes of this kind do not have.
+    #[error("a scene of kind {kind} has no effect \"{effect}\"")]
+    NotThere {
+        /// The effect.
+        effect: Effect,
+        /// The kind.
+        kind: Kind,
+    },
     /// A number in the options lies outside its range.
     #[error("{what} is {value}: it must lie in {low}..={high}")]
     Range {

@@ -4,7 +4,7 @@ use std::{fs, io, path::Path};
 
 use serde_json::{Value, json};
 
-use super::{Error, SynthOptions, path::View};
+use super::{Error, Kind, SynthOptions, path::View};
 
 /// Name of the file that marks a synth scene and records its options.
 pub(super) const MARK: &str = "synth.json";
@@ -70,7 +70,7 @@ pub(super) fn mark(dir: &Path, options: &SynthOptions, views: &[View], complete:
         .enumerate()
         .map(|(i, v)| json!({"name": v.name, "test": View::is_test(i), "camera": v.device + 1, "gain": v.gain}))
         .collect();
-    let text = json!({
+    let mut text = json!({
         "made_by": MADE_BY,
         "version": 1,
         "complete": complete,
@@ -82,6 +82,9 @@ pub(super) fn mark(dir: &Path, options: &SynthOptions, views: &[View], complete:
         "masks": "black (0) = ignore",
         "photos": photos,
     });
+    if options.kind != Kind::default() {
+        text["options"]["kind"] = options.kind.name().into();
+    }
     let path = dir.join(MARK);
     fs::write(&path, format!("{text:#}\n")).map_err(Error::io(&path))
 }

@@ -14,12 +14,14 @@ mod materials;
 mod noise;
 mod options;
 mod path;
+mod place;
 mod plaza;
 mod points;
 mod random;
 mod render;
 mod shade;
 mod sky;
+mod terrain;
 mod tiles;
 
 use std::{
@@ -33,9 +35,9 @@ use rayon::prelude::*;
 
 pub use self::{
     error::Error,
-    options::{Effect, SynthOptions},
+    options::{Effect, Kind, SynthOptions},
 };
-use self::{path::View, plaza::Plaza, render::Picture};
+use self::{path::View, place::Place, render::Picture};
 
 /// Counts of a synthetic capture.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,8 +73,8 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
         fs::create_dir_all(&masks).map_err(Error::io(&masks))?;
     }
 
-    let plaza = Plaza::new(options);
-    let mut candidates = points::candidates(&plaza, &views, options);
+    let place = Place::new(options);
+    let mut candidates = points::candidates(&place, &views, options);
     let mut wanted: Vec<Vec<DVec2>> = vec![Vec::new(); views.len()];
     for candidate in &candidates {
         for &(view, pixel) in &candidate.seen {
@@ -84,7 +86,7 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
     let colours = (0..views.len())
         .into_par_iter()
         .map(|i| {
-            let photo = render::picture(&plaza, &views[i], options, i);
+            let photo = render::picture(&place, &views[i], options, i);
             save(dir, &views[i], &photo, options)?;
             progress(done.fetch_add(1, Ordering::Relaxed) + 1);
             let hidden = photo.mask.iter().filter(|free| !**free).count() as f64 / photo.pixels.len() as f64;

@@ -93,9 +93,47 @@ impl FromStr for Effect {
     }
 }
 
+/// What is photographed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kind {
+    /// A plaza with objects, from three rings of cameras around it.
+    #[default]
+    Plaza,
+    /// A strip of land, from a drone that flies along it in three lines and looks down and a little ahead. It is longer with more
+    /// photos.
+    Terrain,
+}
+
+impl Kind {
+    /// All kinds.
+    pub const ALL: [Self; 2] = [Self::Plaza, Self::Terrain];
+
+    /// The name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Plaza => "plaza",
+            Self::Terrain => "terrain",
+        }
+    }
+
+    /// True if an effect belongs to the plaza's objects, or to the distances of its cameras.
+    const fn lacks(self, effect: Effect) -> bool {
+        let plaza = matches!(effect, Effect::Masks | Effect::Scales | Effect::Alpha | Effect::Fisheye);
+        matches!(self, Self::Terrain) && plaza
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
 /// Options of the synthetic scene: equal options give equal bytes, on any number of threads.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SynthOptions {
+    /// What is photographed.
+    pub kind: Kind,
     /// Number of photos, 1..=9999.
     pub views: usize,
     /// Width of a photo in pixels, 16..=8192.
@@ -112,7 +150,7 @@ pub struct SynthOptions {
 
 impl Default for SynthOptions {
     fn default() -> Self {
-        Self { views: 48, width: 240, height: 180, seed: 1, points: 6000, effects: Vec::new() }
+        Self { kind: Kind::Plaza, views: 48, width: 240, height: 180, seed: 1, points: 6000, effects: Vec::new() }
     }
 }
 
@@ -140,6 +178,9 @@ impl SynthOptions {
             if self.has(a) && self.has(b) {
                 return Err(Error::Conflict(a, b));
             }
+        }
+        if let Some(effect) = self.effects.iter().find(|effect| self.kind.lacks(**effect)) {
+            return Err(Error::NotThere { effect: *effect, kind: self.kind });
         }
         Ok(())
     }

@@ -5,12 +5,13 @@ use std::f64::consts::TAU;
 use glam::{DVec2, DVec3, Vec3};
 
 use super::{
-    Effect, SynthOptions,
+    Effect, Kind, SynthOptions,
     geometry::{Ray, Solid},
     lens::Lens,
     materials::Paint,
     plaza,
     random::{Random, Stream},
+    terrain,
 };
 use crate::scene::camera::Camera;
 
@@ -84,7 +85,8 @@ pub(super) fn devices(options: &SynthOptions) -> Vec<Device> {
     let (lens, field) = if options.has(Effect::Fisheye) {
         (FISHEYE, FIELD * 1.3)
     } else {
-        (if options.has(Effect::Distortion) { OPENCV } else { Lens::Pinhole }, FIELD)
+        let field = if options.kind == Kind::Terrain { terrain::FIELD } else { FIELD };
+        (if options.has(Effect::Distortion) { OPENCV } else { Lens::Pinhole }, field)
     };
     let device = |width: u32, height: u32, zoom: f64, shift: DVec2| {
         let (w, h) = (f64::from(width), f64::from(height));
@@ -107,32 +109,22 @@ pub(super) fn devices(options: &SynthOptions) -> Vec<Device> {
     ]
 }
 
-/// All views: three interleaved rings round the scene, so that every 8th view falls on each ring in turn.
+/// All views: a drone's lines over the terrain, or three interleaved rings round the plaza, so that every 8th view falls on each ring
+/// in turn.
 pub(super) fn views(options: &SynthOptions, devices: &[Device]) -> Vec<View> {
     (0..options.views).map(|i| view(options, devices, i)).collect()
 }
 
 fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
-    let mut random = Random::new(options.seed, Stream::Path, i as u64);
-    let mut jitter = |size: f64| random.between(-size, size);
-    let (ring, step) = (i % 3, (i / 3) as f64);
-    let per_ring = options.views.div_ceil(3) as f64;
-    let turn = TAU * (step + ring as f64 / 3.0 + jitter(0.12)) / per_ring;
-    let rise = (RINGS[ring] + jitter(1.2)).to_radians();
     // Differs from the ring's index, so that each ring has all distances and devices.
     let third = (i + i / 3) % 3;
-    let mut distance = DISTANCE * (1.0 + jitter(0.02));
-    if options.has(Effect::Scales) {
-        distance *= SCALES[third];
-    }
-    if options.has(Effect::Fisheye) {
-        distance *= 0.8;
-    }
-    let target = DVec3::new(jitter(0.06), jitter(0.06), 0.8 + jitter(0.05));
-    let eye = target + DVec3::new(rise.cos() * turn.cos(), rise.cos() * turn.sin(), rise.sin()) * distance;
+    let ([eye, target, up], turn) = match options.kind {
+        Kind::Plaza => ring(options, i),
+        Kind::Terrain => (terrain::pose(options, i), 0.0),
+    };
     let device_index = if devices.len() > 1 { third } else { 0 };
     let device = &devices[device_index];
-    let mut camera = Camera::look_at(eye, target, DVec3::Z, 1.0, device.width, device.height);
+    let mut camera = Camera::look_at(eye, target, up, 1.0, device.width, device.height);
     camera.focal = device.focal;
     camera.principal = device.principal;
 
@@ -151,6 +143,26 @@ fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
         Vec::new()
     };
     View { name: file_name(i), device: device_index, camera, lens: device.lens, gain, mover }
+}
+
+/// Where view `i` of the rings is taken, what it looks at, the direction that is up, and the angle around the scene.
+fn ring(options: &SynthOptions, i: usize) -> ([DVec3; 3], f64) {
+    let mut random = Random::new(options.seed, Stream::Path, i as u64);
+    let mut jitter = |size: f64| random.between(-size, size);
+    let (ring, step) = (i % 3, (i / 3) as f64);
+    let per_ring = options.views.div_ceil(3) as f64;
+    let turn = TAU * (step + ring as f64 / 3.0 + jitter(0.12)) / per_ring;
+    let rise = (RINGS[ring] + jitter(1.2)).to_radians();
+    let mut distance = DISTANCE * (1.0 + jitter(0.02));
+    if options.has(Effect::Scales) {
+        distance *= SCALES[(i + i / 3) % 3];
+    }
+    if options.has(Effect::Fisheye) {
+        distance *= 0.8;
+    }
+    let target = DVec3::new(jitter(0.06), jitter(0.06), 0.8 + jitter(0.05));
+    let eye = target + DVec3::new(rise.cos() * turn.cos(), rise.cos() * turn.sin(), rise.sin()) * distance;
+    ([eye, target, DVec3::Z], turn)
 }
 
 /// Name of the photo with this index.

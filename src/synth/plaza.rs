@@ -5,80 +5,24 @@ use std::f32::consts::TAU;
 use glam::{Mat3, Vec3};
 
 use super::{
-    Effect, SynthOptions,
-    bvh::Bvh,
     geometry::Solid,
     materials::{Gloss, Paint},
     noise::{pick, rgb},
+    place::{Builder, Look},
     random::{Random, Stream},
 };
 
-/// Material of a solid.
-#[derive(Clone, Debug)]
-pub(super) struct Look {
-    pub paint: Paint,
-    pub gloss: Option<Gloss>,
-    /// About a pixel wide in the default photos.
-    pub thin: bool,
-}
-
-/// The scene without floor and sky.
-pub(super) struct Plaza {
-    pub solids: Vec<Solid>,
-    pub looks: Vec<Look>,
-    pub bvh: Bvh,
-    /// Indices of the solids that are large enough to darken their surroundings.
-    pub shading: Vec<u32>,
-    pub floor_gloss: Option<Gloss>,
-}
-
 /// The polish of the one glossy object.
 const ENAMEL: Gloss = Gloss { f0: 0.16, shininess: 180.0 };
-/// The polish of everything else if every surface reflects.
-const VARNISH: Gloss = Gloss { f0: 0.08, shininess: 60.0 };
-
-/// Solids and looks of the scene under construction.
-struct Builder {
-    solids: Vec<Solid>,
-    looks: Vec<Look>,
-}
-
-impl Builder {
-    fn put(&mut self, solid: Solid, paint: Paint) {
-        self.solids.push(solid);
-        self.looks.push(Look { paint, gloss: None, thin: false });
-    }
-
-    fn thin(&mut self, solid: Solid, colour: u32) {
-        self.solids.push(solid);
-        self.looks.push(Look { paint: Paint::Plain(rgb(colour)), gloss: None, thin: true });
-    }
-}
-
-impl Plaza {
-    pub fn new(options: &SynthOptions) -> Self {
-        let mut b = Builder { solids: Vec::new(), looks: Vec::new() };
-        glossy_sphere(&mut b);
-        buildings(&mut b);
-        bush(&mut b, options.seed);
-        wheel(&mut b);
-        fence(&mut b);
-        pennant(&mut b);
-        marbles(&mut b, options.seed);
-        let mut floor_gloss = None;
-        if options.has(Effect::Matte) {
-            b.looks.iter_mut().for_each(|look| look.gloss = None);
-        } else if options.has(Effect::Glossy) {
-            b.looks.iter_mut().for_each(|look| look.gloss = look.gloss.or(Some(VARNISH)));
-            floor_gloss = Some(VARNISH);
-        }
-        let large = |i: &u32| {
-            let (low, high) = b.solids[*i as usize].bounds();
-            (high - low).min_element() > 0.23
-        };
-        let shading = (0..b.solids.len() as u32).filter(large).collect();
-        Self { bvh: Bvh::new(&b.solids), solids: b.solids, looks: b.looks, shading, floor_gloss }
-    }
+/// Puts everything that stands on the plaza.
+pub(super) fn build(b: &mut Builder, seed: u64) {
+    glossy_sphere(b);
+    buildings(b);
+    bush(b, seed);
+    wheel(b);
+    fence(b);
+    pennant(b);
+    marbles(b, seed);
 }
 
 /// The one glossy object, on its plinth.

@@ -4,9 +4,9 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::{
-    Effect, SynthOptions, materials,
+    Effect, Kind, SynthOptions, materials,
     path::View,
-    plaza::Plaza,
+    place::Place,
     random::{Random, Stream},
     shade::{Thing, World},
 };
@@ -26,7 +26,7 @@ pub(super) struct Candidate {
 }
 
 /// Surface points, each seen by at least two views (or by the only one).
-pub(super) fn candidates(plaza: &Plaza, views: &[View], options: &SynthOptions) -> Vec<Candidate> {
+pub(super) fn candidates(place: &Place, views: &[View], options: &SynthOptions) -> Vec<Candidate> {
     let mut found = Vec::new();
     // A fixed number of rounds: if cameras see little, there are fewer points.
     for round in 0..8 {
@@ -38,21 +38,22 @@ pub(super) fn candidates(plaza: &Plaza, views: &[View], options: &SynthOptions) 
         let tries = (missing + missing / 2 + 64) as u64;
         let first = round << 32;
         let more: Vec<_> =
-            (first..first + tries).into_par_iter().filter_map(|i| candidate(plaza, views, options, i)).collect();
+            (first..first + tries).into_par_iter().filter_map(|i| candidate(place, views, options, i)).collect();
         found.extend(more.into_iter().take(missing));
     }
     found
 }
 
-fn candidate(plaza: &Plaza, views: &[View], options: &SynthOptions, i: u64) -> Option<Candidate> {
+fn candidate(place: &Place, views: &[View], options: &SynthOptions, i: u64) -> Option<Candidate> {
     let mut random = Random::new(options.seed, Stream::Points, i);
     let view = &views[(random.bits() % views.len() as u64) as usize];
     let size = DVec2::new(f64::from(view.camera.width), f64::from(view.camera.height));
     let ray = view.ray(DVec2::new(random.unit(), random.unit()) * size);
-    let (t, thing) = World { plaza, mover: &view.mover }.hit(&ray);
+    let (t, thing) = World { place, mover: &view.mover }.hit(&ray);
     let share = match thing {
         Thing::Mover(_) => 0.0,
         Thing::Floor | Thing::Sky if options.has(Effect::Alpha) => 0.0,
+        Thing::Floor if options.kind == Kind::Terrain => KEEP_PLAZA,
         Thing::Floor if ray.at(t).truncate().length() < materials::PLAZA => KEEP_PLAZA,
         Thing::Floor => KEEP_MEADOW,
         Thing::Sky => KEEP_SKY,
@@ -63,14 +64,14 @@ fn candidate(plaza: &Plaza, views: &[View], options: &SynthOptions, i: u64) -> O
     }
     let p = ray.at(t);
     let seen: Vec<_> =
-        views.iter().enumerate().filter_map(|(i, view)| Some((i, sees(plaza, view, p, thing)?))).collect();
+        views.iter().enumerate().filter_map(|(i, view)| Some((i, sees(place, view, p, thing)?))).collect();
     (seen.len() >= 2.min(views.len())).then(|| Candidate { position: p.as_dvec3(), seen })
 }
 
 /// The pixel at which a view sees the point `p` of a thing; none if something hides it or it lies at the thing's edge.
-fn sees(plaza: &Plaza, view: &View, p: Vec3, thing: Thing) -> Option<DVec2> {
+fn sees(place: &Place, view: &View, p: Vec3, thing: Thing) -> Option<DVec2> {
     let pixel = view.project(p.as_dvec3())?;
-    let world = World { plaza, mover: &view.mover };
+    let world = World { place, mover: &view.mover };
     let ray = view.ray(pixel);
     let (t, first) = world.hit(&ray);
     let far = p.distance(ray.origin);
@@ -81,7 +82,7 @@ fn sees(plaza: &Plaza, view: &View, p: Vec3, thing: Thing) -> Option<DVec2> {
     if thing != Thing::Sky && -normal.dot(ray.direction) < 0.08 {
         return None;
     }
-    let thin = matches!(thing, Thing::Solid(i) if plaza.looks[i as usize].thin);
+    let thin = matches!(thing, Thing::Solid(i) if place.looks[i as usize].thin);
     let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
     let clear = |(x, y): (f64, f64)| world.hit(&view.ray(pixel + DVec2::new(x, y) * CLEARANCE)).1 == thing;
     (thin || corners.into_iter().all(clear)).then_some(pixel)

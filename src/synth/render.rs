@@ -5,7 +5,7 @@ use glam::{DVec2, Vec3};
 use super::{
     Effect, SynthOptions,
     path::View,
-    plaza::Plaza,
+    place::Place,
     random::{Random, Stream},
     shade::{Openness, Sun, Thing, World},
     tiles::{Outlook, TILE},
@@ -26,16 +26,16 @@ pub(super) struct Picture {
 }
 
 /// Takes the photo with index `index`.
-pub(super) fn picture(plaza: &Plaza, view: &View, options: &SynthOptions, index: usize) -> Picture {
+pub(super) fn picture(place: &Place, view: &View, options: &SynthOptions, index: usize) -> Picture {
     let (width, height) = (view.camera.width, view.camera.height);
-    let world = World { plaza, mover: &view.mover };
+    let world = World { place, mover: &view.mover };
     let sun = Sun::new();
     let cut_out = options.has(Effect::Alpha);
     let number = width as usize * height as usize;
     let (mut pixels, mut touched) = (Vec::with_capacity(number), Vec::with_capacity(number));
     let origin = view.camera.centre().as_vec3();
     let turn = view.camera.rotation.transpose();
-    let outlook = Outlook::new(&plaza.solids, origin);
+    let outlook = Outlook::new(&place.solids, origin);
     let mut lists = vec![Vec::new(); width.div_ceil(TILE) as usize];
     for y in 0..height {
         if y % TILE == 0 {

@@ -3,10 +3,11 @@
 use glam::Vec3;
 
 use super::{
+    Kind,
     geometry::{Ray, Solid},
     materials::{self, Gloss, Paint},
-    plaza::Plaza,
-    sky,
+    place::Place,
+    sky, terrain,
 };
 
 /// Sunlight on a surface that faces it.
@@ -24,7 +25,7 @@ const LIFT: f32 = 1e-3;
 /// The first thing along a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Thing {
-    /// Index among the plaza's solids.
+    /// Index among the place's solids.
     Solid(u32),
     /// Index among the moving object's solids.
     Mover(u32),
@@ -32,9 +33,9 @@ pub(super) enum Thing {
     Sky,
 }
 
-/// The plaza with the moving object of one photo.
+/// The place with the moving object of one photo.
 pub(super) struct World<'a> {
-    pub plaza: &'a Plaza,
+    pub place: &'a Place,
     pub mover: &'a [(Solid, Paint)],
 }
 
@@ -83,7 +84,7 @@ pub(super) struct Sample {
 impl World<'_> {
     /// The first thing along a ray and its distance.
     pub fn hit(&self, ray: &Ray) -> (f32, Thing) {
-        self.hit_by(ray, |limit| self.plaza.bvh.first(&self.plaza.solids, ray, limit))
+        self.hit_by(ray, |limit| self.place.bvh.first(&self.place.solids, ray, limit))
     }
 
     /// [`World::hit`] for a ray that can hit only the solids of a list.
@@ -94,7 +95,7 @@ impl World<'_> {
         self.hit_by(ray, |limit| {
             let mut first = None;
             for &i in list {
-                if let Some(t) = self.plaza.solids[i as usize].hit(ray)
+                if let Some(t) = self.place.solids[i as usize].hit(ray)
                     && t < first.map_or(limit, |(t, _)| t)
                 {
                     first = Some((t, i));
@@ -105,7 +106,7 @@ impl World<'_> {
     }
 
     fn hit_by(&self, ray: &Ray, solid: impl FnOnce(f32) -> Option<(f32, u32)>) -> (f32, Thing) {
-        let (mut limit, mut thing) = (sky::hit_dome(ray), Thing::Sky);
+        let (mut limit, mut thing) = (sky::hit_dome(ray, self.place.ground.dome), Thing::Sky);
         if ray.direction.z < 0.0 {
             let t = -ray.origin.z / ray.direction.z;
             if t > 0.0 && t < limit {
@@ -128,7 +129,7 @@ impl World<'_> {
     /// Outward unit normal of a thing at a point; the sky has none and gives zero.
     pub fn normal(&self, thing: Thing, p: Vec3) -> Vec3 {
         match thing {
-            Thing::Solid(i) => self.plaza.solids[i as usize].normal(p),
+            Thing::Solid(i) => self.place.solids[i as usize].normal(p),
             Thing::Mover(i) => self.mover[i as usize].0.normal(p),
             Thing::Floor => Vec3::Z,
             Thing::Sky => Vec3::ZERO,
@@ -141,7 +142,7 @@ impl World<'_> {
         let (t, thing) = self.hit_listed(ray, list);
         let p = ray.at(t);
         if thing == Thing::Sky {
-            return Sample { colour: sky::radiance(p / sky::DOME), thing, moved: false };
+            return Sample { colour: sky::radiance(p / self.place.ground.dome), thing, moved: false };
         }
         let normal = self.normal(thing, p);
         let (sun, blocked_by_mover) = self.sunlight(p, normal, towards);
@@ -174,7 +175,7 @@ impl World<'_> {
         let p = ray.at(t);
         if thing == Thing::Sky {
             // The highlight accounts for the sun's disc.
-            return (sky::radiance(p / sky::DOME).min(Vec3::splat(1.6)), false);
+            return (sky::radiance(p / self.place.ground.dome).min(Vec3::splat(1.6)), false);
         }
         let normal = self.normal(thing, p);
         let (sun, blocked_by_mover) = self.sunlight(p, normal, towards);
@@ -194,9 +195,12 @@ impl World<'_> {
             paint.albedo(solid.local(p), local_normal)
         };
         let albedo = match thing {
-            Thing::Solid(i) => painted(&self.plaza.solids[i as usize], self.plaza.looks[i as usize].paint),
+            Thing::Solid(i) => painted(&self.place.solids[i as usize], self.place.looks[i as usize].paint),
             Thing::Mover(i) => painted(&self.mover[i as usize].0, self.mover[i as usize].1),
-            Thing::Floor => materials::floor(p),
+            Thing::Floor => match self.place.ground.kind {
+                Kind::Plaza => materials::floor(p),
+                Kind::Terrain => terrain::ground(p),
+            },
             Thing::Sky => return Vec3::ZERO,
         };
         albedo * (SUN * sun + sky::ambient(normal) * open)
@@ -204,8 +208,8 @@ impl World<'_> {
 
     fn gloss(&self, thing: Thing) -> Option<Gloss> {
         match thing {
-            Thing::Solid(i) => self.plaza.looks[i as usize].gloss,
-            Thing::Floor => self.plaza.floor_gloss,
+            Thing::Solid(i) => self.place.looks[i as usize].gloss,
+            Thing::Floor => self.place.floor_gloss,
             Thing::Mover(_) | Thing::Sky => None,
         }
     }
@@ -217,11 +221,10 @@ impl World<'_> {
             return (0.0, false);
         }
         let ray = Ray { origin: p + normal * LIFT, direction: towards };
-        // Nothing stands outside the fence, and no shadow reaches further than this.
-        if p.length_squared() > 49.0 {
+        if p.length_squared() > self.place.ground.shadows {
             return (height, false);
         }
-        if self.plaza.bvh.any(&self.plaza.solids, &ray, f32::INFINITY) {
+        if self.place.bvh.any(&self.place.solids, &ray, f32::INFINITY) {
             return (0.0, false);
         }
         let blocked = self.mover.iter().any(|(solid, _)| solid.hit(&ray).is_some());
@@ -232,12 +235,12 @@ impl World<'_> {
     /// normal than above a plain (Evans 2006, "Fast approximations for global illumination on dynamic scenes").
     fn openness(&self, p: Vec3, normal: Vec3) -> f32 {
         const STEPS: [(f32, f32); 3] = [(0.06, 1.0), (0.2, 0.8), (0.5, 0.6)];
-        if p.truncate().length_squared() > 12.0 {
+        if p.truncate().length_squared() > self.place.ground.walls {
             return 1.0;
         }
         let mut room = STEPS.map(|(h, _)| (p.z + normal.z * h).min(h));
-        for &i in &self.plaza.shading {
-            let solid = &self.plaza.solids[i as usize];
+        for &i in &self.place.shading {
+            let solid = &self.place.solids[i as usize];
             let here = solid.distance(p);
             if here > 1.0 {
                 continue;

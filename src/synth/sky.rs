@@ -15,10 +15,10 @@ pub(super) const fn sun() -> Vec3 {
     Vec3::new(0.52, -0.56, 0.644981)
 }
 
-/// Distance to the dome from a point within it.
-pub(super) fn hit_dome(ray: &Ray) -> f32 {
+/// Distance to a dome of this radius from a point within it.
+pub(super) fn hit_dome(ray: &Ray, radius: f32) -> f32 {
     let b = ray.origin.dot(ray.direction);
-    (b * b - ray.origin.length_squared() + DOME * DOME).max(0.0).sqrt() - b
+    (b * b - ray.origin.length_squared() + radius * radius).max(0.0).sqrt() - b
 }
 
 /// Linear radiance of the dome towards its centre, at the unit direction `d` from the centre.

@@ -4,6 +4,7 @@ mod colmap;
 mod files;
 mod geometry;
 mod photos;
+mod terrain;
 
 use qirf_vk::synth::{self, Effect, SynthOptions, SynthReport};
 

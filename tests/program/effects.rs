@@ -59,7 +59,8 @@ impl Case {
             let large = if self.resolutions[0].is_some() { 2 } else { 1 };
             let (views, width, height) = (48, self.width * large, self.width * 3 / 4 * large);
             let effects = self.made.to_vec();
-            let options = SynthOptions { views, width, height, points: 30 * views, effects, seed };
+            let options =
+                SynthOptions { views, width, height, points: 30 * views, effects, seed, ..SynthOptions::default() };
             write(&scene, &options, &|_| ()).expect("a synthetic scene");
             for (sum, choice) in sums.iter_mut().zip([self.off, Choice::On]) {
                 let mut config = config(&scene, self.iterations);

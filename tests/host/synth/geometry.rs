@@ -45,7 +45,15 @@ fn footprints_differ_only_where_near_and_far_cameras_were_asked_for() {
 #[test]
 fn lenses_and_cameras_are_as_asked_for() {
     let models = |effects: &[Effect]| -> Vec<(String, DVec2, Vec<f64>)> {
-        let o = SynthOptions { width: 240, height: 180, points: 0, views: 1, effects: effects.to_vec(), seed: 1 };
+        let o = SynthOptions {
+            width: 240,
+            height: 180,
+            points: 0,
+            views: 1,
+            effects: effects.to_vec(),
+            seed: 1,
+            ..SynthOptions::default()
+        };
         Model::read(make(&o).0.path()).cameras.into_values().collect()
     };
     assert_eq!(models(&[])[0].0, "PINHOLE");
