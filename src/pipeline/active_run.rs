@@ -49,6 +49,8 @@ impl<'a> ActiveRun<'a> {
             seed: config.seed,
             degree: config.sh_degree,
             most: config.max_gaussians,
+            tail: 0,
+            cameras: None,
             exposure: config.exposure.then(|| setup.gains.clone()),
             weights: Weights::default(),
             averaged: averaged(config),

@@ -10,7 +10,7 @@ use crate::kernels::constants::adam::float64::{BETA1, BETA2};
 use crate::kernels::constants::adam::{GRADIENT, NO_BAND, UPDATE};
 use crate::kernels::constants::gradient_row::{ROW_LOG_SCALE, ROW_LOGIT, ROW_MEAN, ROW_ROTATION};
 use crate::kernels::train::{Adam, AdamPush, AdamSpec};
-use crate::primitives::WORKGROUP;
+use crate::primitives::{Count, WORKGROUP};
 use crate::render::Renderer;
 
 /// The profiler's scope.
@@ -67,18 +67,31 @@ enum Outcome {
 
 /// Records a step of Adam, after [`Renderer::record_backward`]: moments and parameters change.
 ///
-/// Nothing changes if the picture's pairs did not fit. A Gaussian with a non-finite gradient stays unchanged.
+/// Nothing changes if the picture's pairs did not fit. A Gaussian with a non-finite gradient stays unchanged, and so does the
+/// model's tail.
 pub fn record(recording: &mut Recording, renderer: &Renderer, trainee: &Trainee, step: Step) {
     let Trainee { model, moments, .. } = trainee;
-    recording.scope(STAGE, |r| each(r, renderer, model, moments, Outcome::Stepped(step)));
+    let rows = Rows { model, count: trainee.count(), len: trainee.trained() };
+    recording.scope(STAGE, |r| each(r, renderer, &rows, moments, Outcome::Stepped(step)));
 }
 
 /// Records that the gradients of [`Renderer::record_backward`] are stored as first moments, for tests and sweeps.
 pub fn record_gradients(recording: &mut Recording, renderer: &Renderer, model: &Resident, moments: &Moments) {
-    recording.scope(STAGE, |r| each(r, renderer, model, moments, Outcome::Stored));
+    let rows = Rows { model, count: &model.count, len: model.len };
+    recording.scope(STAGE, |r| each(r, renderer, &rows, moments, Outcome::Stored));
 }
 
-fn each(recording: &mut Recording, renderer: &Renderer, model: &Resident, moments: &Moments, outcome: Outcome) {
+/// The first rows of a model.
+struct Rows<'a> {
+    model: &'a Resident,
+    /// Their number, on the device.
+    count: &'a Count,
+    /// The same number.
+    len: usize,
+}
+
+fn each(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moments: &Moments, outcome: Outcome) {
+    let Rows { model, count, len } = *first;
     let (form, step) = match outcome {
         Outcome::Stepped(step) => (UPDATE, step),
         Outcome::Stored => (GRADIENT, Step::new(1, Rates::default())),
@@ -93,7 +106,7 @@ fn each(recording: &mut Recording, renderer: &Renderer, model: &Resident, moment
         let run = if renderer.device().tuning().adam_by_gaussian { width } else { 1 };
         let kernel = Adam {
             pairs: rows.pairs,
-            count: &model.count.value,
+            count: &count.value,
             rows: rows.values,
             values,
             moments,
@@ -107,7 +120,7 @@ fn each(recording: &mut Recording, renderer: &Renderer, model: &Resident, moment
             },
             spec: AdamSpec { workgroup: WORKGROUP, width, offset, band, form, run, pressed: pressure.is_some() },
         };
-        let runs = model.len as u32 * (width / run);
+        let runs = len as u32 * (width / run);
         recording.dispatch(&kernel, Groups::Count(runs.div_ceil(WORKGROUP)));
     }
 }

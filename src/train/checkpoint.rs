@@ -5,7 +5,7 @@ use super::course::Course;
 use super::error::Result;
 use super::exposure::{self, Exposure};
 use super::options::Options;
-use super::trainee::Trainee;
+use super::trainee::{Tail, Trainee};
 use super::trainer::Trainer;
 use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
@@ -26,6 +26,8 @@ pub struct Snapshot {
     pub skipped_rows: u64,
     /// The model.
     pub model: Gaussians,
+    /// Number of Gaussians at its end that never change and have no moments.
+    pub tail: usize,
     /// Moments of each attribute, first and second interleaved; empty for bands that the model lacks.
     pub moments: Attributes<Vec<f32>>,
     /// [`Trainee::growth`]: two numbers per Gaussian.
@@ -52,6 +54,7 @@ impl Trainer {
             iteration: self.iteration,
             skipped_rows: self.skipped_rows,
             model: self.download()?,
+            tail: self.trainee.tail(),
             moments: moments.each_ref().try_map(read)?,
             growth: read(growth)?,
             responses: match &self.responses {
@@ -85,6 +88,7 @@ impl Trainer {
             moments: moments.try_map(|(name, values)| upload(&format!("{name}.moments"), values))?,
             model: Resident::upload(device, &snapshot.model)?,
             growth: upload("growth", &snapshot.growth)?,
+            tail: Tail::new(device, snapshot.model.len(), snapshot.tail)?,
         };
         let mut trainer = Self::assemble(device, trainee, photos, extent, options)?;
         let (values, seen) = &snapshot.responses;
@@ -110,6 +114,8 @@ impl Trainer {
 
 /// The note that holds the events of the run as JSON, if there were any.
 const COURSE: &str = "course";
+/// The note that holds the number of Gaussians that never change, if there are any.
+const TAIL: &str = "tail";
 /// The note that holds the checksum of everything else.
 const CHECKSUM: &str = "crc32";
 
@@ -160,6 +166,9 @@ impl Snapshot {
             let course = serde_json::to_string(&self.course);
             notes.insert(COURSE.into(), course.map_err(|e| stored(e.to_string()))?);
         }
+        if self.tail > 0 {
+            notes.insert(TAIL.into(), self.tail.to_string());
+        }
         let sum = checksum(tensors.iter().map(|(name, _, bytes)| (name.as_str(), bytes.as_slice())), &notes);
         notes.insert(CHECKSUM.into(), sum.to_string());
         let views: std::result::Result<Vec<_>, _> = tensors
@@ -202,13 +211,15 @@ impl Snapshot {
             _ => Err(bad(name, format!("its length is not that of {n} Gaussians"))),
         };
         let all = Attributes::NAMES.zip(Attributes::widths(bands.max(1) - 1));
+        let tail = if notes.contains_key(TAIL) { number(TAIL)? as usize } else { 0 };
+        let trained = n.checked_sub(tail).ok_or_else(|| bad(TAIL, format!("it is longer than {n} Gaussians")))?;
         let each = |suffix: &str, times: usize| {
             all.try_map(|(name, width)| match width {
                 0 => Ok(Vec::new()),
-                _ => numbers(&format!("{name}{suffix}"), times * n * width),
+                _ => numbers(&format!("{name}{suffix}"), times * width),
             })
         };
-        let (model, moments) = (Gaussians::of_attributes(each("", 1)?, bands), each(".moments", 2)?);
+        let (model, moments) = (Gaussians::of_attributes(each("", n)?, bands), each(".moments", 2 * trained)?);
         let growth = numbers("growth", 2 * n)?;
         let responses = match file.tensor("responses") {
             Ok(_) => {
@@ -236,6 +247,6 @@ impl Snapshot {
         if number(CHECKSUM)? != u64::from(checksum(all.iter().map(|(name, t)| (name.as_str(), t.data())), &notes)) {
             return Err(bad(CHECKSUM, "it is not that of the content: the file is damaged".into()));
         }
-        Ok(Self { iteration, skipped_rows, model, moments, growth, responses, exposures, course, notes })
+        Ok(Self { iteration, skipped_rows, model, tail, moments, growth, responses, exposures, course, notes })
     }
 }

@@ -61,11 +61,18 @@ impl Trainer {
     /// # Errors
     /// Device errors.
     pub fn begin_attrition(&mut self, settings: Attrition, survivors: usize) -> Result<()> {
-        let logits = self.trainee.model.parameters.opacity_logits.read(&self.device)?;
+        let logits = self.trained_logits()?;
         let moments = self.trainee.moments.opacity_logits.read(&self.device)?;
         let times = [self.iteration, self.options.schedule.iterations];
         self.course.attrition = Some(Contest::new(settings, survivors, times, &logits, &moments));
         Ok(())
+    }
+
+    /// Opacity logits of the Gaussians that are trained.
+    fn trained_logits(&self) -> Result<Vec<f32>> {
+        let mut logits = self.trainee.model.parameters.opacity_logits.read(&self.device)?;
+        logits.truncate(self.trainee.trained());
+        Ok(logits)
     }
 
     /// The attrition that is under way.
@@ -82,10 +89,11 @@ impl Trainer {
 
     /// Adapts the pressure and removes what has faded.
     pub(super) fn attrite(&mut self, iteration: u32) -> Result<()> {
-        let Some(contest) = self.course.attrition.as_mut().filter(|a| a.acts(iteration)) else { return Ok(()) };
-        let logits = self.trainee.model.parameters.opacity_logits.read(&self.device)?;
+        let Some(contest) = self.attrition().filter(|a| a.acts(iteration)) else { return Ok(()) };
+        let (mut contest, logits) = (*contest, self.trained_logits()?);
         let stay = contest.judge(iteration, &logits);
         tracing::debug!("after iteration {iteration}: {} Gaussians, pressure {:e}", stay.len(), contest.pressure);
+        self.course.attrition = Some(contest);
         if stay.len() < logits.len() {
             compact(&self.device, &mut self.trainee, &stay)?;
             self.responses = None;

@@ -4,7 +4,6 @@ use super::growth::Growth;
 use super::schedule::Schedule;
 use super::trainee::Trainee;
 use crate::gaussians::Attributes;
-use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::train::{
     Densify, DensifyPush, DensifySpec, GatherRows, GatherRowsSpec, ResetOpacity, ResetOpacityPush, ResetOpacitySpec,
@@ -34,16 +33,16 @@ pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     choice + Trainee::bytes(after, degree)
 }
 
-/// Clones, splits and prunes the Gaussians of a model in training. Returns their new number.
+/// Clones, splits and prunes the Gaussians of a model in training, without its tail. Returns their new number.
 ///
 /// # Errors
 /// Device memory; device errors. The model is then unchanged.
 pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step: Step) -> Result<usize> {
     let choice = Choice::new(device, trainee, schedule, step)?;
     let after = choice.after;
-    let rows = Rows { sources: device.buffer("sources", after)?, kinds: device.buffer("kinds", after)? };
+    let rows = Rows::room(device, after, trainee)?;
     let mut recording = Recording::new();
-    let count = &trainee.model.count;
+    let count = trainee.count();
     let kernel = Sources {
         count: &count.value,
         copies: &choice.copies,
@@ -55,7 +54,7 @@ pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step
     };
     recording.dispatch(&kernel, count.groups(WORKGROUP));
     let successor = rows.gather(device, &mut recording, trainee)?;
-    let Resident { count, parameters, .. } = &successor.model;
+    let (count, parameters) = (successor.count(), &successor.model.parameters);
     let kernel = Split {
         count: &count.value,
         kinds: &rows.kinds,
@@ -72,14 +71,13 @@ pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step
     Ok(after)
 }
 
-/// Keeps only the Gaussians `kept`, in that order, with their moments; growth restarts at zero.
+/// Keeps only the Gaussians `kept`, in that order, with their moments, and the tail; growth restarts at zero.
 ///
 /// # Errors
 /// Device memory; device errors. The model is then unchanged.
 pub fn compact(device: &Device, trainee: &mut Trainee, kept: &[u32]) -> Result<()> {
-    let rows = Rows { sources: device.upload("sources", kept)?, kinds: device.buffer("kinds", kept.len())? };
+    let rows = Rows::of(device, kept.to_vec(), trainee)?;
     let mut recording = Recording::new();
-    recording.fill(&rows.kinds, 0);
     let successor = rows.gather(device, &mut recording, trainee)?;
     device.run(recording)?;
     *trainee = successor;
@@ -89,14 +87,15 @@ pub fn compact(device: &Device, trainee: &mut Trainee, kept: &[u32]) -> Result<(
 /// Records the opacity reset, which limits every Gaussian's opacity to `opacity`.
 pub fn reset_opacity(recording: &mut Recording, trainee: &Trainee, opacity: f64) {
     let Trainee { model, moments, .. } = trainee;
+    let count = trainee.count();
     let kernel = ResetOpacity {
-        count: &model.count.value,
+        count: &count.value,
         logits: &model.parameters.opacity_logits,
         logits_adam: &moments.opacity_logits,
         push: ResetOpacityPush { limit: (opacity / (1.0 - opacity)).ln() as f32 },
         spec: ResetOpacitySpec { workgroup: WORKGROUP },
     };
-    recording.dispatch(&kernel, model.count.groups(WORKGROUP));
+    recording.dispatch(&kernel, count.groups(WORKGROUP));
 }
 
 /// Decisions of a density step for each Gaussian.
@@ -115,7 +114,7 @@ impl Choice {
     /// Grows every Gaussian whose gradient reaches the schedule's threshold, or, if that makes too many, those with the largest
     /// gradients.
     fn new(device: &Device, trainee: &Trainee, schedule: &Schedule, step: Step) -> Result<Self> {
-        let n = trainee.model.len;
+        let n = trainee.trained();
         let choice = Self {
             copies: device.buffer("copies", n)?,
             splits: device.buffer("splits", n)?,
@@ -130,7 +129,7 @@ impl Choice {
 
     /// All grow whose gradient reaches the threshold, or a higher one under which there is room for them.
     fn unplanned(mut self, device: &Device, trainee: &Trainee, schedule: &Schedule, step: Step) -> Result<Self> {
-        let n = trainee.model.len;
+        let n = trainee.trained();
         let mut threshold = if n < step.most { schedule.densify_gradient as f32 } else { f32::MAX };
         loop {
             let mut recording = Recording::new();
@@ -159,7 +158,8 @@ impl Choice {
         let mut copies = self.copies.read(device)?;
         let stay = copies.iter().filter(|c| **c > 0).count();
         let count = plan.planned(schedule, step.iteration).min(step.most).saturating_sub(stay);
-        let (growth, key) = (trainee.growth.read(device)?, [step.seed, step.iteration]);
+        let (mut growth, key) = (trainee.growth.read(device)?, [step.seed, step.iteration]);
+        growth.truncate(copies.len());
         let halved = plan.choose(&growth, count, key, |i| copies[i] > 0);
         copies.iter_mut().zip(&halved).for_each(|(c, halved)| *c += u32::from(*halved));
         self.copies.write(device, &copies)?;
@@ -170,8 +170,9 @@ impl Choice {
 
     fn decide(&self, recording: &mut Recording, trainee: &Trainee, push: DensifyPush) {
         let Trainee { model, growth, .. } = trainee;
+        let count = trainee.count();
         let kernel = Densify {
-            count: &model.count.value,
+            count: &count.value,
             growth,
             means: &model.parameters.means,
             log_scales: &model.parameters.log_scales,
@@ -182,14 +183,14 @@ impl Choice {
             push,
             spec: DensifySpec { workgroup: WORKGROUP },
         };
-        recording.dispatch(&kernel, model.count.groups(WORKGROUP));
+        recording.dispatch(&kernel, count.groups(WORKGROUP));
     }
 
     /// Finds the first successor of each, and their number.
     fn count(&mut self, device: &Device, trainee: &Trainee, mut recording: Recording) -> Result<()> {
-        let count = &trainee.model.count;
+        let count = trainee.count();
         let total = Count::new(device, "new Gaussians", u32::MAX, &[])?;
-        let scan = Scan::new(device, trainee.model.len as u32)?;
+        let scan = Scan::new(device, trainee.trained() as u32)?;
         scan.record(&mut recording, count, (&self.copies).into(), &self.offsets, Some(&total));
         device.run(recording)?;
         self.after = total.value.read(device)?[0] as usize;
@@ -219,13 +220,30 @@ struct Rows {
 }
 
 impl Rows {
+    /// Room for the rows of `after` Gaussians, which are to be filled, and the tail's.
+    fn room(device: &Device, after: usize, old: &Trainee) -> Result<Self> {
+        if old.tail() > 0 {
+            return Self::of(device, vec![0; after], old);
+        }
+        Ok(Self { sources: device.buffer("sources", after)?, kinds: device.buffer("kinds", after)? })
+    }
+
+    /// These rows of the old model, kept, and the tail's.
+    fn of(device: &Device, mut sources: Vec<u32>, old: &Trainee) -> Result<Self> {
+        sources.extend(old.trained() as u32..old.model.len as u32);
+        let kinds = device.buffer("kinds", sources.len())?;
+        let mut recording = Recording::new();
+        recording.fill(&kinds, 0);
+        device.run(recording)?;
+        Ok(Self { sources: device.upload("sources", &sources)?, kinds })
+    }
+
     /// Records the gathering of a new model from the old one. Moments of new Gaussians, and growth, are zero.
     fn gather(&self, device: &Device, recording: &mut Recording, old: &Trainee) -> Result<Trainee> {
         let degree = old.model.degree;
-        let new = Trainee::room(device, self.sources.len(), degree)?;
+        let new = Trainee::room(device, self.sources.len(), old.tail(), degree)?;
         recording.fill(&new.growth, 0);
-        let count = &new.model.count;
-        let mut gather = |source: &Buffer<f32>, target: &Buffer<f32>, width: usize, fresh: bool| {
+        let mut gather = |count: &Count, source: &Buffer<f32>, target: &Buffer<f32>, width: usize, fresh: bool| {
             let kernel = GatherRows {
                 count: &count.value,
                 sources: &self.sources,
@@ -239,10 +257,10 @@ impl Rows {
         let widths = Attributes::widths(degree);
         let parameters = old.model.parameters.each_ref().zip(new.model.parameters.each_ref());
         for (width, (source, target)) in widths.zip(parameters).up_to(degree) {
-            gather(source, target, width, false);
+            gather(&new.model.count, source, target, width, false);
         }
         for (width, (source, target)) in widths.zip(old.moments.each_ref().zip(new.moments.each_ref())).up_to(degree) {
-            gather(&source.cast(), &target.cast(), 2 * width, true);
+            gather(new.count(), &source.cast(), &target.cast(), 2 * width, true);
         }
         Ok(new)
     }

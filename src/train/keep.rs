@@ -8,21 +8,22 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 
 impl Trainer {
-    /// Removes the Gaussians that `keep` does not mark; the others keep their moments. If `merged` is given (of as many
+    /// Removes the trained Gaussians that `keep` does not mark; the others keep their moments. If `merged` is given (of as many
     /// Gaussians as there are now), parameters are taken from it.
     ///
     /// # Errors
     /// Device memory; device errors. The run is then unchanged.
     ///
     /// # Panics
-    /// If `keep` does not hold one mark per Gaussian.
+    /// If `keep` does not hold one mark per trained Gaussian.
     pub fn keep(&mut self, keep: &[bool], merged: Option<&Gaussians>) -> Result<()> {
-        assert_eq!(keep.len(), self.trainee.model.len, "one mark a Gaussian");
+        assert_eq!(keep.len(), self.trainee.trained(), "one mark a Gaussian");
         let kept: Vec<u32> = (0..keep.len() as u32).filter(|i| keep[*i as usize]).collect();
         let merged = match merged {
             None => None,
             Some(model) => {
-                let kept: Vec<usize> = kept.iter().map(|i| *i as usize).collect();
+                let tail = self.trainee.trained()..self.trainee.model.len;
+                let kept: Vec<usize> = kept.iter().map(|i| *i as usize).chain(tail).collect();
                 Some(Resident::upload(&self.device, &model.select(&kept))?)
             }
         };

@@ -12,9 +12,14 @@ pub type Moments = Attributes<Buffer<[f32; 2]>>;
 /// # Errors
 /// Device memory; device errors.
 pub fn zeros(device: &Device, model: &Resident) -> Result<Moments> {
+    zeros_of(device, model.len, model.degree)
+}
+
+/// As [`zeros`], for `n` Gaussians of this SH degree.
+pub(super) fn zeros_of(device: &Device, n: usize, degree: usize) -> Result<Moments> {
     let mut recording = Recording::new();
-    let moments = Attributes::NAMES.zip(Attributes::widths(model.degree)).try_map(|(name, width)| {
-        let buffer = device.buffer(&format!("{name}.moments"), model.len * width)?;
+    let moments = Attributes::NAMES.zip(Attributes::widths(degree)).try_map(|(name, width)| {
+        let buffer = device.buffer(&format!("{name}.moments"), n * width)?;
         recording.fill(&buffer, 0);
         Ok(buffer)
     })?;

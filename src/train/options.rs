@@ -17,8 +17,14 @@ pub struct Options {
     pub seed: u32,
     /// Highest SH degree.
     pub degree: usize,
-    /// Largest number of Gaussians.
+    /// Largest number of Gaussians, without the tail.
     pub most: usize,
+    /// Number of Gaussians at the model's end that are drawn and never change: what a block of a scene sees of the others. They
+    /// have no moments, and density control, resets, attrition and prunes leave them alone.
+    pub tail: usize,
+    /// Mean of the scene's camera centres in world units, where the photos are only a part of the scene's; else that of the
+    /// photos' cameras.
+    pub cameras: Option<[f32; 3]>,
     /// If each photo has an exposure of its own: the measured gains of red, green and blue by photo; empty if none could be
     /// measured.
     pub exposure: Option<Vec<[f32; 3]>>,
@@ -39,6 +45,8 @@ impl Default for Options {
             seed: 1,
             degree: MAX_SH_DEGREE,
             most: 4_000_000,
+            tail: 0,
+            cameras: None,
             exposure: None,
             weights: Weights::default(),
             averaged: 0..0,

@@ -4,7 +4,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::View;
 use crate::kernels::train::{Smoothing as Kernel, SmoothingPush, SmoothingSpec};
-use crate::primitives::WORKGROUP;
+use crate::primitives::{Count, WORKGROUP};
 use crate::render::{Settings, view};
 use crate::scene::Photo;
 
@@ -36,16 +36,16 @@ impl Smoothing {
         iteration.is_multiple_of(EVERY) || iteration == last
     }
 
-    /// Records that scales become no less than [`crate::reference::smoothing::least_scale`].
-    pub fn record(&self, recording: &mut Recording, model: &Resident) {
+    /// Records that scales become no less than [`crate::reference::smoothing::least_scale`], in as many rows as are counted.
+    pub fn record(&self, recording: &mut Recording, model: &Resident, count: &Count) {
         let kernel = Kernel {
             view: &self.views,
-            count: &model.count.value,
+            count: &count.value,
             means: &model.parameters.means,
             log_scales: &model.parameters.log_scales,
             push: SmoothingPush { views: self.views.len() as u32 },
             spec: SmoothingSpec { workgroup: WORKGROUP },
         };
-        recording.scope("antialias", |r| r.dispatch(&kernel, model.count.groups(WORKGROUP)));
+        recording.scope("antialias", |r| r.dispatch(&kernel, count.groups(WORKGROUP)));
     }
 }

@@ -4,16 +4,37 @@ use super::moments::{self, Moments};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
 use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::primitives::{Count, Scan};
 
 /// A model in training, which density control replaces and a checkpoint stores.
 pub struct Trainee {
-    /// The model.
+    /// The model; its last rows may be a tail that is drawn and never changes.
     pub model: Resident,
-    /// Moments of Adam.
+    /// Moments of Adam, of the rows before the tail.
     pub moments: Moments,
     /// n x (sum of the norms of the gradients by the 2D mean, in NDC units; number of views that saw it), which density
     /// control reads.
     pub growth: Buffer<[f32; 2]>,
+    pub(super) tail: Option<Tail>,
+}
+
+/// The rows at the end of a model that no step, density control, reset or prune touches.
+pub(super) struct Tail {
+    rows: usize,
+    /// Number of rows before it, on the device.
+    before: Count,
+}
+
+impl Tail {
+    /// None if there are no `rows` among those of a model of `n` Gaussians.
+    ///
+    /// # Panics
+    /// If it is longer than the model.
+    pub fn new(device: &Device, n: usize, rows: usize) -> Result<Option<Self>> {
+        assert!(rows <= n, "a tail of {rows} rows in a model of {n}");
+        let before = || Count::known(device, "trained Gaussians", (n - rows) as u32, &[Scan::block(device)]);
+        (rows > 0).then(|| Ok(Self { rows, before: before()? })).transpose()
+    }
 }
 
 impl Trainee {
@@ -23,16 +44,18 @@ impl Trainee {
         Resident::bytes(n, degree) + Attributes::widths(degree).map(|width| of(n * width)).sum() + of(n)
     }
 
-    /// Arrays for `n` Gaussians of this SH degree, whose content is undefined.
+    /// Arrays for `n` Gaussians of this SH degree, the last `tail` of them never to change; their content is undefined.
     ///
     /// # Errors
     /// Device memory; device errors.
-    pub fn room(device: &Device, n: usize, degree: usize) -> Result<Self> {
-        let sizes = Attributes::NAMES.zip(Attributes::widths(degree).map(|width| n * width));
-        let parameters = sizes.try_map(|(name, len)| device.buffer(name, len))?;
-        let moments = sizes.try_map(|(name, len)| device.buffer(&format!("{name}.moments"), len))?;
+    pub fn room(device: &Device, n: usize, tail: usize, degree: usize) -> Result<Self> {
+        let tail = Tail::new(device, n, tail)?;
+        let trained = n - tail.as_ref().map_or(0, |tail| tail.rows);
+        let widths = Attributes::NAMES.zip(Attributes::widths(degree));
+        let parameters = widths.try_map(|(name, width)| device.buffer(name, n * width))?;
+        let moments = widths.try_map(|(name, width)| device.buffer(&format!("{name}.moments"), trained * width))?;
         let model = Resident::new(device, parameters, degree, n)?;
-        Ok(Self { model, moments, growth: device.buffer("growth", n)? })
+        Ok(Self { model, moments, growth: device.buffer("growth", n)?, tail })
     }
 
     /// A model before its first iteration: moments and growth are zero.
@@ -40,10 +63,38 @@ impl Trainee {
     /// # Errors
     /// Device memory; device errors.
     pub fn new(device: &Device, model: &Gaussians) -> Result<Self> {
+        Self::with_tail(device, model, 0)
+    }
+
+    /// As [`Trainee::new`], of a model whose last `tail` rows are drawn and never change.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    ///
+    /// # Panics
+    /// If the tail is longer than the model.
+    pub fn with_tail(device: &Device, model: &Gaussians, tail: usize) -> Result<Self> {
+        let tail = Tail::new(device, model.len(), tail)?;
         let model = Resident::upload(device, model)?;
-        let moments = moments::zeros(device, &model)?;
+        let trained = model.len - tail.as_ref().map_or(0, |tail| tail.rows);
+        let moments = moments::zeros_of(device, trained, model.degree)?;
         let growth = device.upload("growth", &vec![[0.0; 2]; model.len])?;
-        Ok(Self { model, moments, growth })
+        Ok(Self { model, moments, growth, tail })
+    }
+
+    /// Number of rows that never change, at the model's end.
+    pub fn tail(&self) -> usize {
+        self.tail.as_ref().map_or(0, |tail| tail.rows)
+    }
+
+    /// Number of rows that are trained.
+    pub fn trained(&self) -> usize {
+        self.model.len - self.tail()
+    }
+
+    /// The same number on the device.
+    pub fn count(&self) -> &Count {
+        self.tail.as_ref().map_or(&self.model.count, |tail| &tail.before)
     }
 
     /// Adds an SH band of zeros to the model.
@@ -52,8 +103,9 @@ impl Trainee {
     /// Device memory; device errors. The model is then unchanged.
     pub fn raise_degree(&mut self, device: &Device) -> Result<()> {
         let l = self.model.degree + 1;
-        let (name, len) = (Attributes::NAMES.sh[l], self.model.len * Gaussians::band_width(l));
-        let (band, moments) = (device.buffer(name, len)?, device.buffer(&format!("{name}.moments"), len)?);
+        let (name, width) = (Attributes::NAMES.sh[l], Gaussians::band_width(l));
+        let band = device.buffer(name, self.model.len * width)?;
+        let moments = device.buffer(&format!("{name}.moments"), self.trained() * width)?;
         let mut recording = Recording::new();
         recording.fill(&band, 0);
         recording.fill(&moments, 0);

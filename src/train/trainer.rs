@@ -72,8 +72,12 @@ impl Trainer {
     ///
     /// # Errors
     /// Device memory; device errors; no photos.
+    ///
+    /// # Panics
+    /// If the tail of the options is longer than the model.
     pub fn new(device: &Device, model: &Gaussians, photos: Vec<Photo>, extent: f64, options: Options) -> Result<Self> {
-        Self::assemble(device, Trainee::new(device, model)?, photos, extent, options)
+        let trainee = Trainee::with_tail(device, model, options.tail)?;
+        Self::assemble(device, trainee, photos, extent, options)
     }
 
     /// A run on this model, before any iteration.
@@ -102,7 +106,9 @@ impl Trainer {
         Ok(Self {
             half,
             smoothing,
-            cameras: camera::mean_centre(photos.iter().map(|p| &p.camera)).as_vec3().to_array(),
+            cameras: options
+                .cameras
+                .unwrap_or_else(|| camera::mean_centre(photos.iter().map(|p| &p.camera)).as_vec3().to_array()),
             device_photos,
             objective,
             device: device.clone(),
@@ -129,6 +135,11 @@ impl Trainer {
     /// Current number of Gaussians.
     pub fn len(&self) -> usize {
         self.trainee.model.len
+    }
+
+    /// Number of Gaussians that are trained: those before [`Options::tail`].
+    pub fn trained(&self) -> usize {
+        self.trainee.trained()
     }
 
     /// Returns true if no Gaussian is left.
@@ -356,7 +367,7 @@ impl Trainer {
         self.attrite(iteration)?;
         if let Some(smoothing) = self.smoothing_after(iteration) {
             let mut recording = Recording::new();
-            smoothing.record(&mut recording, &self.trainee.model);
+            smoothing.record(&mut recording, &self.trainee.model, self.trainee.count());
             self.timings.merge(&self.device.submit(recording)?.wait()?);
         }
         Ok(())

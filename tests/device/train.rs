@@ -11,3 +11,4 @@ mod memory;
 mod prune;
 pub(crate) mod runs;
 pub mod smoothing;
+mod tail;

@@ -119,6 +119,8 @@ fn options(config: &RunConfig, exposure: bool) -> Options {
         seed: 1,
         degree: 1,
         most: 3000,
+        tail: 0,
+        cameras: None,
         exposure: exposure.then(Vec::new),
         weights: Weights::default(),
         averaged: 0..0,

@@ -90,6 +90,8 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
         seed: 1,
         degree,
         most: n,
+        tail: 0,
+        cameras: None,
         exposure: None,
         weights: Weights::default(),
         averaged: 0..0,

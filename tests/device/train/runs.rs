@@ -66,6 +66,8 @@ pub(crate) fn options() -> Options {
         seed: 5,
         degree: 2,
         most: 500,
+        tail: 0,
+        cameras: None,
         exposure: None,
         weights: Weights::default(),
         averaged: 0..0,

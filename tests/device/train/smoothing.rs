@@ -55,7 +55,7 @@ pub fn least_scales(device: &Device) {
     let resident = Resident::upload(device, &model).unwrap();
     let mut recording = Recording::new();
     recording.update(&resident.count.value, &[counted as u32]);
-    Smoothing::new(device, &views, &settings).unwrap().record(&mut recording, &resident);
+    Smoothing::new(device, &views, &settings).unwrap().record(&mut recording, &resident, &resident.count);
     device.run(recording).unwrap();
     let after = resident.download(device).unwrap();
 

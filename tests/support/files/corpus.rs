@@ -224,6 +224,7 @@ fn checkpoint() -> Vec<u8> {
         course: Course::default(),
         iteration: 7,
         skipped_rows: 0,
+        tail: 0,
         moments: Attributes::widths(1).map(|width| vec![0.5; 2 * 5 * width]),
         growth: vec![0.25; 10],
         responses: (vec![1.0; 40], vec![3; 5]),
