@@ -2,6 +2,7 @@
 
 mod attributes;
 mod bands;
+pub mod cells;
 mod edit;
 mod error;
 pub mod formats;

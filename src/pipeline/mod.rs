@@ -2,6 +2,7 @@
 
 pub mod active_run;
 pub mod arm;
+pub mod blocks;
 pub mod budget;
 pub mod checkpoint;
 pub mod compare;

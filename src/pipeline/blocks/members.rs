@@ -1,0 +1,151 @@
+//! The Gaussians of a block: those that it trains, those that it only sees, and those that it hands on.
+
+use crate::gaussians::cells::Cells;
+use crate::gaussians::{Attributes, Gaussians};
+use crate::train::checkpoint::Snapshot;
+
+/// A model's rows, by what a block does with them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Members {
+    /// Rows in the grown cell, which it trains; rising.
+    pub trained: Vec<usize>,
+    /// The others, which it sees; rising.
+    pub seen: Vec<usize>,
+}
+
+impl Members {
+    /// The rows of `model` in a cell that is grown by `share` of its sides, and the rest.
+    pub fn of(cells: &Cells, cell: usize, share: f64, model: &Gaussians) -> Self {
+        let inside = |i: &usize| cells.grown_contains(cell, share, model.means[*i]);
+        let (trained, seen) = (0..model.len()).partition(inside);
+        Self { trained, seen }
+    }
+
+    /// The model with the trained rows first; the seen ones are the tail, see [`crate::train::Options::tail`].
+    pub fn arranged(&self, model: &Gaussians) -> Gaussians {
+        model.select(&[&self.trained[..], &self.seen[..]].concat())
+    }
+}
+
+/// What a block hands on: the trained rows that its cell owns, in their order, with their moments. A row that lies in a neighbour's
+/// cell is the neighbour's to hand on. The tail goes; growth and averaged responses restart.
+pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
+    let trained = snapshot.model.len() - snapshot.tail;
+    let rows: Vec<usize> = (0..trained).filter(|i| cells.owner(snapshot.model.means[*i]) == cell).collect();
+    let widths = Attributes::widths(snapshot.model.degree());
+    let moments = widths.zip(snapshot.moments.each_ref()).map(|(width, moments)| {
+        rows.iter().flat_map(|i| &moments[2 * width * i..2 * width * (i + 1)]).copied().collect()
+    });
+    Snapshot {
+        model: snapshot.model.select(&rows),
+        tail: 0,
+        moments,
+        growth: vec![0.0; 2 * rows.len()],
+        responses: Default::default(),
+        ..snapshot.clone()
+    }
+}
+
+/// The state of a block that goes on with these neighbours behind it.
+///
+/// # Panics
+/// If the neighbours have more bands than the block's model.
+pub fn with_tail(block: &Snapshot, neighbours: &Gaussians) -> Snapshot {
+    assert!(neighbours.sh.len() <= block.model.sh.len(), "bands that the block lacks");
+    let before = block.model.len() - block.tail;
+    let mut model = block.model.select(&(0..before).collect::<Vec<_>>());
+    model.means.extend(&neighbours.means);
+    model.log_scales.extend(&neighbours.log_scales);
+    model.rotations.extend(&neighbours.rotations);
+    model.opacity_logits.extend(&neighbours.opacity_logits);
+    for (l, band) in model.sh.iter_mut().enumerate() {
+        let missing = vec![0.0; neighbours.len() * Gaussians::band_width(l)];
+        band.extend(neighbours.sh.get(l).unwrap_or(&missing));
+    }
+    Snapshot {
+        growth: vec![0.0; 2 * model.len()],
+        model,
+        tail: neighbours.len(),
+        responses: Default::default(),
+        ..block.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gaussians::cells::Contraction;
+    use crate::random::Random;
+    use crate::train::course::Course;
+    use glam::DVec3;
+
+    fn model(n: usize, degree: usize) -> Gaussians {
+        let mut r = Random(5);
+        let mut model = Gaussians::zeroed(n, degree);
+        for (i, mean) in model.means.iter_mut().enumerate() {
+            *mean = [r.within(-4.0, 4.0) as f32, r.within(-1.0, 1.0) as f32, 0.0];
+            model.opacity_logits[i] = i as f32;
+        }
+        model.means[7] = [f32::NAN; 3];
+        model
+    }
+
+    fn cells(model: &Gaussians) -> Cells {
+        let around = Contraction::around([DVec3::splat(-4.0), DVec3::splat(4.0)]);
+        Cells::new(around, &model.means, &vec![1.0; model.len()], 4)
+    }
+
+    fn snapshot(model: Gaussians, tail: usize) -> Snapshot {
+        let (trained, widths) = (model.len() - tail, Attributes::widths(model.degree()));
+        let rows = |width: usize| (0..trained).flat_map(|i| vec![i as f32; 2 * width]).collect();
+        Snapshot {
+            iteration: 9,
+            skipped_rows: 0,
+            tail,
+            moments: widths.map(rows),
+            growth: vec![1.0; 2 * model.len()],
+            responses: Default::default(),
+            exposures: Default::default(),
+            course: Course::default(),
+            notes: Default::default(),
+            model,
+        }
+    }
+
+    /// Whatever blocks train in their margins, together they hand every Gaussian on once, with its own moments.
+    #[test]
+    fn blocks_hand_everything_on_once() {
+        let whole = model(200, 1);
+        let cells = cells(&whole);
+        let mut handed = Vec::new();
+        for cell in 0..cells.count() {
+            let members = Members::of(&cells, cell, 0.2, &whole);
+            assert_eq!(members.trained.len() + members.seen.len(), 200);
+            let trained = members.trained.len();
+            assert!(trained > 40 && trained < 120, "{trained}");
+            let state = snapshot(members.arranged(&whole), members.seen.len());
+            let kept = owned(&state, &cells, cell);
+            assert!(kept.tail == 0 && kept.model.len() < trained && kept.iteration == 9);
+            for (row, logit) in kept.model.opacity_logits.iter().enumerate() {
+                let before = members.trained.iter().position(|i| *i as f32 == *logit).unwrap() as f32;
+                let at = |width: usize, moments: &[f32]| moments[2 * width * row..2 * width * (row + 1)].to_vec();
+                assert_eq!(at(3, &kept.moments.means), [before; 6]);
+                assert_eq!(at(9, &kept.moments.sh[1]), [before; 18]);
+            }
+            handed.extend(kept.model.opacity_logits.iter().map(|logit| *logit as usize));
+        }
+        handed.sort_unstable();
+        assert_eq!(handed, (0..200).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_tail_takes_the_place_of_another() {
+        let state = snapshot(model(20, 1), 5);
+        let other = model(8, 0);
+        let new = with_tail(&state, &other);
+        assert_eq!((new.model.len(), new.tail, new.growth.len()), (23, 8, 46));
+        assert!(new.model.validate().is_ok() && new.moments == state.moments);
+        assert_eq!(new.model.opacity_logits[14..17], [14.0, 0.0, 1.0]);
+        assert_eq!(new.model.sh[1].len(), 23 * 9);
+    }
+}
