@@ -139,6 +139,24 @@ pub enum Error {
         /// Photos with poses.
         posed: usize,
     },
+    /// A file of a divided job that is damaged, or that is not its own: exit code 3.
+    #[error("{}: {what}", path.display())]
+    Part {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+        /// The task that writes it.
+        task: String,
+    },
+    /// A device that computes other bits than the one that a job was planned on: exit code 4.
+    #[error("this device computes other bits ({here}) than the one that the job was planned on ({planned})")]
+    OtherDevice {
+        /// Fingerprint of the plan's device.
+        planned: String,
+        /// Fingerprint of this one.
+        here: String,
+    },
     /// A folder for poses that holds something else: exit code 2.
     #[error("{} holds something else than poses that this program estimated", .0.display())]
     NotOurs(PathBuf),
@@ -228,10 +246,10 @@ impl Error {
             Self::AmongPhotos(_) | Self::NothingToTrainOn(_) | Self::Train(train::Error::NoViews) => 2,
             Self::Gaussians(gaussians::Error::SameFile { .. }) | Self::Scene(scene::Error::NoImageFolder { .. }) => 2,
             Self::Train(_) => 3,
-            Self::Read { .. } | Self::Checkpoint { .. } => 3,
+            Self::Read { .. } | Self::Checkpoint { .. } | Self::Part { .. } => 3,
             Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,
             Self::Device(gpu::Error::Tuning(_)) => 2,
-            Self::Device(_) | Self::SelfTest { .. } => 4,
+            Self::Device(_) | Self::SelfTest { .. } | Self::OtherDevice { .. } => 4,
             Self::Interrupted => 130,
         }
     }

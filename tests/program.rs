@@ -16,6 +16,8 @@ mod program {
     mod pose;
     mod report;
     mod run;
+    #[cfg(unix)] // with signals
+    mod shard;
     mod soak;
     mod sweep;
     #[cfg(unix)] // signals are the system's

@@ -1,26 +1,19 @@
 //! `qirf-vk compress MODEL -o OUT`.
 
 use super::Global;
-use super::choices::Choices;
+use super::compression::Options;
 use super::console::Console;
 use super::inspect::read_model;
 use super::scratch::Scratch;
 use super::show::Show;
-use super::style;
-use super::values::{self, Up};
-use crate::effects::Overrides;
+use super::values;
 use crate::error::Error;
 use crate::gaussians::formats;
 use crate::metrics::{Networks, Scores};
-use crate::pipeline::compress::{self, CompressConfig, Input, ViewSource};
-use crate::pipeline::config::Compression;
+use crate::pipeline::compress::{self, Input};
 use crate::pipeline::records::{CompressRecord, Truth};
-use crate::pipeline::virtual_views::VirtualCameras;
-use crate::pipeline::{Output, Selection, Session, host_bytes};
+use crate::pipeline::{Output, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
-use crate::qirf::select::Selector;
-use crate::qirf::select::budget::Budget;
-use crate::render::Style;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -51,54 +44,13 @@ pub(super) struct Arguments {
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
-    /// Preset: standard, or paper with every value as published
-    #[arg(long, value_name = "standard|paper", default_value = "standard", help_heading = "Compression")]
-    preset: Preset,
     #[command(flatten)]
-    choices: Choices,
-    /// Random seed: the same seed on the same device gives the same bytes
-    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Compression")]
-    seed: u32,
-    /// Virtual cameras around the model; every eighth is held out for the scores [default: 48]
-    #[arg(long, value_name = "N", help_heading = "Without photos", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(2..=10_000))]
-    views: Option<u32>,
-    /// Picture size of virtual cameras [default: 400x400]
-    #[arg(long, value_name = "WxH", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::size)]
-    size: Option<(u32, u32)>,
-    /// Up direction: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
-    #[arg(long, value_name = "AXIS", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::up, allow_hyphen_values = true)]
-    up: Option<Up>,
-    /// Scene whose photos are used to score the model: a COLMAP, Blender, instant-ngp or nerfstudio folder
-    #[arg(long, value_name = "SCENE", help_heading = "Photos")]
-    scene: Option<PathBuf>,
-    /// Photo folder (such as images_4)
-    #[arg(long, value_name = "DIR", help_heading = "Photos", requires = "scene")]
-    images: Option<PathBuf>,
-    /// Picture size as width, or as a divisor of the photos' size
-    #[arg(long, value_name = "W|/K", help_heading = "Photos", requires = "scene", value_parser = values::resolution_text)]
-    resolution: Option<String>,
-    /// Hold out every N-th photo for the scores; 0 holds out none [default: 8]
-    #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene")]
-    eval_every: Option<usize>,
-    #[command(flatten)]
-    rendering: style::Rendering,
-    /// Colour behind the Gaussians [default: white for photos with alpha, else black]
-    #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
-    background: Option<[f32; 3]>,
+    options: Options,
     /// Limit on device memory, such as 2G or 800M [default: the device's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Rendering")]
     memory_budget: Option<u64>,
     #[command(flatten)]
     scratch: Scratch,
-}
-
-/// A preset of all options under "Compression".
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Preset {
-    /// Chosen by measurements
-    Standard,
-    /// The values of the QIRF paper
-    Paper,
 }
 
 impl Arguments {
@@ -108,13 +60,14 @@ impl Arguments {
         let loaded = read_model(&self.model, console)?;
         let read_s = reading.elapsed().as_secs_f64();
         let device = global.open_with(self.memory_budget)?;
-        let style = self.rendering.style(&self.model, &loaded, None, console);
+        let style = self.options.rendering.style(&self.model, &loaded, None, console);
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
         let watcher = Show::new(console);
         let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
         let session =
             Session { device: &device, networks: &Networks::default(), host_bytes, scratch, watcher: &watcher };
-        let figures = compress::compress(&session, input, &self.configuration(style)?, &self.output)?;
+        let figures =
+            compress::compress(&session, input, &self.options.configuration(style, self.fine_tune)?, &self.output)?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
             Output::text(path, &format!("{json:#}\n"))?;
@@ -137,44 +90,6 @@ impl Arguments {
             return Err(Error::Usage(format!("{} cannot hold model and report", self.output.display())));
         }
         Ok(())
-    }
-
-    fn configuration(&self, style: Style) -> Result<CompressConfig, Error> {
-        let preset = match self.preset {
-            Preset::Standard => {
-                let selector = self.choices.selector.unwrap_or(Selector::Pairs);
-                // Without training afterwards, what each block loses stays lost: every block keeps its share.
-                let budget = if self.fine_tune == 0 { Budget::PerBlock } else { Budget::default() };
-                Compression { selector, budget, ..Compression::default() }
-            }
-            Preset::Paper => Compression::paper(),
-        };
-        let default = VirtualCameras::default();
-        let views = match &self.scene {
-            Some(scene) => ViewSource::Photos(Selection {
-                scene: scene.clone(),
-                images: self.images.clone(),
-                resolution: self.resolution.clone(),
-                eval_every: self.eval_every.unwrap_or(8),
-                background: self.background,
-                effects: Overrides::default(),
-            }),
-            None => ViewSource::OwnPictures {
-                cameras: VirtualCameras {
-                    views: self.views.unwrap_or(default.views),
-                    size: self.size.unwrap_or(default.size),
-                    up: self.up.unwrap_or(Up::Auto).direction(),
-                },
-                background: self.background.unwrap_or([0.0; 3]),
-            },
-        };
-        Ok(CompressConfig {
-            compression: self.choices.over(preset)?,
-            views,
-            style,
-            fine_tune: self.fine_tune,
-            seed: self.seed,
-        })
     }
 }
 

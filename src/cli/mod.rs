@@ -4,6 +4,7 @@ mod choices;
 mod compare;
 mod completions;
 mod compress;
+mod compression;
 mod console;
 mod convert;
 mod device;
@@ -17,6 +18,7 @@ mod resources;
 mod run;
 mod scratch;
 mod selftest;
+mod shard;
 mod show;
 mod style;
 mod sweep;
@@ -77,6 +79,8 @@ enum Command {
     Eval(eval::Arguments),
     /// Prune an existing model: keep the Gaussians that its pictures need
     Compress(compress::Arguments),
+    /// Divide the compression of a large model into tasks, for one device in turn or for a cluster
+    Shard(shard::Arguments),
     /// Render pictures of a model, from a scene's cameras or on a circle around it
     Render(render::Arguments),
     /// Look at a model, a run or a capture in a browser
@@ -99,7 +103,7 @@ enum Command {
 
 /// Groups of commands in the top-level help.
 const GROUPS: [(&str, &[&str]); 4] = [
-    ("Training and compression", &["run", "compress", "compare", "sweep", "eval"]),
+    ("Training and compression", &["run", "compress", "shard", "compare", "sweep", "eval"]),
     ("Models and pictures", &["view", "render", "convert", "inspect"]),
     ("Data", &["pose", "synth"]),
     ("This machine", &["device", "selftest", "completions"]),
@@ -184,6 +188,7 @@ impl Cli {
             Command::Sweep(a) => a.run(console, &self.global),
             Command::Eval(a) => a.run(console, &self.global),
             Command::Compress(a) => a.run(console, &self.global),
+            Command::Shard(a) => a.run(console, &self.global),
             Command::Render(a) => a.run(console, &self.global),
             Command::View(a) => a.run(console, &self.global),
             Command::Convert(a) => a.run(console),

@@ -33,6 +33,15 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::OtherRun { config, .. } => {
             Some(format!("give the options it had ({}), or start without --resume", config.display()))
         }
+        Error::Part { task, path, .. } if task == "plan" => {
+            Some(format!("restore {}, or plan again in a new folder", path.display()))
+        }
+        Error::Part { path, .. } => {
+            Some(format!("delete {} and run the job again: it does what is missing", path.display()))
+        }
+        Error::OtherDevice { .. } => {
+            plain("use a machine like the plan's, or allow this one with --mixed: the bytes may then differ")
+        }
         Error::Checkpoint { .. } => {
             plain("finish the run with the version that began it, or delete the checkpoint to start afresh")
         }

@@ -23,6 +23,7 @@ pub mod render;
 pub mod run;
 pub mod session;
 pub mod setup;
+pub mod shard;
 mod shown;
 pub mod start;
 pub mod sweep;

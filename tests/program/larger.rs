@@ -11,7 +11,7 @@ use std::process::{Command, Output};
 const BUFFERS: &str = "buffers=100000";
 
 /// A ball of small Gaussians with colours that depend on the direction.
-fn ball(folder: &Path) -> PathBuf {
+pub(super) fn ball(folder: &Path) -> PathBuf {
     let mut random = Random(11);
     let mut model = Gaussians::zeroed(4000, 1);
     for i in 0..model.len() {

@@ -70,8 +70,7 @@ pub fn choose(
     };
     let keep = at_least_one(config.compression.keep, model.len());
     let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
-    let PrunePlan { record, keep, merged } =
-        prune::plan(session.device, shown.source(), &model, &responses, &request)?;
+    let PrunePlan { record, keep, merged } = prune::plan(session.device, shown.source(), &model, &responses, &request)?;
     drop((shown, responses));
     let kept: Vec<usize> = (0..keep.len()).filter(|i| keep[*i]).collect();
     Ok((record, merged.unwrap_or(model).select(&kept)))

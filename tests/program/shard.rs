@@ -1,0 +1,230 @@
+//! `qirf-vk shard`: a compression in tasks has the bytes of the undivided one, whatever happens on the way.
+
+use super::larger::ball;
+use crate::support::Random;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// Options of the compression: 34 views in three chunks, 6 held out.
+const OPTIONS: [&str; 4] = ["--views", "40", "--size", "72x56"];
+/// A fingerprint that stands in for the device's, which takes seconds to compute.
+const FINGERPRINT: (&str, &str) = ("QIRF_FINGERPRINT", "0123");
+
+/// A folder with a model, and the bytes that its compression has.
+struct Stage {
+    folder: tempfile::TempDir,
+    right: Vec<u8>,
+}
+
+impl Stage {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        ball(folder.path());
+        let stage = Self { folder, right: Vec::new() };
+        good(&stage.qirf(&[&["compress", "ball.ply", "-o", "small.ply"], &OPTIONS[..]].concat()));
+        Self { right: fs::read(stage.path("small.ply")).unwrap(), ..stage }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+        command.env(FINGERPRINT.0, FINGERPRINT.1).current_dir(self.folder.path()).args(arguments);
+        command
+    }
+
+    fn qirf(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().expect("the program starts")
+    }
+
+    /// Starts a command without waiting for it.
+    fn start(&self, arguments: &[&str]) -> Child {
+        self.command(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts")
+    }
+
+    /// Plans into a folder; returns the tasks' names with what they need and write.
+    fn plan(&self, folder: &str) -> Vec<(String, Vec<String>, Vec<String>)> {
+        good(&self.qirf(&[&["shard", "plan", "ball.ply", "-o", folder], &OPTIONS[..]].concat()));
+        let text = fs::read(self.path(folder).join("tasks.json")).unwrap();
+        let list: Value = serde_json::from_slice(&text).unwrap();
+        let names = |v: &Value| v.as_array().unwrap().iter().map(|n| n.as_str().unwrap().to_owned()).collect();
+        let task = |t: &Value| (t["id"].as_str().unwrap().to_owned(), names(&t["needs"]), names(&t["outputs"]));
+        list["tasks"].as_array().unwrap().iter().map(task).collect()
+    }
+
+    fn status(&self, folder: &str, id: &str) -> String {
+        let said = self.qirf(&["shard", "status", folder, "--json"]);
+        good(&said);
+        let list: Value = serde_json::from_slice(&said.stdout).unwrap();
+        let task = list["tasks"].as_array().unwrap().iter().find(|t| t["id"] == id).unwrap().clone();
+        task["state"].as_str().unwrap().to_owned()
+    }
+
+    /// The result of a folder is that of the undivided compression.
+    fn is_right(&self, folder: &str) {
+        assert!(fs::read(self.path(folder).join("model.ply")).unwrap() == self.right, "{folder}");
+    }
+
+    fn refused(&self, code: i32, says: &[&str], arguments: &[&str]) {
+        let output = self.qirf(arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        assert!(says.iter().all(|s| said.contains(s)), "{arguments:?}: {said}");
+    }
+}
+
+fn good(output: &Output) {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+fn flip(path: &Path, at: usize) {
+    let mut bytes = fs::read(path).unwrap();
+    bytes[at] ^= 16;
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn tasks_in_any_order_have_the_bytes_of_the_whole() {
+    let stage = Stage::new();
+    let mut figures = Vec::new();
+    for order in 0..3 {
+        let folder = format!("order{order}");
+        let tasks = stage.plan(&folder);
+        assert_eq!(tasks.len(), 6, "{tasks:?}");
+        let (mut open, mut random) = (tasks.clone(), Random(7 + order));
+        while !open.is_empty() {
+            let there = |need: &String| stage.path(&folder).join(need).exists();
+            let ready: Vec<usize> = (0..open.len()).filter(|t| open[*t].1.iter().all(there)).collect();
+            let next = ready[(random.unit() * ready.len() as f64) as usize];
+            let (id, ..) = open.remove(next);
+            let task = ["shard", "task", &folder, &id];
+            // One of the orders on a device that draws in parts.
+            let mut command = stage.command(&task);
+            if order == 2 {
+                command.env("QIRF_LIMITS", "buffers=100000");
+            }
+            good(&command.output().unwrap());
+            assert_eq!(stage.status(&folder, &id), "done");
+        }
+        stage.is_right(&folder);
+        figures.push(fs::read_to_string(stage.path(&folder).join("metrics.json")).unwrap());
+    }
+    let whole = stage.qirf(&[&["compress", "ball.ply", "-o", "again.ply", "--json"], &OPTIONS[..]].concat());
+    let whole: Value = serde_json::from_slice(&whole.stdout).unwrap();
+    for figures in &figures {
+        let parts: Value = serde_json::from_str(figures).unwrap();
+        for name in ["test", "views", "protocol"] {
+            assert_eq!(parts[name], whole[name], "{name}");
+        }
+        assert_eq!(parts["prune"]["pairs"], whole["prune"]["pairs"]);
+    }
+    assert_eq!(figures[0], figures[1]);
+}
+
+#[test]
+fn killed_work_goes_on_and_copies_do_no_harm() {
+    let stage = Stage::new();
+    stage.plan("killed");
+    let mut random = Random(3);
+    for _ in 0..6 {
+        let mut all = stage.start(&["shard", "all", "killed"]);
+        std::thread::sleep(Duration::from_millis(150 + (900.0 * random.unit()) as u64));
+        all.kill().unwrap();
+        all.wait().unwrap();
+    }
+    // Two at once, each on all tasks.
+    let copies = [stage.start(&["shard", "all", "killed"]), stage.start(&["shard", "all", "killed"])];
+    let running = || stage.status("killed", "choose") == "running" || stage.status("killed", "report") == "done";
+    let begun = Instant::now();
+    while !running() && begun.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    for mut copy in copies {
+        assert!(copy.wait().unwrap().success());
+    }
+    stage.is_right("killed");
+    let left: Vec<_> = fs::read_dir(stage.path("killed")).unwrap().flatten().map(|e| e.file_name()).collect();
+    assert!(left.iter().all(|name| !name.to_string_lossy().starts_with('.')), "nothing half-written is left: {left:?}");
+}
+
+#[test]
+fn damaged_and_foreign_parts_are_named_and_made_again() {
+    let stage = Stage::new();
+    stage.plan("a");
+    good(&stage.qirf(&["shard", "all", "a"]));
+    stage.is_right("a");
+    let a = stage.path("a");
+
+    // A flipped bit in each kind of file, and the task that reads it.
+    for (file, id, reader) in [
+        ("evidence/0001.safetensors", "evidence/0001", "choose"),
+        ("model.ply", "choose", "score/0000"),
+        ("prune.json", "choose", "report"),
+        ("score/0000.json", "score/0000", "report"),
+    ] {
+        let length = fs::metadata(a.join(file)).unwrap().len() as usize;
+        flip(&a.join(file), length / 2);
+        assert_eq!(stage.status("a", id), "damaged", "{file}");
+        for output in ["model.ply", "score/0000.json", "metrics.json"].into_iter().filter(|o| *o != file) {
+            if reader != "choose" && output == "model.ply" {
+                continue;
+            }
+            let _ = fs::remove_file(a.join(output));
+        }
+        stage.refused(3, &[file], &["shard", "task", "a", reader]);
+        good(&stage.qirf(&["shard", "all", "a"]));
+        stage.is_right("a");
+    }
+
+    // A part of another plan, of another task, and a model that changed.
+    good(&stage.qirf(&["shard", "plan", "ball.ply", "-o", "b", "--views", "40", "--size", "72x56", "--keep", "0.3"]));
+    fs::create_dir(stage.path("b/evidence")).unwrap();
+    for n in ["0000", "0001", "0002"] {
+        let part = format!("evidence/{n}.safetensors");
+        fs::copy(a.join(&part), stage.path("b").join(&part)).unwrap();
+    }
+    stage.refused(3, &["another plan", "evidence"], &["shard", "task", "b", "choose"]);
+    fs::copy(a.join("evidence/0000.safetensors"), a.join("evidence/0002.safetensors")).unwrap();
+    fs::remove_file(a.join("model.ply")).unwrap();
+    stage.refused(3, &["part of evidence/0000"], &["shard", "task", "a", "choose"]);
+    stage.refused(2, &["holds another plan"], &["shard", "plan", "ball.ply", "-o", "a", "--keep", "0.4"]);
+    stage.refused(2, &["no task"], &["shard", "task", "a", "evidence/0009"]);
+    stage.refused(2, &["no task"], &["shard", "task", "a", "dance"]);
+    let mut foreign = stage.command(&["shard", "all", "a"]);
+    let output = foreign.env(FINGERPRINT.0, "4567").output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(4) && said.contains("4567") && said.contains("0123"), "{said}");
+    good(&foreign.arg("--mixed").output().unwrap());
+    stage.is_right("a");
+    fs::remove_file(a.join("evidence/0000.safetensors")).unwrap();
+    flip(&stage.path("ball.ply"), 5000);
+    stage.refused(3, &["ball.ply", "has changed"], &["shard", "all", "a"]);
+    fs::write(stage.path("b/plan.json"), "{}").unwrap();
+    stage.refused(3, &["plan.json", "no plan"], &["shard", "status", "b"]);
+}
+
+/// A wrong result that looks right: its seal is mended.
+#[test]
+fn work_is_verified_by_doing_it_again() {
+    let stage = Stage::new();
+    stage.plan("v");
+    good(&stage.qirf(&["shard", "all", "v"]));
+    let said = stage.qirf(&["shard", "verify", "v", "--share", "1"]);
+    good(&said);
+    assert!(String::from_utf8_lossy(&said.stdout).contains("5 of 5 tasks gave the same bytes"), "{said:?}");
+
+    let path = stage.path("v/score/0000.json");
+    let mut sealed: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    sealed["content"][0]["scores"]["pruned"]["ssim"] = 0.123.into();
+    let mut crc = flate2::Crc::new();
+    crc.update(sealed["content"].to_string().as_bytes());
+    sealed["crc32"] = crc.sum().into();
+    fs::write(&path, serde_json::to_vec_pretty(&sealed).unwrap()).unwrap();
+    assert_eq!(stage.status("v", "score/0000"), "done", "the seal holds");
+    stage.refused(3, &["score/0000.json", "1 of 5 tasks gave other bytes"], &["shard", "verify", "v", "--share", "1"]);
+}
