@@ -47,6 +47,12 @@ impl Camera {
         self.whole.unwrap_or(Whole { size: [self.width, self.height], corner: [0, 0] })
     }
 
+    /// The share of the whole image's pixels that this one has, 0..=1.
+    pub fn share(&self) -> f64 {
+        let [width, height] = self.whole().size;
+        self.pixels() as f64 / (f64::from(width) * f64::from(height))
+    }
+
     /// The camera of a part of this one's image, `size` pixels from `corner` on. It renders the pixels of the whole image, bit
     /// for bit, if `corner` is a multiple of the tile's side.
     ///

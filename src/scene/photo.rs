@@ -48,6 +48,23 @@ impl Photo {
         Self { camera, pixels: pixels.into(), fourth_byte: FourthByte::Opaque }
     }
 
+    /// The part of `size` pixels from `corner` on, in memory. In training it counts as much as it does within the whole photo: see
+    /// [`Camera::share`].
+    ///
+    /// # Errors
+    /// If the photo lies in a file that cannot be read.
+    ///
+    /// # Panics
+    /// If the part is not within the photo.
+    pub fn part(&self, corner: [u32; 2], size: [u32; 2]) -> io::Result<Self> {
+        let camera = self.camera.part(corner, size);
+        let [x, y, width, height] = [corner[0], corner[1], size[0], size[1]].map(|n| n as usize);
+        let (row, pixels) = (4 * self.camera.width as usize, self.pixels.read()?);
+        let rows = pixels.chunks_exact(row.max(1)).skip(y).take(height);
+        let part: Vec<u8> = rows.flat_map(|row| &row[4 * x..4 * (x + width)]).copied().collect();
+        Ok(Self { camera, pixels: part.into(), fourth_byte: self.fourth_byte })
+    }
+
     /// Colour of a pixel in [0, 1], over black.
     ///
     /// # Errors
@@ -56,5 +73,36 @@ impl Photo {
         let [r, g, b, a] = self.pixels.at(y as usize * self.camera.width as usize + x as usize)?;
         let share = |byte: u8| f64::from(byte) / 255.0;
         Ok(DVec3::new(share(r), share(g), share(b)) * share(a))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::PhotoFile;
+    use crate::scene::camera::Whole;
+
+    #[test]
+    fn parts_have_the_photos_pixels_and_know_the_whole() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, 7, 5);
+        let bytes: Vec<u8> = (0..7 * 5 * 4).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let filed = PhotoFile::new(folder.path()).unwrap().put(0, &bytes).unwrap();
+        for pixels in [Pixels::from(bytes.clone()), filed] {
+            let photo = Photo { camera: camera.clone(), pixels, fourth_byte: FourthByte::Mask };
+            let part = photo.part([2, 1], [4, 3]).unwrap();
+            assert_eq!((part.camera.width, part.camera.height, part.fourth_byte), (4, 3, FourthByte::Mask));
+            assert_eq!(part.camera.whole(), Whole { size: [7, 5], corner: [2, 1] });
+            assert_eq!(part.camera.share(), 12.0 / 35.0);
+            for (x, y) in [(0, 0), (3, 0), (1, 2), (3, 2)] {
+                assert_eq!(part.pixels.at(y * 4 + x).unwrap(), photo.pixels.at((y + 1) * 7 + x + 2).unwrap());
+            }
+            assert_eq!(part.pixels.len(), 4 * 12);
+            // A part of a part is a part of the whole.
+            let inner = part.part([1, 1], [2, 2]).unwrap();
+            assert_eq!(inner.camera.whole(), Whole { size: [7, 5], corner: [3, 2] });
+            assert_eq!(inner.pixels.at(3).unwrap(), photo.pixels.at(3 * 7 + 4).unwrap());
+            assert_eq!(photo.part([0, 0], [7, 5]).unwrap().camera.share(), 1.0);
+        }
     }
 }

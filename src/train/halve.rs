@@ -3,16 +3,19 @@
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::train::{Halve as Kernel, HalvePush, HalveSpec};
 use crate::primitives::WORKGROUP;
-use crate::scene::camera::Camera;
+use crate::scene::camera::{Camera, Whole};
 
 /// Shortest side of a halved picture, in pixels. Smaller pictures cost little, and show little.
 const LEAST: u32 = 64;
 
-/// A camera at half its size, whose pixels are those of [`Halve`]; none if the picture would be too small.
+/// A camera at half its size, whose pixels are those of [`Halve`]; none if the picture would be too small. Corners of parts are
+/// even.
 pub fn camera(camera: &Camera) -> Option<Camera> {
     let (width, height) = (camera.width / 2, camera.height / 2);
     let (focal, principal) = (camera.focal / 2.0, camera.principal / 2.0);
-    (width.min(height) >= LEAST).then(|| Camera { focal, principal, width, height, ..camera.clone() })
+    let half = |whole: Whole| Whole { size: whole.size.map(|n| n / 2), corner: whole.corner.map(|n| n / 2) };
+    let whole = camera.whole.map(half);
+    (width.min(height) >= LEAST).then(|| Camera { focal, principal, width, height, whole, ..camera.clone() })
 }
 
 /// Room for one photo at half its size.
@@ -46,4 +49,20 @@ impl Halve {
 
 fn pixels([width, height]: [u32; 2]) -> u32 {
     (width / 2) * (height / 2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DVec2, DVec3};
+
+    /// Half of a part is the part of the half.
+    #[test]
+    fn halved_parts() {
+        let whole = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, 480, 360);
+        let half = camera(&whole).unwrap();
+        assert_eq!((half.whole, half.principal), (None, DVec2::new(120.0, 90.0)));
+        assert_eq!(camera(&whole.part([32, 64], [160, 200])), Some(half.part([16, 32], [80, 100])));
+        assert_eq!(camera(&whole.part([0, 0], [120, 200])), None);
+    }
 }

@@ -55,6 +55,13 @@ pub struct Weights {
     pub l2: f32,
 }
 
+impl Weights {
+    /// Each weight so many times.
+    pub(super) fn times(self, factor: f32) -> Self {
+        Self { l1: self.l1 * factor, ssim: self.ssim * factor, l2: self.l2 * factor }
+    }
+}
+
 impl Default for Weights {
     fn default() -> Self {
         Self { l1: 0.8, ssim: 0.2, l2: 0.0 }

@@ -7,6 +7,7 @@ use super::mask::Mask;
 use super::options::Options;
 use crate::gpu::{Buffer, Device, Recording};
 use crate::response::{Target, record_residual};
+use crate::scene::camera::Camera;
 use crate::scene::{FourthByte, Photo};
 
 /// The photo that a picture is rendered for.
@@ -18,6 +19,15 @@ pub(super) struct Current<'a> {
     pub pixels: &'a Buffer<u32>,
     /// Width and height.
     pub size: [u32; 2],
+    /// The share of a whole photo's pixels that these are.
+    pub share: f32,
+}
+
+impl<'a> Current<'a> {
+    /// The photo's pixels as this camera takes them.
+    pub fn new(number: usize, pixels: &'a Buffer<u32>, camera: &Camera) -> Self {
+        Self { number, pixels, size: [camera.width, camera.height], share: camera.share() as f32 }
+    }
 }
 
 /// Compares pictures with photos.
@@ -64,7 +74,8 @@ impl Objective {
         with_value: bool,
         step: Option<Step<'_>>,
     ) -> &'a Buffer<[f32; 4]> {
-        self.weighted(recording, rendered, current, (self.weights, with_value), step)
+        // The loss takes means over the pixels that it gets: a part of a photo counts as it does within the whole.
+        self.weighted(recording, rendered, current, (self.weights.times(current.share), with_value), step)
     }
 
     /// Records half the gradient of the sum of the squared differences, that is, the differences of the picture from the photo.
@@ -83,7 +94,7 @@ impl Objective {
         (weights, with_value): (Weights, bool),
         step: Option<Step<'_>>,
     ) -> &'a Buffer<[f32; 4]> {
-        let Current { number, pixels: photo, size } = current;
+        let Current { number, pixels: photo, size, .. } = current;
         let (gradient, pixels) = (&self.loss.gradient, size[0] * size[1]);
         let exposed = Rendered { photo: number, image: rendered, pixels };
         let mut seen = rendered;

@@ -35,7 +35,7 @@ where
     let views = Views { cameras: &cameras, follow, only };
     full_pass(renderer, model, views, &objective.loss.gradient, wanted, |recording, v, image, term| -> Result<(), E> {
         let pixels = device_photos.get(device, photos, v, (v + 1) % cameras.len())?;
-        let current = Current { number: v, pixels, size: [cameras[v].width, cameras[v].height] };
+        let current = Current::new(v, pixels, &cameras[v]);
         if term == Term::Squares {
             objective.record_squares(recording, image, current);
         } else {

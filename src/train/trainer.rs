@@ -309,7 +309,6 @@ impl Trainer {
             half.record(&mut recording, photo, [camera.width, camera.height]);
             (photo, camera) = (&half.photo, halved);
         }
-        let size = [camera.width, camera.height];
         self.renderer.record(&mut recording, model, camera);
         let slots = self.renderer.slots(camera);
         let step = exposure::Step {
@@ -324,7 +323,7 @@ impl Trainer {
                 self.photos.len(),
             ),
         };
-        let current = Current { number: at, pixels: photo, size };
+        let current = Current::new(at, photo, camera);
         let (objective, rendered) = (&self.objective, self.renderer.image());
         let seen = objective.record(&mut recording, rendered, current, with_value, Some(step));
         let responses = self.responses.as_ref().filter(|_| options.averaged.contains(&iteration));

@@ -2,6 +2,7 @@
 
 pub mod adam;
 mod attrition;
+mod crop;
 pub mod density;
 mod growth;
 mod halve;

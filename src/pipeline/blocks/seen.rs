@@ -60,7 +60,7 @@ pub fn seen(
     let resident = Resident::upload(device, model)?;
     let size = camera::largest(cameras);
     let pairs = pairs::few(device, model.len());
-    let mut renderer = Renderer::for_training(device, settings, model.len(), size, pairs)?;
+    let mut renderer = Renderer::for_scores(device, settings, model.len(), size, pairs)?;
     let gradient = device.buffer("image gradient", 1)?;
     let mut rows = Vec::with_capacity(cameras.len());
     for (done, camera) in cameras.iter().enumerate() {
