@@ -51,7 +51,7 @@ const PROJECT: f64 = 248.0;
 const BASIS: [f64; 4] = [0.0, 3.0, 15.0, 40.0];
 /// Operations of `blend` in render/rasterise.comp: distance 9, exponential 2, blending 9.
 const BLEND: f64 = 20.0;
-/// Operations of the innermost loop of lib/backward_walk.glsl, without the sums over lanes.
+/// Operations of the innermost loop of lib/backward_pixels.glsl and lib/backward_alone.glsl, without the sums over lanes.
 const WALK: f64 = 44.0;
 /// Operations of render/project_backward.comp without those of the SH; and those of the SH by degree.
 const PROJECT_BACKWARD: f64 = 400.0;
@@ -119,12 +119,12 @@ impl Picture {
             }
             "rasterise" => (8.0 * p + SPLAT * v + 16.0 * self.pixels(), BLEND * self.pair_pixels()),
             "loss" => (LOSS_BYTES * self.pixels(), 3.0 * LOSS * self.pixels()),
-            // The picture, its gradient; three sums of four floats to every pair's slot.
-            "rasterise backward" => ((8.0 + 48.0) * p + SPLAT * v + 32.0 * self.pixels(), WALK * self.pair_pixels()),
+            // The picture, its gradient; nine sums to every pair's slot.
+            "rasterise backward" => ((8.0 + 36.0) * p + SPLAT * v + 32.0 * self.pixels(), WALK * self.pair_pixels()),
             // Slots, counts, colour, parameters; rows, statistics read and written.
             "project backward" => {
                 let parameters = FORM + 4.0 * (self.sh() - 3.0);
-                let bytes = 48.0 * p + n * (8.0 + 4.0 * ROW + 16.0) + v * (24.0 + parameters);
+                let bytes = 36.0 * p + n * (8.0 + 4.0 * ROW + 16.0) + v * (24.0 + parameters);
                 (bytes, v * (PROJECT_BACKWARD + DIRECTION[self.degree]) + 10.0 * p)
             }
             // Rows; value and two moments of every parameter, read and written.

@@ -5,7 +5,7 @@ use super::{WHOLE, device, group, has_timestamps, scenes, thousands};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::render::{Renderer, Settings};
 use qirf_vk::scene::{Photo, camera::Camera};
-use qirf_vk::train::{Options, STAGES, Trainer, loss::Weights, schedule::Schedule};
+use qirf_vk::train::{Options, STAGES, Trainer, schedule::Schedule};
 use qirf_vk::{gaussians::Gaussians, gaussians::resident::Resident};
 use std::time::{Duration, Instant};
 
@@ -43,17 +43,7 @@ fn schedule() -> Schedule {
 
 /// All effects off, SH of this degree from the first iteration, statistics gathered.
 pub fn options(degree: usize) -> Options {
-    Options {
-        schedule: schedule(),
-        settings: Settings::default(),
-        seed: 1,
-        degree,
-        most: GAUSSIANS,
-        exposure: None,
-        weights: Weights::default(),
-        averaged: 0..0,
-        pairs: 1 << 20,
-    }
+    Options { schedule: schedule(), degree, most: GAUSSIANS, pairs: 1 << 20, ..Options::default() }
 }
 
 /// A model of SH of this degree and a camera, with the photo that it learns there.

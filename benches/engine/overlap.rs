@@ -90,6 +90,7 @@ pub fn responses(criterion: &mut Criterion) {
     let resident = Resident::upload(device, &model).unwrap();
     let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), [320, 240], 1 << 20).unwrap();
     renderer.make_room(&resident, &camera).unwrap();
+    renderer.make_room_for_responses().unwrap();
     let gradient = device.buffer("image gradient", 320 * 240).unwrap();
     let (responses, scores) =
         (ResidentResponses::zeros(device, model.len()).unwrap(), ResidentScores::zeros(device, model.len()).unwrap());

@@ -5,3 +5,10 @@ vec4 lane_sum(vec4 x) {
     x += subgroupShuffleXor(x, 2);
     return x + subgroupShuffleXor(x, 4);
 }
+
+vec3 lane_sum(vec3 x) {
+    if (SUBGROUP != 8) return subgroupAdd(x);
+    x += subgroupShuffleXor(x, 1);
+    x += subgroupShuffleXor(x, 2);
+    return x + subgroupShuffleXor(x, 4);
+}

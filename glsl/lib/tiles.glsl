@@ -1,5 +1,6 @@
 // The tiles that a splat touches. Counting and emission call the same two functions on the same stored bits.
 #include "lib/finite.glsl"
+#include "lib/ellipse.glsl"
 
 /// Culling: the ellipse where alpha falls to 1/255, tile by tile.
 const uint EXACT = 0;
@@ -13,10 +14,6 @@ const uint OFF = 3;
 layout(constant_id = 2) const uint TILE = 16; // pixels along a side
 layout(constant_id = 3) const uint CULLING = EXACT;
 
-// The cut is widened by this factor, so that rounding here never drops a pixel that the rasteriser would draw.
-const float CUT_MARGIN = 1.001;
-const float PIXEL_MARGIN = 0.01;
-const float POSITION_MARGIN = 2.4e-7; // relative error of a position: four roundings
 const float THREE_SIGMA_CUT = 4.5 * 1.4426950408889634; // half of 3 squared, in powers of two
 
 struct Footprint {
@@ -33,7 +30,7 @@ Footprint footprint_of(vec2 mean, vec2 origin, vec3 k, float cut) {
     Footprint f;
     f.mean = mean;
     f.origin = origin;
-    f.margin = PIXEL_MARGIN + POSITION_MARGIN * abs(mean);
+    f.margin = position_margin(mean);
     f.k = k;
     f.cut = (CULLING == THREE_SIGMA ? THREE_SIGMA_CUT : cut) * CUT_MARGIN;
     float root = sqrt(f.cut);
@@ -68,21 +65,14 @@ uvec2 tile_rows(Footprint f, uvec2 tiles) {
     return tile_span(f.mean.y - f.box.y, f.mean.y + f.box.y, f.origin.y, tiles.y);
 }
 
-// The tiles of one row that the ellipse touches. Its part between the row's first and last pixel centres is convex, so
-// the tiles are one span, from the leftmost to the rightmost point of that part.
+// The tiles of one row that the ellipse touches: one span, from the leftmost to the rightmost point of its part between the row's
+// first and last pixel centres.
 uvec2 tile_columns(Footprint f, uint row, uvec2 tiles) {
     if (CULLING == OFF) return uvec2(0, tiles.x);
     if (CULLING != EXACT) return tile_span(f.mean.x - f.box.x, f.mean.x + f.box.x, f.origin.x, tiles.x);
-    float root = sqrt(f.cut);
     float first = float(row * TILE) - f.origin.y;
     float top = first + 0.5 - f.mean.y - f.margin.y;
     float bottom = first + float(TILE) - 0.5 - f.mean.y + f.margin.y;
-    float low = clamp(f.k.z * top, -root, root);
-    float high = clamp(f.k.z * bottom, -root, root);
-    float extreme = root * f.turn / sqrt(1 + f.turn * f.turn);
-    float right = clamp(-extreme, low, high);
-    float left = clamp(extreme, low, high);
-    float right_x = (sqrt(max(0.0, f.cut - right * right)) - f.turn * right) / f.k.x;
-    float left_x = (-sqrt(max(0.0, f.cut - left * left)) - f.turn * left) / f.k.x;
-    return tile_span(f.mean.x + left_x - f.margin.x, f.mean.x + right_x + f.margin.x, f.origin.x, tiles.x);
+    vec2 x = f.mean.x + ellipse_columns(f.k, f.cut, f.turn, f.k.z * top, f.k.z * bottom);
+    return tile_span(x.x - f.margin.x, x.y + f.margin.x, f.origin.x, tiles.x);
 }

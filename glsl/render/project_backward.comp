@@ -28,9 +28,9 @@ layout(binding = 1, std430) readonly buffer Count { uint count[]; };
 layout(binding = 2, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 3, std430) readonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 4, std430) readonly buffer FirstSlots { uint first_slots[]; };
-layout(binding = 5, std430) readonly buffer PositionSums { vec4 position_sums[]; }; // by slot
-layout(binding = 6, std430) readonly buffer CovarianceSums { vec4 covariance_sums[]; };
-layout(binding = 7, std430) readonly buffer ColourSums { vec4 colour_sums[]; };
+layout(binding = 5, std430) readonly buffer PositionSums { vec4 position_sums[]; }; // by slot: 1, u, v, red
+layout(binding = 6, std430) readonly buffer CovarianceSums { vec4 covariance_sums[]; }; // uu, uv, vv, green
+layout(binding = 7, std430) readonly buffer BlueSums { float blue_sums[]; };
 layout(binding = 8, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 9, std430) readonly buffer Colour { vec2 colour[]; };
 layout(binding = 10, std430) readonly buffer Means { float means[]; };
@@ -121,12 +121,13 @@ vec3 direction_gradient(uint i, vec3 d, vec3 by_colour) {
 
 Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots) {
     Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0), vec2(0));
-    vec4 position_sum = vec4(0), covariance_sum = vec4(0), colour_sum = vec4(0);
+    vec4 position_sum = vec4(0), covariance_sum = vec4(0);
+    float blue_sum = 0;
     uint first = first_slots[i];
     for (uint slot = first; slot < first + slots; slot++) {
         position_sum += position_sums[slot];
         covariance_sum += covariance_sums[slot];
-        colour_sum += colour_sums[slot];
+        blue_sum += blue_sums[slot];
     }
     View v = view[0];
     Projection p = project(v, mean, log_scale, quaternion);
@@ -167,7 +168,7 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
     g.direction = p.direction;
     // A colour that was clamped to 0 has no slope.
     vec3 drawn = vec3(shape[i].w, colour[i]);
-    g.colour = mix(vec3(0), colour_sum.rgb, greaterThan(drawn, vec3(0)));
+    g.colour = mix(vec3(0), vec3(position_sum.w, covariance_sum.w, blue_sum), greaterThan(drawn, vec3(0)));
     if (DIRECTION_GRADIENT) {
         vec3 by_direction = direction_gradient(i, p.direction, g.colour);
         // Through the normalisation: the part along the direction has no effect.

@@ -4,10 +4,11 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/slot_sums.glsl"
 
-layout(binding = 9, std430) buffer PositionSums { uint position_sums[]; }; // by Gaussian, four floats: 1, u, v
-layout(binding = 10, std430) buffer CovarianceSums { uint covariance_sums[]; }; // uu, uv, vv
-layout(binding = 11, std430) buffer ColourSums { uint colour_sums[]; }; // red, green, blue
+layout(binding = 9, std430) buffer PositionSums { uint position_sums[]; }; // by Gaussian, four words: 1, u, v, red
+layout(binding = 10, std430) buffer CovarianceSums { uint covariance_sums[]; }; // uu, uv, vv, green
+layout(binding = 11, std430) buffer BlueSums { uint blue_sums[]; };
 
 uint sum_of(uint word, float x) { return floatBitsToUint(uintBitsToFloat(word) + x); }
 
@@ -25,23 +26,23 @@ void add_covariance(uint at, float x) {
     }
 }
 
-void add_colour(uint at, float x) {
-    for (uint seen = colour_sums[at], old;; seen = old) {
-        old = atomicCompSwap(colour_sums[at], seen, sum_of(seen, x));
+void add_blue(uint at, float x) {
+    for (uint seen = blue_sums[at], old;; seen = old) {
+        old = atomicCompSwap(blue_sums[at], seen, sum_of(seen, x));
         if (old == seen) return;
     }
 }
 
 const bool RESIDUAL = false;
 
-void hand_in(uint slot, uint gaussian, vec4 position, vec4 covariance, vec4 colour) {
-    [[unroll]] for (uint k = 0; k < 3; k++) {
-        add_position(4 * gaussian + k, position[k]);
-        add_covariance(4 * gaussian + k, covariance[k]);
-        add_colour(4 * gaussian + k, colour[k]);
+void hand_in(uint slot, uint gaussian, float sums[SUMS_MOST]) {
+    [[unroll]] for (uint k = 0; k < 4; k++) {
+        add_position(4 * gaussian + k, sums[k]);
+        add_covariance(4 * gaussian + k, sums[4 + k]);
     }
+    add_blue(gaussian, sums[8]);
 }
 
-void hand_in_none(uint slot) {}
+void hand_in_nothing(uint slot) {}
 
 #include "lib/backward_walk.glsl"

@@ -16,14 +16,12 @@ layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 2, std430) readonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 3, std430) readonly buffer FirstSlots { uint first_slots[]; };
-layout(binding = 4, std430) readonly buffer PositionSums { float position_sums[]; };     // by slot; 3: sum of T alpha
-layout(binding = 5, std430) readonly buffer CovarianceSums { float covariance_sums[]; }; // 3: sum of alpha
-layout(binding = 6, std430) readonly buffer ColourSums { float colour_sums[]; };         // 3: sum of T alpha times the residual
-layout(binding = 7, std430) readonly buffer LogScales { float log_scales[]; };
-layout(binding = 8, std430) readonly buffer Rotations { vec4 rotations[]; };
-layout(binding = 9, std430) readonly buffer Rows { float rows[]; };
-layout(binding = 10, std430) buffer Responses { float responses[]; }; // n x CHANNELS
-layout(binding = 11, std430) buffer Seen { uint seen[]; };            // the last iteration that showed it
+layout(binding = 4, std430) readonly buffer ResponseSums { vec4 response_sums[]; }; // by slot: of T alpha, alpha, T alpha times the residual
+layout(binding = 5, std430) readonly buffer LogScales { float log_scales[]; };
+layout(binding = 6, std430) readonly buffer Rotations { vec4 rotations[]; };
+layout(binding = 7, std430) readonly buffer Rows { float rows[]; };
+layout(binding = 8, std430) buffer Responses { float responses[]; }; // n x CHANNELS
+layout(binding = 9, std430) buffer Seen { uint seen[]; };            // the last iteration that showed it
 layout(push_constant) uniform Push {
     uint pair_limit;
     uint iteration;
@@ -43,7 +41,7 @@ void main() {
     vec3 sums = vec3(0);
     uint first = first_slots[i];
     for (uint slot = first; slot < first + slots; slot++) {
-        sums += vec3(position_sums[4 * slot + 3], covariance_sums[4 * slot + 3], colour_sums[4 * slot + 3]);
+        sums += response_sums[slot].xyz;
     }
     float x[CHANNELS];
     x[0] = sums.x > 0 ? 1 : 0;

@@ -6,14 +6,10 @@
 #include "lib/view.glsl"
 #include "lib/sh.glsl"
 #include "lib/gradient_row.glsl"
-#include "lib/adam.glsl"
+#include "lib/adam_step.glsl"
 
 /// Band of an attribute whose gradient stands in the row itself: no SH band.
 const uint NO_BAND = 4;
-/// Form: an Adam step.
-const uint UPDATE = 0;
-/// Form: the gradient is written into the first moment, and the parameter stays (tests).
-const uint GRADIENT = 1;
 
 layout(constant_id = 2) const uint WIDTH = 3;  // elements of a Gaussian
 layout(constant_id = 3) const uint OFFSET = 0; // of the attribute in a gradient row
@@ -32,9 +28,8 @@ layout(binding = 2, std430) readonly buffer Rows { float rows[]; };
 layout(binding = 3, std430) buffer Values { float values[]; };
 layout(binding = 4, std430) buffer Moments { vec2 moments[]; }; // first and second
 layout(push_constant) uniform Push {
+    vec2 correction; // see lib/adam_step.glsl
     float rate;
-    float correction1; // 1 / (1 - beta1^step)
-    float correction2; // 1 / sqrt(1 - beta2^step)
     uint pair_limit;
     float pressure;      // added to every gradient of a logit, over the larger of:
     float least_through; // this and 1 - opacity
@@ -79,12 +74,10 @@ void main() {
                 moments[at] = vec2(gradient, 0);
                 continue;
             }
-            if (PRESSED) gradient += pressure / max(least_through, 1 / (1 + exp(values[at])));
-            vec2 moment = moments[at];
-            moment.x = BETA1 * moment.x + (1 - BETA1) * gradient;
-            moment.y = BETA2 * moment.y + (1 - BETA2) * gradient * gradient;
+            if (PRESSED) gradient += pressed(values[at], pressure, least_through);
+            vec2 moment = next_moments(moments[at], gradient);
             moments[at] = moment;
-            values[at] -= rate * (moment.x * correction1) / (sqrt(moment.y) * correction2 + EPSILON);
+            values[at] -= change(moment, rate, correction);
         }
     }
 }

@@ -37,7 +37,7 @@ pub(super) struct Arguments {
 #[derive(Debug, clap::Subcommand)]
 enum Command {
     /// Write plan.json, tasks.json and a Snakefile
-    Plan(PlanArguments),
+    Plan(Box<PlanArguments>),
     /// Do all tasks that are missing, one after the other
     All(Work),
     /// Do one task: what an engine calls

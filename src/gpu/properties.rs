@@ -10,7 +10,7 @@ use ash::{ext, khr, vk};
 use std::ffi::CStr;
 
 /// Shared memory that kernels of every tuning fit into: what Vulkan promises.
-const SHARED_BYTES: u32 = 16 << 10;
+pub(super) const SHARED_BYTES: u32 = 16 << 10;
 
 /// What Vulkan tells of a physical device. Nothing follows the structures' own pointers to each other.
 #[derive(Default)]

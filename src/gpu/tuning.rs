@@ -3,6 +3,7 @@
 //! All of them are specialization constants, or sizes of dispatches and scratch. None changes what is computed; most change
 //! the order in which sums are formed, and with it the last bits of results.
 
+use super::properties::SHARED_BYTES;
 use super::select::DeviceInfo;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -89,6 +90,12 @@ pub struct Tuning {
     pub rasterise_workgroup: u32,
     /// Splats staged in shared memory at a time on the way forward; 0 hands them round a single subgroup.
     pub rasterise_batch: u32,
+    /// Invocations that walk a tile's list backwards; they share its pixels. One subgroup where the batch is 0.
+    #[serde(default)]
+    pub backward_workgroup: u32,
+    /// Splats staged in shared memory at a time on the way back; 0 hands them round a single subgroup.
+    #[serde(default)]
+    pub backward_batch: u32,
     /// Invocations of a workgroup of a prefix sum.
     pub scan_workgroup: u32,
     /// Words that each of them scans.
@@ -105,6 +112,10 @@ pub struct Tuning {
     pub sort_serial: bool,
     /// Whether an invocation of Adam owns a Gaussian's elements of an attribute; else it owns one element.
     pub adam_by_gaussian: bool,
+    /// Gaussians whose attributes a workgroup of Adam updates one after the other, in one kernel; 0 where each attribute has a
+    /// kernel of its own.
+    #[serde(default)]
+    pub adam_block: u32,
     /// Side of a tile of the loss in pixels; 0 where invocations walk runs of lines instead.
     #[serde(default)]
     pub loss_tile: u32,
@@ -150,6 +161,8 @@ impl Tuning {
             // 19: one subgroup walks a tile, its pixels in registers, a splat a lane: 1.6 to 2 times as fast as batches.
             rasterise_workgroup: subgroup,
             rasterise_batch: 0,
+            backward_workgroup: subgroup,
+            backward_batch: 0,
             scan_workgroup: subgroup,
             scan_rows: 2048 / subgroup,
             // The counters of a block are cleared and scanned once, whatever its length. Not below 64 rows: Mesa unrolls loops of
@@ -161,6 +174,8 @@ impl Tuning {
             sort_serial: true,
             // 34: what a Gaussian's elements share is read once: 7.4 to 4.8 ms at 10,000 Gaussians.
             adam_by_gaussian: true,
+            // A kernel for all of them would be slower by its stores to shared memory.
+            adam_block: 0,
             // 53: registers; tiles in shared memory make a whole iteration half as long again.
             loss_tile: 0,
             // 32: a load costs as much as five multiplications, and long runs read each value less often.
@@ -175,6 +190,12 @@ impl Tuning {
         }
     }
 
+    /// Splats of a batch on the way back: two rounds of a subgroup, up to 64, so that subgroups that take few of them need not
+    /// wait for others too often; but few enough for their sums.
+    fn backward_batch(subgroup: u32) -> u32 {
+        if subgroup >= 64 { subgroup } else { 2 * subgroup }
+    }
+
     /// Occupancy first. No number was measured on a GPU yet.
     fn gpu(class: DeviceClass, subgroup: u32, max_workgroup: u32) -> Self {
         let tile = 16;
@@ -185,6 +206,9 @@ impl Tuning {
             // A pixel an invocation, a splat an invocation and batch.
             rasterise_workgroup: tile * tile,
             rasterise_batch: tile * tile,
+            // 56: two pixels an invocation; what a subgroup's 64 pixels do not show, it skips.
+            backward_workgroup: (tile * tile / 2).max(subgroup),
+            backward_batch: Self::backward_batch(subgroup),
             scan_workgroup: 256.max(subgroup),
             scan_rows: 16,
             // Eight rank units a workgroup hold their counters in 8 KiB of shared memory.
@@ -195,6 +219,8 @@ impl Tuning {
             sort_serial: false,
             // Neighbouring lanes touch neighbouring words.
             adam_by_gaussian: false,
+            // 57: rows of gradients are read once, and seven dispatches go.
+            adam_block: 64,
             // Neighbouring lanes load neighbouring pixels, and a workgroup each of them once: 15 KiB of shared memory.
             loss_tile: 16,
             // Short runs occupy more lanes.
@@ -210,6 +236,12 @@ impl Tuning {
 }
 
 impl Tuning {
+    /// Bytes of shared memory of the way back: sums of each splat and subgroup, splats, slots and takers of two batches.
+    fn backward_bytes(&self) -> u32 {
+        let subgroups = self.backward_workgroup / self.subgroup;
+        self.backward_batch * (subgroups * 4 * 12 + 40 + 16) + 4 * subgroups
+    }
+
     /// Tells which field a device cannot have, and why.
     pub(super) fn check(&self, info: &DeviceInfo) -> Result<(), String> {
         let subgroup = info.subgroup_size;
@@ -238,9 +270,23 @@ impl Tuning {
         need(whole, "rasterise_batch", "0 or the workgroup")?;
         let alone = batches || self.rasterise_workgroup == subgroup;
         need(alone, "rasterise_workgroup", "one subgroup where the batch is 0")?;
+        if self.backward_batch > 0 {
+            let workgroup = self.backward_workgroup;
+            let shared = workgroup.is_multiple_of(subgroup) && workgroup <= info.max_workgroup.min(32 * subgroup);
+            need(
+                shared,
+                "backward_workgroup",
+                &format!("a multiple of {subgroup}, up to 32 subgroups, as many as a workgroup may have"),
+            )?;
+            let pixels = workgroup > 0 && pixels.is_multiple_of(workgroup) && pixels / workgroup <= 8;
+            need(pixels, "backward_workgroup", "a divisor of a tile's pixels, at least an eighth of them")?;
+            let batch = self.backward_batch.is_multiple_of(subgroup) && self.backward_bytes() <= SHARED_BYTES;
+            need(batch, "backward_batch", &format!("a multiple of {subgroup} whose sums fit into 16 KiB"))?;
+        }
         if self.sort_serial {
             need(self.sort_workgroup == subgroup, "sort_workgroup", "one subgroup where a sort is serial")?;
         }
+        need(self.adam_block <= 64, "adam_block", "64 or less")?;
         let loss = self.loss_tile * self.loss_tile <= info.max_workgroup && [0, 8, 16].contains(&self.loss_tile);
         need(loss, "loss_tile", "0, 8 or 16, its square no more than a workgroup")?;
         let positive = [

@@ -54,7 +54,7 @@ impl<'a> ActiveRun<'a> {
             exposure: config.exposure.then(|| setup.gains.clone()),
             weights: Weights::default(),
             averaged: averaged(config),
-            pairs: pairs::room(gaussians),
+            pairs: pairs::room(session.device, gaussians),
         };
         let views = prepared.train.clone();
         let config_text = config.written()?;

@@ -46,7 +46,7 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         // Which effects the scene calls for is not known yet.
         let exposure = config.effects.allow(Effect::Exposure);
         let masked = opened.scene.has_masks();
-        let pairs = pairs::room(gaussians);
+        let pairs = pairs::room(device, gaussians);
         let wanted = config.prune.as_ref().map(|p| p.compression.selector.reads());
         let pruning = wanted.map_or(0, |wanted| study::bytes(gaussians, wanted));
         let (style, halves) = (effects::style(|effect| config.effects.allow(effect)), schedule.halves(1));
@@ -157,7 +157,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
     let solves = wanted.channels;
     let studied = if solves { study::bytes(gaussians, wanted) } else { 0 };
     let whole = evaluates.max(resident + studied).max(resident + passes + wanted.bytes(gaussians));
-    let uses = Uses { purpose: wanted.purpose(), style };
+    let uses = Uses { purpose: wanted.purpose(), responses: true, style };
     let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };
     let (what, beside) = ("the compression", wanted.beside(0));
     let place = Job { what, gaussians, degree, size, uses, beside, needed: whole, relief }.place(device)?;

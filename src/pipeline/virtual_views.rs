@@ -165,7 +165,7 @@ pub fn responses<'m>(
 pub fn bytes(device: &Device, gaussians: usize, (size, pairs): ([u32; 2], u32), style: Style, wanted: Wanted) -> u64 {
     let pixels = wanted.gradient_pixels(size);
     let pictures = Buffer::<[f32; 4]>::bytes_of(pixels) + HighPass::bytes(pixels);
-    let uses = Uses { purpose: wanted.purpose(), style };
+    let uses = Uses { purpose: wanted.purpose(), responses: true, style };
     Renderer::bytes(device, gaussians, size, pairs, uses) + pictures
 }
 

@@ -1,6 +1,6 @@
 //! Per-Gaussian gradient sums for accumulation by float atomics.
 
-use super::frame::SlotSums;
+use super::slots::SlotSums;
 use crate::gpu::{Buffer, Device, Feature, Result};
 
 /// Per-Gaussian gradient sums, accumulated by float atomics.
@@ -14,7 +14,7 @@ pub struct AtomicSums {
 impl AtomicSums {
     /// Bytes of the sums of `gaussians` Gaussians.
     pub fn bytes(gaussians: usize) -> u64 {
-        Buffer::<u32>::bytes_of(gaussians) + SlotSums::bytes(gaussians)
+        Buffer::<u32>::bytes_of(gaussians) + SlotSums::bytes(gaussians, false)
     }
 
     /// Returns true if the device adds floats atomically; on other devices kernels compare and swap words.
@@ -28,6 +28,6 @@ impl AtomicSums {
     /// Device memory.
     pub fn new(device: &Device, gaussians: usize, native: bool) -> Result<Self> {
         let own: Vec<u32> = (0..gaussians as u32).collect();
-        Ok(Self { native, own: device.upload("own rows", &own)?, sums: SlotSums::new(device, gaussians)? })
+        Ok(Self { native, own: device.upload("own rows", &own)?, sums: SlotSums::new(device, gaussians, false)? })
     }
 }

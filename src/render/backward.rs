@@ -2,7 +2,8 @@
 
 use super::atomic_sums::AtomicSums;
 use super::bin;
-use super::frame::{Frame, Launch, SlotSums};
+use super::frame::{Frame, Launch};
+use super::slots::SlotSums;
 use crate::gpu::Buffer;
 use crate::primitives::Pairs;
 
@@ -10,8 +11,8 @@ use crate::primitives::Pairs;
 #[derive(Clone, Copy)]
 pub struct Backward<'a> {
     /// True if the image gradient's fourth component is each pixel's residual instead of a gradient by alpha. The slots
-    /// then also hold the contributions weighted by it, see [`super::Renderer::slots`]. Atomic sums support no
-    /// residual.
+    /// then also hold the contributions weighted by it, see [`super::Renderer::slots`]; the renderer needs room for them
+    /// ([`super::Renderer::make_room_for_responses`]). Atomic sums support no residual.
     pub residual: bool,
     /// Adds up each Gaussian's gradients by float atomics, in the arbitrary order of the device's threads, instead of
     /// in the order of its slots; the baseline of the ordered sums. The slots are not valid afterwards.

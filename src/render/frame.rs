@@ -1,6 +1,7 @@
 //! Intermediate arrays of one frame, and the launch parameters of its kernels.
 
 use super::settings::{Settings, Style};
+use super::slots::SlotSums;
 use crate::gpu::{Buffer, Device, Result, Tuning};
 use crate::kernels::View;
 use crate::kernels::constants::gradient_row::ROW;
@@ -19,6 +20,11 @@ pub(super) struct Launch {
 impl Launch {
     pub fn new(device: &Device, settings: Settings) -> Self {
         Self { settings, subgroup: device.info().subgroup_size, tuning: device.tuning().clone() }
+    }
+
+    /// Invocations that walk a tile's list backwards.
+    pub fn backward_workgroup(&self) -> u32 {
+        if self.tuning.backward_batch > 0 { self.tuning.backward_workgroup } else { self.subgroup }
     }
 }
 
@@ -39,6 +45,8 @@ pub enum Purpose {
 pub struct Uses {
     /// What it is for.
     pub purpose: Purpose,
+    /// True if slots also have sums for responses and scores.
+    pub responses: bool,
     /// Effects of the model.
     pub style: Style,
 }
@@ -74,6 +82,8 @@ pub(super) struct Frame {
     pub pairs: PairBuffers,
     pub starts: Buffer<u32>,
     pub image: Buffer<[f32; 4]>,
+    /// Bound where a kernel has a buffer that it does not touch this time.
+    pub unused: Buffer<[f32; 4]>,
 }
 
 /// Arrays whose size depends on the number of (tile, Gaussian) pairs.
@@ -87,34 +97,11 @@ pub(super) struct PairBuffers {
     pub sums: Option<SlotSums>,
 }
 
-/// Sums that the rasteriser's backward pass writes to each slot: see `rasterise_backward.comp`.
-pub(super) struct SlotSums {
-    pub position: Buffer<[f32; 4]>,
-    pub covariance: Buffer<[f32; 4]>,
-    pub colour: Buffer<[f32; 4]>,
-}
-
-impl SlotSums {
-    /// Bytes of [`SlotSums::new`].
-    pub const fn bytes(slots: usize) -> u64 {
-        3 * Buffer::<[f32; 4]>::bytes_of(slots)
-    }
-
-    /// Sums of `slots` slots.
-    pub fn new(device: &Device, slots: usize) -> Result<Self> {
-        Ok(Self {
-            position: device.buffer("position sums", slots)?,
-            covariance: device.buffer("covariance sums", slots)?,
-            colour: device.buffer("colour sums", slots)?,
-        })
-    }
-}
-
 impl PairBuffers {
     /// Bytes of [`PairBuffers::new`].
     pub fn bytes(device: &Device, capacity: u32, uses: Uses) -> u64 {
         let n = capacity as usize;
-        let sums = if uses.purpose >= Purpose::Scores { SlotSums::bytes(n) } else { 0 };
+        let sums = if uses.purpose >= Purpose::Scores { SlotSums::bytes(n, uses.responses) } else { 0 };
         let lists = Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(n) + Sort::bytes(device, capacity);
         let tiles = if uses.style.depth_order { Buffer::<u32>::bytes_of(n) } else { 0 };
         Count::bytes() + lists + tiles + sums
@@ -129,7 +116,7 @@ impl PairBuffers {
             owners: device.buffer("pair owners", n)?,
             sort: Sort::new(device, capacity)?,
             tiles: uses.style.depth_order.then(|| device.buffer("pair tiles", n)).transpose()?,
-            sums: (uses.purpose >= Purpose::Scores).then(|| SlotSums::new(device, n)).transpose()?,
+            sums: (uses.purpose >= Purpose::Scores).then(|| SlotSums::new(device, n, uses.responses)).transpose()?,
         })
     }
 }
@@ -149,7 +136,8 @@ impl Frame {
         let order = Count::bytes() + Pairs::bytes(n as u32) + Scan::bytes(device, n as u32);
         let picture = Buffer::<u32>::bytes_of(tiles + 1) + Buffer::<[f32; 4]>::bytes_of(pixels);
         let pairs = PairBuffers::bytes(device, pairs, uses);
-        Buffer::<View>::bytes_of(1) + splats + words + rows + order + Sort::bytes(device, n as u32) + pairs + picture
+        let single = Buffer::<View>::bytes_of(1) + Buffer::<[f32; 4]>::bytes_of(1);
+        single + splats + words + rows + order + Sort::bytes(device, n as u32) + pairs + picture
     }
 
     pub fn new(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32, uses: Uses) -> Result<Self> {
@@ -173,6 +161,7 @@ impl Frame {
             pairs: PairBuffers::new(device, pairs, uses)?,
             starts: device.buffer("tile starts", tiles + 1)?,
             image: device.buffer("image", pixels)?,
+            unused: device.buffer("unused", 1)?,
         })
     }
 }

@@ -22,4 +22,4 @@ pub use frustum::visible;
 pub use parts::{Beside, Outcome, Painter, Part, Parts, Source, binds, capacity};
 pub use renderer::{BACKWARD_STAGES, Image, LEAST_PAIRS, Renderer, STAGES, Settled};
 pub use settings::{Culling, Settings, Style, view};
-pub use slots::{GradientRows, Slots};
+pub use slots::{GradientRows, SlotSums, Slots};

@@ -16,7 +16,7 @@ pub(super) fn record(
     let Pass { launch, frame, options, .. } = *pass;
     let Sums { counts, first, rows: sums } = *sums;
     // If no growth is requested, any buffer is bound in its place: the kernel does not touch it.
-    let unused = frame.gradient_rows.cast();
+    let unused = frame.unused.cast();
     let kernel = ProjectBackward {
         view: &frame.view,
         count: &model.count.value,
@@ -25,7 +25,7 @@ pub(super) fn record(
         first_slots: first,
         position_sums: &sums.position,
         covariance_sums: &sums.covariance,
-        colour_sums: &sums.colour,
+        blue_sums: &sums.blue,
         shape: &frame.shape,
         colour: &frame.colour,
         means: &model.parameters.means,

@@ -1,7 +1,7 @@
 //! Backward pass of the rasterisation: each (tile, Gaussian) slot's sums over the tile's pixels.
 
 use super::backward::{Pass, Sums};
-use super::frame::SlotSums;
+use super::slots::SlotSums;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{RasteriseBackward, RasteriseBackwardSpec};
 
@@ -19,13 +19,16 @@ pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, sums: &'a S
         image_gradient,
         position_sums: &sums.position,
         covariance_sums: &sums.covariance,
-        colour_sums: &sums.colour,
+        blue_sums: &sums.blue,
+        response_sums: if options.residual { sums.responses() } else { &frame.unused },
         spec: RasteriseBackwardSpec {
-            workgroup: launch.subgroup,
+            workgroup: launch.backward_workgroup(),
             tile: launch.tuning.tile,
-            pixels: launch.tuning.tile * launch.tuning.tile / launch.subgroup,
+            pixels: launch.tuning.tile * launch.tuning.tile / launch.backward_workgroup(),
             stop: launch.settings.stop,
             residual: options.residual,
+            batch: launch.tuning.backward_batch,
+            count_takers: false,
         },
     };
     recording.dispatch(&kernel, Groups::Count(tiles));

@@ -3,7 +3,7 @@
 
 use super::atomic_sums::AtomicSums;
 use super::backward::{Pass, Sums};
-use super::frame::SlotSums;
+use super::slots::SlotSums;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{
     RasteriseBackwardAtomic, RasteriseBackwardAtomicSpec, RasteriseBackwardCas, RasteriseBackwardCasSpec,
@@ -12,10 +12,10 @@ use crate::kernels::render::{
 /// Records the pass; the projection's backward pass then reads one row of each visible Gaussian.
 pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, atomics: &'a AtomicSums) -> Sums<'a> {
     let Pass { launch, frame, image_gradient, tiles, .. } = *pass;
-    let SlotSums { position, covariance, colour } = &atomics.sums;
-    for sums in [position, covariance, colour] {
-        recording.fill(sums, 0);
-    }
+    let SlotSums { position, covariance, blue, .. } = &atomics.sums;
+    recording.fill(position, 0);
+    recording.fill(covariance, 0);
+    recording.fill(blue, 0);
     // One body, two shaders: a module that names float atomics is invalid on a device without them.
     macro_rules! dispatch {
         ($kernel:ident, $spec:ident) => {{
@@ -31,12 +31,14 @@ pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, atomics: &'
                 image_gradient,
                 position_sums: &position.cast(),
                 covariance_sums: &covariance.cast(),
-                colour_sums: &colour.cast(),
+                blue_sums: &blue.cast(),
                 spec: $spec {
-                    workgroup: launch.subgroup,
+                    workgroup: launch.backward_workgroup(),
                     tile: launch.tuning.tile,
-                    pixels: launch.tuning.tile * launch.tuning.tile / launch.subgroup,
+                    pixels: launch.tuning.tile * launch.tuning.tile / launch.backward_workgroup(),
                     stop: launch.settings.stop,
+                    batch: launch.tuning.backward_batch,
+                    count_takers: false,
                 },
             };
             recording.dispatch(&kernel, Groups::Count(tiles));

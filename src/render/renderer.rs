@@ -102,7 +102,7 @@ impl Renderer {
         let launch = Launch::new(device, settings);
         let tile = launch.tuning.tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
-        let uses = Uses { purpose, style: settings.style };
+        let uses = Uses { purpose, responses: purpose == Purpose::Scores, style: settings.style };
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, uses)?;
         let guards = (purpose == Purpose::Training).then(|| device.upload("guards", &[0, 0])).transpose()?;
         Ok(Self { device: device.clone(), launch, frame, gaussians, uses, guards })
@@ -224,6 +224,26 @@ impl Renderer {
             self.rebuild(gaussians + gaussians / 4, self.frame.image.len(), self.frame.tiles())?;
         }
         Ok(())
+    }
+
+    /// Makes room for the sums from which responses and scores are gathered; only for training.
+    ///
+    /// # Errors
+    /// Device memory.
+    ///
+    /// # Panics
+    /// If the renderer was not made [`Renderer::for_training`].
+    pub fn make_room_for_responses(&mut self) -> Result<()> {
+        self.uses.responses = true;
+        self.frame.pairs.sums.as_mut().expect(FOR_TRAINING).make_room_for_responses(&self.device)
+    }
+
+    /// Frees the memory of [`Renderer::make_room_for_responses`], which no recording may use any more.
+    pub fn free_responses(&mut self) {
+        self.uses.responses = false;
+        if let Some(sums) = &mut self.frame.pairs.sums {
+            sums.free_responses();
+        }
     }
 
     fn rebuild(&mut self, gaussians: usize, pixels: usize, tiles: usize) -> Result<()> {

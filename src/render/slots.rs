@@ -3,7 +3,7 @@
 
 use super::bin;
 use super::frame::{Frame, Launch};
-use crate::gpu::Buffer;
+use crate::gpu::{Buffer, Device, Result};
 use crate::kernels::View;
 
 /// Arrays of the picture recorded last. Slots of one Gaussian are contiguous, in the order of its tiles.
@@ -30,8 +30,8 @@ pub struct Slots<'a> {
     pub shape: &'a Buffer<[f32; 4]>,
     /// By Gaussian: see `lib/splat.glsl`.
     pub colour: &'a Buffer<[f32; 2]>,
-    /// By slot, after the backward pass: four sums each.
-    pub sums: SlotSums,
+    /// By slot, after the backward pass.
+    pub sums: &'a SlotSums,
     /// Tiles of the picture.
     pub tiles: u32,
     /// A tile's side in pixels.
@@ -50,14 +50,56 @@ pub struct GradientRows<'a> {
     pub values: &'a Buffer<f32>,
 }
 
-/// Sums that the rasteriser's backward pass writes to each slot, four floats each.
+/// Sums that the rasteriser's backward pass writes to each slot: see `lib/slot_sums.glsl`.
 pub struct SlotSums {
-    /// Sums for the gradients by opacity and position; then the sum of T alpha.
-    pub position: Buffer<f32>,
-    /// Sums for the gradient by the covariance; then the sum of alpha.
-    pub covariance: Buffer<f32>,
-    /// The gradient by the colour; then, if requested, the sum of T alpha times the residual.
-    pub colour: Buffer<f32>,
+    /// Sums for the gradients by opacity and position; then the gradient by red.
+    pub position: Buffer<[f32; 4]>,
+    /// Sums for the gradient by the covariance; then the gradient by green.
+    pub covariance: Buffer<[f32; 4]>,
+    /// The gradient by blue.
+    pub blue: Buffer<f32>,
+    responses: Option<Buffer<[f32; 4]>>,
+}
+
+impl SlotSums {
+    /// Bytes of [`SlotSums::new`].
+    pub(super) const fn bytes(slots: usize, responses: bool) -> u64 {
+        let vectors = if responses { 3 } else { 2 };
+        vectors * Buffer::<[f32; 4]>::bytes_of(slots) + Buffer::<f32>::bytes_of(slots)
+    }
+
+    /// Sums of `slots` slots.
+    pub(super) fn new(device: &Device, slots: usize, responses: bool) -> Result<Self> {
+        let mut sums = Self {
+            position: device.buffer("position sums", slots)?,
+            covariance: device.buffer("covariance sums", slots)?,
+            blue: device.buffer("blue sums", slots)?,
+            responses: None,
+        };
+        if responses {
+            sums.make_room_for_responses(device)?;
+        }
+        Ok(sums)
+    }
+
+    pub(super) fn make_room_for_responses(&mut self, device: &Device) -> Result<()> {
+        if self.responses.is_none() {
+            self.responses = Some(device.buffer("response sums", self.blue.len())?);
+        }
+        Ok(())
+    }
+
+    pub(super) fn free_responses(&mut self) {
+        self.responses = None;
+    }
+
+    /// Sums of T alpha, alpha and T alpha times the residual, for responses; and room for others' scores.
+    ///
+    /// # Panics
+    /// If there is no room, see [`super::Renderer::make_room_for_responses`].
+    pub fn responses(&self) -> &Buffer<[f32; 4]> {
+        self.responses.as_ref().expect("room for responses")
+    }
 }
 
 impl<'a> GradientRows<'a> {
@@ -68,7 +110,6 @@ impl<'a> GradientRows<'a> {
 
 impl<'a> Slots<'a> {
     pub(super) fn new(launch: &Launch, frame: &'a Frame, tiles: u32) -> Self {
-        let sums = frame.pairs.sums.as_ref().expect("a renderer for training");
         Self {
             view: &frame.view,
             pairs: &frame.pairs.count.value,
@@ -81,11 +122,7 @@ impl<'a> Slots<'a> {
             geometry: &frame.geometry,
             shape: &frame.shape,
             colour: &frame.colour,
-            sums: SlotSums {
-                position: sums.position.cast(),
-                covariance: sums.covariance.cast(),
-                colour: sums.colour.cast(),
-            },
+            sums: frame.pairs.sums.as_ref().expect("a renderer for training"),
             tiles,
             tile: launch.tuning.tile,
             stop: launch.settings.stop,

@@ -230,6 +230,7 @@ pub fn full_pass<'m, E: From<Error>>(
 ) -> std::result::Result<Responses, E> {
     let device = &renderer.device().clone();
     let gather = Gather::Mean { views: cameras.len() as u32 };
+    renderer.make_room_for_responses()?;
     let mut pass = Pass { image_gradient, wanted, gather, gradient };
     let views: Vec<(usize, &Camera)> = cameras.iter().enumerate().collect();
     let chunks = || views.chunks(CHUNK).enumerate().filter(|(c, _)| only.is_none_or(|only| only == *c));
@@ -271,6 +272,7 @@ pub fn full_pass<'m, E: From<Error>>(
         }
     }
     follow(cameras.len())?;
+    renderer.free_responses();
     let Rows { channels, scores } = sums.rounded();
     let dilation = renderer.settings().dilation;
     Ok(Responses { channels, scores, sketches, cameras: cameras.to_vec(), dilation })

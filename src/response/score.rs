@@ -55,7 +55,7 @@ pub(super) enum Of {
 
 /// The slots' three sums.
 pub(super) fn sums(slots: &Slots<'_>) -> [Buffer<[f32; 4]>; 3] {
-    [&slots.sums.position, &slots.sums.covariance, &slots.sums.colour].map(Buffer::cast)
+    [&slots.sums.position, &slots.sums.covariance, slots.sums.responses()].map(Clone::clone)
 }
 
 /// The kernel that walks through the tiles of a picture; `pictures` are the picture and its residual.

@@ -1,4 +1,4 @@
-//! Adam, attribute by attribute, from the rows of gradients that the backward pass leaves.
+//! Adam, attribute by attribute or all at once, from the rows of gradients that the backward pass leaves.
 
 use super::trainee::Trainee;
 
@@ -6,10 +6,11 @@ pub use super::moments::{Moments, zeros};
 use crate::gaussians::Attributes;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
+use crate::kernels::constants::adam::NO_BAND;
 use crate::kernels::constants::adam::float64::{BETA1, BETA2};
-use crate::kernels::constants::adam::{GRADIENT, NO_BAND, UPDATE};
+use crate::kernels::constants::adam_step::{GRADIENT, UPDATE};
 use crate::kernels::constants::gradient_row::{ROW_LOG_SCALE, ROW_LOGIT, ROW_MEAN, ROW_ROTATION};
-use crate::kernels::train::{Adam, AdamPush, AdamSpec};
+use crate::kernels::train::{Adam, AdamAll, AdamAllPush, AdamAllSpec, AdamPush, AdamSpec};
 use crate::primitives::{Count, WORKGROUP};
 use crate::render::Renderer;
 
@@ -72,13 +73,13 @@ enum Outcome {
 pub fn record(recording: &mut Recording, renderer: &Renderer, trainee: &Trainee, step: Step) {
     let Trainee { model, moments, .. } = trainee;
     let rows = Rows { model, count: trainee.count(), len: trainee.trained() };
-    recording.scope(STAGE, |r| each(r, renderer, &rows, moments, Outcome::Stepped(step)));
+    recording.scope(STAGE, |r| dispatch(r, renderer, &rows, moments, Outcome::Stepped(step)));
 }
 
 /// Records that the gradients of [`Renderer::record_backward`] are stored as first moments, for tests and sweeps.
 pub fn record_gradients(recording: &mut Recording, renderer: &Renderer, model: &Resident, moments: &Moments) {
     let rows = Rows { model, count: &model.count, len: model.len };
-    recording.scope(STAGE, |r| each(r, renderer, &rows, moments, Outcome::Stored));
+    recording.scope(STAGE, |r| dispatch(r, renderer, &rows, moments, Outcome::Stored));
 }
 
 /// The first rows of a model.
@@ -90,13 +91,35 @@ struct Rows<'a> {
     len: usize,
 }
 
+impl Outcome {
+    /// The kernels' form, and the step.
+    fn parts(self) -> (u32, Step) {
+        match self {
+            Self::Stepped(step) => (UPDATE, step),
+            Self::Stored => (GRADIENT, Step::new(1, Rates::default())),
+        }
+    }
+}
+
+impl Step {
+    /// See `lib/adam_step.glsl`.
+    fn correction(&self) -> [f32; 2] {
+        let left = |beta: f64| 1.0 - beta.powf(f64::from(self.number));
+        [(1.0 / left(BETA1)) as f32, (1.0 / left(BETA2).sqrt()) as f32]
+    }
+}
+
+fn dispatch(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moments: &Moments, outcome: Outcome) {
+    match renderer.device().tuning().adam_block {
+        0 => each(recording, renderer, first, moments, outcome),
+        block => all(recording, renderer, first, moments, (block, outcome)),
+    }
+}
+
+/// One kernel an attribute.
 fn each(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moments: &Moments, outcome: Outcome) {
     let Rows { model, count, len } = *first;
-    let (form, step) = match outcome {
-        Outcome::Stepped(step) => (UPDATE, step),
-        Outcome::Stored => (GRADIENT, Step::new(1, Rates::default())),
-    };
-    let correction = |beta: f64| 1.0 - beta.powf(f64::from(step.number));
+    let (form, step) = outcome.parts();
     let rows = renderer.gradient_rows();
     let arrays = model.parameters.each_ref().zip(moments.each_ref());
     let all = PLACES.zip(Attributes::widths(model.degree)).zip(arrays).zip(step.rates);
@@ -111,9 +134,8 @@ fn each(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moment
             values,
             moments,
             push: AdamPush {
+                correction: step.correction(),
                 rate,
-                correction1: (1.0 / correction(BETA1)) as f32,
-                correction2: (1.0 / correction(BETA2).sqrt()) as f32,
                 pair_limit: rows.limit,
                 pressure: pressure.map_or(0.0, |p| p.pressure),
                 least_through: pressure.map_or(1.0, |p| p.least_through),
@@ -123,4 +145,60 @@ fn each(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moment
         let runs = len as u32 * (width / run);
         recording.dispatch(&kernel, Groups::Count(runs.div_ceil(WORKGROUP)));
     }
+}
+
+/// One kernel for all attributes, blocks of Gaussians a workgroup.
+fn all(
+    recording: &mut Recording,
+    renderer: &Renderer,
+    first: &Rows<'_>,
+    moments: &Moments,
+    (block, outcome): (u32, Outcome),
+) {
+    let Rows { model, count, len } = *first;
+    let (form, step) = outcome.parts();
+    let (rows, values, rates) = (renderer.gradient_rows(), &model.parameters, step.rates);
+    let kernel = AdamAll {
+        pairs: rows.pairs,
+        count: &count.value,
+        rows: rows.values,
+        means: &values.means,
+        log_scales: &values.log_scales,
+        rotations: &values.rotations,
+        logits: &values.opacity_logits,
+        sh0: &values.sh[0],
+        sh1: &values.sh[1],
+        sh2: &values.sh[2],
+        sh3: &values.sh[3],
+        mean_moments: &moments.means,
+        log_scale_moments: &moments.log_scales,
+        rotation_moments: &moments.rotations,
+        logit_moments: &moments.opacity_logits,
+        sh0_moments: &moments.sh[0],
+        sh1_moments: &moments.sh[1],
+        sh2_moments: &moments.sh[2],
+        sh3_moments: &moments.sh[3],
+        push: AdamAllPush {
+            correction: step.correction(),
+            pair_limit: rows.limit,
+            pressure: step.pressure.map_or(0.0, |p| p.pressure),
+            least_through: step.pressure.map_or(1.0, |p| p.least_through),
+            rate_means: rates.means,
+            rate_log_scales: rates.log_scales,
+            rate_rotations: rates.rotations,
+            rate_logits: rates.opacity_logits,
+            rate_sh0: rates.sh[0],
+            rate_sh1: rates.sh[1],
+            rate_sh2: rates.sh[2],
+            rate_sh3: rates.sh[3],
+        },
+        spec: AdamAllSpec {
+            workgroup: WORKGROUP,
+            block,
+            degree: model.degree as u32,
+            form,
+            pressed: step.pressure.is_some(),
+        },
+    };
+    recording.dispatch(&kernel, Groups::Count((len as u32).div_ceil(block)));
 }

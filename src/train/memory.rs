@@ -46,7 +46,7 @@ impl Trainer {
     pub fn bytes(device: &Device, needs: &TrainerNeeds) -> u64 {
         let &TrainerNeeds { gaussians: n, pairs, size, degree, grows, .. } = needs;
         let model = Trainee::bytes(n, degree);
-        let uses = Uses { purpose: Purpose::Training, style: needs.style };
+        let uses = Uses { purpose: Purpose::Training, responses: false, style: needs.style };
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
         let pictures =
             DevicePhotos::bytes(&needs.photos, device.memory_limit()) + Loss::bytes(device, size[0], size[1]);
@@ -58,7 +58,9 @@ impl Trainer {
         let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
         // Downloads stage one array at a time; the widest are moments, twice as wide as their parameters.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
-        let passing = growth.max(needs.pruning).max(staging_bytes(widest));
+        let responding = Renderer::bytes(device, n * 5 / 4, size, pairs, Uses { responses: true, ..uses }) - renderer;
+        let pruning = if needs.pruning > 0 { needs.pruning + responding } else { 0 };
+        let passing = growth.max(pruning).max(staging_bytes(widest));
         model + renderer + pictures + passing
     }
 }

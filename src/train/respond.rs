@@ -97,7 +97,8 @@ pub fn bytes(
     (style, wanted): (Style, Wanted),
 ) -> u64 {
     let PhotoNeeds { size, bytes, masked } = photos;
-    let renderer = Renderer::bytes(device, gaussians, size, pairs, Uses { purpose: wanted.purpose(), style });
+    let renderer =
+        Renderer::bytes(device, gaussians, size, pairs, Uses { purpose: wanted.purpose(), responses: true, style });
     if !wanted.gradients() {
         return renderer + Buffer::<[f32; 4]>::bytes_of(1);
     }

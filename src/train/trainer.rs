@@ -179,7 +179,11 @@ impl Trainer {
             return Ok(self.progress());
         }
         self.raise_degree(first + 1)?;
-        if self.responses.is_none() && self.options.averaged.contains(&(first + 1)) {
+        let averages = self.options.averaged.contains(&(first + 1));
+        if averages {
+            self.renderer.make_room_for_responses()?;
+        }
+        if averages && self.responses.is_none() {
             self.responses = Some(ResidentResponses::zeros(&self.device, self.trainee.model.len)?);
         }
         let last = self.boundary(until);

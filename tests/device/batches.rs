@@ -1,10 +1,11 @@
-//! The forward rasteriser loads no splats behind what covers a tile.
+//! Work that rasterisers leave out: the forward one loads no splats behind what covers a tile, and a subgroup of the backward one
+//! skips splats that none of its pixels draws.
 
 use crate::support::{device, finish};
 use bytemuck::Zeroable;
 use qirf_vk::gpu::{Buffer, Device, Groups, Recording};
 use qirf_vk::kernels::View;
-use qirf_vk::kernels::render::{Rasterise, RasteriseSpec};
+use qirf_vk::kernels::render::{Rasterise, RasteriseBackward, RasteriseBackwardSpec, RasteriseSpec};
 
 const TILE: u32 = 16;
 const LISTED: u32 = 2000;
@@ -58,5 +59,66 @@ fn a_covered_tile_loads_one_batch() {
             assert_eq!(loaded(&device, workgroup, batch), [1.0, all as f32], "batches of {batch}");
         }
     }
+    finish(&device);
+}
+
+/// Splats of one tile, at positions of their own, whose alpha falls to 1/255 after `reach` pixels: the number of subgroups that drew
+/// each on the way back.
+fn takers(device: &Device, workgroup: u32, at: &[[f32; 2]], reach: f32, opacity: f32) -> Vec<f32> {
+    let view = View { size: [TILE, TILE], tiles: [1, 1], ..View::zeroed() };
+    let (n, subgroup) = (at.len() as u32, device.info().subgroup_size);
+    let cut = (255.0 * opacity).log2();
+    let factor = cut.sqrt() / reach;
+    // Positions count from the picture's middle.
+    let middle = TILE as f32 / 2.0;
+    let geometry: Vec<[f32; 4]> = at.iter().map(|[x, y]| [x - middle, y - middle, factor, 0.0]).collect();
+    let shape = vec![[factor, opacity.log2(), cut, 0.5]; at.len()];
+    let slots: Vec<u32> = (0..n).collect();
+    let (pixels, unused) = ((TILE * TILE) as usize, device.buffer("unused", 1).unwrap());
+    let sums = device.buffer("blue sums", at.len()).unwrap();
+    let vectors = || device.buffer("sums", at.len()).unwrap();
+    let kernel = RasteriseBackward {
+        view: &device.upload("view", &[view]).unwrap(),
+        starts: &device.upload("starts", &[0, n]).unwrap(),
+        slots: &device.upload("slots", &slots).unwrap(),
+        owners: &device.upload("owners", &slots).unwrap(),
+        geometry: &device.upload("geometry", &geometry).unwrap(),
+        shape: &device.upload("shape", &shape).unwrap(),
+        colour: &device.upload("colour", &vec![[0.5_f32; 2]; at.len()]).unwrap(),
+        image: &device.upload("image", &vec![[0.5_f32; 4]; pixels]).unwrap(),
+        image_gradient: &device.upload("image gradient", &vec![[1.0_f32; 4]; pixels]).unwrap(),
+        position_sums: &vectors(),
+        covariance_sums: &vectors(),
+        blue_sums: &sums,
+        response_sums: &unused,
+        spec: RasteriseBackwardSpec {
+            workgroup,
+            tile: TILE,
+            pixels: TILE * TILE / workgroup,
+            stop: 5e-5,
+            residual: false,
+            batch: subgroup,
+            count_takers: true,
+        },
+    };
+    let mut recording = Recording::new();
+    recording.dispatch(&kernel, Groups::Count(1));
+    device.run(recording).unwrap();
+    sums.read(device).unwrap()
+}
+
+#[test]
+fn subgroups_skip_what_they_do_not_draw() {
+    let device = device();
+    let workgroup = 128;
+    let subgroups = (workgroup / device.info().subgroup_size) as f32;
+    let centres: Vec<[f32; 2]> = (0..TILE * TILE).map(|p| [(p % TILE) as f32 + 0.5, (p / TILE) as f32 + 0.5]).collect();
+    // One pixel is one subgroup's; between four pixels there is none; a wide splat is everybody's.
+    assert_eq!(takers(&device, workgroup, &centres, 0.6, 0.5), vec![1.0; centres.len()]);
+    let corners: Vec<[f32; 2]> = centres.iter().map(|[x, y]| [x + 0.5, y + 0.5]).collect();
+    assert_eq!(takers(&device, workgroup, &corners, 0.6, 0.5), vec![0.0; centres.len()]);
+    // Behind three of an opacity of 0.99, every pixel is done.
+    let wide = takers(&device, workgroup, &[[8.0, 8.0]; 40], 1e4, 1.0);
+    assert_eq!(wide, [vec![subgroups; 3], vec![0.0; 37]].concat());
     finish(&device);
 }

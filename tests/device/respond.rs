@@ -122,6 +122,7 @@ fn averages_decay_as_if_every_iteration_were_counted() {
     let resident = Resident::upload(&device, &model).unwrap();
     let mut renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, 1 << 14).unwrap();
     renderer.make_room(&resident, &cameras[0]).unwrap();
+    renderer.make_room_for_responses().unwrap();
     let gradients: Vec<Buffer<[f32; 4]>> =
         (0..2).map(|v| device.upload("image gradient", &image_weights(v)).unwrap()).collect();
     let responses = ResidentResponses::zeros(&device, model.len()).unwrap();
@@ -157,7 +158,8 @@ fn a_view_whose_pairs_do_not_fit_leaves_nothing() {
     let camera = &cameras()[0];
     let model = narrowed(&random_scene(camera, 4));
     let resident = Resident::upload(&device, &model).unwrap();
-    let renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, 4).unwrap();
+    let mut renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, 4).unwrap();
+    renderer.make_room_for_responses().unwrap();
     let responses = ResidentResponses::zeros(&device, model.len()).unwrap();
     let scores = ResidentScores::zeros(&device, model.len()).unwrap();
     let mut recording = Recording::new();
@@ -222,6 +224,7 @@ pub fn gradients_not_finite(device: &Device) {
     let resident = Resident::upload(device, &model).unwrap();
     let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), SIZE, 1 << 14).unwrap();
     renderer.make_room(&resident, camera).unwrap();
+    renderer.make_room_for_responses().unwrap();
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut weights = image_weights(1);
         let middle = weights.len() / 2;

@@ -107,7 +107,7 @@ mod tests {
             responses: Default::default(),
             exposures: Default::default(),
             course: Course::default(),
-            notes: Default::default(),
+            notes: std::collections::HashMap::default(),
             model,
         }
     }

@@ -140,7 +140,7 @@ impl Evaluator {
     pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], style: Style) -> u64 {
         let uses = Uses { style, ..Uses::default() };
         let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
-        Renderer::bytes(device, gaussians, size, pairs::room(gaussians), uses) + staging_bytes(picture)
+        Renderer::bytes(device, gaussians, size, pairs::room(device, gaussians), uses) + staging_bytes(picture)
     }
 
     /// Renders a view.

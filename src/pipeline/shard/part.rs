@@ -3,6 +3,7 @@
 use crate::error::Error;
 use crate::response::{CHANNELS, Responses, Score};
 use bytemuck::{cast_slice, cast_slice_mut};
+use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
 use std::path::Path;
@@ -28,6 +29,11 @@ fn checksum<'a>(content: impl Iterator<Item = (&'a str, &'a [u8])>) -> u32 {
         crc.update(bytes);
     }
     crc.sum()
+}
+
+/// An array of words as a tensor.
+fn view<'a>((name, bytes): (&'a str, &'a [u8])) -> Result<(&'a str, TensorView<'a>), SafeTensorError> {
+    Ok((name, TensorView::new(Dtype::U32, vec![bytes.len() / 4], bytes)?))
 }
 
 fn seen(responses: &Responses) -> Vec<u32> {
@@ -60,11 +66,6 @@ impl Part {
         // One after the other: a map's order changes from run to run.
         let notes: HashMap<String, String> =
             [("part".to_owned(), serde_json::to_string(&notes).map_err(|e| Error::encoding("a part", e))?)].into();
-        fn view<'a>(
-            (name, bytes): (&'a str, &'a [u8]),
-        ) -> Result<(&'a str, TensorView<'a>), safetensors::SafeTensorError> {
-            Ok((name, TensorView::new(Dtype::U32, vec![bytes.len() / 4], bytes)?))
-        }
         let views: Vec<(&str, TensorView<'_>)> =
             arrays.into_iter().map(view).collect::<Result<_, _>>().map_err(|e| Error::encoding("a part", e))?;
         safetensors::serialize(views, Some(notes)).map_err(|e| Error::encoding("a part", e))

@@ -48,7 +48,8 @@ fn owners_know_their_bytes() {
             for pairs in [1, 5000, 1 << 18] {
                 for depth_order in [false, true] {
                     let style = Style { depth_order, ..Style::default() };
-                    let right = Renderer::bytes(&device, n, size, pairs, Uses { purpose: Purpose::Training, style });
+                    let uses = Uses { purpose: Purpose::Training, responses: false, style };
+                    let right = Renderer::bytes(&device, n, size, pairs, uses);
                     let s = style.over([0.0; 3]);
                     let made = taken(&|| Box::new(Renderer::for_training(&device, s, n, size, pairs).unwrap()));
                     assert_eq!(made, right, "{n} at {w} x {h}, {pairs} pairs, {depth_order}");

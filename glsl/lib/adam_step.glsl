@@ -1,0 +1,24 @@
+// A step of Adam for one parameter: what all kernels of it share.
+#include "lib/adam.glsl"
+
+/// Form: an Adam step.
+const uint UPDATE = 0;
+/// Form: the gradient is written into the first moment, and the parameter stays (tests).
+const uint GRADIENT = 1;
+
+// First and second moment after a gradient.
+vec2 next_moments(vec2 moment, float gradient) {
+    moment.x = BETA1 * moment.x + (1 - BETA1) * gradient;
+    moment.y = BETA2 * moment.y + (1 - BETA2) * gradient * gradient;
+    return moment;
+}
+
+// What a parameter loses. Corrections: 1 / (1 - beta1^step) and 1 / sqrt(1 - beta2^step).
+float change(vec2 moment, float rate, vec2 correction) {
+    return rate * (moment.x * correction.x) / (sqrt(moment.y) * correction.y + EPSILON);
+}
+
+// What attrition adds to the gradient of an opacity logit.
+float pressed(float logit, float pressure, float least_through) {
+    return pressure / max(least_through, 1 / (1 + exp(logit)));
+}
