@@ -5,14 +5,17 @@ use super::console::Console;
 use crate::error::Error;
 use crate::gpu::{self, Compiled, Device, DeviceInfo, Feature, Tuning};
 use crate::pipeline::kernels::compiled;
+use crate::pipeline::tune::{Tuned, tune};
 use crate::selftest;
 use serde_json::json;
+use std::time::Duration;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk device
   qirf-vk device --json
   QIRF_DEVICE=llvmpipe qirf-vk device
-  QIRF_TUNING=gpu qirf-vk device
+  qirf-vk device --tuning gpu,tile=8
+  qirf-vk device --tune
   qirf-vk device --kernels
   qirf-vk device --fingerprint";
 
@@ -30,6 +33,10 @@ pub(super) struct Arguments {
     /// Where they are equal, equal commands write equal bytes
     #[arg(long, conflicts_with = "kernels")]
     fingerprint: bool,
+    /// Measure which tuning trains fastest on this device, in about this many seconds (50), and store it for later runs
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "50")]
+    #[arg(value_parser = clap::value_parser!(u64).range(1..=3600), conflicts_with_all = ["kernels", "tuning"])]
+    tune: Option<u64>,
 }
 
 impl Arguments {
@@ -40,18 +47,23 @@ impl Arguments {
         if self.fingerprint {
             return self.fingerprint(console, global);
         }
+        if let Some(seconds) = self.tune {
+            return self.tune(console, global, Duration::from_secs(seconds));
+        }
         let devices = gpu::list()?;
         // Opening the device is the real test: it checks features and, on CPU devices, the driver.
         let opened = global.open();
         let chosen = opened.as_ref().ok().map(|d| d.info().index);
         let tuning = opened.as_ref().ok().map(Device::tuning);
+        let stored = opened.as_ref().ok().filter(|d| d.stored_tuning().is_some_and(|t| t == *d.tuning()));
         if self.json {
             let problem = opened.as_ref().err().map(ToString::to_string);
             console.json(&json!({ "devices": devices, "chosen": chosen, "tuning": tuning, "problem": problem }))?;
         } else {
             for info in &devices {
                 let tuning = tuning.filter(|_| chosen == Some(info.index));
-                console.print(describe(info, tuning))?;
+                let origin = if stored.is_some() { ", as measured by --tune" } else { "" };
+                console.print(describe(info, tuning.map(|t| shapes(t, origin))))?;
             }
         }
         opened.map(|_| ())
@@ -66,6 +78,27 @@ impl Arguments {
         console.print(fingerprint)
     }
 
+    fn tune(&self, console: &Console, global: &Global, within: Duration) -> Result<(), Error> {
+        let device = global.open()?;
+        let tuned = tune(&device, within, |what| console.note(what))?;
+        let best = &tuned.tried[tuned.best];
+        let stored = if tuned.best == 0 {
+            device.forget_tuning().map(|()| None)
+        } else {
+            device.store_tuning(&best.tuning).map(Some)
+        };
+        let stored = stored.map_err(|source| Error::Write { path: "tuning in the cache folder".into(), source })?;
+        if self.json {
+            return console.json(&json!({ "device": device.info(), "tuned": tuned, "stored": stored }));
+        }
+        console.print(format_args!("{} ({})", device.info().name, device.info().driver))?;
+        console.print(measured(&tuned))?;
+        console.print(match stored {
+            Some(path) => format!("{}: stored in {} for later runs; --tuning overrides it", best.name, path.display()),
+            None => "no other is faster beyond noise: later runs use the class's row".to_owned(),
+        })
+    }
+
     fn kernels(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let device = global.open_to_compile()?;
         let compiled = compiled(&device)?;
@@ -78,6 +111,21 @@ impl Arguments {
         }
         console.print(table(&compiled))
     }
+}
+
+/// A row for each tuning that was measured.
+fn measured(tuned: &Tuned) -> String {
+    let ratio = |ratio: Option<f64>| ratio.map(|r| format!("{r:.3}")).unwrap_or_default();
+    let mut text = "| tuning | ms an iteration | of the class's row | again |\n|---|---:|---:|---:|".to_owned();
+    for (k, tried) in tuned.tried.iter().enumerate() {
+        let mark = if k == tuned.best { " *" } else { "" };
+        let [first, again] = [tried.ratio, tried.again].map(ratio);
+        text += &format!("\n| {}{mark} | {:.3} | {first} | {again} |", tried.name, tried.ms);
+    }
+    if !tuned.left.is_empty() {
+        text += &format!("\nno time was left for: {}", tuned.left.join(", "));
+    }
+    text
 }
 
 /// Statistics that matter for occupancy, by the names that drivers give them (RADV, ANV, NVIDIA).
@@ -116,12 +164,12 @@ fn table(compiled: &[Compiled]) -> String {
     text
 }
 
-/// A device as text; the default one with its tuning.
-fn describe(info: &DeviceInfo, tuning: Option<&Tuning>) -> String {
+/// A device as text; the default one with the text of its tuning.
+fn describe(info: &DeviceInfo, tuning: Option<String>) -> String {
     let mark = if tuning.is_some() { "* " } else { "  " };
     let optional: Vec<String> = info.optional.iter().map(ToString::to_string).collect();
     let optional = if optional.is_empty() { "none".to_owned() } else { optional.join(", ") };
-    let tuning = tuning.map(shapes).unwrap_or_default();
+    let tuning = tuning.unwrap_or_default();
     let timestamps = if info.timestamp_period > 0.0 { format!("{} ns", info.timestamp_period) } else { "none".into() };
     let missing = info.missing.as_ref().map(|m| format!("\n    cannot be used: it lacks {m}")).unwrap_or_default();
     let hidden =
@@ -146,14 +194,14 @@ fn describe(info: &DeviceInfo, tuning: Option<&Tuning>) -> String {
     )
 }
 
-/// A tuning's fields, four per line.
-fn shapes(tuning: &Tuning) -> String {
+/// A tuning's class and origin, and its fields, four per line.
+fn shapes(tuning: &Tuning, origin: &str) -> String {
     let json = json!(tuning);
     let fields =
         json.as_object().into_iter().flatten().filter(|(name, _)| !["class", "subgroup"].contains(&name.as_str()));
     let fields: Vec<String> = fields.map(|(name, value)| format!("{} {value}", name.replace('_', " "))).collect();
     let lines: Vec<String> = fields.chunks(4).map(|line| line.join(", ")).collect();
-    format!("\n    tuning      {}: {}", tuning.class, lines.join(",\n                "))
+    format!("\n    tuning      {}{origin}: {}", tuning.class, lines.join(",\n                "))
 }
 
 /// Bytes in a suitable unit.

@@ -28,7 +28,7 @@ mod values;
 mod view;
 
 use crate::error::Error;
-use crate::gpu::{Device, DeviceOptions};
+use crate::gpu::{Device, DeviceOptions, TuningChoice};
 use crate::metrics::Networks;
 use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use console::{Colour, Console};
@@ -56,6 +56,10 @@ struct Global {
     /// this word (default: $QIRF_DEVICE, else the fastest kind available)
     #[arg(long, global = true, value_name = "NAME|INDEX|uuid:|pci:|free")]
     device: Option<String>,
+    /// Shapes of kernels: a class (cpu, gpu, nvidia, ...), fields such as tile=8, or both, with commas (default: $QIRF_TUNING, else
+    /// what `qirf-vk device --tune` found, else those of the device's class)
+    #[arg(long, global = true, value_name = "CLASS,FIELD=VALUE")]
+    tuning: Option<TuningChoice>,
     /// Print only results and errors
     #[arg(short, long, global = true)]
     quiet: bool,
@@ -203,6 +207,10 @@ impl Cli {
 }
 
 impl Global {
+    fn options(&self) -> DeviceOptions {
+        DeviceOptions { device: self.device.clone(), tuning: self.tuning.clone(), ..DeviceOptions::default() }
+    }
+
     /// Opens the device that the options select.
     fn open(&self) -> Result<Device, Error> {
         self.open_with(None)
@@ -216,14 +224,12 @@ impl Global {
 
     /// Opens the device that the options select to make its kernels, and to run nothing.
     fn open_to_compile(&self) -> Result<Device, Error> {
-        let options = DeviceOptions { device: self.device.clone(), compile_only: true, ..DeviceOptions::default() };
-        Ok(Device::open(&options)?)
+        Ok(Device::open(&DeviceOptions { compile_only: true, ..self.options() })?)
     }
 
     /// Opens the device that the options select, with a limit on its memory in bytes.
     fn open_with(&self, memory_limit: Option<u64>) -> Result<Device, Error> {
-        let device =
-            Device::open(&DeviceOptions { device: self.device.clone(), memory_limit, ..DeviceOptions::default() })?;
+        let device = Device::open(&DeviceOptions { memory_limit, ..self.options() })?;
         tracing::info!("device {}: {} ({})", device.info().index, device.info().name, device.info().driver);
         Ok(device)
     }

@@ -70,7 +70,10 @@ impl Arguments {
             return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
         }
         self.watched.check()?;
-        let config = self.configuration(console)?;
+        let mut config = self.configuration(console)?;
+        if global.tuning.is_some() {
+            config.tuning = None;
+        }
         let networks = self.resources.networks(console)?;
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);

@@ -20,6 +20,7 @@ use super::red_zone::Guards;
 use super::select::{self, Candidate, DeviceInfo, DeviceKind, Feature};
 use super::tuning::Tuning;
 use super::tuning_choice::TuningChoice;
+use super::tuning_store;
 use super::variables;
 use super::work::{Counters, Traffic};
 use ash::{ext, khr, vk};
@@ -41,7 +42,7 @@ pub struct DeviceOptions {
     /// Bytes of device memory that this program may use; where absent, what is free of a GPU's memory (all of it where the
     /// driver does not tell), and all of a CPU device's.
     pub memory_limit: Option<u64>,
-    /// The tuning; else `QIRF_TUNING`; else the row of the device's own class.
+    /// The tuning; else `QIRF_TUNING`; else the one stored for this device ([`Device::store_tuning`]); else the row of its own class.
     pub tuning: Option<TuningChoice>,
     /// How kernels get their buffers; else `QIRF_DESCRIPTORS`; else by the best way that the device has.
     pub descriptors: Option<Descriptors>,
@@ -123,8 +124,10 @@ impl Device {
         let claim = variables::or(options.claim, "QIRF_SUBGROUP")?;
         let candidates = select::candidates(&instance, limits, claim)?;
         let candidate = choice::choose(candidates, wanted.as_deref(), &lease::folder())?;
-        let choice = options.tuning.clone().map_or_else(TuningChoice::from_environment, Ok)?;
-        let tuning = choice.on(&candidate.info)?;
+        let choice = options.tuning.clone().map_or_else(TuningChoice::from_environment, |choice| Ok(Some(choice)))?;
+        let stored = if choice.is_none() { tuning_store::read(&candidate.info) } else { None };
+        let choice = choice.unwrap_or_default();
+        let tuning = stored.map_or_else(|| choice.on(&candidate.info), Ok)?;
         // A device with one size has no choice, and would only bound the number of subgroups (llvmpipe: 32 of 4).
         let [least, most] = candidate.info.subgroup_range;
         let pins = candidate.info.has(Feature::SubgroupSizeControl) && least < most && claim.is_none();

@@ -32,6 +32,8 @@ mod staging;
 mod submit;
 mod tuning;
 mod tuning_choice;
+mod tuning_store;
+mod tuning_variants;
 mod variables;
 mod visible;
 mod work;
@@ -55,6 +57,7 @@ pub use staging::staging_bytes;
 pub use submit::Ticket;
 pub use tuning::{DeviceClass, Tuning};
 pub use tuning_choice::TuningChoice;
+pub use tuning_variants::{Variant, variants};
 pub use work::{Traffic, Work};
 
 /// Results of this floor.

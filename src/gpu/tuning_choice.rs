@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 /// A choice of tuning. By default it is the row of the device's own class.
 ///
-/// As text, in `QIRF_TUNING`: a class, or fields, or both, such as `gpu`, `tile=8` or `nvidia,tile=8,sort_rows_max=8`.
+/// As text, in `--tuning` and `QIRF_TUNING`: a class, or fields, or both, such as `gpu`, `tile=8` or `nvidia,tile=8,sort_rows_max=8`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TuningChoice {
     class: Option<DeviceClass>,
@@ -21,10 +21,10 @@ impl TuningChoice {
         Self { class: Some(class), fields: Vec::new() }
     }
 
-    /// What `QIRF_TUNING` asks for, if it is set.
-    pub(super) fn from_environment() -> Result<Self, Error> {
-        let text = std::env::var("QIRF_TUNING").unwrap_or_default();
-        text.parse().map_err(|what| Error::Tuning(format!("QIRF_TUNING={text}: {what}")))
+    /// What `QIRF_TUNING` asks for, if it is set; empty, it asks for the row of the device's own class.
+    pub(super) fn from_environment() -> Result<Option<Self>, Error> {
+        let Ok(text) = std::env::var("QIRF_TUNING") else { return Ok(None) };
+        text.parse().map(Some).map_err(|what| Error::Tuning(format!("QIRF_TUNING={text}: {what}")))
     }
 
     /// Whether it changes nothing.

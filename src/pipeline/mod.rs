@@ -27,6 +27,7 @@ pub mod shard;
 mod shown;
 pub mod start;
 pub mod sweep;
+pub mod tune;
 pub mod virtual_views;
 pub mod watcher;
 

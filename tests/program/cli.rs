@@ -5,6 +5,7 @@ mod kernels;
 mod refusals;
 mod render;
 mod tags;
+mod tuning;
 
 use qirf_vk::gaussians::{Gaussians, formats};
 use serde_json::Value;

@@ -1,0 +1,69 @@
+//! The tuning that was measured to be the fastest on a device, in the cache folder, for later runs.
+
+use super::device::Device;
+use super::select::DeviceInfo;
+use super::tuning::Tuning;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::{fs, io};
+
+/// A file's content: the tuning, and the device and driver that it was measured on.
+#[derive(Serialize, Deserialize)]
+struct Stored {
+    device: String,
+    driver: String,
+    tuning: Tuning,
+}
+
+/// The file of a device; none where the system has no cache folder.
+fn file(info: &DeviceInfo) -> Option<PathBuf> {
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
+    let name: String = info.name.chars().map(plain).collect();
+    dirs::cache_dir().map(|folder| folder.join("qirf-vk").join(format!("tuning-{name}.json")))
+}
+
+/// The tuning stored for a device; none if there is none, if another driver's was measured, or if it does not fit.
+pub(super) fn read(info: &DeviceInfo) -> Option<Tuning> {
+    let path = file(info)?;
+    let text = fs::read_to_string(&path).ok()?;
+    let stored = serde_json::from_str::<Stored>(&text).map_err(|e| e.to_string()).and_then(|stored| {
+        let same = stored.device == info.name && stored.driver == info.driver;
+        let same = if same { Ok(()) } else { Err(format!("it was measured on {}, {}", stored.device, stored.driver)) };
+        same.and_then(|()| stored.tuning.check(info)).map(|()| stored.tuning)
+    });
+    stored.map_err(|e| tracing::warn!("{} is not used: {e}; `qirf-vk device --tune` replaces it", path.display())).ok()
+}
+
+impl Device {
+    /// The tuning that an earlier [`Device::store_tuning`] left for this device and driver.
+    pub fn stored_tuning(&self) -> Option<Tuning> {
+        read(self.info())
+    }
+
+    /// Stores a tuning for this device and driver: devices that are opened without a tuning have it from then on. Returns the
+    /// file.
+    ///
+    /// # Errors
+    /// No cache folder; a file that cannot be written.
+    pub fn store_tuning(&self, tuning: &Tuning) -> io::Result<PathBuf> {
+        let info = self.info();
+        let path = file(info).ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "no cache folder"))?;
+        let (device, driver) = (info.name.clone(), info.driver.clone());
+        let text = serde_json::to_string_pretty(&Stored { device, driver, tuning: tuning.clone() })?;
+        path.parent().map_or(Ok(()), fs::create_dir_all)?;
+        let temporary = path.with_extension(std::process::id().to_string());
+        fs::write(&temporary, text + "\n").and_then(|()| fs::rename(&temporary, &path))?;
+        Ok(path)
+    }
+
+    /// Forgets the stored tuning, if there is one.
+    ///
+    /// # Errors
+    /// A file that cannot be removed.
+    pub fn forget_tuning(&self) -> io::Result<()> {
+        match file(self.info()).map(fs::remove_file) {
+            Some(Err(e)) if e.kind() != io::ErrorKind::NotFound => Err(e),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Tunings that are worth measuring on a device: its class's row, and rows that differ from it in one respect.
+
+use super::select::DeviceInfo;
+use super::tuning::Tuning;
+use serde_json::Value;
+
+/// A tuning by a name that says in what it differs from the class's row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variant {
+    /// Its name.
+    pub name: String,
+    /// The tuning.
+    pub tuning: Tuning,
+}
+
+/// The row of the device's class, and those of its variants that fit the device.
+pub fn variants(info: &DeviceInfo) -> Vec<Variant> {
+    let own = Tuning::new(info.class, info.subgroup_size, info.max_workgroup);
+    let others = if own.rasterise_batch == 0 { alone(&own) } else { together(&own) };
+    let others = others.into_iter().filter(|(_, tuning)| *tuning != own && tuning.check(info).is_ok());
+    let named = |(name, tuning): (&str, Tuning)| Variant { name: name.to_owned(), tuning };
+    std::iter::once(("the class's row", own.clone())).chain(others).map(named).collect()
+}
+
+/// Variants of rows whose rasterisers are one subgroup a tile: CPU devices.
+fn alone(own: &Tuning) -> Vec<(&'static str, Tuning)> {
+    let own = || own.clone();
+    vec![
+        ("tiles of 16", Tuning { tile: 16, ..own() }),
+        ("sorts of 4 workgroups", Tuning { sort_workgroups: 4, ..own() }),
+        ("sorts of 8 workgroups", Tuning { sort_workgroups: 8, ..own() }),
+        ("sorts of 32 workgroups", Tuning { sort_workgroups: 32, ..own() }),
+        ("scans of 1024 words", Tuning { scan_rows: (1024 / own().subgroup).max(1), ..own() }),
+        ("scans of 8192 words", Tuning { scan_rows: 8192 / own().subgroup, ..own() }),
+        ("adam in one kernel", Tuning { adam_block: 64, ..own() }),
+        ("runs of 22 in the loss", Tuning { loss_rounds: 3, loss_tile: 0, ..own() }),
+    ]
+}
+
+/// Variants of rows whose rasterisers stage splats in shared memory: GPUs.
+fn together(own: &Tuning) -> Vec<(&'static str, Tuning)> {
+    let subgroup = own.subgroup;
+    let own = || own.clone();
+    let forward = |n: u32| Tuning { rasterise_workgroup: n.max(subgroup), rasterise_batch: n.max(subgroup), ..own() };
+    let backward = |n: u32, batch: u32| Tuning { backward_workgroup: n, backward_batch: batch, ..own() };
+    let small =
+        Tuning { tile: 8, backward_workgroup: subgroup.max(32), backward_batch: subgroup.max(32), ..forward(64) };
+    vec![
+        ("tiles of 8", small),
+        ("64 invocations forward", forward(64)),
+        ("128 invocations forward", forward(128)),
+        ("64 invocations backward", backward(64, subgroup.max(64))),
+        ("256 invocations backward", backward(256, subgroup)),
+        ("batches of a subgroup backward", backward(own().backward_workgroup, subgroup)),
+        ("one subgroup backward", backward(subgroup, 0)),
+        ("adam by attribute", Tuning { adam_block: 0, ..own() }),
+        ("loss in runs", Tuning { loss_tile: 0, ..own() }),
+        ("8 rows in sorts", Tuning { sort_rows_min: 8, sort_rows_max: 8, ..own() }),
+        ("32 rows in sorts", Tuning { sort_rows_min: 32, sort_rows_max: 32, ..own() }),
+    ]
+}
+
+impl Tuning {
+    /// This tuning with all fields in which others differ from it; of two others that differ in the same field, the first's.
+    #[must_use]
+    pub fn with_differences<'a>(&self, others: impl DoubleEndedIterator<Item = &'a Self>) -> Self {
+        let fields = |tuning: &Self| match serde_json::to_value(tuning) {
+            Ok(Value::Object(fields)) => fields,
+            _ => serde_json::Map::new(),
+        };
+        let own = fields(self);
+        let mut all = own.clone();
+        for other in others.rev() {
+            all.extend(fields(other).into_iter().filter(|(name, value)| own.get(name) != Some(value)));
+        }
+        serde_json::from_value(Value::Object(all)).unwrap_or_else(|_| self.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::DeviceClass;
+
+    #[test]
+    fn differences_add_up_and_the_first_has_precedence() {
+        let own = Tuning::new(DeviceClass::Gpu, 32, 1024);
+        let (a, b) =
+            (Tuning { tile: 8, adam_block: 0, ..own.clone() }, Tuning { adam_block: 32, scan_rows: 8, ..own.clone() });
+        let both = Tuning { tile: 8, adam_block: 0, scan_rows: 8, ..own.clone() };
+        assert_eq!(own.with_differences([&a, &b].into_iter()), both);
+        assert_eq!(own.with_differences(std::iter::empty()), own);
+    }
+}

@@ -1,0 +1,67 @@
+//! `qirf-vk device --tune` and `--tuning`: which shapes of kernels later runs have.
+
+use serde_json::{Value, json};
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn device(cache: &Path, arguments: &[&str], variable: Option<&str>) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    command.arg("device").args(arguments).env("XDG_CACHE_HOME", cache).env_remove("QIRF_TUNING");
+    command.envs(variable.map(|tuning| ("QIRF_TUNING", tuning)));
+    command.output().expect("the program starts")
+}
+
+fn document(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("one JSON document")
+}
+
+#[test]
+fn a_stored_tuning_is_used_unless_another_is_asked_for() {
+    let cache = tempfile::tempdir().unwrap();
+    // In a second, there is time for the class's row alone, which is therefore the best.
+    let tuned = document(&device(cache.path(), &["--tune", "1", "--json"], None));
+    let tried = &tuned["tuned"]["tried"];
+    assert!(tried[0]["ms"].as_f64().is_some_and(|ms| ms > 0.0) && tuned["tuned"]["best"] == 0, "{tuned}");
+    assert!(tuned["stored"].is_null() && tuned["tuned"]["left"].as_array().is_some_and(|l| !l.is_empty()), "{tuned}");
+
+    let (name, driver) = (tuned["device"]["name"].as_str().unwrap(), tuned["device"]["driver"].as_str().unwrap());
+    let mut tuning = tried[0]["tuning"].clone();
+    let rows = tuning["scan_rows"].as_u64().unwrap();
+    tuning["scan_rows"] = json!(rows / 2);
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
+    let file =
+        cache.path().join("qirf-vk").join(format!("tuning-{}.json", name.chars().map(plain).collect::<String>()));
+    fs::create_dir_all(file.parent().unwrap()).unwrap();
+    let store = |driver: &str, tuning: &Value| {
+        fs::write(&file, json!({ "device": name, "driver": driver, "tuning": tuning }).to_string()).unwrap();
+    };
+    let used = |arguments: &[&str], variable| {
+        let all = [&["--json"], arguments].concat();
+        document(&device(cache.path(), &all, variable))["tuning"]["scan_rows"].as_u64().unwrap()
+    };
+    store(driver, &tuning);
+    assert_eq!(used(&[], None), rows / 2);
+    assert_eq!(used(&["--tuning", "scan_rows=3"], None), 3);
+    assert_eq!(used(&["--tuning", "scan_rows=3"], Some("scan_rows=5")), 3, "the option has precedence");
+    assert_eq!(used(&[], Some("scan_rows=5")), 5);
+    assert_eq!(used(&[], Some("")), rows, "an empty variable asks for the class's row");
+    let text = String::from_utf8(device(cache.path(), &[], None).stdout).unwrap();
+    assert!(text.contains("as measured by --tune"), "{text}");
+
+    // One of another driver, or that does not fit, is told of and not used.
+    let mut unfit = tuning.clone();
+    unfit["tile"] = json!(9);
+    for (driver, tuning) in [("an older one", &tuning), (driver, &unfit)] {
+        store(driver, tuning);
+        assert_eq!(used(&[], None), rows);
+        let told = String::from_utf8(device(cache.path(), &[], None).stderr).unwrap();
+        assert!(told.contains("is not used") && told.contains("--tune"), "{told}");
+    }
+
+    let wrong = device(cache.path(), &["--tuning", "riva"], None);
+    assert_eq!(wrong.status.code(), Some(2), "{}", String::from_utf8_lossy(&wrong.stderr));
+    document(&device(cache.path(), &["--tune", "1", "--json"], None));
+    assert!(!file.exists(), "the class's row was best: nothing stays stored");
+}
