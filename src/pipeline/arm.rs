@@ -4,6 +4,7 @@ use super::config::{Compression, Pruning, RunConfig};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
 use crate::train::growth::Growth;
+use crate::train::relocation::Relocation;
 use crate::train::schedule::Schedule;
 
 /// Removes `suffix` from the end of `text`. Returns what is left, and whether the suffix was there.
@@ -23,6 +24,8 @@ pub enum Grown {
     ByThresholds,
     /// From the beginning to the number that would be kept of the other arms' Gaussians; it is not pruned.
     To(Keep),
+    /// From the beginning to that number by relocation, as in 3DGS-MCMC; it is not pruned.
+    Relocating(Keep),
 }
 
 /// One way to reach a model.
@@ -43,7 +46,7 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// Reads `dense`, `grown`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
+    /// Reads `dense`, `grown`, `mcmc`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
     /// `+attrition`, `+twice`, `+rewarm`, `+thresholds` and `@SHARE`. A selector alone prunes without attrition, divides its count per
     /// block and does not merge. `given` is the meaning of `default`, and gives every arm its share, its detail and its blocks.
     ///
@@ -80,7 +83,10 @@ impl Arm {
             "grown" if rest == selector && text.split('@').next() == Some(rest) => {
                 return Ok(Self { name, compression: None, attrition, rewarm, twice, grown: Grown::To(keep) });
             }
-            "dense" | "grown" => {
+            "mcmc" if rest == selector && text.split('@').next() == Some(rest) => {
+                return Ok(Self { name, compression: None, attrition, rewarm, twice, grown: Grown::Relocating(keep) });
+            }
+            "dense" | "grown" | "mcmc" => {
                 return Err(format!("'{text}': this arm is not pruned; write {selector} without the rest"));
             }
             "default" => given.clone(),
@@ -88,7 +94,7 @@ impl Arm {
             selector => Compression {
                 selector: selector
                     .parse::<Selector>()
-                    .map_err(|e| format!("{e}, or default, paper, dense or grown"))?,
+                    .map_err(|e| format!("{e}, or default, paper, dense, grown or mcmc"))?,
                 budget: Budget::PerBlock,
                 merge: false,
                 ..given.clone()
@@ -144,9 +150,12 @@ impl Arm {
         let growth = match self.grown {
             Grown::Together => plan,
             Grown::ByThresholds => None,
-            Grown::To(keep) => Some(Growth { gaussians: Some(keep.count(gaussians)), ..plan.unwrap_or_default() }),
+            Grown::To(keep) | Grown::Relocating(keep) => {
+                Some(Growth { gaussians: Some(keep.count(gaussians)), ..plan.unwrap_or_default() })
+            }
         };
-        let schedule = Schedule { growth, ..shared.schedule.clone() };
+        let relocation = matches!(self.grown, Grown::Relocating(_)).then(Relocation::default);
+        let schedule = Schedule { growth, relocation, ..shared.schedule.clone() };
         // Initial points are thinned to the largest number allowed.
         let most = growth.filter(|_| self.grown != Grown::Together).and_then(|g| g.gaussians);
         let max_gaussians = most.map_or(shared.max_gaussians, |most| most.min(shared.max_gaussians));
@@ -188,6 +197,9 @@ mod tests {
         assert_eq!(process("dense+thresholds", &default), (0, false, false, None));
         assert_eq!(process("grown", &default), (0, false, false, Some(Some(28))));
         assert_eq!(process("grown@0.5", &default), (0, false, false, Some(Some(50))));
+        assert_eq!(process("mcmc@0.5", &default), (0, false, false, Some(Some(50))));
+        let mcmc = Arm::parse("mcmc", &default).unwrap().configuration(&shared, 100);
+        assert!(mcmc.schedule.relocation.is_some() && mcmc.max_gaussians == 28 && shared.schedule.relocation.is_none());
     }
 
     #[test]
@@ -209,6 +221,8 @@ mod tests {
             "dense+rewarm",
             "dense@0.2",
             "grown+thresholds",
+            "mcmc+rewarm",
+            "mcmc:global",
             "css+thresholds+rewarm",
             "css+attrition+twice",
             "dense+twice",

@@ -85,7 +85,7 @@ pub(super) fn hash(x: u32) -> u32 {
 }
 
 /// Two independent standard normals (Box and Muller).
-fn normals(key: [u32; 4]) -> [f64; 2] {
+pub(super) fn normals(key: [u32; 4]) -> [f64; 2] {
     let first = key.into_iter().rev().fold(0, |h, k| hash(k ^ h));
     let unit = |h: u32| f64::from(h >> 8);
     let (radius, turn) = ((-2.0 * ((unit(first) + 1.0) / 16_777_217.0).ln()).sqrt(), unit(hash(first)) / 16_777_216.0);

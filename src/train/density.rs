@@ -5,6 +5,7 @@ use super::schedule::Schedule;
 use super::trainee::Trainee;
 use crate::gaussians::Attributes;
 use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::kernels::constants::density::{CLONE, KEPT};
 use crate::kernels::train::{
     Densify, DensifyPush, DensifySpec, GatherRows, GatherRowsSpec, ResetOpacity, ResetOpacityPush, ResetOpacitySpec,
     Sources, SourcesSpec, Split, SplitPush, SplitSpec,
@@ -76,7 +77,19 @@ pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step
 /// # Errors
 /// Device memory; device errors. The model is then unchanged.
 pub fn compact(device: &Device, trainee: &mut Trainee, kept: &[u32]) -> Result<()> {
-    let rows = Rows::of(device, kept.to_vec(), trainee)?;
+    replace(device, trainee, kept, &vec![false; kept.len()])
+}
+
+/// Takes every trained row from the one in `sources`, with its moments unless it is `fresh`: then they are zero. The tail stays, and
+/// growth restarts at zero.
+///
+/// # Errors
+/// Device memory; device errors. The model is then unchanged.
+pub(super) fn replace(device: &Device, trainee: &mut Trainee, sources: &[u32], fresh: &[bool]) -> Result<()> {
+    let mut rows = Rows::of(device, sources.to_vec(), trainee)?;
+    let mut kinds: Vec<u32> = fresh.iter().map(|fresh| if *fresh { CLONE } else { KEPT }).collect();
+    kinds.resize(rows.sources.len(), KEPT);
+    rows.kinds = device.upload("kinds", &kinds)?;
     let mut recording = Recording::new();
     let successor = rows.gather(device, &mut recording, trainee)?;
     device.run(recording)?;

@@ -2,6 +2,7 @@
 
 use super::adam::Rates;
 use super::growth::Growth;
+use super::relocation::Relocation;
 use serde::{Deserialize, Serialize};
 
 /// The course of a run, as written to `config.toml`.
@@ -50,6 +51,9 @@ pub struct Schedule {
     /// Growth to a planned number; without it, all Gaussians grow whose gradient reaches the threshold.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub growth: Option<Growth>,
+    /// Growth by relocation, in place of density control and opacity resets; the plan says how many there are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relocation: Option<Relocation>,
 }
 
 impl Default for Schedule {
@@ -76,6 +80,7 @@ impl Default for Schedule {
             degree_every: 1.0 / 30.0,
             half_until: 0.0,
             growth: None,
+            relocation: None,
         }
     }
 }
@@ -146,7 +151,8 @@ impl Schedule {
 
     /// Returns true if density control acts after iteration `iteration`.
     pub fn densifies(&self, iteration: u32) -> bool {
-        iteration > self.at(self.densify_from)
+        self.relocation.is_none()
+            && iteration > self.at(self.densify_from)
             && iteration < self.at(self.densify_until)
             && iteration.is_multiple_of(self.growth.map_or(self.densify_every, |g| g.every(self)))
     }
@@ -159,7 +165,9 @@ impl Schedule {
 
     /// Returns true if opacities are reset after iteration `iteration`.
     pub fn resets_opacity(&self, iteration: u32) -> bool {
-        iteration.is_multiple_of(self.opacity_reset_every) && iteration < self.at(self.densify_until)
+        self.relocation.is_none()
+            && iteration.is_multiple_of(self.opacity_reset_every)
+            && iteration < self.at(self.densify_until)
     }
 }
 

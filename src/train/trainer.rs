@@ -6,6 +6,7 @@ use super::course::Course;
 use super::density::{self, Step, densify};
 use super::device_photos::DevicePhotos;
 use super::error::{Error, Result};
+use super::explore;
 use super::exposure;
 use super::halve::{self, Halve};
 use super::objective::{Current, Objective};
@@ -248,7 +249,9 @@ impl Trainer {
     /// The last iteration that may run before the host must check.
     fn boundary(&self, until: u32) -> u32 {
         let schedule = &self.options.schedule;
-        let grows = |i: u32| schedule.densifies(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1);
+        let grows = |i: u32| {
+            schedule.densifies(i) || schedule.relocates(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1)
+        };
         let fades = |i: u32| self.attrition().is_some_and(|a| a.acts(i));
         let acts = |i: u32| grows(i) || fades(i) || self.smoothing_after(i).is_some();
         let averages = |i: u32| self.options.averaged.start == i + 1 && !self.options.averaged.is_empty();
@@ -345,14 +348,21 @@ impl Trainer {
         let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
         renderer.record_backward(&mut recording, model, camera, gradient, backward);
         let step = self.course.step(&options.schedule, iteration, self.extent);
+        if let Some(relocation) = &options.schedule.relocation {
+            explore::pull(&mut recording, renderer, &self.trainee, relocation);
+        }
         adam::record(&mut recording, renderer, &self.trainee, step);
+        if let Some(relocation) = &options.schedule.relocation {
+            let key = [options.seed, iteration];
+            explore::shake(&mut recording, renderer, &self.trainee, relocation, step.rates.means, key);
+        }
         if let Some(responses) = responses {
             responses.record(&mut recording, renderer, model, camera, Gather::Average { iteration });
         }
         Ok(recording)
     }
 
-    /// Density control, opacity reset, attrition and smoothing, if they are due after this iteration.
+    /// Density control or relocation, opacity reset, attrition and smoothing, if they are due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
         let schedule = &self.options.schedule;
         if schedule.densifies(iteration) {
@@ -367,6 +377,7 @@ impl Trainer {
             density::reset_opacity(&mut recording, &self.trainee, RESET_OPACITY);
             self.device.run(recording)?;
         }
+        self.relocate(iteration)?;
         self.attrite(iteration)?;
         if let Some(smoothing) = self.smoothing_after(iteration) {
             let mut recording = Recording::new();

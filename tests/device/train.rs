@@ -4,6 +4,7 @@ pub mod adam;
 mod attrition;
 mod crop;
 pub mod density;
+mod explore;
 mod growth;
 mod halve;
 mod loss;

@@ -81,6 +81,7 @@ const EXEMPT: &[(&str, Place, &str)] = &[
     ("train/densify", Place::Host, "train/density.rs strings its steps together"),
     ("train/densify", Place::Label, "every hundredth iteration, between submissions that are timed"),
     ("train/densify", Place::Bench, "every hundredth iteration"),
+    ("train/explore", Place::Bench, "two dispatches, in runs that grow by relocation"),
     ("train/halve", Place::Bench, "one dispatch, in the iterations that see half the photo"),
     ("train/mask", Place::Bench, "row masks of the group effects: the effect's own name"),
     ("train/mask", Place::Label, "masks, the effect's own name"),

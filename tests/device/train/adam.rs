@@ -15,7 +15,7 @@ use qirf_vk::train::schedule::Schedule;
 /// A model trained with a fixed gradient of the picture.
 pub(crate) struct Bench {
     device: Device,
-    renderer: Renderer,
+    pub(crate) renderer: Renderer,
     pub(crate) trainee: Trainee,
     camera: Camera,
     by_image: Buffer<[f32; 4]>,
@@ -34,7 +34,7 @@ impl Bench {
         }
     }
 
-    fn there_and_back(&self, growth: Option<&Buffer<[f32; 2]>>) -> Recording {
+    pub(crate) fn there_and_back(&self, growth: Option<&Buffer<[f32; 2]>>) -> Recording {
         let mut recording = Recording::new();
         self.renderer.record(&mut recording, &self.trainee.model, &self.camera);
         let backward = Backward { growth, ..Backward::default() };
