@@ -22,7 +22,7 @@ pub(super) struct Choices {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     target_count: Option<u32>,
     /// pairs (merge pairs of neighbours), or rank by: css, gnso, ordinary, lowdin, importance, radsplat, lightgaussian,
-    /// contribution, opacity, removal, elimination, css-measured, gnso-measured or random [default: css; compress: pairs]
+    /// contribution, opacity, removal, change, elimination, css-measured, gnso-measured or random [default: css; compress: pairs]
     #[arg(long, value_name = "NAME", value_parser = values::named::<Selector>)]
     pub selector: Option<Selector>,
     /// Divide the count per-block, hybrid (half by block, half over the scene) or global

@@ -22,10 +22,10 @@ const ARMS: &str =
 const ABLATION: &str =
     "dense,gnso,gnso-detail,ordinary,gnso@0.1,ordinary@0.1,gnso@0.2,ordinary@0.2,gnso@0.4,ordinary@0.4";
 
-/// Methods of the paper's Tables 1 and 2 as far as they are here: QIRF, 3DGS, `RadSplat`, `LightGaussian`, GaussianPOP, GNS, and
-/// growth to the same count. Learnt masks (Compact3DGS, `MaskGaussian`) and 3DGS-MCMC's noise are not.
+/// Methods of the paper's Tables 1 and 2 as far as they are here: QIRF, 3DGS, `RadSplat`, `LightGaussian`, GaussianPOP, GNS,
+/// 3DGS-MCMC, and growth to the same count. Learnt masks (Compact3DGS, `MaskGaussian`) are not.
 const PAPER_TABLES: &str = "dense,dense+thresholds,default,paper,gnso,radsplat:global-detail+twice,lightgaussian:global-detail,\
-     removal:global-detail+twice,opacity:global-detail+attrition,importance,grown";
+     pop,gns,mcmc,importance,grown";
 
 const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --preset quick --resolution 256
@@ -34,9 +34,9 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --arms paper-tables --seeds 3
 
 An arm is a selector's name with any of :BUDGET, +merge, -detail, +attrition, +twice, +rewarm, +thresholds and @SHARE after
-it, in this order; +twice prunes at 16/30 and 24/30 of the run. Or it is default, paper, dense (not pruned), dense+thresholds
-(not pruned, grown as by the 3DGS reference) or grown (not pruned, grown only to the number kept). The folder holds
-compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
+it, in this order; +twice prunes at 16/30 and 24/30 of the run. Or it is default, paper, gns (opacity:global-detail+attrition), pop
+(change:global-detail in two cuts), dense (not pruned), dense+thresholds (not pruned, grown as by the 3DGS reference), grown (not
+pruned, grown only to the number kept) or mcmc (the same by relocation, as in 3DGS-MCMC). The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
 /// Compare ways of pruning a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]
@@ -114,13 +114,15 @@ impl Arguments {
 
     fn report(&self, console: &Console, compared: &CompareRecord) -> Result<(), Error> {
         let number = |v: Option<f64>, digits: usize| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
+        // Names of arms may be long.
+        let width = compared.arms.iter().map(|a| a.name.len()).max().unwrap_or(0).max("arm".len());
         console.print(format_args!(
-            "{:<24} {:>8} {:>6} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
+            "{:<width$} {:>8} {:>6} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
             "arm", "PSNR/dB", "+-", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
         ))?;
         for arm in &compared.arms {
             console.print(format_args!(
-                "{:<24} {:>8} {:>6} {:>8} {:>8} {:>10} {:>7.1}% {:>8.2} {:>8} {:>8.1}",
+                "{:<width$} {:>8} {:>6} {:>8} {:>8} {:>10} {:>7.1}% {:>8.2} {:>8} {:>8.1}",
                 arm.name,
                 number(arm.psnr, 3),
                 number(arm.psnr_spread, 2),

@@ -15,6 +15,14 @@ fn without<'a>(text: &'a str, suffix: &str) -> (&'a str, bool) {
 /// Shares of the run at which an arm prunes that does so in two steps, as `RadSplat` does.
 pub const TWICE: [f64; 2] = [16.0 / 30.0, 24.0 / 30.0];
 
+/// Methods by name: their arm in full, and the shares of the run at which they prune in two steps.
+const METHODS: [(&str, &str, [f64; 2]); 2] = [
+    // Natural selection: pressure on opacities, the rest cut by opacity.
+    ("gns", "opacity:global-detail+attrition", TWICE),
+    // GaussianPOP: what the pictures change if one Gaussian goes, in two cuts.
+    ("pop", "change:global-detail+twice", [15.0 / 30.0, 20.0 / 30.0]),
+];
+
 /// How an arm's model grows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Grown {
@@ -39,20 +47,26 @@ pub struct Arm {
     pub attrition: bool,
     /// True if rates are re-warmed after it.
     pub rewarm: bool,
-    /// True if it prunes in two steps, [`TWICE`].
-    pub twice: bool,
+    /// Shares of the run at which it prunes, if it does so in two steps.
+    pub twice: Option<[f64; 2]>,
     /// How its model grows.
     pub grown: Grown,
 }
 
 impl Arm {
-    /// Reads `dense`, `grown`, `mcmc`, `default`, `paper`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
+    /// Reads `dense`, `grown`, `mcmc`, `default`, `paper`, `gns`, `pop`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
     /// `+attrition`, `+twice`, `+rewarm`, `+thresholds` and `@SHARE`. A selector alone prunes without attrition, divides its count per
     /// block and does not merge. `given` is the meaning of `default`, and gives every arm its share, its detail and its blocks.
     ///
     /// # Errors
     /// A sentence that names the fault.
     pub fn parse(text: &str, given: &Pruning) -> Result<Self, String> {
+        let method = |m: &&(&str, &str, [f64; 2])| text.split(['@', '+']).next() == Some(m.0);
+        if let Some((short, full, at)) = METHODS.iter().find(method) {
+            let after = &text[short.len()..];
+            let arm = Self::parse(&format!("{full}{after}"), given).map_err(|e| format!("{text}: {e}"))?;
+            return Ok(Self { name: text.to_owned(), twice: arm.twice.map(|_| *at), ..arm });
+        }
         let (name, process) = (text.to_owned(), given);
         let given = &process.compression;
         let (rest, keep) = match text.split_once('@') {
@@ -78,13 +92,20 @@ impl Arm {
         };
         let mut compression = match selector {
             "dense" if text == selector || text == "dense+thresholds" => {
-                return Ok(Self { name, compression: None, attrition, rewarm, twice, grown });
+                return Ok(Self { name, compression: None, attrition, rewarm, twice: None, grown });
             }
             "grown" if rest == selector && text.split('@').next() == Some(rest) => {
-                return Ok(Self { name, compression: None, attrition, rewarm, twice, grown: Grown::To(keep) });
+                return Ok(Self { name, compression: None, attrition, rewarm, twice: None, grown: Grown::To(keep) });
             }
             "mcmc" if rest == selector && text.split('@').next() == Some(rest) => {
-                return Ok(Self { name, compression: None, attrition, rewarm, twice, grown: Grown::Relocating(keep) });
+                return Ok(Self {
+                    name,
+                    compression: None,
+                    attrition,
+                    rewarm,
+                    twice: None,
+                    grown: Grown::Relocating(keep),
+                });
             }
             "dense" | "grown" | "mcmc" => {
                 return Err(format!("'{text}': this arm is not pruned; write {selector} without the rest"));
@@ -115,11 +136,12 @@ impl Arm {
         if without_detail {
             compression.detail = 0.0;
         }
-        if attrition && twice {
+        let twice = twice.then_some(TWICE);
+        if attrition && twice.is_some() {
             return Err(format!("'{text}': choose one of +attrition and +twice"));
         }
         let default = selector == "default";
-        let attrition = attrition || default && !twice && process.attrition.is_some();
+        let attrition = attrition || default && twice.is_none() && process.attrition.is_some();
         let rewarm = rewarm || default && process.rewarm;
         Ok(Self { name, compression: Some(compression), attrition, rewarm, twice, grown })
     }
@@ -140,7 +162,10 @@ impl Arm {
                 rewarm: self.rewarm,
                 ..pruning.clone()
             })
-            .map(|pruning| if self.twice { twice(pruning, gaussians) } else { pruning }),
+            .map(|pruning| match self.twice {
+                Some(at) => twice(pruning, at, gaussians),
+                None => pruning,
+            }),
             (None, Some(pruning)) => {
                 Some(Pruning { at: Vec::new(), attrition: None, rewarm: false, ..pruning.clone() })
             }
@@ -163,9 +188,9 @@ impl Arm {
     }
 }
 
-/// The same pruning in two steps, to exactly as many of `gaussians`.
-fn twice(mut pruning: Pruning, gaussians: usize) -> Pruning {
-    pruning.at = TWICE.to_vec();
+/// The same pruning in two steps at these shares of the run, to exactly as many of `gaussians`.
+fn twice(mut pruning: Pruning, at: [f64; 2], gaussians: usize) -> Pruning {
+    pruning.at = at.to_vec();
     if let Keep::Share(_) = pruning.compression.keep {
         pruning.compression.keep = Keep::Count(pruning.compression.keep.count(gaussians));
     }
@@ -217,7 +242,18 @@ mod tests {
         let faded = Arm::parse("css-detail+attrition+rewarm@0.5", &process).unwrap();
         assert!(faded.attrition && faded.rewarm && faded.compression.unwrap().keep == Keep::Share(0.5));
         assert!(!Arm::parse("css+merge", &process).unwrap().attrition);
+        let gns = Arm::parse("gns+rewarm@0.2", &process).unwrap();
+        let by = gns.compression.unwrap();
+        assert!(gns.attrition && gns.rewarm && gns.twice.is_none() && gns.name == "gns+rewarm@0.2");
+        assert_eq!((by.selector, by.budget, by.detail), (Selector::Opacity, Budget::Global, 0.0));
+        assert_eq!((by.keep, by.merge), (Keep::Share(0.2), false));
+        let pop = Arm::parse("pop", &process).unwrap();
+        assert_eq!((pop.twice, pop.compression.unwrap().selector), (Some([0.5, 2.0 / 3.0]), Selector::Change));
+        assert_eq!(Arm::parse("radsplat+twice", &process).unwrap().twice, Some(TWICE));
         for wrong in [
+            "gns:global",
+            "gns+attrition",
+            "pop+merge",
             "dense+rewarm",
             "dense@0.2",
             "grown+thresholds",

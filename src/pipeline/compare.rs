@@ -116,7 +116,7 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     };
     let mut run = ActiveRun::start(setup, &config, &output, start)?;
     run.train(fork.snapshot.iteration)?;
-    let psnr_pruned = if arm.twice {
+    let psnr_pruned = if arm.twice.is_some() {
         // Its prunes come later.
         run.fine_tune();
         None

@@ -378,6 +378,26 @@ fn compared(scene: &Path, out: &Path, iterations: &str, more: &[&str]) -> serde_
     serde_json::from_slice(&works(&mut command).stdout).expect("one JSON document")
 }
 
+/// Methods by name end at the same count: by two cuts, by pressure, and by relocation from the beginning.
+#[test]
+fn methods_end_at_equal_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let record = compared(&scene, &folder.path().join("compared"), "160", &["--arms", "pop,gns,mcmc", "--keep", "0.3"]);
+    let kept = (record["gaussians"].as_u64().unwrap() * 3 + 5) / 10;
+    let arms = record["arms"].as_array().unwrap();
+    assert!(
+        arms.iter().all(|a| a["gaussians"].as_u64() == Some(kept) && a["psnr"].as_f64().is_some()),
+        "{kept}: {arms:?}"
+    );
+    let selectors = |arm: usize| -> Vec<(&str, u64)> {
+        let prunes = arms[arm]["prunes"].as_array().unwrap().iter();
+        prunes.map(|p| (p["selector"].as_str().unwrap(), p["iteration"].as_u64().unwrap())).collect()
+    };
+    assert_eq!(selectors(0), [("change", 80), ("change", 107)]);
+    assert!(selectors(1).len() == 1 && selectors(1)[0].0 == "opacity" && selectors(2).is_empty());
+}
+
 /// Arms start from one checkpoint: equal counts, one dense model, and finished arms are reused.
 #[test]
 fn arms_are_compared_at_equal_counts() {

@@ -68,6 +68,8 @@ pub enum Selector {
     Lightgaussian,
     /// Change of the squared error if it alone is removed.
     Removal,
+    /// Squared change of the pictures if it alone is removed, whatever the photos show (`GaussianPOP`).
+    Change,
     /// [`Selector::Gnso`] by measured changes and weights.
     GnsoMeasured,
     /// [`Selector::Css`] by measured changes.
@@ -80,7 +82,7 @@ pub enum Selector {
 
 impl Selector {
     /// All selectors with their names on the command line.
-    pub const NAMES: [(Self, &'static str); 15] = [
+    pub const NAMES: [(Self, &'static str); 16] = [
         (Self::Gnso, "gnso"),
         (Self::Ordinary, "ordinary"),
         (Self::Lowdin, "lowdin"),
@@ -92,6 +94,7 @@ impl Selector {
         (Self::Radsplat, "radsplat"),
         (Self::Lightgaussian, "lightgaussian"),
         (Self::Removal, "removal"),
+        (Self::Change, "change"),
         (Self::GnsoMeasured, "gnso-measured"),
         (Self::CssMeasured, "css-measured"),
         (Self::Elimination, "elimination"),
@@ -122,7 +125,7 @@ impl Selector {
     /// What it reads of a pass over the training views. The detail safeguard beside every selector but `pairs` reads channels.
     pub fn reads(self) -> Wanted {
         match self {
-            Self::Contribution | Self::Radsplat | Self::Lightgaussian => Wanted::BOTH,
+            Self::Contribution | Self::Radsplat | Self::Lightgaussian | Self::Change => Wanted::BOTH,
             Self::Removal => Wanted { residual: true, ..Wanted::BOTH },
             Self::GnsoMeasured | Self::CssMeasured | Self::Elimination => {
                 Wanted { residual: true, sketches: true, ..Wanted::BOTH }
@@ -152,6 +155,7 @@ impl Selector {
             Self::Opacity => Some(statistics.opacity.iter().map(|&x| x.into()).collect()),
             Self::Radsplat => by(|s| s.peak.into()),
             Self::Removal => by(Score::removal),
+            Self::Change => by(|s| s.change.into()),
             Self::Random => {
                 let draw = |i: usize| random::uniform(&[SALT, seed, i as u64]);
                 Some((0..statistics.opacity.len()).into_par_iter().map(draw).collect())

@@ -182,6 +182,7 @@ fn selectors_of_single_gaussians() {
     assert_eq!(order(Selector::Radsplat).unwrap(), [1, 0, 2]);
     assert_eq!(order(Selector::Lightgaussian).unwrap(), [2, 1, 0]);
     assert_eq!(order(Selector::Removal).unwrap(), [2, 1, 0], "the first is in the photos' way");
+    assert_eq!(order(Selector::Change).unwrap(), [0, 1, 2], "whatever the photos show");
     assert_eq!(order(Selector::Random), order(Selector::Random));
     assert_ne!(Selector::Random.score(&statistics, 7), Selector::Random.score(&statistics, 8));
     for (selector, name) in Selector::NAMES {
