@@ -4,6 +4,7 @@ mod support;
 
 mod program {
     mod attrition;
+    mod blocks;
     mod cli;
     mod compress;
     mod devices;

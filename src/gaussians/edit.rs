@@ -21,6 +21,25 @@ impl Gaussians {
         Self::of_attributes(self.attributes().zip(Attributes::widths_of_bands(bands)).map(picked), bands)
     }
 
+    /// Adds the Gaussians of another model behind these; bands that one of the two lacks are zero.
+    pub fn append(&mut self, other: &Self) {
+        let bands = self.sh.len().max(other.sh.len());
+        for l in 0..bands {
+            let width = Self::band_width(l);
+            if l == self.sh.len() {
+                self.sh.push(vec![0.0; self.len() * width]);
+            }
+            match other.sh.get(l) {
+                Some(band) => self.sh[l].extend(band),
+                None => self.sh[l].extend(std::iter::repeat_n(0.0, other.len() * width)),
+            }
+        }
+        self.means.extend(&other.means);
+        self.log_scales.extend(&other.log_scales);
+        self.rotations.extend(&other.rotations);
+        self.opacity_logits.extend(&other.opacity_logits);
+    }
+
     /// Keeps the Gaussians whose index `keep` approves, in their order.
     pub fn retain(&mut self, keep: impl FnMut(&usize) -> bool) {
         let kept: Vec<usize> = (0..self.len()).filter(keep).collect();
@@ -136,6 +155,25 @@ mod tests {
         let mut rest = three();
         rest.retain(|&i| i != 1);
         assert_eq!(rest, three().select(&[0, 2]));
+    }
+
+    #[test]
+    fn appended_models_have_the_bands_of_both() {
+        let (one, two) = (three(), three().select(&[2]));
+        let mut both = one.clone();
+        both.append(&two);
+        assert!(both == one.select(&[0, 1, 2, 2]) && both.validate().is_ok());
+        let flat = Gaussians::zeroed(2, 0);
+        let mut grown = flat.clone();
+        grown.append(&one);
+        assert!(grown.validate().is_ok() && grown.select(&[2, 3, 4]) == one);
+        assert_eq!(grown.sh[1][..18], [0.0; 18]);
+        let mut shrunk = one.clone();
+        shrunk.append(&flat);
+        assert!(shrunk.validate().is_ok() && shrunk.len() == 5 && shrunk.sh[1][27..] == [0.0; 18]);
+        let mut none = Gaussians::default();
+        none.append(&one);
+        assert_eq!(none, one);
     }
 
     #[test]

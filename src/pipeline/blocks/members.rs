@@ -52,23 +52,20 @@ pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
 /// If the neighbours have more bands than the block's model.
 pub fn with_tail(block: &Snapshot, neighbours: &Gaussians) -> Snapshot {
     assert!(neighbours.sh.len() <= block.model.sh.len(), "bands that the block lacks");
-    let before = block.model.len() - block.tail;
-    let mut model = block.model.select(&(0..before).collect::<Vec<_>>());
-    model.means.extend(&neighbours.means);
-    model.log_scales.extend(&neighbours.log_scales);
-    model.rotations.extend(&neighbours.rotations);
-    model.opacity_logits.extend(&neighbours.opacity_logits);
-    for (l, band) in model.sh.iter_mut().enumerate() {
-        let missing = vec![0.0; neighbours.len() * Gaussians::band_width(l)];
-        band.extend(neighbours.sh.get(l).unwrap_or(&missing));
+    let mut model = block.model.select(&(0..block.model.len() - block.tail).collect::<Vec<_>>());
+    model.append(neighbours);
+    let growth = vec![0.0; 2 * model.len()];
+    Snapshot { model, growth, tail: neighbours.len(), responses: Default::default(), ..block.clone() }
+}
+
+/// The scene of all blocks' own Gaussians, in the order of the blocks, and the first row of each block in it.
+pub fn joined<'a>(blocks: impl IntoIterator<Item = &'a Snapshot>) -> (Gaussians, Vec<usize>) {
+    let (mut scene, mut starts) = (Gaussians::default(), Vec::new());
+    for block in blocks {
+        starts.push(scene.len());
+        scene.append(&block.model.select(&(0..block.model.len() - block.tail).collect::<Vec<_>>()));
     }
-    Snapshot {
-        growth: vec![0.0; 2 * model.len()],
-        model,
-        tail: neighbours.len(),
-        responses: Default::default(),
-        ..block.clone()
-    }
+    (scene, starts)
 }
 
 #[cfg(test)]
@@ -117,7 +114,7 @@ mod tests {
     fn blocks_hand_everything_on_once() {
         let whole = model(200, 1);
         let cells = cells(&whole);
-        let mut handed = Vec::new();
+        let (mut handed, mut blocks) = (Vec::new(), Vec::new());
         for cell in 0..cells.count() {
             let members = Members::of(&cells, cell, 0.2, &whole);
             assert_eq!(members.trained.len() + members.seen.len(), 200);
@@ -133,7 +130,12 @@ mod tests {
                 assert_eq!(at(9, &kept.moments.sh[1]), [before; 18]);
             }
             handed.extend(kept.model.opacity_logits.iter().map(|logit| *logit as usize));
+            blocks.push(kept);
         }
+        let (scene, starts) = joined(&blocks);
+        assert_eq!(scene.len(), 200);
+        assert!(scene.opacity_logits.iter().map(|logit| *logit as usize).eq(handed.iter().copied()));
+        assert!((0..4).all(|b| scene.means[starts[b]] == blocks[b].model.means[0]));
         handed.sort_unstable();
         assert_eq!(handed, (0..200).collect::<Vec<_>>());
     }

@@ -3,5 +3,5 @@
 mod members;
 mod seen;
 
-pub use members::{Members, owned, with_tail};
+pub use members::{Members, joined, owned, with_tail};
 pub use seen::{Seen, Shown, seen};
