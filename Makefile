@@ -1,7 +1,7 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
 .PHONY: help setup run viewer-picture viewer-speed test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
-	gpu-report devices msl
+	gpu-report devices msl cluster-test
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -39,6 +39,9 @@ test: setup ## run all tests on this machine's Vulkan device
 
 devices: setup ## run the device tests and selftest on every software device, tuning and width; one table (an hour)
 	@tools/devices
+
+cluster-test: ## compress in tasks under Snakemake, with processes killed on the way; the bytes must be the same (minutes)
+	@tools/cluster-test
 
 msl: ## translate every shader into Metal's language; needs spirv-cross (tools/setup --all)
 	@tools/check-msl

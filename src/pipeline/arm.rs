@@ -67,7 +67,7 @@ impl Arm {
             let arm = Self::parse(&format!("{full}{after}"), given).map_err(|e| format!("{text}: {e}"))?;
             return Ok(Self { name: text.to_owned(), twice: arm.twice.map(|_| *at), ..arm });
         }
-        let (name, process) = (text.to_owned(), given);
+        let process = given;
         let given = &process.compression;
         let (rest, keep) = match text.split_once('@') {
             None => (text, given.keep),
@@ -90,23 +90,14 @@ impl Arm {
             "global" => Ok(Budget::Global),
             other => Err(format!("'{text}': there is no budget '{other}'; choose per-block, hybrid or global")),
         };
+        // Arms that are not pruned take a share alone, where one means something.
+        let grown_arm =
+            |grown| Ok(Self { name: text.to_owned(), compression: None, attrition, rewarm, twice: None, grown });
+        let share_alone = rest == selector && text.split('@').next() == Some(rest);
         let mut compression = match selector {
-            "dense" if text == selector || text == "dense+thresholds" => {
-                return Ok(Self { name, compression: None, attrition, rewarm, twice: None, grown });
-            }
-            "grown" if rest == selector && text.split('@').next() == Some(rest) => {
-                return Ok(Self { name, compression: None, attrition, rewarm, twice: None, grown: Grown::To(keep) });
-            }
-            "mcmc" if rest == selector && text.split('@').next() == Some(rest) => {
-                return Ok(Self {
-                    name,
-                    compression: None,
-                    attrition,
-                    rewarm,
-                    twice: None,
-                    grown: Grown::Relocating(keep),
-                });
-            }
+            "dense" if text == selector || text == "dense+thresholds" => return grown_arm(grown),
+            "grown" if share_alone => return grown_arm(Grown::To(keep)),
+            "mcmc" if share_alone => return grown_arm(Grown::Relocating(keep)),
             "dense" | "grown" | "mcmc" => {
                 return Err(format!("'{text}': this arm is not pruned; write {selector} without the rest"));
             }
@@ -143,7 +134,7 @@ impl Arm {
         let default = selector == "default";
         let attrition = attrition || default && twice.is_none() && process.attrition.is_some();
         let rewarm = rewarm || default && process.rewarm;
-        Ok(Self { name, compression: Some(compression), attrition, rewarm, twice, grown })
+        Ok(Self { name: text.to_owned(), compression: Some(compression), attrition, rewarm, twice, grown })
     }
 
     /// Its folder's name, valid on every file system.
