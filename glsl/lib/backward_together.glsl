@@ -16,9 +16,9 @@ const uint STAGED = BATCH == 0 ? 1 : BATCH;
 shared vec4 batch_geometry[STAGED];
 shared vec4 batch_shape[STAGED];
 shared vec2 batch_colour[STAGED];
-// Of two batches, one after the other: one is staged while others still read what the one before has left.
-shared uint batch_slot[2 * STAGED];
-shared uint batch_takers[2 * STAGED]; // a bit for each subgroup that has drawn the splat
+// Set and read by the invocation that stages the splat.
+shared uint batch_slot[STAGED];
+shared uint batch_takers[STAGED]; // a bit for each subgroup that has drawn the splat
 shared float batch_sums[BATCH == 0 ? 1 : SUBGROUPS * BATCH * SUMS];
 shared bool finished[SUBGROUPS]; // whether all pixels of a subgroup are done
 
@@ -94,8 +94,8 @@ bool take(uint n) {
     return true;
 }
 
-// Walks a staged batch with one subgroup; `turn` is where the batch's slots and takers begin.
-void walk_batch(uint length, uint turn, vec2 low, vec2 high) {
+// Walks a staged batch with one subgroup.
+void walk_batch(uint length, vec2 low, vec2 high) {
     uint lane = gl_SubgroupInvocationID;
     for (uint first = 0; first < length && !subgroupAll(done()); first += SUBGROUP) {
         uint own = first + lane;
@@ -109,7 +109,7 @@ void walk_batch(uint length, uint turn, vec2 low, vec2 high) {
                 taken = taken || (any && lane == n);
             }
         }
-        if (taken) atomicOr(batch_takers[turn + own], 1u << gl_SubgroupID);
+        if (taken) atomicOr(batch_takers[own], 1u << gl_SubgroupID);
     }
 }
 
@@ -122,27 +122,26 @@ void walk_together(uint tile, uvec2 corner) {
     [[unroll]] for (uint k = 0; k < LEFT; k++) home[k] = kept(k);
 
     uint first = starts[tile], end = starts[tile + 1];
-    uint turn = 0;
     bool ended = false;
-    for (; first < end && !ended; first += BATCH, turn = BATCH - turn) {
+    for (; first < end && !ended; first += BATCH) {
         uint length = min(BATCH, end - first);
         for (uint n = invocation; n < length; n += WORKGROUP) {
             uint slot = slots[first + n], i = owners[slot];
             batch_geometry[n] = geometry[i];
             batch_shape[n] = shape[i];
             batch_colour[n] = colour[i];
-            batch_slot[turn + n] = slot;
-            batch_takers[turn + n] = 0;
+            batch_slot[n] = slot;
+            batch_takers[n] = 0;
         }
         barrier();
-        walk_batch(length, turn, low, high);
+        walk_batch(length, low, high);
         bool own = subgroupAll(done());
         if (subgroupElect()) finished[subgroup] = own;
         barrier();
         ended = true;
         for (uint s = 0; s < SUBGROUPS; s++) ended = ended && finished[s];
         for (uint n = invocation; n < length; n += WORKGROUP) {
-            uint slot = batch_slot[turn + n], takers = batch_takers[turn + n];
+            uint slot = batch_slot[n], takers = batch_takers[n];
             float sums[SUMS_MOST];
             [[unroll]] for (uint k = 0; k < SUMS_MOST; k++) sums[k] = 0;
             for (uint s = 0; s < SUBGROUPS; s++) {

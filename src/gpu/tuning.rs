@@ -236,10 +236,10 @@ impl Tuning {
 }
 
 impl Tuning {
-    /// Bytes of shared memory of the way back: sums of each splat and subgroup, splats, slots and takers of two batches.
+    /// Bytes of shared memory of the way back: sums of each splat and subgroup, splats, slots and takers.
     fn backward_bytes(&self) -> u32 {
         let subgroups = self.backward_workgroup / self.subgroup;
-        self.backward_batch * (subgroups * 4 * 12 + 40 + 16) + 4 * subgroups
+        self.backward_batch * (subgroups * 4 * 12 + 40 + 8) + 4 * subgroups
     }
 
     /// Tells which field a device cannot have, and why.
