@@ -25,8 +25,8 @@ fn cloud(n: usize, seed: u64) -> Gaussians {
         model.rotations[i] = [0; 4].map(|_| random.within(-1.0, 1.0) as f32);
         model.opacity_logits[i] = random.within(-3.0, 3.0) as f32;
     }
-    for band in &mut model.sh {
-        band.iter_mut().for_each(|v| *v = random.within(-0.5, 0.5) as f32);
+    for value in model.sh.iter_mut().flatten() {
+        *value = random.within(-0.5, 0.5) as f32;
     }
     model
 }

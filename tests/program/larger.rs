@@ -22,8 +22,8 @@ pub(super) fn ball(folder: &Path) -> PathBuf {
         model.rotations[i] = [1.0, 0.0, 0.0, 0.0];
         model.opacity_logits[i] = random.within(-1.0, 3.0) as f32;
     }
-    for band in &mut model.sh {
-        band.iter_mut().for_each(|v| *v = random.within(-0.6, 0.6) as f32);
+    for value in model.sh.iter_mut().flatten() {
+        *value = random.within(-0.6, 0.6) as f32;
     }
     let path = folder.join("ball.ply");
     formats::write(&path, &model, formats::RenderMode::Plain).expect("a model file");

@@ -84,13 +84,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         stops.sort_unstable();
         for (k, stop) in stops.into_iter().enumerate() {
             let watcher = Stopper(AtomicU32::new(stop), AtomicU32::new(0));
-            let session = Session {
-                device: &device,
-                networks: &networks,
-                host_bytes: u64::MAX,
-                scratch: None,
-                watcher: &watcher,
-            };
+            let session = Session { host_bytes: u64::MAX, watcher: &watcher, ..Session::new(&device, &networks) };
             let ended = run::run(&session, &config, &output, k > 0);
             match ended {
                 Ok(results) => assert!(results.prunes.len() == 4 && output.model().exists()),
@@ -113,8 +107,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
             seed: 5,
         };
         let never = Stopper(AtomicU32::new(u32::MAX), AtomicU32::new(0));
-        let session =
-            Session { device: &device, networks: &networks, host_bytes: u64::MAX, scratch: None, watcher: &never };
+        let session = Session { host_bytes: u64::MAX, watcher: &never, ..Session::new(&device, &networks) };
         compress(&session, input, &compressing, &small).unwrap();
         let files = [&path, &small].map(|p| std::fs::read(p).unwrap());
         match &first {
