@@ -128,6 +128,24 @@ impl Schedule {
         }
     }
 
+    /// The course for a block that `views` of a scene's `all` views show: learning rates times the root of their ratio. Adam divides
+    /// by the root of the mean square of gradients, to which views that do not show a Gaussian add zeros; a block leaves most of
+    /// those views out, and its steps would be shorter (docs/decisions.md).
+    #[must_use]
+    pub fn for_block(self, views: usize, all: usize) -> Self {
+        let factor = (all.max(1) as f64 / views.max(1) as f64).sqrt();
+        Self {
+            position_rate: factor * self.position_rate,
+            position_rate_end: factor * self.position_rate_end,
+            dc_rate: factor * self.dc_rate,
+            rest_rate: factor * self.rest_rate,
+            opacity_rate: factor * self.opacity_rate,
+            scale_rate: factor * self.scale_rate,
+            rotation_rate: factor * self.rotation_rate,
+            ..self
+        }
+    }
+
     /// Returns true if iteration `iteration` uses pictures of half their size.
     pub fn halves(&self, iteration: u32) -> bool {
         iteration <= self.at(self.half_until)
@@ -184,6 +202,16 @@ mod tests {
     }
 
     /// The paper's run: every 100 of 500 < i < 15,000; reset every 3,000 before 15,000; large ones go after 3,000.
+    #[test]
+    fn blocks_take_longer_steps() {
+        let whole = Schedule::default();
+        assert_eq!(whole.clone().for_block(40, 40), whole);
+        let (a, b) = (whole.rates(700, 2.0), whole.clone().for_block(10, 40).rates(700, 2.0));
+        let near = |a: f32, b: f32| (b / a - 2.0).abs() < 1e-5;
+        assert!(near(a.means, b.means) && near(a.log_scales, b.log_scales) && near(a.rotations, b.rotations));
+        assert!(near(a.opacity_logits, b.opacity_logits) && (0..4).all(|l| near(a.sh[l], b.sh[l])));
+    }
+
     #[test]
     fn the_papers_run() {
         let s = of(30_000);

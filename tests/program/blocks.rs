@@ -54,8 +54,9 @@ impl Land {
         Self { photos, start: from_points(&seeds), extent, cameras }
     }
 
-    fn options(&self, iterations: u32, tail: usize) -> Options {
+    fn options(&self, iterations: u32, tail: usize, views: usize) -> Options {
         let schedule = Schedule { iterations, densify_until: 0.0, position_rate_end: 1.6e-5, ..Schedule::default() };
+        let schedule = schedule.for_block(views, self.photos.len());
         Options { schedule, degree: 1, tail, cameras: Some(self.cameras), ..Options::default() }
     }
 
@@ -97,7 +98,7 @@ fn a_strip_trained_in_blocks_is_as_good_as_in_one_piece() {
         Trainer::new(&device, model, photos, land.extent, options).unwrap()
     };
 
-    let mut trainer = new(&land.start, land.photos.clone(), land.options(COARSE, 0));
+    let mut trainer = new(&land.start, land.photos.clone(), land.options(COARSE, 0, 24));
     let coarse = train(&mut trainer, COARSE).model;
     let weights: Vec<f32> = trainer.responses(Wanted::SCORES).unwrap().scores.iter().map(|score| score.hits).collect();
     drop(trainer);
@@ -124,7 +125,7 @@ fn a_strip_trained_in_blocks_is_as_good_as_in_one_piece() {
             assert!((3..24).contains(&photos.len()), "{} photos of block {cell}", photos.len());
             pixels += photos.iter().map(|p| p.camera.pixels()).sum::<u64>();
             let until = epochs(DENSE, photos.len());
-            let options = land.options(until, members.seen.len());
+            let options = land.options(until, members.seen.len(), photos.len());
             let mut trainer = new(&members.arranged(&coarse), photos, options);
             owned(&train(&mut trainer, until), &cells, cell)
         })
@@ -140,7 +141,7 @@ fn a_strip_trained_in_blocks_is_as_good_as_in_one_piece() {
             let state = with_tail(&dense[b], &others);
             let photos = photos_of(b);
             let until = state.iteration + epochs(TUNE, photos.len());
-            let options = land.options(until, 0);
+            let options = land.options(until, 0, photos.len());
             let mut trainer = Trainer::resume(&device, &state, photos, land.extent, options).unwrap();
             train(&mut trainer, until)
         })
@@ -148,7 +149,7 @@ fn a_strip_trained_in_blocks_is_as_good_as_in_one_piece() {
     let (scene, _) = joined(&tuned);
     assert_eq!(scene.len(), gathered.len());
 
-    let mut single = new(&coarse, land.photos.clone(), land.options(DENSE + TUNE, 0));
+    let mut single = new(&coarse, land.photos.clone(), land.options(DENSE + TUNE, 0, 24));
     let single = train(&mut single, DENSE + TUNE).model;
     let psnr = |model: &Gaussians| land.psnr(&device, model);
     let [start, dense, blocks, single] = [&coarse, &gathered, &scene, &single].map(psnr);
