@@ -61,11 +61,8 @@ impl Arm {
     /// # Errors
     /// A sentence that names the fault.
     pub fn parse(text: &str, given: &Pruning) -> Result<Self, String> {
-        let method = |m: &&(&str, &str, [f64; 2])| text.split(['@', '+']).next() == Some(m.0);
-        if let Some((short, full, at)) = METHODS.iter().find(method) {
-            let after = &text[short.len()..];
-            let arm = Self::parse(&format!("{full}{after}"), given).map_err(|e| format!("{text}: {e}"))?;
-            return Ok(Self { name: text.to_owned(), twice: arm.twice.map(|_| *at), ..arm });
+        if let Some(arm) = Self::method(text, given) {
+            return arm;
         }
         let process = given;
         let given = &process.compression;
@@ -135,6 +132,13 @@ impl Arm {
         let attrition = attrition || default && twice.is_none() && process.attrition.is_some();
         let rewarm = rewarm || default && process.rewarm;
         Ok(Self { name: text.to_owned(), compression: Some(compression), attrition, rewarm, twice, grown })
+    }
+
+    /// Reads the name of one of the [`METHODS`], followed by any of `+rewarm`, `+thresholds` and `@SHARE`; none for another name.
+    fn method(text: &str, given: &Pruning) -> Option<Result<Self, String>> {
+        let (short, full, at) = METHODS.iter().find(|m| text.split(['@', '+']).next() == Some(m.0))?;
+        let arm = Self::parse(&format!("{full}{}", &text[short.len()..]), given).map_err(|e| format!("'{text}': {e}"));
+        Some(arm.map(|arm| Self { name: text.to_owned(), twice: arm.twice.map(|_| *at), ..arm }))
     }
 
     /// Its folder's name, valid on every file system.

@@ -90,6 +90,13 @@ fn schedule(s: &Schedule) -> Result<(), String> {
         within("schedule.growth.gaussians", gaussians, &(1..=MOST_GAUSSIANS))?;
         within("schedule.growth.steps", g.steps, &(1..=MOST_ITERATIONS))?;
     }
+    if let Some(r) = &s.relocation {
+        within("schedule.relocation.until", r.until, &(0.0..=1000.0))?;
+        within("schedule.relocation.dead", r.dead, &SHARE)?;
+        for (field, value) in [("noise", r.noise), ("opacity", r.opacity), ("scale", r.scale)] {
+            within(&format!("schedule.relocation.{field}"), value, &WEIGHT)?;
+        }
+    }
     Ok(())
 }
 
@@ -143,6 +150,7 @@ fn compression(c: &Compression) -> Result<(), String> {
 mod tests {
     use super::*;
     use crate::pipeline::config::Preset;
+    use crate::train::relocation::Relocation;
 
     #[test]
     fn every_preset_passes() {
@@ -173,6 +181,8 @@ mod tests {
         assert!(with(&|c| c.prune.iter_mut().for_each(|p| p.compression.basis.partition = partition)).contains("8000"));
         assert!(with(&|c| c.schedule.iterations = 0).contains("schedule.iterations = 0: write a number from 1"));
         assert!(with(&|c| c.schedule.position_rate = -1.0).contains("position_rate = -1"));
+        let shaken = Some(Relocation { noise: f64::NAN, ..Relocation::default() });
+        assert!(with(&|c| c.schedule.relocation = shaken).contains("schedule.relocation.noise = NaN"));
         assert!(with(&|c| c.max_gaussians = usize::MAX).contains("max_gaussians"));
         assert!(with(&|c| c.sh_degree = 4).contains("from 0 to 3"));
         assert!(with(&|c| c.background = Some([0.0, f32::NAN, 0.0])).contains("background = NaN"));
