@@ -79,6 +79,18 @@ pub enum Error {
         /// A change that would make the job fit.
         relief: Relief,
     },
+    /// A picture that this machine's own memory cannot hold: exit code 5.
+    #[error("a picture of {width} x {height} needs about {needed} bytes of this machine's memory, which has {there}")]
+    Picture {
+        /// Pixels per row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes of memory.
+        there: u64,
+    },
     /// The synthetic scene's own errors: 2 for options or an unsuitable folder, 5 for writing.
     #[error(transparent)]
     Synth(#[from] synth::Error),
@@ -237,7 +249,7 @@ impl Error {
             Self::Device(e) if e.is_resources() => 5,
             Self::Device(gpu::Error::Variable { .. } | gpu::Error::Address(_)) => 2,
             Self::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => 5,
-            Self::Memory { .. } | Self::Write { .. } | Self::Encode { .. } | Self::Print(_) => 5,
+            Self::Memory { .. } | Self::Picture { .. } | Self::Write { .. } | Self::Encode { .. } | Self::Print(_) => 5,
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
             Self::Train(train::Error::Photos(_)) => 5,
             Self::NoProgram(_) | Self::NotOurs(_) => 2,

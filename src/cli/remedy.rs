@@ -26,6 +26,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
             "take at least 20 photos while you walk around the scene, each sharp, at one zoom, and showing two thirds of the \
              one before; scenes need texture. `--matching exhaustive` compares more pairs",
         ),
+        Error::Picture { .. } => plain("give a smaller --size or --resolution"),
         Error::NotOurs(_) => plain("name an empty or new folder with -o"),
         Error::AmongPhotos(_) => plain("name another folder with -o"),
         Error::NothingToTrainOn(_) => plain("use a larger --eval-every"),

@@ -3,6 +3,7 @@
 use super::config::{Init, RunConfig};
 use super::effects;
 use super::evaluate::Evaluator;
+use super::host_memory;
 use super::pairs;
 use super::prepare::Opened;
 use super::start::Start;
@@ -19,6 +20,8 @@ use crate::train::{PhotoNeeds, Trainer, TrainerNeeds, responses_bytes};
 
 /// Assumed growth of a run's number of Gaussians, as far as `--max-gaussians` allows.
 const GROWTH: usize = 4;
+/// Bytes of a pixel on the host: as it was drawn, as colours, and encoded.
+const HOST_PIXEL: u64 = 32;
 
 /// Bytes of device memory that a run will need: with the Gaussians that it plans to grow to, or four times its initial
 /// ones, or with the largest number allowed if that is less.
@@ -94,6 +97,7 @@ impl Job {
     /// The whole model if it fits; else parts, if there is room for one.
     fn place(&self, device: &Device) -> Result<Place, Error> {
         let &Self { what, gaussians, degree, size, uses, beside, needed, relief } = self;
+        check_picture(size)?;
         let limit = device.memory_limit();
         let whole = needed <= limit && binds(device, gaussians, degree, size, (uses, beside));
         let tile = [device.tuning().tile; 2];
@@ -102,6 +106,15 @@ impl Job {
             check(device, what, gaussians, size, needed, relief)?;
         }
         Ok(Place { whole, bytes: needed.min(limit) })
+    }
+}
+
+/// Refuses pictures that the host cannot hold: parts help the device alone.
+fn check_picture([width, height]: [u32; 2]) -> Result<(), Error> {
+    let needed = HOST_PIXEL * u64::from(width) * u64::from(height);
+    match host_memory::physical() {
+        Some(there) if needed > there => Err(Error::Picture { width, height, needed, there }),
+        _ => Ok(()),
     }
 }
 

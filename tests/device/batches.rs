@@ -12,7 +12,7 @@ const LISTED: u32 = 2000;
 
 /// A tile that every splat covers, and one that every splat misses, each with as many splats: the batches that each loads.
 fn loaded(device: &Device, workgroup: u32, batch: u32) -> [f32; 2] {
-    let view = View { size: [2 * TILE, TILE], tiles: [2, 1], ..View::zeroed() };
+    let view = View { size: [2 * TILE, TILE], whole: [2 * TILE, TILE], tiles: [2, 1], ..View::zeroed() };
     // Position and two factors; third factor, log2 of the opacity, cut, red: see lib/splat.glsl.
     let (geometry, shape) = ([[0.0, 0.0, 0.0, 0.0], [900.0, 0.0, 1.0, 0.0]], [[0.0_f32, 0.0, 8.0, 0.5]; 2]);
     let owners: Vec<u32> = (0..2 * LISTED).map(|slot| slot / LISTED).collect();
@@ -65,7 +65,7 @@ fn a_covered_tile_loads_one_batch() {
 /// Splats of one tile, at positions of their own, whose alpha falls to 1/255 after `reach` pixels: the number of subgroups that drew
 /// each on the way back.
 fn takers(device: &Device, workgroup: u32, at: &[[f32; 2]], reach: f32, opacity: f32) -> Vec<f32> {
-    let view = View { size: [TILE, TILE], tiles: [1, 1], ..View::zeroed() };
+    let view = View { size: [TILE, TILE], whole: [TILE, TILE], tiles: [1, 1], ..View::zeroed() };
     let (n, subgroup) = (at.len() as u32, device.info().subgroup_size);
     let cut = (255.0 * opacity).log2();
     let factor = cut.sqrt() / reach;
