@@ -14,7 +14,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::qirf::study;
-use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds};
+use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds, largest};
 use crate::response::Wanted;
 use crate::train::{PhotoNeeds, Trainer, TrainerNeeds, responses_bytes};
 
@@ -59,7 +59,7 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
     let expected = grown.max(now);
-    let fitting = most(expected.max(config.max_gaussians), |n| needed(n) <= device.memory_limit());
+    let fitting = largest(expected.max(config.max_gaussians), |n| needed(n) <= device.memory_limit());
     if fitting < config.max_gaussians {
         tracing::info!("there is room for about {fitting} Gaussians");
     }
@@ -195,20 +195,6 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
     Ok(Place { bytes, ..place })
 }
 
-/// The largest number up to `limit` that fits, if every smaller one does; 0 for none.
-fn most(limit: usize, fits: impl Fn(usize) -> bool) -> usize {
-    let (mut low, mut high) = (0, limit);
-    while low < high {
-        let middle = low + (high - low).div_ceil(2);
-        if fits(middle) {
-            low = middle;
-        } else {
-            high = middle - 1;
-        }
-    }
-    low
-}
-
 fn check(
     device: &Device,
     what: &'static str,
@@ -224,17 +210,4 @@ fn check(
     }
     let device = device.info().name.clone();
     Err(Error::Memory { what, gaussians, width, height, needed, there, device, relief })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::most;
-
-    #[test]
-    fn the_largest_that_fits() {
-        for right in 0..=20 {
-            assert_eq!(most(20, |n| n <= right), right);
-        }
-        assert_eq!((most(0, |_| true), most(0, |_| false)), (0, 0));
-    }
 }

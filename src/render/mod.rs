@@ -19,7 +19,7 @@ pub use atomic_sums::AtomicSums;
 pub use backward::{Backward, BackwardCounts};
 pub use frame::{Purpose, Uses};
 pub use frustum::visible;
-pub use parts::{Beside, Outcome, Painter, Part, Parts, Source, binds, capacity};
+pub use parts::{Beside, Outcome, Painter, Part, Parts, Source, binds, capacity, largest};
 pub use renderer::{BACKWARD_STAGES, Image, LEAST_PAIRS, Renderer, STAGES, Settled};
 pub use settings::{Culling, Settings, Style, view};
 pub use slots::{GradientRows, SlotSums, Slots};

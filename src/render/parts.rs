@@ -81,7 +81,12 @@ pub fn capacity(device: &Device, degree: usize, size: [u32; 2], uses: Uses, besi
         let needed = beside.taken + model + staging_bytes(model) + Renderer::bytes(device, n, size, pairs, uses);
         widest(n, degree, uses, beside) <= device.info().max_buffer_bytes && needed <= device.memory_limit()
     };
-    let (mut low, mut high) = (0, u32::MAX as usize);
+    largest(u32::MAX as usize, fits)
+}
+
+/// The largest number up to `limit` that fits, if every smaller one does; 0 for none.
+pub fn largest(limit: usize, fits: impl Fn(usize) -> bool) -> usize {
+    let (mut low, mut high) = (0, limit);
     while low < high {
         let middle = low + (high - low).div_ceil(2);
         if fits(middle) {
@@ -256,5 +261,18 @@ impl Painter {
     /// The renderer, for models on the device.
     pub fn renderer(&mut self) -> &mut Renderer {
         &mut self.renderer
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::largest;
+
+    #[test]
+    fn the_largest_that_fits() {
+        for right in 0..=20 {
+            assert_eq!(largest(20, |n| n <= right), right);
+        }
+        assert_eq!((largest(0, |_| true), largest(0, |_| false)), (0, 0));
     }
 }

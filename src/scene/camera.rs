@@ -71,7 +71,9 @@ impl Camera {
     #[must_use]
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let ratio = DVec2::new(f64::from(width) / f64::from(self.width), f64::from(height) / f64::from(self.height));
-        Self { focal: self.focal * ratio, principal: self.principal * ratio, width, height, ..self.clone() }
+        let [x, y] = self.whole().corner.map(f64::from);
+        let principal = (self.principal - DVec2::new(x, y)) * ratio;
+        Self { focal: self.focal * ratio, principal, width, height, whole: None, ..self.clone() }
     }
 
     /// A camera at `eye` looking at `target`, principal point centred, with the given vertical field of view (radians).
