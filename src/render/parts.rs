@@ -43,6 +43,20 @@ impl Source<'_> {
     }
 }
 
+impl Outcome {
+    /// A part for which there is no room is too large; other errors end the work.
+    ///
+    /// # Errors
+    /// Those that are not for lack of resources.
+    pub fn of<T>(made: Result<T>) -> Result<std::result::Result<T, Self>> {
+        match made {
+            Ok(made) => Ok(Ok(made)),
+            Err(error) if error.is_resources() => Ok(Err(Self::TooMany(error))),
+            Err(error) => Err(error),
+        }
+    }
+}
+
 /// A part of a picture, and the Gaussians that it may show.
 pub struct Part<'a> {
     /// The part.
@@ -58,7 +72,7 @@ pub struct Part<'a> {
 pub enum Outcome {
     /// It was drawn.
     Done,
-    /// Its pairs are more than the device holds, for this reason; nothing has changed.
+    /// It is more than the device holds, for this reason; nothing has changed.
     TooMany(Error),
 }
 
@@ -149,9 +163,14 @@ impl<'a> Parts<'a> {
             let halves = if whole { None } else { halves(&camera, renderer.tile()) };
             if halves.is_none() || self.fits(renderer, &camera, members.len()) {
                 let picked: Vec<usize> = members.iter().map(|i| *i as usize).collect();
-                let model = Resident::upload(renderer.device(), &self.model.select(&picked))?;
-                let part = Part { camera: camera.clone(), members: &members, model: &model };
-                match (body(renderer, &part)?, &halves) {
+                let outcome = match Outcome::of(Resident::upload(renderer.device(), &self.model.select(&picked)))? {
+                    Err(too_many) => too_many,
+                    Ok(model) => {
+                        let part = Part { camera: camera.clone(), members: &members, model: &model };
+                        body(renderer, &part)?
+                    }
+                };
+                match (outcome, &halves) {
                     (Outcome::Done, _) => {
                         self.drawn += 1;
                         continue;
@@ -181,7 +200,9 @@ impl<'a> Parts<'a> {
         let mut image = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
         let outer = camera.whole().corner;
         self.for_each(renderer, camera, false, &mut |renderer, part| {
-            renderer.make_room(part.model, &part.camera)?;
+            if let Err(too_many) = Outcome::of(renderer.make_room(part.model, &part.camera))? {
+                return Ok(too_many);
+            }
             loop {
                 renderer.draw(part.model, &part.camera)?;
                 match renderer.settle()? {

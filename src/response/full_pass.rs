@@ -153,7 +153,9 @@ impl<G> Pass<'_, G> {
     {
         let Self { image_gradient, wanted, gather, gradient } = self;
         let backward = Backward { residual: true, ..Backward::default() };
-        renderer.make_room(model, camera)?;
+        if let Err(too_many) = Outcome::of(renderer.make_room(model, camera))? {
+            return Ok(too_many);
+        }
         loop {
             let mut recording = Recording::new();
             renderer.reset_overflow(&mut recording);
@@ -259,7 +261,10 @@ pub fn full_pass<'m, E: From<Error>>(
                 for &(v, camera) in chunk {
                     follow(v)?;
                     parts.for_each(renderer, camera, wanted.gradients(), &mut |renderer, part| {
-                        let gathered = Gathered::upload(device, &rows.of(part.members), wanted)?;
+                        let gathered = match Outcome::of(Gathered::upload(device, &rows.of(part.members), wanted))? {
+                            Ok(gathered) => gathered,
+                            Err(too_many) => return Ok(too_many),
+                        };
                         let outcome = pass.view(renderer, &gathered, part.model, (v, &part.camera))?;
                         if matches!(outcome, Outcome::Done) {
                             rows.set(part.members, &gathered.read(device, gather)?);

@@ -78,6 +78,36 @@ fn larger_models_are_compressed_rendered_and_scored_with_the_same_bytes() {
     assert_eq!(scores[0], scores[1]);
 }
 
+/// A tight budget changes no byte: the work is done in parts, or refused.
+#[test]
+fn budgets_of_memory_change_no_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    ball(root);
+    let compress = |out: &str, more: &[&str]| {
+        let options = ["compress", "ball.ply", "-o", out, "--views", "12", "--size", "72x56"];
+        qirf(root, false, &[&options[..], more].concat())
+    };
+    told(&compress("whole.ply", &[]), false);
+    let right = fs::read(root.join("whole.ply")).unwrap();
+    let mut in_parts = 0;
+    for budget in ["4M", "3500k", "3M", "2500k", "2M", "1500k"] {
+        let ended = compress("tight.ply", &["--memory-budget", budget]);
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        match ended.status.code() {
+            Some(0) => {
+                assert!(fs::read(root.join("tight.ply")).unwrap() == right, "{budget}");
+                in_parts += u32::from(said.contains("drawn in parts"));
+            }
+            Some(5) => assert!(said.contains("bytes") && !root.join("tight.ply").exists(), "{budget}: {said}"),
+            _ => panic!("{budget}: {said}"),
+        }
+        println!("{budget}: {:?}", ended.status.code());
+        let _ = fs::remove_file(root.join("tight.ply"));
+    }
+    assert!(in_parts > 0);
+}
+
 /// What must be on the device at once is refused with a way out: gradients of pictures that show the whole model.
 #[test]
 fn what_must_be_on_the_device_at_once_is_refused() {

@@ -20,11 +20,11 @@ fn document(output: &Output) -> Value {
 #[test]
 fn a_stored_tuning_is_used_unless_another_is_asked_for() {
     let cache = tempfile::tempdir().unwrap();
-    // In a second, there is time for the class's row alone, which is therefore the best.
+    // In a second, there is time for the class's row, and on a fast machine for some others.
     let tuned = document(&device(cache.path(), &["--tune", "1", "--json"], None));
     let tried = &tuned["tuned"]["tried"];
-    assert!(tried[0]["ms"].as_f64().is_some_and(|ms| ms > 0.0) && tuned["tuned"]["best"] == 0, "{tuned}");
-    assert!(tuned["stored"].is_null() && tuned["tuned"]["left"].as_array().is_some_and(|l| !l.is_empty()), "{tuned}");
+    assert!(tried[0]["ms"].as_f64().is_some_and(|ms| ms > 0.0), "{tuned}");
+    assert_eq!(tuned["stored"].is_null(), tuned["tuned"]["best"] == 0, "what beats the class's row is stored: {tuned}");
 
     let (name, driver) = (tuned["device"]["name"].as_str().unwrap(), tuned["device"]["driver"].as_str().unwrap());
     let mut tuning = tried[0]["tuning"].clone();
@@ -62,6 +62,10 @@ fn a_stored_tuning_is_used_unless_another_is_asked_for() {
 
     let wrong = device(cache.path(), &["--tuning", "riva"], None);
     assert_eq!(wrong.status.code(), Some(2), "{}", String::from_utf8_lossy(&wrong.stderr));
-    document(&device(cache.path(), &["--tune", "1", "--json"], None));
-    assert!(!file.exists(), "the class's row was best: nothing stays stored");
+    let again = document(&device(cache.path(), &["--tune", "1", "--json"], None));
+    assert_eq!(
+        file.exists(),
+        again["tuned"]["best"] != 0,
+        "where the class's row is best, nothing stays stored: {again}"
+    );
 }
