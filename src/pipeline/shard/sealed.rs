@@ -58,6 +58,14 @@ fn parse<T: DeserializeOwned>(bytes: &[u8], plan: &str, task: &str) -> Result<T,
 mod tests {
     use super::*;
 
+    /// Numbers come back with all their bits, or the seal would break.
+    #[test]
+    fn numbers_come_back() {
+        let content: Vec<f64> = (1..5000).map(|i| f64::from(i).sin() * 10f64.powi(i % 40 - 20)).collect();
+        let sealed = bytes("abc", "score/0001", &content).unwrap();
+        assert_eq!(parse::<Vec<f64>>(&sealed, "abc", "score/0001"), Ok(content));
+    }
+
     #[test]
     fn seals_hold() {
         let content = vec![1.25, -3.0e-7, 17.125];
