@@ -22,28 +22,9 @@ fn photo(model: &Gaussians, camera: &Camera) -> Photo {
     Photo::opaque(camera.clone(), pixels)
 }
 
-/// The course of a run without density control; rates near zero keep the model, and with it the work, constant.
-fn schedule() -> Schedule {
-    let never = u32::MAX;
-    let still = 1e-30;
-    Schedule {
-        iterations: never,
-        position_rate: still,
-        position_rate_end: still,
-        dc_rate: still,
-        rest_rate: still,
-        opacity_rate: still,
-        scale_rate: still,
-        rotation_rate: still,
-        densify_every: never,
-        opacity_reset_every: never,
-        ..Schedule::default()
-    }
-}
-
 /// All effects off, SH of this degree from the first iteration, statistics gathered.
 pub fn options(degree: usize) -> Options {
-    Options { schedule: schedule(), degree, most: GAUSSIANS, pairs: 1 << 20, ..Options::default() }
+    Options { schedule: Schedule::still(), degree, most: GAUSSIANS, pairs: 1 << 20, ..Options::default() }
 }
 
 /// A model of SH of this degree and a camera, with the photo that it learns there.

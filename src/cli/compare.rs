@@ -36,7 +36,8 @@ const EXAMPLES: &str = "Examples:
 An arm is a selector's name with any of :BUDGET, +merge, -detail, +attrition, +twice, +rewarm, +thresholds and @SHARE after
 it, in this order; +twice prunes at 16/30 and 24/30 of the run. Or it is default, paper, gns (opacity:global-detail+attrition), pop
 (change:global-detail in two cuts), dense (not pruned), dense+thresholds (not pruned, grown as by the 3DGS reference), grown (not
-pruned, grown only to the number kept) or mcmc (the same by relocation, as in 3DGS-MCMC). The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
+pruned, grown only to the number kept) or mcmc (the same by relocation, as in 3DGS-MCMC). The folder holds compare.html,
+compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
 /// Compare ways of pruning a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]

@@ -14,7 +14,7 @@ use crate::pipeline::{Session, host_bytes};
 use crate::random;
 use crate::selftest;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
   qirf-vk shard plan city.ply -o big --scene capture --resolution /4 --keep 0.28
@@ -112,7 +112,7 @@ impl Arguments {
         match &self.command {
             Command::Plan(a) => a.run(console, global),
             Command::All(work) => work.with(console, global, |shard, session| {
-                let total = shard.as_planned().tasks().len();
+                let total = shard.plan().tasks().len();
                 let mut begun = 0;
                 shard.all(session, |task| {
                     begun += 1;
@@ -128,8 +128,8 @@ impl Arguments {
 }
 
 /// Where the results are.
-fn done(console: &Console, shard: &Shard, folder: &std::path::Path) -> Result<(), Error> {
-    console.print(format_args!("model      {}", folder.join(&shard.as_planned().output).display()))?;
+fn done(console: &Console, shard: &Shard, folder: &Path) -> Result<(), Error> {
+    console.print(format_args!("model      {}", folder.join(&shard.plan().output).display()))?;
     console.print(format_args!("figures    {}", folder.join("metrics.json").display()))
 }
 
@@ -143,9 +143,8 @@ impl PlanArguments {
         let loaded = read_model(&self.model, console)?;
         let device = global.open_with(self.memory_budget)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
-        let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
-        let session =
-            Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &watcher, scratch: None };
+        let (watcher, networks, host_bytes) = (Show::new(console), Networks::default(), host_bytes(self.memory_budget));
+        let session = Session { host_bytes, watcher: &watcher, ..Session::new(&device, &networks) };
         let planned = Planned {
             model: &self.model,
             gaussians: loaded.gaussians.len(),
@@ -153,9 +152,9 @@ impl PlanArguments {
             config: self.options.configuration(style, 0)?,
             fingerprint: selftest::fingerprint(&device)?,
         };
-        let shard = Shard::plan(&session, &loaded.gaussians, planned, &self.output)?;
-        let Plan { chunks, test_views, .. } = shard.as_planned();
-        let (tasks, folder) = (shard.as_planned().tasks().len(), self.output.display());
+        let shard = Shard::create(&session, &loaded.gaussians, planned, &self.output)?;
+        let Plan { chunks, test_views, .. } = shard.plan();
+        let (tasks, folder) = (shard.plan().tasks().len(), self.output.display());
         console
             .print(format_args!("{tasks} tasks in {folder}: {chunks} chunks of views, {test_views} views held out"))?;
         console.note(format_args!("next: qirf-vk shard all {folder}, or snakemake -d {folder} --cores 2"));
@@ -174,9 +173,8 @@ impl Work {
         let shard = Shard::open(&self.folder)?;
         let device = global.open_with(self.memory_budget)?;
         shard.check_device(&selftest::fingerprint(&device)?, self.mixed)?;
-        let (watcher, host_bytes) = (Show::new(console), host_bytes(self.memory_budget));
-        let session =
-            Session { device: &device, networks: &Networks::default(), host_bytes, watcher: &watcher, scratch: None };
+        let (watcher, networks, host_bytes) = (Show::new(console), Networks::default(), host_bytes(self.memory_budget));
+        let session = Session { host_bytes, watcher: &watcher, ..Session::new(&device, &networks) };
         body(&shard, &session)
     }
 }

@@ -87,6 +87,14 @@ pub struct PrunePlan {
     pub merged: Option<Gaussians>,
 }
 
+impl PrunePlan {
+    /// The kept Gaussians of the model that the plan was made for.
+    pub fn apply(self, model: Gaussians) -> (PruneRecord, Gaussians) {
+        let kept: Vec<usize> = (0..self.keep.len()).filter(|i| self.keep[*i]).collect();
+        (self.record, self.merged.unwrap_or(model).select(&kept))
+    }
+}
+
 /// Decides which Gaussians of `model` to keep; `source` says where it is shown from. Studies its blocks (partition, overlap,
 /// solution), selects, and merges if requested.
 ///

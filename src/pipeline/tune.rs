@@ -79,22 +79,7 @@ impl Subject {
     fn new(device: &Device, variant: Variant, scale: &Scale) -> Result<Self, Error> {
         let device = device.with_tuning(variant.tuning.clone())?;
         let (model, photo) = scene(scale);
-        // The model hardly moves: every turn does the same work.
-        let still = 1e-30;
-        let schedule = Schedule {
-            iterations: u32::MAX,
-            position_rate: still,
-            position_rate_end: still,
-            dc_rate: still,
-            rest_rate: still,
-            opacity_rate: still,
-            scale_rate: still,
-            rotation_rate: still,
-            densify_every: u32::MAX,
-            opacity_reset_every: u32::MAX,
-            half_until: 0.0,
-            ..Schedule::default()
-        };
+        let schedule = Schedule { half_until: 0.0, ..Schedule::still() };
         let pairs = 8 * scale.gaussians as u32;
         let options = Options { schedule, degree: 3, pairs, ..Options::default() };
         let mut trainer = Trainer::new(&device, &model, vec![photo], 1.0, options)?;

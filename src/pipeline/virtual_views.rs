@@ -50,6 +50,11 @@ impl Default for VirtualCameras {
 }
 
 impl VirtualCameras {
+    /// Number of views held out.
+    pub fn held_out(&self) -> usize {
+        (self.views as usize).div_ceil(HOLD_OUT)
+    }
+
     /// Cameras all around the model, and the settings of rendering in a style over a background of red, green and blue.
     pub fn views(&self, model: &Gaussians, background: [f32; 3], style: Style) -> (Vec<Camera>, Settings) {
         let (cameras, near) = self.cameras(model);

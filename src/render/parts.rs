@@ -43,20 +43,6 @@ impl Source<'_> {
     }
 }
 
-impl Outcome {
-    /// A part for which there is no room is too large; other errors end the work.
-    ///
-    /// # Errors
-    /// Those that are not for lack of resources.
-    pub fn of<T>(made: Result<T>) -> Result<std::result::Result<T, Self>> {
-        match made {
-            Ok(made) => Ok(Ok(made)),
-            Err(error) if error.is_resources() => Ok(Err(Self::TooMany(error))),
-            Err(error) => Err(error),
-        }
-    }
-}
-
 /// A part of a picture, and the Gaussians that it may show.
 pub struct Part<'a> {
     /// The part.
@@ -74,6 +60,20 @@ pub enum Outcome {
     Done,
     /// It is more than the device holds, for this reason; nothing has changed.
     TooMany(Error),
+}
+
+impl Outcome {
+    /// A part for which there is no room is too large; other errors end the work.
+    ///
+    /// # Errors
+    /// Those that are not for lack of resources.
+    pub fn of<T>(made: Result<T>) -> Result<std::result::Result<T, Self>> {
+        match made {
+            Ok(made) => Ok(Ok(made)),
+            Err(error) if error.is_resources() => Ok(Err(Self::TooMany(error))),
+            Err(error) => Err(error),
+        }
+    }
 }
 
 /// What a device holds besides the Gaussians of a picture and what their renderer needs.

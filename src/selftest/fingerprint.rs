@@ -6,6 +6,7 @@ use super::random::Kind;
 use super::rasterise::{MILD, camera};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
+use crate::gaussians::formats::crc32;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::qirf::pairs;
@@ -51,7 +52,7 @@ pub fn fingerprint(device: &Device) -> Result<String, Error> {
     drop(trainer);
 
     let sums = [
-        checksum(bytemuck::cast_slice(&drawn.image.pixels)),
+        crc32([bytemuck::cast_slice(&drawn.image.pixels)]),
         of_model(&drawn.gradients),
         of_model(&trained),
         of_responses(&responses),
@@ -80,33 +81,18 @@ fn blocks(device: &Device, model: &Gaussians, responses: &Responses) -> Result<[
     study.merge(device, &resident, &mut merged, &keep[0])?;
     let Responses { scores, cameras, dilation, .. } = responses;
     let pairs = pairs::merge(model, scores, cameras, *dilation, model.len() / 2);
-    let mut both = flate2::Crc::new();
-    update(&mut both, &merged);
-    update(&mut both, &pairs.model);
-    Ok([checksum(&marks), both.sum()])
+    Ok([crc32([marks.as_slice()]), crc32(bytes(&merged).into_iter().chain(bytes(&pairs.model)))])
 }
 
 fn of_responses(responses: &Responses) -> u32 {
-    let mut crc = flate2::Crc::new();
-    crc.update(bytemuck::cast_slice(&responses.channels));
-    crc.update(bytemuck::cast_slice::<Score, u8>(&responses.scores));
-    crc.sum()
+    crc32([bytemuck::cast_slice(&responses.channels), bytemuck::cast_slice::<Score, u8>(&responses.scores)])
 }
 
 fn of_model<T: Pod>(model: &Gaussians<T>) -> u32 {
-    let mut crc = flate2::Crc::new();
-    update(&mut crc, model);
-    crc.sum()
+    crc32(bytes(model))
 }
 
-fn update<T: Pod>(crc: &mut flate2::Crc, model: &Gaussians<T>) {
-    for values in model.attributes().into_array() {
-        crc.update(bytemuck::cast_slice(values));
-    }
-}
-
-fn checksum(bytes: &[u8]) -> u32 {
-    let mut crc = flate2::Crc::new();
-    crc.update(bytes);
-    crc.sum()
+/// The bytes of each attribute.
+fn bytes<T: Pod>(model: &Gaussians<T>) -> impl IntoIterator<Item = &[u8]> {
+    model.attributes().into_array().map(bytemuck::cast_slice)
 }

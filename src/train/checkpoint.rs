@@ -7,7 +7,7 @@ use super::exposure::{self, Exposure};
 use super::options::Options;
 use super::trainee::{Tail, Trainee};
 use super::trainer::Trainer;
-use crate::gaussians::formats::write_atomically;
+use crate::gaussians::formats::{crc32, write_atomically};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Error, Gaussians};
 use crate::gpu::{self, Buffer, Device};
@@ -124,12 +124,7 @@ fn checksum<'a>(tensors: impl Iterator<Item = (&'a str, &'a [u8])>, notes: &'a H
     let notes = notes.iter().filter(|(key, _)| *key != CHECKSUM).map(|(key, text)| (key.as_str(), text.as_bytes()));
     let mut parts: Vec<(&str, &[u8])> = tensors.chain(notes).collect();
     parts.sort_unstable();
-    let mut crc = flate2::Crc::new();
-    for (name, bytes) in parts {
-        crc.update(name.as_bytes());
-        crc.update(bytes);
-    }
-    crc.sum()
+    crc32(parts.into_iter().flat_map(|(name, bytes)| [name.as_bytes(), bytes]))
 }
 
 impl Snapshot {

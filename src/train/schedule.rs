@@ -89,6 +89,24 @@ impl Default for Schedule {
 const REFERENCE: f64 = 30_000.0;
 
 impl Schedule {
+    /// A course on which the model hardly moves, so that every iteration does the same work: for measurements.
+    pub fn still() -> Self {
+        let (never, still) = (u32::MAX, 1e-30);
+        Self {
+            iterations: never,
+            position_rate: still,
+            position_rate_end: still,
+            dc_rate: still,
+            rest_rate: still,
+            opacity_rate: still,
+            scale_rate: still,
+            rotation_rate: still,
+            densify_every: never,
+            opacity_reset_every: never,
+            ..Self::default()
+        }
+    }
+
     /// The reference's course in `iterations`, the first part at a quarter of the pixels. In shorter runs positions, shapes
     /// and higher SH bands have higher rates: with the published ones they do not converge in so few steps.
     pub fn of(iterations: u32) -> Self {

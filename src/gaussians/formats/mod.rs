@@ -23,7 +23,7 @@ use serde::Serialize;
 
 use super::{Error, Gaussians};
 use fault::Fault;
-pub use output::{refuse_overwrite, remove_leftovers, write_atomically};
+pub use output::{crc32, refuse_overwrite, remove_leftovers, write_atomically};
 pub use render_mode::RenderMode;
 use render_mode::Tag;
 pub use repairs::{LOG_SCALE_FLOOR, OPACITY_LOGIT_LIMIT, Repairs};

@@ -39,6 +39,13 @@ fn same_inode(_: &Path, _: &Path) -> bool {
     false
 }
 
+/// CRC-32 of some parts, one after the other.
+pub fn crc32<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> u32 {
+    let mut crc = flate2::Crc::new();
+    parts.into_iter().for_each(|part| crc.update(part));
+    crc.sum()
+}
+
 /// Writes `path` by way of a temporary file beside it: written, flushed to the disk, then renamed over `path`.
 ///
 /// A crash or a full disk at any moment leaves the old file, or none, but never half of the new one.

@@ -46,13 +46,18 @@ pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
     }
 }
 
+/// A block's model without its tail.
+fn trained(block: &Snapshot) -> Gaussians {
+    block.model.select(&(0..block.model.len() - block.tail).collect::<Vec<_>>())
+}
+
 /// The state of a block that goes on with these neighbours behind it.
 ///
 /// # Panics
 /// If the neighbours have more bands than the block's model.
 pub fn with_tail(block: &Snapshot, neighbours: &Gaussians) -> Snapshot {
     assert!(neighbours.sh.len() <= block.model.sh.len(), "bands that the block lacks");
-    let mut model = block.model.select(&(0..block.model.len() - block.tail).collect::<Vec<_>>());
+    let mut model = trained(block);
     model.append(neighbours);
     let growth = vec![0.0; 2 * model.len()];
     Snapshot { model, growth, tail: neighbours.len(), responses: Default::default(), ..block.clone() }
@@ -63,7 +68,7 @@ pub fn joined<'a>(blocks: impl IntoIterator<Item = &'a Snapshot>) -> (Gaussians,
     let (mut scene, mut starts) = (Gaussians::default(), Vec::new());
     for block in blocks {
         starts.push(scene.len());
-        scene.append(&block.model.select(&(0..block.model.len() - block.tail).collect::<Vec<_>>()));
+        scene.append(&trained(block));
     }
     (scene, starts)
 }

@@ -9,7 +9,7 @@ mod views;
 pub use config::{CompressConfig, ViewSource};
 
 use super::output::bytes_on_disk;
-use super::prune::{self, PrunePlan, PruneRequest};
+use super::prune::{self, PruneRequest};
 use super::records::{CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
 use super::session::Session;
 use super::virtual_views::ALL;
@@ -58,13 +58,12 @@ pub fn compress(
     time.responses_s = seconds(responding);
 
     let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
-    let PrunePlan { record: prune, keep, merged } = prune::plan(device, shown.source(), &model, &responses, &request)?;
+    let plan = prune::plan(device, shown.source(), &model, &responses, &request)?;
     drop((shown, responses));
+    watcher.unless_stopped()?;
+    let (prune, mut model) = plan.apply(model);
     time.merge_s = prune.seconds.merge;
     time.keep_mask_s = prune.seconds.total - prune.seconds.merge;
-    watcher.unless_stopped()?;
-    let kept: Vec<usize> = (0..keep.len()).filter(|i| keep[*i]).collect();
-    let mut model = merged.unwrap_or(model).select(&kept);
     let after = scoring.scores_of(&model)?;
 
     let tuning = Instant::now();

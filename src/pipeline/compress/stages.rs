@@ -1,13 +1,13 @@
 //! The stages of a compression one by one, for jobs that are divided: the same results as [`super::compress`], bit for bit.
 
 use super::at_least_one;
-use super::config::CompressConfig;
+use super::config::{CompressConfig, ViewSource};
 use super::scoring::Scoring;
 use super::train;
 use super::views::Views;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
-use crate::pipeline::prune::{self, PrunePlan, PruneRequest};
+use crate::pipeline::prune::{self, PruneRequest};
 use crate::pipeline::records::{CompressProtocol, PruneRecord, Truth, ViewStages};
 use crate::pipeline::session::Session;
 use crate::pipeline::virtual_views::ALL;
@@ -32,9 +32,17 @@ pub struct Census {
 /// # Errors
 /// Those of reading a scene; a model or views that do not fit the device.
 pub fn census(session: &Session<'_>, model: &Gaussians, config: &CompressConfig) -> Result<Census, Error> {
-    let (views, _) = Views::load(session, model, config, ALL)?;
-    let protocol = views.protocol(config);
-    Ok(Census { chunks: views.train.len().div_ceil(CHUNK), test_views: views.test.len(), protocol })
+    let (views, test_views) = match &config.views {
+        ViewSource::Photos(_) => {
+            let (views, _) = Views::load(session, model, config, ALL)?;
+            let photos = views.test.len();
+            (views, photos)
+        }
+        // Pictures need not be drawn to be counted.
+        ViewSource::OwnPictures { cameras, .. } => (Views::load(session, model, config, NONE)?.0, cameras.held_out()),
+    };
+    let protocol = CompressProtocol { test_views, ..views.protocol(config) };
+    Ok(Census { chunks: views.train.len().div_ceil(CHUNK), test_views, protocol })
 }
 
 /// The responses of one chunk of views.
@@ -70,10 +78,9 @@ pub fn choose(
     };
     let keep = at_least_one(config.compression.keep, model.len());
     let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
-    let PrunePlan { record, keep, merged } = prune::plan(session.device, shown.source(), &model, &responses, &request)?;
+    let plan = prune::plan(session.device, shown.source(), &model, &responses, &request)?;
     drop((shown, responses));
-    let kept: Vec<usize> = (0..keep.len()).filter(|i| keep[*i]).collect();
-    Ok((record, merged.unwrap_or(model).select(&kept)))
+    Ok(plan.apply(model))
 }
 
 /// The scores of a compressed model in the views held out with these numbers.

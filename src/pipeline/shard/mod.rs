@@ -15,9 +15,8 @@ use super::records::{ModelFile, PruneRecord, PruneSeconds, StageScores, ViewStag
 use super::session::Session;
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
-use crate::response::Responses;
 use fs4::FileExt;
-use part::Part;
+use part::{Part, Stored};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::fs::{File, OpenOptions};
@@ -57,7 +56,12 @@ impl Shard {
     ///
     /// # Errors
     /// What the compression itself would refuse; [`Error::Usage`] if the folder holds another plan, or for fine-tuning.
-    pub fn plan(session: &Session<'_>, model: &Gaussians, planned: Planned<'_>, folder: &Path) -> Result<Self, Error> {
+    pub fn create(
+        session: &Session<'_>,
+        model: &Gaussians,
+        planned: Planned<'_>,
+        folder: &Path,
+    ) -> Result<Self, Error> {
         if planned.config.fine_tune > 0 {
             return Err(Error::Usage("a divided compression has no fine-tuning".to_owned()));
         }
@@ -78,7 +82,7 @@ impl Shard {
     }
 
     /// The plan.
-    pub fn as_planned(&self) -> &Plan {
+    pub fn plan(&self) -> &Plan {
         &self.plan
     }
 
@@ -201,9 +205,9 @@ impl Shard {
         whole.map_or_else(|error| State::Damaged(error.to_string()), |()| State::Done)
     }
 
-    fn part(&self, task: Task) -> Result<Responses, Error> {
+    fn part(&self, task: Task) -> Result<Stored, Error> {
         let path = &self.outputs(task)[0];
-        Part::read(path, self.plan.gaussians, &self.hash, &task.to_string()).map(|part| part.responses)
+        Part::read(path, self.plan.gaussians, &self.hash, &task.to_string())
     }
 
     fn sealed<T: serde::de::DeserializeOwned>(&self, task: Task) -> Result<T, Error> {
@@ -219,7 +223,7 @@ impl Shard {
     fn chosen(&self) -> Result<Chosen, Error> {
         let (task, path) = (Task::Choose, self.compressed());
         let chosen: Chosen = self.sealed(task)?;
-        if plan::crc32(&path)? != chosen.model_crc32 {
+        if plan::crc32_of_file(&path)? != chosen.model_crc32 {
             let what = "its checksum is not that of the model that was written: it is damaged".to_owned();
             return Err(Error::Part { path, what, task: task.to_string() });
         }
@@ -233,7 +237,7 @@ impl Shard {
     /// The model, as it was when the plan was made.
     fn model(&self) -> Result<Gaussians, Error> {
         let path = &self.plan.model;
-        if plan::crc32(path)? != self.plan.model_crc32 {
+        if plan::crc32_of_file(path)? != self.plan.model_crc32 {
             let what = "it has changed since the plan was made".to_owned();
             return Err(Error::Part { path: path.clone(), what, task: "plan".to_owned() });
         }
@@ -249,14 +253,14 @@ impl Shard {
                 vec![Part { plan: self.hash.clone(), task: task.to_string(), responses }.bytes()?]
             }
             Task::Choose => {
-                let parts = task.needs(&self.plan).into_iter().map(|evidence| self.part(evidence));
+                let needs = task.needs(&self.plan).into_iter();
+                let parts = needs.map(|evidence| Ok(self.part(evidence)?.responses(self.plan.gaussians)));
                 let (prune, model) = stages::choose(session, self.model()?, config, parts)?;
                 // Times would differ from process to process.
                 let prune = PruneRecord { seconds: PruneSeconds::default(), ..prune };
                 let bytes = self.encoded(&model)?;
-                let mut crc = flate2::Crc::new();
-                crc.update(&bytes);
-                let chosen = self.seal(task, &Chosen { model_crc32: crc.sum(), prune })?;
+                let model_crc32 = formats::crc32([bytes.as_slice()]);
+                let chosen = self.seal(task, &Chosen { model_crc32, prune })?;
                 vec![bytes, chosen]
             }
             Task::Score(n) => {

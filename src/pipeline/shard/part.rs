@@ -1,6 +1,7 @@
 //! The file of a chunk's responses: rows of the Gaussians that its views show, with the plan's hash and a checksum.
 
 use crate::error::Error;
+use crate::gaussians::formats::crc32;
 use crate::response::{CHANNELS, Responses, Score};
 use bytemuck::{cast_slice, cast_slice_mut};
 use safetensors::SafeTensorError;
@@ -11,7 +12,7 @@ use std::path::Path;
 /// Words of a score.
 const SCORES: usize = size_of::<Score>() / size_of::<u32>();
 
-/// A chunk's responses, as they are stored.
+/// A chunk's responses, to be stored.
 pub(super) struct Part {
     /// Hash of the plan that it belongs to.
     pub plan: String,
@@ -21,14 +22,41 @@ pub(super) struct Part {
     pub responses: Responses,
 }
 
+/// A part as its file has it.
+#[derive(Debug)]
+pub(super) struct Stored {
+    /// Numbers of the Gaussians that have rows, rising.
+    index: Vec<u32>,
+    /// Their rows, one after the other; empty if they were not asked for.
+    channels: Vec<u32>,
+    scores: Vec<u32>,
+}
+
+impl Stored {
+    /// The responses of all `n` Gaussians.
+    pub fn responses(&self, n: usize) -> Responses {
+        let Self { index, channels, scores } = self;
+        let mut responses = Responses::default();
+        if !channels.is_empty() {
+            responses.channels = vec![[0.0; CHANNELS]; n];
+            for (i, row) in index.iter().zip(channels.chunks_exact(CHANNELS)) {
+                cast_slice_mut::<f32, u32>(&mut responses.channels[*i as usize]).copy_from_slice(row);
+            }
+        }
+        if !scores.is_empty() {
+            responses.scores = vec![Score::default(); n];
+            for (i, row) in index.iter().zip(scores.chunks_exact(SCORES)) {
+                let i = *i as usize;
+                cast_slice_mut::<Score, u32>(&mut responses.scores[i..=i]).copy_from_slice(row);
+            }
+        }
+        responses
+    }
+}
+
 /// CRC-32 of names and contents.
 fn checksum<'a>(content: impl Iterator<Item = (&'a str, &'a [u8])>) -> u32 {
-    let mut crc = flate2::Crc::new();
-    for (name, bytes) in content {
-        crc.update(name.as_bytes());
-        crc.update(bytes);
-    }
-    crc.sum()
+    crc32(content.flat_map(|(name, bytes)| [name.as_bytes(), bytes]))
 }
 
 /// An array of words as a tensor.
@@ -75,7 +103,7 @@ impl Part {
     ///
     /// # Errors
     /// [`Error::Read`]; [`Error::Part`] for a damaged one and for one of another plan or task.
-    pub fn read(path: &Path, n: usize, plan: &str, task: &str) -> Result<Self, Error> {
+    pub fn read(path: &Path, n: usize, plan: &str, task: &str) -> Result<Stored, Error> {
         let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         Self::parse(&bytes, n, plan, task).map_err(|what| Error::Part {
             path: path.to_owned(),
@@ -84,7 +112,7 @@ impl Part {
         })
     }
 
-    fn parse(bytes: &[u8], n: usize, plan: &str, task: &str) -> Result<Self, String> {
+    fn parse(bytes: &[u8], n: usize, plan: &str, task: &str) -> Result<Stored, String> {
         let file = SafeTensors::deserialize(bytes).map_err(|e| format!("it is damaged: {e}"))?;
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| format!("it is damaged: {e}"))?;
         let notes = header.metadata().as_ref().and_then(|notes| notes.get("part")).ok_or("it has no notes")?;
@@ -110,21 +138,7 @@ impl Part {
         if index.iter().any(|i| *i as usize >= n) || !fits(&channels, CHANNELS) || !fits(&scores, SCORES) {
             return Err("its arrays do not agree".to_owned());
         }
-        let mut responses = Responses::default();
-        if !channels.is_empty() {
-            responses.channels = vec![[0.0; CHANNELS]; n];
-            for (i, row) in index.iter().zip(channels.chunks_exact(CHANNELS)) {
-                cast_slice_mut::<f32, u32>(&mut responses.channels[*i as usize]).copy_from_slice(row);
-            }
-        }
-        if !scores.is_empty() {
-            responses.scores = vec![Score::default(); n];
-            for (i, row) in index.iter().zip(scores.chunks_exact(SCORES)) {
-                let i = *i as usize;
-                cast_slice_mut::<Score, u32>(&mut responses.scores[i..=i]).copy_from_slice(row);
-            }
-        }
-        Ok(Self { plan: plan.to_owned(), task: task.to_owned(), responses })
+        Ok(Stored { index, channels, scores })
     }
 }
 
@@ -146,7 +160,7 @@ mod tests {
         let bytes = part.bytes().unwrap();
         assert_eq!(bytes, part.bytes().unwrap(), "the same bytes every time");
         let back = Part::parse(&bytes, 5, "abc", "evidence/0003").unwrap();
-        assert_eq!(back.responses, part.responses);
+        assert_eq!(back.responses(5), part.responses);
         assert_eq!(seen(&part.responses), [1, 4]);
     }
 
@@ -160,7 +174,7 @@ mod tests {
                 let mut damaged = bytes.clone();
                 damaged[at] ^= 1 << bit;
                 if let Ok(read) = Part::parse(&damaged, 5, "abc", "evidence/0003") {
-                    assert_eq!(read.responses, part.responses, "byte {at}, bit {bit}");
+                    assert_eq!(read.responses(5), part.responses, "byte {at}, bit {bit}");
                 }
             }
         }

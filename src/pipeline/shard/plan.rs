@@ -2,6 +2,7 @@
 
 use super::task::Task;
 use crate::error::Error;
+use crate::gaussians::formats::crc32;
 use crate::pipeline::Output;
 use crate::pipeline::compress::CompressConfig;
 use crate::pipeline::records::CompressProtocol;
@@ -74,7 +75,7 @@ impl Plan {
         Ok(Self {
             made_by: MADE_BY.to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            model_crc32: crc32(&model)?,
+            model_crc32: crc32_of_file(&model)?,
             model,
             gaussians,
             output: output.to_owned(),
@@ -141,9 +142,7 @@ impl Plan {
 
     /// A number that parts carry, to tell the plans apart.
     pub fn hash(&self) -> String {
-        let mut crc = flate2::Crc::new();
-        crc.update(serde_json::to_string(self).unwrap_or_default().as_bytes());
-        format!("{:08x}", crc.sum())
+        format!("{:08x}", crc32([serde_json::to_string(self).unwrap_or_default().as_bytes()]))
     }
 }
 
@@ -156,7 +155,7 @@ pub fn file(folder: &Path) -> PathBuf {
 ///
 /// # Errors
 /// [`Error::Read`].
-pub fn crc32(path: &Path) -> Result<u32, Error> {
+pub fn crc32_of_file(path: &Path) -> Result<u32, Error> {
     if path.is_dir() {
         return Ok(0);
     }

@@ -1,6 +1,7 @@
 //! JSON files of tasks, with the plan's hash and a checksum of the content.
 
 use crate::error::Error;
+use crate::gaussians::formats::crc32;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -14,10 +15,8 @@ struct Sealed {
     content: Value,
 }
 
-fn crc32(content: &Value) -> u32 {
-    let mut crc = flate2::Crc::new();
-    crc.update(content.to_string().as_bytes());
-    crc.sum()
+fn checksum(content: &Value) -> u32 {
+    crc32([content.to_string().as_bytes()])
 }
 
 /// The bytes of a file with this content.
@@ -27,7 +26,7 @@ fn crc32(content: &Value) -> u32 {
 pub(super) fn bytes(plan: &str, task: &str, content: &impl Serialize) -> Result<Vec<u8>, Error> {
     let encoding = |e| Error::encoding("a task's figures", e);
     let content = serde_json::to_value(content).map_err(encoding)?;
-    let sealed = Sealed { plan: plan.to_owned(), task: task.to_owned(), crc32: crc32(&content), content };
+    let sealed = Sealed { plan: plan.to_owned(), task: task.to_owned(), crc32: checksum(&content), content };
     serde_json::to_vec_pretty(&sealed).map_err(encoding)
 }
 
@@ -48,7 +47,7 @@ fn parse<T: DeserializeOwned>(bytes: &[u8], plan: &str, task: &str) -> Result<T,
     if sealed.task != task {
         return Err(format!("it is the part of {}", sealed.task));
     }
-    if sealed.crc32 != crc32(&sealed.content) {
+    if sealed.crc32 != checksum(&sealed.content) {
         return Err("its checksum is not that of its content: it is damaged".to_owned());
     }
     serde_json::from_value(sealed.content).map_err(|e| format!("it is damaged: {e}"))
