@@ -6,7 +6,7 @@ use super::{device, facts, group};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::render::Style;
 use qirf_vk::scene::{FourthByte, Photo};
-use qirf_vk::train::{Options, Trainer};
+use qirf_vk::train::{Exposures, Options, Trainer};
 use std::time::Duration;
 
 /// Iterations per turn.
@@ -20,7 +20,7 @@ fn arms() -> Vec<(&'static str, Options, FourthByte)> {
         ("all off, again", options(0), opaque),
         ("view_dependence, degree 1", options(1), opaque),
         ("view_dependence, degree 3", options(3), opaque),
-        ("exposure", Options { exposure: Some(Vec::new()), ..options(0) }, opaque),
+        ("exposure", Options { exposure: Some(Exposures::Learnt(Vec::new())), ..options(0) }, opaque),
         ("antialias", Options { settings: style(true, false), ..options(0) }, opaque),
         ("transparency", options(0), FourthByte::Alpha),
         ("masks", options(0), FourthByte::Mask),

@@ -17,7 +17,7 @@ use crate::gaussians::formats;
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::train::loss::Weights;
-use crate::train::{Options, Trainer};
+use crate::train::{Exposures, Options, Trainer};
 use std::ops::Range;
 use std::time::Instant;
 
@@ -51,7 +51,7 @@ impl<'a> ActiveRun<'a> {
             most: config.max_gaussians,
             tail: 0,
             cameras: None,
-            exposure: config.exposure.then(|| setup.gains.clone()),
+            exposure: config.exposure.then(|| Exposures::Learnt(setup.gains.clone())),
             weights: Weights::default(),
             averaged: averaged(config),
             pairs: pairs::room(session.device, gaussians),
@@ -124,7 +124,7 @@ impl<'a> ActiveRun<'a> {
     fn due(&self, prunes: &[u32]) -> bool {
         let now = self.trainer.iteration();
         match self.trainer.attrition() {
-            Some(contest) => contest.over(now, self.trainer.len()),
+            Some(contest) => contest.over(now, self.trainer.trained()),
             None => prunes.get(self.notes.prunes.len()).is_some_and(|at| *at <= now),
         }
     }
@@ -174,13 +174,13 @@ impl<'a> ActiveRun<'a> {
         if self.notes.prunes.is_empty() && contest.is_none() {
             exhibits::dense(&mut self.evaluator, self.trainer.model(), prepared, &self.output.renders())?;
             if let Some(attrition) = pruning.attrition {
-                self.trainer.begin_attrition(attrition, pruning.survivors(self.trainer.len()))?;
+                self.trainer.begin_attrition(attrition, pruning.survivors(self.trainer.trained()))?;
                 self.fine_tune();
                 return Ok(());
             }
         }
         let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
-        let next = || pruning.keep(self.notes.prunes.len(), steps, self.trainer.len());
+        let next = || pruning.keep(self.notes.prunes.len(), steps, self.trainer.trained());
         let keep = contest.map_or_else(next, |c| Keep::Count(c.survivors));
         let request = PruneRequest { compression: &pruning.compression, keep, seed: self.config.seed };
         let mut pruned = prune(session.device, &mut self.trainer, pruning.responses, &request)?;

@@ -68,13 +68,34 @@ pub fn prune_by(
 ) -> Result<PruneRecord, Error> {
     let begun = Instant::now();
     let model = trainer.download()?;
-    let PrunePlan { mut record, keep, merged } = plan(device, trainer.model().into(), &model, responses, request)?;
+    let PrunePlan { mut record, keep, merged } = if trainer.trained() == model.len() {
+        plan(device, trainer.model().into(), &model, responses, request)?
+    } else {
+        beside_tail(device, trainer.trained(), &model, responses, request)?
+    };
     let compacting = Instant::now();
     trainer.keep(&keep, merged.as_ref())?;
     record.iteration = trainer.iteration();
     record.seconds.merge += compacting.elapsed().as_secs_f64();
     record.seconds.total = begun.elapsed().as_secs_f64();
     Ok(record)
+}
+
+/// The plan for a model of which only the first `trained` Gaussians are chosen from: the rest is a tail that stays.
+fn beside_tail(
+    device: &Device,
+    trained: usize,
+    model: &Gaussians,
+    responses: &Responses,
+    request: &PruneRequest<'_>,
+) -> Result<PrunePlan, Error> {
+    let (head, tail): (Vec<usize>, Vec<usize>) = (0..model.len()).partition(|i| *i < trained);
+    let (head, tail) = (model.select(&head), model.select(&tail));
+    let mut plan = plan(device, Source::Host(&head), &head, &responses.of_first(trained), request)?;
+    if let Some(merged) = &mut plan.merged {
+        merged.append(&tail);
+    }
+    Ok(plan)
 }
 
 /// The result of planning a prune.

@@ -79,6 +79,16 @@ impl Sums {
 }
 
 impl Responses {
+    /// The responses to the first `n` Gaussians.
+    #[must_use]
+    pub fn of_first(&self, n: usize) -> Self {
+        let mut first = self.clone();
+        first.channels.truncate(n);
+        first.scores.truncate(n);
+        first.sketches.truncate(n);
+        first
+    }
+
     /// The responses of a whole pass over `n` Gaussians from those of its chunks, in their order: the same bits as of one pass.
     /// Sketches are left out.
     ///

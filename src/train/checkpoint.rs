@@ -4,7 +4,7 @@
 use super::course::Course;
 use super::error::Result;
 use super::exposure::{self, Exposure};
-use super::options::Options;
+use super::options::{Exposures, Options};
 use super::trainee::{Tail, Trainee};
 use super::trainer::Trainer;
 use crate::gaussians::formats::{crc32, write_atomically};
@@ -97,7 +97,7 @@ impl Trainer {
             trainer.responses = Some(ResidentResponses { values, seen });
         }
         let (affine, moments) = &snapshot.exposures;
-        if let (Some(e), Some(gains)) = (&trainer.objective.exposure, &trainer.options.exposure) {
+        if let (Some(e), Some(Exposures::Learnt(gains))) = (&trainer.objective.exposure, &trainer.options.exposure) {
             let [stored, photos] = [affine.len(), e.affine.len()].map(|numbers| numbers / exposure::SIZE);
             if stored != photos {
                 return Err(super::Error::Exposures { stored, photos });

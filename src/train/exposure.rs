@@ -67,11 +67,10 @@ pub struct Rendered<'a> {
 }
 
 /// Learning rate at an iteration of a run of `length` iterations on `photos` photos.
-pub fn rate(gains: Option<&[[f32; 3]]>, iteration: u32, length: u32, photos: usize) -> f32 {
+pub fn rate(gains: &[[f32; 3]], iteration: u32, length: u32, photos: usize) -> f32 {
     let rounds = f64::from(length.max(1)) / photos.max(1) as f64;
     let t = f64::from(iteration) / f64::from(length.max(1));
-    let measured = gains.is_some_and(|gains| !gains.is_empty());
-    let begin = if measured { REFINE } else { (1.0 / rounds).clamp(RATE.0, RATE.1) };
+    let begin = if gains.is_empty() { (1.0 / rounds).clamp(RATE.0, RATE.1) } else { REFINE };
     (begin * LEFT.powf(t)) as f32
 }
 

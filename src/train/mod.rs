@@ -28,7 +28,7 @@ mod trainer;
 
 pub use error::{Error, Result};
 pub use memory::TrainerNeeds;
-pub use options::Options;
+pub use options::{Exposures, Options};
 pub use respond::{PhotoNeeds, bytes as responses_bytes, responses};
 pub use trainee::Trainee;
 pub use trainer::{Progress, Trainer};

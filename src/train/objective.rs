@@ -4,7 +4,7 @@ use super::error::Result;
 use super::exposure::{Exposure, Rendered, Step};
 use super::loss::{self, Loss, Weights};
 use super::mask::Mask;
-use super::options::Options;
+use super::options::{Exposures, Options};
 use crate::gpu::{Buffer, Device, Recording};
 use crate::response::{Target, record_residual};
 use crate::scene::camera::Camera;
@@ -58,7 +58,10 @@ impl Objective {
             exposure: options
                 .exposure
                 .as_ref()
-                .map(|gains| Exposure::new(device, gains, photos.len(), pixels))
+                .map(|exposures| match exposures {
+                    Exposures::Learnt(gains) => Exposure::new(device, gains, photos.len(), pixels),
+                    Exposures::Known(maps) => Exposure::with(device, &[], maps, &vec![0.0; 2 * maps.len()], pixels),
+                })
                 .transpose()?,
             mask: masked.then(|| Mask::new(device, pixels, background)).transpose()?,
         })

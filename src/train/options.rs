@@ -6,6 +6,26 @@ use crate::gaussians::MAX_SH_DEGREE;
 use crate::render::Settings;
 use std::ops::Range;
 
+/// Where the exposures of photos come from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Exposures {
+    /// Learnt with the model. They begin as these measured gains of red, green and blue, by photo; the list is empty if none
+    /// could be measured.
+    Learnt(Vec<[f32; 3]>),
+    /// Known: an affine map of [`super::exposure::SIZE`] numbers for each photo, which stays as it is.
+    Known(Vec<f32>),
+}
+
+impl Exposures {
+    /// The measured gains, if the exposures are learnt.
+    pub fn learnt(&self) -> Option<&[[f32; 3]]> {
+        match self {
+            Self::Learnt(gains) => Some(gains),
+            Self::Known(_) => None,
+        }
+    }
+}
+
 /// Options of a run besides its photos and model.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -25,9 +45,8 @@ pub struct Options {
     /// Mean of the scene's camera centres in world units, where the photos are only a part of the scene's; else that of the
     /// photos' cameras.
     pub cameras: Option<[f32; 3]>,
-    /// If each photo has an exposure of its own: the measured gains of red, green and blue by photo; empty if none could be
-    /// measured.
-    pub exposure: Option<Vec<[f32; 3]>>,
+    /// The photos' exposures, if each has one of its own.
+    pub exposure: Option<Exposures>,
     /// Weights of the loss.
     pub weights: Weights,
     /// Iterations, after the last density step, whose responses are averaged for [`super::Trainer::averages`]; may be empty.

@@ -10,7 +10,7 @@ use super::explore;
 use super::exposure;
 use super::halve::{self, Halve};
 use super::objective::{Current, Objective};
-use super::options::Options;
+use super::options::{Exposures, Options};
 use super::smoothing::Smoothing;
 use super::trainee::Trainee;
 use crate::gaussians::resident::Resident;
@@ -318,21 +318,19 @@ impl Trainer {
         }
         self.renderer.record(&mut recording, model, camera);
         let slots = self.renderer.slots(camera);
-        let step = exposure::Step {
+        let (length, photos) = (options.schedule.iterations, self.photos.len());
+        // Known exposures stay.
+        let gains = options.exposure.as_ref().and_then(Exposures::learnt);
+        let step = gains.map(|gains| exposure::Step {
             pairs: slots.pairs,
             limit: slots.limit,
             // Each photo is drawn once per round.
-            number: (iteration - 1) / self.photos.len() as u32 + 1,
-            rate: exposure::rate(
-                options.exposure.as_deref(),
-                iteration,
-                options.schedule.iterations,
-                self.photos.len(),
-            ),
-        };
+            number: (iteration - 1) / photos as u32 + 1,
+            rate: exposure::rate(gains, iteration, length, photos),
+        });
         let current = Current::new(at, photo, camera);
         let (objective, rendered) = (&self.objective, self.renderer.image());
-        let seen = objective.record(&mut recording, rendered, current, with_value, Some(step));
+        let seen = objective.record(&mut recording, rendered, current, with_value, step);
         let responses = self.responses.as_ref().filter(|_| options.averaged.contains(&iteration));
         if responses.is_some() {
             objective.record_residual(&mut recording, seen, current);

@@ -11,7 +11,7 @@ use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::render::{Renderer, Style};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::schedule::Schedule;
-use qirf_vk::train::{Options, Trainer};
+use qirf_vk::train::{Exposures, Options, Trainer};
 
 /// Iterations before the prune, of which the last ones average responses; density steps after 10 and 20.
 const BEFORE: u32 = 30;
@@ -28,7 +28,7 @@ fn all_effects() -> Options {
         ..options().schedule
     };
     let style = Style { antialias: true, depth_order: true, ..Style::default() };
-    let (settings, exposure) = (style.over([0.1, 0.2, 0.3]), Some(Vec::new()));
+    let (settings, exposure) = (style.over([0.1, 0.2, 0.3]), Some(Exposures::Learnt(Vec::new())));
     Options { schedule, settings, exposure, degree: 1, averaged: 22..BEFORE, pairs: 1 << 13, ..options() }
 }
 

@@ -8,7 +8,7 @@ use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::Session;
-use qirf_vk::pipeline::blocks::{Members, joined, owned, seen, with_tail};
+use qirf_vk::pipeline::blocks::{GROWN, Layout, Members, joined, owned, seen, with_tail};
 use qirf_vk::render::{Renderer, Settings};
 use qirf_vk::response::Wanted;
 use qirf_vk::scene::camera::{Camera, mean_centre};
@@ -22,8 +22,6 @@ use qirf_vk::train::{Options, Trainer};
 const COARSE: u32 = 120;
 const DENSE: u32 = 240;
 const TUNE: u32 = 60;
-/// Share of its sides by which a cell is grown.
-const GROWN: f64 = 0.2;
 
 /// A strip of land: its photos, a model of its points, the extent and the mean of its cameras.
 struct Land {
@@ -109,28 +107,28 @@ fn a_strip_trained_in_blocks_is_as_good_as_in_one_piece() {
     let seen = seen(&session, &coarse, (&owners, 3), &land.cameras(), Settings::default()).unwrap();
 
     // Each block trains on the parts of photos that show it, before the rest of the coarse model.
+    let layout = Layout::new(cells.clone(), &coarse, &weights, &land.cameras(), &seen);
     let photos_of = |cell: usize| -> Vec<Photo> {
-        let shown = land.photos.iter().zip(&seen).filter(|(_, of_view)| of_view[cell].trains(false));
-        shown
-            .map(|(photo, of_view)| of_view[cell].part.map(|(at, size)| photo.part(at, size).unwrap()).unwrap())
+        layout.blocks[cell]
+            .crops
+            .iter()
+            .map(|crop| land.photos[crop.view].part(crop.corner, crop.size).unwrap())
             .collect()
     };
     // As often as in one piece, each photo is trained on.
     let epochs = |iterations: u32, photos: usize| iterations * photos as u32 / 24;
-    let mut pixels = 0;
     let dense: Vec<Snapshot> = (0..3)
         .map(|cell| {
             let members = Members::of(&cells, cell, GROWN, &coarse);
             let photos = photos_of(cell);
             assert!((3..24).contains(&photos.len()), "{} photos of block {cell}", photos.len());
-            pixels += photos.iter().map(|p| p.camera.pixels()).sum::<u64>();
             let until = epochs(DENSE, photos.len());
             let options = land.options(until, members.seen.len(), photos.len());
             let mut trainer = new(&members.arranged(&coarse), photos, options);
             owned(&train(&mut trainer, until), &cells, cell)
         })
         .collect();
-    let omega = pixels as f64 / land.photos.iter().map(|p| p.camera.pixels()).sum::<u64>() as f64;
+    let omega = layout.omega;
     let (gathered, starts) = joined(&dense);
 
     // From here blocks own Gaussians by number: each goes on before its real neighbours.

@@ -14,7 +14,7 @@ use qirf_vk::train::exposure::{Exposure, PULL, Rendered, SIZE, Step};
 use qirf_vk::train::initialise::{Seed, from_points};
 use qirf_vk::train::loss::Weights;
 use qirf_vk::train::mask::Mask;
-use qirf_vk::train::{Options, Trainer};
+use qirf_vk::train::{Exposures, Options, Trainer};
 use std::path::Path;
 
 fn value(n: usize, seed: usize) -> f64 {
@@ -121,7 +121,7 @@ fn options(config: &RunConfig, exposure: bool) -> Options {
         most: 3000,
         tail: 0,
         cameras: None,
-        exposure: exposure.then(Vec::new),
+        exposure: exposure.then(|| Exposures::Learnt(Vec::new())),
         weights: Weights::default(),
         averaged: 0..0,
         pairs: 1 << 14,
@@ -180,6 +180,37 @@ fn exposures_are_kept_in_checkpoints() {
     let [a, b] = [&whole, &resumed].map(|t| t.snapshot().unwrap());
     assert!(a.model == b.model && a.exposures == b.exposures);
     assert!(a.exposures.0.iter().zip(twin::IDENTITY.iter().cycle()).any(|(a, b)| (f64::from(*a) - b).abs() > 0.02));
+    finish(&device);
+}
+
+/// Exposures that are known stay as they are, bit for bit, and the loss sees the model through them: resumed with the maps that a
+/// run has learnt, the first picture is as near to its photo as that run's.
+#[test]
+fn known_exposures_stay() {
+    let device = device();
+    let folder = tempfile::tempdir().unwrap();
+    capture(folder.path(), &[synth::Effect::Exposure], 9, 48);
+    let mut learning = trainer(&device, folder.path(), true, false);
+    train(&mut learning, 40);
+    let learnt = learning.snapshot().unwrap();
+    let config = config(folder.path(), 60);
+    let loss = |exposure: Option<Exposures>, exposures: (Vec<f32>, Vec<f32>)| {
+        let prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
+        let options = Options { exposure, ..options(&config, false) };
+        let state = Snapshot { exposures, ..learnt.clone() };
+        let mut trainer = Trainer::resume(&device, &state, prepared.train, prepared.extent, options).unwrap();
+        let loss = trainer.advance(41).unwrap().loss;
+        train(&mut trainer, 50);
+        (loss, trainer.snapshot().unwrap())
+    };
+    let maps = learnt.exposures.0.clone();
+    let (with_known, after) = loss(Some(Exposures::Known(maps.clone())), Default::default());
+    assert!(after.exposures.0 == maps && after.model.means != learnt.model.means);
+    let (going_on, changed) = loss(Some(Exposures::Learnt(Vec::new())), learnt.exposures.clone());
+    assert_eq!(with_known, going_on, "the same maps in the first iteration");
+    assert!(changed.exposures.0 != maps);
+    let (without, _) = loss(None, Default::default());
+    assert!(with_known < without, "{with_known} {without}");
     finish(&device);
 }
 

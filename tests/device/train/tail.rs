@@ -5,6 +5,9 @@ use crate::support::{device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Attributes, Gaussians};
 use qirf_vk::gpu::Device;
+use qirf_vk::pipeline::config::{Compression, ResponseSource};
+use qirf_vk::pipeline::prune::{PruneRequest, prune};
+use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::render::{Renderer, Settings, Style};
 use qirf_vk::scene::camera::mean_centre;
 use qirf_vk::train::attrition::Attrition;
@@ -114,6 +117,31 @@ fn attrition_and_prunes_leave_the_tail() {
     let merged = Gaussians { opacity_logits: vec![1.5; model.len()], ..model.clone() };
     trainer.keep(&vec![true; trainer.trained()], Some(&merged)).unwrap();
     assert!(bits(&trainer.download().unwrap()) == bits(&merged));
+    finish(&device);
+}
+
+/// A prune chooses from the trained rows alone, merges into them alone, and counts them alone.
+#[test]
+fn prunes_choose_beside_the_tail() {
+    let device = device();
+    let start = &capture().start;
+    for merge in [false, true] {
+        let plain = Options { schedule: Schedule { densify_until: 0.0, ..options().schedule }, ..options() };
+        let mut trainer = trainer(&device, plain);
+        train(&mut trainer, 20);
+        let trained = trainer.trained();
+        let compression = Compression { merge, ..Compression::default() };
+        let request = PruneRequest { compression: &compression, keep: Keep::Count(trained / 3), seed: 1 };
+        let record = prune(&device, &mut trainer, ResponseSource::FullPass, &request).unwrap();
+        assert_eq!((record.before, record.after, trainer.trained()), (trained, trained / 3, trained / 3));
+        let model = trainer.download().unwrap();
+        assert_eq!(model.len(), trained / 3 + TAIL);
+        let ((before, _), (after, _)) = (tail(start), tail(&model));
+        assert!(
+            before.means == after.means && before.opacity_logits == after.opacity_logits && before.sh[0] == after.sh[0]
+        );
+        train(&mut trainer, 30);
+    }
     finish(&device);
 }
 
