@@ -161,6 +161,14 @@ pub enum Error {
         /// The task that writes it.
         task: String,
     },
+    /// A photo that was there when a job was planned, and cannot be read now: exit code 3.
+    #[error("{}: photo {photo} cannot be read; it could be when the job was planned", scene.display())]
+    LostPhoto {
+        /// The scene.
+        scene: PathBuf,
+        /// The photo's name.
+        photo: String,
+    },
     /// A device that computes other bits than the one that a job was planned on: exit code 4.
     #[error("this device computes other bits ({here}) than the one that the job was planned on ({planned})")]
     OtherDevice {
@@ -196,6 +204,8 @@ pub enum Relief {
     SmallerModel,
     /// Smaller pictures of the model itself.
     SmallerPictures,
+    /// A scene divided into more blocks.
+    MoreBlocks,
 }
 
 impl From<train::Error> for Error {
@@ -258,7 +268,7 @@ impl Error {
             Self::AmongPhotos(_) | Self::NothingToTrainOn(_) | Self::Train(train::Error::NoViews) => 2,
             Self::Gaussians(gaussians::Error::SameFile { .. }) | Self::Scene(scene::Error::NoImageFolder { .. }) => 2,
             Self::Train(_) => 3,
-            Self::Read { .. } | Self::Checkpoint { .. } | Self::Part { .. } => 3,
+            Self::Read { .. } | Self::Checkpoint { .. } | Self::Part { .. } | Self::LostPhoto { .. } => 3,
             Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,
             Self::Device(gpu::Error::Tuning(_)) => 2,
             Self::Device(_) | Self::SelfTest { .. } | Self::OtherDevice { .. } => 4,

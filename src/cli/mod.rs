@@ -11,6 +11,7 @@ mod device;
 mod eval;
 mod inspect;
 mod interrupt;
+mod plan;
 mod pose;
 mod remedy;
 mod render;

@@ -40,6 +40,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Part { path, .. } => {
             Some(format!("delete {} and run the job again: it does what is missing", path.display()))
         }
+        Error::LostPhoto { .. } => plain("restore the photo, or plan again in a new folder"),
         Error::OtherDevice { .. } => {
             plain("use a machine like the plan's, or allow this one with --mixed: the bytes may then differ")
         }
@@ -150,8 +151,16 @@ fn smaller(relief: Relief) -> String {
         Relief::Gaussians(most) => format!(" --max-gaussians {most},"),
         Relief::SmallerModel => " a smaller model,".to_owned(),
         Relief::SmallerPictures => " a smaller --size,".to_owned(),
+        Relief::MoreBlocks => " more --blocks in a new plan,".to_owned(),
     };
-    format!("give{first} a smaller --resolution, a larger --memory-budget where there is one, or another --device")
+    let divided = if matches!(relief, Relief::Gaussians(_)) {
+        ", or train in blocks: `qirf-vk shard plan run --help`"
+    } else {
+        ""
+    };
+    format!(
+        "give{first} a smaller --resolution, a larger --memory-budget where there is one, or another --device{divided}"
+    )
 }
 
 /// The commands that install one of these programs.

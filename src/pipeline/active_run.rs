@@ -17,7 +17,7 @@ use crate::gaussians::formats;
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::train::loss::Weights;
-use crate::train::{Exposures, Options, Trainer};
+use crate::train::{Options, Trainer};
 use std::ops::Range;
 use std::time::Instant;
 
@@ -50,8 +50,8 @@ impl<'a> ActiveRun<'a> {
             degree: config.sh_degree,
             most: config.max_gaussians,
             tail: 0,
-            cameras: None,
-            exposure: config.exposure.then(|| Exposures::Learnt(setup.gains.clone())),
+            cameras: setup.cameras,
+            exposure: config.exposure.then(|| setup.exposures.clone()),
             weights: Weights::default(),
             averaged: averaged(config),
             pairs: pairs::room(session.device, gaussians),

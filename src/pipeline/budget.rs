@@ -5,7 +5,7 @@ use super::effects;
 use super::evaluate::Evaluator;
 use super::host_memory;
 use super::pairs;
-use super::prepare::Opened;
+use super::prepare::{Opened, Prepared};
 use super::start::Start;
 use super::virtual_views;
 use crate::effects::Effect;
@@ -16,10 +16,16 @@ use crate::gpu::{Device, staging_bytes};
 use crate::qirf::study;
 use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds, largest};
 use crate::response::Wanted;
+use crate::scene::camera;
+use crate::train::checkpoint::Snapshot;
 use crate::train::{PhotoNeeds, Trainer, TrainerNeeds, responses_bytes};
 
 /// Assumed growth of a run's number of Gaussians, as far as `--max-gaussians` allows.
 const GROWTH: usize = 4;
+/// Assumed ratio of a grown block's Gaussians to those that it hands on.
+const GROWN: f64 = 1.5;
+/// Most blocks that are tried.
+const MOST_BLOCKS: usize = 1024;
 /// Bytes of a pixel on the host: as it was drawn, as colours, and encoded.
 const HOST_PIXEL: u64 = 32;
 
@@ -53,8 +59,20 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         let wanted = config.prune.as_ref().map(|p| p.compression.selector.reads());
         let pruning = wanted.map_or(0, |wanted| study::bytes(gaussians, wanted));
         let (style, halves) = (effects::style(|effect| config.effects.allow(effect)), schedule.halves(1));
-        let trainer =
-            TrainerNeeds { gaussians, pairs, size, photos, degree, exposure, masked, style, halves, grows, pruning };
+        let trainer = TrainerNeeds {
+            gaussians,
+            tail: 0,
+            pairs,
+            size,
+            photos,
+            degree,
+            exposure,
+            masked,
+            style,
+            halves,
+            grows,
+            pruning,
+        };
         Trainer::bytes(device, &trainer) + Evaluator::bytes(device, gaussians, size, style)
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
@@ -69,6 +87,82 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         n => Relief::Gaussians(n),
     };
     check(device, "the run", expected, size, needed(expected), relief)
+}
+
+/// Bytes of device memory that the run of a block will need, which begins or goes on with `snapshot`.
+///
+/// # Errors
+/// [`Error::Memory`] if the device allows less.
+pub fn for_block(device: &Device, config: &RunConfig, prepared: &Prepared, snapshot: &Snapshot) -> Result<u64, Error> {
+    let (schedule, tail) = (&config.schedule, snapshot.tail);
+    let grows = (snapshot.iteration + 1..=schedule.iterations).any(|i| schedule.densifies(i));
+    let now = snapshot.model.len() - tail;
+    let planned = schedule.growth.and_then(|plan| plan.gaussians).unwrap_or(now.saturating_mul(GROWTH));
+    let gaussians = if grows { planned.min(config.max_gaussians).max(now) } else { now };
+    let size = camera::largest(prepared.train.iter().map(|photo| &photo.camera));
+    let photos = prepared.train.iter().map(|photo| 4 * photo.camera.pixels()).collect();
+    let degree = config.sh_degree.max(snapshot.model.degree());
+    let needed = Fixed { config, size, photos, masked: prepared.scene.has_masks(), degree, grows }
+        .bytes(device, gaussians, tail);
+    check(device, "the block", gaussians + tail, size, needed, Relief::MoreBlocks)
+}
+
+/// The least number of blocks of which each fits the device, on photos of at most `size` and `pixels` in all, for a scene with
+/// this many initial Gaussians. What a block sees of the others is taken to be twice what it trains.
+///
+/// # Errors
+/// [`Error::Memory`] if even small blocks do not fit.
+pub fn blocks(device: &Device, config: &RunConfig, prepared: &Prepared, initial: usize) -> Result<usize, Error> {
+    let size = camera::largest(prepared.train.iter().map(|photo| &photo.camera));
+    let planned = config.schedule.growth.and_then(|plan| plan.gaussians).unwrap_or(initial.saturating_mul(GROWTH));
+    let whole = planned.min(config.max_gaussians).max(initial);
+    let needed = |blocks: usize| {
+        let gaussians = (whole as f64 / blocks as f64 * if blocks > 1 { GROWN } else { 1.0 }).ceil() as usize;
+        let tail = (2 * gaussians).min(whole.saturating_sub(gaussians));
+        let photos = prepared.train.iter().map(|photo| 4 * photo.camera.pixels()).collect();
+        Fixed { config, size, photos, masked: prepared.scene.has_masks(), degree: config.sh_degree, grows: true }
+            .bytes(device, gaussians, tail)
+    };
+    let fits = (1..=MOST_BLOCKS).find(|blocks| needed(*blocks) <= device.memory_limit());
+    match fits {
+        Some(blocks) => Ok(blocks),
+        None => {
+            check(device, "the smallest block", whole / MOST_BLOCKS, size, needed(MOST_BLOCKS), Relief::None).map(|_| 1)
+        }
+    }
+}
+
+/// What a block's needs depend on besides its Gaussians.
+struct Fixed<'a> {
+    config: &'a RunConfig,
+    size: [u32; 2],
+    photos: Vec<u64>,
+    masked: bool,
+    degree: usize,
+    grows: bool,
+}
+
+impl Fixed<'_> {
+    /// Bytes of a run with these numbers of Gaussians, trained and seen.
+    fn bytes(&self, device: &Device, gaussians: usize, tail: usize) -> u64 {
+        let &Self { config, size, masked, degree, grows, .. } = self;
+        let wanted = config.prune.as_ref().map(|p| p.compression.selector.reads());
+        let needs = TrainerNeeds {
+            gaussians,
+            tail,
+            pairs: pairs::room(device, gaussians + tail),
+            size,
+            photos: self.photos.clone(),
+            degree,
+            exposure: config.exposure,
+            masked,
+            style: config.style,
+            halves: config.schedule.halves(1),
+            grows,
+            pruning: wanted.map_or(0, |wanted| study::bytes(gaussians, wanted)),
+        };
+        Trainer::bytes(device, &needs) + Evaluator::bytes(device, gaussians + tail, size, config.style)
+    }
 }
 
 /// Where a job has its model.
@@ -177,6 +271,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
 
     let trainer = TrainerNeeds {
         gaussians: trained,
+        tail: 0,
         pairs: pairs::most(device, trained),
         size,
         photos,

@@ -10,10 +10,10 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// Notes that [`Snapshot`] keeps for itself.
-const OWN_NOTES: [&str; 4] = ["iteration", "skipped_rows", "course", "crc32"];
+const OWN_NOTES: [&str; 5] = ["iteration", "skipped_rows", "course", "tail", "crc32"];
 
 /// The state of a run besides the trainer's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Notes {
     /// The text of its `config.toml`.
     pub config: String,

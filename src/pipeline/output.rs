@@ -79,6 +79,26 @@ impl Output {
     }
 }
 
+/// The same path from the root, for work in another folder.
+///
+/// # Errors
+/// [`Error::Read`] if there is no current folder.
+pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
+    std::path::absolute(path).map_err(|source| Error::Read { path: path.to_owned(), source })
+}
+
+/// Makes a scene's path absolute, and that of its photo folder where this is not one within the scene.
+///
+/// # Errors
+/// As [`absolute`].
+pub fn from_root(scene: &mut PathBuf, images: &mut Option<PathBuf>) -> Result<(), Error> {
+    *scene = absolute(scene)?;
+    if let Some(images) = images.as_mut().filter(|images| !scene.join(images).exists()) {
+        *images = absolute(images)?;
+    }
+    Ok(())
+}
+
 /// Bytes of a model's file, or of all files in its folder; 0 if there is none.
 pub fn bytes_on_disk(path: &Path) -> u64 {
     let file = |p: &Path| std::fs::metadata(p).map_or(0, |m| m.len());

@@ -6,6 +6,7 @@ use crate::effects::Effect;
 use crate::error::Error;
 use crate::scene::camera::Camera;
 use crate::scene::{FourthByte, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene};
+use std::collections::HashSet;
 
 /// A scene ready to train on.
 pub struct Prepared {
@@ -71,6 +72,27 @@ impl Opened {
     pub fn size(&self) -> [u32; 2] {
         let larger = |[w, h]: [u32; 2], c: Camera| [w.max(c.width), h.max(c.height)];
         self.scene.views.iter().map(|v| v.camera_at(self.resize)).fold([1, 1], larger)
+    }
+
+    /// The same scene with the views of these names alone, all of them to train on.
+    ///
+    /// # Errors
+    /// [`Error::LostPhoto`] for a name that the scene does not have.
+    pub fn only(mut self, names: &[String]) -> Result<Self, Error> {
+        let wanted: HashSet<&str> = names.iter().map(String::as_str).collect();
+        let keep: Vec<bool> = self.scene.views.iter().map(|view| wanted.contains(view.name.as_str())).collect();
+        self.scene.retain_views(&keep);
+        self.selection.eval_every = 0;
+        let there: HashSet<&str> = self.scene.views.iter().map(|view| view.name.as_str()).collect();
+        match names.iter().find(|name| !there.contains(name.as_str())) {
+            Some(photo) => Err(Error::LostPhoto { scene: self.selection.scene, photo: photo.clone() }),
+            None => Ok(self),
+        }
+    }
+
+    /// The pictures' cameras.
+    pub fn cameras(&self) -> Vec<Camera> {
+        self.scene.views.iter().map(|view| view.camera_at(self.resize)).collect()
     }
 
     /// Pixels of each training picture; includes photos that turn out damaged.

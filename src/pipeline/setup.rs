@@ -9,6 +9,7 @@ use super::{Output, Watcher, budget, effects};
 use crate::effects::Decision;
 use crate::error::Error;
 use crate::gpu::Device;
+use crate::train::Exposures;
 use std::time::Instant;
 
 /// A scene ready to train on, with the data that its runs share.
@@ -23,8 +24,10 @@ pub struct Setup<'a> {
     pub estimated_bytes: u64,
     /// The decision on each effect.
     pub decisions: Vec<Decision>,
-    /// For each training view, the measured gains of red, green and blue relative to the other views.
-    pub gains: Vec<[f32; 3]>,
+    /// The training views' exposures, if each has one of its own: learnt from measured gains, or known.
+    pub exposures: Exposures,
+    /// Mean of the camera centres of a scene of which `prepared` has a part; see [`crate::train::Options::cameras`].
+    pub cameras: Option<[f32; 3]>,
     /// Start time of the job.
     pub begun: Instant,
     /// Seconds until the photos were loaded.
@@ -58,8 +61,18 @@ impl<'a> Setup<'a> {
         let (decisions, gains) = effects::decide(&prepared, config)?;
         watcher.note(&effects::summary(&decisions));
         let config = RunConfig { tuning: Some(device.tuning().clone()), ..config.decided(&decisions) };
-        let load_s = begun.elapsed().as_secs_f64();
-        let setup = Self { session: *session, config, prepared, estimated_bytes, decisions, gains, begun, load_s };
+        let (load_s, exposures) = (begun.elapsed().as_secs_f64(), Exposures::Learnt(gains));
+        let setup = Self {
+            session: *session,
+            config,
+            prepared,
+            estimated_bytes,
+            decisions,
+            exposures,
+            cameras: None,
+            begun,
+            load_s,
+        };
         Ok((setup, start))
     }
 

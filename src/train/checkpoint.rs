@@ -14,7 +14,7 @@ use crate::gpu::{self, Buffer, Device};
 use crate::response::{CHANNELS, ResidentResponses};
 use crate::scene::Photo;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 /// Everything needed to resume a run.
@@ -112,6 +112,8 @@ impl Trainer {
     }
 }
 
+/// The entry of the file's header that holds all notes as JSON.
+const NOTES: &str = "notes";
 /// The note that holds the events of the run as JSON, if there were any.
 const COURSE: &str = "course";
 /// The note that holds the number of Gaussians that never change, if there are any.
@@ -133,6 +135,15 @@ impl Snapshot {
     /// # Errors
     /// [`Error::Io`] with the path.
     pub fn write(&self, path: &Path) -> std::result::Result<(), Error> {
+        let bytes = self.bytes()?;
+        write_atomically(path, |out| out.write_all(&bytes))
+    }
+
+    /// The bytes of the snapshot's file: the same for equal snapshots.
+    ///
+    /// # Errors
+    /// [`Error::Inconsistent`] for contents that the format cannot hold.
+    pub fn bytes(&self) -> std::result::Result<Vec<u8>, Error> {
         let mut tensors = Vec::new();
         let mut add = |name: String, data: &[f32]| {
             let bytes = bytemuck::cast_slice::<f32, u8>(data).to_vec();
@@ -170,9 +181,11 @@ impl Snapshot {
             .iter()
             .map(|(name, len, bytes)| TensorView::new(Dtype::F32, vec![*len], bytes).map(|view| (name.clone(), view)))
             .collect();
-        let bytes =
-            views.and_then(|views| safetensors::serialize(views, Some(notes))).map_err(|e| stored(e.to_string()))?;
-        write_atomically(path, |out| out.write_all(&bytes))
+        // One after the other: a map's order changes from run to run.
+        let ordered: BTreeMap<String, String> = notes.into_iter().collect();
+        let ordered = serde_json::to_string(&ordered).map_err(|e| stored(e.to_string()))?;
+        let notes = [(NOTES.to_owned(), ordered)].into();
+        views.and_then(|views| safetensors::serialize(views, Some(notes))).map_err(|e| stored(e.to_string()))
     }
 
     /// Reads a snapshot.
@@ -188,7 +201,11 @@ impl Snapshot {
         };
         let file = SafeTensors::deserialize(&bytes).map_err(|e| bad("header", e.to_string()))?;
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| bad("header", e.to_string()))?;
-        let notes = header.metadata().clone().unwrap_or_default();
+        let mut notes = header.metadata().clone().unwrap_or_default();
+        // Older checkpoints have them one by one.
+        if let Some(text) = notes.remove(NOTES) {
+            notes = serde_json::from_str(&text).map_err(|e| bad(NOTES, e.to_string()))?;
+        }
         let number = |key: &str| -> std::result::Result<u64, Error> {
             notes.get(key).and_then(|v| v.parse().ok()).ok_or_else(|| bad(key, "it is missing or no number".into()))
         };

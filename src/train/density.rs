@@ -31,7 +31,7 @@ pub struct Step {
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
     let choice = 3 * words(n) + Count::bytes() + Scan::bytes(device, n as u32) + 2 * words(after);
-    choice + Trainee::bytes(after, degree)
+    choice + Trainee::bytes(after, 0, degree)
 }
 
 /// Clones, splits and prunes the Gaussians of a model in training, without its tail. Returns their new number.

@@ -19,6 +19,8 @@ use crate::render::{Purpose, Renderer, Style, Uses};
 pub struct TrainerNeeds {
     /// Largest number of Gaussians.
     pub gaussians: usize,
+    /// Number of further Gaussians that never change.
+    pub tail: usize,
     /// Largest number of (tile, Gaussian) pairs of a picture.
     pub pairs: u32,
     /// Largest width and height of a picture.
@@ -44,8 +46,9 @@ pub struct TrainerNeeds {
 impl Trainer {
     /// Peak device memory of a run, in bytes.
     pub fn bytes(device: &Device, needs: &TrainerNeeds) -> u64 {
-        let &TrainerNeeds { gaussians: n, pairs, size, degree, grows, .. } = needs;
-        let model = Trainee::bytes(n, degree);
+        let &TrainerNeeds { gaussians, tail, pairs, size, degree, grows, .. } = needs;
+        let n = gaussians + tail;
+        let model = Trainee::bytes(n, tail, degree);
         let uses = Uses { purpose: Purpose::Training, responses: false, style: needs.style };
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
         let pictures =

@@ -38,10 +38,11 @@ impl Tail {
 }
 
 impl Trainee {
-    /// Bytes of a model of `n` Gaussians in training.
-    pub fn bytes(n: usize, degree: usize) -> u64 {
+    /// Bytes of a model in training of `n` Gaussians, the last `tail` of which have no moments.
+    pub fn bytes(n: usize, tail: usize, degree: usize) -> u64 {
         let of = Buffer::<[f32; 2]>::bytes_of;
-        Resident::bytes(n, degree) + Attributes::widths(degree).map(|width| of(n * width)).sum() + of(n)
+        let moments = Attributes::widths(degree).map(|width| of((n - tail) * width)).sum();
+        Resident::bytes(n, degree) + moments + of(n)
     }
 
     /// Arrays for `n` Gaussians of this SH degree, the last `tail` of them never to change; their content is undefined.

@@ -1,163 +1,124 @@
-//! A scene trained in blocks, by the parts that a cluster's tasks call: coarse model, cells, shares of views, crops, frozen
-//! surroundings, and what each block hands on.
+//! A scene trained in blocks by tasks: as good as in one piece, and the same bytes whatever happens on the way.
 
-use glam::DVec3;
-use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gaussians::cells::{Cells, Contraction};
-use qirf_vk::gaussians::resident::Resident;
-use qirf_vk::gpu::{Device, DeviceOptions};
-use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::Session;
-use qirf_vk::pipeline::blocks::{GROWN, Layout, Members, joined, owned, seen, with_tail};
-use qirf_vk::render::{Renderer, Settings};
-use qirf_vk::response::Wanted;
-use qirf_vk::scene::camera::{Camera, mean_centre};
-use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, Point, Scene};
-use qirf_vk::synth::{self, Kind, SynthOptions};
-use qirf_vk::train::checkpoint::Snapshot;
-use qirf_vk::train::initialise::{Seed, from_points};
-use qirf_vk::train::schedule::Schedule;
-use qirf_vk::train::{Options, Trainer};
+use super::shard::{Stage, flip, good};
+use serde_json::Value;
+use std::fs;
+use std::time::Duration;
 
-const COARSE: u32 = 120;
-const DENSE: u32 = 240;
-const TUNE: u32 = 60;
+/// A strip of land seen by a drone.
+const STRIP: [&str; 10] =
+    ["synth", "strip", "--kind", "terrain", "--views", "28", "--size", "96x72", "--points", "1500"];
 
-/// A strip of land: its photos, a model of its points, the extent and the mean of its cameras.
-struct Land {
-    photos: Vec<Photo>,
-    start: Gaussians,
-    extent: f64,
-    cameras: [f32; 3],
+/// A folder with a strip, and a plan of its training in three blocks with these options besides.
+fn planned(options: &[&str]) -> (Stage, Vec<super::shard::Listed>) {
+    let stage = Stage::empty();
+    good(&stage.qirf(&STRIP));
+    let tasks = stage.planned("a", &[&["run", "strip", "--blocks", "3"], options].concat());
+    (stage, tasks)
 }
 
-impl Land {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let options = SynthOptions {
-            kind: Kind::Terrain,
-            views: 24,
-            width: 80,
-            height: 60,
-            points: 1500,
-            ..SynthOptions::default()
-        };
-        synth::write(folder.path(), &options, &|_| ()).unwrap();
-        let mut scene = Scene::open(folder.path(), &OpenOptions::default()).unwrap();
-        let photos = scene.load_photos(&LoadOptions::default(), &|_| ()).unwrap();
-        let colour = |p: &Point| DVec3::from(p.colour.map(|c| f64::from(c) / 255.0));
-        let seeds: Vec<Seed> = scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p) }).collect();
-        let cameras = mean_centre(photos.iter().map(|p| &p.camera)).as_vec3().to_array();
-        let extent = scene.extent(&(0..photos.len()).collect::<Vec<_>>());
-        Self { photos, start: from_points(&seeds), extent, cameras }
-    }
-
-    fn options(&self, iterations: u32, tail: usize, views: usize) -> Options {
-        let schedule = Schedule { iterations, densify_until: 0.0, position_rate_end: 1.6e-5, ..Schedule::default() };
-        let schedule = schedule.for_block(views, self.photos.len());
-        Options { schedule, degree: 1, tail, cameras: Some(self.cameras), ..Options::default() }
-    }
-
-    fn cameras(&self) -> Vec<Camera> {
-        self.photos.iter().map(|p| p.camera.clone()).collect()
-    }
-
-    /// Mean PSNR of a model over all photos, in dB.
-    fn psnr(&self, device: &Device, model: &Gaussians) -> f64 {
-        let resident = Resident::upload(device, model).unwrap();
-        let mut renderer = Renderer::new(device, Settings::default(), model.len(), 80, 60).unwrap();
-        let one = |photo: &Photo| {
-            let image = renderer.render(&resident, &photo.camera).unwrap();
-            let pixels = photo.pixels.read().unwrap();
-            let colours = image.pixels.iter().zip(pixels.chunks_exact(4));
-            let squares: f64 = colours
-                .flat_map(|(a, b)| (0..3).map(|c| (f64::from(a[c].clamp(0.0, 1.0)) - f64::from(b[c]) / 255.0).powi(2)))
-                .sum();
-            -10.0 * (squares / (3.0 * 4800.0)).log10()
-        };
-        self.photos.iter().map(one).sum::<f64>() / self.photos.len() as f64
-    }
+fn figures(stage: &Stage, folder: &str) -> Value {
+    serde_json::from_slice(&fs::read(stage.path(folder).join("metrics.json")).unwrap()).unwrap()
 }
 
-fn train(trainer: &mut Trainer, until: u32) -> Snapshot {
-    while trainer.iteration() < until {
-        trainer.advance(until).unwrap();
-    }
-    trainer.snapshot().unwrap()
+/// Mean PSNR of the photos that were trained on, in dB: less noise than a few held out have.
+fn psnr(figures: &Value) -> f64 {
+    figures["train"]["psnr"].as_f64().unwrap()
 }
 
 #[test]
-fn a_strip_trained_in_blocks_is_as_good_as_in_one_piece() {
-    let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
-    let networks = Networks::default();
-    let session = Session::new(&device, &networks);
-    let land = Land::new();
-    let new = |model: &Gaussians, photos: Vec<Photo>, options: Options| {
-        Trainer::new(&device, model, photos, land.extent, options).unwrap()
-    };
+fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
+    let options = ["--iterations", "480"];
+    let (stage, tasks) = planned(&options);
+    // Coarse, assign, dense, gather, evidence, choose, tune, join, report.
+    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 2 + 1 + 3 + 1 + 1);
+    let mut all = stage.command(&["shard", "all", "a"]);
+    let said = all.env("QIRF_VALIDATION", "1").output().unwrap();
+    good(&said);
+    let said = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert!(!said.contains("VUID"), "{said}");
+    good(&stage.qirf(&[&["run", "strip", "-o", "one"], &options[..]].concat()));
 
-    let mut trainer = new(&land.start, land.photos.clone(), land.options(COARSE, 0, 24));
-    let coarse = train(&mut trainer, COARSE).model;
-    let weights: Vec<f32> = trainer.responses(Wanted::SCORES).unwrap().scores.iter().map(|score| score.hits).collect();
-    drop(trainer);
-    let centres = land.photos.iter().map(|p| p.camera.centre());
-    let cells = Cells::new(Contraction::around(centres), &coarse.means, &weights, 3);
-    assert_eq!(cells.count(), 3);
-    let owners = cells.owners(&coarse.means);
-    let seen = seen(&session, &coarse, (&owners, 3), &land.cameras(), Settings::default()).unwrap();
+    let (blocks, one) = (figures(&stage, "a"), figures(&stage, "one"));
+    println!("in blocks {:.2} dB, in one piece {:.2} dB; omega {}", psnr(&blocks), psnr(&one), blocks["omega"]);
+    assert!(psnr(&blocks) > psnr(&one) - 0.3, "{} {}", psnr(&blocks), psnr(&one));
+    let kept = |figures: &Value| figures["gaussians"]["final"].as_f64().unwrap();
+    assert!((kept(&blocks) / kept(&one) - 1.0).abs() < 0.1, "{} {}", kept(&blocks), kept(&one));
+    let of_blocks: f64 = (0..3).map(|b| blocks["blocks"][b]["gaussians"].as_f64().unwrap()).sum();
+    assert_eq!(of_blocks, kept(&blocks));
+    assert!(blocks["omega"].as_f64().unwrap() < 2.5);
+    assert_eq!(stage.status("a", "dense/0001"), "done");
+    assert_eq!(fs::read_dir(stage.path("a/work")).unwrap().count(), 0, "what tasks needed on their way is gone");
+}
 
-    // Each block trains on the parts of photos that show it, before the rest of the coarse model.
-    let layout = Layout::new(cells.clone(), &coarse, &weights, &land.cameras(), &seen);
-    let photos_of = |cell: usize| -> Vec<Photo> {
-        layout.blocks[cell]
-            .crops
-            .iter()
-            .map(|crop| land.photos[crop.view].part(crop.corner, crop.size).unwrap())
-            .collect()
-    };
-    // As often as in one piece, each photo is trained on.
-    let epochs = |iterations: u32, photos: usize| iterations * photos as u32 / 24;
-    let dense: Vec<Snapshot> = (0..3)
-        .map(|cell| {
-            let members = Members::of(&cells, cell, GROWN, &coarse);
-            let photos = photos_of(cell);
-            assert!((3..24).contains(&photos.len()), "{} photos of block {cell}", photos.len());
-            let until = epochs(DENSE, photos.len());
-            let options = land.options(until, members.seen.len(), photos.len());
-            let mut trainer = new(&members.arranged(&coarse), photos, options);
-            owned(&train(&mut trainer, until), &cells, cell)
-        })
-        .collect();
-    let omega = layout.omega;
-    let (gathered, starts) = joined(&dense);
+#[test]
+fn blocks_have_the_same_bytes_whatever_happens() {
+    let options = ["--iterations", "160", "--checkpoint-every", "20"];
+    let (mut stage, tasks) = planned(&options);
+    good(&stage.qirf(&["shard", "all", "a"]));
+    stage.right = fs::read(stage.path("a/model.ply")).unwrap();
+    let again = |folder: &str| stage.planned(folder, &[&["run", "strip", "--blocks", "3"], &options[..]].concat());
 
-    // From here blocks own Gaussians by number: each goes on before its real neighbours.
-    let tuned: Vec<Snapshot> = (0..3)
-        .map(|b| {
-            let rows = starts[b]..starts[b] + dense[b].model.len();
-            let others = gathered.select(&(0..gathered.len()).filter(|i| !rows.contains(i)).collect::<Vec<_>>());
-            let state = with_tail(&dense[b], &others);
-            let photos = photos_of(b);
-            let until = state.iteration + epochs(TUNE, photos.len());
-            let options = land.options(until, 0, photos.len());
-            let mut trainer = Trainer::resume(&device, &state, photos, land.extent, options).unwrap();
-            train(&mut trainer, until)
-        })
-        .collect();
-    let (scene, _) = joined(&tuned);
-    assert_eq!(scene.len(), gathered.len());
+    assert_eq!(again("shuffled"), tasks);
+    stage.shuffled("shuffled", tasks, 5, |command| command);
+    stage.is_right("shuffled");
+    for file in ["coarse.safetensors", "assign.json", "dense/0001.safetensors", "choose.json", "metrics.json"] {
+        let bytes = |folder: &str| fs::read(stage.path(folder).join(file)).unwrap();
+        assert!(bytes("a") == bytes("shuffled"), "{file}");
+    }
 
-    let mut single = new(&coarse, land.photos.clone(), land.options(DENSE + TUNE, 0, 24));
-    let single = train(&mut single, DENSE + TUNE).model;
-    let psnr = |model: &Gaussians| land.psnr(&device, model);
-    let [start, dense, blocks, single] = [&coarse, &gathered, &scene, &single].map(psnr);
-    println!(
-        "coarse {start:.2} dB; in blocks {dense:.2}, tuned {blocks:.2}; in one piece {single:.2}; omega {omega:.2}, {} of {} Gaussians",
-        scene.len(),
-        coarse.len()
-    );
-    assert!(blocks > start + 1.0 && blocks > single - 0.5, "{start:.2} {dense:.2} {blocks:.2} {single:.2}");
-    assert!(blocks > dense, "real neighbours are better than coarse ones: {dense:.2} {blocks:.2}");
-    assert!(omega < 2.5, "{omega:.2}");
-    assert_eq!(Device::validation_messages(), 0);
+    // Killed again and again, blocks go on from their checkpoints.
+    again("killed");
+    let mut resumed = false;
+    for _ in 0..8 {
+        let mut all = stage.start(&["shard", "all", "killed"]);
+        std::thread::sleep(Duration::from_millis(1100));
+        all.kill().unwrap();
+        all.wait().unwrap();
+        let work = fs::read_dir(stage.path("killed/work")).into_iter().flatten().flatten();
+        resumed |= work.into_iter().any(|task| task.path().join("checkpoint.safetensors").exists());
+    }
+    good(&stage.qirf(&["shard", "all", "killed"]));
+    assert!(resumed, "no kill hit a block in training");
+    stage.is_right("killed");
+    let said = stage.qirf(&["shard", "verify", "killed", "--share", "1"]);
+    good(&said);
+    assert!(String::from_utf8_lossy(&said.stdout).contains("tasks gave the same bytes"), "{said:?}");
+}
+
+#[test]
+fn damaged_blocks_and_lost_photos_are_named() {
+    let options = ["--iterations", "60", "--no-prune"];
+    let (stage, tasks) = planned(&options);
+    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 3 + 1 + 1, "nothing is chosen");
+    good(&stage.qirf(&["shard", "all", "a"]));
+    for (file, id, reader, written) in [
+        ("coarse.safetensors", "coarse", "assign", "assign.json"),
+        ("assign.json", "assign", "dense/0000", "dense/0000.safetensors"),
+        ("dense/0001.safetensors", "dense/0001", "gather", "gather.ply"),
+        ("gather.ply", "gather", "tune/0002", "tune/0002.ply"),
+        ("tune/0000.ply", "tune/0000", "join", "join.json"),
+    ] {
+        let length = fs::metadata(stage.path("a").join(file)).unwrap().len() as usize;
+        flip(&stage.path("a").join(file), length / 2);
+        assert_eq!(stage.status("a", id), "damaged", "{file}");
+        fs::remove_file(stage.path("a").join(written)).unwrap();
+        stage.refused(3, &[file], &["shard", "task", "a", reader]);
+        good(&stage.qirf(&["shard", "all", "a"]));
+    }
+    let photos = stage.path("strip/images");
+    let last = fs::read_dir(&photos).unwrap().flatten().map(|e| e.path()).max().unwrap();
+    fs::remove_file(&last).unwrap();
+    fs::remove_file(stage.path("a/coarse.safetensors")).unwrap();
+    let name = last.file_name().unwrap().to_str().unwrap();
+    stage.refused(3, &[name, "when the job was planned"], &["shard", "task", "a", "coarse"]);
+
+    for options in [&["--schedule", "gradual"][..], &["--preset", "paper"]] {
+        stage.refused(2, &["in blocks cannot"], &[&["shard", "plan", "run", "strip", "-o", "b"], options].concat());
+    }
+    let said = stage.qirf(&["shard", "plan", "run", "strip", "-o", "b", "--memory-budget", "60M"]);
+    good(&said);
+    let plan: Value = serde_json::from_slice(&fs::read(stage.path("b/plan.json")).unwrap()).unwrap();
+    assert!(plan["job"]["run"]["blocks"].as_u64().unwrap() > 1, "blocks that fit: {plan}");
+    stage.refused(5, &["smallest block"], &["shard", "plan", "run", "strip", "-o", "c", "--memory-budget", "1M"]);
 }

@@ -13,43 +13,54 @@ const OPTIONS: [&str; 4] = ["--views", "40", "--size", "72x56"];
 /// A fingerprint that stands in for the device's, which takes seconds to compute.
 const FINGERPRINT: (&str, &str) = ("QIRF_FINGERPRINT", "0123");
 
-/// A folder with a model, and the bytes that its compression has.
-struct Stage {
+/// A task's name, with the files that it needs and writes.
+pub(super) type Listed = (String, Vec<String>, Vec<String>);
+
+/// A folder with a model or a scene, and the bytes that the result has.
+pub(super) struct Stage {
     folder: tempfile::TempDir,
-    right: Vec<u8>,
+    pub right: Vec<u8>,
 }
 
 impl Stage {
+    /// An empty folder.
+    pub fn empty() -> Self {
+        Self { folder: tempfile::tempdir().unwrap(), right: Vec::new() }
+    }
+
     fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        ball(folder.path());
-        let stage = Self { folder, right: Vec::new() };
+        let stage = Self::empty();
+        ball(stage.folder.path());
         good(&stage.qirf(&[&["compress", "ball.ply", "-o", "small.ply"], &OPTIONS[..]].concat()));
         Self { right: fs::read(stage.path("small.ply")).unwrap(), ..stage }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    fn command(&self, arguments: &[&str]) -> Command {
+    pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
         command.env(FINGERPRINT.0, FINGERPRINT.1).current_dir(self.folder.path()).args(arguments);
         command
     }
 
-    fn qirf(&self, arguments: &[&str]) -> Output {
+    pub fn qirf(&self, arguments: &[&str]) -> Output {
         self.command(arguments).output().expect("the program starts")
     }
 
     /// Starts a command without waiting for it.
-    fn start(&self, arguments: &[&str]) -> Child {
+    pub fn start(&self, arguments: &[&str]) -> Child {
         self.command(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts")
     }
 
-    /// Plans into a folder; returns the tasks' names with what they need and write.
-    fn plan(&self, folder: &str) -> Vec<(String, Vec<String>, Vec<String>)> {
-        good(&self.qirf(&[&["shard", "plan", "ball.ply", "-o", folder], &OPTIONS[..]].concat()));
+    fn plan(&self, folder: &str) -> Vec<Listed> {
+        self.planned(folder, &[&["compress", "ball.ply"], &OPTIONS[..]].concat())
+    }
+
+    /// Plans a job into a folder; returns its tasks.
+    pub fn planned(&self, folder: &str, job: &[&str]) -> Vec<Listed> {
+        good(&self.qirf(&[&["shard", "plan"], job, &["-o", folder]].concat()));
         let text = fs::read(self.path(folder).join("tasks.json")).unwrap();
         let list: Value = serde_json::from_slice(&text).unwrap();
         let names = |v: &Value| v.as_array().unwrap().iter().map(|n| n.as_str().unwrap().to_owned()).collect();
@@ -57,7 +68,7 @@ impl Stage {
         list["tasks"].as_array().unwrap().iter().map(task).collect()
     }
 
-    fn status(&self, folder: &str, id: &str) -> String {
+    pub fn status(&self, folder: &str, id: &str) -> String {
         let said = self.qirf(&["shard", "status", folder, "--json"]);
         good(&said);
         let list: Value = serde_json::from_slice(&said.stdout).unwrap();
@@ -65,12 +76,31 @@ impl Stage {
         task["state"].as_str().unwrap().to_owned()
     }
 
+    /// Does tasks one by one in a random order that their needs allow.
+    pub fn shuffled(
+        &self,
+        folder: &str,
+        mut open: Vec<Listed>,
+        seed: u64,
+        prepare: impl Fn(&mut Command) -> &mut Command,
+    ) {
+        let mut random = Random(seed);
+        while !open.is_empty() {
+            let there = |need: &String| self.path(folder).join(need).exists();
+            let ready: Vec<usize> = (0..open.len()).filter(|t| open[*t].1.iter().all(there)).collect();
+            let next = ready[(random.unit() * ready.len() as f64) as usize];
+            let (id, ..) = open.remove(next);
+            good(&prepare(&mut self.command(&["shard", "task", folder, &id])).output().unwrap());
+            assert_eq!(self.status(folder, &id), "done");
+        }
+    }
+
     /// The result of a folder is that of the undivided compression.
-    fn is_right(&self, folder: &str) {
+    pub fn is_right(&self, folder: &str) {
         assert!(fs::read(self.path(folder).join("model.ply")).unwrap() == self.right, "{folder}");
     }
 
-    fn refused(&self, code: i32, says: &[&str], arguments: &[&str]) {
+    pub fn refused(&self, code: i32, says: &[&str], arguments: &[&str]) {
         let output = self.qirf(arguments);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
@@ -78,11 +108,11 @@ impl Stage {
     }
 }
 
-fn good(output: &Output) {
+pub(super) fn good(output: &Output) {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-fn flip(path: &Path, at: usize) {
+pub(super) fn flip(path: &Path, at: usize) {
     let mut bytes = fs::read(path).unwrap();
     bytes[at] ^= 16;
     fs::write(path, bytes).unwrap();
@@ -96,21 +126,9 @@ fn tasks_in_any_order_have_the_bytes_of_the_whole() {
         let folder = format!("order{order}");
         let tasks = stage.plan(&folder);
         assert_eq!(tasks.len(), 6, "{tasks:?}");
-        let (mut open, mut random) = (tasks.clone(), Random(7 + order));
-        while !open.is_empty() {
-            let there = |need: &String| stage.path(&folder).join(need).exists();
-            let ready: Vec<usize> = (0..open.len()).filter(|t| open[*t].1.iter().all(there)).collect();
-            let next = ready[(random.unit() * ready.len() as f64) as usize];
-            let (id, ..) = open.remove(next);
-            let task = ["shard", "task", &folder, &id];
-            // One of the orders on a device that draws in parts.
-            let mut command = stage.command(&task);
-            if order == 2 {
-                command.env("QIRF_LIMITS", "buffers=100000");
-            }
-            good(&command.output().unwrap());
-            assert_eq!(stage.status(&folder, &id), "done");
-        }
+        // One of the orders on a device that draws in parts.
+        let small = if order == 2 { "buffers=100000" } else { "" };
+        stage.shuffled(&folder, tasks, 7 + order, |command| command.env("QIRF_LIMITS", small));
         stage.is_right(&folder);
         figures.push(fs::read_to_string(stage.path(&folder).join("metrics.json")).unwrap());
     }
@@ -182,7 +200,9 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     }
 
     // A part of another plan, of another task, and a model that changed.
-    good(&stage.qirf(&["shard", "plan", "ball.ply", "-o", "b", "--views", "40", "--size", "72x56", "--keep", "0.3"]));
+    good(&stage.qirf(&[
+        "shard", "plan", "compress", "ball.ply", "-o", "b", "--views", "40", "--size", "72x56", "--keep", "0.3",
+    ]));
     fs::create_dir(stage.path("b/evidence")).unwrap();
     for n in ["0000", "0001", "0002"] {
         let part = format!("evidence/{n}.safetensors");
@@ -192,7 +212,7 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     fs::copy(a.join("evidence/0000.safetensors"), a.join("evidence/0002.safetensors")).unwrap();
     fs::remove_file(a.join("model.ply")).unwrap();
     stage.refused(3, &["part of evidence/0000"], &["shard", "task", "a", "choose"]);
-    stage.refused(2, &["holds another plan"], &["shard", "plan", "ball.ply", "-o", "a", "--keep", "0.4"]);
+    stage.refused(2, &["holds another plan"], &["shard", "plan", "compress", "ball.ply", "-o", "a", "--keep", "0.4"]);
     stage.refused(2, &["no task"], &["shard", "task", "a", "evidence/0009"]);
     stage.refused(2, &["no task"], &["shard", "task", "a", "dance"]);
     let mut foreign = stage.command(&["shard", "all", "a"]);

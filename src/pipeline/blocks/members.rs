@@ -3,6 +3,8 @@
 use crate::gaussians::cells::Cells;
 use crate::gaussians::{Attributes, Gaussians};
 use crate::train::checkpoint::Snapshot;
+use crate::train::course::Course;
+use std::collections::HashMap;
 
 /// A model's rows, by what a block does with them.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -27,8 +29,25 @@ impl Members {
     }
 }
 
+/// A state before any iteration; the last `tail` Gaussians are to stay as they are.
+pub(super) fn beginning(model: Gaussians, tail: usize) -> Snapshot {
+    let moments = Attributes::widths(model.degree()).map(|width| vec![0.0; 2 * width * (model.len() - tail)]);
+    Snapshot {
+        iteration: 0,
+        skipped_rows: 0,
+        tail,
+        moments,
+        growth: vec![0.0; 2 * model.len()],
+        responses: Default::default(),
+        exposures: Default::default(),
+        course: Course::default(),
+        notes: HashMap::new(),
+        model,
+    }
+}
+
 /// What a block hands on: the trained rows that its cell owns, in their order, with their moments. A row that lies in a neighbour's
-/// cell is the neighbour's to hand on. The tail goes; growth and averaged responses restart.
+/// cell is the neighbour's to hand on. The tail goes, exposures go, growth and averaged responses restart.
 pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
     let trained = snapshot.model.len() - snapshot.tail;
     let rows: Vec<usize> = (0..trained).filter(|i| cells.owner(snapshot.model.means[*i]) == cell).collect();
@@ -42,12 +61,13 @@ pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
         moments,
         growth: vec![0.0; 2 * rows.len()],
         responses: Default::default(),
+        exposures: Default::default(),
         ..snapshot.clone()
     }
 }
 
 /// A block's model without its tail.
-fn trained(block: &Snapshot) -> Gaussians {
+pub(super) fn trained(block: &Snapshot) -> Gaussians {
     block.model.select(&(0..block.model.len() - block.tail).collect::<Vec<_>>())
 }
 
@@ -78,7 +98,6 @@ mod tests {
     use super::*;
     use crate::gaussians::cells::Contraction;
     use crate::random::Random;
-    use crate::train::course::Course;
     use glam::DVec3;
 
     fn model(n: usize, degree: usize) -> Gaussians {
@@ -100,18 +119,8 @@ mod tests {
     fn snapshot(model: Gaussians, tail: usize) -> Snapshot {
         let (trained, widths) = (model.len() - tail, Attributes::widths(model.degree()));
         let rows = |width: usize| (0..trained).flat_map(|i| vec![i as f32; 2 * width]).collect();
-        Snapshot {
-            iteration: 9,
-            skipped_rows: 0,
-            tail,
-            moments: widths.map(rows),
-            growth: vec![1.0; 2 * model.len()],
-            responses: Default::default(),
-            exposures: Default::default(),
-            course: Course::default(),
-            notes: std::collections::HashMap::default(),
-            model,
-        }
+        let growth = vec![1.0; 2 * model.len()];
+        Snapshot { iteration: 9, moments: widths.map(rows), growth, ..beginning(model, tail) }
     }
 
     /// Whatever blocks train in their margins, together they hand every Gaussian on once, with its own moments.

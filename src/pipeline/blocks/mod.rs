@@ -1,9 +1,11 @@
-//! Parts of training a scene in blocks: who trains what, which views show a block, and what a block hands on.
+//! Training a scene in blocks: who trains what, which views show a block, what a block hands on, and the stages of the whole.
 
 mod layout;
 mod members;
+mod run;
 mod seen;
 
 pub use layout::{Block, Crop, GROWN, Layout};
 pub use members::{Members, joined, owned, with_tail};
+pub use run::{BlockRun, Tuned, rows_of};
 pub use seen::{Seen, Shown, seen};

@@ -7,11 +7,12 @@ use super::train;
 use super::views::Views;
 use crate::error::Error;
 use crate::gaussians::Gaussians;
-use crate::pipeline::prune::{self, PruneRequest};
-use crate::pipeline::records::{CompressProtocol, PruneRecord, Truth, ViewStages};
+use crate::pipeline::prune::{self, PrunePlan, PruneRequest};
+use crate::pipeline::records::{CompressProtocol, Truth, ViewStages};
 use crate::pipeline::session::Session;
 use crate::pipeline::virtual_views::ALL;
 use crate::response::{CHUNK, Responses};
+use crate::train::Exposures;
 use std::ops::Range;
 
 /// No view held out.
@@ -45,7 +46,7 @@ pub fn census(session: &Session<'_>, model: &Gaussians, config: &CompressConfig)
     Ok(Census { chunks: views.train.len().div_ceil(CHUNK), test_views, protocol })
 }
 
-/// The responses of one chunk of views.
+/// The responses of one chunk of views, whose photos may have known exposures.
 ///
 /// # Errors
 /// As of a compression.
@@ -53,23 +54,24 @@ pub fn evidence(
     session: &Session<'_>,
     model: &Gaussians,
     config: &CompressConfig,
-    chunk: usize,
+    (chunk, exposures): (usize, Option<Exposures>),
 ) -> Result<Responses, Error> {
     let (views, shown) = Views::load(session, model, config, NONE)?;
+    let views = Views { exposures, ..views };
     train::respond(session, shown.source(), model.degree(), (&views, Some(chunk)), config)
 }
 
-/// The compressed model, by the responses of all chunks in their order.
+/// The choice of Gaussians, by the responses of all chunks in their order.
 ///
 /// # Errors
 /// As of a compression; those of the chunks.
 pub fn choose(
     session: &Session<'_>,
-    model: Gaussians,
+    model: &Gaussians,
     config: &CompressConfig,
     chunks: impl Iterator<Item = Result<Responses, Error>>,
-) -> Result<(PruneRecord, Gaussians), Error> {
-    let (views, shown) = Views::load(session, &model, config, NONE)?;
+) -> Result<PrunePlan, Error> {
+    let (views, shown) = Views::load(session, model, config, NONE)?;
     let responses = Responses::sum(model.len(), config.compression.selector.reads(), chunks)?;
     let responses = Responses {
         cameras: views.train.iter().map(|view| view.camera.clone()).collect(),
@@ -78,9 +80,7 @@ pub fn choose(
     };
     let keep = at_least_one(config.compression.keep, model.len());
     let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
-    let plan = prune::plan(session.device, shown.source(), &model, &responses, &request)?;
-    drop((shown, responses));
-    Ok(plan.apply(model))
+    prune::plan(session.device, shown.source(), model, &responses, &request)
 }
 
 /// The scores of a compressed model in the views held out with these numbers.

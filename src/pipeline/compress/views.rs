@@ -14,6 +14,7 @@ use crate::pipeline::virtual_views::{OwnPictures, VirtualCameras};
 use crate::qirf::select::budget::Keep;
 use crate::render::Settings;
 use crate::scene::{Photo, camera};
+use crate::train::Exposures;
 use std::ops::Range;
 
 /// Training and held-out views of a compression.
@@ -25,6 +26,8 @@ pub struct Views {
     /// Scale of the positions' learning rate.
     pub extent: f64,
     pub settings: Settings,
+    /// The training photos' exposures, if they are known.
+    pub exposures: Option<Exposures>,
     /// Bytes of device memory that the job is expected to need.
     pub estimated_bytes: u64,
 }
@@ -72,7 +75,8 @@ impl Views {
         let settings = config.style.over(prepared.background);
         let Prepared { train, test, extent, .. } = prepared;
         let shown = Shown::new(session, model, place.whole)?;
-        Ok((Self { truth: Truth::Photos, train, test, extent, settings, estimated_bytes: place.bytes }, shown))
+        let (truth, estimated_bytes) = (Truth::Photos, place.bytes);
+        Ok((Self { truth, train, test, extent, settings, exposures: None, estimated_bytes }, shown))
     }
 
     fn of_model<'m>(
@@ -99,7 +103,7 @@ impl Views {
         let OwnPictures { train, test } = OwnPictures::draw(session, shown.source(), cameras, settings, drawn)?;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
         let (truth, estimated_bytes) = (Truth::OwnPictures, place.bytes);
-        Ok((Self { truth, train, test, extent, settings, estimated_bytes }, shown))
+        Ok((Self { truth, train, test, extent, settings, exposures: None, estimated_bytes }, shown))
     }
 
     /// Conditions of the measurement.

@@ -1,62 +1,83 @@
 //! Tasks of a divided job: each reads files and writes files, whole or not at all.
 
-use super::plan::Plan;
 use std::fmt;
 use std::str::FromStr;
 
-/// A task.
+/// The kinds of tasks, by the names that they have in files and on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Task {
-    /// Responses of a chunk of views.
-    Evidence(usize),
-    /// The sum of all responses, and the compressed model.
+pub enum Stage {
+    /// Trains a coarse model of the whole scene.
+    Coarse,
+    /// Divides the scene into blocks.
+    Assign,
+    /// Trains a block up to the prune.
+    Dense,
+    /// Joins the blocks' Gaussians.
+    Gather,
+    /// Takes the responses of a chunk of views.
+    Evidence,
+    /// Adds up all responses and chooses Gaussians.
     Choose,
-    /// Scores of some of the views held out.
-    Score(usize),
-    /// All figures.
+    /// Trains a block to its end.
+    Tune,
+    /// Joins the trained blocks.
+    Join,
+    /// Scores some of the views held out.
+    Score,
+    /// Collects all figures.
     Report,
 }
 
+impl Stage {
+    const ALL: [(Self, &'static str); 10] = [
+        (Self::Coarse, "coarse"),
+        (Self::Assign, "assign"),
+        (Self::Dense, "dense"),
+        (Self::Gather, "gather"),
+        (Self::Evidence, "evidence"),
+        (Self::Choose, "choose"),
+        (Self::Tune, "tune"),
+        (Self::Join, "join"),
+        (Self::Score, "score"),
+        (Self::Report, "report"),
+    ];
+
+    fn name(self) -> &'static str {
+        Self::ALL.into_iter().find(|(stage, _)| *stage == self).map_or("", |(_, name)| name)
+    }
+}
+
+/// A task: a stage, and which part of it if it has several.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Task {
+    /// The stage.
+    pub stage: Stage,
+    /// Number of the part, of a stage that is divided.
+    pub part: Option<usize>,
+}
+
 impl Task {
-    /// The tasks whose outputs it reads.
-    pub fn needs(self, plan: &Plan) -> Vec<Self> {
-        let of = |wanted: fn(&Self) -> bool| plan.tasks().into_iter().filter(wanted).collect();
-        match self {
-            Self::Evidence(_) => Vec::new(),
-            Self::Choose => of(|task| matches!(task, Self::Evidence(_))),
-            Self::Score(_) => vec![Self::Choose],
-            Self::Report => of(|task| matches!(task, Self::Choose | Self::Score(_))),
-        }
+    /// The task of a stage that is not divided.
+    pub const fn whole(stage: Stage) -> Self {
+        Self { stage, part: None }
     }
 
-    /// Its files, from the plan's folder.
-    pub fn outputs(self, plan: &Plan) -> Vec<String> {
-        match self {
-            Self::Evidence(_) => vec![format!("{self}.safetensors")],
-            Self::Choose => vec![plan.output.clone(), "prune.json".to_owned()],
-            Self::Score(_) => vec![format!("{self}.json")],
-            Self::Report => vec!["metrics.json".to_owned()],
-        }
+    /// The task of a part of a stage.
+    pub const fn part(stage: Stage, part: usize) -> Self {
+        Self { stage, part: Some(part) }
     }
 
-    /// Work in views, for engines that begin with the longest task.
-    pub fn work(self, plan: &Plan) -> usize {
-        match self {
-            Self::Evidence(_) => crate::response::CHUNK,
-            Self::Choose => plan.chunks,
-            Self::Score(n) => plan.scored(n).len(),
-            Self::Report => 0,
-        }
+    /// The tasks of a stage in `parts` parts.
+    pub fn parts(stage: Stage, parts: usize) -> impl Iterator<Item = Self> {
+        (0..parts).map(move |part| Self::part(stage, part))
     }
 }
 
 impl fmt::Display for Task {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Evidence(n) => write!(f, "evidence/{n:04}"),
-            Self::Choose => f.write_str("choose"),
-            Self::Score(n) => write!(f, "score/{n:04}"),
-            Self::Report => f.write_str("report"),
+        match self.part {
+            Some(part) => write!(f, "{}/{part:04}", self.stage.name()),
+            None => f.write_str(self.stage.name()),
         }
     }
 }
@@ -65,14 +86,35 @@ impl FromStr for Task {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        let (name, part) = match text.split_once('/') {
+            Some((name, part)) => (name, Some(part)),
+            None => (text, None),
+        };
+        let stage = Stage::ALL.into_iter().find(|(_, known)| *known == name);
+        let (stage, _) = stage.ok_or_else(|| format!("'{text}' is no task; tasks.json lists them"))?;
         let number = |n: &str| n.parse().map_err(|_| format!("'{text}' has no number after its slash"));
-        match text.split_once('/') {
-            Some(("evidence", n)) => number(n).map(Self::Evidence),
-            Some(("score", n)) => number(n).map(Self::Score),
-            None if text == "choose" => Ok(Self::Choose),
-            None if text == "report" => Ok(Self::Report),
-            _ => Err(format!("'{text}' is no task; tasks.json lists them")),
-        }
+        Ok(Self { stage, part: part.map(number).transpose()? })
+    }
+}
+
+/// A task as a plan lists it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listed {
+    /// The task.
+    pub task: Task,
+    /// The tasks whose files it reads.
+    pub needs: Vec<Task>,
+    /// Its files, from the plan's folder, in the order in which they are written.
+    pub outputs: Vec<String>,
+    /// Work, for engines that begin with the longest task: views drawn or trained on.
+    pub work: usize,
+}
+
+impl Listed {
+    /// A task with these needs and outputs.
+    pub fn new(task: Task, needs: impl IntoIterator<Item = Task>, outputs: &[&str], work: usize) -> Self {
+        let outputs = outputs.iter().map(|name| (*name).to_owned()).collect();
+        Self { task, needs: needs.into_iter().collect(), outputs, work }
     }
 }
 
@@ -82,11 +124,13 @@ mod tests {
 
     #[test]
     fn names_of_tasks() {
-        for task in [Task::Evidence(0), Task::Evidence(12_345), Task::Choose, Task::Score(7), Task::Report] {
-            assert_eq!(task.to_string().parse(), Ok(task));
+        for (stage, _) in Stage::ALL {
+            for task in [Task::whole(stage), Task::part(stage, 0), Task::part(stage, 12_345)] {
+                assert_eq!(task.to_string().parse(), Ok(task));
+            }
         }
-        assert_eq!(Task::Evidence(3).to_string(), "evidence/0003");
-        for wrong in ["", "evidence", "evidence/", "evidence/x", "choose/1", "train/3"] {
+        assert_eq!(Task::part(Stage::Evidence, 3).to_string(), "evidence/0003");
+        for wrong in ["", "evidence/", "evidence/x", "train/3"] {
             assert!(wrong.parse::<Task>().is_err(), "{wrong}");
         }
     }

@@ -42,7 +42,7 @@ fn owners_know_their_bytes() {
         for degree in [0, 1, 3] {
             let (d, m) = (&device, model(n, degree));
             assert_eq!(taken(&|| Box::new(Resident::upload(d, &m).unwrap())), Resident::bytes(n, degree));
-            assert_eq!(taken(&|| Box::new(Trainee::new(d, &m).unwrap())), Trainee::bytes(n, degree));
+            assert_eq!(taken(&|| Box::new(Trainee::new(d, &m).unwrap())), Trainee::bytes(n, 0, degree));
         }
         for size @ [w, h] in [[1, 1], [33, 20], [100, 257]] {
             for pairs in [1, 5000, 1 << 18] {
@@ -107,6 +107,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool) -> f64 {
     trainer.download().unwrap();
     let demand = TrainerNeeds {
         gaussians: n,
+        tail: 0,
         pairs,
         size,
         photos,

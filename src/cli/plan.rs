@@ -1,0 +1,143 @@
+//! `qirf-vk shard plan`: the tasks of a compression, or of a run in blocks.
+
+use super::Global;
+use super::choices::Choices;
+use super::compression::Options;
+use super::console::Console;
+use super::inspect::read_model;
+use super::show::Show;
+use super::training::Training;
+use super::values;
+use crate::error::Error;
+use crate::gaussians::formats;
+use crate::gpu::Device;
+use crate::metrics::Networks;
+use crate::pipeline::blocks::BlockRun;
+use crate::pipeline::shard::{Compression, Job, Plan, Shard};
+use crate::pipeline::{Session, host_bytes};
+use crate::selftest;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Subcommand)]
+pub(super) enum Planned {
+    /// Plan the compression of a model, with the options of `qirf-vk compress`
+    Compress(Box<OfModel>),
+    /// Plan the training of a scene in blocks, with the options of `qirf-vk run`
+    Run(Box<OfScene>),
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct OfModel {
+    /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
+    model: PathBuf,
+    #[command(flatten)]
+    place: Place,
+    #[command(flatten)]
+    options: Options,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct OfScene {
+    /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    scene: PathBuf,
+    #[command(flatten)]
+    place: Place,
+    /// Number of blocks [default: as many as make each fit the device]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    blocks: Option<u16>,
+    /// Train a dense model only
+    #[arg(long)]
+    no_prune: bool,
+    #[command(flatten)]
+    choices: Choices,
+    #[command(flatten)]
+    training: Training,
+}
+
+/// Where a plan goes, and what its tasks may take.
+#[derive(Debug, clap::Args)]
+struct Place {
+    /// Folder of the plan and of its tasks' files
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Name of the model's file in that folder: .ply or .spz
+    #[arg(long, value_name = "NAME", default_value = "model.ply")]
+    name: String,
+    /// Limit on device memory, such as 2G or 800M [default: the device's]
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
+    memory_budget: Option<u64>,
+}
+
+impl Planned {
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        match self {
+            Self::Compress(a) => {
+                formats::refuse_overwrite(&a.model, &a.place.model()?).map_err(Error::writing)?;
+                a.place.plan(console, global, |session| a.job(session, console))
+            }
+            Self::Run(a) => {
+                a.place.model()?;
+                a.place.plan(console, global, |session| a.job(session, console))
+            }
+        }
+    }
+}
+
+impl OfModel {
+    fn job(&self, session: &Session<'_>, console: &Console) -> Result<Job, Error> {
+        let loaded = read_model(&self.model, console)?;
+        let style = self.options.rendering.style(&self.model, &loaded, None, console);
+        let config = self.options.configuration(style, 0)?;
+        Ok(Job::Compression(Compression::plan(session, &self.model, &loaded.gaussians, config)?))
+    }
+}
+
+impl OfScene {
+    fn job(&self, session: &Session<'_>, console: &Console) -> Result<Job, Error> {
+        let config = self.training.configuration(self.scene.clone(), console)?;
+        let config = if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) };
+        let run = BlockRun::plan(session, &config, self.blocks.map(usize::from))?;
+        if run.blocks == 1 {
+            console.note("one block: `qirf-vk run` needs no more memory, and less work");
+        }
+        Ok(Job::Run(run))
+    }
+}
+
+impl Place {
+    /// The path of the model to come.
+    fn model(&self) -> Result<PathBuf, Error> {
+        let model = self.output.join(&self.name);
+        if self.name.contains(['/', '\\']) || model.extension().is_none_or(|e| e != "ply" && e != "spz") {
+            return Err(Error::Usage(format!("'{}' is no name of a .ply or .spz file", self.name)));
+        }
+        Ok(model)
+    }
+
+    /// Plans a job on the device that is asked for, and says what is to be done next.
+    fn plan(
+        &self,
+        console: &Console,
+        global: &Global,
+        job: impl FnOnce(&Session<'_>) -> Result<Job, Error>,
+    ) -> Result<(), Error> {
+        let device = global.open_with(self.memory_budget)?;
+        let job = session(&device, self.memory_budget, console, job)?;
+        let shard = Shard::create(&Plan::new(job, &self.name, selftest::fingerprint(&device)?), &self.output)?;
+        let (tasks, folder) = (shard.tasks().len(), self.output.display());
+        console.print(format_args!("{tasks} tasks in {folder}"))?;
+        console.note(format_args!("next: qirf-vk shard all {folder}, or snakemake -d {folder} --cores 2"));
+        Ok(())
+    }
+}
+
+/// Works in a session that shows its progress.
+pub(super) fn session<T>(
+    device: &Device,
+    memory_budget: Option<u64>,
+    console: &Console,
+    body: impl FnOnce(&Session<'_>) -> Result<T, Error>,
+) -> Result<T, Error> {
+    let (watcher, networks, host_bytes) = (Show::new(console), Networks::default(), host_bytes(memory_budget));
+    body(&Session { host_bytes, watcher: &watcher, ..Session::new(device, &networks) })
+}

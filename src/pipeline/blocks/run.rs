@@ -1,0 +1,408 @@
+//! Training a scene in blocks, stage by stage: a coarse model of the whole, its division, each block up to the prune, one choice
+//! among all Gaussians, and each block to its end.
+
+use super::layout::{Block, GROWN, Layout};
+use super::members::{Members, beginning, owned, trained, with_tail};
+use super::seen::seen;
+use crate::effects::{Choice, Effect};
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::cells::{Cells, Contraction};
+use crate::gaussians::resident::Resident;
+use crate::pipeline::active_run::ActiveRun;
+use crate::pipeline::checkpoint::{Checkpoint, Notes};
+use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
+use crate::pipeline::config::{Init, Pruning, ResponseSource, RunConfig};
+use crate::pipeline::eval::{Evaluation, eval};
+use crate::pipeline::output::{absolute, from_root};
+use crate::pipeline::prepare::{Opened, Prepared, open};
+use crate::pipeline::prune::PrunePlan;
+use crate::pipeline::records::{PruneRecord, PruneSeconds, RunRecord};
+use crate::pipeline::session::Session;
+use crate::pipeline::setup::Setup;
+use crate::pipeline::start::Start;
+use crate::pipeline::{Output, budget, effects, virtual_views};
+use crate::qirf::select::budget::Keep;
+use crate::random;
+use crate::render::visible;
+use crate::response::{CHUNK, Responses, Wanted};
+use crate::scene::Photo;
+use crate::scene::camera::Camera;
+use crate::train::Exposures;
+use crate::train::checkpoint::Snapshot;
+use crate::train::exposure;
+use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
+use std::ops::Range;
+use std::path::Path;
+use std::time::Instant;
+
+/// The coarse model's share of the run's iterations.
+const COARSE: u32 = 4;
+/// Largest sides of photos from which the coarse model takes them at half and at a quarter of their size.
+const LARGE: [u32; 2] = [256, 1024];
+/// Share of a block's iterations before the neighbours are replaced by the trained ones, if the run does not prune.
+const HALF: f64 = 0.5;
+
+/// A run in blocks: all that its results depend on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BlockRun {
+    /// The run, with the decisions on its effects and the number of Gaussians that it plans to grow to.
+    pub config: RunConfig,
+    /// Number of blocks.
+    pub blocks: usize,
+    /// Names of the photos that are trained on.
+    pub photos: Vec<String>,
+}
+
+/// A block at its end.
+pub struct Tuned {
+    /// Its Gaussians.
+    pub model: Gaussians,
+    /// Its prune; absent without one. Times are left out: they differ from process to process.
+    pub prune: Option<PruneRecord>,
+    /// Updates skipped because gradients were not finite.
+    pub skipped_rows: u64,
+}
+
+impl BlockRun {
+    /// Plans a run in blocks: reads the scene, decides on its effects, and fixes all that tasks must agree on. Without a number of
+    /// blocks there are as many as make each fit the device.
+    ///
+    /// # Errors
+    /// Those of reading a scene; no photo to train on; [`Error::Usage`] for a run that cannot be divided.
+    pub fn plan(session: &Session<'_>, config: &RunConfig, blocks: Option<usize>) -> Result<Self, Error> {
+        check(config)?;
+        let mut config = config.clone();
+        from_root(&mut config.scene, &mut config.images)?;
+        if let Init::Model(path) = &mut config.init {
+            *path = absolute(path)?;
+        }
+        let opened = open(&config.selection())?;
+        let pixels = opened.train_pixels().iter().sum();
+        let initial =
+            Start::of(&config, opened.scene.points.len(), opened.train_pixels().into_iter().max().unwrap_or(0))?.len();
+        let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
+        let (decisions, _) = effects::decide(&prepared, &config)?;
+        session.watcher.note(&effects::summary(&decisions));
+        let mut config = RunConfig { background: Some(prepared.background), ..config.decided(&decisions) };
+        for decision in &decisions {
+            if [Effect::ViewDependence, Effect::Exposure, Effect::Antialias, Effect::DepthOrder]
+                .contains(&decision.name)
+            {
+                config.effects.set(decision.name, if decision.on { Choice::On } else { Choice::Off });
+            }
+        }
+        let schedule = &mut config.schedule;
+        schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
+        let train = prepared.scene.split(config.eval_every).train;
+        let photos = train.into_iter().map(|i| prepared.scene.views[i].name.clone()).collect();
+        let blocks = match blocks {
+            Some(blocks) => blocks,
+            None => budget::blocks(session.device, &config, &prepared, initial)?,
+        };
+        Ok(Self { config, blocks, photos })
+    }
+
+    /// Chunks of photos that responses are taken from; none without a prune.
+    pub fn chunks(&self) -> usize {
+        if self.config.prune.is_some() { self.photos.len().div_ceil(CHUNK) } else { 0 }
+    }
+
+    /// The scene with its training photos alone, not decoded.
+    fn opened(&self) -> Result<Opened, Error> {
+        open(&self.config.selection())?.only(&self.photos)
+    }
+
+    /// A coarse model of the whole scene, by a short run on small pictures. It continues from the checkpoint in `output`, if there
+    /// is one.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn coarse(&self, session: &Session<'_>, output: &Output) -> Result<Snapshot, Error> {
+        let [width, height] = self.opened()?.size();
+        let divisor = 1 << LARGE.iter().filter(|least| width.max(height) >= **least).count();
+        let config = coarse(&self.config, divisor);
+        let (setup, start) = Setup::load(session, &config, output, output.checkpoint().exists())?;
+        self.all_there(&setup.prepared, &self.photos)?;
+        let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
+        run.train(setup.config.schedule.iterations)?;
+        Ok(run.checkpoint()?.snapshot)
+    }
+
+    /// The blocks of the scene that a coarse model shows.
+    ///
+    /// # Errors
+    /// Device memory; device errors; [`Error::Interrupted`].
+    pub fn assign(&self, session: &Session<'_>, coarse: &Gaussians) -> Result<Layout, Error> {
+        let cameras = self.opened()?.cameras();
+        let settings = self.config.style.over(self.config.background.unwrap_or_default());
+        let resident = Resident::upload(session.device, coarse)?;
+        let scores = virtual_views::responses(session, &resident, (&cameras, None), settings, Wanted::SCORES)?.scores;
+        drop(resident);
+        let weights: Vec<f32> = scores.iter().map(|score| score.contribution).collect();
+        let around = Contraction::around(cameras.iter().map(Camera::centre));
+        let cells = Cells::new(around, &coarse.means, &weights, self.blocks);
+        let owners = cells.owners(&coarse.means);
+        let seen = seen(session, coarse, (&owners, cells.count()), &cameras, settings)?;
+        Ok(Layout::new(cells, coarse, &weights, &cameras, &seen))
+    }
+
+    /// Block number `b` up to the prune, behind what the coarse model has of the others: its own Gaussians with their moments. It
+    /// continues from the checkpoint in `output`, if there is one.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn dense(
+        &self,
+        session: &Session<'_>,
+        (layout, b): (&Layout, usize),
+        coarse: &Snapshot,
+        output: &Output,
+    ) -> Result<Snapshot, Error> {
+        let Some(block) = layout.blocks.get(b) else { return Ok(beginning(Gaussians::default(), 0)) };
+        let members = Members::of(&layout.cells, b, GROWN, &coarse.model);
+        let of_coarse = || beginning(coarse.model.select(&members.trained), 0);
+        if members.trained.is_empty() || block.crops.is_empty() {
+            return Ok(owned(&of_coarse(), &layout.cells, b));
+        }
+        let config = self.of_block(block, b);
+        let mut setup = self.setup(session, config, (block, &coarse.exposures.0), output)?;
+        let seen = |setup: &Setup<'_>| coarse.model.select(&setup.shown(&coarse.model, &members.seen));
+        let start = setup.start(output, |setup| with_tail(&of_coarse(), &seen(setup)))?;
+        let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
+        run.train(halfway(&setup.config))?;
+        Ok(owned(&run.checkpoint()?.snapshot, &layout.cells, b))
+    }
+
+    /// Responses of a chunk of photos to the Gaussians of all blocks.
+    ///
+    /// # Errors
+    /// As of a compression.
+    pub fn evidence(
+        &self,
+        session: &Session<'_>,
+        gathered: &Gaussians,
+        coarse: &Snapshot,
+        chunk: usize,
+    ) -> Result<Responses, Error> {
+        let (config, _) = self.choice()?;
+        stages::evidence(session, gathered, &config, (chunk, self.known(coarse)))
+    }
+
+    /// How many Gaussians of each block a choice among all of them keeps, by the responses of all chunks in their order. `starts`
+    /// has the first row of each block.
+    ///
+    /// # Errors
+    /// As of a compression; those of the chunks.
+    pub fn choose(
+        &self,
+        session: &Session<'_>,
+        gathered: &Gaussians,
+        starts: &[usize],
+        chunks: impl Iterator<Item = Result<Responses, Error>>,
+    ) -> Result<(PruneRecord, Vec<usize>), Error> {
+        let (config, _) = self.choice()?;
+        let PrunePlan { record, keep, .. } = stages::choose(session, gathered, &config, chunks)?;
+        let quota = |b: usize| keep[rows_of(starts, b, keep.len())].iter().filter(|kept| **kept).count();
+        Ok((timeless(record), (0..starts.len()).map(quota).collect()))
+    }
+
+    /// Block number `b` from the prune to its end, behind the dense Gaussians of the others. With a prune it keeps `quota` Gaussians.
+    /// It continues from the checkpoint in `output`, if there is one.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn tune(
+        &self,
+        session: &Session<'_>,
+        (layout, b): (&Layout, usize),
+        (coarse, dense): (&Snapshot, &Snapshot),
+        (gathered, rows, quota): (&Gaussians, Range<usize>, Option<usize>),
+        output: &Output,
+    ) -> Result<Tuned, Error> {
+        let block = layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !dense.model.is_empty());
+        let Some(block) = block else {
+            return Ok(Tuned { model: dense.model.clone(), prune: None, skipped_rows: dense.skipped_rows });
+        };
+        let mut config = self.of_block(block, b);
+        if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
+            pruning.compression.keep = Keep::Count(quota.max(1));
+        }
+        let mut setup = self.setup(session, config, (block, &coarse.exposures.0), output)?;
+        let others: Vec<usize> = (0..gathered.len()).filter(|i| !rows.contains(i)).collect();
+        let seen = |setup: &Setup<'_>| gathered.select(&setup.shown(gathered, &others));
+        let start = setup.start(output, |setup| with_tail(dense, &seen(setup)))?;
+        let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
+        run.train(setup.config.schedule.iterations)?;
+        let Checkpoint { snapshot, notes } = run.checkpoint()?;
+        let prune = notes.prunes.into_iter().next().map(timeless);
+        Ok(Tuned { model: trained(&snapshot), prune, skipped_rows: snapshot.skipped_rows })
+    }
+
+    /// Figures of the joined model: those of `qirf-vk eval`.
+    ///
+    /// # Errors
+    /// As of an evaluation.
+    pub fn evaluate(&self, session: &Session<'_>, path: &Path, model: &Gaussians) -> Result<RunRecord, Error> {
+        let RunConfig { style, exposure, .. } = self.config;
+        let evaluation = Evaluation { selection: self.config.selection(), style, exposure };
+        let mut record = eval(session, path, model, &evaluation, None)?;
+        record.protocol.iterations = Some(self.config.schedule.iterations);
+        record.protocol.seed = Some(self.config.seed);
+        Ok(record)
+    }
+
+    /// Refuses photos that could be read when the run was planned, and cannot now.
+    fn all_there(&self, prepared: &Prepared, names: &[String]) -> Result<(), Error> {
+        let there: HashSet<&str> = prepared.scene.views.iter().map(|view| view.name.as_str()).collect();
+        match names.iter().find(|name| !there.contains(name.as_str())) {
+            Some(photo) => Err(Error::LostPhoto { scene: self.config.scene.clone(), photo: photo.clone() }),
+            None => Ok(()),
+        }
+    }
+
+    /// The choice as a compression of the joined blocks by the run's photos.
+    fn choice(&self) -> Result<(CompressConfig, &Pruning), Error> {
+        let RunConfig { prune, style, seed, .. } = &self.config;
+        let pruning = prune.as_ref().ok_or_else(|| Error::Usage("this run does not prune".to_owned()))?;
+        let views = ViewSource::Photos(self.config.selection());
+        let compression = pruning.compression.clone();
+        Ok((CompressConfig { compression, views, style: *style, fine_tune: 0, seed: *seed }, pruning))
+    }
+
+    /// The photos' exposures, if they have any of their own.
+    fn known(&self, coarse: &Snapshot) -> Option<Exposures> {
+        self.config.exposure.then(|| Exposures::Known(coarse.exposures.0.clone()))
+    }
+
+    /// The configuration of a block: as many rounds over its photos as the whole run has, and its share of the Gaussians.
+    fn of_block(&self, block: &Block, b: usize) -> RunConfig {
+        let config = &self.config;
+        let (views, all) = (block.crops.len(), self.photos.len());
+        let mut schedule = config.schedule.clone().for_block(views, all);
+        let share = |n: f64| (n * views as f64 / all.max(1) as f64).round().max(1.0);
+        schedule.iterations = share(f64::from(schedule.iterations)) as u32;
+        // The coarse model has all bands.
+        schedule.degree_every = 0.0;
+        let part = |n: usize| (n as f64 * block.painted).ceil() as usize;
+        if let Some(plan) = &mut schedule.growth {
+            plan.gaussians = plan.gaussians.map(part);
+        }
+        let seed = random::bits(&[u64::from(config.seed), 1 + b as u64]) as u32;
+        RunConfig { seed, schedule, max_gaussians: part(config.max_gaussians).max(1), ..config.clone() }
+    }
+
+    /// The setup of a block's run on the parts of photos that show it.
+    fn setup<'a>(
+        &self,
+        session: &Session<'a>,
+        config: RunConfig,
+        (block, exposures): (&Block, &[f32]),
+        output: &Output,
+    ) -> Result<Setup<'a>, Error> {
+        let begun = Instant::now();
+        let opened = self.opened()?;
+        let every: Vec<usize> = (0..opened.scene.views.len()).collect();
+        let (extent, centre) = (opened.scene.extent(&every), opened.scene.centre(&every));
+        let names: Vec<String> = block.crops.iter().map(|crop| self.photos[crop.view].clone()).collect();
+        let mut prepared =
+            opened.only(&names)?.load_to_train(session.photo_memory(output.folder()), session.watcher)?;
+        self.all_there(&prepared, &names)?;
+        let crops = prepared.train.iter().zip(&block.crops).map(|(photo, crop)| photo.part(crop.corner, crop.size));
+        prepared.train = crops.collect::<std::io::Result<Vec<Photo>>>().map_err(crate::train::Error::Photos)?;
+        prepared.extent = extent;
+        let maps = block.crops.iter().flat_map(|crop| exposures.chunks_exact(exposure::SIZE).nth(crop.view));
+        Ok(Setup {
+            session: *session,
+            prepared: Prepared { test: Vec::new(), ..prepared },
+            estimated_bytes: 0,
+            decisions: Vec::new(),
+            exposures: Exposures::Known(maps.flatten().copied().collect()),
+            cameras: Some(centre.as_vec3().to_array()),
+            begun,
+            load_s: begun.elapsed().as_secs_f64(),
+            config,
+        })
+    }
+}
+
+impl Setup<'_> {
+    /// The Gaussians among `rows` that the photos may show.
+    fn shown(&self, model: &Gaussians, rows: &[usize]) -> Vec<usize> {
+        let settings = self.config.style.over(self.prepared.background);
+        let rows: Vec<u32> = rows.iter().map(|i| *i as u32).collect();
+        let mut shown = vec![false; model.len()];
+        for photo in &self.prepared.train {
+            visible(model, &rows, &photo.camera, &settings).into_iter().for_each(|i| shown[i as usize] = true);
+        }
+        (0..model.len()).filter(|i| shown[*i]).collect()
+    }
+
+    /// The checkpoint in `output`, if it is of this run; else what `begin` says.
+    ///
+    /// # Errors
+    /// [`Error::Memory`] if the device has too little; a checkpoint that cannot be read.
+    fn start(&mut self, output: &Output, begin: impl FnOnce(&Self) -> Snapshot) -> Result<Start, Error> {
+        let Session { device, watcher, .. } = self.session;
+        let checkpoint = if output.checkpoint().exists() {
+            let checkpoint = Checkpoint::read(&output.checkpoint())?;
+            watcher.note(&format!("going on after iteration {}", checkpoint.snapshot.iteration));
+            checkpoint
+        } else {
+            let snapshot = begin(self);
+            let initial = snapshot.model.len() - snapshot.tail;
+            Checkpoint { snapshot, notes: Notes { config: self.config.written()?, initial, ..Notes::default() } }
+        };
+        self.estimated_bytes = budget::for_block(device, &self.config, &self.prepared, &checkpoint.snapshot)?;
+        Ok(Start::Resumed(Box::new(checkpoint)))
+    }
+}
+
+/// Refuses runs that cannot be divided.
+fn check(config: &RunConfig) -> Result<(), Error> {
+    let Some(pruning) = &config.prune else { return Ok(()) };
+    let refused = |what: &str| Err(Error::Usage(format!("a run in blocks cannot {what}")));
+    match pruning.iterations(config.schedule.iterations).len() {
+        0 | 1 if pruning.responses == ResponseSource::Average => refused("average responses (--preset paper)"),
+        0 | 1 => Ok(()),
+        _ => refused("prune in several steps (--schedule gradual)"),
+    }
+}
+
+/// The run of the coarse model, on pictures of the size divided by `divisor`.
+fn coarse(config: &RunConfig, divisor: u32) -> RunConfig {
+    let resolution = match config.resolution.as_deref() {
+        None => Some(format!("/{divisor}")),
+        Some(text) => match text.strip_prefix('/').map(str::parse::<u32>) {
+            Some(k) => Some(format!("/{}", k.unwrap_or(1) * divisor)),
+            None => Some((text.parse::<u32>().unwrap_or(divisor) / divisor).max(1).to_string()),
+        },
+    };
+    let mut schedule = config.schedule.clone();
+    schedule.iterations = (schedule.iterations / COARSE).max(1);
+    // The number goes with the root of pixels and iterations, as `Growth::by_photos` has it.
+    let share = 1.0 / (f64::from(divisor) * f64::from(COARSE).sqrt());
+    if let Some(plan) = &mut schedule.growth {
+        plan.gaussians = plan.gaussians.map(|n| (n as f64 * share) as usize);
+    }
+    RunConfig { resolution, schedule, prune: None, ..config.clone() }
+}
+
+/// The iteration at which the blocks get to know each other: that of the prune.
+fn halfway(config: &RunConfig) -> u32 {
+    let (schedule, share) = (&config.schedule, HALF.max(config.schedule.densify_until));
+    let planned = config.prune.as_ref().and_then(|p| p.iterations(schedule.iterations).first().copied());
+    planned.unwrap_or((f64::from(schedule.iterations) * share).round() as u32)
+}
+
+/// The rows of a block in the joined model of `all` rows.
+pub fn rows_of(starts: &[usize], b: usize, all: usize) -> Range<usize> {
+    starts[b]..starts.get(b + 1).copied().unwrap_or(all)
+}
+
+/// A record without the figures that differ from process to process.
+fn timeless(record: PruneRecord) -> PruneRecord {
+    PruneRecord { seconds: PruneSeconds::default(), frames_per_second_before: None, ..record }
+}

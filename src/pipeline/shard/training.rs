@@ -1,0 +1,202 @@
+//! A run in blocks as tasks: a coarse model, its division, the blocks up to the prune, evidence by chunks of photos, one choice,
+//! the blocks to their end, and the joined model with its figures.
+
+use super::files::Files;
+use super::part::Part;
+use super::task::{Listed, Stage, Task};
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::pipeline::Output;
+use crate::pipeline::blocks::{BlockRun, Layout, Tuned, joined, rows_of};
+use crate::pipeline::records::PruneRecord;
+use crate::pipeline::session::Session;
+use crate::response::CHUNK;
+use crate::train::checkpoint::Snapshot;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+const COARSE: Task = Task::whole(Stage::Coarse);
+const ASSIGN: Task = Task::whole(Stage::Assign);
+const GATHER: Task = Task::whole(Stage::Gather);
+const CHOOSE: Task = Task::whole(Stage::Choose);
+const JOIN: Task = Task::whole(Stage::Join);
+const REPORT: Task = Task::whole(Stage::Report);
+
+/// What is noted beside the joined dense blocks.
+#[derive(Serialize, Deserialize)]
+struct Gathered {
+    /// The first row of each block.
+    starts: Vec<usize>,
+}
+
+/// The choice among all Gaussians.
+#[derive(Serialize, Deserialize)]
+struct Chosen {
+    prune: PruneRecord,
+    /// Gaussians that each block keeps.
+    quotas: Vec<usize>,
+}
+
+/// What is noted beside a block's model, and for each block beside the joined one.
+#[derive(Clone, Serialize, Deserialize)]
+struct Ended {
+    gaussians: usize,
+    prune: Option<PruneRecord>,
+    skipped_rows: u64,
+}
+
+/// What is noted beside the joined model.
+#[derive(Serialize, Deserialize)]
+struct Joined {
+    blocks: Vec<Ended>,
+}
+
+impl BlockRun {
+    fn dense_blocks(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Dense, self.blocks)
+    }
+
+    fn tuned_blocks(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Tune, self.blocks)
+    }
+
+    fn chunks_of_evidence(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Evidence, self.chunks())
+    }
+
+    /// All tasks; each comes after those that it needs. `output` names the model's file.
+    pub(super) fn tasks(&self, output: &str) -> Vec<Listed> {
+        let prunes = self.config.prune.is_some();
+        let iterations = self.config.schedule.iterations as usize;
+        let each = iterations / 2 / self.blocks.max(1);
+        let stored = |task: Task| format!("{task}.safetensors");
+        let dense = |task: Task| Listed::new(task, [COARSE, ASSIGN], &[&stored(task)], each);
+        let evidence = |task: Task| Listed::new(task, [COARSE, GATHER], &[&stored(task)], CHUNK);
+        let choose =
+            Listed::new(CHOOSE, [GATHER].into_iter().chain(self.chunks_of_evidence()), &["choose.json"], CHUNK);
+        let tune = |(b, task): (usize, Task)| {
+            let needs =
+                [COARSE, ASSIGN, Task::part(Stage::Dense, b), GATHER].into_iter().chain(prunes.then_some(CHOOSE));
+            Listed::new(task, needs, &[&format!("{task}.ply"), &format!("{task}.json")], each)
+        };
+        let mut tasks = vec![
+            Listed::new(COARSE, [], &["coarse.safetensors"], iterations / 16),
+            Listed::new(ASSIGN, [COARSE], &["assign.json"], 2 * self.photos.len()),
+        ];
+        tasks.extend(self.dense_blocks().map(dense));
+        tasks.push(Listed::new(GATHER, self.dense_blocks(), &["gather.ply", "gather.json"], 0));
+        tasks.extend(self.chunks_of_evidence().map(evidence));
+        tasks.extend(prunes.then_some(choose));
+        tasks.extend(self.tuned_blocks().enumerate().map(tune));
+        tasks.push(Listed::new(JOIN, self.tuned_blocks(), &[output, "join.json"], 0));
+        let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE));
+        tasks.push(Listed::new(REPORT, needs, &["metrics.json"], self.photos.len()));
+        tasks
+    }
+
+    /// Reads the files of a task, to find damaged ones.
+    pub(super) fn check(&self, files: &Files, task: Task) -> Result<(), Error> {
+        match task.stage {
+            Stage::Coarse | Stage::Dense => files.state(task).map(drop),
+            Stage::Assign => files.sealed::<Layout>(task).map(drop),
+            Stage::Gather => files.beside::<Gathered>(task).map(drop),
+            Stage::Evidence => files.part(task, self.gathered(files)?.0).map(drop),
+            Stage::Choose => files.sealed::<Chosen>(task).map(drop),
+            Stage::Tune => files.beside::<Ended>(task).map(drop),
+            Stage::Join => files.beside::<Joined>(task).map(drop),
+            Stage::Score | Stage::Report => Ok(()),
+        }
+    }
+
+    /// The contents of a task's files.
+    pub(super) fn work(&self, session: &Session<'_>, files: &Files, task: Task) -> Result<Vec<Vec<u8>>, Error> {
+        let part = task.part.unwrap_or_default();
+        let scratch = || Output::new(&files.scratch(task));
+        let coarse = || files.state(COARSE);
+        match task.stage {
+            Stage::Coarse => Ok(vec![files.state_bytes(task, self.coarse(session, &scratch()?)?)?]),
+            Stage::Assign => Ok(vec![files.seal(task, &self.assign(session, &coarse()?.model)?)?]),
+            Stage::Dense => {
+                let layout: Layout = files.sealed(ASSIGN)?;
+                let state = self.dense(session, (&layout, part), &coarse()?, &scratch()?)?;
+                Ok(vec![files.state_bytes(task, state)?])
+            }
+            Stage::Gather => {
+                let blocks =
+                    self.dense_blocks().map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
+                let (model, starts) = joined(&blocks);
+                files.with_model(task, &model, self.config.style.mode(), Gathered { starts })
+            }
+            Stage::Evidence => {
+                let (model, _) = files.model::<Gathered>(GATHER)?;
+                let responses = self.evidence(session, &model, &coarse()?, part)?;
+                Ok(vec![Part { plan: files.hash.clone(), task: task.to_string(), responses }.bytes()?])
+            }
+            Stage::Choose => {
+                let (model, Gathered { starts }) = files.model(GATHER)?;
+                let n = model.len();
+                let chunks = self.chunks_of_evidence().map(|chunk| Ok(files.part(chunk, n)?.responses(n)));
+                let (prune, quotas) = self.choose(session, &model, &starts, chunks)?;
+                Ok(vec![files.seal(task, &Chosen { prune, quotas })?])
+            }
+            Stage::Tune => self.tuned(session, files, task, part),
+            Stage::Join => {
+                let (mut model, mut blocks) = (Gaussians::default(), Vec::new());
+                for block in self.tuned_blocks() {
+                    let (of_block, ended) = files.model::<Ended>(block)?;
+                    model.append(&of_block);
+                    blocks.push(ended);
+                }
+                files.with_model(task, &model, self.config.style.mode(), Joined { blocks })
+            }
+            Stage::Score | Stage::Report => Ok(vec![self.report(session, files)?]),
+        }
+    }
+
+    fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
+        let (coarse, dense) = (files.state(COARSE)?, files.state(Task::part(Stage::Dense, b))?);
+        let (gathered, Gathered { starts }) = files.model(GATHER)?;
+        let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
+        let scene = (&gathered, rows_of(&starts, b, gathered.len()), quota);
+        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
+        let Tuned { model, prune, skipped_rows } =
+            self.tune(session, (&layout, b), (&coarse, &dense), scene, &output)?;
+        let ended = Ended { gaussians: model.len(), prune, skipped_rows };
+        files.with_model(task, &model, self.config.style.mode(), ended)
+    }
+
+    /// Number of Gaussians of the joined dense blocks, and the first row of each block.
+    fn gathered(&self, files: &Files) -> Result<(usize, Vec<usize>), Error> {
+        let (model, Gathered { starts }) = files.model(GATHER)?;
+        Ok((model.len(), starts))
+    }
+
+    /// All figures, as `qirf-vk eval` has them, without times and memory; with those of the blocks.
+    fn report(&self, session: &Session<'_>, files: &Files) -> Result<Vec<u8>, Error> {
+        let (model, Joined { blocks }) = files.model(JOIN)?;
+        let layout: Layout = files.sealed(ASSIGN)?;
+        let chosen = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?) } else { None };
+        let record = self.evaluate(session, &files.outputs(JOIN)[0], &model)?;
+        let of_block = |(b, ended): (usize, &Ended)| {
+            let photos = layout.blocks.get(b).map_or(0, |block| block.crops.len());
+            json!({ "photos": photos, "gaussians": ended.gaussians, "prune": ended.prune, "skipped_rows": ended.skipped_rows })
+        };
+        let record = json!({
+            "schema": record.schema,
+            "version": record.version,
+            "device": record.device,
+            "protocol": record.protocol,
+            "gaussians": record.gaussians,
+            "test": record.test,
+            "test_unfitted_psnr": record.unfitted_psnr,
+            "train": record.train,
+            "views": record.views,
+            "ply_bytes": record.model_bytes,
+            "guards": record.guards,
+            "prune": chosen.map(|chosen| chosen.prune),
+            "omega": layout.omega,
+            "blocks": blocks.iter().enumerate().map(of_block).collect::<Vec<_>>(),
+        });
+        Ok(format!("{record:#}\n").into_bytes())
+    }
+}
