@@ -88,7 +88,8 @@ impl OfModel {
         let loaded = read_model(&self.model, console)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
         let config = self.options.configuration(style, 0)?;
-        Ok(Job::Compression(Compression::plan(session, &self.model, &loaded.gaussians, config)?))
+        let job = Compression::plan(session, &self.model, &loaded.gaussians, config)?;
+        Ok(Job::Compression(Box::new(job)))
     }
 }
 
@@ -100,7 +101,7 @@ impl OfScene {
         if run.blocks == 1 {
             console.note("one block: `qirf-vk run` needs no more memory, and less work");
         }
-        Ok(Job::Run(run))
+        Ok(Job::Run(Box::new(run)))
     }
 }
 

@@ -1,5 +1,6 @@
 //! Training a scene in blocks: who trains what, which views show a block, what a block hands on, and the stages of the whole.
 
+mod derived;
 mod layout;
 mod members;
 mod run;

@@ -1,6 +1,7 @@
 //! Training a scene in blocks, stage by stage: a coarse model of the whole, its division, each block up to the prune, one choice
 //! among all Gaussians, and each block to its end.
 
+use super::derived::{check, coarse, halfway, of_block};
 use super::layout::{Block, GROWN, Layout};
 use super::members::{Members, beginning, owned, trained, with_tail};
 use super::seen::seen;
@@ -12,7 +13,7 @@ use crate::gaussians::resident::Resident;
 use crate::pipeline::active_run::ActiveRun;
 use crate::pipeline::checkpoint::{Checkpoint, Notes};
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
-use crate::pipeline::config::{Init, Pruning, ResponseSource, RunConfig};
+use crate::pipeline::config::{Init, Pruning, RunConfig};
 use crate::pipeline::eval::{Evaluation, eval};
 use crate::pipeline::output::{absolute, from_root};
 use crate::pipeline::prepare::{Opened, Prepared, open};
@@ -23,7 +24,6 @@ use crate::pipeline::setup::Setup;
 use crate::pipeline::start::Start;
 use crate::pipeline::{Output, budget, effects, virtual_views};
 use crate::qirf::select::budget::Keep;
-use crate::random;
 use crate::render::visible;
 use crate::response::{CHUNK, Responses, Wanted};
 use crate::scene::Photo;
@@ -37,12 +37,8 @@ use std::ops::Range;
 use std::path::Path;
 use std::time::Instant;
 
-/// The coarse model's share of the run's iterations.
-const COARSE: u32 = 4;
 /// Largest sides of photos from which the coarse model takes them at half and at a quarter of their size.
 const LARGE: [u32; 2] = [256, 1024];
-/// Share of a block's iterations before the neighbours are replaced by the trained ones, if the run does not prune.
-const HALF: f64 = 0.5;
 
 /// A run in blocks: all that its results depend on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -167,7 +163,7 @@ impl BlockRun {
         if members.trained.is_empty() || block.crops.is_empty() {
             return Ok(owned(&of_coarse(), &layout.cells, b));
         }
-        let config = self.of_block(block, b);
+        let config = of_block(&self.config, (block, b), self.photos.len());
         let mut setup = self.setup(session, config, (block, &coarse.exposures.0), output)?;
         let seen = |setup: &Setup<'_>| coarse.model.select(&setup.shown(&coarse.model, &members.seen));
         let start = setup.start(output, |setup| with_tail(&of_coarse(), &seen(setup)))?;
@@ -226,7 +222,7 @@ impl BlockRun {
         let Some(block) = block else {
             return Ok(Tuned { model: dense.model.clone(), prune: None, skipped_rows: dense.skipped_rows });
         };
-        let mut config = self.of_block(block, b);
+        let mut config = of_block(&self.config, (block, b), self.photos.len());
         if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
             pruning.compression.keep = Keep::Count(quota.max(1));
         }
@@ -277,23 +273,6 @@ impl BlockRun {
         self.config.exposure.then(|| Exposures::Known(coarse.exposures.0.clone()))
     }
 
-    /// The configuration of a block: as many rounds over its photos as the whole run has, and its share of the Gaussians.
-    fn of_block(&self, block: &Block, b: usize) -> RunConfig {
-        let config = &self.config;
-        let (views, all) = (block.crops.len(), self.photos.len());
-        let mut schedule = config.schedule.clone().for_block(views, all);
-        let share = |n: f64| (n * views as f64 / all.max(1) as f64).round().max(1.0);
-        schedule.iterations = share(f64::from(schedule.iterations)) as u32;
-        // The coarse model has all bands.
-        schedule.degree_every = 0.0;
-        let part = |n: usize| (n as f64 * block.painted).ceil() as usize;
-        if let Some(plan) = &mut schedule.growth {
-            plan.gaussians = plan.gaussians.map(part);
-        }
-        let seed = random::bits(&[u64::from(config.seed), 1 + b as u64]) as u32;
-        RunConfig { seed, schedule, max_gaussians: part(config.max_gaussians).max(1), ..config.clone() }
-    }
-
     /// The setup of a block's run on the parts of photos that show it.
     fn setup<'a>(
         &self,
@@ -313,7 +292,7 @@ impl BlockRun {
         let crops = prepared.train.iter().zip(&block.crops).map(|(photo, crop)| photo.part(crop.corner, crop.size));
         prepared.train = crops.collect::<std::io::Result<Vec<Photo>>>().map_err(crate::train::Error::Photos)?;
         prepared.extent = extent;
-        let maps = block.crops.iter().flat_map(|crop| exposures.chunks_exact(exposure::SIZE).nth(crop.view));
+        let maps = block.crops.iter().filter_map(|crop| exposures.chunks_exact(exposure::SIZE).nth(crop.view));
         Ok(Setup {
             session: *session,
             prepared: Prepared { test: Vec::new(), ..prepared },
@@ -335,7 +314,9 @@ impl Setup<'_> {
         let rows: Vec<u32> = rows.iter().map(|i| *i as u32).collect();
         let mut shown = vec![false; model.len()];
         for photo in &self.prepared.train {
-            visible(model, &rows, &photo.camera, &settings).into_iter().for_each(|i| shown[i as usize] = true);
+            for i in visible(model, &rows, &photo.camera, &settings) {
+                shown[i as usize] = true;
+            }
         }
         (0..model.len()).filter(|i| shown[*i]).collect()
     }
@@ -358,43 +339,6 @@ impl Setup<'_> {
         self.estimated_bytes = budget::for_block(device, &self.config, &self.prepared, &checkpoint.snapshot)?;
         Ok(Start::Resumed(Box::new(checkpoint)))
     }
-}
-
-/// Refuses runs that cannot be divided.
-fn check(config: &RunConfig) -> Result<(), Error> {
-    let Some(pruning) = &config.prune else { return Ok(()) };
-    let refused = |what: &str| Err(Error::Usage(format!("a run in blocks cannot {what}")));
-    match pruning.iterations(config.schedule.iterations).len() {
-        0 | 1 if pruning.responses == ResponseSource::Average => refused("average responses (--preset paper)"),
-        0 | 1 => Ok(()),
-        _ => refused("prune in several steps (--schedule gradual)"),
-    }
-}
-
-/// The run of the coarse model, on pictures of the size divided by `divisor`.
-fn coarse(config: &RunConfig, divisor: u32) -> RunConfig {
-    let resolution = match config.resolution.as_deref() {
-        None => Some(format!("/{divisor}")),
-        Some(text) => match text.strip_prefix('/').map(str::parse::<u32>) {
-            Some(k) => Some(format!("/{}", k.unwrap_or(1) * divisor)),
-            None => Some((text.parse::<u32>().unwrap_or(divisor) / divisor).max(1).to_string()),
-        },
-    };
-    let mut schedule = config.schedule.clone();
-    schedule.iterations = (schedule.iterations / COARSE).max(1);
-    // The number goes with the root of pixels and iterations, as `Growth::by_photos` has it.
-    let share = 1.0 / (f64::from(divisor) * f64::from(COARSE).sqrt());
-    if let Some(plan) = &mut schedule.growth {
-        plan.gaussians = plan.gaussians.map(|n| (n as f64 * share) as usize);
-    }
-    RunConfig { resolution, schedule, prune: None, ..config.clone() }
-}
-
-/// The iteration at which the blocks get to know each other: that of the prune.
-fn halfway(config: &RunConfig) -> u32 {
-    let (schedule, share) = (&config.schedule, HALF.max(config.schedule.densify_until));
-    let planned = config.prune.as_ref().and_then(|p| p.iterations(schedule.iterations).first().copied());
-    planned.unwrap_or((f64::from(schedule.iterations) * share).round() as u32)
 }
 
 /// The rows of a block in the joined model of `all` rows.

@@ -36,9 +36,9 @@ pub struct Plan {
 #[serde(rename_all = "kebab-case")]
 pub enum Job {
     /// The compression of a model.
-    Compression(Compression),
+    Compression(Box<Compression>),
     /// A run in blocks.
-    Run(BlockRun),
+    Run(Box<BlockRun>),
 }
 
 impl Job {
@@ -52,7 +52,7 @@ impl Job {
     pub(super) fn check(&self, files: &Files, task: Task) -> Result<(), Error> {
         match self {
             Self::Compression(job) => job.check(files, task),
-            Self::Run(job) => job.check(files, task),
+            Self::Run(_) => BlockRun::check(files, task),
         }
     }
 

@@ -95,12 +95,12 @@ impl BlockRun {
     }
 
     /// Reads the files of a task, to find damaged ones.
-    pub(super) fn check(&self, files: &Files, task: Task) -> Result<(), Error> {
+    pub(super) fn check(files: &Files, task: Task) -> Result<(), Error> {
         match task.stage {
             Stage::Coarse | Stage::Dense => files.state(task).map(drop),
             Stage::Assign => files.sealed::<Layout>(task).map(drop),
             Stage::Gather => files.beside::<Gathered>(task).map(drop),
-            Stage::Evidence => files.part(task, self.gathered(files)?.0).map(drop),
+            Stage::Evidence => files.part(task, files.model::<Gathered>(GATHER)?.0.len()).map(drop),
             Stage::Choose => files.sealed::<Chosen>(task).map(drop),
             Stage::Tune => files.beside::<Ended>(task).map(drop),
             Stage::Join => files.beside::<Joined>(task).map(drop),
@@ -163,12 +163,6 @@ impl BlockRun {
             self.tune(session, (&layout, b), (&coarse, &dense), scene, &output)?;
         let ended = Ended { gaussians: model.len(), prune, skipped_rows };
         files.with_model(task, &model, self.config.style.mode(), ended)
-    }
-
-    /// Number of Gaussians of the joined dense blocks, and the first row of each block.
-    fn gathered(&self, files: &Files) -> Result<(usize, Vec<usize>), Error> {
-        let (model, Gathered { starts }) = files.model(GATHER)?;
-        Ok((model.len(), starts))
     }
 
     /// All figures, as `qirf-vk eval` has them, without times and memory; with those of the blocks.
