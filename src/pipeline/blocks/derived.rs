@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(halfway(&config), 500);
         config.schedule.densify_until = 0.7;
         assert_eq!(halfway(&config), 700);
-        let pruning = |at: &[f64]| Pruning { at: at.to_vec(), ..Pruning::default() };
+        let pruning = |at: &[f64]| Pruning { at: at.to_vec(), ..Pruning::at_once() };
         let config = run(1000).pruned(pruning(&[0.6]));
         assert_eq!(halfway(&config), 600);
         assert!(check(&config).is_ok());
