@@ -23,6 +23,13 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    /// Names of the photos trained on.
+    pub fn names_to_train(&self) -> Vec<String> {
+        let held_out: HashSet<&str> = self.test.iter().map(|(name, _)| name.as_str()).collect();
+        let names = self.scene.views.iter().map(|view| &view.name);
+        names.filter(|name| !held_out.contains(name.as_str())).cloned().collect()
+    }
+
     /// All views, those held out first.
     pub fn views(&self) -> impl Iterator<Item = &Photo> {
         self.test.iter().map(|(_, view)| view).chain(&self.train)
@@ -40,6 +47,18 @@ pub fn resolution(text: &str) -> Result<Resize, String> {
         None => number(text).map(Resize::Width),
     };
     read.ok_or_else(|| format!("'{text}' is neither a width in pixels, such as 800, nor a divisor, such as /4"))
+}
+
+/// Refuses a scene without a photo that it had when a job was planned.
+///
+/// # Errors
+/// [`Error::LostPhoto`] for the first of `names` that no view has.
+pub fn all_there(scene: &Scene, names: &[String]) -> Result<(), Error> {
+    let there: HashSet<&str> = scene.views.iter().map(|view| view.name.as_str()).collect();
+    match names.iter().find(|name| !there.contains(name.as_str())) {
+        Some(photo) => Err(Error::LostPhoto { scene: scene.source.clone(), photo: photo.clone() }),
+        None => Ok(()),
+    }
 }
 
 /// A scene whose photos exist but are not decoded yet.
@@ -83,11 +102,8 @@ impl Opened {
         let keep: Vec<bool> = self.scene.views.iter().map(|view| wanted.contains(view.name.as_str())).collect();
         self.scene.retain_views(&keep);
         self.selection.eval_every = 0;
-        let there: HashSet<&str> = self.scene.views.iter().map(|view| view.name.as_str()).collect();
-        match names.iter().find(|name| !there.contains(name.as_str())) {
-            Some(photo) => Err(Error::LostPhoto { scene: self.selection.scene, photo: photo.clone() }),
-            None => Ok(self),
-        }
+        all_there(&self.scene, names)?;
+        Ok(self)
     }
 
     /// The pictures' cameras.

@@ -135,15 +135,15 @@ pub fn photo(image: &Image) -> Pixels {
     rgb(image).chunks_exact(3).flat_map(|p| [byte(p[0]), byte(p[1]), byte(p[2]), 255]).collect()
 }
 
-/// Responses of a model to its own pictures and scores, as `wanted`: a pass over the cameras, or over one chunk of them alone, as
-/// [`Views::only`].
+/// Responses of a model to its own pictures and scores, as `wanted`: a pass over the cameras. With `of`, they are a chunk of so many,
+/// as [`Views::of`].
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn responses<'m>(
     session: &Session<'_>,
     model: impl Into<Source<'m>>,
-    (cameras, only): (&[Camera], Option<usize>),
+    (cameras, of): (&[Camera], Option<usize>),
     settings: Settings,
     wanted: Wanted,
 ) -> Result<Responses, Error> {
@@ -163,7 +163,7 @@ pub fn responses<'m>(
         high_pass.record(recording, image, &gradient, [cameras[v].width, cameras[v].height]);
         Ok(())
     };
-    full_pass(&mut renderer, model, Views { cameras, follow, only }, &gradient, wanted, loss)
+    full_pass(&mut renderer, model, Views { cameras, follow, of }, &gradient, wanted, loss)
 }
 
 /// Bytes of device memory that [`responses`] takes besides the model and the results ([`Wanted::bytes`]).

@@ -82,8 +82,9 @@ pub struct Views<'a, F> {
     pub cameras: &'a [Camera],
     /// Receives the number of views done, before each view and after the last; its error ends the pass.
     pub follow: F,
-    /// The number of a chunk of [`CHUNK`] views, if only that is done: its part of the sums, see [`Responses::sum`].
-    pub only: Option<usize>,
+    /// The number of views that means are over, if these are a chunk of them, of [`CHUNK`] or fewer: the chunk's part of the sums, see
+    /// [`Responses::sum`].
+    pub of: Option<usize>,
 }
 
 /// What a pass gathers, in device memory.
@@ -225,24 +226,23 @@ pub fn renderer(
 pub fn full_pass<'m, E: From<Error>>(
     renderer: &mut Renderer,
     model: impl Into<Source<'m>>,
-    Views { cameras, mut follow, only }: Views<'_, impl FnMut(usize) -> std::result::Result<(), E>>,
+    Views { cameras, mut follow, of }: Views<'_, impl FnMut(usize) -> std::result::Result<(), E>>,
     image_gradient: &Buffer<[f32; 4]>,
     wanted: Wanted,
     gradient: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>, Term) -> std::result::Result<(), E>,
 ) -> std::result::Result<Responses, E> {
     let device = &renderer.device().clone();
-    let gather = Gather::Mean { views: cameras.len() as u32 };
+    let gather = Gather::Mean { views: of.unwrap_or(cameras.len()) as u32 };
     renderer.make_room_for_responses()?;
     let mut pass = Pass { image_gradient, wanted, gather, gradient };
     let views: Vec<(usize, &Camera)> = cameras.iter().enumerate().collect();
-    let chunks = || views.chunks(CHUNK).enumerate().filter(|(c, _)| only.is_none_or(|only| only == *c));
     let mut sketches = Vec::new();
     let model = model.into();
     let mut sums = Sums::zeros(model.len(), wanted);
     match model {
         Source::Device(model) => {
             let gathered = Gathered::zeros(device, model.len, wanted)?;
-            for (_, chunk) in chunks() {
+            for chunk in views.chunks(CHUNK) {
                 gathered.clear(device)?;
                 for &view in chunk {
                     follow(view.0)?;
@@ -256,7 +256,7 @@ pub fn full_pass<'m, E: From<Error>>(
         }
         Source::Host(model) => {
             let mut parts = Parts::new(model, most(renderer, model, cameras, wanted));
-            for (_, chunk) in chunks() {
+            for chunk in views.chunks(CHUNK) {
                 let mut rows = Rows::zeros(model.len(), wanted);
                 for &(v, camera) in chunk {
                     follow(v)?;

@@ -25,14 +25,14 @@ fn pass<E>(
     model: Source<'_>,
     Compared { photos, device_photos, objective }: Compared<'_>,
     wanted: Wanted,
-    (follow, only): (impl FnMut(usize) -> Result<(), E>, Option<usize>),
+    (follow, of): (impl FnMut(usize) -> Result<(), E>, Option<usize>),
 ) -> Result<Responses, E>
 where
     E: From<gpu::Error> + From<super::Error>,
 {
     let device = &renderer.device().clone();
     let cameras: Vec<_> = photos.iter().map(|p| p.camera.clone()).collect();
-    let views = Views { cameras: &cameras, follow, only };
+    let views = Views { cameras: &cameras, follow, of };
     full_pass(renderer, model, views, &objective.loss.gradient, wanted, |recording, v, image, term| -> Result<(), E> {
         let pixels = device_photos.get(device, photos, v, (v + 1) % cameras.len())?;
         let current = Current::new(v, pixels, &cameras[v]);
@@ -47,8 +47,8 @@ where
 }
 
 /// Responses and scores, as `wanted`, of `photos` to a model that is not in training, wherever it is. Of the options, image
-/// formation, exposures, the loss's weights and the capacity in pairs matter. With `only`, of one chunk of the photos, as
-/// [`Views::only`].
+/// formation, exposures, the loss's weights and the capacity in pairs matter. With `of`, the photos are a chunk of so
+/// many, as [`Views::of`].
 ///
 /// # Errors
 /// Device memory; device errors; photos that cannot be read; errors of `follow`.
@@ -58,7 +58,7 @@ pub fn responses<E>(
     photos: &[Photo],
     options: &Options,
     wanted: Wanted,
-    (follow, only): (impl FnMut(usize) -> Result<(), E>, Option<usize>),
+    (follow, of): (impl FnMut(usize) -> Result<(), E>, Option<usize>),
 ) -> Result<Responses, E>
 where
     E: From<gpu::Error> + From<super::Error>,
@@ -68,13 +68,13 @@ where
     if !wanted.gradients() {
         let cameras: Vec<_> = photos.iter().map(|p| p.camera.clone()).collect();
         let unread = device.buffer("image gradient", 1)?;
-        let views = Views { cameras: &cameras, follow, only };
+        let views = Views { cameras: &cameras, follow, of };
         return full_pass(&mut renderer, model, views, &unread, wanted, |_, _, _, _| Ok(()));
     }
     let mut device_photos = DevicePhotos::new(device, photos)?;
     let objective = Objective::new(device, photos, size, options)?;
     let compared = Compared { photos, device_photos: &mut device_photos, objective: &objective };
-    pass(&mut renderer, model, compared, wanted, (follow, only))
+    pass(&mut renderer, model, compared, wanted, (follow, of))
 }
 
 /// The photos of [`responses`], for an estimate of its memory.

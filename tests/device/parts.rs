@@ -177,7 +177,7 @@ fn evidence(device: &Device, model: &Gaussians, wanted: Wanted, on_host: bool) -
         high_pass.record(r, image, &gradient, [90, 70]);
         Ok(())
     };
-    let views = Views { cameras: &cameras, follow: |_| Ok(()), only: None };
+    let views = Views { cameras: &cameras, follow: |_| Ok(()), of: None };
     full_pass(&mut renderer, source, views, &gradient, wanted, loss).unwrap()
 }
 

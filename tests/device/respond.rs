@@ -59,7 +59,7 @@ fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<S
         Ok::<(), Error>(())
     };
     let wanted = Wanted { residual: true, ..Wanted::BOTH };
-    let views = Views { cameras: &cameras, follow: |_| Ok(()), only: None };
+    let views = Views { cameras: &cameras, follow: |_| Ok(()), of: None };
     let responses = full_pass(&mut renderer, &resident, views, &gradient, wanted, loss).unwrap();
     assert!(responses.cameras == cameras && responses.dilation == Settings::default().dilation);
     let after = resident.download(device).unwrap();
@@ -285,7 +285,7 @@ fn sketches_stand_for_products_over_all_pixels() {
         let sketched = |pairs: u32| {
             let mut renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, pairs).unwrap();
             let gradient = device.buffer("image gradient", image_weights(0).len()).unwrap();
-            let views = Views { cameras: &cameras, follow: |_| Ok::<(), Error>(()), only: None };
+            let views = Views { cameras: &cameras, follow: |_| Ok::<(), Error>(()), of: None };
             let wanted = Wanted { sketches: true, ..Wanted::SCORES };
             full_pass(&mut renderer, &resident, views, &gradient, wanted, |_, _, _, _| Ok(())).unwrap()
         };

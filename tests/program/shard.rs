@@ -248,3 +248,36 @@ fn work_is_verified_by_doing_it_again() {
     assert_eq!(stage.status("v", "score/0000"), "done", "the seal holds");
     stage.refused(3, &["score/0000.json", "1 of 5 tasks gave other bytes"], &["shard", "verify", "v", "--share", "1"]);
 }
+
+/// With photos as with own pictures; and a task decodes only the photos that it needs.
+#[test]
+fn tasks_decode_their_own_photos() {
+    let mut stage = Stage::empty();
+    good(&stage.qirf(&["synth", "capture", "--views", "30", "--size", "64x48", "--points", "600"]));
+    good(&stage.qirf(&["run", "capture", "-o", "trained", "--iterations", "60", "--no-prune"]));
+    let job = ["compress", "trained/model.ply", "--scene", "capture", "--selector", "css"];
+    let said = stage.qirf(&[&job[..], &["-o", "small.ply", "--json"]].concat());
+    good(&said);
+    let whole: Value = serde_json::from_slice(&said.stdout).unwrap();
+    stage.right = fs::read(stage.path("small.ply")).unwrap();
+    let tasks = stage.planned("a", &job);
+    assert_eq!(tasks.len(), 2 + 1 + 1 + 1, "26 photos to train on, 4 held out: {tasks:?}");
+    stage.shuffled("a", tasks, 3, |command| command);
+    stage.is_right("a");
+    let read = |name: &str| serde_json::from_slice::<Value>(&fs::read(stage.path(name)).unwrap()).unwrap();
+    let parts = read("a/metrics.json");
+    for name in ["test", "views", "protocol"] {
+        assert_eq!(parts[name], whole[name], "{name}");
+    }
+
+    let plan = read("a/plan.json");
+    let photos = &plan["job"]["compression"]["photos"];
+    let last = photos[0].as_array().unwrap().last().unwrap().as_str().unwrap().to_owned();
+    fs::write(stage.path("capture/images").join(&last), "no picture").unwrap();
+    for written in ["a/evidence/0000.safetensors", "a/evidence/0001.safetensors", "a/score/0000.json"] {
+        fs::remove_file(stage.path(written)).unwrap();
+    }
+    good(&stage.qirf(&["shard", "task", "a", "evidence/0000"]));
+    good(&stage.qirf(&["shard", "task", "a", "score/0000"]));
+    stage.refused(3, &[&last, "when the job was planned"], &["shard", "task", "a", "evidence/0001"]);
+}

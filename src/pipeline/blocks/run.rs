@@ -16,7 +16,7 @@ use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
 use crate::pipeline::config::{Init, Pruning, RunConfig};
 use crate::pipeline::eval::{Evaluation, eval};
 use crate::pipeline::output::{absolute, from_root};
-use crate::pipeline::prepare::{Opened, Prepared, open};
+use crate::pipeline::prepare::{Opened, Prepared, all_there, open};
 use crate::pipeline::prune::PrunePlan;
 use crate::pipeline::records::{PruneRecord, PruneSeconds, RunRecord};
 use crate::pipeline::session::Session;
@@ -32,7 +32,6 @@ use crate::train::Exposures;
 use crate::train::checkpoint::Snapshot;
 use crate::train::exposure;
 use serde::{Deserialize, Serialize};
-use std::collections::HashSet;
 use std::ops::Range;
 use std::path::Path;
 use std::time::Instant;
@@ -121,7 +120,7 @@ impl BlockRun {
         let divisor = 1 << LARGE.iter().filter(|least| width.max(height) >= **least).count();
         let config = coarse(&self.config, divisor);
         let (setup, start) = Setup::load(session, &config, output, output.checkpoint().exists())?;
-        self.all_there(&setup.prepared, &self.photos)?;
+        all_there(&setup.prepared.scene, &self.photos)?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
         run.train(setup.config.schedule.iterations)?;
         Ok(run.checkpoint()?.snapshot)
@@ -184,7 +183,7 @@ impl BlockRun {
         chunk: usize,
     ) -> Result<Responses, Error> {
         let (config, _) = self.choice()?;
-        stages::evidence(session, gathered, &config, (chunk, self.known(coarse)))
+        stages::evidence(session, gathered, &config, (chunk, &self.photos, self.known(coarse)))
     }
 
     /// How many Gaussians of each block a choice among all of them keeps, by the responses of all chunks in their order. `starts`
@@ -200,7 +199,7 @@ impl BlockRun {
         chunks: impl Iterator<Item = Result<Responses, Error>>,
     ) -> Result<(PruneRecord, Vec<usize>), Error> {
         let (config, _) = self.choice()?;
-        let PrunePlan { record, keep, .. } = stages::choose(session, gathered, &config, chunks)?;
+        let PrunePlan { record, keep, .. } = stages::choose(session, gathered, (&config, &self.photos), chunks)?;
         let quota = |b: usize| keep[rows_of(starts, b, keep.len())].iter().filter(|kept| **kept).count();
         Ok((timeless(record), (0..starts.len()).map(quota).collect()))
     }
@@ -250,15 +249,6 @@ impl BlockRun {
         Ok(record)
     }
 
-    /// Refuses photos that could be read when the run was planned, and cannot now.
-    fn all_there(&self, prepared: &Prepared, names: &[String]) -> Result<(), Error> {
-        let there: HashSet<&str> = prepared.scene.views.iter().map(|view| view.name.as_str()).collect();
-        match names.iter().find(|name| !there.contains(name.as_str())) {
-            Some(photo) => Err(Error::LostPhoto { scene: self.config.scene.clone(), photo: photo.clone() }),
-            None => Ok(()),
-        }
-    }
-
     /// The choice as a compression of the joined blocks by the run's photos.
     fn choice(&self) -> Result<(CompressConfig, &Pruning), Error> {
         let RunConfig { prune, style, seed, .. } = &self.config;
@@ -288,7 +278,7 @@ impl BlockRun {
         let names: Vec<String> = block.crops.iter().map(|crop| self.photos[crop.view].clone()).collect();
         let mut prepared =
             opened.only(&names)?.load_to_train(session.photo_memory(output.folder()), session.watcher)?;
-        self.all_there(&prepared, &names)?;
+        all_there(&prepared.scene, &names)?;
         let crops = prepared.train.iter().zip(&block.crops).map(|(photo, crop)| photo.part(crop.corner, crop.size));
         prepared.train = crops.collect::<std::io::Result<Vec<Photo>>>().map_err(crate::train::Error::Photos)?;
         prepared.extent = extent;

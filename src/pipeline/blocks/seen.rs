@@ -66,7 +66,7 @@ pub fn seen(
     for (done, camera) in cameras.iter().enumerate() {
         watcher.responding(done, cameras.len());
         watcher.unless_stopped()?;
-        let views = Views { cameras: std::slice::from_ref(camera), follow: |_| Ok::<(), Error>(()), only: None };
+        let views = Views { cameras: std::slice::from_ref(camera), follow: |_| Ok::<(), Error>(()), of: None };
         let responses = full_pass(&mut renderer, &resident, views, &gradient, Wanted::SCORES, |_, _, _, _| Ok(()))?;
         rows.push(of_view(model, &responses.scores, (owners, blocks), camera));
     }

@@ -12,7 +12,7 @@ use crate::pipeline::records::{CompressProtocol, Truth, ViewStages};
 use crate::pipeline::session::Session;
 use crate::pipeline::virtual_views::ALL;
 use crate::response::{CHUNK, Responses};
-use crate::train::Exposures;
+use crate::train::{Exposures, exposure};
 use std::ops::Range;
 
 /// No view held out.
@@ -24,6 +24,10 @@ pub struct Census {
     pub chunks: usize,
     /// Views held out.
     pub test_views: usize,
+    /// Names of the photos trained on, and of those held out; none of the model's own pictures.
+    pub photos: [Vec<String>; 2],
+    /// Background of the pictures.
+    pub background: [f32; 3],
     /// Conditions of the measurement.
     pub protocol: CompressProtocol,
 }
@@ -33,20 +37,21 @@ pub struct Census {
 /// # Errors
 /// Those of reading a scene; a model or views that do not fit the device.
 pub fn census(session: &Session<'_>, model: &Gaussians, config: &CompressConfig) -> Result<Census, Error> {
-    let (views, test_views) = match &config.views {
-        ViewSource::Photos(_) => {
-            let (views, _) = Views::load(session, model, config, ALL)?;
-            let photos = views.test.len();
-            (views, photos)
-        }
-        // Pictures need not be drawn to be counted.
-        ViewSource::OwnPictures { cameras, .. } => (Views::load(session, model, config, NONE)?.0, cameras.held_out()),
+    // Pictures need not be drawn to be counted.
+    let (held_out, drawn) = match &config.views {
+        ViewSource::Photos(_) => (ALL, None),
+        ViewSource::OwnPictures { cameras, .. } => (NONE, Some(cameras.held_out())),
     };
+    let (views, _) = Views::load(session, model, config, held_out)?;
+    let test_views = drawn.unwrap_or(views.test.len());
     let protocol = CompressProtocol { test_views, ..views.protocol(config) };
-    Ok(Census { chunks: views.train.len().div_ceil(CHUNK), test_views, protocol })
+    let chunks = views.train.len().div_ceil(CHUNK);
+    let photos = [views.names, views.test.into_iter().map(|(name, _)| name).collect()];
+    Ok(Census { chunks, test_views, photos, background: views.settings.background, protocol })
 }
 
-/// The responses of one chunk of views, whose photos may have known exposures.
+/// The responses of one chunk of views. Of photos, which are named, only those of the chunk are decoded; they may have known
+/// exposures.
 ///
 /// # Errors
 /// As of a compression.
@@ -54,36 +59,47 @@ pub fn evidence(
     session: &Session<'_>,
     model: &Gaussians,
     config: &CompressConfig,
-    (chunk, exposures): (usize, Option<Exposures>),
+    (chunk, photos, exposures): (usize, &[String], Option<Exposures>),
 ) -> Result<Responses, Error> {
-    let (views, shown) = Views::load(session, model, config, NONE)?;
-    let views = Views { exposures, ..views };
-    train::respond(session, shown.source(), model.degree(), (&views, Some(chunk)), config)
+    let of_chunk = |n: usize, each: usize| (each * CHUNK * chunk).min(n)..(each * CHUNK * (chunk + 1)).min(n);
+    let (views, shown, all) = match &config.views {
+        ViewSource::Photos(selection) => {
+            let names = &photos[of_chunk(photos.len(), 1)];
+            let (views, shown) = Views::named(session, model, (selection, names), config)?;
+            (views, shown, photos.len())
+        }
+        ViewSource::OwnPictures { .. } => {
+            let (views, shown) = Views::load(session, model, config, NONE)?;
+            let all = views.train.len();
+            (Views { train: views.train[of_chunk(all, 1)].to_vec(), ..views }, shown, all)
+        }
+    };
+    let exposures = exposures.map(|known| match known {
+        Exposures::Known(maps) => Exposures::Known(maps[of_chunk(maps.len(), exposure::SIZE)].to_vec()),
+        learnt @ Exposures::Learnt(_) => learnt,
+    });
+    train::respond(session, shown.source(), model.degree(), (&Views { exposures, ..views }, Some(all)), config)
 }
 
-/// The choice of Gaussians, by the responses of all chunks in their order.
+/// The choice of Gaussians, by the responses of all chunks in their order. Photos are named, and are not decoded.
 ///
 /// # Errors
 /// As of a compression; those of the chunks.
 pub fn choose(
     session: &Session<'_>,
     model: &Gaussians,
-    config: &CompressConfig,
+    (config, photos): (&CompressConfig, &[String]),
     chunks: impl Iterator<Item = Result<Responses, Error>>,
 ) -> Result<PrunePlan, Error> {
-    let (views, shown) = Views::load(session, model, config, NONE)?;
+    let (cameras, settings, shown) = Views::cameras(session, model, (config, photos))?;
     let responses = Responses::sum(model.len(), config.compression.selector.reads(), chunks)?;
-    let responses = Responses {
-        cameras: views.train.iter().map(|view| view.camera.clone()).collect(),
-        dilation: views.settings.dilation,
-        ..responses
-    };
+    let responses = Responses { cameras, dilation: settings.dilation, ..responses };
     let keep = at_least_one(config.compression.keep, model.len());
     let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
     prune::plan(session.device, shown.source(), model, &responses, &request)
 }
 
-/// The scores of a compressed model in the views held out with these numbers.
+/// The scores of a compressed model in the views held out with these numbers. Photos held out are named, and only these are decoded.
 ///
 /// # Errors
 /// As of a compression.
@@ -92,9 +108,16 @@ pub fn score(
     model: &Gaussians,
     compressed: &Gaussians,
     config: &CompressConfig,
-    held_out: Range<usize>,
+    (held_out, photos): (Range<usize>, &[String]),
 ) -> Result<Vec<ViewStages>, Error> {
-    let (views, shown) = Views::load(session, model, config, held_out)?;
+    let (views, shown) = match &config.views {
+        ViewSource::Photos(selection) => {
+            let (views, shown) = Views::named(session, model, (selection, &photos[held_out]), config)?;
+            let test = views.names.iter().cloned().zip(views.train.iter().cloned()).collect();
+            (Views { test, ..views }, shown)
+        }
+        ViewSource::OwnPictures { .. } => Views::load(session, model, config, held_out)?,
+    };
     let mut scoring = Scoring::new(session, &views, config);
     let before = if views.truth == Truth::Photos { scoring.scores(shown.source())? } else { Vec::new() };
     drop(shown);

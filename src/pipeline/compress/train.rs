@@ -17,12 +17,12 @@ use crate::train::loss::Weights;
 use crate::train::schedule::Schedule;
 use crate::train::{self, Options, Trainer};
 
-/// Responses of the training views to each Gaussian of a model; with `only`, of one chunk of the views.
+/// Responses of the training views to each Gaussian of a model. With `of`, the views are a chunk of so many.
 pub fn respond(
     session: &Session<'_>,
     model: Source<'_>,
     degree: usize,
-    (views, only): (&Views, Option<usize>),
+    (views, of): (&Views, Option<usize>),
     config: &CompressConfig,
 ) -> Result<Responses, Error> {
     let Session { device, watcher, .. } = *session;
@@ -33,10 +33,10 @@ pub fn respond(
             watcher.responding(done, views.train.len());
             watcher.unless_stopped()
         };
-        return train::responses(device, model, &views.train, &options, wanted, (follow, only));
+        return train::responses(device, model, &views.train, &options, wanted, (follow, of));
     }
     let cameras: Vec<Camera> = views.train.iter().map(|v| v.camera.clone()).collect();
-    virtual_views::responses(session, model, (&cameras, only), views.settings, wanted)
+    virtual_views::responses(session, model, (&cameras, of), views.settings, wanted)
 }
 
 /// Trains the kept Gaussians further.

@@ -6,13 +6,14 @@ use crate::gaussians::Gaussians;
 use crate::metrics::Scores;
 use crate::pipeline::budget::{self, CompressNeeds};
 use crate::pipeline::config::Selection;
-use crate::pipeline::prepare::{Prepared, open};
+use crate::pipeline::prepare::{Opened, Prepared, open};
 use crate::pipeline::records::{CompressProtocol, StageScores, Truth, ViewStages};
 use crate::pipeline::session::Session;
 use crate::pipeline::shown::Shown;
 use crate::pipeline::virtual_views::{OwnPictures, VirtualCameras};
 use crate::qirf::select::budget::Keep;
 use crate::render::Settings;
+use crate::scene::camera::Camera;
 use crate::scene::{Photo, camera};
 use crate::train::Exposures;
 use std::ops::Range;
@@ -22,6 +23,8 @@ pub struct Views {
     pub truth: Truth,
     /// Views of responses and fine-tuning; the model's own pictures have pixels only if there is fine-tuning.
     pub train: Vec<Photo>,
+    /// Names of the training photos; none of the model's own pictures.
+    pub names: Vec<String>,
     pub test: Vec<(String, Photo)>,
     /// Scale of the positions' learning rate.
     pub extent: f64,
@@ -43,7 +46,7 @@ impl Views {
     ) -> Result<(Self, Shown<'m>), Error> {
         match &config.views {
             ViewSource::Photos(selection) => {
-                let (mut views, shown) = Self::of_photos(session, model, selection, config)?;
+                let (mut views, shown) = Self::of_photos(session, model, open(selection)?, config)?;
                 let mut number = 0..;
                 views.test.retain(|_| number.next().is_some_and(|n| held_out.contains(&n)));
                 Ok((views, shown))
@@ -54,14 +57,60 @@ impl Views {
         }
     }
 
+    /// As [`Self::load`], of the photos with these names alone: all of them are to train on.
+    ///
+    /// # Errors
+    /// Those of reading a scene; [`Error::LostPhoto`]; device memory.
+    pub fn named<'m>(
+        session: &Session<'_>,
+        model: &'m Gaussians,
+        (selection, names): (&Selection, &[String]),
+        config: &CompressConfig,
+    ) -> Result<(Self, Shown<'m>), Error> {
+        let loaded = Self::of_photos(session, model, open(selection)?.only(names)?, config)?;
+        let Some(photo) = names.iter().find(|name| !loaded.0.names.contains(name)) else { return Ok(loaded) };
+        Err(Error::LostPhoto { scene: selection.scene.clone(), photo: photo.clone() })
+    }
+
     fn of_photos<'m>(
         session: &Session<'_>,
         model: &'m Gaussians,
-        selection: &Selection,
+        opened: Opened,
         config: &CompressConfig,
     ) -> Result<(Self, Shown<'m>), Error> {
-        let opened = open(selection)?;
-        let needs = CompressNeeds {
+        let place = budget::for_compress(session.device, model, Self::needs(&opened, model, config))?;
+        let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
+        let settings = config.style.over(prepared.background);
+        let names = prepared.names_to_train();
+        let Prepared { train, test, extent, .. } = prepared;
+        let shown = Shown::new(session, model, place.whole)?;
+        let (truth, estimated_bytes) = (Truth::Photos, place.bytes);
+        Ok((Self { truth, train, names, test, extent, settings, exposures: None, estimated_bytes }, shown))
+    }
+
+    /// The cameras of the views to train on, of which no photo is decoded, and what pictures are drawn with. `names` has the photos
+    /// to train on, if there are photos; their background is known.
+    ///
+    /// # Errors
+    /// Those of reading a scene; [`Error::LostPhoto`]; device memory.
+    pub fn cameras<'m>(
+        session: &Session<'_>,
+        model: &'m Gaussians,
+        (config, names): (&CompressConfig, &[String]),
+    ) -> Result<(Vec<Camera>, Settings, Shown<'m>), Error> {
+        let ViewSource::Photos(selection) = &config.views else {
+            let (views, shown) = Self::load(session, model, config, 0..0)?;
+            return Ok((views.train.into_iter().map(|view| view.camera).collect(), views.settings, shown));
+        };
+        let opened = open(selection)?.only(names)?;
+        let place = budget::for_compress(session.device, model, Self::needs(&opened, model, config))?;
+        let settings = config.style.over(selection.background.unwrap_or_default());
+        Ok((opened.cameras(), settings, Shown::new(session, model, place.whole)?))
+    }
+
+    /// What a compression by these photos needs.
+    fn needs(opened: &Opened, model: &Gaussians, config: &CompressConfig) -> CompressNeeds {
+        CompressNeeds {
             size: opened.size(),
             own_pictures: false,
             photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
@@ -69,14 +118,7 @@ impl Views {
             wanted: config.compression.selector.reads(),
             style: config.style,
             trained: trained(config, model),
-        };
-        let place = budget::for_compress(session.device, model, needs)?;
-        let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
-        let settings = config.style.over(prepared.background);
-        let Prepared { train, test, extent, .. } = prepared;
-        let shown = Shown::new(session, model, place.whole)?;
-        let (truth, estimated_bytes) = (Truth::Photos, place.bytes);
-        Ok((Self { truth, train, test, extent, settings, exposures: None, estimated_bytes }, shown))
+        }
     }
 
     fn of_model<'m>(
@@ -103,7 +145,7 @@ impl Views {
         let OwnPictures { train, test } = OwnPictures::draw(session, shown.source(), cameras, settings, drawn)?;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
         let (truth, estimated_bytes) = (Truth::OwnPictures, place.bytes);
-        Ok((Self { truth, train, test, extent, settings, exposures: None, estimated_bytes }, shown))
+        Ok((Self { truth, train, names: Vec::new(), test, extent, settings, exposures: None, estimated_bytes }, shown))
     }
 
     /// Conditions of the measurement.

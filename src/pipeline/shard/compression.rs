@@ -36,6 +36,8 @@ pub struct Compression {
     pub chunks: usize,
     /// Views held out.
     pub test_views: usize,
+    /// Names of the photos trained on, and of those held out; none of the model's own pictures.
+    pub photos: [Vec<String>; 2],
     /// Conditions of the measurement, for the report.
     pub protocol: Value,
 }
@@ -59,7 +61,12 @@ impl Compression {
         if let ViewSource::Photos(selection) = &mut config.views {
             from_root(&mut selection.scene, &mut selection.images)?;
         }
-        let stages::Census { chunks, test_views, protocol } = stages::census(session, model, &config)?;
+        let stages::Census { chunks, test_views, photos, background, protocol } =
+            stages::census(session, model, &config)?;
+        if let ViewSource::Photos(selection) = &mut config.views {
+            // Tasks decode few photos, and could not tell it by all.
+            selection.background = Some(background);
+        }
         let path = absolute(path)?;
         Ok(Self {
             model_crc32: crc32_of_file(&path)?,
@@ -68,6 +75,7 @@ impl Compression {
             config,
             chunks,
             test_views,
+            photos,
             protocol: serde_json::to_value(protocol).map_err(|e| Error::encoding("the plan", e))?,
         })
     }
@@ -111,20 +119,21 @@ impl Compression {
         let config = &self.config;
         match (task.stage, task.part) {
             (Stage::Evidence, Some(chunk)) => {
-                let responses = stages::evidence(session, &self.model()?, config, (chunk, None))?;
+                let responses = stages::evidence(session, &self.model()?, config, (chunk, &self.photos[0], None))?;
                 Ok(vec![Part { plan: files.hash.clone(), task: task.to_string(), responses }.bytes()?])
             }
             (Stage::Choose, _) => {
                 let parts = self.evidence().map(|part| Ok(files.part(part, self.gaussians)?.responses(self.gaussians)));
                 let model = self.model()?;
-                let (prune, model) = stages::choose(session, &model, config, parts)?.apply(model);
+                let (prune, model) = stages::choose(session, &model, (config, &self.photos[0]), parts)?.apply(model);
                 // Times would differ from process to process.
                 let prune = PruneRecord { seconds: PruneSeconds::default(), ..prune };
                 files.with_model(task, &model, config.style.mode(), Chosen { prune })
             }
             (Stage::Score, Some(n)) => {
                 let (compressed, _) = files.model::<Chosen>(CHOOSE)?;
-                let views = stages::score(session, &self.model()?, &compressed, config, self.scored(n))?;
+                let views =
+                    stages::score(session, &self.model()?, &compressed, config, (self.scored(n), &self.photos[1]))?;
                 Ok(vec![files.seal(task, &views)?])
             }
             _ => Ok(vec![self.report(session, files)?]),
