@@ -20,7 +20,7 @@ where it stopped. `qirf-vk run INPUT -o DIR` does the same into DIR/scene, and t
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Folder of photos, or a video
+    /// Folder of photos, which may lie in subfolders, or a video
     input: PathBuf,
     /// Folder for the scene: new, empty, or an earlier one of this command
     #[arg(short, long, value_name = "SCENE")]

@@ -28,7 +28,7 @@ pub use error::Error;
 pub use exif::CameraKind;
 pub use photo::{FourthByte, Photo};
 pub use pixels::{PhotoFile, Pixels};
-pub use readers::{mask_of, photo_folder, photo_names};
+pub use readers::{PhotoTree, mask_of, photo_folder, photo_names};
 pub use skipped::{Names, Skipped};
 pub use view::{Resize, Role, View};
 

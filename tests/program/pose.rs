@@ -1,5 +1,6 @@
 //! Poses of photos and videos: by a COLMAP that the test plays itself, and by the real one.
 
 mod fake;
+mod folders;
 mod real;
 mod video;

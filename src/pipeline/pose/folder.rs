@@ -6,7 +6,7 @@ use crate::pipeline::output::Output;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// The file that marks the folder as written by this program, and tells what was done.
 const RECORD: &str = "pose.json";
@@ -64,8 +64,8 @@ impl Folder {
         };
         let earlier = serde_json::from_slice::<Record>(&text).ok().filter(|r| r.made_by == MADE_BY);
         // Photos of an earlier job are removed: none may lie elsewhere.
-        let earlier =
-            earlier.filter(|r| r.photos.iter().all(|name| Path::new(name).file_name() == Some(name.as_ref())));
+        let within = |name: &String| Path::new(name).components().all(|c| matches!(c, Component::Normal(_)));
+        let earlier = earlier.filter(|r| r.photos.iter().all(|name| !name.is_empty() && within(name)));
         let Some(earlier) = earlier else { return Err(Error::NotOurs(root.to_owned())) };
         let there = |name: &String| root.join("images").join(name).is_file();
         if earlier.key != fresh.key || earlier.backend != backend || !earlier.photos.iter().all(there) {
@@ -88,8 +88,8 @@ impl Folder {
     pub fn begin(&mut self) -> Result<(), Error> {
         if let Some(photos) = self.stale.take() {
             for name in photos {
-                let _ = fs::remove_file(self.images().join(&name));
-                let _ = fs::remove_file(self.masks().join(Path::new(&name).with_extension("png")));
+                remove(&self.images(), Path::new(&name));
+                remove(&self.masks(), &Path::new(&name).with_extension("png"));
             }
             for made in [self.root.join("sparse"), self.work()] {
                 let _ = fs::remove_dir_all(made);
@@ -184,5 +184,19 @@ impl Folder {
     /// What the programs printed.
     pub fn log(&self) -> PathBuf {
         self.work().join("log.txt")
+    }
+}
+
+/// Removes a file within a folder, and the subfolders that it leaves empty. A link may lead out of the folder: what lies
+/// elsewhere stays.
+fn remove(folder: &Path, name: &Path) {
+    let path = folder.join(name);
+    let real = |path: Option<&Path>| path.and_then(|p| fs::canonicalize(p).ok());
+    if !real(path.parent()).zip(real(Some(folder))).is_some_and(|(at, folder)| at.starts_with(folder)) {
+        return;
+    }
+    let _ = fs::remove_file(&path);
+    for sub in name.ancestors().skip(1).filter(|sub| !sub.as_os_str().is_empty()) {
+        let _ = fs::remove_dir(folder.join(sub));
     }
 }

@@ -97,12 +97,12 @@ impl Posed {
     }
 }
 
-/// Estimates the poses of the photos in a folder, or of frames of a video, and writes the folder `scene`: photos in
+/// Estimates the poses of the photos in a folder and its subfolders, or of frames of a video, and writes the folder `scene`: photos in
 /// `images`, poses in `sparse/0`. Poses of the same photos and options that are there already are not estimated again;
 /// an interrupted job goes on where it stopped.
 ///
 /// # Errors
-/// [`Error::NoProgram`]; [`Error::Program`] for one that fails; [`Error::FewPoses`]; [`Error::NotOurs`] for a folder
+/// [`Error::NoProgram`]; [`Error::Usage`] for subfolders with OpenMVG-rs; [`Error::Program`] for one that fails; [`Error::FewPoses`]; [`Error::NotOurs`] for a folder
 /// that holds something else; [`Error::Interrupted`]; files that cannot be read or written.
 pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher) -> Result<Posed, Error> {
     let source = Source::of(input, options.frames);
@@ -111,6 +111,15 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
         return Ok(posed);
     }
     let backend = options.backend.installed()?;
+    if backend == Backend::Openmvg && source.is_nested() {
+        return Err(Error::Usage(format!(
+            "OpenMVG-rs reads one folder, and {} has photos in subfolders; use --poses colmap, or put all photos into one folder",
+            input.display()
+        )));
+    }
+    if let Some(line) = source.told() {
+        watcher.note(&line);
+    }
     folder.begin()?;
     if folder.photos().is_empty() {
         let names = source.place(&folder, watcher)?;

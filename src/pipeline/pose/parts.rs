@@ -1,7 +1,7 @@
 //! The parts that photos fall into: models without a connection to each other. The largest becomes the scene.
 
 use super::folder::Folder;
-use super::{FEWEST, Posed, SHARES};
+use super::{FEWEST, Matching, Posed, SHARES};
 use crate::error::Error;
 use crate::scene::{Names, OpenOptions, Scene};
 use std::collections::BTreeSet;
@@ -45,7 +45,13 @@ pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
         nowhere.add(name);
     }
     let others = parts[1..].iter().map(|(path, scene)| (path.clone(), scene.views.len())).collect();
-    let posed = Posed { photos, posed, others, nowhere, warnings: doubts(scene, photos) };
+    let mut warnings = doubts(scene, photos);
+    let nested = folder.photos().iter().any(|name| name.contains('/'));
+    if parts.len() > 1 && nested && folder.has_matches(Matching::Sequential) {
+        warnings
+            .push("photos of different folders were hardly compared; --matching exhaustive may connect them".into());
+    }
+    let posed = Posed { photos, posed, others, nowhere, warnings };
     put(best, &folder.poses())?;
     Ok(posed)
 }

@@ -1,5 +1,6 @@
 //! Files of a scene: photos and masks by folder and extension, sizes of photos, whole files.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -14,14 +15,79 @@ pub(super) fn is_photo_name(path: &Path) -> bool {
     path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
 }
 
-/// Names of the photos directly in a folder, sorted; hidden files are none. Empty if there is no such folder.
+/// Names, in lower case, of folders of small copies, which cameras and servers write.
+const SMALL: [&str; 6] = ["thumb", "thumbs", "thumbnail", "thumbnails", "thmbnl", "@eadir"];
+/// Files and folders that make their folder a scene with poses, or a result.
+const MARKS: [&str; 8] = [
+    "sparse",
+    "cameras.bin",
+    "cameras.txt",
+    "transforms.json",
+    "transforms_train.json",
+    "pose.json",
+    "config.toml",
+    "metrics.json",
+];
+
+/// Photos in a folder and its subfolders.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PhotoTree {
+    /// Their paths within the folder, with `/` between the parts, sorted.
+    pub names: Vec<String>,
+    /// Subfolders that were left out, likewise; hidden ones and masks are not told.
+    pub left_out: Vec<String>,
+}
+
+impl PhotoTree {
+    /// Looks into a folder. Left out are hidden files and folders, links to folders, folders of masks and thumbnails, and
+    /// folders that hold a scene with poses or a result of this program. Empty if there is no such folder.
+    pub fn of(folder: &Path) -> Self {
+        let mut tree = Self::default();
+        let mut open = vec![(folder.to_owned(), String::new())];
+        while let Some((path, prefix)) = open.pop() {
+            let entries: Vec<_> = fs::read_dir(path).into_iter().flatten().flatten().collect();
+            let marked = entries.iter().any(|e| MARKS.iter().any(|mark| e.file_name() == *mark));
+            if marked && !prefix.is_empty() {
+                tree.left_out.push(prefix.trim_end_matches('/').to_owned());
+                continue;
+            }
+            for entry in entries {
+                let Ok(own) = entry.file_name().into_string() else { continue };
+                let name = format!("{prefix}{own}");
+                if own.starts_with('.') {
+                    continue;
+                }
+                if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                    match own.to_lowercase() {
+                        lower if lower == "mask" || lower == "masks" || lower.starts_with("masks_") => {}
+                        lower if SMALL.contains(&lower.as_str()) => tree.left_out.push(name),
+                        // A scene's photos are in the folder itself; what lies deeper belongs to its results.
+                        _ if marked => {}
+                        _ => open.push((entry.path(), name + "/")),
+                    }
+                } else if is_photo_name(&entry.path()) && entry.path().is_file() {
+                    tree.names.push(name);
+                }
+            }
+        }
+        tree.names.sort();
+        tree.left_out.sort();
+        tree
+    }
+
+    /// The folders that hold photos, by their paths within the folder (empty for itself), with their numbers of photos.
+    pub fn folders(&self) -> Vec<(&str, usize)> {
+        let mut folders = BTreeMap::new();
+        for name in &self.names {
+            *folders.entry(name.rsplit_once('/').map_or("", |(folder, _)| folder)).or_insert(0) += 1;
+        }
+        folders.into_iter().collect()
+    }
+}
+
+/// Names of the photos in a folder and its subfolders: those of its [`PhotoTree`].
 pub fn photo_names(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let photos = entries.filter(|e| is_photo_name(&e.path()) && e.path().is_file());
-    let mut names: Vec<String> = photos.filter_map(|e| e.file_name().into_string().ok()).collect();
-    names.retain(|name| !name.starts_with('.'));
-    names.sort();
-    names
+    PhotoTree::of(folder).names
 }
 
 /// The photo folder that the user names: within the scene, otherwise a path of its own.
@@ -80,11 +146,15 @@ pub(super) fn find_mask(folder: &Path, name: &str) -> Option<PathBuf> {
 }
 
 /// The mask of the photo `name` in the folder `images`: in the mask folder beside it, or within it where that is the
-/// whole capture.
+/// whole capture; otherwise in the folder `masks` beside the photo itself.
 pub fn mask_of(images: &Path, name: &str) -> Option<PathBuf> {
     let own = images.file_name().is_some_and(|n| n == "input" || n.to_string_lossy().starts_with("images"));
     let capture = if own { images.parent()? } else { images };
-    find_mask(&mask_folder(capture, images)?, name)
+    let of_all = mask_folder(capture, images).and_then(|masks| find_mask(&masks, name));
+    of_all.or_else(|| {
+        let photo = images.join(name);
+        find_mask(&photo.with_file_name("masks"), photo.file_name()?.to_str()?)
+    })
 }
 
 /// Width and height of the photo at `path`, if there is one with a legible header.

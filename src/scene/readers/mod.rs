@@ -10,7 +10,7 @@ mod point_ply;
 mod pose;
 mod transforms;
 
-pub use files::{mask_of, photo_names};
+pub use files::{PhotoTree, mask_of, photo_names};
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;

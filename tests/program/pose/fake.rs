@@ -80,11 +80,16 @@ impl Stage {
 
     /// A model that the script will give.
     pub fn gives(&self, number: usize, photos: std::ops::Range<usize>) {
+        self.gives_named(number, &names(photos));
+    }
+
+    /// The same with photos of these names.
+    pub fn gives_named(&self, number: usize, photos: &[String]) {
         let model = self.path("fake/models").join(number.to_string());
         fs::create_dir_all(&model).unwrap();
-        let line = |(i, name): (usize, String)| format!("{i} 1 0 0 0 0.{i} 0 4 1 {name}\n\n");
+        let line = |(i, name): (usize, &String)| format!("{i} 1 0 0 0 0.{i} 0 4 1 {name}\n\n");
         fs::write(model.join("cameras.txt"), "1 PINHOLE 40 30 35 35 20 15\n").unwrap();
-        fs::write(model.join("images.txt"), (1..).zip(names(photos)).map(line).collect::<String>()).unwrap();
+        fs::write(model.join("images.txt"), (1..).zip(photos).map(line).collect::<String>()).unwrap();
         fs::write(model.join("points3D.txt"), "1 0 0 0 10 20 30 0.5 1 0\n").unwrap();
     }
 
@@ -98,12 +103,12 @@ impl Stage {
         command
     }
 
-    fn pose(&self, more: &[&str]) -> Command {
+    pub fn pose(&self, more: &[&str]) -> Command {
         self.program(&[&["pose", "photos", "-o", "scene"], more].concat())
     }
 
     /// The script's calls so far whose first word is this; help is not counted.
-    fn calls(&self, of: &str) -> Vec<String> {
+    pub fn calls(&self, of: &str) -> Vec<String> {
         let calls = fs::read_to_string(self.path("fake/calls")).unwrap_or_default();
         calls.lines().filter(|l| l.starts_with(of) && !l.ends_with("-h")).map(ToOwned::to_owned).collect()
     }
