@@ -1,6 +1,7 @@
 //! `view`: what it serves, to whom, and what a browser makes of it.
 
 mod live;
+mod mutations;
 mod page;
 mod refusals;
 mod session;

@@ -2,7 +2,6 @@
 
 use super::session::{Viewer, pose, wish};
 use super::{beside, viewer};
-use crate::support::Random;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::process::Command;
@@ -104,44 +103,6 @@ fn a_fifth_page_waits_outside() {
     while viewer.socket().frame_or_refusal(&pose("", 2)).is_err() {
         assert!(begun.elapsed() < Duration::from_secs(5), "the place of a page that left stays taken");
     }
-}
-
-#[test]
-fn mutated_requests_and_messages_do_no_harm() {
-    let mut viewer = viewer(&[]);
-    let mut random = Random(7);
-    let cookie = viewer.cookie.clone();
-    let whole = viewer.request("/scene.json", &[("Cookie", &cookie), ("Origin", "http://localhost")]);
-    let message = pose(r#""still":true,"picture":"depth""#, 1);
-    let mut below = |n: usize| (random.word() % n as u64) as usize;
-    let mut mutate = |text: &str| -> Vec<u8> {
-        let mut bytes = text.as_bytes().to_vec();
-        for _ in 0..=below(4) {
-            let at = below(bytes.len());
-            match below(3) {
-                0 => bytes[at] = below(256) as u8,
-                1 => drop(bytes.remove(at)),
-                _ => bytes.insert(at, below(256) as u8),
-            }
-        }
-        bytes
-    };
-    for _ in 0..300 {
-        let mut stream = viewer.connect();
-        let _ = stream.write_all(&mutate(&whole));
-        let _ = stream.shutdown(std::net::Shutdown::Write);
-        let mut answer = Vec::new();
-        let _ = stream.read_to_end(&mut answer);
-    }
-    let mut socket = viewer.socket();
-    for _ in 0..300 {
-        let text = String::from_utf8_lossy(&mutate(&message)).into_owned();
-        if socket.try_send(&text).is_err() {
-            socket = viewer.socket();
-        }
-    }
-    assert!(viewer.runs());
-    viewer.socket().picture(&pose("", 2));
 }
 
 #[test]
