@@ -58,9 +58,10 @@ impl PhotoTree {
                     continue;
                 }
                 if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-                    match own.to_lowercase() {
-                        lower if lower == "mask" || lower == "masks" || lower.starts_with("masks_") => {}
-                        lower if SMALL.contains(&lower.as_str()) => tree.left_out.push(name),
+                    match own.to_lowercase() + "_" {
+                        // masks, and masks_4 for images_4.
+                        lower if lower.starts_with("masks_") || lower.starts_with("mask_") => {}
+                        lower if SMALL.contains(&lower.trim_end_matches('_')) => tree.left_out.push(name),
                         // A scene's photos are in the folder itself; what lies deeper belongs to its results.
                         _ if marked => {}
                         _ => open.push((entry.path(), name + "/")),

@@ -27,7 +27,9 @@ fn photos_in_subfolders_keep_their_names() {
     let names = card(&stage);
     stage.gives_named(0, &names);
     let photos = stage.path("photos");
-    for other in [".Trash/IMG_0001.png", "DCIM/100CANON/.IMG_0001.png", "DCIM/Thumbs/IMG_0001.png", "@eaDir/a.png"] {
+    for other in
+        [".Trash/IMG_0001.png", "DCIM/100CANON/.IMG_0001.png", "DCIM/Thumbs/IMG_0001.png", "@eaDir/a.png", "Mask/a.png"]
+    {
         photo(&photos.join(other), 7);
     }
     // Masks beside all photos, and beside those of one folder.
