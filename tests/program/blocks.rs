@@ -31,7 +31,7 @@ fn psnr(figures: &Value) -> f64 {
 fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
     let options = ["--iterations", "480"];
     let (stage, tasks) = planned(&options);
-    // Coarse, assign, dense, gather, evidence, choose, tune, join, report.
+    // Coarse, assign, dense, collect, evidence, choose, tune, join, report.
     assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 2 + 1 + 3 + 1 + 1);
     let mut all = stage.command(&["shard", "all", "a"]);
     let said = all.env("QIRF_VALIDATION", "1").output().unwrap();
@@ -104,8 +104,8 @@ fn damaged_blocks_and_lost_photos_are_named() {
     for (file, id, reader, written) in [
         ("coarse.safetensors", "coarse", "assign", "assign.json"),
         ("assign.json", "assign", "dense/0000", "dense/0000.safetensors"),
-        ("dense/0001.safetensors", "dense/0001", "gather", "gather.ply"),
-        ("gather.ply", "gather", "tune/0002", "tune/0002.ply"),
+        ("dense/0001.safetensors", "dense/0001", "collect", "collect.ply"),
+        ("collect.ply", "collect", "tune/0002", "tune/0002.ply"),
         ("tune/0000.ply", "tune/0000", "join", "join.json"),
     ] {
         let length = fs::metadata(stage.path("a").join(file)).unwrap().len() as usize;

@@ -178,12 +178,12 @@ impl BlockRun {
     pub fn evidence(
         &self,
         session: &Session<'_>,
-        gathered: &Gaussians,
+        collected: &Gaussians,
         coarse: &Snapshot,
         chunk: usize,
     ) -> Result<Responses, Error> {
         let (config, _) = self.choice()?;
-        stages::evidence(session, gathered, &config, (chunk, &self.photos, self.known(coarse)))
+        stages::evidence(session, collected, &config, (chunk, &self.photos, self.known(coarse)))
     }
 
     /// How many Gaussians of each block a choice among all of them keeps, by the responses of all chunks in their order. `starts`
@@ -194,12 +194,12 @@ impl BlockRun {
     pub fn choose(
         &self,
         session: &Session<'_>,
-        gathered: &Gaussians,
+        collected: &Gaussians,
         starts: &[usize],
         chunks: impl Iterator<Item = Result<Responses, Error>>,
     ) -> Result<(PruneRecord, Vec<usize>), Error> {
         let (config, _) = self.choice()?;
-        let PrunePlan { record, keep, .. } = stages::choose(session, gathered, (&config, &self.photos), chunks)?;
+        let PrunePlan { record, keep, .. } = stages::choose(session, collected, (&config, &self.photos), chunks)?;
         let quota = |b: usize| keep[rows_of(starts, b, keep.len())].iter().filter(|kept| **kept).count();
         Ok((timeless(record), (0..starts.len()).map(quota).collect()))
     }
@@ -214,7 +214,7 @@ impl BlockRun {
         session: &Session<'_>,
         (layout, b): (&Layout, usize),
         (coarse, dense): (&Snapshot, &Snapshot),
-        (gathered, rows, quota): (&Gaussians, Range<usize>, Option<usize>),
+        (collected, rows, quota): (&Gaussians, Range<usize>, Option<usize>),
         output: &Output,
     ) -> Result<Tuned, Error> {
         let block = layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !dense.model.is_empty());
@@ -226,8 +226,8 @@ impl BlockRun {
             pruning.compression.keep = Keep::Count(quota.max(1));
         }
         let mut setup = self.setup(session, config, (block, &coarse.exposures.0), output)?;
-        let others: Vec<usize> = (0..gathered.len()).filter(|i| !rows.contains(i)).collect();
-        let seen = |setup: &Setup<'_>| gathered.select(&setup.shown(gathered, &others));
+        let others: Vec<usize> = (0..collected.len()).filter(|i| !rows.contains(i)).collect();
+        let seen = |setup: &Setup<'_>| collected.select(&setup.shown(collected, &others));
         let start = setup.start(output, |setup| with_tail(dense, &seen(setup)))?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
         run.train(setup.config.schedule.iterations)?;

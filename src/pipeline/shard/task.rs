@@ -13,7 +13,7 @@ pub enum Stage {
     /// Trains a block up to the prune.
     Dense,
     /// Joins the blocks' Gaussians.
-    Gather,
+    Collect,
     /// Takes the responses of a chunk of views.
     Evidence,
     /// Adds up all responses and chooses Gaussians.
@@ -33,7 +33,7 @@ impl Stage {
         (Self::Coarse, "coarse"),
         (Self::Assign, "assign"),
         (Self::Dense, "dense"),
-        (Self::Gather, "gather"),
+        (Self::Collect, "collect"),
         (Self::Evidence, "evidence"),
         (Self::Choose, "choose"),
         (Self::Tune, "tune"),

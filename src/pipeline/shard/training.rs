@@ -17,14 +17,14 @@ use serde_json::json;
 
 const COARSE: Task = Task::whole(Stage::Coarse);
 const ASSIGN: Task = Task::whole(Stage::Assign);
-const GATHER: Task = Task::whole(Stage::Gather);
+const COLLECT: Task = Task::whole(Stage::Collect);
 const CHOOSE: Task = Task::whole(Stage::Choose);
 const JOIN: Task = Task::whole(Stage::Join);
 const REPORT: Task = Task::whole(Stage::Report);
 
 /// What is noted beside the joined dense blocks.
 #[derive(Serialize, Deserialize)]
-struct Gathered {
+struct Collected {
     /// The first row of each block.
     starts: Vec<usize>,
 }
@@ -71,12 +71,12 @@ impl BlockRun {
         let each = iterations / 2 / self.blocks.max(1);
         let stored = |task: Task| format!("{task}.safetensors");
         let dense = |task: Task| Listed::new(task, [COARSE, ASSIGN], &[&stored(task)], each);
-        let evidence = |task: Task| Listed::new(task, [COARSE, GATHER], &[&stored(task)], CHUNK);
+        let evidence = |task: Task| Listed::new(task, [COARSE, COLLECT], &[&stored(task)], CHUNK);
         let choose =
-            Listed::new(CHOOSE, [GATHER].into_iter().chain(self.chunks_of_evidence()), &["choose.json"], CHUNK);
+            Listed::new(CHOOSE, [COLLECT].into_iter().chain(self.chunks_of_evidence()), &["choose.json"], CHUNK);
         let tune = |(b, task): (usize, Task)| {
             let needs =
-                [COARSE, ASSIGN, Task::part(Stage::Dense, b), GATHER].into_iter().chain(prunes.then_some(CHOOSE));
+                [COARSE, ASSIGN, Task::part(Stage::Dense, b), COLLECT].into_iter().chain(prunes.then_some(CHOOSE));
             Listed::new(task, needs, &[&format!("{task}.ply"), &format!("{task}.json")], each)
         };
         let mut tasks = vec![
@@ -84,7 +84,7 @@ impl BlockRun {
             Listed::new(ASSIGN, [COARSE], &["assign.json"], 2 * self.photos.len()),
         ];
         tasks.extend(self.dense_blocks().map(dense));
-        tasks.push(Listed::new(GATHER, self.dense_blocks(), &["gather.ply", "gather.json"], 0));
+        tasks.push(Listed::new(COLLECT, self.dense_blocks(), &["collect.ply", "collect.json"], 0));
         tasks.extend(self.chunks_of_evidence().map(evidence));
         tasks.extend(prunes.then_some(choose));
         tasks.extend(self.tuned_blocks().enumerate().map(tune));
@@ -99,8 +99,8 @@ impl BlockRun {
         match task.stage {
             Stage::Coarse | Stage::Dense => files.state(task).map(drop),
             Stage::Assign => files.sealed::<Layout>(task).map(drop),
-            Stage::Gather => files.beside::<Gathered>(task).map(drop),
-            Stage::Evidence => files.part(task, files.model::<Gathered>(GATHER)?.0.len()).map(drop),
+            Stage::Collect => files.beside::<Collected>(task).map(drop),
+            Stage::Evidence => files.part(task, files.model::<Collected>(COLLECT)?.0.len()).map(drop),
             Stage::Choose => files.sealed::<Chosen>(task).map(drop),
             Stage::Tune => files.beside::<Ended>(task).map(drop),
             Stage::Join => files.beside::<Joined>(task).map(drop),
@@ -121,19 +121,19 @@ impl BlockRun {
                 let state = self.dense(session, (&layout, part), &coarse()?, &scratch()?)?;
                 Ok(vec![files.state_bytes(task, state)?])
             }
-            Stage::Gather => {
+            Stage::Collect => {
                 let blocks =
                     self.dense_blocks().map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
                 let (model, starts) = joined(&blocks);
-                files.with_model(task, &model, self.config.style.mode(), Gathered { starts })
+                files.with_model(task, &model, self.config.style.mode(), Collected { starts })
             }
             Stage::Evidence => {
-                let (model, _) = files.model::<Gathered>(GATHER)?;
+                let (model, _) = files.model::<Collected>(COLLECT)?;
                 let responses = self.evidence(session, &model, &coarse()?, part)?;
                 Ok(vec![Part { plan: files.hash.clone(), task: task.to_string(), responses }.bytes()?])
             }
             Stage::Choose => {
-                let (model, Gathered { starts }) = files.model(GATHER)?;
+                let (model, Collected { starts }) = files.model(COLLECT)?;
                 let n = model.len();
                 let chunks = self.chunks_of_evidence().map(|chunk| Ok(files.part(chunk, n)?.responses(n)));
                 let (prune, quotas) = self.choose(session, &model, &starts, chunks)?;
@@ -155,9 +155,9 @@ impl BlockRun {
 
     fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let (coarse, dense) = (files.state(COARSE)?, files.state(Task::part(Stage::Dense, b))?);
-        let (gathered, Gathered { starts }) = files.model(GATHER)?;
+        let (collected, Collected { starts }) = files.model(COLLECT)?;
         let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
-        let scene = (&gathered, rows_of(&starts, b, gathered.len()), quota);
+        let scene = (&collected, rows_of(&starts, b, collected.len()), quota);
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
         let Tuned { model, prune, skipped_rows } =
             self.tune(session, (&layout, b), (&coarse, &dense), scene, &output)?;
