@@ -31,8 +31,8 @@ fn psnr(figures: &Value) -> f64 {
 fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
     let options = ["--iterations", "480"];
     let (stage, tasks) = planned(&options);
-    // Coarse, assign, dense, collect, evidence, choose, tune, join, report.
-    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 2 + 1 + 3 + 1 + 1);
+    // Coarse, assign, dense, collect, evidence, choose, tune, collect, settle, join, report.
+    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 2 + 1 + 3 + 1 + 3 + 1 + 1);
     let mut all = stage.command(&["shard", "all", "a"]);
     let said = all.env("QIRF_VALIDATION", "1").output().unwrap();
     good(&said);
@@ -99,14 +99,16 @@ fn blocks_have_the_same_bytes_whatever_happens() {
 fn damaged_blocks_and_lost_photos_are_named() {
     let options = ["--iterations", "60", "--no-prune"];
     let (stage, tasks) = planned(&options);
-    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 3 + 1 + 1, "nothing is chosen");
+    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 1, "nothing is chosen");
     good(&stage.qirf(&["shard", "all", "a"]));
     for (file, id, reader, written) in [
         ("coarse.safetensors", "coarse", "assign", "assign.json"),
         ("assign.json", "assign", "dense/0000", "dense/0000.safetensors"),
-        ("dense/0001.safetensors", "dense/0001", "collect", "collect.ply"),
-        ("collect.ply", "collect", "tune/0002", "tune/0002.ply"),
-        ("tune/0000.ply", "tune/0000", "join", "join.json"),
+        ("dense/0001.safetensors", "dense/0001", "collect/0000", "collect/0000.ply"),
+        ("collect/0000.ply", "collect/0000", "tune/0002", "tune/0002.safetensors"),
+        ("tune/0001.safetensors", "tune/0001", "collect/0001", "collect/0001.ply"),
+        ("tune/0001.json", "tune/0001", "settle/0001", "settle/0001.ply"),
+        ("settle/0000.ply", "settle/0000", "join", "join.json"),
     ] {
         let length = fs::metadata(stage.path("a").join(file)).unwrap().len() as usize;
         flip(&stage.path("a").join(file), length / 2);

@@ -9,6 +9,8 @@ use crate::random;
 const COARSE: u32 = 4;
 /// Share of a block's iterations before the neighbours are replaced by the trained ones, if the run does not prune.
 const HALF: f64 = 0.5;
+/// Share of the iterations after the prune, and its attrition, that the blocks do before they meet again.
+const AGAIN: f64 = 0.5;
 
 /// Refuses runs that cannot be divided.
 pub(super) fn check(config: &RunConfig) -> Result<(), Error> {
@@ -40,11 +42,14 @@ pub(super) fn coarse(config: &RunConfig, divisor: u32) -> RunConfig {
     RunConfig { resolution, schedule, prune: None, ..config.clone() }
 }
 
-/// The iteration at which the blocks get to know each other: that of the prune.
-pub(super) fn halfway(config: &RunConfig) -> u32 {
+/// The iterations at which the blocks meet: at the prune, and between the end of its attrition and that of the run.
+pub(super) fn meetings(config: &RunConfig) -> [u32; 2] {
     let (schedule, share) = (&config.schedule, HALF.max(config.schedule.densify_until));
-    let planned = config.prune.as_ref().and_then(|p| p.iterations(schedule.iterations).first().copied());
-    planned.unwrap_or((f64::from(schedule.iterations) * share).round() as u32)
+    let at = |share: f64| (f64::from(schedule.iterations) * share).round() as u32;
+    let pruning = config.prune.as_ref();
+    let first = pruning.and_then(|p| p.iterations(schedule.iterations).first().copied()).unwrap_or(at(share));
+    let over = pruning.and_then(|p| p.attrition).map_or(first, |attrition| at(attrition.until).max(first));
+    [first, over + (f64::from(schedule.iterations.saturating_sub(over)) * AGAIN).round() as u32]
 }
 
 /// The configuration of block number `b` of a run on `all` photos: as many rounds over its photos as the whole run has, and its share
@@ -107,16 +112,19 @@ mod tests {
     }
 
     #[test]
-    fn blocks_meet_at_the_prune() {
+    fn blocks_meet_at_the_prune_and_once_more() {
         let mut config = run(1000);
         config.schedule.densify_until = 0.4;
-        assert_eq!(halfway(&config), 500);
+        assert_eq!(meetings(&config), [500, 750]);
         config.schedule.densify_until = 0.7;
-        assert_eq!(halfway(&config), 700);
+        assert_eq!(meetings(&config), [700, 850]);
         let pruning = |at: &[f64]| Pruning { at: at.to_vec(), ..Pruning::at_once() };
         let config = run(1000).pruned(pruning(&[0.6]));
-        assert_eq!(halfway(&config), 600);
+        assert_eq!(meetings(&config), [600, 800]);
         assert!(check(&config).is_ok());
+        let attrition = Pruning { at: vec![0.6], ..Pruning::default() };
+        let until = attrition.attrition.unwrap().until;
+        assert_eq!(meetings(&run(1000).pruned(attrition)), [600, (500.0 + 500.0 * until) as u32]);
         let several = run(1000).pruned(pruning(&[0.5, 0.6]));
         assert!(matches!(check(&several), Err(Error::Usage(text)) if text.contains("gradual")));
     }

@@ -67,8 +67,15 @@ pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
 }
 
 /// A block's model without its tail.
-pub(super) fn trained(block: &Snapshot) -> Gaussians {
+fn trained(block: &Snapshot) -> Gaussians {
     block.model.select(&(0..block.model.len() - block.tail).collect::<Vec<_>>())
+}
+
+/// A block without its tail.
+pub(super) fn alone(block: Snapshot) -> Snapshot {
+    let model = trained(&block);
+    let growth = vec![0.0; 2 * model.len()];
+    Snapshot { model, tail: 0, growth, responses: Default::default(), exposures: Default::default(), ..block }
 }
 
 /// The state of a block that goes on with these neighbours behind it.

@@ -8,5 +8,5 @@ mod seen;
 
 pub use layout::{Block, Crop, GROWN, Layout};
 pub use members::{Members, joined, owned, with_tail};
-pub use run::{BlockRun, Tuned, rows_of};
+pub use run::{BlockRun, Half, Tuned, rows_of};
 pub use seen::{Seen, Shown, seen};

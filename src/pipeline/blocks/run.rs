@@ -1,9 +1,9 @@
 //! Training a scene in blocks, stage by stage: a coarse model of the whole, its division, each block up to the prune, one choice
 //! among all Gaussians, and each block to its end.
 
-use super::derived::{check, coarse, halfway, of_block};
+use super::derived::{check, coarse, meetings, of_block};
 use super::layout::{Block, GROWN, Layout};
-use super::members::{Members, beginning, owned, trained, with_tail};
+use super::members::{Members, alone, beginning, owned, with_tail};
 use super::seen::seen;
 use crate::effects::{Choice, Effect};
 use crate::error::Error;
@@ -51,14 +51,21 @@ pub struct BlockRun {
     pub photos: Vec<String>,
 }
 
-/// A block at its end.
+/// A block after the prune.
 pub struct Tuned {
-    /// Its Gaussians.
-    pub model: Gaussians,
-    /// Its prune; absent without one. Times are left out: they differ from process to process.
+    /// Its Gaussians with their moments.
+    pub state: Snapshot,
+    /// Its prune; absent without one, and before it. Times are left out: they differ from process to process.
     pub prune: Option<PruneRecord>,
-    /// Updates skipped because gradients were not finite.
-    pub skipped_rows: u64,
+}
+
+/// Which part of its iterations after the prune a block does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    /// Up to the second meeting; with the number of Gaussians to keep, if it prunes.
+    First(Option<usize>),
+    /// From the second meeting to the end.
+    Second,
 }
 
 impl BlockRun {
@@ -165,9 +172,9 @@ impl BlockRun {
         let config = of_block(&self.config, (block, b), self.photos.len());
         let mut setup = self.setup(session, config, (block, &coarse.exposures.0), output)?;
         let seen = |setup: &Setup<'_>| coarse.model.select(&setup.shown(&coarse.model, &members.seen));
-        let start = setup.start(output, |setup| with_tail(&of_coarse(), &seen(setup)))?;
+        let start = setup.start(output, (|setup: &Setup<'_>| with_tail(&of_coarse(), &seen(setup)), &[]))?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
-        run.train(halfway(&setup.config))?;
+        run.train(meetings(&setup.config)[0])?;
         Ok(owned(&run.checkpoint()?.snapshot, &layout.cells, b))
     }
 
@@ -204,36 +211,37 @@ impl BlockRun {
         Ok((timeless(record), (0..starts.len()).map(quota).collect()))
     }
 
-    /// Block number `b` from the prune to its end, behind the dense Gaussians of the others. With a prune it keeps `quota` Gaussians.
-    /// It continues from the checkpoint in `output`, if there is one.
+    /// Block number `b` in one half of what comes after the prune, behind the `collected` Gaussians of the others; its own are
+    /// `rows` of them. It continues from the checkpoint in `output`, if there is one.
     ///
     /// # Errors
     /// As of a run; photos other than the plan's.
     pub fn tune(
         &self,
         session: &Session<'_>,
-        (layout, b): (&Layout, usize),
-        (coarse, dense): (&Snapshot, &Snapshot),
-        (collected, rows, quota): (&Gaussians, Range<usize>, Option<usize>),
+        (layout, b, half): (&Layout, usize, Half),
+        (coarse, before): (&Snapshot, Tuned),
+        (collected, rows): (&Gaussians, Range<usize>),
         output: &Output,
     ) -> Result<Tuned, Error> {
-        let block = layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !dense.model.is_empty());
-        let Some(block) = block else {
-            return Ok(Tuned { model: dense.model.clone(), prune: None, skipped_rows: dense.skipped_rows });
-        };
+        let block = layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !before.state.model.is_empty());
+        let Some(block) = block else { return Ok(before) };
         let mut config = of_block(&self.config, (block, b), self.photos.len());
-        if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
+        let until = match half {
+            Half::First(_) => meetings(&config)[1],
+            Half::Second => config.schedule.iterations,
+        };
+        if let (Some(pruning), Half::First(Some(quota))) = (&mut config.prune, half) {
             pruning.compression.keep = Keep::Count(quota.max(1));
         }
         let mut setup = self.setup(session, config, (block, &coarse.exposures.0), output)?;
         let others: Vec<usize> = (0..collected.len()).filter(|i| !rows.contains(i)).collect();
-        let seen = |setup: &Setup<'_>| collected.select(&setup.shown(collected, &others));
-        let start = setup.start(output, |setup| with_tail(dense, &seen(setup)))?;
+        let begin = |setup: &Setup<'_>| with_tail(&before.state, &collected.select(&setup.shown(collected, &others)));
+        let start = setup.start(output, (begin, before.prune.as_slice()))?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
-        run.train(setup.config.schedule.iterations)?;
+        run.train(until)?;
         let Checkpoint { snapshot, notes } = run.checkpoint()?;
-        let prune = notes.prunes.into_iter().next().map(timeless);
-        Ok(Tuned { model: trained(&snapshot), prune, skipped_rows: snapshot.skipped_rows })
+        Ok(Tuned { state: alone(snapshot), prune: notes.prunes.into_iter().next().map(timeless) })
     }
 
     /// Figures of the joined model: those of `qirf-vk eval`.
@@ -311,11 +319,15 @@ impl Setup<'_> {
         (0..model.len()).filter(|i| shown[*i]).collect()
     }
 
-    /// The checkpoint in `output`, if it is of this run; else what `begin` says.
+    /// The checkpoint in `output`, if it is of this run; else what `begin` says, after these prunes.
     ///
     /// # Errors
     /// [`Error::Memory`] if the device has too little; a checkpoint that cannot be read.
-    fn start(&mut self, output: &Output, begin: impl FnOnce(&Self) -> Snapshot) -> Result<Start, Error> {
+    fn start(
+        &mut self,
+        output: &Output,
+        (begin, prunes): (impl FnOnce(&Self) -> Snapshot, &[PruneRecord]),
+    ) -> Result<Start, Error> {
         let Session { device, watcher, .. } = self.session;
         let checkpoint = if output.checkpoint().exists() {
             let checkpoint = Checkpoint::read(&output.checkpoint())?;
@@ -324,7 +336,8 @@ impl Setup<'_> {
         } else {
             let snapshot = begin(self);
             let initial = snapshot.model.len() - snapshot.tail;
-            Checkpoint { snapshot, notes: Notes { config: self.config.written()?, initial, ..Notes::default() } }
+            let notes = Notes { config: self.config.written()?, initial, prunes: prunes.to_vec(), ..Notes::default() };
+            Checkpoint { snapshot, notes }
         };
         self.estimated_bytes = budget::for_block(device, &self.config, &self.prepared, &checkpoint.snapshot)?;
         Ok(Start::Resumed(Box::new(checkpoint)))

@@ -12,14 +12,16 @@ pub enum Stage {
     Assign,
     /// Trains a block up to the prune.
     Dense,
-    /// Joins the blocks' Gaussians.
+    /// Joins the blocks' Gaussians, at their first and second meeting.
     Collect,
     /// Takes the responses of a chunk of views.
     Evidence,
     /// Adds up all responses and chooses Gaussians.
     Choose,
-    /// Trains a block to its end.
+    /// Trains a block from the prune to the second meeting.
     Tune,
+    /// Trains a block to its end.
+    Settle,
     /// Joins the trained blocks.
     Join,
     /// Scores some of the views held out.
@@ -29,7 +31,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    const ALL: [(Self, &'static str); 10] = [
+    const ALL: [(Self, &'static str); 11] = [
         (Self::Coarse, "coarse"),
         (Self::Assign, "assign"),
         (Self::Dense, "dense"),
@@ -37,6 +39,7 @@ impl Stage {
         (Self::Evidence, "evidence"),
         (Self::Choose, "choose"),
         (Self::Tune, "tune"),
+        (Self::Settle, "settle"),
         (Self::Join, "join"),
         (Self::Score, "score"),
         (Self::Report, "report"),

@@ -1,5 +1,5 @@
 //! A run in blocks as tasks: a coarse model, its division, the blocks up to the prune, evidence by chunks of photos, one choice,
-//! the blocks to their end, and the joined model with its figures.
+//! the blocks to a second meeting and to their end, and the joined model with its figures.
 
 use super::files::Files;
 use super::part::Part;
@@ -7,7 +7,7 @@ use super::task::{Listed, Stage, Task};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::pipeline::Output;
-use crate::pipeline::blocks::{BlockRun, Layout, Tuned, joined, rows_of};
+use crate::pipeline::blocks::{BlockRun, Half, Layout, Tuned, joined, rows_of};
 use crate::pipeline::records::PruneRecord;
 use crate::pipeline::session::Session;
 use crate::response::CHUNK;
@@ -17,12 +17,13 @@ use serde_json::json;
 
 const COARSE: Task = Task::whole(Stage::Coarse);
 const ASSIGN: Task = Task::whole(Stage::Assign);
-const COLLECT: Task = Task::whole(Stage::Collect);
+const FIRST: Task = Task::part(Stage::Collect, 0);
+const SECOND: Task = Task::part(Stage::Collect, 1);
 const CHOOSE: Task = Task::whole(Stage::Choose);
 const JOIN: Task = Task::whole(Stage::Join);
 const REPORT: Task = Task::whole(Stage::Report);
 
-/// What is noted beside the joined dense blocks.
+/// What is noted beside the blocks that met.
 #[derive(Serialize, Deserialize)]
 struct Collected {
     /// The first row of each block.
@@ -35,6 +36,12 @@ struct Chosen {
     prune: PruneRecord,
     /// Gaussians that each block keeps.
     quotas: Vec<usize>,
+}
+
+/// What is noted beside a block at the second meeting.
+#[derive(Serialize, Deserialize)]
+struct Pruned {
+    prune: Option<PruneRecord>,
 }
 
 /// What is noted beside a block's model, and for each block beside the joined one.
@@ -60,6 +67,10 @@ impl BlockRun {
         Task::parts(Stage::Tune, self.blocks)
     }
 
+    fn settled_blocks(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Settle, self.blocks)
+    }
+
     fn chunks_of_evidence(&self) -> impl Iterator<Item = Task> {
         Task::parts(Stage::Evidence, self.chunks())
     }
@@ -70,25 +81,34 @@ impl BlockRun {
         let iterations = self.config.schedule.iterations as usize;
         let each = iterations / 2 / self.blocks.max(1);
         let stored = |task: Task| format!("{task}.safetensors");
+        let beside = |task: Task| format!("{task}.json");
+        let model = |task: Task| [format!("{task}.ply"), beside(task)];
         let dense = |task: Task| Listed::new(task, [COARSE, ASSIGN], &[&stored(task)], each);
-        let evidence = |task: Task| Listed::new(task, [COARSE, COLLECT], &[&stored(task)], CHUNK);
-        let choose =
-            Listed::new(CHOOSE, [COLLECT].into_iter().chain(self.chunks_of_evidence()), &["choose.json"], CHUNK);
+        let evidence = |task: Task| Listed::new(task, [COARSE, FIRST], &[&stored(task)], CHUNK);
+        let choose = Listed::new(CHOOSE, [FIRST].into_iter().chain(self.chunks_of_evidence()), &["choose.json"], CHUNK);
         let tune = |(b, task): (usize, Task)| {
             let needs =
-                [COARSE, ASSIGN, Task::part(Stage::Dense, b), COLLECT].into_iter().chain(prunes.then_some(CHOOSE));
-            Listed::new(task, needs, &[&format!("{task}.ply"), &format!("{task}.json")], each)
+                [COARSE, ASSIGN, Task::part(Stage::Dense, b), FIRST].into_iter().chain(prunes.then_some(CHOOSE));
+            Listed::new(task, needs, &[&stored(task), &beside(task)], each)
         };
+        let settle = |(b, task): (usize, Task)| {
+            let needs = [COARSE, ASSIGN, Task::part(Stage::Tune, b), SECOND];
+            Listed::new(task, needs, &model(task).each_ref().map(String::as_str), each / 2)
+        };
+        let collect =
+            |task: Task, blocks: Vec<Task>| Listed::new(task, blocks, &model(task).each_ref().map(String::as_str), 0);
         let mut tasks = vec![
             Listed::new(COARSE, [], &["coarse.safetensors"], iterations / 16),
             Listed::new(ASSIGN, [COARSE], &["assign.json"], 2 * self.photos.len()),
         ];
         tasks.extend(self.dense_blocks().map(dense));
-        tasks.push(Listed::new(COLLECT, self.dense_blocks(), &["collect.ply", "collect.json"], 0));
+        tasks.push(collect(FIRST, self.dense_blocks().collect()));
         tasks.extend(self.chunks_of_evidence().map(evidence));
         tasks.extend(prunes.then_some(choose));
         tasks.extend(self.tuned_blocks().enumerate().map(tune));
-        tasks.push(Listed::new(JOIN, self.tuned_blocks(), &[output, "join.json"], 0));
+        tasks.push(collect(SECOND, self.tuned_blocks().collect()));
+        tasks.extend(self.settled_blocks().enumerate().map(settle));
+        tasks.push(Listed::new(JOIN, self.settled_blocks(), &[output, "join.json"], 0));
         let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE));
         tasks.push(Listed::new(REPORT, needs, &["metrics.json"], self.photos.len()));
         tasks
@@ -100,9 +120,10 @@ impl BlockRun {
             Stage::Coarse | Stage::Dense => files.state(task).map(drop),
             Stage::Assign => files.sealed::<Layout>(task).map(drop),
             Stage::Collect => files.beside::<Collected>(task).map(drop),
-            Stage::Evidence => files.part(task, files.model::<Collected>(COLLECT)?.0.len()).map(drop),
+            Stage::Evidence => files.part(task, files.model::<Collected>(FIRST)?.0.len()).map(drop),
             Stage::Choose => files.sealed::<Chosen>(task).map(drop),
-            Stage::Tune => files.beside::<Ended>(task).map(drop),
+            Stage::Tune => files.state(task).and_then(|_| files.sealed::<Pruned>(task)).map(drop),
+            Stage::Settle => files.beside::<Ended>(task).map(drop),
             Stage::Join => files.beside::<Joined>(task).map(drop),
             Stage::Score | Stage::Report => Ok(()),
         }
@@ -122,27 +143,30 @@ impl BlockRun {
                 Ok(vec![files.state_bytes(task, state)?])
             }
             Stage::Collect => {
+                let blocks: Vec<Task> =
+                    if task == FIRST { self.dense_blocks().collect() } else { self.tuned_blocks().collect() };
                 let blocks =
-                    self.dense_blocks().map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
+                    blocks.into_iter().map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
                 let (model, starts) = joined(&blocks);
                 files.with_model(task, &model, self.config.style.mode(), Collected { starts })
             }
             Stage::Evidence => {
-                let (model, _) = files.model::<Collected>(COLLECT)?;
+                let (model, _) = files.model::<Collected>(FIRST)?;
                 let responses = self.evidence(session, &model, &coarse()?, part)?;
                 Ok(vec![Part { plan: files.hash.clone(), task: task.to_string(), responses }.bytes()?])
             }
             Stage::Choose => {
-                let (model, Collected { starts }) = files.model(COLLECT)?;
+                let (model, Collected { starts }) = files.model(FIRST)?;
                 let n = model.len();
                 let chunks = self.chunks_of_evidence().map(|chunk| Ok(files.part(chunk, n)?.responses(n)));
                 let (prune, quotas) = self.choose(session, &model, &starts, chunks)?;
                 Ok(vec![files.seal(task, &Chosen { prune, quotas })?])
             }
             Stage::Tune => self.tuned(session, files, task, part),
+            Stage::Settle => self.settled(session, files, task, part),
             Stage::Join => {
                 let (mut model, mut blocks) = (Gaussians::default(), Vec::new());
-                for block in self.tuned_blocks() {
+                for block in self.settled_blocks() {
                     let (of_block, ended) = files.model::<Ended>(block)?;
                     model.append(&of_block);
                     blocks.push(ended);
@@ -154,15 +178,34 @@ impl BlockRun {
     }
 
     fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
-        let (coarse, dense) = (files.state(COARSE)?, files.state(Task::part(Stage::Dense, b))?);
-        let (collected, Collected { starts }) = files.model(COLLECT)?;
+        let before = Tuned { state: files.state(Task::part(Stage::Dense, b))?, prune: None };
         let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
-        let scene = (&collected, rows_of(&starts, b, collected.len()), quota);
-        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let Tuned { model, prune, skipped_rows } =
-            self.tune(session, (&layout, b), (&coarse, &dense), scene, &output)?;
-        let ended = Ended { gaussians: model.len(), prune, skipped_rows };
-        files.with_model(task, &model, self.config.style.mode(), ended)
+        let Tuned { state, prune } =
+            self.after_meeting(session, files, (FIRST, task, b), (Half::First(quota), before))?;
+        Ok(vec![files.state_bytes(task, state)?, files.seal(task, &Pruned { prune })?])
+    }
+
+    fn settled(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
+        let tune = Task::part(Stage::Tune, b);
+        let before = Tuned { state: files.state(tune)?, prune: files.sealed::<Pruned>(tune)?.prune };
+        let Tuned { state, prune } = self.after_meeting(session, files, (SECOND, task, b), (Half::Second, before))?;
+        let ended = Ended { gaussians: state.model.len(), prune, skipped_rows: state.skipped_rows };
+        files.with_model(task, &state.model, self.config.style.mode(), ended)
+    }
+
+    /// A block in the task that follows a meeting.
+    fn after_meeting(
+        &self,
+        session: &Session<'_>,
+        files: &Files,
+        (meeting, task, b): (Task, Task, usize),
+        (half, before): (Half, Tuned),
+    ) -> Result<Tuned, Error> {
+        let (layout, coarse, output): (Layout, _, _) =
+            (files.sealed(ASSIGN)?, files.state(COARSE)?, Output::new(&files.scratch(task))?);
+        let (collected, Collected { starts }) = files.model(meeting)?;
+        let rows = rows_of(&starts, b, collected.len());
+        self.tune(session, (&layout, b, half), (&coarse, before), (&collected, rows), &output)
     }
 
     /// All figures, as `qirf-vk eval` has them, without times and memory; with those of the blocks.
