@@ -161,7 +161,7 @@ pub enum Error {
         /// The task that writes it.
         task: String,
     },
-    /// A photo that was there when a job was planned, and cannot be read now: exit code 3.
+    /// A planned job needs a photo that cannot be read any more: exit code 3.
     #[error("{}: photo {photo} cannot be read; it could be when the job was planned", scene.display())]
     LostPhoto {
         /// The scene.

@@ -116,12 +116,13 @@ pub fn blocks(device: &Device, config: &RunConfig, prepared: &Prepared, initial:
     let size = camera::largest(prepared.train.iter().map(|photo| &photo.camera));
     let planned = config.schedule.growth.and_then(|plan| plan.gaussians).unwrap_or(initial.saturating_mul(GROWTH));
     let whole = planned.min(config.max_gaussians).max(initial);
+    let photos = prepared.train.iter().map(|photo| 4 * photo.camera.pixels()).collect();
+    let masked = prepared.scene.has_masks();
+    let fixed = Fixed { config, size, photos, masked, degree: config.sh_degree, grows: true };
     let needed = |blocks: usize| {
         let gaussians = (whole as f64 / blocks as f64 * if blocks > 1 { GROWN } else { 1.0 }).ceil() as usize;
         let tail = (2 * gaussians).min(whole.saturating_sub(gaussians));
-        let photos = prepared.train.iter().map(|photo| 4 * photo.camera.pixels()).collect();
-        Fixed { config, size, photos, masked: prepared.scene.has_masks(), degree: config.sh_degree, grows: true }
-            .bytes(device, gaussians, tail)
+        fixed.bytes(device, gaussians, tail)
     };
     let fits = (1..=MOST_BLOCKS).find(|blocks| needed(*blocks) <= device.memory_limit());
     match fits {
@@ -132,7 +133,7 @@ pub fn blocks(device: &Device, config: &RunConfig, prepared: &Prepared, initial:
     }
 }
 
-/// What a block's needs depend on besides its Gaussians.
+/// Inputs to a block's memory needs, besides its numbers of Gaussians.
 struct Fixed<'a> {
     config: &'a RunConfig,
     size: [u32; 2],

@@ -67,6 +67,8 @@ pub struct Opened {
     pub scene: Scene,
     resize: Resize,
     selection: Selection,
+    /// Names of photos that must be there.
+    required: Vec<String>,
 }
 
 /// Opens a scene.
@@ -83,7 +85,7 @@ pub fn open(selection: &Selection) -> Result<Opened, Error> {
     let options = OpenOptions { images: selection.images.clone(), undistort };
     let mut scene = Scene::open(&selection.scene, &options)?;
     scene.require_photos()?;
-    Ok(Opened { scene, resize, selection: selection.clone() })
+    Ok(Opened { scene, resize, selection: selection.clone(), required: Vec::new() })
 }
 
 impl Opened {
@@ -93,7 +95,7 @@ impl Opened {
         self.scene.views.iter().map(|v| v.camera_at(self.resize)).fold([1, 1], larger)
     }
 
-    /// The same scene with the views of these names alone, all of them to train on.
+    /// The same scene with the views of these names alone, all of them to train on. None of them may be lost, also on loading.
     ///
     /// # Errors
     /// [`Error::LostPhoto`] for a name that the scene does not have.
@@ -103,7 +105,7 @@ impl Opened {
         self.scene.retain_views(&keep);
         self.selection.eval_every = 0;
         all_there(&self.scene, names)?;
-        Ok(self)
+        Ok(Self { required: names.to_vec(), ..self })
     }
 
     /// The pictures' cameras.
@@ -132,9 +134,9 @@ impl Opened {
     /// Decodes the photos and splits them. Skipped ones are reported to `watcher`.
     ///
     /// # Errors
-    /// No photo can be decoded; a temporary file that cannot be written.
+    /// No photo can be decoded; [`Error::LostPhoto`] for one of [`Opened::only`]; a temporary file that cannot be written.
     pub fn load(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
-        let Self { mut scene, resize, selection } = self;
+        let Self { mut scene, resize, selection, required } = self;
         let [alpha, masks] = [Effect::Transparency, Effect::Masks].map(|effect| selection.effects.allow(effect));
         let options = LoadOptions { resize, alpha, masks, memory };
         let total = scene.views.len();
@@ -142,6 +144,7 @@ impl Opened {
         for line in scene.skipped.summary() {
             watcher.note(&line);
         }
+        all_there(&scene, &required)?;
         let split = scene.split(selection.eval_every);
         let train = split.train.iter().map(|i| photos[*i].clone()).collect();
         let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), photos[*i].clone())).collect();

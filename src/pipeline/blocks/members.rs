@@ -22,11 +22,6 @@ impl Members {
         let (trained, seen) = (0..model.len()).partition(inside);
         Self { trained, seen }
     }
-
-    /// The model with the trained rows first; the seen ones are the tail, see [`crate::train::Options::tail`].
-    pub fn arranged(&self, model: &Gaussians) -> Gaussians {
-        model.select(&[&self.trained[..], &self.seen[..]].concat())
-    }
 }
 
 /// A state before any iteration; the last `tail` Gaussians are to stay as they are.
@@ -141,7 +136,7 @@ mod tests {
             assert_eq!(members.trained.len() + members.seen.len(), 200);
             let trained = members.trained.len();
             assert!(trained > 40 && trained < 120, "{trained}");
-            let state = snapshot(members.arranged(&whole), members.seen.len());
+            let state = snapshot(whole.select(&[&members.trained[..], &members.seen[..]].concat()), members.seen.len());
             let kept = owned(&state, &cells, cell);
             assert!(kept.tail == 0 && kept.model.len() < trained && kept.iteration == 9);
             for (row, logit) in kept.model.opacity_logits.iter().enumerate() {

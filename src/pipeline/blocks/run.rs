@@ -18,7 +18,7 @@ use crate::pipeline::eval::{Evaluation, eval};
 use crate::pipeline::output::{absolute, from_root};
 use crate::pipeline::prepare::{Opened, Prepared, all_there, open};
 use crate::pipeline::prune::PrunePlan;
-use crate::pipeline::records::{PruneRecord, PruneSeconds, RunRecord};
+use crate::pipeline::records::{PruneRecord, RunRecord};
 use crate::pipeline::session::Session;
 use crate::pipeline::setup::Setup;
 use crate::pipeline::start::Start;
@@ -98,8 +98,7 @@ impl BlockRun {
         }
         let schedule = &mut config.schedule;
         schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
-        let train = prepared.scene.split(config.eval_every).train;
-        let photos = train.into_iter().map(|i| prepared.scene.views[i].name.clone()).collect();
+        let photos = prepared.names_to_train();
         let blocks = match blocks {
             Some(blocks) => blocks,
             None => budget::blocks(session.device, &config, &prepared, initial)?,
@@ -208,7 +207,7 @@ impl BlockRun {
         let (config, _) = self.choice()?;
         let PrunePlan { record, keep, .. } = stages::choose(session, collected, (&config, &self.photos), chunks)?;
         let quota = |b: usize| keep[rows_of(starts, b, keep.len())].iter().filter(|kept| **kept).count();
-        Ok((timeless(record), (0..starts.len()).map(quota).collect()))
+        Ok((record.timeless(), (0..starts.len()).map(quota).collect()))
     }
 
     /// Block number `b` in one half of what comes after the prune, behind the `collected` Gaussians of the others; its own are
@@ -241,7 +240,7 @@ impl BlockRun {
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
         run.train(until)?;
         let Checkpoint { snapshot, notes } = run.checkpoint()?;
-        Ok(Tuned { state: alone(snapshot), prune: notes.prunes.into_iter().next().map(timeless) })
+        Ok(Tuned { state: alone(snapshot), prune: notes.prunes.into_iter().next().map(PruneRecord::timeless) })
     }
 
     /// Figures of the joined model: those of `qirf-vk eval`.
@@ -286,7 +285,6 @@ impl BlockRun {
         let names: Vec<String> = block.crops.iter().map(|crop| self.photos[crop.view].clone()).collect();
         let mut prepared =
             opened.only(&names)?.load_to_train(session.photo_memory(output.folder()), session.watcher)?;
-        all_there(&prepared.scene, &names)?;
         let crops = prepared.train.iter().zip(&block.crops).map(|(photo, crop)| photo.part(crop.corner, crop.size));
         prepared.train = crops.collect::<std::io::Result<Vec<Photo>>>().map_err(crate::train::Error::Photos)?;
         prepared.extent = extent;
@@ -347,9 +345,4 @@ impl Setup<'_> {
 /// The rows of a block in the joined model of `all` rows.
 pub fn rows_of(starts: &[usize], b: usize, all: usize) -> Range<usize> {
     starts[b]..starts.get(b + 1).copied().unwrap_or(all)
-}
-
-/// A record without the figures that differ from process to process.
-fn timeless(record: PruneRecord) -> PruneRecord {
-    PruneRecord { seconds: PruneSeconds::default(), frames_per_second_before: None, ..record }
 }

@@ -67,9 +67,7 @@ impl Views {
         (selection, names): (&Selection, &[String]),
         config: &CompressConfig,
     ) -> Result<(Self, Shown<'m>), Error> {
-        let loaded = Self::of_photos(session, model, open(selection)?.only(names)?, config)?;
-        let Some(photo) = names.iter().find(|name| !loaded.0.names.contains(name)) else { return Ok(loaded) };
-        Err(Error::LostPhoto { scene: selection.scene.clone(), photo: photo.clone() })
+        Self::of_photos(session, model, open(selection)?.only(names)?, config)
     }
 
     fn of_photos<'m>(
@@ -108,7 +106,7 @@ impl Views {
         Ok((opened.cameras(), settings, Shown::new(session, model, place.whole)?))
     }
 
-    /// What a compression by these photos needs.
+    /// Memory needs of a compression by these photos.
     fn needs(opened: &Opened, model: &Gaussians, config: &CompressConfig) -> CompressNeeds {
         CompressNeeds {
             size: opened.size(),

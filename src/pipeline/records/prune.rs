@@ -63,6 +63,12 @@ impl PruneRecord {
     pub fn dense(&self) -> usize {
         self.attrition.map_or(self.before, |a| a.before)
     }
+
+    /// The record without the figures that differ from process to process.
+    #[must_use]
+    pub fn timeless(self) -> Self {
+        Self { seconds: PruneSeconds::default(), frames_per_second_before: None, ..self }
+    }
 }
 
 /// Repairs of a prune.

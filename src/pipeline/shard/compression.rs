@@ -1,13 +1,12 @@
 //! A compression in tasks: evidence by chunks of views, one choice, scores by views held out.
 
 use super::files::{Files, crc32_of_file};
-use super::part::Part;
 use super::task::{Listed, Stage, Task};
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
 use crate::pipeline::output::{absolute, bytes_on_disk, from_root};
-use crate::pipeline::records::{ModelFile, PruneRecord, PruneSeconds, StageScores, ViewStages};
+use crate::pipeline::records::{ModelFile, PruneRecord, StageScores, ViewStages};
 use crate::pipeline::session::Session;
 use crate::response::CHUNK;
 use serde::{Deserialize, Serialize};
@@ -42,7 +41,7 @@ pub struct Compression {
     pub protocol: Value,
 }
 
-/// What the choice notes beside the model.
+/// Notes beside the chosen model.
 #[derive(Debug, Serialize, Deserialize)]
 struct Chosen {
     prune: PruneRecord,
@@ -52,7 +51,7 @@ impl Compression {
     /// Plans the compression of the model that `path` holds.
     ///
     /// # Errors
-    /// What the compression itself would refuse; [`Error::Usage`] for fine-tuning; a model that cannot be read again.
+    /// Errors of the compression itself; [`Error::Usage`] for fine-tuning; a model that cannot be read again.
     pub fn plan(session: &Session<'_>, path: &Path, model: &Gaussians, config: CompressConfig) -> Result<Self, Error> {
         if config.fine_tune > 0 {
             return Err(Error::Usage("a divided compression has no fine-tuning".to_owned()));
@@ -95,12 +94,12 @@ impl Compression {
 
     /// All tasks; each comes after those that it needs. `output` names the compressed model's file.
     pub(super) fn tasks(&self, output: &str) -> Vec<Listed> {
-        let evidence = self.evidence().map(|task| Listed::new(task, [], &[&format!("{task}.safetensors")], CHUNK));
-        let choose = Listed::new(CHOOSE, self.evidence(), &[output, "prune.json"], self.chunks);
+        let evidence = self.evidence().map(|task| Listed::new(task, [], [format!("{task}.safetensors")], CHUNK));
+        let choose = Listed::new(CHOOSE, self.evidence(), [output, "prune.json"], self.chunks);
         let score =
-            |(n, task): (usize, Task)| Listed::new(task, [CHOOSE], &[&format!("{task}.json")], self.scored(n).len());
+            |(n, task): (usize, Task)| Listed::new(task, [CHOOSE], [format!("{task}.json")], self.scored(n).len());
         let scores = self.scores().enumerate().map(score);
-        let report = Listed::new(REPORT, [CHOOSE].into_iter().chain(self.scores()), &["metrics.json"], 0);
+        let report = Listed::new(REPORT, [CHOOSE].into_iter().chain(self.scores()), ["metrics.json"], 0);
         evidence.chain([choose]).chain(scores).chain([report]).collect()
     }
 
@@ -120,15 +119,13 @@ impl Compression {
         match (task.stage, task.part) {
             (Stage::Evidence, Some(chunk)) => {
                 let responses = stages::evidence(session, &self.model()?, config, (chunk, &self.photos[0], None))?;
-                Ok(vec![Part { plan: files.hash.clone(), task: task.to_string(), responses }.bytes()?])
+                Ok(vec![files.part_bytes(task, responses)?])
             }
             (Stage::Choose, _) => {
                 let parts = self.evidence().map(|part| Ok(files.part(part, self.gaussians)?.responses(self.gaussians)));
                 let model = self.model()?;
                 let (prune, model) = stages::choose(session, &model, (config, &self.photos[0]), parts)?.apply(model);
-                // Times would differ from process to process.
-                let prune = PruneRecord { seconds: PruneSeconds::default(), ..prune };
-                files.with_model(task, &model, config.style.mode(), Chosen { prune })
+                files.with_model(task, &model, config.style.mode(), Chosen { prune: prune.timeless() })
             }
             (Stage::Score, Some(n)) => {
                 let (compressed, _) = files.model::<Chosen>(CHOOSE)?;

@@ -6,6 +6,7 @@ use super::task::{Listed, Task};
 use crate::error::Error;
 use crate::gaussians::formats::{self, RenderMode};
 use crate::gaussians::{Gaussians, formats::crc32};
+use crate::response::Responses;
 use crate::train::checkpoint::Snapshot;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -25,7 +26,7 @@ pub(super) struct Files {
     pub listed: Vec<Listed>,
 }
 
-/// What is noted beside a model's file.
+/// Notes beside a model's file.
 #[derive(Serialize, Deserialize)]
 struct Beside<T> {
     /// CRC-32 of that file.
@@ -63,6 +64,11 @@ impl Files {
         Part::read(&self.first(task), n, &self.hash, &task.to_string())
     }
 
+    /// The bytes of responses.
+    pub fn part_bytes(&self, task: Task, responses: Responses) -> Result<Vec<u8>, Error> {
+        Part { plan: self.hash.clone(), task: task.to_string(), responses }.bytes()
+    }
+
     /// The figures that a task wrote.
     pub fn sealed<T: DeserializeOwned>(&self, task: Task) -> Result<T, Error> {
         sealed::read(&self.last(task), &self.hash, &task.to_string())
@@ -91,7 +97,7 @@ impl Files {
         snapshot.bytes().map_err(Error::writing)
     }
 
-    /// What a task noted beside the model that it wrote, if that is whole.
+    /// Reads the notes beside a task's model, and refuses a damaged model.
     pub fn beside<T: DeserializeOwned>(&self, task: Task) -> Result<T, Error> {
         let (path, Beside { model_crc32, content }) = (self.first(task), self.sealed(task)?);
         if crc32_of_file(&path)? != model_crc32 {

@@ -31,7 +31,7 @@ pub struct Plan {
     pub job: Job,
 }
 
-/// What is divided.
+/// A job that is divided.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Job {

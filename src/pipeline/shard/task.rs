@@ -115,8 +115,13 @@ pub struct Listed {
 
 impl Listed {
     /// A task with these needs and outputs.
-    pub fn new(task: Task, needs: impl IntoIterator<Item = Task>, outputs: &[&str], work: usize) -> Self {
-        let outputs = outputs.iter().map(|name| (*name).to_owned()).collect();
+    pub fn new(
+        task: Task,
+        needs: impl IntoIterator<Item = Task>,
+        outputs: impl IntoIterator<Item: Into<String>>,
+        work: usize,
+    ) -> Self {
+        let outputs = outputs.into_iter().map(Into::into).collect();
         Self { task, needs: needs.into_iter().collect(), outputs, work }
     }
 }

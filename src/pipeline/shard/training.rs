@@ -2,7 +2,6 @@
 //! the blocks to a second meeting and to their end, and the joined model with its figures.
 
 use super::files::Files;
-use super::part::Part;
 use super::task::{Listed, Stage, Task};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
@@ -23,11 +22,13 @@ const CHOOSE: Task = Task::whole(Stage::Choose);
 const JOIN: Task = Task::whole(Stage::Join);
 const REPORT: Task = Task::whole(Stage::Report);
 
-/// What is noted beside the blocks that met.
+/// Notes beside the blocks that met.
 #[derive(Serialize, Deserialize)]
 struct Collected {
     /// The first row of each block.
     starts: Vec<usize>,
+    /// Number of all rows.
+    gaussians: usize,
 }
 
 /// The choice among all Gaussians.
@@ -38,13 +39,13 @@ struct Chosen {
     quotas: Vec<usize>,
 }
 
-/// What is noted beside a block at the second meeting.
+/// Notes beside a block at the second meeting.
 #[derive(Serialize, Deserialize)]
 struct Pruned {
     prune: Option<PruneRecord>,
 }
 
-/// What is noted beside a block's model, and for each block beside the joined one.
+/// Notes beside a block's model; those of all blocks stand beside the joined model.
 #[derive(Clone, Serialize, Deserialize)]
 struct Ended {
     gaussians: usize,
@@ -52,7 +53,7 @@ struct Ended {
     skipped_rows: u64,
 }
 
-/// What is noted beside the joined model.
+/// Notes beside the joined model.
 #[derive(Serialize, Deserialize)]
 struct Joined {
     blocks: Vec<Ended>,
@@ -83,23 +84,22 @@ impl BlockRun {
         let stored = |task: Task| format!("{task}.safetensors");
         let beside = |task: Task| format!("{task}.json");
         let model = |task: Task| [format!("{task}.ply"), beside(task)];
-        let dense = |task: Task| Listed::new(task, [COARSE, ASSIGN], &[&stored(task)], each);
-        let evidence = |task: Task| Listed::new(task, [COARSE, FIRST], &[&stored(task)], CHUNK);
-        let choose = Listed::new(CHOOSE, [FIRST].into_iter().chain(self.chunks_of_evidence()), &["choose.json"], CHUNK);
+        let dense = |task: Task| Listed::new(task, [COARSE, ASSIGN], [stored(task)], each);
+        let evidence = |task: Task| Listed::new(task, [COARSE, FIRST], [stored(task)], CHUNK);
+        let choose = Listed::new(CHOOSE, [FIRST].into_iter().chain(self.chunks_of_evidence()), ["choose.json"], CHUNK);
         let tune = |(b, task): (usize, Task)| {
             let needs =
                 [COARSE, ASSIGN, Task::part(Stage::Dense, b), FIRST].into_iter().chain(prunes.then_some(CHOOSE));
-            Listed::new(task, needs, &[&stored(task), &beside(task)], each)
+            Listed::new(task, needs, [stored(task), beside(task)], each)
         };
         let settle = |(b, task): (usize, Task)| {
             let needs = [COARSE, ASSIGN, Task::part(Stage::Tune, b), SECOND];
-            Listed::new(task, needs, &model(task).each_ref().map(String::as_str), each / 2)
+            Listed::new(task, needs, model(task), each / 2)
         };
-        let collect =
-            |task: Task, blocks: Vec<Task>| Listed::new(task, blocks, &model(task).each_ref().map(String::as_str), 0);
+        let collect = |task: Task, blocks: Vec<Task>| Listed::new(task, blocks, model(task), 0);
         let mut tasks = vec![
-            Listed::new(COARSE, [], &["coarse.safetensors"], iterations / 16),
-            Listed::new(ASSIGN, [COARSE], &["assign.json"], 2 * self.photos.len()),
+            Listed::new(COARSE, [], ["coarse.safetensors"], iterations / 16),
+            Listed::new(ASSIGN, [COARSE], ["assign.json"], 2 * self.photos.len()),
         ];
         tasks.extend(self.dense_blocks().map(dense));
         tasks.push(collect(FIRST, self.dense_blocks().collect()));
@@ -108,9 +108,9 @@ impl BlockRun {
         tasks.extend(self.tuned_blocks().enumerate().map(tune));
         tasks.push(collect(SECOND, self.tuned_blocks().collect()));
         tasks.extend(self.settled_blocks().enumerate().map(settle));
-        tasks.push(Listed::new(JOIN, self.settled_blocks(), &[output, "join.json"], 0));
+        tasks.push(Listed::new(JOIN, self.settled_blocks(), [output, "join.json"], 0));
         let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE));
-        tasks.push(Listed::new(REPORT, needs, &["metrics.json"], self.photos.len()));
+        tasks.push(Listed::new(REPORT, needs, ["metrics.json"], self.photos.len()));
         tasks
     }
 
@@ -120,7 +120,7 @@ impl BlockRun {
             Stage::Coarse | Stage::Dense => files.state(task).map(drop),
             Stage::Assign => files.sealed::<Layout>(task).map(drop),
             Stage::Collect => files.beside::<Collected>(task).map(drop),
-            Stage::Evidence => files.part(task, files.model::<Collected>(FIRST)?.0.len()).map(drop),
+            Stage::Evidence => files.part(task, files.sealed::<Collected>(FIRST)?.gaussians).map(drop),
             Stage::Choose => files.sealed::<Chosen>(task).map(drop),
             Stage::Tune => files.state(task).and_then(|_| files.sealed::<Pruned>(task)).map(drop),
             Stage::Settle => files.beside::<Ended>(task).map(drop),
@@ -148,16 +148,16 @@ impl BlockRun {
                 let blocks =
                     blocks.into_iter().map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
                 let (model, starts) = joined(&blocks);
-                files.with_model(task, &model, self.config.style.mode(), Collected { starts })
+                let collected = Collected { starts, gaussians: model.len() };
+                files.with_model(task, &model, self.config.style.mode(), collected)
             }
             Stage::Evidence => {
                 let (model, _) = files.model::<Collected>(FIRST)?;
                 let responses = self.evidence(session, &model, &coarse()?, part)?;
-                Ok(vec![Part { plan: files.hash.clone(), task: task.to_string(), responses }.bytes()?])
+                Ok(vec![files.part_bytes(task, responses)?])
             }
             Stage::Choose => {
-                let (model, Collected { starts }) = files.model(FIRST)?;
-                let n = model.len();
+                let (model, Collected { starts, gaussians: n }) = files.model(FIRST)?;
                 let chunks = self.chunks_of_evidence().map(|chunk| Ok(files.part(chunk, n)?.responses(n)));
                 let (prune, quotas) = self.choose(session, &model, &starts, chunks)?;
                 Ok(vec![files.seal(task, &Chosen { prune, quotas })?])
@@ -203,8 +203,8 @@ impl BlockRun {
     ) -> Result<Tuned, Error> {
         let (layout, coarse, output): (Layout, _, _) =
             (files.sealed(ASSIGN)?, files.state(COARSE)?, Output::new(&files.scratch(task))?);
-        let (collected, Collected { starts }) = files.model(meeting)?;
-        let rows = rows_of(&starts, b, collected.len());
+        let (collected, Collected { starts, gaussians }) = files.model(meeting)?;
+        let rows = rows_of(&starts, b, gaussians);
         self.tune(session, (&layout, b, half), (&coarse, before), (&collected, rows), &output)
     }
 
