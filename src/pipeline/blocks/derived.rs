@@ -9,8 +9,6 @@ use crate::random;
 const COARSE: u32 = 4;
 /// Share of a block's iterations before the neighbours are replaced by the trained ones, if the run does not prune.
 const HALF: f64 = 0.5;
-/// Share of the iterations after the prune, and its attrition, that the blocks do before they meet again.
-const AGAIN: f64 = 0.5;
 
 /// Refuses runs that cannot be divided.
 pub(super) fn check(config: &RunConfig) -> Result<(), Error> {
@@ -42,14 +40,16 @@ pub(super) fn coarse(config: &RunConfig, divisor: u32) -> RunConfig {
     RunConfig { resolution, schedule, prune: None, ..config.clone() }
 }
 
-/// The iterations at which the blocks meet: at the prune, and between the end of its attrition and that of the run.
+/// The iterations at which the blocks meet: before the prune, and halfway from there to the end, but not before attrition ends.
 pub(super) fn meetings(config: &RunConfig) -> [u32; 2] {
-    let (schedule, share) = (&config.schedule, HALF.max(config.schedule.densify_until));
-    let at = |share: f64| (f64::from(schedule.iterations) * share).round() as u32;
+    let (length, schedule) = (config.schedule.iterations, &config.schedule);
+    let at = |share: f64| (f64::from(length) * share).round() as u32;
     let pruning = config.prune.as_ref();
-    let first = pruning.and_then(|p| p.iterations(schedule.iterations).first().copied()).unwrap_or(at(share));
-    let over = pruning.and_then(|p| p.attrition).map_or(first, |attrition| at(attrition.until).max(first));
-    [first, over + (f64::from(schedule.iterations.saturating_sub(over)) * AGAIN).round() as u32]
+    let first = pruning.and_then(|p| p.iterations(length).first().copied());
+    let first = first.unwrap_or_else(|| at(HALF.max(schedule.densify_until)));
+    // The next iteration begins with the prune that ends attrition.
+    let pruned = pruning.and_then(|p| p.attrition).map_or(0, |attrition| at(attrition.until) + 1);
+    [first, first.midpoint(length).max(pruned).min(length)]
 }
 
 /// The configuration of block number `b` of a run on `all` photos: as many rounds over its photos as the whole run has, and its share
@@ -122,9 +122,9 @@ mod tests {
         let config = run(1000).pruned(pruning(&[0.6]));
         assert_eq!(meetings(&config), [600, 800]);
         assert!(check(&config).is_ok());
-        let attrition = Pruning { at: vec![0.6], ..Pruning::default() };
-        let until = attrition.attrition.unwrap().until;
-        assert_eq!(meetings(&run(1000).pruned(attrition)), [600, (500.0 + 500.0 * until) as u32]);
+        let attrition = |at: f64| meetings(&run(1000).pruned(Pruning { at: vec![at], ..Pruning::default() }));
+        assert_eq!(Pruning::default().attrition.unwrap().until, 0.75);
+        assert_eq!([attrition(0.5), attrition(0.6)], [[500, 751], [600, 800]]);
         let several = run(1000).pruned(pruning(&[0.5, 0.6]));
         assert!(matches!(check(&several), Err(Error::Usage(text)) if text.contains("gradual")));
     }

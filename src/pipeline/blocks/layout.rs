@@ -42,10 +42,12 @@ pub struct Layout {
     pub blocks: Vec<Block>,
     /// Pixels of all crops divided by those of all photos: what the division costs.
     pub omega: f64,
+    /// Exposures of the photos, twelve numbers each; empty if there are none.
+    pub exposures: Vec<f32>,
 }
 
 impl Layout {
-    /// The blocks of these cells, by what the photos' cameras show of a model that fills them. `weights` says how much each of its
+    /// The blocks of these cells, without exposures, by what the photos' cameras show of a model that fills them. `weights` says how much each of its
     /// Gaussians paints.
     ///
     /// # Panics
@@ -67,7 +69,8 @@ impl Layout {
         let pixels = |[width, height]: [u32; 2]| f64::from(width) * f64::from(height);
         let of_crops: f64 = blocks.iter().flat_map(|b| &b.crops).map(|crop| pixels(crop.size)).sum();
         let of_photos: f64 = cameras.iter().map(|c| pixels([c.width, c.height])).sum();
-        Self { cells, blocks, omega: if of_photos > 0.0 { of_crops / of_photos } else { 0.0 } }
+        let omega = if of_photos > 0.0 { of_crops / of_photos } else { 0.0 };
+        Self { cells, blocks, omega, exposures: Vec::new() }
     }
 }
 
@@ -101,7 +104,8 @@ mod tests {
         let none = Shown::default();
         let seen = vec![vec![shows(0.5), none], vec![shows(0.3), shows(0.4)], vec![none, shows(0.001)]];
         let cameras = [camera.clone(), camera.clone(), camera];
-        let layout = Layout::new(cells, &model, &[1.0, 3.0, 2.0, 2.0], &cameras, &seen);
+        let mut layout = Layout::new(cells, &model, &[1.0, 3.0, 2.0, 2.0], &cameras, &seen);
+        layout.exposures = vec![1.0 / 3.0, 16_777_217.0, f32::MIN_POSITIVE / 3.0, -0.0];
         let views = |b: usize| layout.blocks[b].crops.iter().map(|crop| crop.view).collect::<Vec<_>>();
         assert_eq!((views(0), views(1)), (vec![0, 1], vec![1]));
         // The cut lies at the third Gaussian, which the grown first cell therefore contains.

@@ -41,36 +41,46 @@ pub(super) fn beginning(model: Gaussians, tail: usize) -> Snapshot {
     }
 }
 
-/// What a block hands on: the trained rows that its cell owns, in their order, with their moments. A row that lies in a neighbour's
-/// cell is the neighbour's to hand on. The tail goes, exposures go, growth and averaged responses restart.
-pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
-    let trained = snapshot.model.len() - snapshot.tail;
-    let rows: Vec<usize> = (0..trained).filter(|i| cells.owner(snapshot.model.means[*i]) == cell).collect();
+/// These rows of a state with their moments. The tail goes, exposures go, growth and averaged responses restart.
+///
+/// # Panics
+/// If a row is of the tail.
+pub fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
     let widths = Attributes::widths(snapshot.model.degree());
     let moments = widths.zip(snapshot.moments.each_ref()).map(|(width, moments)| {
         rows.iter().flat_map(|i| &moments[2 * width * i..2 * width * (i + 1)]).copied().collect()
     });
     Snapshot {
-        model: snapshot.model.select(&rows),
+        model: snapshot.model.select(rows),
         tail: 0,
         moments,
         growth: vec![0.0; 2 * rows.len()],
         responses: Default::default(),
         exposures: Default::default(),
-        ..snapshot.clone()
+        notes: snapshot.notes.clone(),
+        ..*snapshot
     }
 }
 
-/// A block's model without its tail.
-fn trained(block: &Snapshot) -> Gaussians {
-    block.model.select(&(0..block.model.len() - block.tail).collect::<Vec<_>>())
+/// What a block hands on before the first meeting: the trained rows that its cell owns, in their order. A row that lies in a
+/// neighbour's cell is the neighbour's to hand on.
+pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
+    let trained = snapshot.model.len() - snapshot.tail;
+    let rows: Vec<usize> = (0..trained).filter(|i| cells.owner(snapshot.model.means[*i]) == cell).collect();
+    select(snapshot, &rows)
 }
 
-/// A block without its tail.
-pub(super) fn alone(block: Snapshot) -> Snapshot {
-    let model = trained(&block);
-    let growth = vec![0.0; 2 * model.len()];
-    Snapshot { model, tail: 0, growth, responses: Default::default(), exposures: Default::default(), ..block }
+/// What a block hands on after a meeting: its trained rows without the last `margin`, wherever they lie.
+pub fn own(snapshot: &Snapshot, margin: usize) -> Snapshot {
+    select(snapshot, &(0..snapshot.model.len() - snapshot.tail - margin).collect::<Vec<_>>())
+}
+
+/// A block without a tail, with rows of a neighbour behind its own, to be trained like these.
+pub fn with_margin(mut block: Snapshot, margin: &Snapshot) -> Snapshot {
+    block.model.append(&margin.model);
+    block.moments = block.moments.zip(margin.moments.each_ref()).map(|(own, more)| [&own[..], more].concat());
+    block.growth.extend(&margin.growth);
+    block
 }
 
 /// The state of a block that goes on with these neighbours behind it.
@@ -79,10 +89,10 @@ pub(super) fn alone(block: Snapshot) -> Snapshot {
 /// If the neighbours have more bands than the block's model.
 pub fn with_tail(block: &Snapshot, neighbours: &Gaussians) -> Snapshot {
     assert!(neighbours.sh.len() <= block.model.sh.len(), "bands that the block lacks");
-    let mut model = trained(block);
-    model.append(neighbours);
-    let growth = vec![0.0; 2 * model.len()];
-    Snapshot { model, growth, tail: neighbours.len(), responses: Default::default(), ..block.clone() }
+    let mut alone = own(block, 0);
+    alone.model.append(neighbours);
+    alone.growth = vec![0.0; 2 * alone.model.len()];
+    Snapshot { tail: neighbours.len(), exposures: block.exposures.clone(), ..alone }
 }
 
 /// The scene of all blocks' own Gaussians, in the order of the blocks, and the first row of each block in it.
@@ -90,7 +100,7 @@ pub fn joined<'a>(blocks: impl IntoIterator<Item = &'a Snapshot>) -> (Gaussians,
     let (mut scene, mut starts) = (Gaussians::default(), Vec::new());
     for block in blocks {
         starts.push(scene.len());
-        scene.append(&trained(block));
+        scene.append(&own(block, 0).model);
     }
     (scene, starts)
 }
@@ -154,6 +164,21 @@ mod tests {
         assert!((0..4).all(|b| scene.means[starts[b]] == blocks[b].model.means[0]));
         handed.sort_unstable();
         assert_eq!(handed, (0..200).collect::<Vec<_>>());
+    }
+
+    /// What is trained along behind a block's rows has its own moments, and is not handed on.
+    #[test]
+    fn a_margin_comes_and_goes() {
+        let (state, neighbour) = (snapshot(model(20, 1), 0), snapshot(model(30, 1), 0));
+        let margin = select(&neighbour, &[3, 29]);
+        let both = with_tail(&with_margin(state.clone(), &margin), &model(8, 0));
+        assert_eq!((both.model.len(), both.tail, both.growth.len()), (30, 8, 60));
+        assert_eq!(both.model.opacity_logits[19..23], [19.0, 3.0, 29.0, 0.0]);
+        assert_eq!(both.moments.sh[1].len(), 22 * 18);
+        assert_eq!(both.moments.rotations[160..], [[3.0; 8], [29.0; 8]].concat());
+        let back = own(&both, 2);
+        assert_eq!(back.moments, state.moments);
+        assert_eq!((back.model.opacity_logits, back.tail), (state.model.opacity_logits, 0));
     }
 
     #[test]

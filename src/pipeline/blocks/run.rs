@@ -1,9 +1,9 @@
 //! Training a scene in blocks, stage by stage: a coarse model of the whole, its division, each block up to the prune, one choice
-//! among all Gaussians, and each block to its end.
+//! among all Gaussians, and each block from one meeting to the next and to its end.
 
 use super::derived::{check, coarse, meetings, of_block};
 use super::layout::{Block, GROWN, Layout};
-use super::members::{Members, alone, beginning, owned, with_tail};
+use super::members::{Members, beginning, own, owned, select, with_margin, with_tail};
 use super::seen::seen;
 use crate::effects::{Choice, Effect};
 use crate::error::Error;
@@ -51,21 +51,50 @@ pub struct BlockRun {
     pub photos: Vec<String>,
 }
 
-/// A block after the prune.
+/// A block after a meeting.
 pub struct Tuned {
     /// Its Gaussians with their moments.
     pub state: Snapshot,
-    /// Its prune; absent without one, and before it. Times are left out: they differ from process to process.
+    /// Its prune; absent without one. Times are left out: they differ from process to process.
     pub prune: Option<PruneRecord>,
 }
 
-/// Which part of its iterations after the prune a block does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Half {
-    /// Up to the second meeting; with the number of Gaussians to keep, if it prunes.
+/// What blocks have of each other at a meeting.
+pub struct Meeting<'a> {
+    /// The Gaussians of all blocks, in the order of the blocks.
+    pub collected: &'a Gaussians,
+    /// The first row of each block in it.
+    pub starts: &'a [usize],
+    /// The block of a number as it came to the meeting.
+    pub state: &'a dyn Fn(usize) -> Result<Snapshot, Error>,
+}
+
+impl Meeting<'_> {
+    fn rows(&self, b: usize) -> Range<usize> {
+        self.starts[b]..self.starts.get(b + 1).copied().unwrap_or(self.collected.len())
+    }
+
+    /// Block number `b` as it came, followed by these collected rows of others, which rise; and how many rows these are.
+    fn with(&self, b: usize, margin: &[usize]) -> Result<Snapshot, Error> {
+        let mut state = (self.state)(b)?;
+        for other in 0..self.starts.len() {
+            let of_other = self.rows(other);
+            let rows: Vec<usize> = margin.iter().filter(|i| of_other.contains(i)).map(|i| i - of_other.start).collect();
+            if !rows.is_empty() {
+                state = with_margin(state, &select(&(self.state)(other)?, &rows));
+            }
+        }
+        Ok(state)
+    }
+}
+
+/// What a block does after a meeting.
+#[derive(Clone, Copy, Debug)]
+pub enum Half<'a> {
+    /// It goes on to the second meeting; with the number of Gaussians to keep, if it prunes.
     First(Option<usize>),
-    /// From the second meeting to the end.
-    Second,
+    /// It goes on to the end, after what it did as its prune.
+    Second(Option<&'a PruneRecord>),
 }
 
 impl BlockRun {
@@ -136,7 +165,8 @@ impl BlockRun {
     ///
     /// # Errors
     /// Device memory; device errors; [`Error::Interrupted`].
-    pub fn assign(&self, session: &Session<'_>, coarse: &Gaussians) -> Result<Layout, Error> {
+    pub fn assign(&self, session: &Session<'_>, coarse: &Snapshot) -> Result<Layout, Error> {
+        let Snapshot { model: coarse, exposures: (exposures, _), .. } = coarse;
         let cameras = self.opened()?.cameras();
         let settings = self.config.style.over(self.config.background.unwrap_or_default());
         let resident = Resident::upload(session.device, coarse)?;
@@ -147,7 +177,7 @@ impl BlockRun {
         let cells = Cells::new(around, &coarse.means, &weights, self.blocks);
         let owners = cells.owners(&coarse.means);
         let seen = seen(session, coarse, (&owners, cells.count()), &cameras, settings)?;
-        Ok(Layout::new(cells, coarse, &weights, &cameras, &seen))
+        Ok(Layout { exposures: exposures.clone(), ..Layout::new(cells, coarse, &weights, &cameras, &seen) })
     }
 
     /// Block number `b` up to the prune, behind what the coarse model has of the others: its own Gaussians with their moments. It
@@ -159,18 +189,18 @@ impl BlockRun {
         &self,
         session: &Session<'_>,
         (layout, b): (&Layout, usize),
-        coarse: &Snapshot,
+        coarse: &Gaussians,
         output: &Output,
     ) -> Result<Snapshot, Error> {
         let Some(block) = layout.blocks.get(b) else { return Ok(beginning(Gaussians::default(), 0)) };
-        let members = Members::of(&layout.cells, b, GROWN, &coarse.model);
-        let of_coarse = || beginning(coarse.model.select(&members.trained), 0);
+        let members = Members::of(&layout.cells, b, GROWN, coarse);
+        let of_coarse = || beginning(coarse.select(&members.trained), 0);
         if members.trained.is_empty() || block.crops.is_empty() {
             return Ok(owned(&of_coarse(), &layout.cells, b));
         }
         let config = of_block(&self.config, (block, b), self.photos.len());
-        let mut setup = self.setup(session, config, (block, &coarse.exposures.0), output)?;
-        let seen = |setup: &Setup<'_>| coarse.model.select(&setup.shown(&coarse.model, &members.seen));
+        let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
+        let seen = |setup: &Setup<'_>| coarse.select(&setup.shown(coarse, &members.seen));
         let start = setup.start(output, (|setup: &Setup<'_>| with_tail(&of_coarse(), &seen(setup)), &[]))?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
         run.train(meetings(&setup.config)[0])?;
@@ -185,62 +215,72 @@ impl BlockRun {
         &self,
         session: &Session<'_>,
         collected: &Gaussians,
-        coarse: &Snapshot,
+        layout: &Layout,
         chunk: usize,
     ) -> Result<Responses, Error> {
         let (config, _) = self.choice()?;
-        stages::evidence(session, collected, &config, (chunk, &self.photos, self.known(coarse)))
+        let exposures = self.config.exposure.then(|| Exposures::Known(layout.exposures.clone()));
+        stages::evidence(session, collected, &config, (chunk, &self.photos, exposures))
     }
 
-    /// How many Gaussians of each block a choice among all of them keeps, by the responses of all chunks in their order. `starts`
-    /// has the first row of each block.
+    /// How many Gaussians of each block a choice among all of them keeps, by the responses of all chunks in their order.
     ///
     /// # Errors
     /// As of a compression; those of the chunks.
     pub fn choose(
         &self,
         session: &Session<'_>,
-        collected: &Gaussians,
-        starts: &[usize],
+        meeting: &Meeting<'_>,
         chunks: impl Iterator<Item = Result<Responses, Error>>,
     ) -> Result<(PruneRecord, Vec<usize>), Error> {
         let (config, _) = self.choice()?;
-        let PrunePlan { record, keep, .. } = stages::choose(session, collected, (&config, &self.photos), chunks)?;
-        let quota = |b: usize| keep[rows_of(starts, b, keep.len())].iter().filter(|kept| **kept).count();
-        Ok((record.timeless(), (0..starts.len()).map(quota).collect()))
+        let PrunePlan { record, keep, .. } =
+            stages::choose(session, meeting.collected, (&config, &self.photos), chunks)?;
+        let quota = |b: usize| keep[meeting.rows(b)].iter().filter(|kept| **kept).count();
+        Ok((record.timeless(), (0..meeting.starts.len()).map(quota).collect()))
     }
 
-    /// Block number `b` in one half of what comes after the prune, behind the `collected` Gaussians of the others; its own are
-    /// `rows` of them. It continues from the checkpoint in `output`, if there is one.
+    /// Block number `b` from a meeting to the next or to the end, behind the Gaussians of the others. While none is pruned, those of
+    /// them that lie in the grown cell are trained along, and not handed on: what one block does at a border, the other expects.
+    /// It continues from the checkpoint in `output`, if there is one.
     ///
     /// # Errors
     /// As of a run; photos other than the plan's.
     pub fn tune(
         &self,
         session: &Session<'_>,
-        (layout, b, half): (&Layout, usize, Half),
-        (coarse, before): (&Snapshot, Tuned),
-        (collected, rows): (&Gaussians, Range<usize>),
+        (layout, b, half): (&Layout, usize, Half<'_>),
+        meeting: &Meeting<'_>,
         output: &Output,
     ) -> Result<Tuned, Error> {
-        let block = layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !before.state.model.is_empty());
-        let Some(block) = block else { return Ok(before) };
+        let (quota, prune) = match half {
+            Half::First(quota) => (quota, None),
+            Half::Second(prune) => (None, prune.cloned()),
+        };
+        let (collected, own_rows) = (meeting.collected, meeting.rows(b));
+        let Some(block) = layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !own_rows.is_empty()) else {
+            return Ok(Tuned { state: (meeting.state)(b)?, prune });
+        };
         let mut config = of_block(&self.config, (block, b), self.photos.len());
         let until = match half {
             Half::First(_) => meetings(&config)[1],
-            Half::Second => config.schedule.iterations,
+            Half::Second(_) => config.schedule.iterations,
         };
-        if let (Some(pruning), Half::First(Some(quota))) = (&mut config.prune, half) {
+        if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
             pruning.compression.keep = Keep::Count(quota.max(1));
         }
-        let mut setup = self.setup(session, config, (block, &coarse.exposures.0), output)?;
-        let others: Vec<usize> = (0..collected.len()).filter(|i| !rows.contains(i)).collect();
-        let begin = |setup: &Setup<'_>| with_tail(&before.state, &collected.select(&setup.shown(collected, &others)));
-        let start = setup.start(output, (begin, before.prune.as_slice()))?;
+        let in_margin = |i: &usize| quota.is_none() && layout.cells.grown_contains(b, GROWN, collected.means[*i]);
+        let (margin, others): (Vec<usize>, Vec<usize>) =
+            (0..collected.len()).filter(|i| !own_rows.contains(i)).partition(in_margin);
+        let before = meeting.with(b, &margin)?;
+        let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
+        let begin = |setup: &Setup<'_>| with_tail(&before, &collected.select(&setup.shown(collected, &others)));
+        let start = setup.start(output, (begin, prune.as_slice()))?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
         run.train(until)?;
         let Checkpoint { snapshot, notes } = run.checkpoint()?;
-        Ok(Tuned { state: alone(snapshot), prune: notes.prunes.into_iter().next().map(PruneRecord::timeless) })
+        let prune = notes.prunes.into_iter().next().map(PruneRecord::timeless);
+        Ok(Tuned { state: own(&snapshot, margin.len()), prune })
     }
 
     /// Figures of the joined model: those of `qirf-vk eval`.
@@ -263,11 +303,6 @@ impl BlockRun {
         let views = ViewSource::Photos(self.config.selection());
         let compression = pruning.compression.clone();
         Ok((CompressConfig { compression, views, style: *style, fine_tune: 0, seed: *seed }, pruning))
-    }
-
-    /// The photos' exposures, if they have any of their own.
-    fn known(&self, coarse: &Snapshot) -> Option<Exposures> {
-        self.config.exposure.then(|| Exposures::Known(coarse.exposures.0.clone()))
     }
 
     /// The setup of a block's run on the parts of photos that show it.
@@ -340,9 +375,4 @@ impl Setup<'_> {
         self.estimated_bytes = budget::for_block(device, &self.config, &self.prepared, &checkpoint.snapshot)?;
         Ok(Start::Resumed(Box::new(checkpoint)))
     }
-}
-
-/// The rows of a block in the joined model of `all` rows.
-pub fn rows_of(starts: &[usize], b: usize, all: usize) -> Range<usize> {
-    starts[b]..starts.get(b + 1).copied().unwrap_or(all)
 }

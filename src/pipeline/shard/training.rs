@@ -6,7 +6,7 @@ use super::task::{Listed, Stage, Task};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::pipeline::Output;
-use crate::pipeline::blocks::{BlockRun, Half, Layout, Tuned, joined, rows_of};
+use crate::pipeline::blocks::{BlockRun, Half, Layout, Meeting, Tuned, joined};
 use crate::pipeline::records::PruneRecord;
 use crate::pipeline::session::Session;
 use crate::response::CHUNK;
@@ -85,15 +85,14 @@ impl BlockRun {
         let beside = |task: Task| format!("{task}.json");
         let model = |task: Task| [format!("{task}.ply"), beside(task)];
         let dense = |task: Task| Listed::new(task, [COARSE, ASSIGN], [stored(task)], each);
-        let evidence = |task: Task| Listed::new(task, [COARSE, FIRST], [stored(task)], CHUNK);
+        let evidence = |task: Task| Listed::new(task, [ASSIGN, FIRST], [stored(task)], CHUNK);
         let choose = Listed::new(CHOOSE, [FIRST].into_iter().chain(self.chunks_of_evidence()), ["choose.json"], CHUNK);
-        let tune = |(b, task): (usize, Task)| {
-            let needs =
-                [COARSE, ASSIGN, Task::part(Stage::Dense, b), FIRST].into_iter().chain(prunes.then_some(CHOOSE));
-            Listed::new(task, needs, [stored(task), beside(task)], each)
+        let tune = |task: Task| {
+            let needs = [ASSIGN, FIRST].into_iter().chain(self.dense_blocks()).chain(prunes.then_some(CHOOSE));
+            Listed::new(task, needs, [stored(task), beside(task)], each / 2)
         };
-        let settle = |(b, task): (usize, Task)| {
-            let needs = [COARSE, ASSIGN, Task::part(Stage::Tune, b), SECOND];
+        let settle = |task: Task| {
+            let needs = [ASSIGN, SECOND].into_iter().chain(self.tuned_blocks());
             Listed::new(task, needs, model(task), each / 2)
         };
         let collect = |task: Task, blocks: Vec<Task>| Listed::new(task, blocks, model(task), 0);
@@ -105,9 +104,9 @@ impl BlockRun {
         tasks.push(collect(FIRST, self.dense_blocks().collect()));
         tasks.extend(self.chunks_of_evidence().map(evidence));
         tasks.extend(prunes.then_some(choose));
-        tasks.extend(self.tuned_blocks().enumerate().map(tune));
+        tasks.extend(self.tuned_blocks().map(tune));
         tasks.push(collect(SECOND, self.tuned_blocks().collect()));
-        tasks.extend(self.settled_blocks().enumerate().map(settle));
+        tasks.extend(self.settled_blocks().map(settle));
         tasks.push(Listed::new(JOIN, self.settled_blocks(), [output, "join.json"], 0));
         let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE));
         tasks.push(Listed::new(REPORT, needs, ["metrics.json"], self.photos.len()));
@@ -133,13 +132,12 @@ impl BlockRun {
     pub(super) fn work(&self, session: &Session<'_>, files: &Files, task: Task) -> Result<Vec<Vec<u8>>, Error> {
         let part = task.part.unwrap_or_default();
         let scratch = || Output::new(&files.scratch(task));
-        let coarse = || files.state(COARSE);
         match task.stage {
             Stage::Coarse => Ok(vec![files.state_bytes(task, self.coarse(session, &scratch()?)?)?]),
-            Stage::Assign => Ok(vec![files.seal(task, &self.assign(session, &coarse()?.model)?)?]),
+            Stage::Assign => Ok(vec![files.seal(task, &self.assign(session, &files.state(COARSE)?)?)?]),
             Stage::Dense => {
                 let layout: Layout = files.sealed(ASSIGN)?;
-                let state = self.dense(session, (&layout, part), &coarse()?, &scratch()?)?;
+                let state = self.dense(session, (&layout, part), &files.state(COARSE)?.model, &scratch()?)?;
                 Ok(vec![files.state_bytes(task, state)?])
             }
             Stage::Collect => {
@@ -153,13 +151,15 @@ impl BlockRun {
             }
             Stage::Evidence => {
                 let (model, _) = files.model::<Collected>(FIRST)?;
-                let responses = self.evidence(session, &model, &coarse()?, part)?;
+                let responses = self.evidence(session, &model, &files.sealed(ASSIGN)?, part)?;
                 Ok(vec![files.part_bytes(task, responses)?])
             }
             Stage::Choose => {
-                let (model, Collected { starts, gaussians: n }) = files.model(FIRST)?;
+                let (collected, Collected { starts, gaussians: n }) = files.model(FIRST)?;
+                let meeting =
+                    Meeting { collected: &collected, starts: &starts, state: &|b| state(files, Stage::Dense, b) };
                 let chunks = self.chunks_of_evidence().map(|chunk| Ok(files.part(chunk, n)?.responses(n)));
-                let (prune, quotas) = self.choose(session, &model, &starts, chunks)?;
+                let (prune, quotas) = self.choose(session, &meeting, chunks)?;
                 Ok(vec![files.seal(task, &Chosen { prune, quotas })?])
             }
             Stage::Tune => self.tuned(session, files, task, part),
@@ -178,34 +178,32 @@ impl BlockRun {
     }
 
     fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
-        let before = Tuned { state: files.state(Task::part(Stage::Dense, b))?, prune: None };
         let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
         let Tuned { state, prune } =
-            self.after_meeting(session, files, (FIRST, task, b), (Half::First(quota), before))?;
+            self.after_meeting(session, files, (task, b), (FIRST, Stage::Dense, Half::First(quota)))?;
         Ok(vec![files.state_bytes(task, state)?, files.seal(task, &Pruned { prune })?])
     }
 
     fn settled(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
-        let tune = Task::part(Stage::Tune, b);
-        let before = Tuned { state: files.state(tune)?, prune: files.sealed::<Pruned>(tune)?.prune };
-        let Tuned { state, prune } = self.after_meeting(session, files, (SECOND, task, b), (Half::Second, before))?;
+        let Pruned { prune } = files.sealed(Task::part(Stage::Tune, b))?;
+        let Tuned { state, prune } =
+            self.after_meeting(session, files, (task, b), (SECOND, Stage::Tune, Half::Second(prune.as_ref())))?;
         let ended = Ended { gaussians: state.model.len(), prune, skipped_rows: state.skipped_rows };
         files.with_model(task, &state.model, self.config.style.mode(), ended)
     }
 
-    /// A block in the task that follows a meeting.
+    /// A block in the task that follows a meeting of blocks in the stage `from`.
     fn after_meeting(
         &self,
         session: &Session<'_>,
         files: &Files,
-        (meeting, task, b): (Task, Task, usize),
-        (half, before): (Half, Tuned),
+        (task, b): (Task, usize),
+        (meeting, from, half): (Task, Stage, Half<'_>),
     ) -> Result<Tuned, Error> {
-        let (layout, coarse, output): (Layout, _, _) =
-            (files.sealed(ASSIGN)?, files.state(COARSE)?, Output::new(&files.scratch(task))?);
-        let (collected, Collected { starts, gaussians }) = files.model(meeting)?;
-        let rows = rows_of(&starts, b, gaussians);
-        self.tune(session, (&layout, b, half), (&coarse, before), (&collected, rows), &output)
+        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
+        let (collected, Collected { starts, .. }) = files.model(meeting)?;
+        let meeting = Meeting { collected: &collected, starts: &starts, state: &|b| state(files, from, b) };
+        self.tune(session, (&layout, b, half), &meeting, &output)
     }
 
     /// All figures, as `qirf-vk eval` has them, without times and memory; with those of the blocks.
@@ -236,4 +234,9 @@ impl BlockRun {
         });
         Ok(format!("{record:#}\n").into_bytes())
     }
+}
+
+/// The block of a number, as a stage handed it on.
+fn state(files: &Files, stage: Stage, b: usize) -> Result<Snapshot, Error> {
+    files.state(Task::part(stage, b))
 }
