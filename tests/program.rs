@@ -6,6 +6,7 @@ mod program {
     mod attrition;
     mod blocks;
     mod cli;
+    mod compare;
     mod compress;
     mod devices;
     mod effects;
@@ -16,6 +17,7 @@ mod program {
     #[cfg(unix)] // with a shell script in COLMAP's place
     mod pose;
     mod report;
+    mod resume;
     mod run;
     #[cfg(unix)] // with signals
     mod shard;

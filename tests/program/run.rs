@@ -1,4 +1,4 @@
-//! Whole runs of the real binary: files, figures, and recovery from being killed.
+//! Whole runs of the real binary: their files and figures.
 
 use crate::support::runs;
 use qirf_vk::gpu::{Device, DeviceOptions};
@@ -8,30 +8,29 @@ use qirf_vk::pipeline::{Init, Preset, RunConfig, Session, Silent, prepare, run};
 use qirf_vk::scene::{PhotoMemory, Pixels};
 use qirf_vk::synth::{SynthOptions, write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
-use std::time::Duration;
+use std::process::{Command, Output};
 
-fn scene(folder: &Path) -> PathBuf {
+pub fn scene(folder: &Path) -> PathBuf {
     let scene = folder.join("scene");
     let options = SynthOptions { views: 9, width: 48, height: 36, points: 400, ..SynthOptions::default() };
     write(&scene, &options, &|_| ()).expect("a synthetic scene");
     scene
 }
 
-fn command(scene: &Path, out: &Path, more: &[&str]) -> Command {
+pub fn command(scene: &Path, out: &Path, more: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
     command.arg("run").arg(scene).arg("-o").arg(out);
     command.args(["--iterations", "240", "--checkpoint-every", "20"]).args(more);
     command
 }
 
-fn works(command: &mut Command) -> Output {
+pub fn works(command: &mut Command) -> Output {
     let output = command.output().expect("the program starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     output
 }
 
-fn model(out: &Path) -> Vec<u8> {
+pub fn model(out: &Path) -> Vec<u8> {
     std::fs::read(out.join("model.ply")).expect("model.ply")
 }
 
@@ -60,88 +59,11 @@ fn a_run_leaves_what_reproduces_it() {
     assert_eq!(model(&first), model(&second), "the same run gives the same bytes");
 }
 
-/// Starts a run and kills it after `after` milliseconds by a signal that cannot be caught.
-fn killed(scene: &Path, out: &Path, after: u64) {
-    let mut command = command(scene, out, &["--resume"]);
-    let mut child: Child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts");
-    std::thread::sleep(Duration::from_millis(after));
-    let _ = child.kill();
-    child.wait().expect("it ends");
-}
-
-#[test]
-fn killed_and_resumed_it_ends_with_the_same_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let (whole, broken) = (folder.path().join("whole"), folder.path().join("broken"));
-    works(&mut command(&scene, &whole, &[]));
-    for moment in 0..10_u64 {
-        if broken.join("metrics.json").exists() {
-            break;
-        }
-        killed(&scene, &broken, 300 + moment * 397 % 1500);
-    }
-    works(&mut command(&scene, &broken, &["--resume"]));
-    assert_eq!(model(&whole), model(&broken));
-}
-
-/// Tuning decides on the last bits. It is the run's own, whatever the environment says when the run goes on.
-#[test]
-fn a_resumed_run_keeps_its_tuning() {
-    const CHANGED: &str = "loss_rounds=2,overlap_columns=16,scan_rows=64";
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let [whole, broken, again] = ["whole", "broken", "again"].map(|name| folder.path().join(name));
-    let run = |out: &Path, more: &[&str]| {
-        let mut run = command(&scene, out, more);
-        run.env("QIRF_TUNING", "cpu");
-        run
-    };
-    works(run(&whole, &[]).env("QIRF_TUNING", CHANGED));
-    assert_eq!(metrics(&whole)["device"]["tuning"]["loss_rounds"], 2);
-    // The fault ends it after some checkpoints.
-    let failed = run(&broken, &[]).env("QIRF_TUNING", CHANGED).env("QIRF_DEVICE_FAULT", "wait:120:lost").output();
-    assert_eq!(failed.expect("the program starts").status.code(), Some(4));
-    assert!(broken.join("checkpoint.safetensors").exists());
-    works(&mut run(&broken, &["--resume"]));
-    assert_eq!(metrics(&broken)["device"]["tuning"], metrics(&whole)["device"]["tuning"]);
-    assert_eq!(model(&whole), model(&broken));
-    let mut repeated = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    works(repeated.args(["run", "--config"]).arg(whole.join("config.toml")).arg("-o").arg(&again));
-    assert_eq!(model(&whole), model(&again));
-
-    let refused = |text: &str, named: &str| {
-        let output = run(&again, &[]).env("QIRF_TUNING", text).output().expect("the program starts");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(2) && said.contains(named), "{:?}: {said}", output.status);
-    };
-    refused("riva", "nvidia");
-    refused("cpu,tiles=8", "'tiles'");
-    refused("scan_workgroup=7", "scan_workgroup");
-}
-
-#[test]
-fn other_options_and_damaged_checkpoints_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let out = folder.path().join("out");
-    std::fs::create_dir(&out).unwrap();
-    std::fs::write(out.join("checkpoint.safetensors"), b"no checkpoint at all").unwrap();
-    let output = command(&scene, &out, &["--resume"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("checkpoint.safetensors") && said.contains("delete"), "{said}");
-    assert!(!out.join("model.ply").exists());
-
-    let output = command(&folder.path().join("nowhere"), &out, &[]).output().unwrap();
-    assert_eq!(output.status.code(), Some(3));
-}
-
 fn eval(arguments: &[&std::ffi::OsStr]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_qirf-vk")).arg("eval").args(arguments).output().expect("the program starts")
 }
 
-fn metrics(out: &Path) -> serde_json::Value {
+pub fn metrics(out: &Path) -> serde_json::Value {
     serde_json::from_str(&std::fs::read_to_string(out.join("metrics.json")).expect("metrics.json")).expect("JSON")
 }
 
@@ -369,95 +291,4 @@ fn presets_and_schedules_prune() {
     let iterations: Vec<_> = pruned["prunes"].as_array().unwrap().iter().map(|p| p["iteration"].clone()).collect();
     assert_eq!(iterations, [104, 120, 136, 160]);
     assert_eq!(pruned["gaussians"]["final"], 77);
-}
-
-/// A comparison's figures.
-fn compared(scene: &Path, out: &Path, iterations: &str, more: &[&str]) -> serde_json::Value {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    command.arg("compare").arg(scene).arg("-o").arg(out).args(["--iterations", iterations, "--json"]).args(more);
-    serde_json::from_slice(&works(&mut command).stdout).expect("one JSON document")
-}
-
-/// Methods by name end at the same count: by two cuts, by pressure, and by relocation from the beginning.
-#[test]
-fn methods_end_at_equal_counts() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let record = compared(&scene, &folder.path().join("compared"), "160", &["--arms", "pop,gns,mcmc", "--keep", "0.3"]);
-    let kept = (record["gaussians"].as_u64().unwrap() * 3 + 5) / 10;
-    let arms = record["arms"].as_array().unwrap();
-    assert!(
-        arms.iter().all(|a| a["gaussians"].as_u64() == Some(kept) && a["psnr"].as_f64().is_some()),
-        "{kept}: {arms:?}"
-    );
-    let selectors = |arm: usize| -> Vec<(&str, u64)> {
-        let prunes = arms[arm]["prunes"].as_array().unwrap().iter();
-        prunes.map(|p| (p["selector"].as_str().unwrap(), p["iteration"].as_u64().unwrap())).collect()
-    };
-    assert_eq!(selectors(0), [("change", 80), ("change", 107)]);
-    assert!(selectors(1).len() == 1 && selectors(1)[0].0 == "opacity" && selectors(2).is_empty());
-}
-
-/// Arms start from one checkpoint: equal counts, one dense model, and finished arms are reused.
-#[test]
-fn arms_are_compared_at_equal_counts() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let out = folder.path().join("compared");
-    let compare = |more: &[&str]| compared(&scene, &out, "160", more);
-    let first = compare(&["--arms", "default,importance,random:global,dense,radsplat:global+twice", "--keep", "0.3"]);
-    let arms = first["arms"].as_array().unwrap();
-    let names: Vec<_> = arms.iter().map(|a| a["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["default", "importance", "random:global", "dense", "radsplat:global+twice"]);
-    let n = first["gaussians"].as_u64().unwrap();
-    let kept = (n * 3 + 5) / 10;
-    let counts: Vec<_> = arms.iter().map(|a| a["gaussians"].as_u64().unwrap()).collect();
-    assert_eq!(counts, [kept, kept, kept, n, kept]);
-    let iterations: Vec<_> = arms[4]["prunes"].as_array().unwrap().iter().map(|p| p["iteration"].clone()).collect();
-    assert_eq!(iterations, [85, 128]);
-    assert!(arms.iter().all(|a| a["psnr"].as_f64().is_some() && a["fps"].as_f64().unwrap() > 0.0));
-    let page = std::fs::read_to_string(out.join("compare.html")).unwrap();
-    assert!(
-        page.contains("random:global") && page.matches("<img").count() == 2 * 2 * 6,
-        "photo and arms, whole and cut"
-    );
-    #[cfg(unix)]
-    super::report::works_in_a_browser(&out.join("compare.html"));
-    let table = std::fs::read_to_string(out.join("compare.csv")).unwrap();
-    assert_eq!(table.lines().count(), 6);
-
-    let model = |name: &str| std::fs::metadata(out.join("arms").join(name).join("model.ply")).unwrap().modified();
-    let before = model("importance").unwrap();
-    let again = compare(&["--arms", "importance,dense", "--keep", "0.3", "--resume"]);
-    assert_eq!(again["arms"][0]["psnr"], first["arms"][1]["psnr"]);
-    assert_eq!(model("importance").unwrap(), before, "not trained again");
-}
-
-/// With several seeds each has its folder, figures are means, and finished seeds are reused. Arms may grow on their own.
-#[test]
-fn arms_are_compared_over_seeds() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let out = folder.path().join("compared");
-    let compare = |more: &[&str]| compared(&scene, &out, "100", more);
-    let first = compare(&["--arms", "default,grown,dense+thresholds", "--seeds", "1", "--seed", "5"]);
-    assert_eq!(
-        (&first["seeds"], &first["arms"][0]["psnr_spread"]),
-        (&serde_json::json!([5]), &serde_json::Value::Null)
-    );
-    let model = out.join("seed-5/arms/grown/model.ply");
-    let written = || std::fs::metadata(&model).unwrap().modified().unwrap();
-    let before = written();
-    let both = compare(&["--arms", "default,grown,dense+thresholds", "--seeds", "2", "--seed", "5", "--resume"]);
-    assert_eq!((&both["seeds"], before), (&serde_json::json!([5, 6]), written()));
-    for (arm, once) in both["arms"].as_array().unwrap().iter().zip(first["arms"].as_array().unwrap()) {
-        let seeds: Vec<f64> = arm["psnr_by_seed"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
-        assert!(seeds.len() == 2 && seeds[0] == once["psnr"].as_f64().unwrap(), "{seeds:?}");
-        let (mean, spread) = (arm["psnr"].as_f64().unwrap(), arm["psnr_spread"].as_f64().unwrap());
-        assert!((mean - f64::midpoint(seeds[0], seeds[1])).abs() < 1e-9);
-        assert!((spread - (seeds[0] - seeds[1]).abs() / 2.0_f64.sqrt()).abs() < 1e-9, "{arm}");
-    }
-    let [kept, grown] = [0, 1].map(|k| both["arms"][k]["gaussians"].as_f64().unwrap());
-    assert!(grown <= kept && grown > 0.9 * kept, "{grown} of {kept}");
-    assert!(std::fs::read_to_string(out.join("compare.html")).unwrap().contains("<img"));
 }

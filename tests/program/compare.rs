@@ -1,0 +1,96 @@
+//! Comparisons by the real binary: equal counts, one dense model, seeds.
+
+use super::run::{scene, works};
+use std::path::Path;
+use std::process::Command;
+
+/// A comparison's figures.
+fn compared(scene: &Path, out: &Path, iterations: &str, more: &[&str]) -> serde_json::Value {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    command.arg("compare").arg(scene).arg("-o").arg(out).args(["--iterations", iterations, "--json"]).args(more);
+    serde_json::from_slice(&works(&mut command).stdout).expect("one JSON document")
+}
+
+/// Methods by name end at the same count: by two cuts, by pressure, and by relocation from the beginning.
+#[test]
+fn methods_end_at_equal_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let record = compared(&scene, &folder.path().join("compared"), "160", &["--arms", "pop,gns,mcmc", "--keep", "0.3"]);
+    let kept = (record["gaussians"].as_u64().unwrap() * 3 + 5) / 10;
+    let arms = record["arms"].as_array().unwrap();
+    assert!(
+        arms.iter().all(|a| a["gaussians"].as_u64() == Some(kept) && a["psnr"].as_f64().is_some()),
+        "{kept}: {arms:?}"
+    );
+    let selectors = |arm: usize| -> Vec<(&str, u64)> {
+        let prunes = arms[arm]["prunes"].as_array().unwrap().iter();
+        prunes.map(|p| (p["selector"].as_str().unwrap(), p["iteration"].as_u64().unwrap())).collect()
+    };
+    assert_eq!(selectors(0), [("change", 80), ("change", 107)]);
+    assert!(selectors(1).len() == 1 && selectors(1)[0].0 == "opacity" && selectors(2).is_empty());
+}
+
+/// Arms start from one checkpoint: equal counts, one dense model, and finished arms are reused.
+#[test]
+fn arms_are_compared_at_equal_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("compared");
+    let compare = |more: &[&str]| compared(&scene, &out, "160", more);
+    let first = compare(&["--arms", "default,importance,random:global,dense,radsplat:global+twice", "--keep", "0.3"]);
+    let arms = first["arms"].as_array().unwrap();
+    let names: Vec<_> = arms.iter().map(|a| a["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["default", "importance", "random:global", "dense", "radsplat:global+twice"]);
+    let n = first["gaussians"].as_u64().unwrap();
+    let kept = (n * 3 + 5) / 10;
+    let counts: Vec<_> = arms.iter().map(|a| a["gaussians"].as_u64().unwrap()).collect();
+    assert_eq!(counts, [kept, kept, kept, n, kept]);
+    let iterations: Vec<_> = arms[4]["prunes"].as_array().unwrap().iter().map(|p| p["iteration"].clone()).collect();
+    assert_eq!(iterations, [85, 128]);
+    assert!(arms.iter().all(|a| a["psnr"].as_f64().is_some() && a["fps"].as_f64().unwrap() > 0.0));
+    let page = std::fs::read_to_string(out.join("compare.html")).unwrap();
+    assert!(
+        page.contains("random:global") && page.matches("<img").count() == 2 * 2 * 6,
+        "photo and arms, whole and cut"
+    );
+    #[cfg(unix)]
+    super::report::works_in_a_browser(&out.join("compare.html"));
+    let table = std::fs::read_to_string(out.join("compare.csv")).unwrap();
+    assert_eq!(table.lines().count(), 6);
+
+    let model = |name: &str| std::fs::metadata(out.join("arms").join(name).join("model.ply")).unwrap().modified();
+    let before = model("importance").unwrap();
+    let again = compare(&["--arms", "importance,dense", "--keep", "0.3", "--resume"]);
+    assert_eq!(again["arms"][0]["psnr"], first["arms"][1]["psnr"]);
+    assert_eq!(model("importance").unwrap(), before, "not trained again");
+}
+
+/// With several seeds each has its folder, figures are means, and finished seeds are reused. Arms may grow on their own.
+#[test]
+fn arms_are_compared_over_seeds() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("compared");
+    let compare = |more: &[&str]| compared(&scene, &out, "100", more);
+    let first = compare(&["--arms", "default,grown,dense+thresholds", "--seeds", "1", "--seed", "5"]);
+    assert_eq!(
+        (&first["seeds"], &first["arms"][0]["psnr_spread"]),
+        (&serde_json::json!([5]), &serde_json::Value::Null)
+    );
+    let model = out.join("seed-5/arms/grown/model.ply");
+    let written = || std::fs::metadata(&model).unwrap().modified().unwrap();
+    let before = written();
+    let both = compare(&["--arms", "default,grown,dense+thresholds", "--seeds", "2", "--seed", "5", "--resume"]);
+    assert_eq!((&both["seeds"], before), (&serde_json::json!([5, 6]), written()));
+    for (arm, once) in both["arms"].as_array().unwrap().iter().zip(first["arms"].as_array().unwrap()) {
+        let seeds: Vec<f64> = arm["psnr_by_seed"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        assert!(seeds.len() == 2 && seeds[0] == once["psnr"].as_f64().unwrap(), "{seeds:?}");
+        let (mean, spread) = (arm["psnr"].as_f64().unwrap(), arm["psnr_spread"].as_f64().unwrap());
+        assert!((mean - f64::midpoint(seeds[0], seeds[1])).abs() < 1e-9);
+        assert!((spread - (seeds[0] - seeds[1]).abs() / 2.0_f64.sqrt()).abs() < 1e-9, "{arm}");
+    }
+    let [kept, grown] = [0, 1].map(|k| both["arms"][k]["gaussians"].as_f64().unwrap());
+    assert!(grown <= kept && grown > 0.9 * kept, "{grown} of {kept}");
+    assert!(std::fs::read_to_string(out.join("compare.html")).unwrap().contains("<img"));
+}
