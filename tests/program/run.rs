@@ -272,9 +272,6 @@ fn eval_refuses_what_it_cannot_score() {
 fn presets_and_schedules_prune() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
-    let metrics = |out: &Path| -> serde_json::Value {
-        serde_json::from_str(&std::fs::read_to_string(out.join("metrics.json")).unwrap()).unwrap()
-    };
     let (paper, gradual) = (folder.path().join("paper"), folder.path().join("gradual"));
     works(&mut command(&scene, &paper, &["--preset", "paper"]));
     let pruned = metrics(&paper);

@@ -47,8 +47,8 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// The blocks of these cells, without exposures, by what the photos' cameras show of a model that fills them. `weights` says how much each of its
-    /// Gaussians paints.
+    /// The blocks of these cells, by what the photos' cameras show of a model that fills them; without exposures. `weights` says how
+    /// much each of its Gaussians paints.
     ///
     /// # Panics
     /// If there is not one weight a Gaussian, or not one row of `seen` a camera.

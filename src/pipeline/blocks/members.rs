@@ -5,6 +5,7 @@ use crate::gaussians::{Attributes, Gaussians};
 use crate::train::checkpoint::Snapshot;
 use crate::train::course::Course;
 use std::collections::HashMap;
+use std::ops::Range;
 
 /// A model's rows, by what a block does with them.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,11 +42,16 @@ pub(super) fn beginning(model: Gaussians, tail: usize) -> Snapshot {
     }
 }
 
+/// The rows before the tail.
+fn trained(snapshot: &Snapshot) -> Range<usize> {
+    0..snapshot.model.len() - snapshot.tail
+}
+
 /// These rows of a state with their moments. The tail goes, exposures go, growth and averaged responses restart.
 ///
 /// # Panics
 /// If a row is of the tail.
-pub fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
+pub(super) fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
     let widths = Attributes::widths(snapshot.model.degree());
     let moments = widths.zip(snapshot.moments.each_ref()).map(|(width, moments)| {
         rows.iter().flat_map(|i| &moments[2 * width * i..2 * width * (i + 1)]).copied().collect()
@@ -65,18 +71,17 @@ pub fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
 /// What a block hands on before the first meeting: the trained rows that its cell owns, in their order. A row that lies in a
 /// neighbour's cell is the neighbour's to hand on.
 pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
-    let trained = snapshot.model.len() - snapshot.tail;
-    let rows: Vec<usize> = (0..trained).filter(|i| cells.owner(snapshot.model.means[*i]) == cell).collect();
+    let rows: Vec<usize> = trained(snapshot).filter(|i| cells.owner(snapshot.model.means[*i]) == cell).collect();
     select(snapshot, &rows)
 }
 
 /// What a block hands on after a meeting: its trained rows without the last `margin`, wherever they lie.
-pub fn own(snapshot: &Snapshot, margin: usize) -> Snapshot {
-    select(snapshot, &(0..snapshot.model.len() - snapshot.tail - margin).collect::<Vec<_>>())
+pub(super) fn own(snapshot: &Snapshot, margin: usize) -> Snapshot {
+    select(snapshot, &(0..trained(snapshot).end - margin).collect::<Vec<_>>())
 }
 
 /// A block without a tail, with rows of a neighbour behind its own, to be trained like these.
-pub fn with_margin(mut block: Snapshot, margin: &Snapshot) -> Snapshot {
+pub(super) fn with_margin(mut block: Snapshot, margin: &Snapshot) -> Snapshot {
     block.model.append(&margin.model);
     block.moments = block.moments.zip(margin.moments.each_ref()).map(|(own, more)| [&own[..], more].concat());
     block.growth.extend(&margin.growth);
@@ -100,7 +105,7 @@ pub fn joined<'a>(blocks: impl IntoIterator<Item = &'a Snapshot>) -> (Gaussians,
     let (mut scene, mut starts) = (Gaussians::default(), Vec::new());
     for block in blocks {
         starts.push(scene.len());
-        scene.append(&own(block, 0).model);
+        scene.append(&block.model.select(&trained(block).collect::<Vec<_>>()));
     }
     (scene, starts)
 }

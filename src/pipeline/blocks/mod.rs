@@ -7,6 +7,6 @@ mod run;
 mod seen;
 
 pub use layout::{Block, Crop, GROWN, Layout};
-pub use members::{Members, joined, own, owned, select, with_margin, with_tail};
+pub use members::{Members, joined, owned, with_tail};
 pub use run::{BlockRun, Half, Meeting, Tuned};
 pub use seen::{Seen, Shown, seen};

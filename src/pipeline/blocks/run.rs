@@ -59,29 +59,30 @@ pub struct Tuned {
     pub prune: Option<PruneRecord>,
 }
 
-/// What blocks have of each other at a meeting.
+/// The Gaussians of all blocks at a meeting.
 pub struct Meeting<'a> {
-    /// The Gaussians of all blocks, in the order of the blocks.
+    /// All Gaussians, in the order of the blocks.
     pub collected: &'a Gaussians,
     /// The first row of each block in it.
     pub starts: &'a [usize],
-    /// The block of a number as it came to the meeting.
-    pub state: &'a dyn Fn(usize) -> Result<Snapshot, Error>,
 }
+
+/// Gives the block of a number as it came to a meeting.
+type Came<'a> = &'a dyn Fn(usize) -> Result<Snapshot, Error>;
 
 impl Meeting<'_> {
     fn rows(&self, b: usize) -> Range<usize> {
         self.starts[b]..self.starts.get(b + 1).copied().unwrap_or(self.collected.len())
     }
 
-    /// Block number `b` as it came, followed by these collected rows of others, which rise; and how many rows these are.
-    fn with(&self, b: usize, margin: &[usize]) -> Result<Snapshot, Error> {
-        let mut state = (self.state)(b)?;
+    /// Block number `b` as it came, followed by these collected rows of others, which rise.
+    fn with(&self, came: Came<'_>, b: usize, margin: &[usize]) -> Result<Snapshot, Error> {
+        let mut state = came(b)?;
         for other in 0..self.starts.len() {
             let of_other = self.rows(other);
             let rows: Vec<usize> = margin.iter().filter(|i| of_other.contains(i)).map(|i| i - of_other.start).collect();
             if !rows.is_empty() {
-                state = with_margin(state, &select(&(self.state)(other)?, &rows));
+                state = with_margin(state, &select(&came(other)?, &rows));
             }
         }
         Ok(state)
@@ -201,7 +202,7 @@ impl BlockRun {
         let config = of_block(&self.config, (block, b), self.photos.len());
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
         let seen = |setup: &Setup<'_>| coarse.select(&setup.shown(coarse, &members.seen));
-        let start = setup.start(output, (|setup: &Setup<'_>| with_tail(&of_coarse(), &seen(setup)), &[]))?;
+        let start = setup.start(output, (|setup: &Setup<'_>| Ok(with_tail(&of_coarse(), &seen(setup))), &[]))?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
         run.train(meetings(&setup.config)[0])?;
         Ok(owned(&run.checkpoint()?.snapshot, &layout.cells, b))
@@ -250,7 +251,7 @@ impl BlockRun {
         &self,
         session: &Session<'_>,
         (layout, b, half): (&Layout, usize, Half<'_>),
-        meeting: &Meeting<'_>,
+        (meeting, came): (&Meeting<'_>, Came<'_>),
         output: &Output,
     ) -> Result<Tuned, Error> {
         let (quota, prune) = match half {
@@ -259,7 +260,7 @@ impl BlockRun {
         };
         let (collected, own_rows) = (meeting.collected, meeting.rows(b));
         let Some(block) = layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !own_rows.is_empty()) else {
-            return Ok(Tuned { state: (meeting.state)(b)?, prune });
+            return Ok(Tuned { state: came(b)?, prune });
         };
         let mut config = of_block(&self.config, (block, b), self.photos.len());
         let until = match half {
@@ -272,9 +273,11 @@ impl BlockRun {
         let in_margin = |i: &usize| quota.is_none() && layout.cells.grown_contains(b, GROWN, collected.means[*i]);
         let (margin, others): (Vec<usize>, Vec<usize>) =
             (0..collected.len()).filter(|i| !own_rows.contains(i)).partition(in_margin);
-        let before = meeting.with(b, &margin)?;
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
-        let begin = |setup: &Setup<'_>| with_tail(&before, &collected.select(&setup.shown(collected, &others)));
+        let begin = |setup: &Setup<'_>| {
+            let before = meeting.with(came, b, &margin)?;
+            Ok(with_tail(&before, &collected.select(&setup.shown(collected, &others))))
+        };
         let start = setup.start(output, (begin, prune.as_slice()))?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
         run.train(until)?;
@@ -355,11 +358,11 @@ impl Setup<'_> {
     /// The checkpoint in `output`, if it is of this run; else what `begin` says, after these prunes.
     ///
     /// # Errors
-    /// [`Error::Memory`] if the device has too little; a checkpoint that cannot be read.
+    /// [`Error::Memory`] if the device has too little; a checkpoint that cannot be read; those of `begin`.
     fn start(
         &mut self,
         output: &Output,
-        (begin, prunes): (impl FnOnce(&Self) -> Snapshot, &[PruneRecord]),
+        (begin, prunes): (impl FnOnce(&Self) -> Result<Snapshot, Error>, &[PruneRecord]),
     ) -> Result<Start, Error> {
         let Session { device, watcher, .. } = self.session;
         let checkpoint = if output.checkpoint().exists() {
@@ -367,7 +370,7 @@ impl Setup<'_> {
             watcher.note(&format!("going on after iteration {}", checkpoint.snapshot.iteration));
             checkpoint
         } else {
-            let snapshot = begin(self);
+            let snapshot = begin(self)?;
             let initial = snapshot.model.len() - snapshot.tail;
             let notes = Notes { config: self.config.written()?, initial, prunes: prunes.to_vec(), ..Notes::default() };
             Checkpoint { snapshot, notes }

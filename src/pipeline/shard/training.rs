@@ -156,8 +156,7 @@ impl BlockRun {
             }
             Stage::Choose => {
                 let (collected, Collected { starts, gaussians: n }) = files.model(FIRST)?;
-                let meeting =
-                    Meeting { collected: &collected, starts: &starts, state: &|b| state(files, Stage::Dense, b) };
+                let meeting = Meeting { collected: &collected, starts: &starts };
                 let chunks = self.chunks_of_evidence().map(|chunk| Ok(files.part(chunk, n)?.responses(n)));
                 let (prune, quotas) = self.choose(session, &meeting, chunks)?;
                 Ok(vec![files.seal(task, &Chosen { prune, quotas })?])
@@ -202,8 +201,9 @@ impl BlockRun {
     ) -> Result<Tuned, Error> {
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
         let (collected, Collected { starts, .. }) = files.model(meeting)?;
-        let meeting = Meeting { collected: &collected, starts: &starts, state: &|b| state(files, from, b) };
-        self.tune(session, (&layout, b, half), &meeting, &output)
+        let meeting = Meeting { collected: &collected, starts: &starts };
+        let came = |b: usize| files.state(Task::part(from, b));
+        self.tune(session, (&layout, b, half), (&meeting, &came), &output)
     }
 
     /// All figures, as `qirf-vk eval` has them, without times and memory; with those of the blocks.
@@ -234,9 +234,4 @@ impl BlockRun {
         });
         Ok(format!("{record:#}\n").into_bytes())
     }
-}
-
-/// The block of a number, as a stage handed it on.
-fn state(files: &Files, stage: Stage, b: usize) -> Result<Snapshot, Error> {
-    files.state(Task::part(stage, b))
 }
