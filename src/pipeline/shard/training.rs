@@ -88,8 +88,10 @@ impl BlockRun {
         let evidence = |task: Task| Listed::new(task, [ASSIGN, FIRST], [stored(task)], CHUNK);
         let choose = Listed::new(CHOOSE, [FIRST].into_iter().chain(self.chunks_of_evidence()), ["choose.json"], CHUNK);
         let tune = |task: Task| {
-            let needs = [ASSIGN, FIRST].into_iter().chain(self.dense_blocks()).chain(prunes.then_some(CHOOSE));
-            Listed::new(task, needs, [stored(task), beside(task)], each / 2)
+            // Without a prune it trains its neighbours' Gaussians along, and reads theirs, too.
+            let own = Task { stage: Stage::Dense, ..task };
+            let came: Vec<Task> = if prunes { vec![CHOOSE, own] } else { self.dense_blocks().collect() };
+            Listed::new(task, [ASSIGN, FIRST].into_iter().chain(came), [stored(task), beside(task)], each / 2)
         };
         let settle = |task: Task| {
             let needs = [ASSIGN, SECOND].into_iter().chain(self.tuned_blocks());
