@@ -117,14 +117,17 @@ pub enum Error {
     /// No photo of the scene is held out: exit code 2.
     #[error("{}: no view is held out", .0.display())]
     NothingHeldOut(PathBuf),
-    /// The checkpoint to resume from was made with another configuration: exit code 2.
-    #[error("{} is of a run with other options", checkpoint.display())]
+    /// The run to resume has another configuration: exit code 2.
+    #[error("{} holds a run with other options ({})", folder.display(), changes.join("; "))]
     OtherRun {
-        /// The checkpoint.
-        checkpoint: PathBuf,
-        /// The configuration that it was made with.
-        config: PathBuf,
+        /// The run's folder.
+        folder: PathBuf,
+        /// The keys of its `config.toml` that differ, with both values.
+        changes: Vec<String>,
     },
+    /// A new run would overwrite the checkpoint of an interrupted one: exit code 2.
+    #[error("{} is of an interrupted run, which this one would overwrite", .0.display())]
+    Unfinished(PathBuf),
     /// A picture that would be written among a scene's own photos: exit code 2.
     #[error("{} would lie among the scene's own photos", .0.display())]
     AmongPhotos(PathBuf),
@@ -264,7 +267,9 @@ impl Error {
             Self::Train(train::Error::Photos(_)) => 5,
             Self::NoProgram(_) | Self::NotOurs(_) => 2,
             Self::Program { .. } | Self::FewPoses { .. } => 3,
-            Self::Usage(_) | Self::NothingHeldOut(_) | Self::OtherRun { .. } | Self::Synth(_) => 2,
+            Self::Usage(_) | Self::NothingHeldOut(_) | Self::OtherRun { .. } | Self::Unfinished(_) | Self::Synth(_) => {
+                2
+            }
             Self::AmongPhotos(_) | Self::NothingToTrainOn(_) | Self::Train(train::Error::NoViews) => 2,
             Self::Gaussians(gaussians::Error::SameFile { .. }) | Self::Scene(scene::Error::NoImageFolder { .. }) => 2,
             Self::Train(_) => 3,

@@ -11,7 +11,7 @@ use crate::pipeline::arm::Arm;
 use crate::pipeline::compare::{compare, compare_seeds};
 use crate::pipeline::config::{Compression, Pruning};
 use crate::pipeline::records::CompareRecord;
-use crate::pipeline::{Output, Session};
+use crate::pipeline::{Output, RunConfig, Session, earlier};
 use crate::qirf::select::budget::Keep;
 use crate::report;
 use std::path::PathBuf;
@@ -97,6 +97,7 @@ impl Arguments {
         let compression = Compression { keep, ..Compression::default() };
         let config =
             self.training.configuration(self.scene.clone(), console)?.pruned(Pruning { compression, ..pruning });
+        self.check_earlier(&config)?;
         let networks = self.resources.networks(console)?;
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);
@@ -111,6 +112,26 @@ impl Arguments {
         Output::text(&self.output.join("compare.csv"), &compared.csv())?;
         report::write_comparison(&compared, &self.output)?;
         if self.json { console.print(json) } else { self.report(console, &compared) }
+    }
+
+    /// Refuses to lose an interrupted comparison, and to continue one with other options, before any work.
+    fn check_earlier(&self, config: &RunConfig) -> Result<(), Error> {
+        let seeds = self.seeds.map_or(vec![config.seed], |n| (0..n).map(|k| config.seed.wrapping_add(k)).collect());
+        for seed in seeds {
+            let folder = match self.seeds {
+                None => self.output.clone(),
+                Some(_) => self.output.join(CompareRecord::folder_of(seed)),
+            };
+            let output = Output::new(&folder)?;
+            // A finished comparison keeps its checkpoint.
+            if !self.resume && output.checkpoint().exists() && !self.output.join("compare.json").exists() {
+                return Err(Error::Unfinished(output.checkpoint()));
+            }
+            if self.resume && output.checkpoint().exists() {
+                earlier::check(&output, &RunConfig { seed, ..config.clone() })?;
+            }
+        }
+        Ok(())
     }
 
     fn report(&self, console: &Console, compared: &CompareRecord) -> Result<(), Error> {

@@ -169,7 +169,7 @@ pub fn main() -> ExitCode {
         Err(Error::Print(e)) if e.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(e) => {
             let head = console.paint("1;31", "error:", io::stderr().is_terminal());
-            let remedy = remedy::remedy(&e).map(|r| format!("; {r}")).unwrap_or_default();
+            let remedy = cli.remedy(&e).map(|r| format!("; {r}")).unwrap_or_default();
             console.error(format_args!("{head} {e}{remedy}"));
             ExitCode::from(e.exit_code())
         }
@@ -186,6 +186,14 @@ fn networks(weights: Option<&Path>, console: &Console) -> Result<Networks, Error
 }
 
 impl Cli {
+    /// Advice on an error of this command.
+    fn remedy(&self, error: &Error) -> Option<String> {
+        match (error, &self.command) {
+            (Error::Interrupted, Command::Run(_) | Command::Compare(_)) => Some("continue with --resume".to_owned()),
+            _ => remedy::remedy(error),
+        }
+    }
+
     fn run(&self, console: &Console) -> Result<(), Error> {
         match &self.command {
             Command::Run(a) => a.run(console, &self.global),

@@ -31,8 +31,14 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::AmongPhotos(_) => plain("name another folder with -o"),
         Error::NothingToTrainOn(_) => plain("use a larger --eval-every"),
         Error::NothingHeldOut(_) => plain("give --eval-every 1 to score all of them"),
-        Error::OtherRun { config, .. } => {
-            Some(format!("give the options it had ({}), or start without --resume", config.display()))
+        Error::OtherRun { folder, .. } => {
+            let config = quoted(&folder.join("config.toml"));
+            Some(format!(
+                "give the options it had (`--config {config}` gives `run` all of them), or another folder with -o"
+            ))
+        }
+        Error::Unfinished(checkpoint) => {
+            Some(format!("add --resume to continue it, or delete {} to start from the beginning", checkpoint.display()))
         }
         Error::Part { task, path, .. } if task == "plan" => {
             Some(format!("restore {}, or plan again in a new folder", path.display()))
@@ -45,7 +51,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
             plain("use a machine like the plan's, or allow this one with --mixed: the bytes may then differ")
         }
         Error::Checkpoint { .. } => {
-            plain("finish the run with the version that began it, or delete the checkpoint to start afresh")
+            plain("finish the run with the version that began it, or delete the checkpoint to start from the beginning")
         }
         Error::Encode { .. } => {
             plain("rename files and folders whose names are not UTF-8; if it happens again, please report it")
@@ -229,7 +235,8 @@ mod tests {
         says(Error::Write { path: path(), source: io::ErrorKind::StorageFull.into() }, &["free some space", "-o"]);
         says(Error::NothingToTrainOn(path()), &["larger --eval-every"]);
         says(Error::NothingHeldOut(path()), &["--eval-every 1"]);
-        says(Error::OtherRun { checkpoint: path(), config: path() }, &["a b/c", "--resume"]);
+        says(Error::OtherRun { folder: path(), changes: Vec::new() }, &["--config 'a b/c/config.toml'", "-o"]);
+        says(Error::Unfinished(path()), &["--resume", "delete a b/c"]);
         assert!(remedy(&Error::Interrupted).is_none());
         assert!(smaller(Relief::Gaussians(7)).starts_with("give --max-gaussians 7, a smaller --resolution,"));
         assert!(!smaller(Relief::None).contains("--max-gaussians"));

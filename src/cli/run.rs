@@ -11,11 +11,11 @@ use super::view::{self, Watched};
 use crate::error::Error;
 use crate::pipeline::pose::{is_video, pose};
 use crate::pipeline::records::RunRecord;
-use crate::pipeline::{Output, RunConfig, Session, run};
+use crate::pipeline::{Earlier, Output, RunConfig, Session, earlier, run};
 use crate::report;
 use crate::scene::{self, OpenOptions, Scene};
 use crate::view::{Live, Server};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 const EXAMPLES: &str = "Examples:
@@ -74,11 +74,21 @@ impl Arguments {
         if global.tuning.is_some() {
             config.tuning = None;
         }
+        let output = Output::new(&self.output)?;
+        let found = Earlier::of(&output);
+        if found == Earlier::Interrupted && !self.resume {
+            return Err(Error::Unfinished(output.checkpoint()));
+        }
+        let watcher = Show::new(console);
+        let config = self.posed(config, &output, &watcher, console)?;
+        if self.resume && found != Earlier::Nothing {
+            earlier::check(&output, &config)?;
+        }
+        if self.resume && found == Earlier::Finished {
+            return self.report_finished(console, &output);
+        }
         let networks = self.resources.networks(console)?;
         let device = self.resources.device(global)?;
-        let watcher = Show::new(console);
-        let output = Output::new(&self.output)?;
-        let config = self.posed(config, &output, &watcher, console)?;
         let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
         let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
         let record = if self.watched.view {
@@ -113,10 +123,26 @@ impl Arguments {
             Err(scene::Error::NoPoses { images, .. }) => images,
             found => return Ok(found.map(|()| config)?),
         };
+        let real = |path: &Path| std::fs::canonicalize(path).ok();
+        if real(&input).is_some_and(|photos| Some(photos) == real(output.folder())) {
+            return Err(Error::AmongPhotos(output.model()));
+        }
         let posed = pose(&input, &output.scene(), &self.posing.options(), watcher)?;
         warn(&posed, console);
         console.note(posed.summary());
         Ok(RunConfig { scene: output.scene(), images: None, ..config })
+    }
+
+    /// Tells of a run that was finished before.
+    fn report_finished(&self, console: &Console, output: &Output) -> Result<(), Error> {
+        console.note(format_args!("{}: this run is finished; nothing to do", output.folder().display()));
+        if self.json {
+            let path = output.metrics();
+            let text = std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source })?;
+            return console.print(text.trim_end());
+        }
+        console.print(format_args!("model  {}", output.model().display()))?;
+        console.print(format_args!("report {}", output.report().display()))
     }
 
     fn report(&self, console: &Console, record: &RunRecord, output: &Output) -> Result<(), Error> {

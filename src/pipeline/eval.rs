@@ -4,7 +4,7 @@ use super::budget;
 use super::config::Selection;
 use super::evaluate::{Evaluator, HeldOut, protocol};
 use super::output::Output;
-use super::prepare::open;
+use super::prepare::{open, refuse_photo_folders};
 use super::records::{RunRecord, Times};
 use super::session::Session;
 use super::shown::Shown;
@@ -43,6 +43,8 @@ pub fn eval(
     let Session { device, networks, watcher, .. } = *session;
     let Evaluation { selection, style, exposure } = evaluation;
     let opened = open(selection)?;
+    let pictures = output.map(|output| output.renders().join("picture.png"));
+    refuse_photo_folders(&opened.scene, pictures.iter())?;
     let place = budget::for_pictures(device, model, opened.size(), *style)?;
     let elsewhere = std::env::temp_dir();
     let folder = output.map_or(elsewhere.as_path(), Output::folder);

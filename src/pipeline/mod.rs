@@ -8,6 +8,7 @@ pub mod checkpoint;
 pub mod compare;
 pub mod compress;
 pub mod config;
+pub mod earlier;
 pub mod effects;
 pub mod eval;
 pub mod evaluate;
@@ -32,6 +33,7 @@ pub mod virtual_views;
 pub mod watcher;
 
 pub use config::{Init, Preset, RunConfig, Selection};
+pub use earlier::Earlier;
 pub use output::Output;
 pub use session::{Session, host_bytes};
 pub use watcher::{Silent, Watcher};

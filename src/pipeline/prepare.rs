@@ -7,6 +7,7 @@ use crate::error::Error;
 use crate::scene::camera::Camera;
 use crate::scene::{FourthByte, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene};
 use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 
 /// A scene ready to train on.
 pub struct Prepared {
@@ -47,6 +48,18 @@ pub fn resolution(text: &str) -> Result<Resize, String> {
         None => number(text).map(Resize::Width),
     };
     read.ok_or_else(|| format!("'{text}' is neither a width in pixels, such as 800, nor a divisor, such as /4"))
+}
+
+/// Refuses to write any of `files` into a folder of the scene's photos or masks.
+///
+/// # Errors
+/// [`Error::AmongPhotos`] for the first one.
+pub fn refuse_photo_folders<'a>(scene: &Scene, files: impl Iterator<Item = &'a PathBuf>) -> Result<(), Error> {
+    let folder = |p: &Path| p.parent().and_then(|p| std::fs::canonicalize(p).ok());
+    let photos = scene.views.iter().flat_map(|v| [Some(v.image.as_path()), v.mask.as_deref()]).flatten();
+    let photos: HashSet<PathBuf> = photos.filter_map(folder).collect();
+    let among = |file: &&PathBuf| folder(file).is_some_and(|f| photos.contains(&f));
+    files.into_iter().find(among).map_or(Ok(()), |file| Err(Error::AmongPhotos(file.clone())))
 }
 
 /// Refuses a scene without a photo that it had when a job was planned.

@@ -1,6 +1,7 @@
 //! `qirf-vk render`: pictures of a model, from a scene's cameras or on a circle around it.
 
 use super::evaluate::pictures::{self, Format};
+use super::prepare::refuse_photo_folders;
 use super::session::Session;
 use super::{budget, shown::Shown};
 use crate::error::Error;
@@ -11,7 +12,6 @@ use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::{Framing, Look};
 use crate::scene::{Resize, Scene, View};
 use glam::DVec3;
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -76,19 +76,8 @@ pub fn scene_shots(scene: &Scene, resize: Resize, folder: &Path, format: Format)
     let names = pictures::names(scene.views.iter().map(|v| v.name.as_str()), format.extension());
     let shot = |(view, name): (&View, PathBuf)| Shot { camera: view.camera_at(resize), path: folder.join(name) };
     let shots: Vec<Shot> = scene.views.iter().zip(names).map(shot).collect();
-    refuse_photo_folders(scene, &shots)?;
+    refuse_photo_folders(scene, shots.iter().map(|shot| &shot.path))?;
     Ok(shots)
-}
-
-/// Refuses to write pictures into folders of the scene's photos or masks.
-fn refuse_photo_folders(scene: &Scene, shots: &[Shot]) -> Result<(), Error> {
-    let folder = |p: &Path| p.parent().and_then(|p| std::fs::canonicalize(p).ok());
-    let files = scene.views.iter().flat_map(|v| [Some(v.image.as_path()), v.mask.as_deref()]).flatten();
-    let photos: HashSet<PathBuf> = files.filter_map(folder).collect();
-    match shots.iter().find(|s| folder(&s.path).is_some_and(|f| photos.contains(&f))) {
-        Some(shot) => Err(Error::AmongPhotos(shot.path.clone())),
-        None => Ok(()),
-    }
 }
 
 /// Seconds of rendering.

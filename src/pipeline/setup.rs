@@ -2,7 +2,7 @@
 
 use super::checkpoint::Checkpoint;
 use super::config::RunConfig;
-use super::prepare::{Prepared, open};
+use super::prepare::{Prepared, open, refuse_photo_folders};
 use super::session::Session;
 use super::start::Start;
 use super::{Output, Watcher, budget, effects};
@@ -51,6 +51,7 @@ impl<'a> Setup<'a> {
         let Session { device, watcher, .. } = *session;
         let checkpoint = if resume { checkpoint(output, watcher)? } else { None };
         let opened = open(&config.selection())?;
+        refuse_photo_folders(&opened.scene, [output.model(), output.renders().join("picture.png")].iter())?;
         let fresh = || {
             let pixels = opened.train_pixels().into_iter().max().unwrap_or(0);
             Start::of(config, opened.scene.points.len(), pixels)
@@ -82,10 +83,23 @@ impl<'a> Setup<'a> {
     /// [`Error::OtherRun`]; [`Error::Write`].
     pub fn write_config(&self, start: &Start, output: &Output) -> Result<(), Error> {
         match start {
-            Start::Resumed(checkpoint) if !self.config.is_written_in(&checkpoint.notes.config) => {
-                Err(Error::OtherRun { checkpoint: output.checkpoint(), config: output.config() })
+            Start::Resumed(checkpoint) => {
+                let unreadable = |e: toml::de::Error| Error::Checkpoint {
+                    path: output.checkpoint(),
+                    what: format!("the note 'config' cannot be read: {e}"),
+                };
+                let earlier: RunConfig = toml::from_str(&checkpoint.notes.config).map_err(unreadable)?;
+                let changes = self.config.changes(&earlier);
+                if changes.is_empty() {
+                    return Ok(());
+                }
+                Err(Error::OtherRun { folder: output.folder().to_owned(), changes })
             }
-            _ => Output::text(&output.config(), &self.config.written()?),
+            _ => {
+                // Figures of an earlier run in this folder would mark this one as finished.
+                let _ = std::fs::remove_file(output.metrics());
+                Output::text(&output.config(), &self.config.written()?)
+            }
         }
     }
 }
@@ -109,10 +123,10 @@ pub fn tuned(session: &Session<'_>, config: &RunConfig, output: &Output, resume:
 fn checkpoint(output: &Output, watcher: &dyn Watcher) -> Result<Option<Checkpoint>, Error> {
     let path = output.checkpoint();
     if !path.exists() {
-        watcher.note("no checkpoint yet: starting afresh");
+        watcher.note("no checkpoint yet: starting from the beginning");
         return Ok(None);
     }
     let checkpoint = Checkpoint::read(&path)?;
-    watcher.note(&format!("going on after iteration {}", checkpoint.snapshot.iteration));
+    watcher.note(&format!("resuming after iteration {}", checkpoint.snapshot.iteration));
     Ok(Some(checkpoint))
 }

@@ -78,6 +78,56 @@ fn other_options_and_damaged_checkpoints_are_refused() {
     assert!(said.contains("checkpoint.safetensors") && said.contains("delete"), "{said}");
     assert!(!out.join("model.ply").exists());
 
-    let output = command(&folder.path().join("nowhere"), &out, &[]).output().unwrap();
+    let output = command(&folder.path().join("nowhere"), &folder.path().join("new"), &[]).output().unwrap();
     assert_eq!(output.status.code(), Some(3));
+}
+
+fn says(command: &mut Command, code: i32, parts: &[&str]) {
+    let output = command.output().expect("the program starts");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "{said}");
+    for part in parts {
+        assert!(said.contains(part), "{said:?} lacks {part:?}");
+    }
+}
+
+/// Hours of training must not be lost by a forgotten option.
+#[test]
+fn an_interrupted_run_is_not_overwritten_and_other_options_are_named_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("out");
+    let failed = command(&scene, &out, &[]).env("QIRF_DEVICE_FAULT", "wait:120:lost").output();
+    assert_eq!(failed.expect("the program starts").status.code(), Some(4));
+    let checkpoint = || std::fs::read(out.join("checkpoint.safetensors")).expect("a checkpoint");
+    let before = checkpoint();
+    says(&mut command(&scene, &out, &[]), 2, &["checkpoint.safetensors", "--resume", "delete"]);
+    let changed = ["--resume", "--seed", "5", "--no-prune"];
+    says(&mut command(&scene, &out, &changed), 2, &["seed was 1, is 5", "prune was set, is none", "config.toml"]);
+    assert!(before == checkpoint(), "a refused run changes nothing");
+    // Another spelling of the scene is the same run.
+    let spelt = folder.path().join("out/../scene/");
+    works(&mut command(&spelt, &out, &["--resume"]));
+    let whole = folder.path().join("whole");
+    works(&mut command(&scene, &whole, &[]));
+    assert_eq!(model(&whole), model(&out));
+}
+
+#[test]
+fn a_finished_run_is_left_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("out");
+    works(&mut command(&scene, &out, &[]));
+    let written = |name: &str| std::fs::metadata(out.join(name)).and_then(|m| m.modified()).expect("a file");
+    let files = ["model.ply", "metrics.json", "config.toml", "report.html"];
+    let before = files.map(written);
+    says(&mut command(&scene, &out, &["--resume"]), 0, &["finished"]);
+    let told = works(&mut command(&scene, &out, &["--resume", "--json"])).stdout;
+    assert_eq!(serde_json::from_slice::<serde_json::Value>(&told).expect("JSON"), metrics(&out));
+    says(&mut command(&scene, &out, &["--seed", "2", "--resume"]), 2, &["seed was 1, is 2"]);
+    assert_eq!(before, files.map(written));
+    let photos = scene.join("images");
+    says(&mut command(&scene, &photos, &[]), 2, &["among the scene's own photos"]);
+    assert!(!photos.join("config.toml").exists());
 }

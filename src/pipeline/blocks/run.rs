@@ -367,7 +367,7 @@ impl Setup<'_> {
         let Session { device, watcher, .. } = self.session;
         let checkpoint = if output.checkpoint().exists() {
             let checkpoint = Checkpoint::read(&output.checkpoint())?;
-            watcher.note(&format!("going on after iteration {}", checkpoint.snapshot.iteration));
+            watcher.note(&format!("resuming after iteration {}", checkpoint.snapshot.iteration));
             checkpoint
         } else {
             let snapshot = begin(self)?;

@@ -64,14 +64,6 @@ impl RunConfig {
         Ok(config)
     }
 
-    /// Returns true if `text` is the `config.toml` of the same run, be it on another device, with another tuning.
-    pub fn is_written_in(&self, text: &str) -> bool {
-        let written = toml::from_str::<Self>(text)
-            .ok()
-            .and_then(|other| Self { tuning: self.tuning.clone(), ..other }.written().ok());
-        written.is_some() && written == self.written().ok()
-    }
-
     /// The text of `config.toml`.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! Configurations of jobs, as in `config.toml` and on the command line.
 
+mod changes;
 mod file;
 mod pruning;
 pub mod ranges;

@@ -79,7 +79,7 @@ fn killed_after_a_prune_it_knows_what_it_pruned() {
     child.signal("KILL");
     let reached = at(&checkpoint);
     assert!(reached > FIRST_PRUNE, "{reached}");
-    works(&mut run(out, &["--resume"])).with(0, &[&format!("going on after iteration {reached}")]);
+    works(&mut run(out, &["--resume"])).with(0, &[&format!("resuming after iteration {reached}")]);
     assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
     let metrics: serde_json::Value = serde_json::from_slice(&fs::read(out.join("metrics.json")).unwrap()).unwrap();
     assert_eq!(metrics["prunes"].as_array().unwrap().len(), 4);
@@ -106,7 +106,7 @@ fn interrupted_it_keeps_a_checkpoint_and_ends_with_130() {
 #[test]
 fn without_a_checkpoint_resume_starts_afresh_and_says_so() {
     let folder = tempfile::tempdir().unwrap();
-    works(&mut run(folder.path(), &["--resume"])).with(0, &["no checkpoint", "starting afresh"]);
+    works(&mut run(folder.path(), &["--resume"])).with(0, &["no checkpoint", "from the beginning"]);
     assert!(undisturbed() == fs::read(folder.path().join("model.ply")).unwrap());
 }
 
