@@ -73,6 +73,8 @@ pub mod scene;
 pub mod synth;
 #[cfg(feature = "train")]
 pub mod train;
+#[doc(hidden)]
+pub mod wording;
 
 #[cfg(feature = "cli")]
 #[doc(hidden)]

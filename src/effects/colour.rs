@@ -8,6 +8,7 @@ use super::training_set::TrainingSet;
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::gaussians::sh::basis;
 use crate::scene::View;
+use crate::wording::counted;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -150,7 +151,7 @@ fn headers(set: &TrainingSet<'_>) -> String {
     let (low, high) = stops.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| (l.min(*s), h.max(*s)));
     match stops.len() {
         0 => String::new(),
-        n => format!("; EXIF of {n} photos: exposures span {:.1} stops", high - low),
+        n => format!("; EXIF of {}: exposures span {:.1} stops", counted(n, "photo"), high - low),
     }
 }
 

@@ -50,6 +50,11 @@ impl Effect {
         Self::DepthOrder,
     ];
 
+    /// The effects that can be switched.
+    pub fn settable() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|effect| effect.trigger() != Trigger::Always)
+    }
+
     /// The effect's name in files and on the command line.
     pub const fn name(self) -> &'static str {
         match self {

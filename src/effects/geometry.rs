@@ -6,6 +6,7 @@ use super::quantile::quantile;
 use super::training_set::TrainingSet;
 use crate::scene::lens::VISIBLE_DISPLACEMENT;
 use crate::scene::{FourthByte, SceneKind, View};
+use crate::wording::counted;
 use glam::DVec3;
 use std::collections::BTreeSet;
 
@@ -27,9 +28,9 @@ pub fn antialias(set: &TrainingSet<'_>) -> Decision {
     }
     let (low, middle, high) = (quantile(&mut ratios, 0.05), quantile(&mut ratios, 0.5), quantile(&mut ratios, 0.95));
     let evidence = format!(
-        "a pixel covers up to {middle:.2} times as much of a point in one photo as in another (median of {} points; \
+        "a pixel covers up to {middle:.2} times as much of a point in one photo as in another (median of {}; \
          {low:.2} to {high:.2} for nine tenths of them)",
-        ratios.len()
+        counted(ratios.len(), "point")
     );
     Decision::by(Effect::Antialias, middle, FOOTPRINTS, evidence)
 }
@@ -91,7 +92,9 @@ pub fn distortion(set: &TrainingSet<'_>) -> Decision {
     let evidence = if moved == 0.0 {
         "every lens is an ideal pinhole".to_owned()
     } else {
-        format!("a lens moves some pixel by {moved:.2} px; {undistorted} photos are resampled once to a pinhole")
+        let are = if undistorted == 1 { "is" } else { "are" };
+        let photos = counted(undistorted, "photo");
+        format!("a lens moves some pixel by {moved:.2} px; {photos} {are} resampled once to a pinhole")
     };
     Decision::by(Effect::Distortion, moved, VISIBLE_DISPLACEMENT, evidence)
 }
@@ -115,6 +118,7 @@ pub fn transparency(set: &TrainingSet<'_>) -> Decision {
     let (photos, share) = hidden(set, FourthByte::Alpha);
     let evidence = match photos {
         0 => "no photo has a transparent pixel".to_owned(),
+        1 => format!("1 photo has transparent pixels, {:.1} % of all pixels", 100.0 * share),
         n => format!("{n} photos have transparent pixels, {:.1} % of all pixels", 100.0 * share),
     };
     let decision = Decision::plain(Effect::Transparency, photos > 0, evidence);
@@ -127,8 +131,8 @@ pub fn masks(set: &TrainingSet<'_>) -> Decision {
     let (photos, share) = hidden(set, FourthByte::Mask);
     let evidence = match (listed, photos) {
         (0, _) => "no photo has a mask".to_owned(),
-        (n, 0) => format!("{n} photos have masks, which hide nothing or are not used"),
-        (n, _) => format!("{n} photos have masks, which hide {:.1} % of all pixels", 100.0 * share),
+        (n, 0) => format!("masks of {}, which hide nothing or are not used", counted(n, "photo")),
+        (n, _) => format!("masks of {}, which hide {:.1} % of all pixels", counted(n, "photo"), 100.0 * share),
     };
     let decision = Decision::plain(Effect::Masks, photos > 0, evidence);
     Decision { near_threshold: photos > 0 && share < FEW, measured: Some(share), threshold: Some(0.0), ..decision }

@@ -1,6 +1,7 @@
 //! The user's decisions on effects.
 
 use super::effect::{Effect, Trigger};
+use crate::wording::unknown;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -39,13 +40,14 @@ impl Overrides {
     /// # Errors
     /// A sentence that names the fault.
     pub fn parse(text: &str) -> Result<(Effect, Choice), String> {
-        let names = || Effect::ALL.map(Effect::name).join(", ");
-        let (name, value) =
-            text.split_once('=').ok_or_else(|| format!("write NAME=on, NAME=off or NAME=auto; names: {}", names()))?;
-        let effect = Effect::ALL.into_iter().find(|e| e.name() == name.trim());
-        let effect = effect.ok_or_else(|| format!("there is no effect '{name}'; names: {}", names()))?;
-        let choice = [Choice::Auto, Choice::On, Choice::Off].into_iter().find(|c| c.name() == value.trim());
-        let choice = choice.ok_or_else(|| format!("'{}' is none of on, off and auto", value.trim()))?;
+        let (name, value) = text.split_once('=').map_or((text, None), |(name, value)| (name, Some(value)));
+        let name = name.trim();
+        let effect = Effect::ALL.into_iter().find(|e| e.name() == name);
+        let effect = effect.ok_or_else(|| unknown(name, "an effect", Effect::settable().map(Effect::name)))?;
+        let value = value.ok_or_else(|| format!("write {name}=on, {name}=off or {name}=auto"))?.trim();
+        let choices = [Choice::Auto, Choice::On, Choice::Off];
+        let choice = choices.into_iter().find(|c| c.name() == value);
+        let choice = choice.ok_or_else(|| unknown(value, "a choice", choices.map(Choice::name)))?;
         Ok((effect, choice))
     }
 

@@ -5,6 +5,7 @@
 
 use super::properties::SHARED_BYTES;
 use super::select::DeviceInfo;
+use crate::wording::unknown;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -70,9 +71,8 @@ impl FromStr for DeviceClass {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        let there = || Self::ALL.map(|class| class.to_string()).join(", ");
         let found = Self::ALL.into_iter().find(|class| class.to_string() == name.to_lowercase());
-        found.ok_or_else(|| format!("no class of devices is called '{name}'; there are: {}", there()))
+        found.ok_or_else(|| unknown(name, "a class of devices", Self::ALL.map(|class| class.to_string())))
     }
 }
 

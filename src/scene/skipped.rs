@@ -1,5 +1,6 @@
 //! Unusable parts of a scene, counted, with a few of their names.
 
+use crate::wording::counted;
 use serde::{Deserialize, Serialize};
 
 /// Number of names kept as examples.
@@ -47,22 +48,27 @@ impl Skipped {
     /// A phrase for each kind of part left out; none if everything was used.
     pub fn summary(&self) -> Vec<String> {
         let named = [
-            (&self.missing_images, "photos listed but absent"),
-            (&self.mismatched_images, "photos of another shape than their camera"),
-            (&self.damaged_images, "photos damaged"),
-            (&self.bad_poses, "views without a usable pose"),
-            (&self.repeated_views, "views listed twice"),
+            (&self.missing_images, "photo", "listed but absent"),
+            (&self.mismatched_images, "photo", "of another shape than the camera"),
+            (&self.damaged_images, "photo", "damaged"),
+            (&self.bad_poses, "view", "without a usable pose"),
+            (&self.repeated_views, "view", "listed twice"),
         ];
         let mut lines: Vec<String> = named
             .iter()
-            .filter(|(names, _)| names.count > 0)
-            .map(|(names, what)| {
+            .filter(|(names, ..)| names.count > 0)
+            .map(|(names, noun, what)| {
                 let more = if names.count > names.examples.len() { ", ..." } else { "" };
-                format!("{} {what} ({}{more})", names.count, names.examples.join(", "))
+                format!("{} {what} ({}{more})", counted(names.count, noun), names.examples.join(", "))
             })
             .collect();
-        let counted = [(self.bad_points, "points not finite"), (self.track_entries, "track entries without a view")];
-        lines.extend(counted.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")));
+        let points = self.bad_points;
+        lines.extend((points > 0).then(|| format!("{} not finite", counted(points, "point"))));
+        lines.extend(match self.track_entries {
+            0 => None,
+            1 => Some("1 track entry without a view".to_owned()),
+            n => Some(format!("{n} track entries without a view")),
+        });
         lines
     }
 }

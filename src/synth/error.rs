@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::{Effect, Kind};
+use crate::wording::unknown;
 
 /// The reason why no synthetic scene was written.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The effect is not in the list of [`Effect::ALL`].
-    #[error("unknown effect \"{name}\": choose from {known}", known = Effect::names())]
+    #[error("{}", unknown(name, "an effect", Effect::ALL.map(Effect::name)))]
     UnknownEffect {
         /// The name as it was given.
         name: String,

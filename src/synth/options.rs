@@ -70,11 +70,6 @@ impl Effect {
             Self::Cameras => "three cameras with their own focal lengths and picture sizes",
         }
     }
-
-    /// All names, separated by commas.
-    pub fn names() -> String {
-        Self::ALL.map(Self::name).join(", ")
-    }
 }
 
 impl fmt::Display for Effect {

@@ -177,7 +177,7 @@ fn missing_misshapen_and_damaged_photos_are_skipped_and_counted() {
     let skipped = &opened.skipped;
     assert_eq!((skipped.missing_images.count, skipped.mismatched_images.count), (1, 1));
     assert_eq!(skipped.damaged_images.examples, ["d.jpg"]);
-    says(&skipped.summary().join("\n"), &["1 photos listed but absent (a.png)", "c.png", "1 photos damaged (d.jpg)"]);
+    says(&skipped.summary().join("\n"), &["1 photo listed but absent (a.png)", "c.png", "1 photo damaged (d.jpg)"]);
     fs::remove_dir_all(&images).unwrap();
     let error = open(scene.path()).unwrap().require_photos().unwrap_err().to_string();
     says(&error, &["none of the 5 photos", "a.png does not exist"]);
@@ -365,7 +365,7 @@ fn transforms_faults_name_the_frame() {
     says(&message(attempt(&format!("{{{size}, \"frames\": [{panorama}]}}"))), &["frame 1", "EQUIRECTANGULAR"]);
     let mirrored = frame("").replace("[[1,", "[[-1,");
     let text = message(attempt(&format!("{{{size}, \"frames\": [{mirrored}]}}")));
-    says(&text, &["no usable view", "1 views without a usable pose (a.png)"]);
+    says(&text, &["no usable view", "1 view without a usable pose (a.png)"]);
     let twice = attempt(&format!("{{{size}, \"frames\": [{}, {}]}}", frame(""), frame(""))).unwrap();
     assert_eq!((twice.views.len(), twice.skipped.repeated_views.count), (1, 1));
     let cameras = [frame(""), frame(r#", "fl_x": 60"#).replace("a.png", "b.png")].join(",");

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::Gaussians;
+use crate::wording::counted;
 
 /// Infinite opacity logits become this value with their sign.
 ///
@@ -46,15 +47,15 @@ impl fmt::Display for Repairs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let limit = OPACITY_LOGIT_LIMIT;
         let parts: Vec<String> = [
-            (self.non_finite_rows as u64, "Gaussians removed for NaN or infinite values".to_owned()),
-            (self.zero_quaternions as u64, "Gaussians removed for a zero quaternion".to_owned()),
-            (self.clamped_opacities as u64, format!("infinite opacity logits clamped to +-{limit}")),
-            (self.floored_scales as u64, format!("Gaussians' zero scales raised to e^{LOG_SCALE_FLOOR}")),
-            (self.trailing_bytes, "bytes after the last record ignored".to_owned()),
+            (self.non_finite_rows as u64, "Gaussian", "removed for NaN or infinite values".to_owned()),
+            (self.zero_quaternions as u64, "Gaussian", "removed for a zero quaternion".to_owned()),
+            (self.clamped_opacities as u64, "infinite opacity logit", format!("clamped to +-{limit}")),
+            (self.floored_scales as u64, "Gaussian", format!("with zero scales, raised to e^{LOG_SCALE_FLOOR}")),
+            (self.trailing_bytes, "byte", "after the last record ignored".to_owned()),
         ]
         .into_iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, what)| format!("{count} {what}"))
+        .filter(|(count, ..)| *count > 0)
+        .map(|(count, noun, what)| format!("{} {what}", counted(count, noun)))
         .collect();
         if parts.is_empty() { Ok(()) } else { write!(f, "Repaired on reading: {}.", parts.join(", ")) }
     }

@@ -11,6 +11,7 @@ use crate::qirf::CHANNELS;
 use crate::qirf::partition::Blocks;
 use crate::random;
 use crate::response::{Score, Wanted};
+use crate::wording::unknown;
 
 /// Salt of the random selector's numbers.
 const SALT: u64 = 0x5e1e_c702;
@@ -181,8 +182,7 @@ impl FromStr for Selector {
 
     fn from_str(name: &str) -> Result<Self, String> {
         let known = Self::NAMES.iter().find(|(_, n)| *n == name).map(|(s, _)| *s);
-        let names = || Self::NAMES.map(|(_, n)| n).join(", ");
-        known.ok_or_else(|| format!("there is no selector `{name}`; choose one of {}", names()))
+        known.ok_or_else(|| unknown(name, "a selector", Self::NAMES.map(|(_, n)| n)))
     }
 }
 

@@ -73,7 +73,7 @@ fn bad_models_are_refused_by_name_or_salvaged() {
     hurt.opacity_logits[5] = f32::INFINITY;
     formats::write(&sandbox.path("hurt.ply"), &hurt, formats::RenderMode::Plain).unwrap();
     let ran = sandbox.works(&["render", "hurt.ply", "--orbit", "1", "-o", "hurt", "--size", "16x16"]);
-    assert!(ran.err.contains("warning:") && ran.err.contains("1 Gaussians removed"), "{}", ran.err);
+    assert!(ran.err.contains("warning:") && ran.err.contains("1 Gaussian removed"), "{}", ran.err);
     let told = sandbox.works(&["inspect", "hurt.ply", "--json"]).json();
     assert_eq!((&told["gaussians"], &told["repairs"]["clamped_opacities"]), (&19.into(), &1.into()));
 }

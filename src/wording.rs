@@ -1,0 +1,39 @@
+//! Words that messages share: counts, and refusals of unknown names.
+
+use std::fmt::Display;
+
+/// `1 photo`, `3 photos`: a count, and a noun whose plural ends in s.
+pub fn counted<N: Copy + Display + PartialEq + From<u8>>(n: N, noun: &str) -> String {
+    let ending = if n == N::from(1) { "" } else { "s" };
+    format!("{n} {noun}{ending}")
+}
+
+/// The refusal of a name that is not known: `'abc' is not a selector; possible values: gnso, css`. `what` has its article.
+pub fn unknown<S: AsRef<str>>(name: &str, what: &str, known: impl IntoIterator<Item = S>) -> String {
+    let mut text = format!("'{name}' is not {what}; possible values: ");
+    for (i, known) in known.into_iter().enumerate() {
+        text += if i == 0 { "" } else { ", " };
+        text += known.as_ref();
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_is_singular_and_all_else_plural() {
+        assert_eq!(counted(1_usize, "photo"), "1 photo");
+        assert_eq!(counted(0_usize, "photo"), "0 photos");
+        assert_eq!(counted(21_u32, "held-out view"), "21 held-out views");
+    }
+
+    #[test]
+    fn unknown_names_are_refused_with_all_that_are_known() {
+        assert_eq!(
+            unknown("abc", "a selector", ["gnso", "css"]),
+            "'abc' is not a selector; possible values: gnso, css"
+        );
+    }
+}
