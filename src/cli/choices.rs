@@ -15,38 +15,43 @@ use clap::Args;
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Compression")]
 pub(super) struct Choices {
-    /// Share of the Gaussians to keep, detail included [default: 0.28; preset paper: by block, 0.22 and detail]
+    /// Share of the Gaussians to keep, detail included [default: 0.28; preset paper: at least 0.22 of each block, and detail]
     #[arg(long, value_name = "SHARE", value_parser = values::share, conflicts_with = "target_count")]
     keep: Option<f64>,
     /// Keep exactly this number of Gaussians
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     target_count: Option<u32>,
-    /// pairs (merge pairs of neighbours), or rank by: css, gnso, ordinary, lowdin, importance, radsplat, lightgaussian,
-    /// contribution, opacity, removal, change, elimination, css-measured, gnso-measured or random [default: css; compress: pairs]
-    #[arg(long, value_name = "NAME", value_parser = values::named::<Selector>)]
+    /// Rule that selects Gaussians: pairs merges pairs of neighbours; the others rank Gaussians and keep the first [default:
+    /// css; compress: pairs; preset paper: gnso]
+    #[arg(long, value_name = "NAME", value_parser = values::named::<Selector>("a selector"))]
     pub selector: Option<Selector>,
-    /// Divide the count per-block, hybrid (half by block, half over the scene) or global
-    #[arg(long, value_name = "NAME", value_parser = values::named::<Budget>)]
+    /// Budget: every block keeps its share (per-block), the best of the whole scene are kept (global), or half of each (hybrid)
+    /// [default: hybrid; compress without --fine-tune and preset paper: per-block]
+    #[arg(long, value_name = "NAME", value_parser = values::named::<Budget>("a budget"))]
     budget: Option<Budget>,
-    /// Share of the Gaussians that small, visible detail keeps [default: 0.05]
+    /// Share of the Gaussians that is reserved for small, visible detail [default: 0.05]
     #[arg(long, value_name = "SHARE", value_parser = values::share_or_none)]
     detail: Option<f64>,
-    /// Merge the colour and opacity of dropped Gaussians into the kept ones that they overlap [default: true]
+    /// Merge the colour and opacity of dropped Gaussians into the kept ones that they overlap; without a value, true [default:
+    /// true; preset paper: false]
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     merge: Option<bool>,
-    /// Blocks: adaptive (optionally with a largest size), paper, or an edge in world units [default: adaptive]
+    /// Partition into blocks: adaptive (optionally with the most Gaussians of a block), paper, or the edge of a block in world
+    /// units [default: adaptive; preset paper: paper]
     #[arg(long, value_name = "adaptive[:MOST]|paper|EDGE", value_parser = values::partition)]
     partition: Option<Partition>,
-    /// Metric: normalised, or raw as in the paper's literal text [default: normalised]
-    #[arg(long, value_name = "NAME", value_parser = values::named::<Overlap>)]
+    /// Overlaps that are the metric: of Gaussians of unit norm (normalised), or as in the paper's literal text (raw) [default:
+    /// normalised]
+    #[arg(long, value_name = "NAME", value_parser = values::named::<Overlap>("a kind of overlap"))]
     overlap: Option<Overlap>,
-    /// Widen Gaussians for the overlaps by this many median scales [default: 0]
+    /// Number of median scales by which Gaussians are widened before overlaps are computed [default: 0]
     #[arg(long, value_name = "T", value_parser = values::not_negative)]
     dilate: Option<f64>,
-    /// Eigensolver: dsygvd, low-rank or low-rank-f32 [default: low-rank]
-    #[arg(long, value_name = "NAME", value_parser = values::named::<Eigensolver>)]
+    /// Eigensolver: LAPACK's (dsygvd), or Cholesky and an 8 x 8 eigenproblem (low-rank; in float32: low-rank-f32) [default:
+    /// low-rank]
+    #[arg(long, value_name = "NAME", value_parser = values::named::<Eigensolver>("an eigensolver"))]
     solver: Option<Eigensolver>,
-    /// Added to the metric's diagonal [default: 1e-4]
+    /// Number added to the metric's diagonal [default: 1e-4]
     #[arg(long, value_name = "E", value_parser = values::not_negative)]
     epsilon: Option<f64>,
 }

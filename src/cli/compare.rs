@@ -1,19 +1,21 @@
 //! `qirf-vk compare SCENE`.
 
-use super::Global;
 use super::choices::Choices;
 use super::console::Console;
 use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
+use super::{Global, tell_of_missing};
 use crate::error::Error;
 use crate::pipeline::arm::Arm;
 use crate::pipeline::compare::{compare, compare_seeds};
 use crate::pipeline::config::{Compression, Pruning};
 use crate::pipeline::records::CompareRecord;
 use crate::pipeline::{Output, RunConfig, Session, earlier};
+use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Keep;
 use crate::report;
+use crate::wording::unknown;
 use std::path::PathBuf;
 
 const ARMS: &str =
@@ -33,11 +35,18 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --ablation
   qirf-vk compare capture -o compared --arms paper-tables --seeds 3
 
-An arm is a selector's name with any of :BUDGET, +merge, -detail, +attrition, +twice, +rewarm, +thresholds and @SHARE after
-it, in this order; +twice prunes at 16/30 and 24/30 of the run. Or it is default, paper, gns (opacity:global-detail+attrition), pop
-(change:global-detail in two cuts), dense (not pruned), dense+thresholds (not pruned, grown as by the 3DGS reference), grown (not
-pruned, grown only to the number kept) or mcmc (the same by relocation, as in 3DGS-MCMC). The folder holds compare.html,
-compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
+An arm is a selector's name, followed by any of :BUDGET, +merge, -detail, +attrition, +twice, +rewarm, +thresholds and @SHARE in this \
+order; +twice prunes at 16/30 and 24/30 of the run. Other arms are:
+  default           the pruning that the other options describe
+  paper             the pruning of the QIRF paper
+  gns               opacity:global-detail+attrition
+  pop               change:global-detail in two cuts
+  dense             not pruned
+  dense+thresholds  not pruned, grown as by the 3DGS reference
+  grown             not pruned, grown only to the number that the others keep
+  mcmc              the same, grown by relocation as in 3DGS-MCMC
+
+The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
 /// Compare ways of pruning a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]
@@ -48,13 +57,15 @@ pub(super) struct Arguments {
     /// Folder for the results; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Arms to compare, separated by commas, or paper-tables [default: every selector, the default and the dense model]
+    /// Arms to compare, separated by commas, or paper-tables, the methods of the QIRF paper's tables [default: default, dense and
+    /// most selectors]
     #[arg(long, value_name = "ARM,...")]
     arms: Option<String>,
     /// Compare the arms of the paper's ablations
     #[arg(long, conflicts_with = "arms")]
     ablation: bool,
-    /// Train every arm with N seeds, from --seed on, each in a folder of its own; the figures are means and spreads
+    /// Number of seeds, from --seed on, with which every arm is trained; each seed has a folder of its own, and figures are means
+    /// and spreads [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     seeds: Option<u32>,
     /// Reuse finished parts of an earlier comparison with the same options
@@ -71,6 +82,17 @@ pub(super) struct Arguments {
     json: bool,
 }
 
+/// Names of arms that are no selectors' names.
+const METHODS: [&str; 8] = ["default", "paper", "gns", "pop", "dense", "dense+thresholds", "grown", "mcmc"];
+
+/// Reads an arm, whose name must be known.
+fn arm(text: &str, pruning: &Pruning) -> Result<Arm, String> {
+    let name = text.split([':', '+', '@']).next().unwrap_or_default();
+    let name = name.strip_suffix("-detail").unwrap_or(name);
+    let known = || METHODS.into_iter().chain(Selector::NAMES.into_iter().map(|(_, name)| name));
+    if known().any(|known| known == name) { Arm::parse(text, pruning) } else { Err(unknown(name, "an arm", known())) }
+}
+
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let pruning = self.training.pruning(&self.choices)?;
@@ -82,7 +104,7 @@ impl Arguments {
         };
         let arms: Vec<Arm> = asked
             .split(',')
-            .map(|text| Arm::parse(text.trim(), &pruning))
+            .map(|text| arm(text.trim(), &pruning))
             .collect::<Result<_, _>>()
             .map_err(|e| Error::Usage(format!("--arms: {e}")))?;
         if let Some(twice) = (1..arms.len()).find(|i| arms[..*i].iter().any(|a| a.name == arms[*i].name)) {
@@ -98,7 +120,7 @@ impl Arguments {
         let config =
             self.training.configuration(self.scene.clone(), console)?.pruned(Pruning { compression, ..pruning });
         self.check_earlier(&config)?;
-        let networks = self.resources.networks(console)?;
+        let networks = self.resources.networks()?;
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);
         let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
@@ -107,6 +129,7 @@ impl Arguments {
             None => compare(&session, &config, &arms, &self.output, self.resume)?,
             Some(seeds) => compare_seeds(&session, &config, &arms, seeds, &self.output, self.resume)?,
         };
+        tell_of_missing(&networks, console);
         let json = serde_json::to_string_pretty(&compared).map_err(|e| Error::encoding("compare.json", e))?;
         Output::text(&self.output.join("compare.json"), &json)?;
         Output::text(&self.output.join("compare.csv"), &compared.csv())?;
@@ -158,5 +181,26 @@ impl Arguments {
             ))?;
         }
         console.print(format_args!("report {}", self.output.join("compare.html").display()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_of_arms_are_known_and_other_names_are_refused_with_all_arms() {
+        let arms = |list: &str| list.split(',').map(|a| arm(a, &Pruning::default())).collect::<Result<Vec<_>, _>>();
+        for list in
+            [ARMS, ABLATION, PAPER_TABLES, &METHODS.join(","), "css-measured-detail@0.1,gnso-detail,pairs+rewarm"]
+        {
+            assert!(arms(list).is_ok(), "{list}");
+        }
+        let refused = arms("abc:global+merge").unwrap_err();
+        assert!(
+            refused.starts_with("'abc' is not an arm; possible values: default, paper, gns, pop, dense,"),
+            "{refused}"
+        );
+        assert!(refused.contains("dense+thresholds") && refused.ends_with("pairs"), "{refused}");
     }
 }

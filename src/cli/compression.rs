@@ -17,15 +17,15 @@ use std::path::PathBuf;
 /// Choice of Gaussians, views that judge it, and rendering.
 #[derive(Debug, clap::Args)]
 pub(super) struct Options {
-    /// Preset: standard, or paper with every value as published
-    #[arg(long, value_name = "standard|paper", default_value = "standard", help_heading = "Compression")]
+    /// Preset of the options under this heading
+    #[arg(long, value_name = "standard|paper", default_value = "standard", value_parser = values::one_of::<Preset>("a preset"), help_heading = "Compression")]
     preset: Preset,
     #[command(flatten)]
     choices: Choices,
     /// Random seed: the same seed on the same device gives the same bytes
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Compression")]
     seed: u32,
-    /// Virtual cameras around the model; every eighth is held out for the scores [default: 48]
+    /// Number of virtual cameras around the model; every eighth is held out for the scores [default: 48]
     #[arg(long, value_name = "N", help_heading = "Without photos", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     views: Option<u32>,
     /// Picture size of virtual cameras [default: 400x400]
@@ -34,17 +34,17 @@ pub(super) struct Options {
     /// Up direction: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
-    /// Scene whose photos are used to score the model: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    /// Scene whose photos decide what is kept, and score the result: a COLMAP, Blender, instant-ngp or nerfstudio folder
     #[arg(long, value_name = "SCENE", help_heading = "Photos")]
     scene: Option<PathBuf>,
-    /// Photo folder (such as images_4)
+    /// Photo folder, such as images_4 [default: the scene's own]
     #[arg(long, value_name = "DIR", help_heading = "Photos", requires = "scene")]
     images: Option<PathBuf>,
-    /// Picture size as width, or as a divisor of the photos' size
+    /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", requires = "scene", value_parser = values::resolution_text)]
     resolution: Option<String>,
     /// Hold out every N-th photo for the scores; 0 holds out none [default: 8]
-    #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene")]
+    #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene", value_parser = values::whole::<usize>)]
     eval_every: Option<usize>,
     #[command(flatten)]
     pub rendering: style::Rendering,
@@ -56,9 +56,9 @@ pub(super) struct Options {
 /// A preset of all options under "Compression".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Preset {
-    /// Chosen by measurements
+    /// Values that measured best
     Standard,
-    /// The values of the QIRF paper
+    /// Every value as published in the QIRF paper
     Paper,
 }
 

@@ -4,13 +4,14 @@ use super::console::Console;
 use super::inspect::read_model;
 use crate::error::Error;
 use crate::gaussians::formats;
+use crate::wording::counted;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk convert model.ply model.spz
   qirf-vk convert playbot-sog/ playbot.ply
 
-Read: PLY (binary, text, compressed), SPZ 1-4, splat, ksplat, SOG. Written: PLY (bit-exact), SPZ and SOG (quantised).";
+Formats read: PLY (binary, text, compressed), SPZ 1 to 4, .splat, .ksplat, SOG. Formats written: PLY (exact), SPZ and SOG (quantised).";
 
 /// Convert a model between file formats.
 #[derive(Debug, clap::Args)]
@@ -35,9 +36,11 @@ impl Arguments {
         formats::write(&self.output, &loaded.gaussians, loaded.mode).map_err(Error::writing)?;
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
         console.note(format_args!(
-            "{} {}Gaussians of {} in {} ({bytes} bytes)",
-            loaded.gaussians.len(),
-            if loaded.mode.antialiased() { "anti-aliased " } else { "" },
+            "{} of {} in {} ({bytes} bytes)",
+            counted(
+                loaded.gaussians.len(),
+                if loaded.mode.antialiased() { "anti-aliased Gaussian" } else { "Gaussian" }
+            ),
             loaded.format,
             self.output.display()
         ));

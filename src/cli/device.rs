@@ -2,6 +2,7 @@
 
 use super::Global;
 use super::console::Console;
+use super::values;
 use crate::error::Error;
 use crate::gpu::{self, Compiled, Device, DeviceInfo, Feature, Tuning};
 use crate::pipeline::kernels::compiled;
@@ -26,16 +27,16 @@ pub(super) struct Arguments {
     /// Print one JSON document
     #[arg(long)]
     json: bool,
-    /// Print what the driver's compiler makes of each kernel: registers, spills, code size; nothing is run
+    /// Print statistics of each kernel from the driver's compiler, such as registers, spills and code size; nothing is run
     #[arg(long)]
     kernels: bool,
-    /// Print what tells this device from others: checksums of all that it computes for an embedded scene (some seconds).
-    /// Where they are equal, equal commands write equal bytes
+    /// Print the device's fingerprint: checksums of all that it computes for an embedded scene, which takes some seconds. On
+    /// devices with equal fingerprints, equal commands write equal bytes
     #[arg(long, conflicts_with = "kernels")]
     fingerprint: bool,
-    /// Measure which tuning trains fastest on this device, in about this many seconds (50), and store it for later runs
+    /// Measure which tuning trains fastest on this device, and store it for later runs; takes about SECONDS, 50 without a value
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "50")]
-    #[arg(value_parser = clap::value_parser!(u64).range(1..=3600), conflicts_with_all = ["kernels", "tuning"])]
+    #[arg(value_parser = values::seconds, conflicts_with_all = ["kernels", "tuning"])]
     tune: Option<u64>,
 }
 

@@ -6,11 +6,11 @@ use super::scratch::Scratch;
 use super::show::Show;
 use super::style;
 use super::values;
-use super::{Global, networks};
+use super::{Global, tell_of_missing};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
-use crate::metrics::Scores;
+use crate::metrics::{Networks, Scores};
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::records::{RunRecord, ViewScores};
 use crate::pipeline::{Output, RunConfig, Selection, Session, host_bytes};
@@ -24,7 +24,8 @@ const EXAMPLES: &str = "Examples:
   qirf-vk eval small.spz --against original.ply
 
 Photos are held out, scaled and scored as `qirf-vk run` does it: a run's model.ply has the run's own scores.
-With --against, the model is scored against pictures of its original, from the views that `qirf-vk compress` holds out.";
+With --against, the model is scored against pictures of its original, from the views that `qirf-vk compress` holds out. Where \
+both are equal, PSNR is infinite, and the table says so.";
 
 /// Score a model of any format against a scene's held-out photos, or against another model's pictures.
 #[derive(Debug, clap::Args)]
@@ -33,20 +34,20 @@ pub(super) struct Arguments {
     /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
     model: PathBuf,
     /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
-    #[arg(required_unless_present_any = ["config", "against"])]
     scene: Option<PathBuf>,
     /// Folder for metrics.json and renders/; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// The original of this model, before compression
+    /// Original of the model, before compression: its pictures are the truth, and no photos are needed
     #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every"])]
     against: Option<PathBuf>,
-    /// Take scene, photos and rendering from a run's config.toml; options given here take precedence
+    /// Configuration of a run, its config.toml, which names scene, photos and rendering; options on the command line take
+    /// precedence
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     #[command(flatten)]
     rendering: style::Rendering,
-    /// Colour behind the Gaussians [default: white for photos with alpha, else black]
+    /// Colour behind the Gaussians [default: that of --config, else white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
     /// Limit on device memory, such as 2G or 800M [default: the device's]
@@ -54,16 +55,18 @@ pub(super) struct Arguments {
     memory_budget: Option<u64>,
     #[command(flatten)]
     scratch: Scratch,
-    /// Photo folder (such as images_4)
+    /// Photo folder, such as images_4 [default: that of --config, else the scene's own]
     #[arg(long, value_name = "DIR", help_heading = "Photos")]
     images: Option<PathBuf>,
-    /// Picture size as width, or as a divisor of the photos' size
+    /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: that of --config, else the photos'
+    /// size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
-    /// Hold out every N-th photo for the scores [default: 8]
-    #[arg(long, value_name = "N", help_heading = "Photos")]
+    /// Hold out every N-th photo for the scores [default: that of --config, else 8]
+    #[arg(long, value_name = "N", help_heading = "Photos", value_parser = values::whole::<usize>)]
     eval_every: Option<usize>,
-    /// LPIPS weights: a file, or a folder of them (tools/lpips-weights makes them)
+    /// LPIPS weights: a file, or a folder of them, as the script lpips-weights writes them [default: $QIRF_LPIPS, else the
+    /// folder qirf-vk in the user's data folder]
     #[arg(long, value_name = "PATH", help_heading = "Photos")]
     lpips_weights: Option<PathBuf>,
     /// Print the figures as JSON on standard output
@@ -76,6 +79,13 @@ impl Arguments {
         if let Some(original) = &self.against {
             return self.run_against(original, console, global);
         }
+        if self.scene.is_none() && self.config.is_none() {
+            let model = self.model.display();
+            return Err(Error::Usage(format!(
+                "there is nothing to score {model} against: name a scene, a run's configuration with --config, or the original \
+                 model with --against, as in `qirf-vk eval {model} capture`"
+            )));
+        }
         if let Some(folder) = &self.output {
             if folder.exists() && !folder.is_dir() {
                 return Err(Error::Usage(format!("-o {} is a file; name a folder", folder.display())));
@@ -87,13 +97,14 @@ impl Arguments {
         }
         let loaded = read_model(&self.model, console)?;
         let evaluation = self.evaluation(&loaded, console)?;
-        let networks = networks(self.lpips_weights.as_deref(), console)?;
+        let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;
         let watcher = Show::new(console);
         let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
         let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
         let record = eval::eval(&session, &self.model, &loaded.gaussians, &evaluation, output.as_ref())?;
+        tell_of_missing(&networks, console);
         self.report(console, &record)
     }
 
@@ -111,13 +122,14 @@ impl Arguments {
                  draws both alike"
             ));
         }
-        let networks = networks(self.lpips_weights.as_deref(), console)?;
+        let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let watcher = Show::new(console);
         let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
         let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
         let background = self.background.unwrap_or([0.0; 3]);
         let held_out = eval::against(&session, [(&model.0, model.1), (&original.0, original.1)], background)?;
+        tell_of_missing(&networks, console);
         let (test, views) = (held_out.mean(), &held_out.views);
         if self.json {
             let counts = serde_json::json!({ "model": model.0.len(), "original": original.0.len() });
@@ -161,8 +173,8 @@ impl Arguments {
 fn table(console: &Console, test: Option<&Scores>, views: &[ViewScores]) -> Result<(), Error> {
     let lpips = test.is_some_and(|t| t.lpips_vgg.is_some());
     let row = |name: &str, scores: &Scores| {
-        // Equal pictures have no PSNR.
-        let psnr = scores.psnr.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+        // The PSNR of equal pictures is infinite.
+        let psnr = scores.psnr.map_or_else(|| "equal".to_owned(), |v| format!("{v:.3}"));
         let mut line = format!("{name:<32} {psnr:>8} {:>8.4}", scores.ssim);
         if lpips {
             line += &scores.lpips_vgg.map_or_else(|| format!(" {:>8}", "-"), |v| format!(" {v:>8.4}"));

@@ -34,7 +34,7 @@ use crate::metrics::Networks;
 use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use console::{Colour, Console};
 use std::io::{self, IsTerminal};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use tracing_subscriber::filter::LevelFilter;
 
@@ -53,22 +53,22 @@ struct Cli {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Global options")]
 struct Global {
-    /// Vulkan device: its index, part of its name, uuid:UUID, pci:ADDRESS, or free: one that no other process asked for by
-    /// this word (default: $QIRF_DEVICE, else the fastest kind available)
+    /// Vulkan device: its index, a part of its name, uuid:UUID, pci:ADDRESS, or free: one that no other process chose as free
+    /// [default: $QIRF_DEVICE, else the fastest kind available]
     #[arg(long, global = true, value_name = "NAME|INDEX|uuid:|pci:|free")]
     device: Option<String>,
-    /// Shapes of kernels: a class (cpu, gpu, nvidia, ...), fields such as tile=8, or both, with commas (default: $QIRF_TUNING, else
-    /// what `qirf-vk device --tune` found, else those of the device's class)
+    /// Shapes of kernels: a class of devices (cpu, gpu, nvidia, ...), fields such as tile=8, or both, separated by commas
+    /// [default: $QIRF_TUNING, else what `qirf-vk device --tune` found, else those of the device's class]
     #[arg(long, global = true, value_name = "CLASS,FIELD=VALUE")]
     tuning: Option<TuningChoice>,
     /// Print only results and errors
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// Print more; repeat it for much more
+    /// Print more details; repeat it (-vv) for still more
     #[arg(short, long, global = true, action = ArgAction::Count, conflicts_with = "quiet")]
     verbose: u8,
-    /// Choose when to colour text
-    #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
+    /// When text is coloured
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto", value_parser = values::one_of::<Colour>("a choice"))]
     color: Colour,
 }
 
@@ -78,13 +78,13 @@ enum Command {
     Run(run::Arguments),
     /// Compare ways of pruning a scene, all from one checkpoint
     Compare(compare::Arguments),
-    /// Measure what accuracy costs in time: every axis of the engine, rung by rung
+    /// Measure what accuracy costs in time, along each axis of the engine
     Sweep(sweep::Arguments),
-    /// Score a model of any format against a scene's held-out photos
+    /// Score a model of any format against a scene's held-out photos, or against another model
     Eval(eval::Arguments),
     /// Prune an existing model: keep the Gaussians that its pictures need
     Compress(compress::Arguments),
-    /// Divide the compression of a large model into tasks, for one device in turn or for a cluster
+    /// Divide a large compression, or a training in blocks, into tasks for one device in turn or for a cluster
     Shard(shard::Arguments),
     /// Render pictures of a model, from a scene's cameras or on a circle around it
     Render(render::Arguments),
@@ -100,9 +100,9 @@ enum Command {
     Synth(synth::Arguments),
     /// List the Vulkan devices, and which one would be used
     Device(device::Arguments),
-    /// Check this machine's device against the host, number by number
+    /// Compare the device's results with the host's, number by number
     Selftest(selftest::Arguments),
-    /// Print shell completions
+    /// Print completions for a shell
     Completions(completions::Arguments),
 }
 
@@ -126,8 +126,19 @@ const EXAMPLES: &str = "Examples:
   qirf-vk inspect capture
   qirf-vk selftest
 
-Exit codes: 0 done, 2 usage, 3 bad input, 4 device, 5 no memory or disk, 130 interrupted.
+Exit codes: 0 success, 2 usage, 3 bad input, 4 device, 5 out of memory or disk space, 130 interrupted.
 `qirf-vk COMMAND --help` lists a command's options.";
+
+/// Lets options of all commands take negative numbers as values, so that their parsers can say what is wrong with them.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let takes = |arg: &clap::Arg| arg.get_long().is_some() && arg.get_action().takes_values();
+    command
+        .mut_args(move |arg| {
+            let negative = takes(&arg) && !arg.is_allow_hyphen_values_set();
+            if negative { arg.allow_negative_numbers(true) } else { arg }
+        })
+        .mut_subcommands(with_negative_numbers)
+}
 
 /// The command line for clap, with commands in groups.
 fn command() -> clap::Command {
@@ -140,7 +151,7 @@ fn command() -> clap::Command {
         format!("{heading}:\n{}\n", names.iter().map(line).collect::<Vec<_>>().concat())
     };
     let list = GROUPS.iter().map(group).collect::<Vec<_>>().concat();
-    command
+    with_negative_numbers(command)
         .help_template(format!(
             "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{list}Global options:\n{{options}}{{after-help}}"
         ))
@@ -176,13 +187,22 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Networks of LPIPS from the given or default weights; prints what is skipped if there are none.
-fn networks(weights: Option<&Path>, console: &Console) -> Result<Networks, Error> {
-    let networks = Networks::find(weights)?;
+/// Says which scores are left out for want of weights, and how to get them; to be called once there are scores.
+fn tell_of_missing(networks: &Networks, console: &Console) {
     if let Some(note) = networks.note() {
-        console.note(note);
+        console.note(format_args!("{note}: run {} once", lpips_weights().display()));
     }
-    Ok(networks)
+}
+
+/// The script that makes the weights of LPIPS: where `tools/package` puts it beside the program, else where the sources have it.
+fn lpips_weights() -> PathBuf {
+    let program = std::env::current_exe().and_then(|p| p.canonicalize()).ok();
+    let installed = program.as_deref().and_then(Path::parent).and_then(|folder| {
+        // A tarball has the program at its top, a Debian package in usr/bin.
+        let tops = [Some(folder), folder.parent()];
+        tops.into_iter().flatten().map(|top| top.join("share/qirf-vk/lpips-weights")).find(|script| script.is_file())
+    });
+    installed.unwrap_or_else(|| "tools/lpips-weights".into())
 }
 
 impl Cli {
@@ -273,5 +293,39 @@ mod tests {
         let mut there: Vec<_> = Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
         there.sort_unstable();
         assert_eq!(listed, there);
+    }
+
+    /// Clap wraps paragraphs to the terminal; lines broken by hand end up ragged.
+    #[test]
+    fn paragraphs_of_the_help_are_not_broken_by_hand() {
+        fn check(command: &clap::Command) {
+            let epilogue = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let lines: Vec<&str> = epilogue.lines().collect();
+            for pair in lines.windows(2) {
+                let text = |line: &str| line.starts_with(|c: char| !c.is_whitespace());
+                let broken = text(pair[0]) && text(pair[1]) && !pair[0].ends_with(['.', ':']);
+                assert!(!broken, "{}: {:?} goes on in {:?}", command.get_name(), pair[0], pair[1]);
+            }
+            command.get_subcommands().for_each(check);
+        }
+        check(&command());
+    }
+
+    #[test]
+    fn defaults_have_one_form_and_help_lists_what_the_code_knows() {
+        fn check(command: &clap::Command) {
+            for arg in command.get_arguments() {
+                let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
+                assert!(!help.contains("(default"), "{}: {help}", command.get_name());
+                let at_end = help.find("[default").is_none_or(|at| help[at..].ends_with(']'));
+                assert!(at_end, "{}: a default comes last: {help}", command.get_name());
+            }
+            command.get_subcommands().for_each(check);
+        }
+        check(&command());
+        let run = command().find_subcommand("run").cloned().unwrap_or_default();
+        let effect = run.get_arguments().find(|a| a.get_id() == "effect").and_then(|a| a.get_help());
+        let effect = effect.map(ToString::to_string).unwrap_or_default();
+        assert!(effect.contains("depth_order") && !effect.contains("cameras"), "{effect}");
     }
 }

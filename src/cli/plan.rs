@@ -16,6 +16,7 @@ use crate::pipeline::blocks::BlockRun;
 use crate::pipeline::shard::{Compression, Job, Plan, Shard};
 use crate::pipeline::{Session, host_bytes};
 use crate::selftest;
+use crate::wording::counted;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
@@ -42,10 +43,10 @@ pub(super) struct OfScene {
     scene: PathBuf,
     #[command(flatten)]
     place: Place,
-    /// Number of blocks [default: as many as make each fit the device]
+    /// Number of blocks [default: the fewest that fit the device one at a time]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     blocks: Option<u16>,
-    /// Train a dense model only
+    /// Train a dense model, and do not prune it
     #[arg(long)]
     no_prune: bool,
     #[command(flatten)]
@@ -126,7 +127,7 @@ impl Place {
         let job = session(&device, self.memory_budget, console, job)?;
         let shard = Shard::create(&Plan::new(job, &self.name, selftest::fingerprint(&device)?), &self.output)?;
         let (tasks, folder) = (shard.tasks().len(), self.output.display());
-        console.print(format_args!("{tasks} tasks in {folder}"))?;
+        console.print(format_args!("{} in {folder}", counted(tasks, "task")))?;
         console.note(format_args!("next: qirf-vk shard all {folder}, or snakemake -d {folder} --cores 2"));
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use super::console::Console;
 use super::show::Show;
+use super::values;
 use crate::error::Error;
 use crate::pipeline::pose::{self, Backend, Matching, Options, Posed};
 use crate::scene::photo_folder;
@@ -13,8 +14,8 @@ const EXAMPLES: &str = "Examples:
   qirf-vk pose walk.mp4 -o scene --frames 200
   qirf-vk pose photos -o scene --matching exhaustive
 
-The folder then holds images/ and sparse/0, as COLMAP's scenes do, and pose/log.txt. Interrupted, the same command goes on
-where it stopped. `qirf-vk run INPUT -o DIR` does the same into DIR/scene, and trains.";
+The folder then holds images/ and sparse/0, as COLMAP's scenes do, and pose/log.txt. After an interruption, the same command \
+goes on where it stopped. `qirf-vk run INPUT -o DIR` does the same into DIR/scene, and trains the scene.";
 
 /// Estimate the camera poses of photos or of a video, with COLMAP or OpenMVG-rs
 #[derive(Debug, clap::Args)]
@@ -36,13 +37,12 @@ pub(super) struct Arguments {
 #[derive(Args, Clone, Debug)]
 pub(super) struct Posing {
     /// Program that estimates poses
-    #[arg(long, value_name = "auto|colmap|openmvg", default_value = "auto", help_heading = "Poses")]
+    #[arg(long, value_name = "auto|colmap|openmvg", default_value = "auto", value_parser = values::one_of::<Backend>("a program that estimates poses"), help_heading = "Poses")]
     poses: Backend,
-    /// Pairs of photos that COLMAP compares: sequential (neighbours by name), exhaustive, or auto (sequential for videos and
-    /// for 120 photos or more)
-    #[arg(long, value_name = "auto|sequential|exhaustive", default_value = "auto", help_heading = "Poses")]
+    /// Pairs of photos that COLMAP compares
+    #[arg(long, value_name = "auto|sequential|exhaustive", default_value = "auto", value_parser = values::one_of::<Matching>("a way of matching"), help_heading = "Poses")]
     matching: Matching,
-    /// Largest number of frames taken from a video; at most two a second
+    /// Largest number of frames to take from a video, at most two a second
     #[arg(long, value_name = "N", default_value_t = 150, help_heading = "Poses", value_parser = clap::value_parser!(u32).range(3..=100_000))]
     frames: u32,
 }

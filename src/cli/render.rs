@@ -13,6 +13,7 @@ use crate::pipeline::evaluate::pictures::Format;
 use crate::pipeline::render::{Orbit, RenderConfig, Shot, render, scene_shots};
 use crate::scene::orbit::Look;
 use crate::scene::{OpenOptions, Resize, Scene};
+use crate::wording::counted;
 use clap::ArgGroup;
 use std::path::{Path, PathBuf};
 
@@ -29,16 +30,16 @@ const EXAMPLES: &str = "Examples:
 pub(super) struct Arguments {
     /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
     model: PathBuf,
-    /// Cameras of this scene (COLMAP, Blender, instant-ngp, nerfstudio); its photos may be absent
+    /// Scene whose cameras are used: a COLMAP, Blender, instant-ngp or nerfstudio folder; its photos may be absent
     #[arg(long, value_name = "SCENE", help_heading = "Cameras")]
     scene: Option<PathBuf>,
     /// Number of cameras on a circle around the model
     #[arg(long, value_name = "N", help_heading = "Cameras", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     orbit: Option<u32>,
-    /// Picture size as width, or as a divisor of the photos' size
+    /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Cameras", value_parser = values::resolution, conflicts_with = "orbit")]
     resolution: Option<Resize>,
-    /// Photo folder, whose pictures give the size (such as images_4)
+    /// Photo folder, such as images_4, whose photos give the size [default: the scene's own]
     #[arg(long, value_name = "DIR", help_heading = "Cameras", conflicts_with = "orbit")]
     images: Option<PathBuf>,
     /// Picture size of an orbit [default: 1280x720]
@@ -57,12 +58,12 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "DIR", help_heading = "Pictures")]
     output: PathBuf,
     /// File format
-    #[arg(long, default_value = "png", help_heading = "Pictures")]
+    #[arg(long, default_value = "png", value_parser = values::one_of::<Format>("a picture format"), help_heading = "Pictures")]
     format: Format,
     /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white
     #[arg(long, value_name = "R,G,B", default_value = "black", value_parser = values::colour, help_heading = "Pictures")]
     background: [f32; 3],
-    /// Keep alpha in the PNG instead of a background
+    /// Write PNG files with alpha, without a background
     #[arg(long, conflicts_with = "background", help_heading = "Pictures")]
     transparent: bool,
     #[command(flatten)]
@@ -90,8 +91,8 @@ impl Arguments {
         let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
         let times = render(&session, model, &shots, &config)?;
         console.note(format_args!(
-            "{} pictures in {} ({:.1} s; {:.1} ms to draw one, on {})",
-            shots.len(),
+            "{} in {} ({:.1} s; {:.1} ms to draw one, on {})",
+            counted(shots.len(), "picture"),
             self.output.display(),
             times.total_s,
             times.draw_s / shots.len().max(1) as f64 * 1e3,

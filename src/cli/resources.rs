@@ -1,8 +1,7 @@
 //! Resources and weights of a job, which are no part of its configuration.
 
-use super::console::Console;
 use super::scratch::Scratch;
-use super::{Global, networks, values};
+use super::{Global, values};
 use crate::error::Error;
 use crate::gpu::Device;
 use crate::metrics::Networks;
@@ -13,11 +12,12 @@ use std::path::{Path, PathBuf};
 /// Memory limits and LPIPS weights.
 #[derive(Args, Clone, Debug)]
 pub(super) struct Resources {
-    /// Limit on the run's device memory, such as 2G or 800M, and on the host memory of decoded photos
+    /// Limit on device memory, such as 2G or 800M, and on the host memory that decoded photos take
     /// [default: the device's, and a quarter of the host's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Training")]
     memory_budget: Option<u64>,
-    /// LPIPS weights: a file, or a folder of them (tools/lpips-weights makes them)
+    /// LPIPS weights: a file, or a folder of them, as the script lpips-weights writes them [default: $QIRF_LPIPS, else the
+    /// folder qirf-vk in the user's data folder]
     #[arg(long, value_name = "PATH", help_heading = "Photos")]
     lpips_weights: Option<PathBuf>,
     #[command(flatten)]
@@ -31,8 +31,8 @@ impl Resources {
     }
 
     /// The networks of LPIPS; empty without weights.
-    pub fn networks(&self, console: &Console) -> Result<Networks, Error> {
-        networks(self.lpips_weights.as_deref(), console)
+    pub fn networks(&self) -> Result<Networks, Error> {
+        Ok(Networks::find(self.lpips_weights.as_deref())?)
     }
 
     /// Bytes of the host's memory that decoded photos may take.

@@ -1,6 +1,5 @@
 //! `qirf-vk run SCENE`.
 
-use super::Global;
 use super::choices::Choices;
 use super::console::Console;
 use super::pose::{Posing, warn};
@@ -8,6 +7,7 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::view::{self, Watched};
+use super::{Global, tell_of_missing};
 use crate::error::Error;
 use crate::pipeline::pose::{is_video, pose};
 use crate::pipeline::records::RunRecord;
@@ -15,6 +15,7 @@ use crate::pipeline::{Earlier, Output, RunConfig, Session, earlier, run};
 use crate::report;
 use crate::scene::{self, OpenOptions, Scene};
 use crate::view::{Live, Server};
+use crate::wording::counted;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -27,8 +28,9 @@ const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o dense --no-prune
   qirf-vk run --config trained/config.toml -o again
 
-The folder holds model.ply, report.html, metrics.json, renders/ and config.toml, which reproduces the run. Photos without
-poses, and videos, first get poses as by `qirf-vk pose`: their scene is in the folder's scene/.";
+The folder holds model.ply, report.html, metrics.json, renders/ and config.toml, which reproduces the run.
+
+Photos without poses, and videos, first get poses as by `qirf-vk pose`; their scene is then in the folder's scene/.";
 
 /// Train a scene: photos to a 3DGS model, its pictures and its figures.
 #[derive(Debug, clap::Args)]
@@ -40,7 +42,7 @@ pub(super) struct Arguments {
     /// Folder for the results; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Train a dense model only
+    /// Train a dense model, and do not prune it
     #[arg(long)]
     no_prune: bool,
     #[command(flatten)]
@@ -48,7 +50,8 @@ pub(super) struct Arguments {
     /// Continue from the folder's checkpoint, if there is one
     #[arg(long)]
     resume: bool,
-    /// Read all options from this file: an earlier run's config.toml. Its learning rates belong to its number of iterations
+    /// Configuration of an earlier run, its config.toml, in place of the scene and all other options of the run. Its learning
+    /// rates fit its number of iterations: to change one by hand, change both
     #[arg(long, value_name = "FILE", conflicts_with_all = ["Training", "Choices", "Posing", "no_prune"])]
     config: Option<PathBuf>,
     #[command(flatten)]
@@ -87,7 +90,7 @@ impl Arguments {
         if self.resume && found == Earlier::Finished {
             return self.report_finished(console, &output);
         }
-        let networks = self.resources.networks(console)?;
+        let networks = self.resources.networks()?;
         let device = self.resources.device(global)?;
         let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
         let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
@@ -104,6 +107,7 @@ impl Arguments {
             run::run(&session, &config, &output, self.resume)?
         };
         report::write(&record, &output)?;
+        tell_of_missing(&networks, console);
         self.report(console, &record, &output)
     }
 
@@ -152,17 +156,17 @@ impl Arguments {
         let score = |v: Option<f64>, unit: &str| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}{unit}"));
         if let Some(test) = &record.test {
             console.print(format_args!(
-                "test   PSNR {}  SSIM {:.4}  LPIPS {}  ({} views)",
+                "test   PSNR {}  SSIM {:.4}  LPIPS {}  ({})",
                 score(test.psnr, " dB"),
                 test.ssim,
                 score(test.lpips_vgg, ""),
-                record.protocol.test_views,
+                counted(record.protocol.test_views, "view"),
             ))?;
         }
         console.print(format_args!("train  PSNR {}", score(record.train.psnr, " dB")))?;
         console.print(format_args!(
-            "model  {} Gaussians, {:.1} MB, {:.0} frames a second",
-            record.gaussians.last,
+            "model  {}, {:.1} MB, {:.0} frames a second",
+            counted(record.gaussians.last, "Gaussian"),
             record.model_bytes as f64 / 1e6,
             record.frames_per_second.unwrap_or(0.0),
         ))?;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 /// Folder of temporary files.
 #[derive(Args, Clone, Debug)]
 pub(super) struct Scratch {
-    /// Folder of the temporary file of decoded photos, where they exceed a quarter of the host's memory; a disk of this
-    /// machine is best [default: $TMPDIR if it is set, else beside the outputs]
+    /// Folder for a temporary file of decoded photos, which is written if they exceed a quarter of the host's memory; it is best
+    /// on a local disk [default: $TMPDIR if it is set, else beside the outputs]
     #[arg(long, value_name = "DIR", env = "TMPDIR", hide_env = true, help_heading = "Photos")]
     scratch: Option<PathBuf>,
 }

@@ -11,17 +11,17 @@ use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk selftest
-  qirf-vk selftest --device 1 --json > selftest.json";
+  qirf-vk selftest --device 1 --json > selftest.json
 
-/// Check this machine's device against the host, number by number.
-///
-/// Runs every kernel on embedded hard cases and compares the results with known ones or with the host's, exact or in
-/// float64. An error that exceeds its bound so little that this device's rounding explains it is a warning; exit code 4 if
-/// any result is wrong.
+Every kernel runs on embedded hard cases, and its results are compared with known ones or with the host's, which are exact or in \
+float64. An error that exceeds its bound so little that this device's rounding explains it is a warning. The exit code is 4 if \
+any result is wrong.";
+
+/// Compare the device's results with the host's, number by number.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Only a few small cases of each kind
+    /// Run only a few small cases of each kind
     #[arg(long)]
     quick: bool,
     /// Print one JSON document
@@ -54,8 +54,9 @@ impl Arguments {
         }
         verdict?;
         if rounding > 0 {
+            let exceed = if rounding == 1 { "exceeds its bound" } else { "exceed their bounds" };
             console.warn(format_args!(
-                "{rounding} of {} checks exceed their bounds, by less than {ROUNDING} times: this device rounds differently, \
+                "{rounding} of {} checks {exceed}, by less than {ROUNDING} times: this device rounds differently, \
                  but computes the right numbers",
                 checks.len()
             ));

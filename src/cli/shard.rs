@@ -9,6 +9,7 @@ use crate::pipeline::Session;
 use crate::pipeline::shard::{Shard, Stage, State, Task};
 use crate::random;
 use crate::selftest;
+use crate::wording::counted;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -20,10 +21,10 @@ const EXAMPLES: &str = "Examples:
   qirf-vk shard status big
   qirf-vk shard verify big --share 0.1
 
-The model is big/model.ply, however many processes did the tasks, in whatever order, and however often they were interrupted. That of
-a compression has the bytes that `qirf-vk compress` would have written.";
+The model is big/model.ply. It does not depend on the number of processes that did the tasks, on their order, or on interruptions. \
+A compression gives the bytes that `qirf-vk compress` would have written.";
 
-/// Divide a job into tasks, and do them: on one device in turn, or on many at once
+/// Divide a large compression, or a training in blocks, into tasks for one device in turn or for a cluster
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -33,16 +34,16 @@ pub(super) struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Write plan.json, tasks.json and a Snakefile
+    /// Plan a job: write plan.json, tasks.json and a Snakefile
     #[command(subcommand)]
     Plan(Planned),
     /// Do all tasks that are missing, one after the other
     All(Work),
-    /// Do one task: what an engine calls
+    /// Do one task; a workflow engine such as Snakemake calls this
     Task(TaskArguments),
     /// Show which tasks are done, running, missing or damaged
     Status(StatusArguments),
-    /// Do some tasks again and compare the bytes: finds a bad device, disk or driver
+    /// Do some tasks again and compare the bytes, which finds a bad device, disk or driver
     Verify(VerifyArguments),
 }
 
@@ -50,10 +51,10 @@ enum Command {
 struct Work {
     /// Folder of the plan
     folder: PathBuf,
-    /// Limit on device memory, such as 2G or 800M: changes no byte of the results [default: the device's]
+    /// Limit on device memory, such as 2G or 800M; it changes no byte of the results [default: the device's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
     memory_budget: Option<u64>,
-    /// Accept a device that computes other bits than the plan's: the results may then differ from those of one device
+    /// Accept a device that computes other bits than the one that planned; the results may then differ from those of one device
     #[arg(long)]
     mixed: bool,
 }
@@ -62,7 +63,7 @@ struct Work {
 struct TaskArguments {
     #[command(flatten)]
     work: Work,
-    /// The task, as tasks.json names it, such as evidence/0003
+    /// Task, as tasks.json names it, such as evidence/0003
     #[arg(value_name = "TASK")]
     task: Task,
 }
@@ -80,10 +81,10 @@ struct StatusArguments {
 struct VerifyArguments {
     #[command(flatten)]
     work: Work,
-    /// Share of the tasks, in (0, 1]
+    /// Share of the tasks to do again, above 0 and up to 1
     #[arg(long, value_name = "X", default_value_t = 0.1, value_parser = values::share)]
     share: f64,
-    /// Which of them: another number, another choice
+    /// Random seed of the choice of tasks: another seed chooses others
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u32,
 }
@@ -170,10 +171,10 @@ impl VerifyArguments {
                 wrong.extend(shard.verify(session, done[at])?.into_iter().map(|path| (done[at], path)));
             }
             if let Some((task, path)) = wrong.first() {
-                let what = format!("{} of {number} tasks gave other bytes, {task} first", wrong.len());
+                let what = format!("{} of {} gave other bytes, {task} first", wrong.len(), counted(number, "task"));
                 return Err(Error::Part { path: path.clone(), what, task: task.to_string() });
             }
-            console.print(format_args!("{number} of {} tasks gave the same bytes again", done.len()))
+            console.print(format_args!("{number} of {} gave the same bytes again", counted(done.len(), "task")))
         })
     }
 }

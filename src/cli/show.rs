@@ -4,6 +4,7 @@ use super::console::Console;
 use super::interrupt::Watch;
 use crate::pipeline::Watcher;
 use crate::train::Progress;
+use crate::wording::counted;
 use indicatif::ProgressBar;
 use std::sync::OnceLock;
 
@@ -58,7 +59,7 @@ impl Watcher for Show<'_> {
     fn training(&self, progress: &Progress, until: u32) {
         let bar = self.training.get_or_init(|| self.console.training_bar(u64::from(until)));
         advance(bar, u64::from(progress.iteration), u64::from(until));
-        bar.set_message(format!("loss {:.4}  {} Gaussians", progress.loss, progress.gaussians));
+        bar.set_message(format!("loss {:.4}  {}", progress.loss, counted(progress.gaussians, "Gaussian")));
     }
 
     fn responding(&self, done: usize, total: usize) {

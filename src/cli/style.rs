@@ -5,21 +5,21 @@ use super::values;
 use crate::gaussians::formats::Loaded;
 use crate::render::Style;
 use clap::Args;
-use clap::builder::BoolishValueParser;
 use std::path::Path;
 
 #[derive(Clone, Debug, Args)]
 pub struct Rendering {
-    /// Keep the energy of Gaussians smaller than a pixel, or not (=off) [default: as the model's file says]
+    /// Keep the energy of Gaussians smaller than a pixel; without a value, on; true and false stand for on and off [default: as
+    /// the model's file says]
     #[arg(long, value_name = "on|off", help_heading = "Rendering", num_args = 0..=1, require_equals = true,
-        default_missing_value = "on", value_parser = BoolishValueParser::new())]
+        default_missing_value = "on", value_parser = values::switch())]
     antialias: Option<bool>,
-    /// Variance added to every splat, in square pixels [default: 0.1 for anti-aliased models, 0.3 for others]. Models that
-    /// gsplat or PlayCanvas anti-aliased need 0.3, which no file says
+    /// Variance added to every splat, in square pixels; anti-aliased models of gsplat and PlayCanvas need 0.3, which their
+    /// files do not record [default: 0.1 for anti-aliased models, 0.3 for others]
     #[arg(long, value_name = "0.1|0.3", help_heading = "Rendering", value_parser = values::dilation)]
     dilation: Option<f32>,
-    /// Give each tile of the picture its own depth order (models trained with depth_order; nothing pops in front of
-    /// another as the camera turns)
+    /// Sort Gaussians by depth in each tile of the picture, as models trained with depth_order need it; nothing then pops
+    /// into view as the camera turns
     #[arg(long, help_heading = "Rendering")]
     depth_order: bool,
 }

@@ -1,6 +1,5 @@
 //! `qirf-vk sweep SCENE|MODEL`.
 
-use super::Global;
 use super::choices::Choices;
 use super::console::Console;
 use super::inspect::{is_scene, read_model};
@@ -8,14 +7,16 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::values::{self, Up};
+use super::{Global, tell_of_missing};
 use crate::error::Error;
 use crate::gaussians::formats::Loaded;
 use crate::metrics::Networks;
 use crate::pipeline::sweep::records::figure;
-use crate::pipeline::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
+use crate::pipeline::sweep::{self, Asked, Axis, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Output, Preset, RunConfig, Session};
 use crate::report;
+use crate::wording::unknown;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -25,10 +26,11 @@ const EXAMPLES: &str = "Examples:
   qirf-vk sweep capture -o swept --model trained/model.ply
   qirf-vk sweep capture -o swept --axis keep=0.1,0.28,0.5 --axis selector --preset quick
 
-Light axes: solver, overlap, epsilon, culling, stop, storage, gradients. They look at one model: of a scene, a dense one that is
-trained briefly (--train), or the one that --model names. Of a model file, virtual cameras stand in for photos.
-Heavy axes: keep, selector, iterations, effects. Each rung is a training, as long as --preset or --iterations say; keep and
-selector go on from one checkpoint. They need a scene.
+Light axes: solver, overlap, epsilon, culling, stop, storage, gradients. They measure one model: the one that --model names, or a \
+dense model of the scene that is trained briefly (--train). For a model without a scene, virtual cameras stand in for photos.
+
+Heavy axes: keep, selector, iterations, effects. They need a scene. Each rung is a training, as long as --preset or --iterations say; \
+keep and selector continue from one checkpoint.
 
 The folder holds sweep.html, sweep.csv and sweep.json.";
 
@@ -41,19 +43,19 @@ pub(super) struct Arguments {
     /// Folder for the results; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Axis to measure: all of its rungs, or the named ones; repeat it for more axes [default: every light axis]
-    #[arg(long, value_name = "NAME[=RUNG,...]", value_parser = Asked::parse)]
+    /// Axis to measure, with all of its rungs or the named ones; repeat it for more axes [default: every light axis]
+    #[arg(long, value_name = "NAME[=RUNG,...]", value_parser = asked)]
     axis: Vec<Asked>,
-    /// Model for the light axes, viewed from the scene's cameras
+    /// Model for the light axes, seen from the scene's cameras [default: one that is trained briefly]
     #[arg(long, value_name = "MODEL")]
     model: Option<PathBuf>,
-    /// Iterations of the short training that gives the light axes of a scene their model
+    /// Number of iterations of the short training whose model the light axes measure
     #[arg(long, value_name = "N", default_value_t = 600, conflicts_with = "model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     train: u32,
-    /// Time budget per light axis, in seconds; warm-up and three rounds are always measured
+    /// Time for each light axis, in seconds; a warm-up and three rounds are always run
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = values::not_negative)]
     budget_per_axis: f64,
-    /// Picture size of a model's virtual cameras [default: 400x400]
+    /// Picture size of virtual cameras around a model [default: 400x400]
     #[arg(long, value_name = "WxH", value_parser = values::size)]
     size: Option<(u32, u32)>,
     /// Up direction of a model: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
@@ -68,6 +70,13 @@ pub(super) struct Arguments {
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
+}
+
+/// Reads an axis, whose name must be known.
+fn asked(text: &str) -> Result<Asked, String> {
+    let name = text.split('=').next().unwrap_or_default().trim();
+    let known = Axis::ALL.map(Axis::name);
+    if known.contains(&name) { Asked::parse(text) } else { Err(unknown(name, "an axis", known)) }
 }
 
 impl Arguments {
@@ -99,9 +108,10 @@ impl Arguments {
             Session { device: &device, networks: &Networks::default(), host_bytes, scratch, watcher: &watcher };
         let (described, mut axes) = self.light(&session, console, &asked)?;
         if asked.iter().any(|a| a.axis().heavy()) {
-            let networks = self.resources.networks(console)?;
+            let networks = self.resources.networks()?;
             let session = Session { networks: &networks, ..session };
             axes.extend(self.heavy(session, console, &asked)?);
+            tell_of_missing(&networks, console);
         }
         let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis() == axis.axis);
         axes.sort_by_key(place);

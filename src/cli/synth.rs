@@ -4,6 +4,7 @@ use super::console::Console;
 use super::values;
 use crate::error::Error;
 use crate::synth::{self, Effect, SynthOptions};
+use crate::wording::counted;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -18,23 +19,22 @@ const EXAMPLES: &str = "Examples:
 pub(super) struct Arguments {
     /// Folder to write: new, empty, or an earlier synthetic capture
     dir: PathBuf,
-    /// What is photographed: a plaza with objects, from all around, or terrain, a strip of land seen by a drone, which is longer
-    /// with more photos
-    #[arg(long, value_name = "plaza|terrain", default_value = "plaza")]
+    /// Kind of scene
+    #[arg(long, value_name = "plaza|terrain", default_value = "plaza", value_parser = values::one_of::<Kind>("a kind of scene"))]
     kind: Kind,
     /// Number of photos
-    #[arg(long, value_name = "N", default_value_t = 48)]
+    #[arg(long, value_name = "N", default_value_t = 48, value_parser = values::whole::<usize>)]
     views: usize,
     /// Size of a photo
     #[arg(long, value_name = "WxH", default_value = "240x180", value_parser = values::size)]
     size: (u32, u32),
-    /// Random seed
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    /// Random seed: the same seed gives the same bytes
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = values::whole::<u64>)]
     seed: u64,
-    /// Largest number of points in the reconstruction
-    #[arg(long, value_name = "N", default_value_t = SynthOptions::default().points)]
+    /// Largest number of points in the capture
+    #[arg(long, value_name = "N", default_value_t = SynthOptions::default().points, value_parser = values::whole::<usize>)]
     points: usize,
-    /// Effects that the scene calls for, separated by commas (--help lists them)
+    /// Effects that the scene calls for, separated by commas; --help lists them [default: none]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     effects: Vec<String>,
 }
@@ -42,9 +42,9 @@ pub(super) struct Arguments {
 /// Kinds of scenes.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Kind {
-    /// A plaza with objects, from all around
+    /// A plaza with objects, photographed from all around
     Plaza,
-    /// A strip of land, from a drone
+    /// A strip of land, photographed from a drone; the more photos, the longer
     Terrain,
 }
 
@@ -59,7 +59,7 @@ impl From<Kind> for synth::Kind {
 
 fn long_help() -> String {
     let effects: Vec<String> = Effect::ALL.iter().map(|e| format!("  {e:<11} {}", e.description())).collect();
-    format!("Effects:\n{}\n\n{EXAMPLES}", effects.join("\n"))
+    format!("Effects (--effects):\n{}\n\n{EXAMPLES}", effects.join("\n"))
 }
 
 impl Arguments {
@@ -79,10 +79,10 @@ impl Arguments {
         let report = synth::write(&self.dir, &options, &|done| bar.set_position(done))?;
         bar.finish_and_clear();
         console.note(format_args!(
-            "{} photos ({} of them held out for tests) and {} points in {} ({:.1} s)",
-            report.photos,
+            "{} ({} held out for tests) and {} in {} ({:.1} s)",
+            counted(report.photos, "photo"),
             report.test_photos,
-            report.points,
+            counted(report.points, "point"),
             self.dir.display(),
             begun.elapsed().as_secs_f64(),
         ));

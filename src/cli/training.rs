@@ -14,19 +14,18 @@ use crate::render::Style;
 use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use clap::Args;
-use clap::builder::BoolishValueParser;
 use std::path::{Path, PathBuf};
 
 /// Options of training.
 #[derive(Args, Clone, Debug)]
 pub(super) struct Training {
-    /// Preset of the schedule
-    #[arg(long, default_value = "standard", help_heading = "Training")]
+    /// Preset of the schedule; paper also sets the pruning and the effects of the QIRF paper
+    #[arg(long, default_value = "standard", value_parser = values::one_of::<Preset>("a preset"), help_heading = "Training")]
     preset: Preset,
-    /// Prune after letting Gaussians fade, once, or in steps [default: attrition; preset paper: one-shot]
-    #[arg(long, value_name = "attrition|one-shot|gradual", help_heading = "Compression")]
+    /// When and how the model is pruned [default: attrition; preset paper: one-shot]
+    #[arg(long, value_name = "attrition|one-shot|gradual", value_parser = values::one_of::<Steps>("a schedule"), help_heading = "Compression")]
     schedule: Option<Steps>,
-    /// Length of the run; the schedule's milestones scale with it
+    /// Number of iterations; the schedule's milestones scale with it [default: the preset's]
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_ITERATIONS)))]
     iterations: Option<u32>,
     /// Degree of the spherical harmonics [default: by the scene, 1 to 3; preset paper: 3]
@@ -44,44 +43,55 @@ pub(super) struct Training {
     /// Largest number of Gaussians
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
     max_gaussians: u32,
-    /// Number of Gaussians at the prune, to which the model grows on a plan; auto: by the photos' pixels and the iterations;
-    /// thresholds: as many as have large gradients [default: auto; preset paper: thresholds]
+    /// Number of Gaussians to which the model grows before the prune. auto: a number that follows from the photos' pixels and
+    /// the iterations; thresholds: no fixed number, Gaussians with large gradients are split [default: auto; preset paper:
+    /// thresholds]
     #[arg(long, value_name = "N|auto|thresholds", value_parser = values::growth, help_heading = "Training")]
     grow_to: Option<GrowTo>,
-    /// Keep the energy of Gaussians smaller than a pixel, or not (=off) [default: as the file of an initial model says, else
-    /// off]
+    /// Keep the energy of Gaussians smaller than a pixel; without a value, on; true and false stand for on and off [default: as
+    /// the file of an initial model says, else off]
     #[arg(long, value_name = "on|off", help_heading = "Effects", num_args = 0..=1, require_equals = true,
-        default_missing_value = "on", value_parser = BoolishValueParser::new())]
+        default_missing_value = "on", value_parser = values::switch())]
     antialias: Option<bool>,
-    /// Variance added to every splat, in square pixels [default: 0.1 with anti-aliasing, 0.3 without]. With --antialias, 0.3
-    /// suits viewers like PlayCanvas's; no file says it
+    /// Variance added to every splat, in square pixels; with --antialias, viewers like PlayCanvas's expect 0.3, which no file
+    /// records [default: 0.1 with anti-aliasing, 0.3 without]
     #[arg(long, value_name = "0.1|0.3", help_heading = "Effects", value_parser = values::dilation)]
     dilation: Option<f32>,
-    /// Simulate an effect or not, whatever the scene calls for: view_dependence, exposure, antialias, distortion,
-    /// transparency or masks; repeat it for others (`qirf-vk inspect SCENE` shows what a scene calls for)
-    #[arg(long, value_name = "NAME=on|off|auto", value_parser = Overrides::parse, help_heading = "Effects")]
+    // Its help lists the effects.
+    #[arg(long, value_name = "NAME=on|off|auto", value_parser = Overrides::parse, help = effects(), help_heading = "Effects")]
     effect: Vec<(Effect, Choice)>,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Training")]
     background: Option<[f32; 3]>,
-    /// Iterations between checkpoints; with 0 only Ctrl-C writes one
+    /// Iterations between checkpoints; with 0, only Ctrl-C writes one
     #[arg(long, value_name = "N", default_value_t = 5000, help_heading = "Training")]
     checkpoint_every: u32,
-    /// Photo folder (such as images_4)
+    /// Photo folder, such as images_4 [default: the scene's own]
     #[arg(long, value_name = "DIR", help_heading = "Photos")]
     images: Option<PathBuf>,
-    /// Picture size as width, or as a divisor of the photos' size
+    /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
     /// Hold out every N-th photo for the scores; 0 holds out none
-    #[arg(long, value_name = "N", default_value_t = 8, help_heading = "Photos")]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = values::whole::<usize>, help_heading = "Photos")]
     eval_every: usize,
+}
+
+/// The help of `--effect`.
+fn effects() -> String {
+    let names: Vec<&str> = Effect::settable().map(Effect::name).collect();
+    format!(
+        "Switch an effect on or off, or let the scene decide (auto); repeat it for more effects. Effects: {}. `qirf-vk inspect SCENE` \
+         shows what a scene calls for [default: auto; antialias and depth_order: off]",
+        names.join(", ")
+    )
 }
 
 /// One prune, or several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Steps {
-    /// By a pressure on opacities from half the run on, and the rest at 3/4 of it at most; rates are then re-warmed
+    /// From half the run on, growing pressure lets Gaussians fade until the number to keep is left; at 3/4 of the run at the
+    /// latest the rest is cut, and learning rates are raised again
     Attrition,
     /// Once, at half the run
     OneShot,

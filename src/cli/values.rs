@@ -5,8 +5,14 @@ use crate::qirf::partition::Partition;
 use crate::render::Style;
 use crate::scene::Resize;
 use crate::scene::orbit::UP;
+use crate::wording::unknown;
+use clap::ValueEnum;
+use clap::builder::{PossibleValue, TypedValueParser};
 use glam::DVec3;
-use serde::de::{DeserializeOwned, IntoDeserializer};
+use serde::de::{self, DeserializeOwned, IntoDeserializer};
+use std::ffi::OsStr;
+use std::fmt::Display;
+use std::str::FromStr;
 
 /// Largest side of a picture in pixels.
 const LARGEST_SIDE: u32 = 65_535;
@@ -90,9 +96,107 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "write a number of 0 or more".to_owned())
 }
 
-/// One of a type's names, spelled as in the configuration file.
-pub(super) fn named<T: DeserializeOwned>(text: &str) -> Result<T, String> {
-    T::deserialize(IntoDeserializer::<serde::de::value::Error>::into_deserializer(text)).map_err(|e| e.to_string())
+/// A whole number of 0 or more.
+pub(super) fn whole<T: FromStr>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|_| "write a whole number of 0 or more".to_owned())
+}
+
+/// A number of seconds, 1 to 3600.
+pub(super) fn seconds(text: &str) -> Result<u64, String> {
+    let parsed = text.parse().ok().filter(|n| (1..=3600).contains(n));
+    parsed.ok_or_else(|| "write a whole number of seconds from 1 to 3600".to_owned())
+}
+
+/// A parser of names: it knows what help and completions list, and reads a name or gives its fault.
+#[derive(Clone)]
+pub(super) struct Names<T> {
+    listed: Vec<PossibleValue>,
+    read: fn(&str, &'static str) -> Result<T, String>,
+    what: &'static str,
+}
+
+impl<T: Clone + Send + Sync + 'static> TypedValueParser for Names<T> {
+    type Value = T;
+
+    fn parse_ref(&self, cmd: &clap::Command, arg: Option<&clap::Arg>, value: &OsStr) -> Result<T, clap::Error> {
+        let (read, what) = (self.read, self.what);
+        (move |text: &str| read(text, what)).parse_ref(cmd, arg, value)
+    }
+
+    fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
+        Some(Box::new(self.listed.iter().cloned()))
+    }
+}
+
+/// The names of a type whose help lists each with its meaning. `what` has its article: "a preset".
+pub(super) fn one_of<T: ValueEnum + Send + Sync + 'static>(what: &'static str) -> Names<T> {
+    fn listed<T: ValueEnum>() -> Vec<PossibleValue> {
+        T::value_variants().iter().filter_map(ValueEnum::to_possible_value).collect()
+    }
+    let read = |text: &str, what| {
+        T::from_str(text, false).map_err(|_| unknown(text, what, listed::<T>().iter().map(PossibleValue::get_name)))
+    };
+    Names { listed: listed::<T>(), read, what }
+}
+
+/// The names of a type as in the configuration file. `what` has its article: "a selector".
+pub(super) fn named<T: DeserializeOwned + Clone + Send + Sync + 'static>(what: &'static str) -> Names<T> {
+    let read = |text: &str, what| {
+        variant(text).map_err(|fault| match fault {
+            Fault::Unknown(known) => unknown(text, what, known),
+            Fault::Other(fault) => fault,
+        })
+    };
+    let listed = match variant::<T>("") {
+        Err(Fault::Unknown(known)) => known.iter().map(|name| PossibleValue::new(*name)).collect(),
+        _ => Vec::new(),
+    };
+    Names { listed, read, what }
+}
+
+/// The reason why a text is none of a type's variants.
+#[derive(Debug)]
+enum Fault {
+    /// These are its variants.
+    Unknown(&'static [&'static str]),
+    /// Another reason.
+    Other(String),
+}
+
+impl Display for Fault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Unknown(known) => f.write_str(&known.join(", ")),
+            Self::Other(fault) => f.write_str(fault),
+        }
+    }
+}
+
+impl std::error::Error for Fault {}
+
+impl de::Error for Fault {
+    fn custom<M: Display>(message: M) -> Self {
+        Self::Other(message.to_string())
+    }
+
+    fn unknown_variant(_: &str, known: &'static [&'static str]) -> Self {
+        Self::Unknown(known)
+    }
+}
+
+/// A type's variant by its name in the configuration file.
+fn variant<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
+    T::deserialize(IntoDeserializer::<Fault>::into_deserializer(text))
+}
+
+/// `on` or `off`; true, yes, 1 and their opposites mean the same.
+pub(super) fn switch() -> Names<bool> {
+    let read = |text: &str, what| match text.to_lowercase().as_str() {
+        "on" | "true" | "yes" | "t" | "y" | "1" => Ok(true),
+        "off" | "false" | "no" | "f" | "n" | "0" => Ok(false),
+        _ => Err(unknown(text, what, ["on", "off"])),
+    };
+    Names { listed: ["on", "off"].map(PossibleValue::new).to_vec(), read, what: "a choice" }
 }
 
 /// `adaptive`, `adaptive:MOST` (largest number of members), `paper`, or an edge of voxels in world units.
@@ -195,6 +299,8 @@ mod tests {
         for bad in ["", "1,1", "1,1,1,1", "2,0,0", "nan,0,0", "red"] {
             assert!(colour(bad).is_err(), "{bad}");
         }
+        assert_eq!((whole("0"), seconds("50")), (Ok(0_usize), Ok(50)));
+        assert!(whole::<usize>("-1").is_err() && seconds("0").is_err() && seconds("abc").is_err());
         assert!(up("w").is_err() && degrees("nan").is_err() && elevation("90").is_err());
     }
 }

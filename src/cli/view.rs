@@ -27,7 +27,8 @@ const EXAMPLES: &str = "Examples:
   qirf-vk view capture                     # a capture's cameras and points
   qirf-vk view model.spz --scene capture
 
-Open the printed address in a browser. From another machine: ssh -L 8080:127.0.0.1:8080 SERVER, and --port 8080 here.";
+Open the printed address in a browser. To look from another machine, run the viewer with --port 8080, and there \
+`ssh -L 8080:127.0.0.1:8080 SERVER`.";
 
 /// Wait for a wish, after which Ctrl-C is looked for.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -36,21 +37,23 @@ const PATIENCE: Duration = Duration::from_millis(100);
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Model, folder of a run, or scene
+    /// Subject: a model, the folder of a run, or a scene
     subject: PathBuf,
-    /// Second model, to compare with by a slider
+    /// Second model; a slider compares both
     #[arg(long, value_name = "MODEL")]
     against: Option<PathBuf>,
-    /// Cameras and photos of this scene
+    /// Scene whose cameras and photos are shown [default: the run's]
     #[arg(long, value_name = "SCENE", help_heading = "Photos")]
     scene: Option<PathBuf>,
-    /// Picture size at photos' cameras, as width or as a divisor of the photos' size [default: the run's, else 640]
+    /// Picture size at the photos' cameras, as largest width in pixels, or as a divisor of the photos' size [default: the run's,
+    /// else 640]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution)]
     resolution: Option<Resize>,
     /// World axis that is up where there are no photos: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
-    /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: the run's, else black]
+    /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: the
+    /// run's, else white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour)]
     background: Option<[f32; 3]>,
     #[command(flatten)]
@@ -62,10 +65,11 @@ pub(super) struct Arguments {
 /// Where a viewer listens.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Address {
-    /// Port of the viewer [default: one that is free]
+    /// Port that the viewer listens on [default: any free one]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, help_heading = "Viewer")]
     port: u16,
-    /// Address to listen on; other machines reach any but 127.0.0.1, without encryption
+    /// Address that the viewer listens on. At 127.0.0.1 only this machine can reach it; at any other address other machines can,
+    /// too, and the connection is not encrypted
     #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), help_heading = "Viewer")]
     host: IpAddr,
 }
@@ -90,7 +94,7 @@ impl Address {
 /// Whether browsers watch a run.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Watched {
-    /// Let browsers watch the run and steer it; prints the address
+    /// Let browsers watch the run, pause it and stop it, at the address that is printed
     #[arg(long, help_heading = "Viewer")]
     pub view: bool,
     #[command(flatten)]

@@ -31,9 +31,9 @@ impl Networks {
         }
     }
 
-    /// A line for the user if VGG16, the network of the papers, is missing.
+    /// A line for the records if VGG16, the network of the papers, is missing.
     pub fn note(&self) -> Option<&'static str> {
-        self.vgg.is_none().then_some("no VGG16 weights, so lpips_vgg is left out: run tools/lpips-weights once")
+        self.vgg.is_none().then_some("no VGG16 weights, so lpips_vgg is left out")
     }
 
     fn named(path: &Path) -> Result<Self, Error> {

@@ -157,7 +157,7 @@ fn scores_as_json() {
     assert_eq!((mean.psnr, mean.ssim, mean.lpips_vgg, mean.lpips_alex), (Some(20.0), 0.75, Some(0.2), None));
     assert_eq!(mean.notes, ["psnr: mean of 1 of 2 views; it does not exist for the others"]);
     assert!(metrics::mean(&[]).is_none());
-    assert!(Networks::default().note().unwrap().contains("tools/lpips-weights"));
+    assert!(Networks::default().note().unwrap().contains("no VGG16 weights"));
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod refusals;
 mod render;
 mod tags;
 mod tuning;
+mod wording;
 
 use qirf_vk::gaussians::{Gaussians, formats};
 use serde_json::Value;

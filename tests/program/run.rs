@@ -252,7 +252,7 @@ fn eval_refuses_what_it_cannot_score() {
         assert!(output.status.code() == Some(code) && said.contains(says), "{arguments:?}: {said}");
     };
     let [o, every, zero] = ["-o", "--eval-every", "0"].map(std::ffi::OsStr::new);
-    refused(2, "SCENE", &[model.as_ref()]);
+    refused(2, "name a scene", &[model.as_ref()]);
     refused(3, "model.ply", &[model.as_ref(), scene.as_ref()]);
     let one = qirf_vk::train::initialise::from_points(&[qirf_vk::train::initialise::Seed {
         position: glam::DVec3::ZERO,

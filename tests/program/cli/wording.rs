@@ -1,0 +1,90 @@
+//! Words of messages: unknown names, numbers out of range, missing arguments, counts of one, and notes.
+
+use super::{Ran, Sandbox};
+use std::process::Command;
+
+#[test]
+fn unknown_names_are_refused_in_one_form() {
+    let sandbox = Sandbox::new();
+    let run = |option: &'static str, name: &'static str| vec!["run", "scene", "-o", "out", option, name];
+    let cases = [
+        (run("--selector", "abc"), "'abc' is not a selector; possible values: gnso, "),
+        (run("--budget", "abc"), "'abc' is not a budget; possible values: per-block, hybrid, global"),
+        (run("--overlap", "abc"), "'abc' is not a kind of overlap; possible values: normalised, raw"),
+        (run("--solver", "abc"), "'abc' is not an eigensolver; possible values: dsygvd, low-rank, low-rank-f32"),
+        (run("--preset", "abc"), "'abc' is not a preset; possible values: paper, standard, quick"),
+        (run("--schedule", "abc"), "'abc' is not a schedule; possible values: attrition, one-shot, gradual"),
+        (run("--effect", "abc=on"), "'abc' is not an effect; possible values: view_dependence, "),
+        (run("--effect", "abc"), "'abc' is not an effect; possible values: view_dependence, "),
+        (run("--effect", "masks=abc"), "'abc' is not a choice; possible values: auto, on, off"),
+        (run("--antialias=abc", "-q"), "'abc' is not a choice; possible values: on, off"),
+        (run("--tuning", "abc"), "'abc' is not a class of devices; possible values: cpu, "),
+        (run("--color", "abc"), "'abc' is not a choice; possible values: auto, always, never"),
+        (run("--matching", "abc"), "'abc' is not a way of matching; possible values: auto, sequential, exhaustive"),
+        (
+            vec!["compare", "scene", "-o", "out", "--arms", "abc"],
+            "'abc' is not an arm; possible values: default, paper, gns, ",
+        ),
+        (vec!["sweep", "scene", "-o", "out", "--axis", "abc"], "'abc' is not an axis; possible values: solver, "),
+        (vec!["synth", "out", "--effects", "abc"], "'abc' is not an effect; possible values: exposure, "),
+        (vec!["synth", "out", "--kind", "abc"], "'abc' is not a kind of scene; possible values: plaza, terrain"),
+    ];
+    for (arguments, says) in cases {
+        sandbox.fails(2, &arguments, &[says]);
+    }
+    assert!(!sandbox.path("out").exists());
+}
+
+#[test]
+fn numbers_out_of_range_are_refused_by_what_is_allowed() {
+    let sandbox = Sandbox::new();
+    let run = |option: &'static str| vec!["run", "scene", "-o", "out", option, "-5"];
+    for (arguments, says) in [
+        (run("--resolution"), "neither a width in pixels"),
+        (run("--keep"), "write a share above 0"),
+        (run("--eval-every"), "write a whole number of 0 or more"),
+        (run("--iterations"), "-5 is not in 1.."),
+        (run("--seed"), "-5 is not in 0.."),
+        (run("--epsilon"), "write a number of 0 or more"),
+        (run("--memory-budget"), "write a number of bytes"),
+        (vec!["synth", "out", "--views", "-5"], "write a whole number of 0 or more"),
+        (vec!["device", "--tune", "abc"], "write a whole number of seconds from 1 to 3600"),
+        (vec!["shard", "verify", "out", "--share", "-5"], "write a share above 0"),
+    ] {
+        sandbox.fails(2, &arguments, &["invalid value '", says]);
+    }
+    assert!(!sandbox.path("out").exists());
+}
+
+#[test]
+fn a_model_alone_cannot_be_scored_and_is_told_what_is_missing() {
+    let sandbox = Sandbox::new();
+    sandbox.fails(2, &["eval", "model.ply"], &["a scene", "--config", "--against", "`qirf-vk eval model.ply capture`"]);
+}
+
+#[test]
+fn one_is_singular() {
+    let sandbox = Sandbox::new();
+    let told = sandbox.works(&["synth", "one", "--views", "1", "--size", "16x16", "--points", "1"]).err;
+    assert!(told.contains("1 photo (1 held out for tests)"), "{told}");
+    let told = sandbox.works(&["render", "model.ply", "--orbit", "1", "-o", "orbit", "--size", "16x16"]).err;
+    assert!(told.contains("1 picture in orbit"), "{told}");
+}
+
+#[test]
+fn equal_pictures_are_called_equal_and_missing_weights_are_told_once_after_the_work() {
+    let sandbox = Sandbox::new();
+    let eval = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+        command.arg("eval").args(arguments).current_dir(sandbox.folder.path()).env_remove("QIRF_LPIPS");
+        Ran::new(&command.env("XDG_DATA_HOME", sandbox.path("empty")).output().unwrap(), arguments)
+    };
+    let same = eval(&["model.ply", "--against", "model.ply"]);
+    assert_eq!(same.code, 0, "{}", same.err);
+    let mean = same.out.lines().last().unwrap_or_default();
+    assert!(mean.starts_with("mean of 6") && mean.contains(" equal "), "{}", same.out);
+    assert_eq!(same.err.matches("tools/lpips-weights").count(), 1, "{}", same.err);
+
+    let refused = eval(&["model.ply", "scene"]);
+    assert!(refused.code != 0 && !refused.err.contains("weights"), "{}", refused.err);
+}
