@@ -1,6 +1,7 @@
 //! A scene trained in blocks by tasks: as good as in one piece, and the same bytes whatever happens on the way.
 
 use super::shard::{Stage, flip, good};
+use crate::support::documented;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
@@ -41,6 +42,7 @@ fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
     good(&stage.qirf(&[&["run", "strip", "-o", "one"], &options[..]].concat()));
 
     let (blocks, one) = (figures(&stage, "a"), figures(&stage, "one"));
+    documented("shard", &blocks);
     println!("in blocks {:.2} dB, in one piece {:.2} dB; omega {}", psnr(&blocks), psnr(&one), blocks["omega"]);
     assert!(psnr(&blocks) > psnr(&one) - 0.3, "{} {}", psnr(&blocks), psnr(&one));
     let kept = |figures: &Value| figures["gaussians"]["final"].as_f64().unwrap();

@@ -1,7 +1,7 @@
 //! `qirf-vk shard`: a compression in tasks has the bytes of the undivided one, whatever happens on the way.
 
 use super::larger::ball;
-use crate::support::Random;
+use crate::support::{Random, documented};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -63,6 +63,7 @@ impl Stage {
         good(&self.qirf(&[&["shard", "plan"], job, &["-o", folder]].concat()));
         let text = fs::read(self.path(folder).join("tasks.json")).unwrap();
         let list: Value = serde_json::from_slice(&text).unwrap();
+        documented("shard", &list);
         let names = |v: &Value| v.as_array().unwrap().iter().map(|n| n.as_str().unwrap().to_owned()).collect();
         let task = |t: &Value| (t["id"].as_str().unwrap().to_owned(), names(&t["needs"]), names(&t["outputs"]));
         list["tasks"].as_array().unwrap().iter().map(task).collect()
@@ -72,6 +73,7 @@ impl Stage {
         let said = self.qirf(&["shard", "status", folder, "--json"]);
         good(&said);
         let list: Value = serde_json::from_slice(&said.stdout).unwrap();
+        documented("shard", &list);
         let task = list["tasks"].as_array().unwrap().iter().find(|t| t["id"] == id).unwrap().clone();
         task["state"].as_str().unwrap().to_owned()
     }

@@ -1,6 +1,7 @@
 //! `qirf-vk sweep` by the real binary: files, figures, and the claims of each axis.
 
 use super::html;
+use crate::support::documented;
 use qirf_vk::synth::{SynthOptions, write};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -50,6 +51,7 @@ fn the_light_axes_of_a_scene() {
     let swept = read(&out);
     assert_eq!(serde_json::from_slice::<Value>(&output.stdout).expect("one JSON document"), swept);
     assert_eq!(swept["schema"], 1);
+    documented("sweep", &swept);
     assert!(swept["subject"]["origin"].as_str().unwrap().contains("trained briefly"));
 
     let names = ["solver", "overlap", "epsilon", "culling", "stop", "storage", "gradients"];

@@ -4,6 +4,7 @@
 #[cfg(unix)]
 pub mod browser;
 mod device;
+mod documented;
 pub mod files;
 pub mod golden;
 pub mod mutants;
@@ -15,5 +16,6 @@ mod shared;
 pub mod synthetic;
 
 pub use device::{device, finish, new_device};
+pub use documented::documented;
 pub use numbers::{Random, greatest_difference, relative, seed};
 pub use shared::{shared, skip, source};

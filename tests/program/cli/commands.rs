@@ -1,6 +1,7 @@
 //! `convert`, `inspect`, `synth`, `device`, `selftest`, help and completions.
 
 use super::{Sandbox, model};
+use crate::support::documented;
 use qirf_vk::gaussians::formats;
 use std::fs;
 use std::process::Command;
@@ -38,6 +39,8 @@ fn inspect_tells_what_is_there() {
     assert_eq!((&scene["kind"], &scene["views"]), (&"scene".into(), &2.into()));
     assert_eq!((&scene["points"], &scene["photos_present"]), (&1.into(), &0.into()));
     assert_eq!((&scene["test_views"], &scene["train_views"]), (&1.into(), &1.into()));
+    documented("inspect", &model);
+    documented("inspect", &scene);
     for path in ["model.ply", "scene"] {
         let ran = sandbox.works(&["inspect", path]);
         assert!(ran.out.lines().count() > 8 && !ran.out.contains('{'), "{}", ran.out);

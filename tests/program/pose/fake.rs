@@ -1,6 +1,7 @@
 //! With a shell script in COLMAP's place: it notes how it is called, and does what the test wants.
 
 use crate::program::faults::harness::{Ended, content, end, program, scene, start};
+use crate::support::documented;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
@@ -230,6 +231,10 @@ fn of_two_parts_the_larger_is_taken_and_both_are_told() {
     for words in ["7 of 12 photos have poses", "4 make a part of their own", "1 are in no part: 11.png"] {
         assert!(said.contains(words), "{words}: {said}");
     }
+    let (_, json) = works(stage.pose(&["--json"]));
+    let json = serde_json::from_str(&json).unwrap();
+    documented("pose", &json);
+    assert_eq!((&json["others"][0][1], &json["nowhere"]["count"]), (&4.into(), &1.into()));
     // 7 of 12 are less than 80 %.
     assert!(ended.said.contains("warning:") && ended.said.contains("many photos have no pose"), "{}", ended.said);
     let (_, told) = works(stage.program(&["inspect", "scene"]));
