@@ -1,5 +1,6 @@
 //! Errors that end the program early, and their exit codes.
 
+use crate::wording::mebibytes;
 use crate::{gaussians, gpu, scene, synth, train};
 use std::io;
 use std::path::PathBuf;
@@ -59,7 +60,7 @@ pub enum Error {
     Scene(scene::Error),
     /// A job that does not fit into the device's memory: exit code 5.
     #[error(
-        "{what} would need about {needed} bytes of device memory ({gaussians} Gaussians, pictures of {width} x {height}), and {device} allows {there}"
+        "{what} would need about {} of device memory ({gaussians} Gaussians, pictures of {width} x {height}), and {device} allows {}", mebibytes(*needed), mebibytes(*there)
     )]
     Memory {
         /// The job.
@@ -80,7 +81,9 @@ pub enum Error {
         relief: Relief,
     },
     /// A picture that this machine's own memory cannot hold: exit code 5.
-    #[error("a picture of {width} x {height} needs about {needed} bytes of this machine's memory, which has {there}")]
+    #[error(
+        "a picture of {width} x {height} needs about {} of this machine's memory, which has {}", mebibytes(*needed), mebibytes(*there)
+    )]
     Picture {
         /// Pixels per row.
         width: u32,
@@ -180,6 +183,9 @@ pub enum Error {
         /// Fingerprint of this one.
         here: String,
     },
+    /// Neither photos nor a video: exit code 3.
+    #[error("{} holds no photos (jpg, png, webp), and is no video (mp4, mov, mkv, webm, avi)", .0.display())]
+    NothingToPose(PathBuf),
     /// A folder for poses that holds something else: exit code 2.
     #[error("{} holds something else than poses that this program estimated", .0.display())]
     NotOurs(PathBuf),
@@ -266,7 +272,7 @@ impl Error {
             Self::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => 5,
             Self::Train(train::Error::Photos(_)) => 5,
             Self::NoProgram(_) | Self::NotOurs(_) => 2,
-            Self::Program { .. } | Self::FewPoses { .. } => 3,
+            Self::Program { .. } | Self::FewPoses { .. } | Self::NothingToPose(_) => 3,
             Self::Usage(_) | Self::NothingHeldOut(_) | Self::OtherRun { .. } | Self::Unfinished(_) | Self::Synth(_) => {
                 2
             }

@@ -8,6 +8,12 @@ pub fn counted<N: Copy + Display + PartialEq + From<u8>>(n: N, noun: &str) -> St
     format!("{n} {noun}{ending}")
 }
 
+/// `60 MiB`, the unit of `--memory-budget 60M`; with one digit below ten.
+pub fn mebibytes(bytes: u64) -> String {
+    let mebi = bytes as f64 / f64::from(1 << 20);
+    format!("{mebi:.*} MiB", usize::from(mebi < 9.95))
+}
+
 /// The refusal of a name that is not known: `'abc' is not a selector; possible values: gnso, css`. `what` has its article.
 pub fn unknown<S: AsRef<str>>(name: &str, what: &str, known: impl IntoIterator<Item = S>) -> String {
     let mut text = format!("'{name}' is not {what}; possible values: ");
@@ -27,6 +33,12 @@ mod tests {
         assert_eq!(counted(1_usize, "photo"), "1 photo");
         assert_eq!(counted(0_usize, "photo"), "0 photos");
         assert_eq!(counted(21_u32, "held-out view"), "21 held-out views");
+    }
+
+    #[test]
+    fn bytes_are_told_in_the_unit_of_budgets() {
+        let told = [40_000, 9 << 20, 10_450_000, 2 << 30].map(mebibytes);
+        assert_eq!(told, ["0.0 MiB", "9.0 MiB", "10 MiB", "2048 MiB"]);
     }
 
     #[test]

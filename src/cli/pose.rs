@@ -74,10 +74,7 @@ impl Arguments {
         if pose::is_video(path) {
             return Ok(path.clone());
         }
-        photo_folder(path, None).ok_or_else(|| {
-            let path = path.display();
-            Error::Usage(format!("{path} holds no photos (jpg, png, webp), and is no video (mp4, mov, mkv, webm, avi)"))
-        })
+        photo_folder(path, None).ok_or_else(|| Error::NothingToPose(path.clone()))
     }
 }
 

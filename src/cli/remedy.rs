@@ -1,14 +1,16 @@
 //! Remedies for errors. The floors below name causes and know no options; this file adds the advice.
 
 use crate::error::{Error, Relief};
+use crate::scene::{OpenOptions, Scene};
 use crate::{gaussians, gpu, metrics, scene, synth, train};
+use std::io;
 use std::path::Path;
 
 /// Advice on `error`, as a clause that follows its cause; `None` if the cause is enough.
 pub(super) fn remedy(error: &Error) -> Option<String> {
     match error {
-        Error::Read { .. } => plain("check that it exists and that you may read it"),
-        Error::Write { .. } => plain("free some space or choose another place with -o"),
+        Error::Read { source, .. } => readable(source),
+        Error::Write { source, .. } => writable(source),
         Error::Device(e) => device(e),
         Error::Train(e) => training(e),
         Error::Gaussians(e) => model(e),
@@ -27,6 +29,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
              one before; scenes need texture. `--matching exhaustive` compares more pairs",
         ),
         Error::Picture { .. } => plain("give a smaller --size or --resolution"),
+        Error::NothingToPose(_) => plain("name the folder that holds the photos"),
         Error::NotOurs(_) => plain("name an empty or new folder with -o"),
         Error::AmongPhotos(_) => plain("name another folder with -o"),
         Error::NothingToTrainOn(_) => plain("use a larger --eval-every"),
@@ -57,6 +60,53 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
             plain("rename files and folders whose names are not UTF-8; if it happens again, please report it")
         }
         Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
+    }
+}
+
+/// What to do about a file that cannot be read.
+fn readable(cause: &io::Error) -> Option<String> {
+    match cause.kind() {
+        io::ErrorKind::NotFound => plain("check the path"),
+        io::ErrorKind::PermissionDenied => plain("get the permission to read it"),
+        io::ErrorKind::InvalidData => plain("it is not the text that it should be: check the path"),
+        _ => plain("check that it exists and that you may read it"),
+    }
+}
+
+/// What to do about a file that cannot be written.
+fn writable(cause: &io::Error) -> Option<String> {
+    match cause.kind() {
+        io::ErrorKind::NotFound => plain("create its folder, or name another place"),
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            plain("get the permission to write there, or name another place")
+        }
+        _ => plain("free some space, or name another place"),
+    }
+}
+
+/// What `path` is, if it is neither the scene nor the model that was expected, and what to use in its place.
+fn other_kind(path: &Path) -> Option<String> {
+    let model = path.join("model.ply");
+    let of_model = |e: &std::ffi::OsStr| {
+        ["ply", "spz", "splat", "ksplat", "sog"].iter().any(|known| e.eq_ignore_ascii_case(known))
+    };
+    if path.is_file() && path.extension().is_some_and(of_model) {
+        let path = quoted(path);
+        Some(format!(
+            "it is a model (`qirf-vk view {path}` shows it): give the folder of photos with poses that it was trained on"
+        ))
+    } else if path.join("config.toml").is_file() && model.is_file() {
+        let config = quoted(&path.join("config.toml"));
+        Some(format!("it is the folder of a run: its model is {}, and {config} names its scene", quoted(&model)))
+    } else if path.join("plan.json").is_file() {
+        Some(format!(
+            "it is the folder of a divided job: `qirf-vk shard status {}` tells how far that is",
+            quoted(path)
+        ))
+    } else if Scene::find(path, &OpenOptions::default()).is_ok() {
+        Some(format!("it is a scene: give a model, or train one with `qirf-vk run {} -o DIR`", quoted(path)))
+    } else {
+        None
     }
 }
 
@@ -111,6 +161,7 @@ fn training(error: &train::Error) -> Option<String> {
 fn model(error: &gaussians::Error) -> Option<String> {
     match error {
         gaussians::Error::SameFile { .. } => plain("give the output another name"),
+        gaussians::Error::Unsupported { path, .. } if path.is_dir() => other_kind(path),
         // The reader of a format describes best what its file lacks.
         _ => None,
     }
@@ -118,13 +169,15 @@ fn model(error: &gaussians::Error) -> Option<String> {
 
 fn capture(error: &scene::Error) -> Option<String> {
     match error {
-        scene::Error::Io { .. } => plain("check that it exists and that you may read it"),
+        scene::Error::Io { source, .. } => readable(source),
         scene::Error::UnknownModel { .. } => plain(
             "undistort the photos with `colmap image_undistorter` and open its output, or calibrate again with \
              --ImageReader.camera_model OPENCV",
         ),
         scene::Error::NoPoses { root, images, .. } => Some(pose(root, images)),
-        scene::Error::NoScene { .. } => plain("give the folder that holds one of them"),
+        scene::Error::NoScene { root, .. } => {
+            Some(other_kind(root).unwrap_or_else(|| "give the folder that holds one of them".to_owned()))
+        }
         scene::Error::NoImageFolder { .. } => plain("give one with --images"),
         scene::Error::NoPhotos { .. } => plain("name their folder with --images DIR"),
         scene::Error::NoViews { .. } => plain("reconstruct the scene again"),
@@ -198,7 +251,6 @@ fn quoted(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::io;
     use std::path::PathBuf;
 
     fn says(error: impl Into<Error>, parts: &[&str]) {
@@ -232,7 +284,9 @@ mod tests {
         says(scene::Error::NoImageFolder { root: path(), asked: path(), known: Vec::new() }, &["--images"]);
         says(metrics::Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["--lpips-weights"]);
         says(synth::Error::Foreign(path()), &["empty or new folder"]);
-        says(Error::Write { path: path(), source: io::ErrorKind::StorageFull.into() }, &["free some space", "-o"]);
+        says(Error::Write { path: path(), source: io::ErrorKind::StorageFull.into() }, &["free some space"]);
+        says(Error::Write { path: path(), source: io::ErrorKind::NotFound.into() }, &["create its folder"]);
+        says(Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["check the path"]);
         says(Error::NothingToTrainOn(path()), &["larger --eval-every"]);
         says(Error::NothingHeldOut(path()), &["--eval-every 1"]);
         says(Error::OtherRun { folder: path(), changes: Vec::new() }, &["--config 'a b/c/config.toml'", "-o"]);
@@ -240,6 +294,27 @@ mod tests {
         assert!(remedy(&Error::Interrupted).is_none());
         assert!(smaller(Relief::Gaussians(7)).starts_with("give --max-gaussians 7, a smaller --resolution,"));
         assert!(!smaller(Relief::None).contains("--max-gaussians"));
+    }
+
+    #[test]
+    fn a_run_a_model_and_a_scene_in_the_wrong_place_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let (run, file) = (folder.path().join("run"), folder.path().join("flowers.SPZ"));
+        std::fs::create_dir(&run).unwrap();
+        for path in [&run.join("config.toml"), &run.join("model.ply"), &file] {
+            std::fs::write(path, "").unwrap();
+        }
+        let no_scene = |root: &Path| scene::Error::NoScene { root: root.to_owned(), looked_for: "" };
+        says(no_scene(&run), &["folder of a run", "model.ply", "config.toml"]);
+        says(no_scene(&file), &["it is a model", "qirf-vk view"]);
+        says(
+            gaussians::Error::Unsupported { path: run.clone(), what: String::new() },
+            &["folder of a run", "model.ply"],
+        );
+        std::fs::remove_file(run.join("config.toml")).unwrap();
+        std::fs::write(run.join("transforms.json"), "{}").unwrap();
+        says(gaussians::Error::Unsupported { path: run, what: String::new() }, &["it is a scene", "qirf-vk run"]);
+        says(no_scene(folder.path()), &["the folder that holds one"]);
     }
 
     #[test]

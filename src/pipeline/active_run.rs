@@ -191,9 +191,16 @@ impl<'a> ActiveRun<'a> {
             self.trainer.rewarm()?;
         }
         self.fine_tune();
+        let chosen = match pruned.attrition {
+            Some(_) => format!("attrition left {}, {} chose among them", pruned.before, pruned.selector),
+            None => format!("{} chose", pruned.selector),
+        };
         session.watcher.note(&format!(
-            "after iteration {}: {} of {} Gaussians kept by {}, {:.1} s",
-            pruned.iteration, pruned.after, pruned.before, pruned.selector, pruned.seconds.total
+            "after iteration {}: {} of {} Gaussians kept ({chosen}), {:.1} s",
+            pruned.iteration,
+            pruned.after,
+            pruned.dense(),
+            pruned.seconds.total
         ));
         self.notes.seconds += pruned.seconds.total;
         self.notes.prunes.push(pruned);

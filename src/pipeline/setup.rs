@@ -82,25 +82,18 @@ impl<'a> Setup<'a> {
     /// # Errors
     /// [`Error::OtherRun`]; [`Error::Write`].
     pub fn write_config(&self, start: &Start, output: &Output) -> Result<(), Error> {
-        match start {
-            Start::Resumed(checkpoint) => {
-                let unreadable = |e: toml::de::Error| Error::Checkpoint {
-                    path: output.checkpoint(),
-                    what: format!("the note 'config' cannot be read: {e}"),
-                };
-                let earlier: RunConfig = toml::from_str(&checkpoint.notes.config).map_err(unreadable)?;
-                let changes = self.config.changes(&earlier);
-                if changes.is_empty() {
-                    return Ok(());
-                }
-                Err(Error::OtherRun { folder: output.folder().to_owned(), changes })
-            }
-            _ => {
-                // Figures of an earlier run in this folder would mark this one as finished.
-                let _ = std::fs::remove_file(output.metrics());
-                Output::text(&output.config(), &self.config.written()?)
-            }
-        }
+        let Start::Resumed(checkpoint) = start else {
+            // Figures of an earlier run in this folder would mark this one as finished.
+            let _ = std::fs::remove_file(output.metrics());
+            return Output::text(&output.config(), &self.config.written()?);
+        };
+        let unreadable = |e: toml::de::Error| Error::Checkpoint {
+            path: output.checkpoint(),
+            what: format!("the note 'config' cannot be read: {e}"),
+        };
+        let earlier: RunConfig = toml::from_str(&checkpoint.notes.config).map_err(unreadable)?;
+        let changes = self.config.changes(&earlier);
+        if changes.is_empty() { Ok(()) } else { Err(Error::OtherRun { folder: output.folder().to_owned(), changes }) }
     }
 }
 

@@ -177,13 +177,13 @@ fn memory_is_estimated_before_the_start() {
         let output = command.output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(5), "{said}");
-        assert!(said.contains("bytes of device memory") && said.contains("--memory-budget"), "{said}");
+        assert!(said.contains(" MiB of device memory") && said.contains("--memory-budget"), "{said}");
         said
     };
     let out = folder.path().join("out");
     let sizes = ["--init", "random", "--init-count", "20000", "--max-gaussians", "50000"];
     let said = refused(command(&scene, &out, &sizes).args(["--memory-budget", "60M"]));
-    assert!(said.contains("62914560") && said.contains("20000 Gaussians") && said.contains("48 x 36"), "{said}");
+    assert!(said.contains("allows 60 MiB") && said.contains("20000 Gaussians") && said.contains("48 x 36"), "{said}");
     assert!(!out.join("config.toml").exists(), "nothing was begun");
     // The advised size works, and the run's peak is within its estimate.
     let advised = said.split("--max-gaussians ").nth(1).and_then(|t| t.split(',').next()).expect("advice").to_owned();

@@ -43,11 +43,20 @@ struct StyleKeys {
 /// Refuses an unknown key before a missing one is noticed, which is what a misspelt key comes to; and a style's key of the
 /// wrong type with its line.
 fn check_keys(text: &str) -> Result<(), String> {
-    let table: toml::Table = text.parse().map_err(|e: toml::de::Error| e.to_string())?;
+    let table: toml::Table = text.parse().map_err(|e: toml::de::Error| told(&e))?;
     if let Some(key) = table.keys().find(|key| !KEYS.contains(&key.as_str())) {
         return Err(format!("unknown field `{key}`; the fields are {}", KEYS.join(", ")));
     }
-    toml::from_str::<StyleKeys>(text).map(|_| ()).map_err(|e| e.to_string())
+    toml::from_str::<StyleKeys>(text).map(|_| ()).map_err(|e| told(&e))
+}
+
+/// An error of the parser on one line, without its excerpt of the file.
+fn told(error: &toml::de::Error) -> String {
+    let text = error.to_string();
+    let place = text.lines().next().and_then(|line| line.strip_prefix("TOML parse error at "));
+    place
+        .map_or_else(|| error.message().to_owned(), |place| format!("{place}: {}", error.message()))
+        .replace('\n', "; ")
 }
 
 impl RunConfig {
@@ -59,7 +68,7 @@ impl RunConfig {
         let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         let wrong = |what: String| Error::Usage(format!("{}: {what}", path.display()));
         check_keys(&text).map_err(wrong)?;
-        let config: Self = toml::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+        let config: Self = toml::from_str(&text).map_err(|e| wrong(told(&e)))?;
         ranges::check(&config).map_err(wrong)?;
         Ok(config)
     }
@@ -151,6 +160,6 @@ mod tests {
         let error = check_keys(&text.replace("seed = 1", "sead = 1")).unwrap_err();
         assert!(error.starts_with("unknown field `sead`"), "{error}");
         let error = check_keys(&text.replace("antialias = true", "antialias = 3")).unwrap_err();
-        assert!(error.contains("line 7") && error.contains("antialias = 3"), "{error}");
+        assert!(error.contains("line 7") && error.contains("expected a boolean"), "{error}");
     }
 }

@@ -126,7 +126,11 @@ fn bad_scenes_are_refused_with_file_and_record() {
 fn what_cannot_be_held_or_written_is_resources() {
     let sandbox = Sandbox::new();
     // More pixels than any device binds in one buffer.
-    sandbox.fails(5, &["render", "model.ply", "--orbit", "1", "-o", "out", "--size", "65535x65535"], &["bytes"]);
+    sandbox.fails(
+        5,
+        &["render", "model.ply", "--orbit", "1", "-o", "out", "--size", "65535x65535"],
+        &["65535 x 65535", "memory"],
+    );
     assert!(!sandbox.path("out").exists());
     // A file where a folder must be made.
     sandbox.fails(5, &["render", "model.ply", "--orbit", "1", "-o", "model.ply/out", "--size", "8x8"], &["model.ply"]);

@@ -184,7 +184,7 @@ fn damaged_checkpoints_are_refused_and_kept() {
     newer.write(&checkpoint).unwrap();
     refused(&fs::read(&checkpoint).unwrap(), "another version");
     fs::write(&checkpoint, &good).unwrap();
-    end(&mut run(&out, &["--resume", "--seed", "9"])).with(2, &["checkpoint.safetensors", "other options"]);
+    end(&mut run(&out, &["--resume", "--seed", "9"])).with(2, &["seed was 1, is 9", "other options"]);
     assert!(fs::read(&checkpoint).unwrap() == good);
     works(&mut run(&out, &["--resume"]));
     assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());

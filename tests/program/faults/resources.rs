@@ -222,7 +222,7 @@ fn too_little_device_memory_says_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let (model, out) = (folder.path().join("model.ply"), folder.path().join("small.ply"));
     fs::write(&model, undisturbed()).unwrap();
-    let words = ["bytes of device memory", "--memory-budget", "give"];
+    let words = [" MiB of device memory", "--memory-budget", "give"];
     let compress = |more: &[&str]| {
         let mut command = program();
         command.arg("compress").arg(&model).arg("-o").arg(&out).args(["--memory-budget", "100k"]).args(more);

@@ -278,7 +278,7 @@ fn what_cannot_be_posed_is_usage_and_changes_nothing() {
     let mut command = stage.program(&["pose", "walk.mp4", "-o", "scene"]);
     end(command.env("PATH", stage.path("bin"))).with(2, &["ffmpeg", "apt-get install ffmpeg"]);
     let pose = |input: &str, output: &str| end(&mut stage.program(&["pose", input, "-o", output]));
-    pose("fake", "other").with(2, &["holds no photos"]);
+    pose("fake", "other").with(3, &["holds no photos"]);
     pose("absent", "other").with(3, &["absent"]);
     let before = content(&stage.path("photos"));
     pose("photos", "photos").with(2, &["holds something else", "-o"]);
