@@ -196,7 +196,8 @@ fn memory_is_estimated_before_the_start() {
     println!("estimated {estimated}, peak {peak}, limit {limit}");
     assert!(peak <= estimated && estimated <= limit && limit == 60 << 20);
 
-    let said = refused(command(&scene, &out, &["--memory-budget", "1k"]).arg("--resume"));
+    let new = folder.path().join("new");
+    let said = refused(command(&scene, &new, &["--memory-budget", "1k"]).arg("--resume"));
     assert!(!said.contains("--max-gaussians"), "nothing fits: {said}");
     let mut eval = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
     refused(eval.arg("eval").arg(out.join("model.ply")).arg(&scene).args(["--memory-budget", "100k"]));
