@@ -161,7 +161,9 @@ fn training(error: &train::Error) -> Option<String> {
 fn model(error: &gaussians::Error) -> Option<String> {
     match error {
         gaussians::Error::SameFile { .. } => plain("give the output another name"),
-        gaussians::Error::Unsupported { path, .. } if path.is_dir() => other_kind(path),
+        gaussians::Error::Unsupported { path, .. } if path.is_dir() => {
+            other_kind(path).or_else(|| plain("give a model file or such a folder"))
+        }
         // The reader of a format describes best what its file lacks.
         _ => None,
     }

@@ -77,13 +77,16 @@ impl Arguments {
         if global.tuning.is_some() {
             config.tuning = None;
         }
+        let input = Self::without_poses(&config)?;
         let output = Output::new(&self.output)?;
         let found = Earlier::of(&output);
         if found == Earlier::Interrupted && !self.resume {
             return Err(Error::Unfinished(output.checkpoint()));
         }
         let watcher = Show::new(console);
-        let config = self.posed(config, &output, &watcher, console)?;
+        if let Some(input) = input {
+            config = self.posed(config, &input, &output, &watcher, console)?;
+        }
         if self.resume && found != Earlier::Nothing {
             earlier::check(&output, &config)?;
         }
@@ -119,19 +122,32 @@ impl Arguments {
         Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) })
     }
 
-    /// The same run on a scene with poses: photos without any, and videos, get them.
-    fn posed(&self, config: RunConfig, output: &Output, watcher: &Show, console: &Console) -> Result<RunConfig, Error> {
+    /// The photos without poses, or the video, that the run begins with; `None` for a scene.
+    fn without_poses(config: &RunConfig) -> Result<Option<PathBuf>, Error> {
+        if is_video(&config.scene) {
+            return Ok(Some(config.scene.clone()));
+        }
         let options = OpenOptions { images: config.images.clone(), undistort: None };
-        let input = match Scene::find(&config.scene, &options) {
-            _ if is_video(&config.scene) => config.scene.clone(),
-            Err(scene::Error::NoPoses { images, .. }) => images,
-            found => return Ok(found.map(|()| config)?),
-        };
+        match Scene::find(&config.scene, &options) {
+            Err(scene::Error::NoPoses { images, .. }) => Ok(Some(images)),
+            found => Ok(found.map(|()| None)?),
+        }
+    }
+
+    /// The same run on a scene with poses, which `input` gets.
+    fn posed(
+        &self,
+        config: RunConfig,
+        input: &Path,
+        output: &Output,
+        watcher: &Show,
+        console: &Console,
+    ) -> Result<RunConfig, Error> {
         let real = |path: &Path| std::fs::canonicalize(path).ok();
-        if real(&input).is_some_and(|photos| Some(photos) == real(output.folder())) {
+        if real(input).is_some_and(|photos| Some(photos) == real(output.folder())) {
             return Err(Error::AmongPhotos(output.model()));
         }
-        let posed = pose(&input, &output.scene(), &self.posing.options(), watcher)?;
+        let posed = pose(input, &output.scene(), &self.posing.options(), watcher)?;
         warn(&posed, console);
         console.note(posed.summary());
         Ok(RunConfig { scene: output.scene(), images: None, ..config })

@@ -93,7 +93,7 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
     if is_folder && !path.join("meta.json").is_file() {
         return Err(Error::Unsupported {
             path: path.to_owned(),
-            what: "a folder without the meta.json of a SOG model; give a model file or such a folder".into(),
+            what: "a folder without the meta.json of a SOG model".into(),
         });
     }
     if is_folder || path.file_name().is_some_and(|name| name == "meta.json") {
