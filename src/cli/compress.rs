@@ -23,8 +23,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compress model.ply -o small.ply --scene capture --resolution /4 --fine-tune 3000
   qirf-vk compress model.ply -o small.ply --selector importance --budget global --json
 
-Without photos, pictures of the model itself, from all around it, tell which Gaussians they need. If you have the capture,
---scene is the better choice; for rooms and landscapes, which surround their cameras, it is the only good one.";
+Without photos, pictures of the model itself, from all around it, tell which Gaussians they need. If you have the capture, --scene is the better choice; for rooms and landscapes, which surround their cameras, it is the only good one.";
 
 /// Prune an existing model: keep the Gaussians that its pictures need.
 #[derive(Debug, clap::Args)]
