@@ -8,14 +8,12 @@ use super::training::Training;
 use super::{Global, tell_of_missing};
 use crate::error::Error;
 use crate::pipeline::arm::Arm;
-use crate::pipeline::compare::{compare, compare_seeds};
+use crate::pipeline::compare::{compare, compare_seeds, of_seeds};
 use crate::pipeline::config::{Compression, Pruning};
 use crate::pipeline::records::CompareRecord;
 use crate::pipeline::{Output, RunConfig, Session, earlier};
-use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Keep;
 use crate::report;
-use crate::wording::unknown;
 use std::path::PathBuf;
 
 const ARMS: &str =
@@ -82,17 +80,6 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// Names of arms that are no selectors' names.
-const METHODS: [&str; 8] = ["default", "paper", "gns", "pop", "dense", "dense+thresholds", "grown", "mcmc"];
-
-/// Reads an arm, whose name must be known.
-fn arm(text: &str, pruning: &Pruning) -> Result<Arm, String> {
-    let name = text.split([':', '+', '@']).next().unwrap_or_default();
-    let name = name.strip_suffix("-detail").unwrap_or(name);
-    let known = || METHODS.into_iter().chain(Selector::NAMES.into_iter().map(|(_, name)| name));
-    if known().any(|known| known == name) { Arm::parse(text, pruning) } else { Err(unknown(name, "an arm", known())) }
-}
-
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let pruning = self.training.pruning(&self.choices)?;
@@ -104,7 +91,7 @@ impl Arguments {
         };
         let arms: Vec<Arm> = asked
             .split(',')
-            .map(|text| arm(text.trim(), &pruning))
+            .map(|text| Arm::parse(text.trim(), &pruning))
             .collect::<Result<_, _>>()
             .map_err(|e| Error::Usage(format!("--arms: {e}")))?;
         if let Some(twice) = (1..arms.len()).find(|i| arms[..*i].iter().any(|a| a.name == arms[*i].name)) {
@@ -139,19 +126,14 @@ impl Arguments {
 
     /// Refuses to lose an interrupted comparison, and to continue one with other options, before any work.
     fn check_earlier(&self, config: &RunConfig) -> Result<(), Error> {
-        let seeds = self.seeds.map_or(vec![config.seed], |n| (0..n).map(|k| config.seed.wrapping_add(k)).collect());
-        for seed in seeds {
-            let folder = match self.seeds {
-                None => self.output.clone(),
-                Some(_) => self.output.join(CompareRecord::folder_of(seed)),
-            };
+        for (config, folder) in of_seeds(config, self.seeds, &self.output) {
             let output = Output::new(&folder)?;
             // A finished comparison keeps its checkpoint.
             if !self.resume && output.checkpoint().exists() && !self.output.join("compare.json").exists() {
                 return Err(Error::Unfinished(output.checkpoint()));
             }
             if self.resume && output.checkpoint().exists() {
-                earlier::check(&output, &RunConfig { seed, ..config.clone() })?;
+                earlier::check(&output, &config)?;
             }
         }
         Ok(())
@@ -190,10 +172,15 @@ mod tests {
 
     #[test]
     fn lists_of_arms_are_known_and_other_names_are_refused_with_all_arms() {
-        let arms = |list: &str| list.split(',').map(|a| arm(a, &Pruning::default())).collect::<Result<Vec<_>, _>>();
-        for list in
-            [ARMS, ABLATION, PAPER_TABLES, &METHODS.join(","), "css-measured-detail@0.1,gnso-detail,pairs+rewarm"]
-        {
+        let arms =
+            |list: &str| list.split(',').map(|a| Arm::parse(a, &Pruning::default())).collect::<Result<Vec<_>, _>>();
+        for list in [
+            ARMS,
+            ABLATION,
+            PAPER_TABLES,
+            "default,paper,gns,pop,dense,dense+thresholds,grown,mcmc",
+            "css-measured-detail@0.1,gnso-detail,pairs+rewarm",
+        ] {
             assert!(arms(list).is_ok(), "{list}");
         }
         let refused = arms("abc:global+merge").unwrap_err();

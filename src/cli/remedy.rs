@@ -1,5 +1,6 @@
 //! Remedies for errors. The floors below name causes and know no options; this file adds the advice.
 
+use super::inspect::is_run;
 use crate::error::{Error, Relief};
 use crate::scene::{OpenOptions, Scene};
 use crate::{gaussians, gpu, metrics, scene, synth, train};
@@ -63,7 +64,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
     }
 }
 
-/// What to do about a file that cannot be read.
+/// Advice on a file or folder that cannot be read.
 fn readable(cause: &io::Error) -> Option<String> {
     match cause.kind() {
         io::ErrorKind::NotFound => plain("check the path"),
@@ -73,7 +74,7 @@ fn readable(cause: &io::Error) -> Option<String> {
     }
 }
 
-/// What to do about a file that cannot be written.
+/// Advice on a file or folder that cannot be written.
 fn writable(cause: &io::Error) -> Option<String> {
     match cause.kind() {
         io::ErrorKind::NotFound => plain("create its folder, or name another place"),
@@ -84,9 +85,8 @@ fn writable(cause: &io::Error) -> Option<String> {
     }
 }
 
-/// What `path` is, if it is neither the scene nor the model that was expected, and what to use in its place.
+/// Advice on a path that is neither the scene nor the model that was expected; `None` if its contents are unknown.
 fn other_kind(path: &Path) -> Option<String> {
-    let model = path.join("model.ply");
     let of_model = |e: &std::ffi::OsStr| {
         ["ply", "spz", "splat", "ksplat", "sog"].iter().any(|known| e.eq_ignore_ascii_case(known))
     };
@@ -95,9 +95,9 @@ fn other_kind(path: &Path) -> Option<String> {
         Some(format!(
             "it is a model (`qirf-vk view {path}` shows it): give the folder of photos with poses that it was trained on"
         ))
-    } else if path.join("config.toml").is_file() && model.is_file() {
-        let config = quoted(&path.join("config.toml"));
-        Some(format!("it is the folder of a run: its model is {}, and {config} names its scene", quoted(&model)))
+    } else if is_run(path) {
+        let [model, config] = ["model.ply", "config.toml"].map(|file| quoted(&path.join(file)));
+        Some(format!("it is the folder of a run: its model is {model}, and {config} names its scene"))
     } else if path.join("plan.json").is_file() {
         Some(format!(
             "it is the folder of a divided job: `qirf-vk shard status {}` tells how far that is",

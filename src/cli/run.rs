@@ -9,6 +9,7 @@ use super::training::Training;
 use super::view::{self, Watched};
 use super::{Global, tell_of_missing};
 use crate::error::Error;
+use crate::pipeline::output::same_place;
 use crate::pipeline::pose::{is_video, pose};
 use crate::pipeline::records::RunRecord;
 use crate::pipeline::{Earlier, Output, RunConfig, Session, earlier, run};
@@ -143,8 +144,7 @@ impl Arguments {
         watcher: &Show,
         console: &Console,
     ) -> Result<RunConfig, Error> {
-        let real = |path: &Path| std::fs::canonicalize(path).ok();
-        if real(input).is_some_and(|photos| Some(photos) == real(output.folder())) {
+        if same_place(input, output.folder()) {
             return Err(Error::AmongPhotos(output.model()));
         }
         let posed = pose(input, &output.scene(), &self.posing.options(), watcher)?;

@@ -12,11 +12,10 @@ use crate::error::Error;
 use crate::gaussians::formats::Loaded;
 use crate::metrics::Networks;
 use crate::pipeline::sweep::records::figure;
-use crate::pipeline::sweep::{self, Asked, Axis, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
+use crate::pipeline::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Output, Preset, RunConfig, Session};
 use crate::report;
-use crate::wording::unknown;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -44,7 +43,7 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Axis to measure, with all of its rungs or the named ones; repeat it for more axes [default: every light axis]
-    #[arg(long, value_name = "NAME[=RUNG,...]", value_parser = asked)]
+    #[arg(long, value_name = "NAME[=RUNG,...]", value_parser = Asked::parse)]
     axis: Vec<Asked>,
     /// Model for the light axes, seen from the scene's cameras [default: one that is trained briefly]
     #[arg(long, value_name = "MODEL")]
@@ -70,13 +69,6 @@ pub(super) struct Arguments {
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
-}
-
-/// Reads an axis, whose name must be known.
-fn asked(text: &str) -> Result<Asked, String> {
-    let name = text.split('=').next().unwrap_or_default().trim();
-    let known = Axis::ALL.map(Axis::name);
-    if known.contains(&name) { Asked::parse(text) } else { Err(unknown(name, "an axis", known)) }
 }
 
 impl Arguments {

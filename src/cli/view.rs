@@ -2,7 +2,7 @@
 
 use super::Global;
 use super::console::Console;
-use super::inspect::{is_scene, read_model};
+use super::inspect::{is_run, is_scene, read_model};
 use super::interrupt::Watch;
 use super::style;
 use super::values::{self, Up};
@@ -134,7 +134,7 @@ impl Arguments {
 
     fn subject(&self, console: &Console) -> Result<Subject, Error> {
         let path = &self.subject;
-        let run = path.join("config.toml").is_file() && path.join("model.ply").is_file();
+        let run = is_run(path);
         let config = run.then(|| RunConfig::read(&path.join("config.toml"))).transpose()?;
         let scene = self.scene.clone().or(config.as_ref().map(|c| c.scene.clone()));
         let scene = scene.or_else(|| (!run && is_scene(path)).then(|| path.clone()));

@@ -6,6 +6,7 @@ use crate::qirf::select::budget::{Budget, Keep};
 use crate::train::growth::Growth;
 use crate::train::relocation::Relocation;
 use crate::train::schedule::Schedule;
+use crate::wording::unknown;
 
 /// Removes `suffix` from the end of `text`. Returns what is left, and whether the suffix was there.
 fn without<'a>(text: &'a str, suffix: &str) -> (&'a str, bool) {
@@ -22,6 +23,9 @@ const METHODS: [(&str, &str, [f64; 2]); 2] = [
     // GaussianPOP: what the pictures change if one Gaussian goes, in two cuts.
     ("pop", "change:global-detail+twice", [15.0 / 30.0, 20.0 / 30.0]),
 ];
+
+/// Names of arms that are no selectors' names.
+const OWN_NAMES: [&str; 8] = ["default", "paper", "gns", "pop", "dense", "dense+thresholds", "grown", "mcmc"];
 
 /// How an arm's model grows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,9 +105,10 @@ impl Arm {
             "default" => given.clone(),
             "paper" => Compression::paper(),
             selector => Compression {
-                selector: selector
-                    .parse::<Selector>()
-                    .map_err(|e| format!("{e}, or default, paper, dense, grown or mcmc"))?,
+                selector: selector.parse::<Selector>().map_err(|_| {
+                    let selectors = Selector::NAMES.into_iter().map(|(_, name)| name);
+                    unknown(selector, "an arm", OWN_NAMES.into_iter().chain(selectors))
+                })?,
                 budget: Budget::PerBlock,
                 merge: false,
                 ..given.clone()

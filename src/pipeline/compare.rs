@@ -15,10 +15,20 @@ use super::start::Start;
 use crate::error::Error;
 use crate::gaussians::formats;
 use crate::gaussians::resident::Resident;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Number of rounds in which the arms' frame rates are taken in turn.
 const ROUNDS: usize = 5;
+
+/// The configuration and the folder of each part of a comparison: one in `folder` itself without a number of seeds, else one a
+/// seed inside it, from the configuration's own seed on.
+pub fn of_seeds(shared: &RunConfig, seeds: Option<u32>, folder: &Path) -> Vec<(RunConfig, PathBuf)> {
+    let of_seed = |k: u32| {
+        let seed = shared.seed.wrapping_add(k);
+        (RunConfig { seed, ..shared.clone() }, folder.join(CompareRecord::folder_of(seed)))
+    };
+    seeds.map_or_else(|| vec![(shared.clone(), folder.to_owned())], |n| (0..n).map(of_seed).collect())
+}
 
 /// Compares `arms` on one scene with `seeds` seeds (at least one), from the configuration's own on, each in a folder of its own
 /// inside `folder`.
@@ -33,14 +43,14 @@ pub fn compare_seeds(
     folder: &Path,
     resume: bool,
 ) -> Result<CompareRecord, Error> {
-    let of_seed = |k: u32| {
-        let seed = shared.seed.wrapping_add(k);
-        session.watcher.note(&format!("seed {seed} ({} of {seeds})", k + 1));
-        let config = RunConfig { seed, ..shared.clone() };
-        compare(session, &config, arms, &folder.join(CompareRecord::folder_of(seed)), resume)
+    let parts = of_seeds(shared, Some(seeds.max(1)), folder);
+    let of_part = |k: usize| {
+        let (config, folder) = &parts[k];
+        session.watcher.note(&format!("seed {} ({} of {seeds})", config.seed, k + 1));
+        compare(session, config, arms, folder, resume)
     };
-    let first = of_seed(0)?;
-    Ok(first.mean(&(1..seeds).map(of_seed).collect::<Result<Vec<_>, _>>()?))
+    let first = of_part(0)?;
+    Ok(first.mean(&(1..parts.len()).map(of_part).collect::<Result<Vec<_>, _>>()?))
 }
 
 /// Compares `arms` on one scene with one seed; all results go to `folder`. With `resume`, finished parts of an earlier comparison

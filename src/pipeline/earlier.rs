@@ -4,7 +4,7 @@ use super::config::RunConfig;
 use super::output::Output;
 use crate::error::Error;
 
-/// What a folder holds of an earlier run.
+/// State of the run whose folder a new run names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Earlier {
     /// Nothing to continue.
@@ -16,7 +16,7 @@ pub enum Earlier {
 }
 
 impl Earlier {
-    /// What the folder of a run holds.
+    /// The state of the run in a folder.
     pub fn of(output: &Output) -> Self {
         let finished = [output.config(), output.model(), output.metrics()].iter().all(|file| file.exists());
         match (output.checkpoint().exists(), finished) {

@@ -87,6 +87,12 @@ pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
     std::path::absolute(path).map_err(|source| Error::Read { path: path.to_owned(), source })
 }
 
+/// Returns true if both paths lead to the same place on disk, however they are spelt.
+pub fn same_place(a: &Path, b: &Path) -> bool {
+    let real = |path: &Path| std::fs::canonicalize(path).ok();
+    a == b || real(a).is_some_and(|a| Some(a) == real(b))
+}
+
 /// Makes a scene's path absolute, and that of its photo folder where this is not one within the scene.
 ///
 /// # Errors

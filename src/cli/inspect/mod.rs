@@ -47,6 +47,11 @@ pub(super) fn is_scene(path: &Path) -> bool {
     json && path.file_name().is_some_and(|n| n != "meta.json")
 }
 
+/// Returns true for the folder of a run.
+pub(super) fn is_run(path: &Path) -> bool {
+    ["config.toml", "model.ply"].iter().all(|file| path.join(file).is_file())
+}
+
 /// Reads a model; refuses devices and pipes, which may never end.
 fn read(path: &Path) -> Result<Loaded, Error> {
     let data = std::fs::metadata(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;

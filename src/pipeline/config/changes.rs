@@ -2,6 +2,7 @@
 
 use super::run::{Init, RunConfig};
 use crate::effects::Effect;
+use crate::pipeline::output::same_place;
 use crate::render::Style;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,20 +11,19 @@ use std::path::{Path, PathBuf};
 const LISTED: usize = 3;
 
 impl RunConfig {
-    /// What this run does otherwise than `earlier`, of which it is to be the continuation: at most a few keys of `config.toml`
-    /// with the earlier value and this one; empty if both give the same results. Where checkpoints are written, on which
-    /// device, and how a path is spelt make no difference.
+    /// The first few keys of `config.toml` whose values differ from those of `earlier`, each with both values; empty if both
+    /// runs give the same results. The interval of checkpoints, the tuning, and the spelling of a path make no difference.
     pub fn changes(&self, earlier: &Self) -> Vec<String> {
         let ours = Self {
             checkpoint_every: earlier.checkpoint_every,
             tuning: earlier.tuning.clone(),
-            scene: same_place(&self.scene, &earlier.scene),
+            scene: respelt(&self.scene, &earlier.scene),
             images: match (&self.images, &earlier.images) {
-                (Some(ours), Some(theirs)) => Some(same_place(ours, theirs)),
+                (Some(ours), Some(theirs)) => Some(respelt(ours, theirs)),
                 (ours, _) => ours.clone(),
             },
             init: match (&self.init, &earlier.init) {
-                (Init::Model(ours), Init::Model(theirs)) => Init::Model(same_place(ours, theirs)),
+                (Init::Model(ours), Init::Model(theirs)) => Init::Model(respelt(ours, theirs)),
                 (ours, _) => ours.clone(),
             },
             ..self.clone()
@@ -55,7 +55,7 @@ impl RunConfig {
         out
     }
 
-    /// As [`RunConfig::changes`], before the scene has decided on its effects: its part of the decisions counts as made.
+    /// As [`RunConfig::changes`], before the scene has decided on its effects: `earlier` gives the scene's decisions.
     pub fn changes_before_decisions(&self, earlier: &Self) -> Vec<String> {
         let asked = self.effects.forced(Effect::ViewDependence) == Some(true);
         let ours = Self {
@@ -68,11 +68,9 @@ impl RunConfig {
     }
 }
 
-/// `theirs` if both are the same place on disk, else `ours`.
-fn same_place(ours: &Path, theirs: &Path) -> PathBuf {
-    let real = |path: &Path| std::fs::canonicalize(path).ok();
-    let same = ours == theirs || real(ours).is_some_and(|ours| Some(ours) == real(theirs));
-    if same { theirs.to_owned() } else { ours.to_owned() }
+/// `theirs` if both are the same place on disk, else `ours`: places are compared, and not their spelling.
+fn respelt(ours: &Path, theirs: &Path) -> PathBuf {
+    if same_place(ours, theirs) { theirs.to_owned() } else { ours.to_owned() }
 }
 
 /// Every value of a configuration as text, by its key in `config.toml`, with the names of its tables before it. The pruning,

@@ -6,6 +6,7 @@ use crate::pipeline::config::Pruning;
 use crate::qirf::overlap::Method;
 use crate::qirf::participation::Eigensolver;
 use crate::render::{Culling, Settings};
+use crate::wording::unknown;
 use serde::Serialize;
 
 /// A part of the engine that trades accuracy for time.
@@ -363,9 +364,9 @@ impl Asked {
     /// A sentence that names the fault.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (name, rungs) = text.split_once('=').map_or((text, None), |(n, r)| (n, Some(r)));
-        let names = || Axis::ALL.map(Axis::name).join(", ");
-        let axis = Axis::ALL.into_iter().find(|a| a.name() == name.trim());
-        let axis = axis.ok_or_else(|| format!("there is no axis '{name}'; choose {}", names()))?;
+        let name = name.trim();
+        let axis = Axis::ALL.into_iter().find(|a| a.name() == name);
+        let axis = axis.ok_or_else(|| unknown(name, "an axis", Axis::ALL.map(Axis::name)))?;
         let Some(rungs) = rungs else { return Self::new(axis, axis.rungs()) };
         let rungs: Vec<&str> = rungs.split(',').map(str::trim).collect();
         if let Some(twice) = (1..rungs.len()).find(|i| rungs[..*i].contains(&rungs[*i])) {

@@ -264,7 +264,7 @@ fn photos_that_show_nothing_in_common_are_told_in_one_line() {
 }
 
 #[test]
-fn what_cannot_be_posed_is_usage_and_changes_nothing() {
+fn what_cannot_be_posed_is_refused_and_changes_nothing() {
     let stage = Stage::new();
     let without = |arguments: &[&str]| {
         let mut command = stage.program(arguments);
