@@ -150,7 +150,7 @@ fn shader(module: &Module, name: &str, r: &Reflection, constants: &[&Constant]) 
 fn implementation(name: &str, r: &Reflection, constants: &[&Constant]) -> String {
     let (mut buffers, mut values) = (String::new(), String::new());
     for b in &r.bindings {
-        let _ = write!(buffers, "self.{}.raw(), ", b.name);
+        let _ = write!(buffers, "self.{}.raw().clone(), ", b.name);
     }
     for c in constants {
         let field = c.name.to_lowercase();
@@ -160,8 +160,9 @@ fn implementation(name: &str, r: &Reflection, constants: &[&Constant]) -> String
             _ => write!(values, "self.spec.{field}, "),
         };
     }
+    let count = constants.len();
     let push = if r.push.is_some() { "bytemuck::bytes_of(&self.push)" } else { "&[]" };
     format!(
-        "impl Kernel for {name}<'_> {{\n    fn shader(&self) -> &'static Shader {{ const S: &Shader = &{name}::SHADER; S }}\n    fn buffers(&self) -> Vec<&RawBuffer> {{ vec![{buffers}] }}\n    fn push_bytes(&self) -> &[u8] {{ {push} }}\n    fn constants(&self) -> Vec<u32> {{ vec![{values}] }}\n}}\n\n"
+        "impl Kernel for {name}<'_> {{\n    fn shader(&self) -> &'static Shader {{ const S: &Shader = &{name}::SHADER; S }}\n    fn buffers(&self, into: &mut Vec<RawBuffer>) {{ into.extend([{buffers}]); }}\n    fn push_bytes(&self) -> &[u8] {{ {push} }}\n    fn constants(&self, into: &mut Vec<u32>) {{ into.extend::<[u32; {count}]>([{values}]); }}\n}}\n\n"
     )
 }

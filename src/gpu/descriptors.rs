@@ -1,9 +1,9 @@
 //! How kernels get their buffers: pushed into the command buffer, or in descriptor sets where a device cannot push.
 
-use super::buffer::RawBuffer;
 use super::error::{During, Error};
 use super::frame::Frame;
 use super::pipeline::Pipeline;
+use super::recording::Recording;
 use super::select::{DeviceInfo, Feature};
 use super::variables;
 use ash::{khr, vk};
@@ -160,13 +160,14 @@ impl Binder {
         unsafe { device.create_descriptor_update_template(&info, None) }.during("create update template")
     }
 
-    /// The descriptor sets that a recording of these dispatches needs.
-    pub fn room(&self, buffers: impl Iterator<Item = usize>) -> Room {
+    /// The descriptor sets that a recording needs.
+    pub fn room(&self, recording: &Recording) -> Room {
         match self {
             Self::Push(_) => Room::default(),
-            Self::Sets => {
-                buffers.fold(Room::default(), |room, n| Room { sets: room.sets + 1, buffers: room.buffers + n as u32 })
-            }
+            Self::Sets => recording.dispatches().fold(Room::default(), |room, dispatch| Room {
+                sets: room.sets + 1,
+                buffers: room.buffers + dispatch.shader.bindings.len() as u32,
+            }),
         }
     }
 
@@ -179,12 +180,9 @@ impl Binder {
         device: &ash::Device,
         frame: &Frame,
         pipeline: &Pipeline,
-        buffers: &[RawBuffer],
+        buffers: &[vk::DescriptorBufferInfo],
     ) -> Result<(), Error> {
-        let (commands, layout) = (frame.commands, pipeline.layout);
-        let info = |b: &RawBuffer| vk::DescriptorBufferInfo { buffer: b.0.raw, offset: 0, range: vk::WHOLE_SIZE };
-        let infos: Vec<_> = buffers.iter().map(info).collect();
-        let data = infos.as_ptr().cast();
+        let (commands, layout, data) = (frame.commands, pipeline.layout, buffers.as_ptr().cast());
         match self {
             // SAFETY: the caller's promise; the template reads as many infos as there are buffers.
             Self::Push(push) => unsafe {

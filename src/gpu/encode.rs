@@ -6,7 +6,7 @@ use super::error::{During, Error};
 use super::frame::Frame;
 use super::hazards::Barrier;
 use super::pipeline::Pipeline;
-use super::recording::{Command, Recording, Size};
+use super::recording::{Arguments, Command, Recording, Size};
 use ash::vk;
 use std::ffi::CString;
 use std::sync::Arc;
@@ -26,13 +26,15 @@ pub(super) struct Encoder<'a> {
     scopes: Vec<Scope>,
     open: Vec<usize>,
     queries: u32,
+    /// Buffers of the dispatch that is being encoded.
+    bound: Vec<vk::DescriptorBufferInfo>,
 }
 
 impl<'a> Encoder<'a> {
     /// An encoder of one recording.
     pub fn new(context: &'a Context, frame: &'a Frame) -> Self {
         let timed = context.info.timestamp_period > 0.0 && frame.capacity > 0;
-        Self { context, frame, timed, scopes: Vec::new(), open: Vec::new(), queries: 0 }
+        Self { context, frame, timed, scopes: Vec::new(), open: Vec::new(), queries: 0, bound: Vec::new() }
     }
 
     /// Encodes a recording with the barriers before its commands and the pipelines of its dispatches; gives its timed scopes.
@@ -55,7 +57,7 @@ impl<'a> Encoder<'a> {
             if let Some(barrier) = barrier {
                 self.barrier(barrier.source(), Barrier::destination());
             }
-            self.command(command, &mut pipelines)?;
+            self.command(command, &recording.arguments, &mut pipelines)?;
         }
         // What the host reads after the fence was written by copies.
         self.barrier(
@@ -81,17 +83,18 @@ impl<'a> Encoder<'a> {
     fn command<'b>(
         &mut self,
         command: &Command,
+        arguments: &Arguments,
         pipelines: &mut impl Iterator<Item = &'b Arc<Pipeline>>,
     ) -> Result<(), Error> {
         let (device, commands) = (&self.context.raw, self.frame.commands);
         // SAFETY: the command buffer is being recorded; every buffer is alive, and the recording keeps it so.
         unsafe {
             match command {
-                Command::Dispatch { shader, push, buffers, size, .. } => {
+                Command::Dispatch(dispatch) => {
                     let pipeline = pipelines.next().expect("one pipeline a dispatch");
-                    self.label(Some(shader.name));
-                    self.bind(pipeline, push, buffers)?;
-                    match size {
+                    self.label(Some(dispatch.shader.name));
+                    self.bind(pipeline, arguments.push(dispatch), arguments.buffers(dispatch))?;
+                    match &dispatch.size {
                         Size::Direct([x, y, z]) => device.cmd_dispatch(commands, *x, *y, *z),
                         Size::Indirect(b, offset) => device.cmd_dispatch_indirect(commands, b.0.raw, *offset),
                     }
@@ -119,12 +122,15 @@ impl<'a> Encoder<'a> {
     }
 
     /// Binds a pipeline with its arguments.
-    fn bind(&self, pipeline: &Pipeline, push: &[u8], buffers: &[RawBuffer]) -> Result<(), Error> {
+    fn bind(&mut self, pipeline: &Pipeline, push: &[u8], buffers: &[RawBuffer]) -> Result<(), Error> {
         let (device, commands) = (&self.context.raw, self.frame.commands);
+        let info = |b: &RawBuffer| vk::DescriptorBufferInfo { buffer: b.0.raw, offset: 0, range: vk::WHOLE_SIZE };
+        self.bound.clear();
+        self.bound.extend(buffers.iter().map(info));
         // SAFETY: the command buffer is being recorded; pipeline and buffers are alive, and are those of one shader.
         unsafe {
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
-            self.context.binder.bind(device, self.frame, pipeline, buffers)?;
+            self.context.binder.bind(device, self.frame, pipeline, &self.bound)?;
             if !push.is_empty() {
                 device.cmd_push_constants(commands, pipeline.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
             }

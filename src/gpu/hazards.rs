@@ -5,7 +5,7 @@
 //! other buffer too, so independent dispatches between two barriers stay unordered.
 
 use ash::vk;
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 
 /// How a command uses a buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -142,7 +142,7 @@ impl Barrier {
 /// Uses of each buffer (by its number) that nothing later has been ordered after yet.
 #[derive(Clone, Debug, Default)]
 pub struct Hazards {
-    pending: HashMap<u64, u8>,
+    pending: FxHashMap<u64, u8>,
     doubted: bool,
 }
 

@@ -45,10 +45,10 @@ pub struct Shader {
 pub trait Kernel {
     /// The shader.
     fn shader(&self) -> &'static Shader;
-    /// The buffers in binding order.
-    fn buffers(&self) -> Vec<&RawBuffer>;
+    /// Appends the buffers in binding order.
+    fn buffers(&self, into: &mut Vec<RawBuffer>);
     /// The push constants' bytes.
     fn push_bytes(&self) -> &[u8];
-    /// Values of the specialization constants, as bits.
-    fn constants(&self) -> Vec<u32>;
+    /// Appends values of the specialization constants, as bits.
+    fn constants(&self, into: &mut Vec<u32>);
 }

@@ -110,8 +110,9 @@ impl Disorder {
             take(&mut recording.commands).into_iter().partition(|c| matches!(c, Command::Begin(_) | Command::End));
         recording.commands = scopes;
         let mut barriers = vec![None; recording.commands.len()];
+        let mut uses = Vec::new();
         for command in work {
-            let uses = command.uses();
+            command.uses(&recording.arguments, &mut uses);
             let mut prevented: Vec<Hazard> = hazards.conflicts(&uses).map(|(a, b)| Hazard::between(a, b)).collect();
             prevented.sort_unstable();
             prevented.dedup();
@@ -127,7 +128,7 @@ impl Disorder {
                 }
                 state.derived.push(derived);
             }
-            let pipeline = matches!(command, Command::Dispatch { .. }).then(|| of_dispatches.next()).flatten();
+            let pipeline = matches!(command, Command::Dispatch(_)).then(|| of_dispatches.next()).flatten();
             parts.last_mut().expect("one at least").1.push((command, pipeline));
         }
         for (number, (barrier, steps)) in parts.into_iter().enumerate() {

@@ -7,7 +7,7 @@ use super::kernel::Shader;
 use super::recording::Recording;
 use super::select::Feature;
 use ash::vk;
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 use std::num::NonZero;
 use std::panic::resume_unwind;
 use std::path::PathBuf;
@@ -32,7 +32,8 @@ pub(super) type Key = (&'static str, Vec<u32>);
 
 /// A device's pipelines.
 pub(super) struct Pipelines {
-    made: Mutex<HashMap<Key, Arc<Pipeline>>>,
+    /// By the name of their shader, and by their constants: found without a copy of either.
+    made: Mutex<FxHashMap<&'static str, FxHashMap<Vec<u32>, Arc<Pipeline>>>>,
     cache: vk::PipelineCache,
     file: Option<PathBuf>,
 }
@@ -152,22 +153,30 @@ impl Pipelines {
 
     /// The pipelines of a recording's dispatches, in their order. Those that are not there yet are made side by side.
     pub fn of(&self, context: &Context, recording: &Recording) -> Result<Vec<Arc<Pipeline>>, Error> {
-        let wanted: Vec<(Key, &'static Shader)> = recording.pipelines().collect();
         let mut made = lock(&self.made);
-        if let Some(all) = wanted.iter().map(|(key, _)| made.get(key).cloned()).collect() {
-            return Ok(all);
+        let mut found = Vec::with_capacity(recording.commands.len());
+        let mut missing: Vec<(Key, &'static Shader)> = Vec::new();
+        for dispatch in recording.dispatches() {
+            let (name, constants) = (dispatch.shader.name, recording.arguments.constants(dispatch));
+            match made.get(name).and_then(|variants| variants.get(constants)) {
+                Some(pipeline) => found.push(Arc::clone(pipeline)),
+                None => missing.push(((name, constants.to_vec()), dispatch.shader)),
+            }
         }
-        let mut missing: Vec<_> = wanted.iter().filter(|(key, _)| !made.contains_key(key)).collect();
-        missing.sort_unstable_by_key(|(key, _)| key);
+        if missing.is_empty() {
+            return Ok(found);
+        }
+        missing.sort_unstable_by(|(a, _), (b, _)| a.cmp(b));
         missing.dedup_by(|(a, _), (b, _)| a == b);
         let mut failed = None;
-        for (key, result) in make(context, &missing) {
+        for ((name, constants), result) in make(context, &missing) {
             match result {
-                Ok(pipeline) => drop(made.insert(key, Arc::new(pipeline))),
+                Ok(pipeline) => drop(made.entry(name).or_default().insert(constants, Arc::new(pipeline))),
                 Err(e) => failed = Some(e),
             }
         }
-        failed.map_or_else(|| Ok(wanted.iter().map(|(key, _)| Arc::clone(&made[key])).collect()), Err)
+        drop(made);
+        failed.map_or_else(|| self.of(context, recording), Err)
     }
 
     /// Writes the driver's cache for the next process, unless it is as it was.
@@ -196,8 +205,8 @@ impl Pipelines {
     pub unsafe fn destroy(&self, device: &ash::Device) {
         // SAFETY: the caller's promise.
         unsafe {
-            for (_, pipeline) in lock(&self.made).drain() {
-                pipeline.destroy(device);
+            for (_, variants) in lock(&self.made).drain() {
+                variants.values().for_each(|pipeline| pipeline.destroy(device));
             }
             device.destroy_pipeline_cache(self.cache, None);
         }
@@ -206,16 +215,13 @@ impl Pipelines {
 
 /// Makes pipelines on as many threads as the host has cores. Threads of their own: a thread of a pool might take up work that
 /// waits for the lock that is held meanwhile.
-fn make(context: &Context, wanted: &[&(Key, &'static Shader)]) -> Vec<(Key, Result<Pipeline, Error>)> {
-    if wanted.is_empty() {
-        return Vec::new();
-    }
+fn make(context: &Context, wanted: &[(Key, &'static Shader)]) -> Vec<(Key, Result<Pipeline, Error>)> {
     let cores = thread::available_parallelism().map_or(1, NonZero::get);
     thread::scope(|scope| {
         let threads = wanted.chunks(wanted.len().div_ceil(cores)).map(|share| {
             scope.spawn(|| {
                 let make =
-                    |(key, shader): &&(Key, &'static Shader)| (key.clone(), Pipeline::new(context, shader, &key.1));
+                    |(key, shader): &(Key, &'static Shader)| (key.clone(), Pipeline::new(context, shader, &key.1));
                 share.iter().map(make).collect::<Vec<_>>()
             })
         });

@@ -3,9 +3,9 @@
 use super::buffer::{Buffer, RawBuffer};
 use super::hazards::{Barrier, Hazards, Use};
 use super::kernel::{Access, Kernel, Shader};
-use super::pipeline::Key;
 use crate::kernels::constants::counts::{FEW_GROUPS, MAX_GROUPS};
 use bytemuck::Pod;
+use std::ops::Range;
 
 /// How many workgroups a dispatch starts.
 #[derive(Clone, Copy)]
@@ -21,8 +21,17 @@ pub(super) enum Size {
     Indirect(RawBuffer, u64),
 }
 
+/// A kernel to run; its arguments lie in those of the recording.
+pub(super) struct Dispatch {
+    pub shader: &'static Shader,
+    pub size: Size,
+    constants: Range<usize>,
+    push: Range<usize>,
+    buffers: Range<usize>,
+}
+
 pub(super) enum Command {
-    Dispatch { shader: &'static Shader, constants: Vec<u32>, push: Vec<u8>, buffers: Vec<RawBuffer>, size: Size },
+    Dispatch(Dispatch),
     Fill { buffer: RawBuffer, bytes: u64, value: u32 },
     Update { buffer: RawBuffer, data: Vec<u8> },
     Copy { from: RawBuffer, from_offset: u64, to: RawBuffer, to_offset: u64, bytes: u64 },
@@ -30,12 +39,52 @@ pub(super) enum Command {
     End,
 }
 
+/// Arguments of all dispatches of a recording, one after the other: an iteration has dozens of them with a dozen buffers each.
+#[derive(Default)]
+pub(super) struct Arguments {
+    constants: Vec<u32>,
+    push: Vec<u8>,
+    buffers: Vec<RawBuffer>,
+}
+
+impl Arguments {
+    fn add(&mut self, kernel: &dyn Kernel, size: Size) -> Dispatch {
+        let (constants, push, buffers) = (self.constants.len(), self.push.len(), self.buffers.len());
+        kernel.constants(&mut self.constants);
+        self.push.extend_from_slice(kernel.push_bytes());
+        kernel.buffers(&mut self.buffers);
+        Dispatch {
+            shader: kernel.shader(),
+            size,
+            constants: constants..self.constants.len(),
+            push: push..self.push.len(),
+            buffers: buffers..self.buffers.len(),
+        }
+    }
+
+    /// Values of the specialization constants of a dispatch.
+    pub fn constants(&self, dispatch: &Dispatch) -> &[u32] {
+        &self.constants[dispatch.constants.clone()]
+    }
+
+    /// The push constants of a dispatch.
+    pub fn push(&self, dispatch: &Dispatch) -> &[u8] {
+        &self.push[dispatch.push.clone()]
+    }
+
+    /// The buffers of a dispatch, in binding order.
+    pub fn buffers(&self, dispatch: &Dispatch) -> &[RawBuffer] {
+        &self.buffers[dispatch.buffers.clone()]
+    }
+}
+
 impl Command {
-    pub(super) fn uses(&self) -> Vec<(u64, Use)> {
+    /// Replaces `uses` by the buffers that the command uses (by number), and how.
+    pub(super) fn uses(&self, arguments: &Arguments, uses: &mut Vec<(u64, Use)>) {
+        uses.clear();
         match self {
-            Self::Dispatch { shader, buffers, size, .. } => {
-                let mut uses = Vec::with_capacity(buffers.len() + 1);
-                for (buffer, binding) in buffers.iter().zip(shader.bindings) {
+            Self::Dispatch(dispatch) => {
+                for (buffer, binding) in arguments.buffers(dispatch).iter().zip(dispatch.shader.bindings) {
                     if binding.access != Access::Write {
                         uses.push((buffer.number(), Use::KernelRead));
                     }
@@ -43,23 +92,22 @@ impl Command {
                         uses.push((buffer.number(), Use::KernelWrite));
                     }
                 }
-                if let Size::Indirect(buffer, _) = size {
+                if let Size::Indirect(buffer, _) = &dispatch.size {
                     uses.push((buffer.number(), Use::IndirectRead));
                 }
-                uses
             }
-            Self::Fill { buffer, .. } | Self::Update { buffer, .. } => vec![(buffer.number(), Use::TransferWrite)],
+            Self::Fill { buffer, .. } | Self::Update { buffer, .. } => uses.push((buffer.number(), Use::TransferWrite)),
             Self::Copy { from, to, .. } => {
-                vec![(from.number(), Use::TransferRead), (to.number(), Use::TransferWrite)]
+                uses.extend([(from.number(), Use::TransferRead), (to.number(), Use::TransferWrite)]);
             }
-            Self::Begin(_) | Self::End => Vec::new(),
+            Self::Begin(_) | Self::End => {}
         }
     }
 
     /// What it is, or the kernel that it runs.
     pub(super) fn name(&self) -> &'static str {
         match self {
-            Self::Dispatch { shader, .. } => shader.name,
+            Self::Dispatch(dispatch) => dispatch.shader.name,
             Self::Fill { .. } => "fill",
             Self::Update { .. } => "update",
             Self::Copy { .. } => "copy",
@@ -72,6 +120,7 @@ impl Command {
 #[derive(Default)]
 pub struct Recording {
     pub(super) commands: Vec<Command>,
+    pub(super) arguments: Arguments,
 }
 
 impl Recording {
@@ -88,13 +137,8 @@ impl Recording {
             Groups::Count(n) => Size::Direct([MAX_GROUPS, n.div_ceil(MAX_GROUPS), 1]),
             Groups::Indirect(buffer, word) => Size::Indirect(buffer.raw().clone(), u64::from(word) * 4),
         };
-        self.commands.push(Command::Dispatch {
-            shader: kernel.shader(),
-            constants: kernel.constants(),
-            push: kernel.push_bytes().to_vec(),
-            buffers: kernel.buffers().into_iter().cloned().collect(),
-            size,
-        });
+        let dispatch = self.arguments.add(kernel, size);
+        self.commands.push(Command::Dispatch(dispatch));
     }
 
     /// Sets every word of a buffer.
@@ -141,38 +185,31 @@ impl Recording {
 
     /// Names of the kernels dispatched, in order: what tests of "off is free" look at.
     pub fn kernels(&self) -> Vec<&'static str> {
-        let name = |c: &Command| match c {
-            Command::Dispatch { shader, .. } => Some(shader.name),
+        self.dispatches().map(|d| d.shader.name).collect()
+    }
+
+    /// The dispatches, in order.
+    pub(super) fn dispatches(&self) -> impl Iterator<Item = &Dispatch> {
+        self.commands.iter().filter_map(|c| match c {
+            Command::Dispatch(dispatch) => Some(dispatch),
             _ => None,
-        };
-        self.commands.iter().filter_map(name).collect()
+        })
     }
 
     /// The barrier before each command, given what earlier recordings left pending.
     pub fn barriers(&self, hazards: &mut Hazards) -> Vec<Option<Barrier>> {
-        self.commands.iter().map(|c| hazards.next(&c.uses())).collect()
-    }
-
-    /// What the dispatches need: names of shaders with their constants, and the shaders.
-    pub(super) fn pipelines(&self) -> impl Iterator<Item = (Key, &'static Shader)> {
-        self.commands.iter().filter_map(|c| match c {
-            Command::Dispatch { shader, constants, .. } => Some(((shader.name, constants.clone()), *shader)),
-            _ => None,
-        })
-    }
-
-    /// Numbers of buffers of the dispatches.
-    pub(super) fn buffers(&self) -> impl Iterator<Item = usize> {
-        self.commands.iter().filter_map(|c| match c {
-            Command::Dispatch { buffers, .. } => Some(buffers.len()),
-            _ => None,
-        })
+        let mut uses = Vec::new();
+        let barrier = |command: &Command| {
+            command.uses(&self.arguments, &mut uses);
+            hazards.next(&uses)
+        };
+        self.commands.iter().map(barrier).collect()
     }
 
     /// Lays dispatches out in two dimensions from few workgroups on, and moves all scopes to the beginning, empty.
     pub(super) fn loosen(&mut self) {
         for command in &mut self.commands {
-            if let Command::Dispatch { size: Size::Direct(size @ [_, 1, 1]), .. } = command
+            if let Command::Dispatch(Dispatch { size: Size::Direct(size @ [_, 1, 1]), .. }) = command
                 && size[0] > FEW_GROUPS
             {
                 *size = [FEW_GROUPS, size[0].div_ceil(FEW_GROUPS), 1];

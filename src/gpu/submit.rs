@@ -64,7 +64,7 @@ impl Device {
             let (context, scopes) = (Arc::clone(context), Vec::new());
             return Ok(Ticket { context, frame: None, scopes, _recording: recording, _pipelines: pipelines });
         }
-        let room = context.binder.room(recording.buffers());
+        let room = context.binder.room(&recording);
         let frame = Frame::take(context, recording.scopes() as u32 * 2, room)?;
         // The queue's lock spans deriving and submitting, so that barriers see the true order of submissions.
         let queue = context.queue.lock();

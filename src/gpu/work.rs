@@ -2,7 +2,7 @@
 
 use super::hazards::Hazards;
 use super::kernel::Access;
-use super::recording::{Command, Recording};
+use super::recording::{Arguments, Command, Recording};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// What a recording asks of a device.
@@ -47,24 +47,25 @@ impl Recording {
     /// The work of this recording; `hazards` holds what earlier recordings left pending.
     pub fn work(&self, hazards: &mut Hazards) -> Work {
         let barriers = self.barriers(hazards).iter().flatten().count();
-        self.commands.iter().fold(Work { barriers, ..Work::default() }, |all, command| all.plus(Work::of(command)))
+        let none = Work { barriers, ..Work::default() };
+        self.commands.iter().fold(none, |all, command| all.plus(Work::of(command, &self.arguments)))
     }
 
     /// The work of the dispatches of one kernel.
     pub fn work_of(&self, kernel: &str) -> Work {
-        let own =
-            self.commands.iter().filter(|c| matches!(c, Command::Dispatch { shader, .. } if shader.name == kernel));
-        own.fold(Work::default(), |all, command| all.plus(Work::of(command)))
+        let own = self.commands.iter().filter(|c| matches!(c, Command::Dispatch(d) if d.shader.name == kernel));
+        own.fold(Work::default(), |all, command| all.plus(Work::of(command, &self.arguments)))
     }
 }
 
 impl Work {
-    fn of(command: &Command) -> Self {
+    fn of(command: &Command, arguments: &Arguments) -> Self {
         let transfer = Self { transfers: 1, ..Self::default() };
         match command {
-            Command::Dispatch { shader, buffers, .. } => {
+            Command::Dispatch(dispatch) => {
                 let sum = |unwanted: Access| {
-                    let counted = buffers.iter().zip(shader.bindings).filter(|(_, b)| b.access != unwanted);
+                    let bound = arguments.buffers(dispatch).iter().zip(dispatch.shader.bindings);
+                    let counted = bound.filter(|(_, b)| b.access != unwanted);
                     counted.map(|(buffer, _)| buffer.bytes()).sum()
                 };
                 Self { dispatches: 1, read: sum(Access::Write), written: sum(Access::Read), ..Self::default() }

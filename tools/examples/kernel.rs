@@ -45,15 +45,13 @@ impl Kernel for Grey<'_> {
     fn shader(&self) -> &'static Shader {
         Self::SHADER
     }
-    fn buffers(&self) -> Vec<&RawBuffer> {
-        vec![self.pixels.raw()]
+    fn buffers(&self, into: &mut Vec<RawBuffer>) {
+        into.push(self.pixels.raw().clone());
     }
     fn push_bytes(&self) -> &[u8] {
         bytemuck::bytes_of(&self.push)
     }
-    fn constants(&self) -> Vec<u32> {
-        Vec::new()
-    }
+    fn constants(&self, _: &mut Vec<u32>) {}
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
