@@ -138,6 +138,11 @@ impl RawBuffer {
         self.0.mapped()
     }
 
+    /// Whether no other handle, such as a recording's, refers to the buffer.
+    pub(super) fn is_alone(&self) -> bool {
+        Arc::strong_count(&self.0) == 1
+    }
+
     pub(super) fn mapped_mut(&mut self) -> &mut [u8] {
         let Some(storage) = Arc::get_mut(&mut self.0) else { return &mut [] };
         let mapped = storage.allocation.as_mut().and_then(Allocation::mapped_slice_mut);

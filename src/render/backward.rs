@@ -41,6 +41,34 @@ pub struct BackwardCounts {
     pub passes: u32,
 }
 
+/// What the host reads between iterations of training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Counters {
+    /// Counters of the backward passes.
+    pub backward: BackwardCounts,
+    /// Largest number of (tile, Gaussian) pairs that a picture needed, even if they did not fit.
+    pub pairs: u32,
+}
+
+impl Counters {
+    /// Words of all buffers of [`super::Renderer::counters`].
+    pub const WORDS: usize = 4;
+
+    /// The counters from those words.
+    ///
+    /// # Panics
+    /// When there are fewer words.
+    pub fn of(words: &[u32]) -> Self {
+        Self { backward: BackwardCounts::of(words), pairs: words[3] }
+    }
+}
+
+impl BackwardCounts {
+    pub(super) fn of(words: &[u32]) -> Self {
+        Self { skipped_rows: words[0], passes: words[1] }
+    }
+}
+
 /// Data shared by the stages of one backward pass.
 pub(super) struct Pass<'a> {
     pub launch: &'a Launch,

@@ -16,7 +16,7 @@ mod settings;
 mod slots;
 
 pub use atomic_sums::AtomicSums;
-pub use backward::{Backward, BackwardCounts};
+pub use backward::{Backward, BackwardCounts, Counters};
 pub use frame::{Purpose, Uses};
 pub use frustum::visible;
 pub use parts::{Beside, Outcome, Painter, Part, Parts, Source, binds, capacity, largest};

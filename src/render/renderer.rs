@@ -317,8 +317,15 @@ impl Renderer {
     /// # Panics
     /// If the renderer was not made [`Renderer::for_training`].
     pub fn backward_counts(&self) -> Result<BackwardCounts> {
-        let words = self.guards.as_ref().expect(FOR_TRAINING).read(&self.device)?;
-        Ok(BackwardCounts { skipped_rows: words[0], passes: words[1] })
+        Ok(BackwardCounts::of(&self.guards.as_ref().expect(FOR_TRAINING).read(&self.device)?))
+    }
+
+    /// Buffers of [`super::Counters`] and how many words of each belong to them: those of the backward passes, and of the pairs.
+    ///
+    /// # Panics
+    /// If the renderer was not made [`Renderer::for_training`].
+    pub fn counters(&self) -> [(&Buffer<u32>, usize); 2] {
+        [(self.guards.as_ref().expect(FOR_TRAINING), 2), (&self.frame.pairs.count.value, 2)]
     }
 
     /// The rows of gradients written by the backward pass.

@@ -2,25 +2,30 @@
 //! the host's memory or its file.
 
 use super::error::Result;
-use crate::gpu::{Buffer, Device};
+use crate::gpu::{Buffer, Device, Feed, Recording};
 use crate::scene::{Photo, Pixels};
 use std::io;
 use std::thread::{self, JoinHandle};
 
 /// Share of the device's memory that photos may take.
 const DEVICE_SHARE: u64 = 4;
+/// Recordings under way, the one being made included: while the device works on one iteration, the next are encoded and their photos
+/// written where it fetches them.
+pub(super) const UNDER_WAY: usize = 3;
 
 /// Photos where kernels can read them: a word a pixel, red in its lowest byte.
 pub enum DevicePhotos {
     /// All on the device.
     Resident(Vec<Buffer<u32>>),
-    /// One at a time, sent before each iteration.
+    /// One at a time, sent with each iteration.
     Streamed(Stream),
 }
 
-/// Room for one photo on the device, and the photo that a thread reads ahead: its number and its words.
+/// Room for one photo on the device, memory that photos are fetched from, and the photo that a thread reads ahead: its number and its
+/// words.
 pub struct Stream {
     room: Buffer<u32>,
+    feed: Feed<u32>,
     ahead: Option<(usize, JoinHandle<io::Result<Vec<u32>>>)>,
 }
 
@@ -44,7 +49,8 @@ impl DevicePhotos {
     /// Device bytes for photos of these sizes under a memory limit, all in bytes.
     pub fn bytes(sizes: &[u64], limit: u64) -> u64 {
         let all = sizes.iter().sum();
-        if Self::fit(all, limit) { all } else { sizes.iter().copied().max().unwrap_or(0) }
+        let largest = sizes.iter().copied().max().unwrap_or(0);
+        if Self::fit(all, limit) { all } else { largest + Feed::<u32>::bytes(largest as usize / 4, UNDER_WAY) }
     }
 
     fn fit(bytes: u64, limit: u64) -> bool {
@@ -62,20 +68,21 @@ impl DevicePhotos {
             return photos.iter().map(upload).collect::<Result<_>>().map(Self::Resident);
         }
         let largest = photos.iter().map(|p| p.pixels.len() / 4).max().unwrap_or(0);
-        Ok(Self::Streamed(Stream { room: device.buffer("photo", largest)?, ahead: None }))
+        let feed = Feed::new(device, "photo under way", largest, UNDER_WAY)?;
+        Ok(Self::Streamed(Stream { room: device.buffer("photo", largest)?, feed, ahead: None }))
     }
 
-    /// Photo `at` on the device; `next` is expected after it. A streamed photo replaces the one before, on which all work
-    /// must be done.
+    /// Photo `at`, where the commands that are recorded after this find it; `next` is expected after it. A streamed photo replaces
+    /// the one before: the recordings are to be submitted in the order in which they were made.
     ///
     /// # Errors
-    /// Device errors; photos in a file that cannot be read.
-    pub fn get(&mut self, device: &Device, photos: &[Photo], at: usize, next: usize) -> Result<&Buffer<u32>> {
+    /// Device memory; photos in a file that cannot be read.
+    pub fn get(&mut self, recording: &mut Recording, photos: &[Photo], at: usize, next: usize) -> Result<&Buffer<u32>> {
         match self {
             Self::Resident(all) => Ok(&all[at]),
             Self::Streamed(stream) => {
                 let words = stream.take(photos, at, next)?;
-                stream.room.write(device, &words)?;
+                stream.feed.record(recording, &words, &stream.room)?;
                 Ok(&stream.room)
             }
         }

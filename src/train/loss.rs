@@ -175,8 +175,17 @@ impl Loss {
     /// # Errors
     /// Device errors.
     pub fn value(&self, device: &Device, [width, height]: [u32; 2], weights: Weights) -> Result<f32> {
-        let sums = self.sums.read(device)?[0];
+        Ok(Self::value_of(self.sums.read(device)?[0], [width, height], weights))
+    }
+
+    /// The sums that [`Loss::value`] reads.
+    pub fn sums(&self) -> &Buffer<[f32; 4]> {
+        &self.sums
+    }
+
+    /// The value of a loss of a picture of this size from its sums.
+    pub fn value_of(sums: [f32; 4], [width, height]: [u32; 2], weights: Weights) -> f32 {
         let share = 1.0 / (3.0 * width as f32 * height as f32);
-        Ok(weights.l1 * sums[0] * share + weights.ssim * (1.0 - sums[1] * share) + weights.l2 * sums[2] * share)
+        weights.l1 * sums[0] * share + weights.ssim * (1.0 - sums[1] * share) + weights.l2 * sums[2] * share
     }
 }

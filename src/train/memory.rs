@@ -4,6 +4,7 @@ use super::density;
 use super::device_photos::DevicePhotos;
 use super::exposure::Exposure;
 use super::halve::Halve;
+use super::look::Look;
 use super::loss::Loss;
 use super::mask::Mask;
 use super::smoothing::Smoothing;
@@ -64,6 +65,6 @@ impl Trainer {
         let responding = Renderer::bytes(device, n * 5 / 4, size, pairs, Uses { responses: true, ..uses }) - renderer;
         let pruning = if needs.pruning > 0 { needs.pruning + responding } else { 0 };
         let passing = growth.max(pruning).max(staging_bytes(widest));
-        model + renderer + pictures + passing
+        model + renderer + pictures + Look::BYTES + passing
     }
 }

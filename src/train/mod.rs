@@ -13,6 +13,7 @@ pub mod growth;
 pub mod halve;
 pub mod initialise;
 mod keep;
+mod look;
 pub mod loss;
 pub mod mask;
 mod memory;

@@ -30,11 +30,10 @@ fn pass<E>(
 where
     E: From<gpu::Error> + From<super::Error>,
 {
-    let device = &renderer.device().clone();
     let cameras: Vec<_> = photos.iter().map(|p| p.camera.clone()).collect();
     let views = Views { cameras: &cameras, follow, of };
     full_pass(renderer, model, views, &objective.loss.gradient, wanted, |recording, v, image, term| -> Result<(), E> {
-        let pixels = device_photos.get(device, photos, v, (v + 1) % cameras.len())?;
+        let pixels = device_photos.get(recording, photos, v, (v + 1) % cameras.len())?;
         let current = Current::new(v, pixels, &cameras[v]);
         if term == Term::Squares {
             objective.record_squares(recording, image, current);

@@ -4,11 +4,13 @@
 use super::adam;
 use super::course::Course;
 use super::density::{self, Step, densify};
-use super::device_photos::DevicePhotos;
+use super::device_photos::{DevicePhotos, UNDER_WAY};
 use super::error::{Error, Result};
 use super::explore;
 use super::exposure;
 use super::halve::{self, Halve};
+use super::look::Look;
+use super::loss::Loss;
 use super::objective::{Current, Objective};
 use super::options::{Exposures, Options};
 use super::smoothing::Smoothing;
@@ -25,8 +27,6 @@ use std::collections::VecDeque;
 
 /// Iterations between two checks by the host.
 const LOOK_EVERY: u32 = 16;
-/// Submissions in flight: the next one is encoded while one runs.
-const IN_FLIGHT: usize = 2;
 /// Largest opacity after a reset.
 const RESET_OPACITY: f64 = 0.01;
 
@@ -65,6 +65,7 @@ pub struct Trainer {
     /// Keeps Gaussians from becoming too thin; only with anti-aliasing.
     smoothing: Option<Smoothing>,
     order: (u32, Vec<usize>),
+    look: Look,
     timings: Timings,
 }
 
@@ -124,6 +125,7 @@ impl Trainer {
             renderer,
             options,
             order: (u32::MAX, Vec::new()),
+            look: Look::new(device)?,
             timings: Timings::default(),
         })
     }
@@ -188,42 +190,41 @@ impl Trainer {
             self.responses = Some(ResidentResponses::zeros(&self.device, self.trainee.model.len)?);
         }
         let last = self.boundary(until);
-        let mut recording = Recording::new();
-        self.renderer.reset_backward_counts(&mut recording);
-        self.renderer.reset_overflow(&mut recording);
-        self.device.run(recording)?;
-
         let mut flight: VecDeque<Ticket> = VecDeque::new();
         for iteration in first + 1..=last {
-            if flight.len() == IN_FLIGHT
+            if flight.len() == UNDER_WAY
                 && let Some(ticket) = flight.pop_front()
             {
                 self.timings.merge(&ticket.wait()?);
             }
-            let ticket = self.submit(iteration, iteration == last)?;
-            if matches!(self.device_photos, DevicePhotos::Streamed(_)) {
-                self.timings.merge(&ticket.wait()?);
+            let mut recording = Recording::new();
+            if iteration == first + 1 {
+                Look::begin(&mut recording, &self.renderer);
+            }
+            self.record(&mut recording, iteration, iteration == last)?;
+            if iteration < last {
+                flight.push_back(self.device.submit(recording)?);
             } else {
-                flight.push_back(ticket);
+                self.look.submit(&self.device, recording, &self.renderer, &self.objective.loss)?;
             }
         }
         for ticket in flight {
             self.timings.merge(&ticket.wait()?);
         }
+        let seen = self.look.wait()?;
+        self.timings.merge(&seen.timings);
 
-        let counts = self.renderer.backward_counts()?;
-        self.skipped_rows += u64::from(counts.skipped_rows);
+        self.skipped_rows += u64::from(seen.counts.skipped_rows);
         // Without Gaussians no kernel runs that would count passes.
-        self.iteration = if self.trainee.model.len == 0 { last } else { first + counts.passes };
-        let pairs = self.renderer.pairs()?;
-        if self.renderer.make_room_for_pairs(pairs)? {
-            tracing::debug!("{pairs} pairs did not fit: iterations from {} are repeated", self.iteration + 1);
+        self.iteration = if self.trainee.model.len == 0 { last } else { first + seen.counts.passes };
+        if self.renderer.make_room_for_pairs(seen.pairs)? {
+            tracing::debug!("{} pairs did not fit: iterations from {} are repeated", seen.pairs, self.iteration + 1);
         }
         if self.iteration == last {
             let view = self.view_of(last);
             let halved = self.halved(view, last);
             let Camera { width, height, .. } = *halved.as_ref().unwrap_or(&self.photos[view].camera);
-            self.last_loss = self.objective.loss.value(&self.device, [width, height], self.objective.weights)?;
+            self.last_loss = Loss::value_of(seen.sums, [width, height], self.objective.weights);
             self.after(last)?;
         }
         Ok(self.progress())
@@ -292,31 +293,27 @@ impl Trainer {
         self.smoothing.as_ref().filter(|_| Smoothing::due(iteration, self.options.schedule.iterations))
     }
 
-    fn submit(&mut self, iteration: u32, with_value: bool) -> Result<Ticket> {
-        let recording = self.record(iteration, with_value)?;
-        Ok(self.device.submit(recording)?)
-    }
-
     /// The recording of the next iteration, for tests of what it runs and of its work.
     ///
     /// # Errors
     /// Photos that cannot be read.
     pub fn recording(&mut self) -> Result<Recording> {
-        self.record(self.iteration + 1, false)
+        let mut recording = Recording::new();
+        self.record(&mut recording, self.iteration + 1, false)?;
+        Ok(recording)
     }
 
-    fn record(&mut self, iteration: u32, with_value: bool) -> Result<Recording> {
+    fn record(&mut self, recording: &mut Recording, iteration: u32, with_value: bool) -> Result<()> {
         let (next, at) = (self.view_of(iteration + 1), self.view_of(iteration));
         let halved = self.halved(at, iteration);
-        let mut photo = self.device_photos.get(&self.device, &self.photos, at, next)?;
+        let mut photo = self.device_photos.get(recording, &self.photos, at, next)?;
         let (options, model) = (&self.options, &self.trainee.model);
-        let mut recording = Recording::new();
         let mut camera = &self.photos[at].camera;
         if let (Some(half), Some(halved)) = (&self.half, &halved) {
-            half.record(&mut recording, photo, [camera.width, camera.height]);
+            half.record(recording, photo, [camera.width, camera.height]);
             (photo, camera) = (&half.photo, halved);
         }
-        self.renderer.record(&mut recording, model, camera);
+        self.renderer.record(recording, model, camera);
         let slots = self.renderer.slots(camera);
         let (length, photos) = (options.schedule.iterations, self.photos.len());
         // Known exposures stay.
@@ -330,10 +327,10 @@ impl Trainer {
         });
         let current = Current::new(at, photo, camera);
         let (objective, rendered) = (&self.objective, self.renderer.image());
-        let seen = objective.record(&mut recording, rendered, current, with_value, step);
+        let seen = objective.record(recording, rendered, current, with_value, step);
         let responses = self.responses.as_ref().filter(|_| options.averaged.contains(&iteration));
         if responses.is_some() {
-            objective.record_residual(&mut recording, seen, current);
+            objective.record_residual(recording, seen, current);
         }
         let growth = options.schedule.gathers(iteration).then_some(&self.trainee.growth);
         let absolute = options.schedule.growth.is_some_and(|g| g.absolute);
@@ -344,20 +341,20 @@ impl Trainer {
             ..Backward::default()
         };
         let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
-        renderer.record_backward(&mut recording, model, camera, gradient, backward);
+        renderer.record_backward(recording, model, camera, gradient, backward);
         let step = self.course.step(&options.schedule, iteration, self.extent);
         if let Some(relocation) = &options.schedule.relocation {
-            explore::pull(&mut recording, renderer, &self.trainee, relocation);
+            explore::pull(recording, renderer, &self.trainee, relocation);
         }
-        adam::record(&mut recording, renderer, &self.trainee, step);
+        adam::record(recording, renderer, &self.trainee, step);
         if let Some(relocation) = &options.schedule.relocation {
             let key = [options.seed, iteration];
-            explore::shake(&mut recording, renderer, &self.trainee, relocation, step.rates.means, key);
+            explore::shake(recording, renderer, &self.trainee, relocation, step.rates.means, key);
         }
         if let Some(responses) = responses {
-            responses.record(&mut recording, renderer, model, camera, Gather::Average { iteration });
+            responses.record(recording, renderer, model, camera, Gather::Average { iteration });
         }
-        Ok(recording)
+        Ok(())
     }
 
     /// Density control or relocation, opacity reset, attrition and smoothing, if they are due after this iteration.

@@ -101,9 +101,10 @@ fn an_iteration_does_the_work_that_is_known() {
     assert!(wrong.is_empty(), "measured otherwise before: {wrong:#?}");
 }
 
-/// The host submits 16 iterations, and only then looks: at guards, pairs and the loss.
+/// The host submits 16 iterations, and then looks at guards, pairs and the loss, which come with the last of them: the device is
+/// never idle for a question.
 #[test]
-fn the_host_waits_four_times_in_sixteen_iterations() {
+fn the_host_asks_nothing_between_iterations() {
     let device = opened(DeviceClass::Cpu);
     let mut trainer = trainer(&device, 1000, 1, 32);
     trainer.advance(16).unwrap();
@@ -112,5 +113,17 @@ fn the_host_waits_four_times_in_sixteen_iterations() {
     let after = device.traffic();
     let (submissions, round_trips) = (after.submissions - before.submissions, after.round_trips - before.round_trips);
     println!("16 iterations: {submissions} submissions, {round_trips} of them waited for at once");
-    assert_eq!((trainer.iteration(), submissions, round_trips), (32, 20, 4));
+    assert_eq!((trainer.iteration(), submissions, round_trips), (32, 16, 0));
+}
+
+/// What `tools/host-cost` counts the host's instructions of; `QIRF_ITERATIONS` says how many.
+#[test]
+#[ignore = "tools/host-cost runs it under callgrind"]
+fn iterations_to_count() {
+    let until: u32 = std::env::var("QIRF_ITERATIONS").unwrap().parse().unwrap();
+    let device = opened(DeviceClass::Gpu);
+    let mut trainer = trainer(&device, 1000, 3, 64);
+    while trainer.iteration() < until {
+        trainer.advance(until).unwrap();
+    }
 }

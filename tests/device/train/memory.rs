@@ -65,7 +65,7 @@ fn owners_know_their_bytes() {
         (taken(&|| Box::new(DevicePhotos::new(&device, &views).unwrap())), right),
         (right, 8 * 4 * 4 + 16 * 16 * 4)
     );
-    assert_eq!(DevicePhotos::bytes(&sizes, 4), 16 * 16 * 4, "one at a time");
+    assert_eq!(DevicePhotos::bytes(&sizes, 4), 4 * 16 * 16 * 4, "one at a time, and three under way");
     finish(&device);
 }
 

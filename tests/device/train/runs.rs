@@ -3,7 +3,7 @@
 use crate::support::{device, finish};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gpu::{Device, DeviceOptions};
+use qirf_vk::gpu::{Device, DeviceOptions, Recording};
 use qirf_vk::metrics;
 use qirf_vk::render::{Renderer, Settings};
 use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, PhotoFile, Scene};
@@ -222,7 +222,10 @@ fn reading_ahead_changes_nothing() {
     let mut photos = DevicePhotos::new(&device, views).unwrap();
     assert!(matches!(photos, DevicePhotos::Streamed(_)));
     for (at, next) in [(0, 1), (1, 1), (1, 2), (3, 0), (0, 6), (6, 6), (2, 0)] {
-        let words = photos.get(&device, views, at, next).unwrap().read(&device).unwrap();
+        let mut recording = Recording::new();
+        let room = photos.get(&mut recording, views, at, next).unwrap().clone();
+        device.run(recording).unwrap();
+        let words = room.read(&device).unwrap();
         assert!(bytemuck::cast_slice::<u32, u8>(&words) == &*views[at].pixels.read().unwrap(), "{at}");
     }
 }

@@ -1,0 +1,58 @@
+//! What the host learns when it looks at a run: it comes with the last of the iterations since the last look.
+
+use super::error::Result;
+use super::loss::Loss;
+use crate::gpu::{Buffer, Device, Readback, Recording, Timings};
+use crate::render::{BackwardCounts, Counters, Renderer};
+
+/// Words of [`Counters`], and of the loss's sums behind them.
+const COUNTERS: usize = Counters::WORDS;
+const SUMS: usize = 4;
+
+/// Memory for what a look tells.
+pub(super) struct Look {
+    readback: Readback<u32>,
+}
+
+/// What a look tells.
+pub(super) struct Seen {
+    /// Counters of the backward passes since [`Look::begin`].
+    pub counts: BackwardCounts,
+    /// Largest number of pairs that a picture needed since then.
+    pub pairs: u32,
+    /// Sums of the last loss.
+    pub sums: [f32; SUMS],
+    /// Time of the submission that brought this.
+    pub timings: Timings,
+}
+
+impl Look {
+    /// Bytes of [`Look::new`].
+    pub const BYTES: u64 = Buffer::<u32>::bytes_of(COUNTERS + SUMS);
+
+    pub fn new(device: &Device) -> Result<Self> {
+        Ok(Self { readback: device.readback("look", COUNTERS + SUMS)? })
+    }
+
+    /// Records the reset of all counters, before the first iteration.
+    pub fn begin(recording: &mut Recording, renderer: &Renderer) {
+        renderer.reset_backward_counts(recording);
+        renderer.reset_overflow(recording);
+    }
+
+    /// Submits the last iteration before the look.
+    pub fn submit(&mut self, device: &Device, recording: Recording, renderer: &Renderer, loss: &Loss) -> Result<()> {
+        let sums = loss.sums().cast();
+        let [guards, pairs] = renderer.counters();
+        self.readback.submit(device, recording, &[guards, pairs, (&sums, SUMS)])?;
+        Ok(())
+    }
+
+    /// Waits for it.
+    pub fn wait(&mut self) -> Result<Seen> {
+        let (words, timings) = self.readback.wait()?;
+        let (counters, sums) = words.split_at(COUNTERS);
+        let Counters { backward, pairs } = Counters::of(counters);
+        Ok(Seen { counts: backward, pairs, sums: std::array::from_fn(|k| f32::from_bits(sums[k])), timings })
+    }
+}
