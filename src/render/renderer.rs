@@ -266,6 +266,12 @@ impl Renderer {
 
     /// Records the forward pass of one picture.
     pub fn record(&self, recording: &mut Recording, model: &Resident, camera: &Camera) {
+        self.record_lists(recording, model, camera);
+        self.record_blending(recording, camera);
+    }
+
+    /// Records the first part of a forward pass: each tile's list of Gaussians.
+    pub fn record_lists(&self, recording: &mut Recording, model: &Resident, camera: &Camera) {
         let (launch, frame) = (&self.launch, &self.frame);
         let tiles = self.tiles(camera) as u32;
         recording.update(&frame.view, &[view(camera, &launch.settings, model.degree, launch.tuning.tile)]);
@@ -274,6 +280,12 @@ impl Renderer {
         recording.scope(STAGES[2], |r| bin::record(r, launch, frame, model, order));
         bin::depth_order(recording, frame);
         recording.scope(STAGES[3], |r| bin::tile_sort(r, frame, tiles));
+    }
+
+    /// Records the rest of it: the picture, from the lists of [`Renderer::record_lists`].
+    pub fn record_blending(&self, recording: &mut Recording, camera: &Camera) {
+        let (launch, frame) = (&self.launch, &self.frame);
+        let tiles = self.tiles(camera) as u32;
         recording.scope(STAGES[4], |r| rasterise::record(r, launch, frame, bin::sorted(frame, tiles), tiles));
     }
 
