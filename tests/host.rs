@@ -4,6 +4,7 @@ mod support;
 
 mod host {
     mod architecture;
+    mod cloak;
     mod effects;
     mod figures;
     mod formats;

@@ -4,6 +4,7 @@
 
 pub mod adam;
 pub mod bin;
+pub mod cloak;
 pub mod densify;
 pub mod explore;
 pub mod exposure;

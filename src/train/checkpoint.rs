@@ -1,6 +1,7 @@
 //! The whole state of a run on disk: model, moments, growth, responses, exposures, iteration. A file is written completely or
 //! not at all.
 
+use super::cloak::Masks;
 use super::course::Course;
 use super::error::Result;
 use super::exposure::{self, Exposure};
@@ -36,6 +37,8 @@ pub struct Snapshot {
     pub responses: (Vec<f32>, Vec<u32>),
     /// Exposures, twelve numbers per photo, and their moments, first and second interleaved; empty if there are none.
     pub exposures: (Vec<f32>, Vec<f32>),
+    /// Scores of learnt masks, and their moments, first and second interleaved; empty if there are none.
+    pub masks: (Vec<f32>, Vec<f32>),
     /// Events of the run so far.
     pub course: Course,
     /// Text by name that the caller stores along, such as its configuration.
@@ -65,6 +68,10 @@ impl Trainer {
                 Some(e) => (e.affine.read(&self.device)?, read(&e.moments)?),
                 None => Default::default(),
             },
+            masks: match &self.trainee.masks {
+                Some(m) => (m.scores.read(&self.device)?, read(&m.moments)?),
+                None => Default::default(),
+            },
             course: self.course,
             notes: HashMap::new(),
         })
@@ -79,8 +86,12 @@ impl Trainer {
         snapshot: &Snapshot,
         photos: Vec<Photo>,
         extent: f64,
-        options: Options,
+        mut options: Options,
     ) -> Result<Self> {
+        // They end once.
+        options.schedule.learnt_masks.take_if(|_| snapshot.course.masks.is_some());
+        let (scores, moments_of_scores) = &snapshot.masks;
+        let masks = || Masks::with(device, scores, moments_of_scores);
         let upload =
             |name: &str, values: &[f32]| -> gpu::Result<Buffer<[f32; 2]>> { Ok(device.upload(name, values)?.cast()) };
         let moments = Attributes::NAMES.zip(snapshot.moments.each_ref());
@@ -88,6 +99,7 @@ impl Trainer {
             moments: moments.try_map(|(name, values)| upload(&format!("{name}.moments"), values))?,
             model: Resident::upload(device, &snapshot.model)?,
             growth: upload("growth", &snapshot.growth)?,
+            masks: (!scores.is_empty()).then(masks).transpose()?,
             tail: Tail::new(device, snapshot.model.len(), snapshot.tail)?,
         };
         let mut trainer = Self::assemble(device, trainee, photos, extent, options)?;
@@ -163,6 +175,10 @@ impl Snapshot {
         if !self.exposures.0.is_empty() {
             add("exposures".to_owned(), &self.exposures.0);
             add("exposures.moments".to_owned(), &self.exposures.1);
+        }
+        if !self.masks.0.is_empty() {
+            add("masks".to_owned(), &self.masks.0);
+            add("masks.moments".to_owned(), &self.masks.1);
         }
         let stored = |what: String| Error::Inconsistent { what: format!("the checkpoint cannot be stored: {what}") };
         let mut notes = self.notes.clone();
@@ -249,6 +265,10 @@ impl Snapshot {
         if exposures.0.len() % exposure::SIZE != 0 || exposures.1.len() != 2 * exposures.0.len() {
             return Err(bad("exposures", "their lengths do not agree".into()));
         }
+        let masks = match file.tensor("masks") {
+            Ok(_) => (numbers("masks", trained)?, numbers("masks.moments", 2 * trained)?),
+            Err(_) => Default::default(),
+        };
         let course = match notes.get(COURSE) {
             Some(text) => serde_json::from_str(text).map_err(|e| bad(COURSE, e.to_string()))?,
             None => Course::default(),
@@ -259,6 +279,6 @@ impl Snapshot {
         if number(CHECKSUM)? != u64::from(checksum(all.iter().map(|(name, t)| (name.as_str(), t.data())), &notes)) {
             return Err(bad(CHECKSUM, "it is not that of the content: the file is damaged".into()));
         }
-        Ok(Self { iteration, skipped_rows, model, tail, moments, growth, responses, exposures, course, notes })
+        Ok(Self { iteration, skipped_rows, model, tail, moments, growth, responses, exposures, masks, course, notes })
     }
 }

@@ -4,6 +4,7 @@ use super::adam::{Rates, Step};
 use super::attrition::{Attrition, Contest};
 use super::density::compact;
 use super::error::Result;
+use super::learnt_masks::MasksCut;
 use super::schedule::Schedule;
 use super::trainer::Trainer;
 use crate::gpu::Buffer;
@@ -24,6 +25,9 @@ pub struct Course {
     pub attrition: Option<Contest>,
     /// Iterations done when rates were re-warmed.
     pub rewarmed: Option<u32>,
+    /// The cut at the end of learnt masks, if there were any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub masks: Option<MasksCut>,
 }
 
 impl Course {
@@ -129,7 +133,7 @@ mod tests {
     #[test]
     fn rewarmed_rates() {
         let schedule = Schedule { iterations: 1200, ..Schedule::default() };
-        let course = Course { rewarmed: Some(600), attrition: None };
+        let course = Course { rewarmed: Some(600), ..Course::default() };
         let plain = |i: u32| Course::default().step(&schedule, i, 2.0).rates;
         let warm = |i: u32| course.step(&schedule, i, 2.0).rates;
         let near = |a: f32, b: f32| (a / b - 1.0).abs() < 1e-4;
@@ -147,7 +151,7 @@ mod tests {
         let schedule = Schedule { iterations: 1200, ..Schedule::default() };
         let mut contest = Contest::new(Attrition::default(), 1, [600, 1200], &[0.0, 1.0], &[[0.0, 1e-6]; 2]);
         let step =
-            |contest: Contest, i: u32| Course { attrition: Some(contest), rewarmed: None }.step(&schedule, i, 1.0);
+            |contest: Contest, i: u32| Course { attrition: Some(contest), ..Course::default() }.step(&schedule, i, 1.0);
         let under = step(contest, 700);
         assert!(under.pressure.is_some() && (under.number, under.rates.opacity_logits) == (700, 0.1));
         contest.ended = Some(700);

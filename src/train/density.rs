@@ -1,5 +1,6 @@
 //! Density control on the device: clone, split, prune, and the opacity reset.
 
+use super::cloak::Masks;
 use super::growth::Growth;
 use super::schedule::Schedule;
 use super::trainee::Trainee;
@@ -251,10 +252,11 @@ impl Rows {
         Ok(Self { sources: device.upload("sources", &sources)?, kinds })
     }
 
-    /// Records the gathering of a new model from the old one. Moments of new Gaussians, and growth, are zero.
+    /// Records the gathering of a new model from the old one, masks included. Moments of new Gaussians, and growth, are zero.
     fn gather(&self, device: &Device, recording: &mut Recording, old: &Trainee) -> Result<Trainee> {
         let degree = old.model.degree;
-        let new = Trainee::room(device, self.sources.len(), old.tail(), degree)?;
+        let mut new = Trainee::room(device, self.sources.len(), old.tail(), degree)?;
+        let masks = old.masks.as_ref().map(|_| Masks::room(device, new.trained())).transpose()?;
         recording.fill(&new.growth, 0);
         let mut gather = |count: &Count, source: &Buffer<f32>, target: &Buffer<f32>, width: usize, fresh: bool| {
             let kernel = GatherRows {
@@ -275,6 +277,11 @@ impl Rows {
         for (width, (source, target)) in widths.zip(old.moments.each_ref().zip(new.moments.each_ref())).up_to(degree) {
             gather(new.count(), &source.cast(), &target.cast(), 2 * width, true);
         }
+        if let (Some(old), Some(masks)) = (&old.masks, &masks) {
+            gather(new.count(), &old.scores, &masks.scores, 1, false);
+            gather(new.count(), &old.moments.cast(), &masks.moments.cast(), 2, true);
+        }
+        new.masks = masks;
         Ok(new)
     }
 }

@@ -3,6 +3,7 @@
 pub mod adam;
 pub mod attrition;
 pub mod checkpoint;
+pub mod cloak;
 pub mod course;
 pub mod density;
 pub mod device_photos;
@@ -13,6 +14,7 @@ pub mod growth;
 pub mod halve;
 pub mod initialise;
 mod keep;
+pub mod learnt_masks;
 mod look;
 pub mod loss;
 pub mod mask;

@@ -2,6 +2,7 @@
 
 use super::adam::Rates;
 use super::growth::Growth;
+use super::learnt_masks::LearntMasks;
 use super::relocation::Relocation;
 use serde::{Deserialize, Serialize};
 
@@ -54,6 +55,9 @@ pub struct Schedule {
     /// Growth by relocation, in place of density control and opacity resets; the plan says how many there are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relocation: Option<Relocation>,
+    /// Masks that are learnt with the model, and the number of Gaussians that they leave.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub learnt_masks: Option<LearntMasks>,
 }
 
 impl Default for Schedule {
@@ -81,6 +85,7 @@ impl Default for Schedule {
             half_until: 0.0,
             growth: None,
             relocation: None,
+            learnt_masks: None,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! A model in training, with everything that is stored per Gaussian.
 
+use super::cloak::Masks;
 use super::moments::{self, Moments};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
@@ -15,6 +16,8 @@ pub struct Trainee {
     /// n x (sum of the norms of the gradients by the 2D mean, in NDC units; number of views that saw it), which density
     /// control reads.
     pub growth: Buffer<[f32; 2]>,
+    /// Learnt masks of the rows before the tail, while there are any.
+    pub masks: Option<Masks>,
     pub(super) tail: Option<Tail>,
 }
 
@@ -56,7 +59,7 @@ impl Trainee {
         let parameters = widths.try_map(|(name, width)| device.buffer(name, n * width))?;
         let moments = widths.try_map(|(name, width)| device.buffer(&format!("{name}.moments"), trained * width))?;
         let model = Resident::new(device, parameters, degree, n)?;
-        Ok(Self { model, moments, growth: device.buffer("growth", n)?, tail })
+        Ok(Self { model, moments, growth: device.buffer("growth", n)?, masks: None, tail })
     }
 
     /// A model before its first iteration: moments and growth are zero.
@@ -80,7 +83,7 @@ impl Trainee {
         let trained = model.len - tail.as_ref().map_or(0, |tail| tail.rows);
         let moments = moments::zeros_of(device, trained, model.degree)?;
         let growth = device.upload("growth", &vec![[0.0; 2]; model.len])?;
-        Ok(Self { model, moments, growth, tail })
+        Ok(Self { model, moments, growth, masks: None, tail })
     }
 
     /// Number of rows that never change, at the model's end.

@@ -2,6 +2,7 @@
 //! few iterations the host checks, grows buffers that were too small, and repeats the iterations that did not count.
 
 use super::adam;
+use super::cloak::{Cloaked, Masks};
 use super::course::Course;
 use super::density::{self, Step, densify};
 use super::device_photos::{DevicePhotos, UNDER_WAY};
@@ -85,7 +86,7 @@ impl Trainer {
     /// A run on this model, before any iteration.
     pub(super) fn assemble(
         device: &Device,
-        trainee: Trainee,
+        mut trainee: Trainee,
         photos: Vec<Photo>,
         extent: f64,
         mut options: Options,
@@ -97,6 +98,9 @@ impl Trainer {
         let schedule = &mut options.schedule;
         schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
         let size = camera::largest(photos.iter().map(|p| &p.camera));
+        if let Some(masks) = schedule.learnt_masks.filter(|_| trainee.masks.is_none()) {
+            trainee.masks = Some(Masks::new(device, trainee.trained(), masks.method)?);
+        }
         let renderer =
             Renderer::for_training(device, options.settings, trainee.model.len * 5 / 4, size, options.pairs)?;
         // Photos first: their staging memory is free again before the loss allocates its pictures.
@@ -253,7 +257,7 @@ impl Trainer {
         let grows = |i: u32| {
             schedule.densifies(i) || schedule.relocates(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1)
         };
-        let fades = |i: u32| self.attrition().is_some_and(|a| a.acts(i));
+        let fades = |i: u32| schedule.thins(i) || self.attrition().is_some_and(|a| a.acts(i));
         let acts = |i: u32| grows(i) || fades(i) || self.smoothing_after(i).is_some();
         let averages = |i: u32| self.options.averaged.start == i + 1 && !self.options.averaged.is_empty();
         (self.iteration + 1..=until.min(self.iteration + LOOK_EVERY))
@@ -313,7 +317,12 @@ impl Trainer {
             half.record(recording, photo, [camera.width, camera.height]);
             (photo, camera) = (&half.photo, halved);
         }
-        self.renderer.record(recording, model, camera);
+        self.renderer.record_lists(recording, model, camera);
+        let cloaked = Cloaked::of(&self.renderer, &self.trainee, options, camera, iteration);
+        if let Some(cloaked) = &cloaked {
+            cloaked.hide(recording);
+        }
+        self.renderer.record_blending(recording, camera);
         let slots = self.renderer.slots(camera);
         let (length, photos) = (options.schedule.iterations, self.photos.len());
         // Known exposures stay.
@@ -342,6 +351,9 @@ impl Trainer {
         };
         let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
         renderer.record_backward(recording, model, camera, gradient, backward);
+        if let Some(cloaked) = &cloaked {
+            cloaked.learn(recording, gradient, responses.is_some());
+        }
         let step = self.course.step(&options.schedule, iteration, self.extent);
         if let Some(relocation) = &options.schedule.relocation {
             explore::pull(recording, renderer, &self.trainee, relocation);
@@ -357,7 +369,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Density control or relocation, opacity reset, attrition and smoothing, if they are due after this iteration.
+    /// Density control or relocation, opacity reset, removal of the masked, attrition and smoothing, if they are due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
         let schedule = &self.options.schedule;
         if schedule.densifies(iteration) {
@@ -373,6 +385,7 @@ impl Trainer {
             self.device.run(recording)?;
         }
         self.relocate(iteration)?;
+        self.thin(iteration)?;
         self.attrite(iteration)?;
         if let Some(smoothing) = self.smoothing_after(iteration) {
             let mut recording = Recording::new();

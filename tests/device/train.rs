@@ -2,6 +2,7 @@
 
 pub mod adam;
 mod attrition;
+mod cloak;
 mod crop;
 pub mod density;
 mod explore;

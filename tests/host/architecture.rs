@@ -58,6 +58,8 @@ const STEPS: &[(&str, &str)] = &[
     ("train/reset_opacity", "train/densify"),
     ("train/sources", "train/densify"),
     ("train/split", "train/densify"),
+    ("train/cloak_slope", "train/cloak"),
+    ("train/cloak_step", "train/cloak"),
 ];
 
 /// Places that a stage lacks, and why.
@@ -88,6 +90,7 @@ const EXEMPT: &[(&str, Place, &str)] = &[
     ("train/mask", Place::Label, "masks, the effect's own name"),
     ("train/smoothing", Place::Bench, "every 16th iteration, where anti-aliasing is on"),
     ("train/smoothing", Place::Label, "antialias, the effect that calls for it"),
+    ("train/cloak", Place::Bench, "two or three dispatches, in runs with learnt masks"),
 ];
 
 /// Rooms whose shaders are no stage: they probe and measure the device itself.

@@ -36,6 +36,7 @@ pub(super) fn beginning(model: Gaussians, tail: usize) -> Snapshot {
         growth: vec![0.0; 2 * model.len()],
         responses: Default::default(),
         exposures: Default::default(),
+        masks: Default::default(),
         course: Course::default(),
         notes: HashMap::new(),
         model,
@@ -47,7 +48,7 @@ fn trained(snapshot: &Snapshot) -> Range<usize> {
     0..snapshot.model.len() - snapshot.tail
 }
 
-/// These rows of a state with their moments. The tail goes, exposures go, growth and averaged responses restart.
+/// These rows of a state with their moments. The tail, exposures and learnt masks go, growth and averaged responses restart.
 ///
 /// # Panics
 /// If a row is of the tail.
@@ -63,6 +64,7 @@ pub(super) fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
         growth: vec![0.0; 2 * rows.len()],
         responses: Default::default(),
         exposures: Default::default(),
+        masks: Default::default(),
         notes: snapshot.notes.clone(),
         ..*snapshot
     }

@@ -97,6 +97,12 @@ fn schedule(s: &Schedule) -> Result<(), String> {
             within(&format!("schedule.relocation.{field}"), value, &WEIGHT)?;
         }
     }
+    if let Some(m) = &s.learnt_masks {
+        within("schedule.learnt_masks.survivors", m.survivors, &(1..=MOST_GAUSSIANS))?;
+        within("schedule.learnt_masks.until", m.until, &SHARE)?;
+        within("schedule.learnt_masks.rate", m.rate, &WEIGHT)?;
+        within("schedule.learnt_masks.weight", m.weight, &WEIGHT)?;
+    }
     Ok(())
 }
 
@@ -150,6 +156,7 @@ fn compression(c: &Compression) -> Result<(), String> {
 mod tests {
     use super::*;
     use crate::pipeline::config::Preset;
+    use crate::train::learnt_masks::{LearntMasks, Method};
     use crate::train::relocation::Relocation;
 
     #[test]
@@ -183,6 +190,8 @@ mod tests {
         assert!(with(&|c| c.schedule.position_rate = -1.0).contains("position_rate = -1"));
         let shaken = Some(Relocation { noise: f64::NAN, ..Relocation::default() });
         assert!(with(&|c| c.schedule.relocation = shaken).contains("schedule.relocation.noise = NaN"));
+        let masks = LearntMasks { until: 1.5, ..LearntMasks::of(Method::Compact3dgs, 9, 100) };
+        assert!(with(&|c| c.schedule.learnt_masks = Some(masks)).contains("schedule.learnt_masks.until = 1.5"));
         assert!(with(&|c| c.max_gaussians = usize::MAX).contains("max_gaussians"));
         assert!(with(&|c| c.sh_degree = 4).contains("from 0 to 3"));
         assert!(with(&|c| c.background = Some([0.0, f32::NAN, 0.0])).contains("background = NaN"));

@@ -229,6 +229,7 @@ fn checkpoint() -> Vec<u8> {
         growth: vec![0.25; 10],
         responses: (vec![1.0; 40], vec![3; 5]),
         exposures: (vec![1.0; 24], vec![0.0; 48]),
+        masks: (vec![1.0; 5], vec![0.0; 10]),
         notes: [("config".to_owned(), "seed = 1".to_owned())].into(),
         model,
     };

@@ -1,0 +1,243 @@
+//! Masks that are learnt with the model (Compact3DGS, Lee et al. 2024; MaskGaussian, Liu et al. 2025): each Gaussian has a score, and
+//! pictures leave out those whose mask is 0. The loss grows with the masks' mean, so that Gaussians which pictures do not need
+//! are masked; those go at density steps and, after these, at intervals. No method takes a number: at the end of a window the model
+//! is cut to it by the scores.
+
+use super::density::compact;
+use super::error::Result;
+use super::schedule::Schedule;
+use super::trainer::Trainer;
+use crate::kernels::constants::learnt_mask::LEAST_SCORE;
+use crate::random;
+use serde::{Deserialize, Serialize};
+
+/// Length of the run that the published rate is meant for, the rate itself, and the power by which shorter runs have a higher rate
+/// and weight.
+const REFERENCE: (f64, f64, f64) = (30_000.0, 0.01, 0.7);
+/// Share of the run between two removals after the last density step.
+const BETWEEN: f64 = 1.0 / 30.0;
+/// `MaskGaussian`: one that is masked in as many draws goes.
+const DRAWS: i32 = 10;
+/// Salt of the numbers that decide on that.
+const SALT: u64 = 0x6d61_736b;
+
+/// Whose masks they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Compact3DGS: the sigmoid of the score, rounded: 0 up to 0.01.
+    Compact3dgs,
+    /// `MaskGaussian`: drawn anew in every iteration, 1 with the sigmoid of the score as its chance. The score is the difference of
+    /// that method's two.
+    MaskGaussian,
+}
+
+impl Method {
+    /// Score before the first iteration.
+    pub fn first_score(self) -> f32 {
+        match self {
+            Self::Compact3dgs => 1.0,
+            Self::MaskGaussian => 9.0,
+        }
+    }
+
+    /// Returns true if masks are drawn at random.
+    pub fn samples(self) -> bool {
+        self == Self::MaskGaussian
+    }
+
+    /// The score above which a Gaussian is more likely shown than not.
+    fn least(self) -> f32 {
+        match self {
+            Self::Compact3dgs => LEAST_SCORE,
+            Self::MaskGaussian => 0.0,
+        }
+    }
+
+    /// Weight of the masks in the loss of a run of the published length. Theirs, 5e-4 and 5e-4 to 1e-3, leave more Gaussians; with
+    /// these about as many are left as are usually to be kept. docs/decisions.md (71) has the figures.
+    fn weight(self) -> f64 {
+        match self {
+            Self::Compact3dgs => 1.85e-3,
+            Self::MaskGaussian => 1.4e-3,
+        }
+    }
+}
+
+/// Learnt masks, as written to `config.toml`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearntMasks {
+    /// Whose.
+    pub method: Method,
+    /// Gaussians that are left at the end of the window; never fewer before.
+    pub survivors: usize,
+    /// Share of the run at which the window ends.
+    pub until: f64,
+    /// Learning rate of a score.
+    pub rate: f64,
+    /// Weight in the loss of the masks' mean (Compact3DGS) or of its square (`MaskGaussian`).
+    pub weight: f64,
+}
+
+/// What the cut at the end of the window did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MasksCut {
+    /// Number of iterations done before it.
+    pub iteration: u32,
+    /// Gaussians before it.
+    pub before: usize,
+    /// Of these, those that the masks would have kept.
+    pub shown: usize,
+    /// Gaussians kept.
+    pub after: usize,
+}
+
+/// The `count` rows with the greatest scores, rising; of equal ones the first.
+fn greatest(scores: &[f32], count: usize) -> Vec<u32> {
+    let mut rows: Vec<u32> = (0..scores.len() as u32).collect();
+    // Stable. What is no number goes first.
+    let rank = |i: &u32| Some(scores[*i as usize]).filter(|s| !s.is_nan()).unwrap_or(f32::NEG_INFINITY);
+    rows.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+    rows.truncate(count);
+    rows.sort_unstable();
+    rows
+}
+
+impl LearntMasks {
+    /// Masks of a run of this length, which are to leave this number of Gaussians.
+    pub fn of(method: Method, survivors: usize, iterations: u32) -> Self {
+        let (length, rate, power) = REFERENCE;
+        let shorter = (length / f64::from(iterations.max(1))).max(1.0).powf(power);
+        Self { method, survivors, until: 0.75, rate: rate * shorter, weight: method.weight() * shorter }
+    }
+
+    /// Learning rate of the stored score: a difference of two scores, which move against each other, moves twice as fast.
+    pub fn step_rate(&self) -> f64 {
+        if self.method.samples() { 2.0 * self.rate } else { self.rate }
+    }
+
+    /// Number of Gaussians that their masks show rather than not.
+    pub fn shown(&self, scores: &[f32]) -> usize {
+        scores.iter().filter(|s| **s > self.method.least()).count()
+    }
+
+    /// The rows that stay, rising: those that are not masked, but never fewer than the survivors.
+    pub fn judge(&self, scores: &[f32], [seed, iteration]: [u32; 2]) -> Vec<u32> {
+        let stays = |i: &u32| {
+            let score = scores[*i as usize];
+            if !self.method.samples() {
+                return score > LEAST_SCORE;
+            }
+            // The chance that all draws are 0.
+            let goes = (1.0 / (1.0 + f64::from(score).exp())).powi(DRAWS);
+            random::uniform(&[u64::from(seed), u64::from(iteration), u64::from(*i), SALT]) >= goes
+        };
+        let stay: Vec<u32> = (0..scores.len() as u32).filter(stays).collect();
+        if stay.len() < self.survivors { greatest(scores, self.survivors) } else { stay }
+    }
+}
+
+impl Schedule {
+    /// The iteration after which masks end, if there are any: the first at least, the last at most.
+    pub fn masks_until(&self) -> Option<u32> {
+        let last =
+            |m: LearntMasks| ((f64::from(self.iterations) * m.until).round() as u32).clamp(1, self.iterations.max(1));
+        self.learnt_masks.map(last)
+    }
+
+    /// Returns true if masked Gaussians go after iteration `iteration`.
+    pub fn thins(&self, iteration: u32) -> bool {
+        let every = ((f64::from(self.iterations) * BETWEEN).round() as u32).max(1);
+        let later = iteration >= self.growing().1 && iteration.is_multiple_of(every);
+        self.masks_until().is_some_and(|last| {
+            iteration == last || iteration < last && (later || self.densifies(iteration) || self.relocates(iteration))
+        })
+    }
+}
+
+impl Trainer {
+    /// Removes masked Gaussians, or cuts the model to the survivors and ends the masks, if that is due after iteration `iteration`.
+    pub(super) fn thin(&mut self, iteration: u32) -> Result<()> {
+        let schedule = &self.options.schedule;
+        let settings = schedule.learnt_masks.filter(|_| schedule.thins(iteration));
+        let (Some(settings), Some(masks)) = (settings, &self.trainee.masks) else { return Ok(()) };
+        let (scores, over) = (masks.scores.read(&self.device)?, schedule.masks_until() == Some(iteration));
+        let stay = if over {
+            greatest(&scores, settings.survivors)
+        } else {
+            settings.judge(&scores, [self.options.seed, iteration])
+        };
+        let (before, shown) = (scores.len(), settings.shown(&scores));
+        tracing::debug!("after iteration {iteration}: masks show {shown} of {before} Gaussians");
+        if stay.len() < before {
+            compact(&self.device, &mut self.trainee, &stay)?;
+            self.responses = None;
+        }
+        if over {
+            self.trainee.masks = None;
+            self.course.masks = Some(MasksCut { iteration, before, shown, after: stay.len() });
+        }
+        Ok(())
+    }
+
+    /// The cut at the end of learnt masks, once it is done.
+    pub fn masks_cut(&self) -> Option<MasksCut> {
+        self.course.masks
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_masked_go_but_never_too_many() {
+        let compact = |survivors| LearntMasks::of(Method::Compact3dgs, survivors, 1000);
+        let scores = [1.0, -4.6, -4.59, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -5.0];
+        assert_eq!(compact(2).judge(&scores, [1, 2]), [0, 2, 4]);
+        assert_eq!(compact(4).judge(&scores, [1, 2]), [0, 1, 2, 4], "topped up by the score");
+        assert_eq!(compact(9).judge(&scores, [1, 2]).len(), 7);
+        assert_eq!(compact(2).judge(&[-9.0; 5], [1, 2]), [0, 1], "of equal ones the first");
+        assert_eq!((compact(2).shown(&scores), compact(2).judge(&[], [1, 2]).len()), (3, 0));
+    }
+
+    /// A share of (1 - P)^10 goes at once; draws depend on seed and iteration.
+    #[test]
+    fn those_that_ten_draws_mask_go() {
+        let masks = LearntMasks::of(Method::MaskGaussian, 1, 1000);
+        let chance = 0.1_f64;
+        let scores = vec![(chance / (1.0 - chance)).ln() as f32; 10_000];
+        let stay = masks.judge(&scores, [1, 2]);
+        let expected = 1e4 * (1.0 - (1.0 - chance).powi(10));
+        // Five standard deviations.
+        assert!((stay.len() as f64 - expected).abs() < 5.0 * (1e4 * 0.35_f64 * 0.65).sqrt(), "{}", stay.len());
+        assert_eq!(stay, masks.judge(&scores, [1, 2]));
+        assert_ne!(stay, masks.judge(&scores, [1, 3]));
+        let sure = [50.0, 1e30, f32::INFINITY, -1e30, f32::NEG_INFINITY, f32::NAN];
+        assert_eq!(masks.judge(&sure, [1, 2]), [0, 1, 2], "what is no number goes");
+        assert_eq!(masks.shown(&[0.1, -0.1, f32::NAN]), 1);
+    }
+
+    #[test]
+    fn masks_of_short_runs_move_faster() {
+        let rate = |iterations| LearntMasks::of(Method::Compact3dgs, 1, iterations).rate;
+        assert!(rate(30_000) == 0.01 && rate(60_000) == 0.01 && (rate(1000) / 0.1081 - 1.0).abs() < 1e-3);
+        assert!(LearntMasks::of(Method::MaskGaussian, 1, 0).step_rate().is_finite());
+        assert_eq!(LearntMasks::of(Method::MaskGaussian, 1, 30_000).step_rate(), 0.02);
+    }
+
+    /// Every density step, and each thirtieth of the run after them, up to the end of the window.
+    #[test]
+    fn when_the_masked_go() {
+        let masks = LearntMasks::of(Method::Compact3dgs, 1, 3000);
+        let schedule = Schedule { learnt_masks: Some(masks), ..Schedule::of(3000) };
+        let at: Vec<u32> = (1..=3000).filter(|i| schedule.thins(*i)).collect();
+        assert_eq!((at[0], at.len(), schedule.masks_until()), (100, 23, Some(2250)));
+        assert_eq!(at[14..], [1500, 1600, 1700, 1800, 1900, 2000, 2100, 2200, 2250]);
+        assert!(!Schedule::of(3000).thins(100) && Schedule::of(3000).masks_until().is_none());
+        let short = Schedule { learnt_masks: Some(LearntMasks { until: 0.0, ..masks }), ..Schedule::of(0) };
+        assert_eq!(short.masks_until(), Some(1));
+    }
+}
