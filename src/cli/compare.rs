@@ -22,10 +22,10 @@ const ARMS: &str =
 const ABLATION: &str =
     "dense,gnso,gnso-detail,ordinary,gnso@0.1,ordinary@0.1,gnso@0.2,ordinary@0.2,gnso@0.4,ordinary@0.4";
 
-/// Methods of the paper's Tables 1 and 2 as far as they are here: QIRF, 3DGS, `RadSplat`, `LightGaussian`, GaussianPOP, GNS,
-/// 3DGS-MCMC, and growth to the same count. Learnt masks (Compact3DGS, `MaskGaussian`) are not.
+/// Methods of the paper's Tables 1 and 2: QIRF, 3DGS, `RadSplat`, `LightGaussian`, Compact3DGS, `MaskGaussian`, GaussianPOP, GNS,
+/// 3DGS-MCMC, and growth to the same count.
 const PAPER_TABLES: &str = "dense,dense+thresholds,default,paper,gnso,radsplat:global-detail+twice,lightgaussian:global-detail,\
-     pop,gns,mcmc,importance,grown";
+     compact3dgs,maskgaussian,pop,gns,mcmc,importance,grown";
 
 const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --preset quick --resolution 256
@@ -43,6 +43,8 @@ order; +twice prunes at 16/30 and 24/30 of the run. Other arms are:
   dense+thresholds  not pruned, grown as by the 3DGS reference
   grown             not pruned, grown only to the number that the others keep
   mcmc              the same, grown by relocation as in 3DGS-MCMC
+  compact3dgs       trained from the beginning with learnt masks, which are a threshold's
+  maskgaussian      the same, with masks that are drawn at random
 
 The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
@@ -178,7 +180,7 @@ mod tests {
             ARMS,
             ABLATION,
             PAPER_TABLES,
-            "default,paper,gns,pop,dense,dense+thresholds,grown,mcmc",
+            "default,paper,gns,pop,dense,dense+thresholds,grown,mcmc,compact3dgs,maskgaussian@0.5",
             "css-measured-detail@0.1,gnso-detail,pairs+rewarm",
         ] {
             assert!(arms(list).is_ok(), "{list}");

@@ -16,6 +16,7 @@ use crate::error::Error;
 use crate::gaussians::formats;
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
+use crate::train::learnt_masks::MasksCut;
 use crate::train::loss::Weights;
 use crate::train::{Options, Trainer};
 use std::ops::Range;
@@ -105,6 +106,12 @@ impl<'a> ActiveRun<'a> {
             watcher.training(&progress, last);
             watcher.look(&self.trainer);
             let at = progress.iteration;
+            if let Some(cut) = self.trainer.masks_cut().filter(|cut| at > now && cut.iteration == at) {
+                let MasksCut { before, shown, after, .. } = cut;
+                let note =
+                    format!("after iteration {at}: {after} of {before} Gaussians kept; masks would have kept {shown}");
+                watcher.note(&note);
+            }
             let recorded = self.notes.curve.last().is_some_and(|p| p.iteration == at);
             if at > now && (at.is_multiple_of(step) || at == last) && !recorded {
                 self.point(at)?;
@@ -272,6 +279,7 @@ impl<'a> ActiveRun<'a> {
                 stages_s: trainer.timings().iter().map(|(name, seconds, _)| (name, seconds)).collect(),
             },
             prunes: notes.prunes,
+            masks: trainer.masks_cut(),
             curve: notes.curve,
             effects: effects::timed(setup.decisions.clone(), trainer.timings()),
             memory: setup.session.memory(setup.estimated_bytes),

@@ -4,6 +4,7 @@ use super::config::{Compression, Pruning, RunConfig};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
 use crate::train::growth::Growth;
+use crate::train::learnt_masks::{LearntMasks, Method};
 use crate::train::relocation::Relocation;
 use crate::train::schedule::Schedule;
 use crate::wording::unknown;
@@ -25,7 +26,8 @@ const METHODS: [(&str, &str, [f64; 2]); 2] = [
 ];
 
 /// Names of arms that are no selectors' names.
-const OWN_NAMES: [&str; 8] = ["default", "paper", "gns", "pop", "dense", "dense+thresholds", "grown", "mcmc"];
+const OWN_NAMES: [&str; 10] =
+    ["default", "paper", "gns", "pop", "dense", "dense+thresholds", "grown", "mcmc", "compact3dgs", "maskgaussian"];
 
 /// How an arm's model grows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +40,8 @@ pub enum Grown {
     To(Keep),
     /// From the beginning to that number by relocation, as in 3DGS-MCMC; it is not pruned.
     Relocating(Keep),
+    /// From the beginning as the other arms, with learnt masks that leave that number; it is not pruned otherwise.
+    Masked(Method, Keep),
 }
 
 /// One way to reach a model.
@@ -58,7 +62,7 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// Reads `dense`, `grown`, `mcmc`, `default`, `paper`, `gns`, `pop`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
+    /// Reads `dense`, `grown`, `mcmc`, `compact3dgs`, `maskgaussian`, `default`, `paper`, `gns`, `pop`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
     /// `+attrition`, `+twice`, `+rewarm`, `+thresholds` and `@SHARE`. A selector alone prunes without attrition, divides its count per
     /// block and does not merge. `given` is the meaning of `default`, and gives every arm its share, its detail and its blocks.
     ///
@@ -99,7 +103,9 @@ impl Arm {
             "dense" if text == selector || text == "dense+thresholds" => return grown_arm(grown),
             "grown" if share_alone => return grown_arm(Grown::To(keep)),
             "mcmc" if share_alone => return grown_arm(Grown::Relocating(keep)),
-            "dense" | "grown" | "mcmc" => {
+            "compact3dgs" if share_alone => return grown_arm(Grown::Masked(Method::Compact3dgs, keep)),
+            "maskgaussian" if share_alone => return grown_arm(Grown::Masked(Method::MaskGaussian, keep)),
+            "dense" | "grown" | "mcmc" | "compact3dgs" | "maskgaussian" => {
                 return Err(format!("'{text}': this arm is not pruned; write {selector} without the rest"));
             }
             "default" => given.clone(),
@@ -173,16 +179,23 @@ impl Arm {
         };
         let plan = shared.schedule.growth;
         let growth = match self.grown {
-            Grown::Together => plan,
+            Grown::Together | Grown::Masked(..) => plan,
             Grown::ByThresholds => None,
             Grown::To(keep) | Grown::Relocating(keep) => {
                 Some(Growth { gaussians: Some(keep.count(gaussians)), ..plan.unwrap_or_default() })
             }
         };
         let relocation = matches!(self.grown, Grown::Relocating(_)).then(Relocation::default);
-        let schedule = Schedule { growth, relocation, ..shared.schedule.clone() };
+        let learnt_masks = match self.grown {
+            Grown::Masked(method, keep) => {
+                Some(LearntMasks::of(method, keep.count(gaussians), shared.schedule.iterations))
+            }
+            _ => None,
+        };
+        let schedule = Schedule { growth, relocation, learnt_masks, ..shared.schedule.clone() };
         // Initial points are thinned to the largest number allowed.
-        let most = growth.filter(|_| self.grown != Grown::Together).and_then(|g| g.gaussians);
+        let thinned = matches!(self.grown, Grown::To(_) | Grown::Relocating(_));
+        let most = growth.filter(|_| thinned).and_then(|g| g.gaussians);
         let max_gaussians = most.map_or(shared.max_gaussians, |most| most.min(shared.max_gaussians));
         RunConfig { prune, schedule, max_gaussians, checkpoint_every: 0, ..shared.clone() }
     }
@@ -223,6 +236,11 @@ mod tests {
         assert_eq!(process("grown", &default), (0, false, false, Some(Some(28))));
         assert_eq!(process("grown@0.5", &default), (0, false, false, Some(Some(50))));
         assert_eq!(process("mcmc@0.5", &default), (0, false, false, Some(Some(50))));
+        assert_eq!(process("compact3dgs", &default), (0, false, false, Some(None)));
+        let masked = |text: &str| Arm::parse(text, &default).unwrap().configuration(&shared, 100);
+        let masks = masked("maskgaussian@0.5").schedule.learnt_masks.unwrap();
+        assert_eq!((masks.method, masks.survivors, masks.until), (Method::MaskGaussian, 50, 0.75));
+        assert_eq!(masked("compact3dgs").max_gaussians, shared.max_gaussians);
         let mcmc = Arm::parse("mcmc", &default).unwrap().configuration(&shared, 100);
         assert!(mcmc.schedule.relocation.is_some() && mcmc.max_gaussians == 28 && shared.schedule.relocation.is_none());
     }
@@ -259,6 +277,8 @@ mod tests {
             "grown+thresholds",
             "mcmc+rewarm",
             "mcmc:global",
+            "compact3dgs+merge",
+            "maskgaussian+attrition",
             "css+thresholds+rewarm",
             "css+attrition+twice",
             "dense+twice",

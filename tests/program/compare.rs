@@ -11,12 +11,13 @@ fn compared(scene: &Path, out: &Path, iterations: &str, more: &[&str]) -> serde_
     serde_json::from_slice(&works(&mut command).stdout).expect("one JSON document")
 }
 
-/// Methods by name end at the same count: by two cuts, by pressure, and by relocation from the beginning.
+/// Methods by name end at the same count: by two cuts, by pressure, and from the beginning by relocation and by learnt masks.
 #[test]
 fn methods_end_at_equal_counts() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
-    let record = compared(&scene, &folder.path().join("compared"), "160", &["--arms", "pop,gns,mcmc", "--keep", "0.3"]);
+    let more = ["--arms", "pop,gns,mcmc,compact3dgs,maskgaussian", "--keep", "0.3"];
+    let record = compared(&scene, &folder.path().join("compared"), "160", &more);
     let kept = (record["gaussians"].as_u64().unwrap() * 3 + 5) / 10;
     let arms = record["arms"].as_array().unwrap();
     assert!(
@@ -28,7 +29,14 @@ fn methods_end_at_equal_counts() {
         prunes.map(|p| (p["selector"].as_str().unwrap(), p["iteration"].as_u64().unwrap())).collect()
     };
     assert_eq!(selectors(0), [("change", 80), ("change", 107)]);
-    assert!(selectors(1).len() == 1 && selectors(1)[0].0 == "opacity" && selectors(2).is_empty());
+    assert!(selectors(1).len() == 1 && selectors(1)[0].0 == "opacity" && (2..5).all(|arm| selectors(arm).is_empty()));
+    for arm in &arms[3..] {
+        let cut = &arm["masks"];
+        let number = |field: &str| cut[field].as_u64().unwrap();
+        assert_eq!((number("iteration"), number("after")), (120, kept), "{arm}");
+        assert!(number("before") >= number("after") && number("shown") <= number("before"), "{cut}");
+    }
+    assert!(arms[..3].iter().all(|arm| arm.get("masks").is_none()));
 }
 
 /// Arms start from one checkpoint: equal counts, one dense model, and finished arms are reused.

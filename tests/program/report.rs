@@ -113,6 +113,7 @@ fn rich() -> RunRecord {
         frames_per_second: Some(31.0),
         model_bytes: 345_678,
         prunes: vec![prune(400)],
+        masks: None,
         curve: (1..=8).map(point).collect(),
         time: Times {
             total_s: 30.0,

@@ -3,6 +3,7 @@
 use super::prune::PruneRecord;
 use super::run::ViewScores;
 use crate::gpu::TunedDevice;
+use crate::train::learnt_masks::MasksCut;
 use serde::{Deserialize, Serialize};
 
 /// Results of one arm.
@@ -36,6 +37,9 @@ pub struct ArmRecord {
     pub psnr_pruned: Option<f64>,
     /// Its prunes.
     pub prunes: Vec<PruneRecord>,
+    /// The cut at the end of its learnt masks; absent without them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub masks: Option<MasksCut>,
     /// Scores by view.
     pub views: Vec<ViewScores>,
 }

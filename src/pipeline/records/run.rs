@@ -5,6 +5,7 @@ use crate::effects::Decision;
 use crate::gpu::TunedDevice;
 use crate::metrics::Scores;
 use crate::scene::Skipped;
+use crate::train::learnt_masks::MasksCut;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 
@@ -38,6 +39,9 @@ pub struct RunRecord {
     pub model_bytes: u64,
     /// Each prune, in order; empty if nothing was pruned.
     pub prunes: Vec<PruneRecord>,
+    /// The cut at the end of learnt masks; absent without them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub masks: Option<MasksCut>,
     /// Quality against time, evaluation excluded.
     pub curve: Vec<CurvePoint>,
     /// Seconds.
