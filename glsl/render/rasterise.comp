@@ -15,6 +15,8 @@ layout(constant_id = 4) const float STOP = TRANSMITTANCE_STOP;
 layout(constant_id = 5) const uint PIXELS = 1; // TILE x TILE / WORKGROUP
 // For tests: the fourth value of a pixel is the number of batches that its tile has loaded.
 layout(constant_id = 6) const bool COUNT_BATCHES = false;
+// For pictures of what pixels cost: red is the number of splats that the pixel blends.
+layout(constant_id = 7) const bool COUNT_BLENDED = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Starts { uint starts[]; };
@@ -34,6 +36,7 @@ shared bool finished[WORKGROUP / SUBGROUP]; // by subgroup: whether all of its p
 vec2 centre[PIXELS]; // from the view's origin
 vec3 blended[PIXELS];
 float transmittance[PIXELS]; // negative once the pixel is done
+uint counts[PIXELS]; // splats blended
 
 void blend(vec4 g, vec4 s, vec2 c) {
     vec3 k = vec3(g.zw, s.x);
@@ -47,6 +50,7 @@ void blend(vec4 g, vec4 s, vec2 c) {
         bool live = t > 0;
         bool stop = next < STOP;
         blended[p] += (live && !stop ? w : 0) * rgb;
+        if (COUNT_BLENDED) counts[p] += uint(live && !stop && alpha > 0);
         transmittance[p] = live ? (stop ? -t : next) : t;
     }
 }
@@ -79,6 +83,7 @@ void main() {
         uvec2 at = corner + uvec2(n % TILE, n / TILE);
         centre[p] = vec2(at) + 0.5 - origin(view[0]);
         blended[p] = vec3(0);
+        counts[p] = 0;
         transmittance[p] = all(lessThan(at, size)) ? 1 : -1;
     }
     uint start = starts[tile], end = starts[tile + 1];
@@ -115,6 +120,7 @@ void main() {
         uvec2 at = corner + uvec2(n % TILE, n / TILE);
         float t = abs(transmittance[p]);
         vec4 rgba = vec4(blended[p] + t * view[0].background.rgb, 1 - t);
+        if (COUNT_BLENDED) rgba.r = float(counts[p]);
         if (COUNT_BATCHES) rgba.a = float(batches);
         if (all(lessThan(at, size))) image[at.y * size.x + at.x] = rgba;
     }

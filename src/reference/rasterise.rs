@@ -18,6 +18,8 @@ pub struct Composite {
     pub image: Vec<[f64; 3]>,
     /// Accumulated opacity per pixel, 1 - T.
     pub alpha: Vec<f64>,
+    /// Number of Gaussians that each pixel blends.
+    pub blended: Vec<u32>,
     /// Per Gaussian of the model: sum over pixels of T alpha.
     pub contribution: Vec<f64>,
 }
@@ -89,14 +91,15 @@ pub fn rasterise(
             let mut pixels = Vec::with_capacity(columns.len() * rows.len());
             for y in rows {
                 for x in columns.clone() {
-                    let (mut colour, mut alpha) = (DVec3::ZERO, 0.0);
+                    let (mut colour, mut alpha, mut blended) = (DVec3::ZERO, 0.0, 0);
                     let rest = walk(list, projected, (x, y), settings, |k, p, s, transmittance| {
                         let weight = transmittance * s.alpha;
                         colour += weight * p.colour;
                         alpha += weight;
+                        blended += 1;
                         weights[k] += weight;
                     });
-                    pixels.push((y * camera.width + x, colour + rest * background, alpha));
+                    pixels.push((y * camera.width + x, colour + rest * background, alpha, blended));
                 }
             }
             (pixels, weights)
@@ -104,12 +107,17 @@ pub fn rasterise(
         .collect();
 
     let count = camera.width as usize * camera.height as usize;
-    let mut out =
-        Composite { image: vec![[0.0; 3]; count], alpha: vec![0.0; count], contribution: vec![0.0; projected.len()] };
+    let mut out = Composite {
+        image: vec![[0.0; 3]; count],
+        alpha: vec![0.0; count],
+        blended: vec![0; count],
+        contribution: vec![0.0; projected.len()],
+    };
     for (t, (pixels, weights)) in drawn.into_iter().enumerate() {
-        for (at, colour, alpha) in pixels {
+        for (at, colour, alpha, blended) in pixels {
             out.image[at as usize] = colour.to_array();
             out.alpha[at as usize] = alpha;
+            out.blended[at as usize] = blended;
         }
         for (&i, weight) in tiles.list(t).iter().zip(weights) {
             out.contribution[i as usize] += weight;

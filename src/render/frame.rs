@@ -15,11 +15,13 @@ pub(super) struct Launch {
     pub settings: Settings,
     pub subgroup: u32,
     pub tuning: Tuning,
+    /// True if the red of a picture is to be the number of Gaussians that each pixel blends.
+    pub count_blended: bool,
 }
 
 impl Launch {
     pub fn new(device: &Device, settings: Settings) -> Self {
-        Self { settings, subgroup: device.info().subgroup_size, tuning: device.tuning().clone() }
+        Self { settings, subgroup: device.info().subgroup_size, tuning: device.tuning().clone(), count_blended: false }
     }
 
     /// Invocations that walk a tile's list backwards.

@@ -22,6 +22,7 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
             stop: launch.settings.stop,
             pixels: launch.tuning.tile * launch.tuning.tile / launch.tuning.rasterise_workgroup,
             count_batches: false,
+            count_blended: launch.count_blended,
         },
     };
     recording.dispatch(&kernel, Groups::Count(tiles));

@@ -150,6 +150,17 @@ impl Renderer {
         self.render_timed(model, camera).map(|(image, _, _)| image)
     }
 
+    /// Numbers of the Gaussians that each pixel blends, row by row. The picture is drawn as [`Renderer::render`] does.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn count_blended(&mut self, model: &Resident, camera: &Camera) -> Result<Vec<u32>> {
+        self.launch.count_blended = true;
+        let image = self.render(model, camera);
+        self.launch.count_blended = false;
+        Ok(image?.pixels.iter().map(|p| p[0] as u32).collect())
+    }
+
     /// Renders one picture; also returns the stages' times and the number of (tile, Gaussian) pairs.
     ///
     /// # Errors

@@ -34,6 +34,7 @@ fn loaded(device: &Device, workgroup: u32, batch: u32) -> [f32; 2] {
             stop: 1e-4,
             pixels: TILE * TILE / workgroup,
             count_batches: true,
+            count_blended: false,
         },
     };
     let mut recording = Recording::new();

@@ -198,6 +198,42 @@ fn culling_loses_nothing_and_pictures_repeat_to_the_bit() {
     finish(&device);
 }
 
+/// Pixels count what they blend: all of a stack, of opaque layers those before the stop, and of a crowd what the twin does.
+#[test]
+fn pixels_count_what_they_blend() {
+    let device = device();
+    let settings = reference::Settings::default();
+    let counts = |model: &Gaussians, camera: &Camera| -> (Vec<u32>, Vec<u32>) {
+        let resident = Resident::upload(&device, model).unwrap();
+        let mut renderer = Renderer::new(&device, Settings::default(), model.len(), 8, 8).unwrap();
+        let before = renderer.render(&resident, camera).unwrap();
+        let counted = renderer.count_blended(&resident, camera).unwrap();
+        assert_eq!(renderer.render(&resident, camera).unwrap(), before, "counting leaves no trace");
+        (counted, reference::render(&reference::Params::from(model), camera, &settings).composite.blended)
+    };
+    let straight = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.1, 8, 8);
+    for (logit, expected) in [(-2.0, 20), (20.0, 1)] {
+        let stack = Gaussians {
+            means: (0..20).map(|i| [0.0, 0.0, 2.0 + 0.1 * i as f32]).collect(),
+            log_scales: vec![[0.0; 3]; 20],
+            rotations: vec![[1.0, 0.0, 0.0, 0.0]; 20],
+            opacity_logits: vec![logit; 20],
+            sh: vec![vec![0.5; 60]],
+        };
+        let (counted, twin) = counts(&stack, &straight);
+        assert_eq!((&counted, counted[0]), (&twin, expected), "layers of logit {logit}");
+    }
+    for (width, height) in [(1, 1), (17, 3), (90, 61)] {
+        let (counted, twin) = counts(&crowd(400, 5), &camera(width, height));
+        // A contribution that lies so near 1/255 that float32 decides otherwise counts one more or less.
+        let apart: Vec<u32> = counted.iter().zip(&twin).map(|(a, b)| a.abs_diff(*b)).filter(|d| *d > 0).collect();
+        println!("{width}x{height}: {} of {} pixels apart, up to {} blended", apart.len(), twin.len(), twin.iter().max().unwrap());
+        assert!(apart.len() <= 2 && apart.iter().all(|d| *d == 1), "{width}x{height}: {apart:?}");
+        assert!(width < 10 || counted.iter().max() > counted.iter().min(), "{width}x{height}");
+    }
+    finish(&device);
+}
+
 /// Buffers keep what a view of more Gaussians left behind the count of the next one.
 #[test]
 fn a_view_of_fewer_gaussians_follows_one_of_more() {
