@@ -167,6 +167,14 @@ pub enum Error {
         /// The task that writes it.
         task: String,
     },
+    /// A file of `--diagnostics` that is damaged, or about another model: exit code 3.
+    #[error("{}: {what}", path.display())]
+    Diagnostics {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
     /// A planned job needs a photo that cannot be read any more: exit code 3.
     #[error("{}: photo {photo} cannot be read; it could be when the job was planned", scene.display())]
     LostPhoto {
@@ -280,6 +288,7 @@ impl Error {
             Self::Gaussians(gaussians::Error::SameFile { .. }) | Self::Scene(scene::Error::NoImageFolder { .. }) => 2,
             Self::Train(_) => 3,
             Self::Read { .. } | Self::Checkpoint { .. } | Self::Part { .. } | Self::LostPhoto { .. } => 3,
+            Self::Diagnostics { .. } => 3,
             Self::Gaussians(_) | Self::Scene(_) | Self::Metrics(_) => 3,
             Self::Device(gpu::Error::Tuning(_)) => 2,
             Self::Device(_) | Self::SelfTest { .. } | Self::OtherDevice { .. } => 4,

@@ -3,10 +3,12 @@
 use super::Global;
 use super::compression::Options;
 use super::console::Console;
+use super::diagnostics::{self, Recorder};
 use super::inspect::read_model;
 use super::scratch::Scratch;
 use super::show::Show;
 use super::values;
+use super::view::{self, Watched};
 use crate::error::Error;
 use crate::gaussians::formats;
 use crate::metrics::{Networks, Scores};
@@ -40,6 +42,10 @@ pub(super) struct Arguments {
     /// Write the figures as JSON to this file
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Write what became of each Gaussian, its score and its block to this file, for `qirf-vk view MODEL --diagnostics FILE`; its
+    /// name ends in .safetensors
+    #[arg(long, value_name = "FILE", value_parser = diagnostics::file)]
+    diagnostics: Option<PathBuf>,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -50,23 +56,34 @@ pub(super) struct Arguments {
     memory_budget: Option<u64>,
     #[command(flatten)]
     scratch: Scratch,
+    #[command(flatten)]
+    watched: Watched,
 }
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         self.check_outputs()?;
+        self.watched.check()?;
+        if self.watched.view && self.fine_tune == 0 {
+            return Err(Error::Usage("--view shows the training after the prune; add --fine-tune N".to_owned()));
+        }
         let reading = Instant::now();
         let loaded = read_model(&self.model, console)?;
         let read_s = reading.elapsed().as_secs_f64();
         let device = global.open_with(self.memory_budget)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
-        let watcher = Show::new(console);
+        let mut watcher = Show::new(console);
+        watcher.record(self.diagnostics.as_deref().map(Recorder::of_file));
         let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
         let session =
             Session { device: &device, networks: &Networks::default(), host_bytes, scratch, watcher: &watcher };
-        let figures =
-            compress::compress(&session, input, &self.options.configuration(style, self.fine_tune)?, &self.output)?;
+        let config = self.options.configuration(style, self.fine_tune)?;
+        let subject = || view::of_compression(&config, &input.model, &self.output, console);
+        let subject = self.watched.view.then(subject).transpose()?;
+        let figures = self
+            .watched
+            .during(&session, console, subject, |session| compress::compress(session, input, &config, &self.output))?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
             Output::text(path, &format!("{json:#}\n"))?;
@@ -77,7 +94,7 @@ impl Arguments {
     /// Refuses outputs that cannot be written or would overwrite the input, before any work.
     fn check_outputs(&self) -> Result<(), Error> {
         formats::check_output(&self.output).map_err(Error::writing)?;
-        for path in [Some(&self.output), self.report.as_ref()].into_iter().flatten() {
+        for path in [Some(&self.output), self.report.as_ref(), self.diagnostics.as_ref()].into_iter().flatten() {
             formats::refuse_overwrite(&self.model, path).map_err(Error::writing)?;
             if path.is_dir() {
                 return Err(Error::Usage(format!("{} is a folder; name a file", path.display())));
@@ -87,6 +104,9 @@ impl Arguments {
         }
         if self.report.as_ref() == Some(&self.output) {
             return Err(Error::Usage(format!("{} cannot hold model and report", self.output.display())));
+        }
+        if self.report.is_some() && self.report == self.diagnostics {
+            return Err(Error::Usage("--report and --diagnostics are two files".to_owned()));
         }
         Ok(())
     }

@@ -8,6 +8,7 @@ mod compression;
 mod console;
 mod convert;
 mod device;
+mod diagnostics;
 mod eval;
 mod inspect;
 mod interrupt;

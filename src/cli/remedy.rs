@@ -50,6 +50,9 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Part { path, .. } => {
             Some(format!("delete {} and run the job again: it does what is missing", path.display()))
         }
+        Error::Diagnostics { .. } => plain(
+            "give it with the model before its prune: the one that `compress` read, or the .ply that `run` wrote beside it",
+        ),
         Error::LostPhoto { .. } => plain("restore the photo, or plan again in a new folder"),
         Error::OtherDevice { .. } => {
             plain("use a machine like the plan's, or allow this one with --mixed: the bytes may then differ")

@@ -2,6 +2,7 @@
 
 use super::choices::Choices;
 use super::console::Console;
+use super::diagnostics::{self, Recorder};
 use super::pose::{Posing, warn};
 use super::resources::Resources;
 use super::show::Show;
@@ -12,13 +13,11 @@ use crate::error::Error;
 use crate::pipeline::output::same_place;
 use crate::pipeline::pose::{is_video, pose};
 use crate::pipeline::records::RunRecord;
-use crate::pipeline::{Earlier, Output, RunConfig, Session, earlier, run};
+use crate::pipeline::{Earlier, Init, Output, RunConfig, Session, earlier, run};
 use crate::report;
 use crate::scene::{self, OpenOptions, Scene};
-use crate::view::{Live, Server};
 use crate::wording::counted;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --preset quick --resolution 256
@@ -63,6 +62,10 @@ pub(super) struct Arguments {
     resources: Resources,
     #[command(flatten)]
     watched: Watched,
+    /// Write what the last prune did with each Gaussian, its score and its block to this file, and the model before that prune
+    /// beside it as .ply: `qirf-vk view` shows both. The file's name ends in .safetensors
+    #[arg(long, value_name = "FILE", conflicts_with = "no_prune", value_parser = diagnostics::file)]
+    diagnostics: Option<PathBuf>,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -79,12 +82,14 @@ impl Arguments {
             config.tuning = None;
         }
         let input = Self::without_poses(&config)?;
+        let recorder = self.recorder(&config)?;
         let output = Output::new(&self.output)?;
         let found = Earlier::of(&output);
         if found == Earlier::Interrupted && !self.resume {
             return Err(Error::Unfinished(output.checkpoint()));
         }
-        let watcher = Show::new(console);
+        let mut watcher = Show::new(console);
+        watcher.record(recorder);
         if let Some(input) = input {
             config = self.posed(config, &input, &output, &watcher, console)?;
         }
@@ -98,21 +103,27 @@ impl Arguments {
         let device = self.resources.device(global)?;
         let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
         let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
-        let record = if self.watched.view {
-            let subject = Arc::new(view::of_run(&config, &self.output, console)?);
-            self.watched.address.warn(console);
-            let server =
-                Server::start(&self.watched.address.options(), Arc::clone(&subject), &device.info().name, true)?;
-            // Needed even where notes are not wanted, and no part of the results.
-            console.error(server.url());
-            let live = Live::new(&watcher, &server, &device, subject);
-            run::run(&Session { watcher: &live, ..session }, &config, &output, self.resume)?
-        } else {
-            run::run(&session, &config, &output, self.resume)?
-        };
+        let subject = self.watched.view.then(|| view::of_run(&config, &self.output, console)).transpose()?;
+        let record = self
+            .watched
+            .during(&session, console, subject, |session| run::run(session, &config, &output, self.resume))?;
         report::write(&record, &output)?;
         tell_of_missing(&networks, console);
         self.report(console, &record, &output)
+    }
+
+    /// Where diagnostics go: away from the run's own files and its initial model.
+    fn recorder(&self, config: &RunConfig) -> Result<Option<Recorder>, Error> {
+        let Some(file) = &self.diagnostics else { return Ok(None) };
+        if config.prune.is_none() {
+            return Err(Error::Usage("--diagnostics tell of a prune, and this run has none".to_owned()));
+        }
+        let [model, checkpoint] = ["model.ply", "checkpoint.safetensors"].map(|name| self.output.join(name));
+        let mut taken: Vec<&Path> = vec![&model, &checkpoint];
+        if let Init::Model(initial) = &config.init {
+            taken.push(initial);
+        }
+        Recorder::of_run(file, &taken, &self.output).map(Some)
     }
 
     fn configuration(&self, console: &Console) -> Result<RunConfig, Error> {

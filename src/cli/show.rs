@@ -1,8 +1,13 @@
 //! A job on the console: progress bars, notes, and Ctrl-C.
 
 use super::console::Console;
+use super::diagnostics::Recorder;
 use super::interrupt::Watch;
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::RenderMode;
 use crate::pipeline::Watcher;
+use crate::pipeline::diagnostics::Diagnostics;
 use crate::train::Progress;
 use crate::wording::counted;
 use indicatif::ProgressBar;
@@ -12,6 +17,7 @@ use std::sync::OnceLock;
 pub(super) struct Show<'a> {
     console: &'a Console,
     watch: Watch,
+    recorder: Option<Recorder>,
     poses: OnceLock<ProgressBar>,
     photos: OnceLock<ProgressBar>,
     training: OnceLock<ProgressBar>,
@@ -24,7 +30,12 @@ impl<'a> Show<'a> {
     /// Shows a job, and starts to watch for Ctrl-C.
     pub fn new(console: &'a Console) -> Self {
         let [poses, photos, training, responses, scores, pictures] = Default::default();
-        Self { console, watch: Watch::begin(), poses, photos, training, responses, scores, pictures }
+        Self { console, watch: Watch::begin(), recorder: None, poses, photos, training, responses, scores, pictures }
+    }
+
+    /// Also writes what prunes knew and decided.
+    pub fn record(&mut self, recorder: Option<Recorder>) {
+        self.recorder = recorder;
     }
 
     fn step(&self, bar: &OnceLock<ProgressBar>, what: &'static str, done: usize, total: usize) {
@@ -64,6 +75,10 @@ impl Watcher for Show<'_> {
 
     fn responding(&self, done: usize, total: usize) {
         self.step(&self.responses, "responses", done, total);
+    }
+
+    fn pruned(&self, before: &Gaussians, mode: RenderMode, diagnostics: &Diagnostics) -> Result<(), Error> {
+        self.recorder.as_ref().map_or(Ok(()), |r| r.write(before, mode, diagnostics, self.console))
     }
 
     fn evaluating(&self, done: usize, total: usize) {

@@ -7,13 +7,17 @@ use super::interrupt::Watch;
 use super::style;
 use super::values::{self, Up};
 use crate::error::Error;
-use crate::pipeline::RunConfig;
+use crate::gaussians::Gaussians;
+use crate::gaussians::outline::outline;
+use crate::pipeline::compress::{CompressConfig, ViewSource};
+use crate::pipeline::diagnostics::Diagnostics;
 use crate::pipeline::records::ViewScores;
+use crate::pipeline::{RunConfig, Selection, Session};
 use crate::render::Style;
 use crate::scene::{OpenOptions, Resize, Scene};
 use crate::train::initialise::{Seed, from_points};
-use crate::view::subject::{Capture, Model};
-use crate::view::{Server, ServerOptions, Studio, Subject};
+use crate::view::subject::{Capture, Job, Model};
+use crate::view::{Live, Server, ServerOptions, Studio, Subject};
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::{Path, PathBuf};
@@ -26,6 +30,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk view trained                     # a run's folder: its model, photos and scores
   qirf-vk view capture                     # a capture's cameras and points
   qirf-vk view model.spz --scene capture
+  qirf-vk view flowers.ply --diagnostics prune.safetensors   # what `compress --diagnostics` did to it
 
 Open the printed address in a browser. To look from another machine, run the viewer with --port 8080, and there \
 `ssh -L 8080:127.0.0.1:8080 SERVER`.";
@@ -42,6 +47,9 @@ pub(super) struct Arguments {
     /// Second model; a slider compares both
     #[arg(long, value_name = "MODEL")]
     against: Option<PathBuf>,
+    /// File that `compress` or `run` wrote about a prune of this model: pictures show what it kept, scores, blocks and guards
+    #[arg(long, value_name = "FILE")]
+    diagnostics: Option<PathBuf>,
     /// Scene whose cameras and photos are shown [default: the run's]
     #[arg(long, value_name = "SCENE", help_heading = "Photos")]
     scene: Option<PathBuf>,
@@ -94,7 +102,7 @@ impl Address {
 /// Whether browsers watch a run.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Watched {
-    /// Let browsers watch the run, pause it and stop it, at the address that is printed
+    /// Let browsers watch the training, pause it and stop it, at the address that is printed
     #[arg(long, help_heading = "Viewer")]
     pub view: bool,
     #[command(flatten)]
@@ -107,6 +115,25 @@ impl Watched {
         let unused = !self.view && (self.address.port != 0 || self.address.host != Ipv4Addr::LOCALHOST);
         if unused { Err(Error::Usage("--port and --host are for --view; add it".into())) } else { Ok(()) }
     }
+
+    /// Does a job, and lets browsers watch the subject if there is one.
+    pub fn during<T>(
+        &self,
+        session: &Session<'_>,
+        console: &Console,
+        subject: Option<Subject>,
+        job: impl FnOnce(&Session<'_>) -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        let Some(subject) = subject else { return job(session) };
+        let subject = Arc::new(subject);
+        self.address.warn(console);
+        let device = session.device;
+        let server = Server::start(&self.address.options(), Arc::clone(&subject), &device.info().name)?;
+        // Needed even where notes are not wanted, and no part of the results.
+        console.error(server.url());
+        let live = Live::new(session.watcher, &server, device, subject);
+        job(&Session { watcher: &live, ..*session })
+    }
 }
 
 impl Arguments {
@@ -116,7 +143,7 @@ impl Arguments {
         let mut studio = Studio::new(&device, &subject)?;
         self.address.warn(console);
         let watch = Watch::begin();
-        let server = Server::start(&self.address.options(), Arc::clone(&subject), &device.info().name, false)?;
+        let server = Server::start(&self.address.options(), Arc::clone(&subject), &device.info().name)?;
         console.print(server.url())?;
         console.note("Ctrl-C ends the viewer");
         let lobby = server.lobby();
@@ -145,7 +172,7 @@ impl Arguments {
                 None
             }
             Some(scene) => {
-                let mut capture = capture(scene, config.as_ref(), self.resolution, console)?;
+                let mut capture = capture(scene, config.as_ref().map(RunConfig::selection), self.resolution, console)?;
                 if run {
                     capture.psnr = psnr(path);
                 }
@@ -161,6 +188,9 @@ impl Arguments {
         } else {
             self.model(path, style, console)?
         }];
+        if let Some(file) = &self.diagnostics {
+            models[0].facts = Some(Diagnostics::read(file, &models[0].gaussians)?);
+        }
         if let Some(other) = &self.against {
             models.push(self.model(other, None, console)?);
         }
@@ -168,13 +198,14 @@ impl Arguments {
         let background = given.unwrap_or_else(|| capture.as_ref().map_or([0.0; 3], Capture::background));
         let title = name(path);
         let up = self.up.unwrap_or(Up::Auto).direction();
-        Ok(Subject { title, models, background, up, capture })
+        let outline = capture.is_none().then(|| outline(&models[0].gaussians, up));
+        Ok(Subject { title, job: Job::Show, models, background, outline, capture })
     }
 
     fn model(&self, path: &Path, run: Option<Style>, console: &Console) -> Result<Model, Error> {
         let loaded = read_model(path, console)?;
         let style = self.rendering.style(path, &loaded, run, console);
-        Ok(Model { name: name(path), gaussians: loaded.gaussians, style })
+        Ok(Model { name: name(path), gaussians: loaded.gaussians, style, facts: None })
     }
 }
 
@@ -197,20 +228,38 @@ fn name(path: &Path) -> String {
 
 /// A run that is to be watched: its capture, and no model yet.
 pub(super) fn of_run(config: &RunConfig, output: &Path, console: &Console) -> Result<Subject, Error> {
-    let capture = capture(&config.scene, Some(config), None, console)?;
+    let capture = capture(&config.scene, Some(config.selection()), None, console)?;
     let background = config.background.unwrap_or_else(|| capture.background());
-    let (title, models, up) = (name(output), Vec::new(), Up::Auto.direction());
-    Ok(Subject { title, models, background, up, capture: Some(capture) })
+    let (title, models) = (name(output), Vec::new());
+    Ok(Subject { title, job: Job::Run, models, background, outline: None, capture: Some(capture) })
 }
 
-/// A capture at a run's working size, or 640 pixels wide.
+/// A compression whose fine-tuning is to be watched: what judges the model, and where that lies.
+pub(super) fn of_compression(
+    config: &CompressConfig,
+    model: &Gaussians,
+    output: &Path,
+    console: &Console,
+) -> Result<Subject, Error> {
+    let (background, outline, capture) = match &config.views {
+        ViewSource::Photos(selection) => {
+            let capture = capture(&selection.scene, Some(selection.clone()), None, console)?;
+            (selection.background.unwrap_or_else(|| capture.background()), None, Some(capture))
+        }
+        ViewSource::OwnPictures { cameras, background } => (*background, Some(outline(model, cameras.up)), None),
+    };
+    let (title, models) = (name(output), Vec::new());
+    Ok(Subject { title, job: Job::Compression, models, background, outline, capture })
+}
+
+/// A capture at the working size of the selection that it was trained with, or 640 pixels wide.
 fn capture(
     path: &Path,
-    config: Option<&RunConfig>,
+    trained: Option<Selection>,
     resolution: Option<Resize>,
     console: &Console,
 ) -> Result<Capture, Error> {
-    let images = config.and_then(|c| c.images.clone());
+    let images = trained.as_ref().and_then(|s| s.images.clone());
     let mut scene = Scene::open(path, &OpenOptions { images, undistort: None })?;
     // As a run does before it holds photos out; a capture without any photo still has its cameras.
     let mut photographed = scene.clone();
@@ -220,10 +269,10 @@ fn capture(
     for line in scene.skipped.summary() {
         console.warn(format_args!("{}: {line}", path.display()));
     }
-    let of_run = config.and_then(|c| c.resolution.as_deref()).map(values::resolution).transpose();
-    let of_run = of_run.map_err(Error::Usage)?.or(config.map(|_| Resize::Full));
-    let resize = resolution.or(of_run).unwrap_or(Resize::Width(640));
-    let split = scene.split(config.map_or(crate::scene::EVAL_EVERY, |c| c.eval_every));
+    let given = trained.as_ref().and_then(|s| s.resolution.as_deref()).map(values::resolution).transpose();
+    let given = given.map_err(Error::Usage)?.or(trained.as_ref().map(|_| Resize::Full));
+    let resize = resolution.or(given).unwrap_or(Resize::Width(640));
+    let split = scene.split(trained.map_or(crate::scene::EVAL_EVERY, |s| s.eval_every));
     Ok(Capture { scene, resize, split, psnr: HashMap::new() })
 }
 
@@ -240,5 +289,5 @@ fn points(capture: Option<&Capture>, path: &Path) -> Result<Model, Error> {
     // Visible dots in place of the faint blobs that training starts from.
     model.opacity_logits.fill(4.0);
     model.log_scales.iter_mut().flatten().for_each(|s| *s -= 1.5);
-    Ok(Model { name: "points".into(), gaussians: model, style: Style::default() })
+    Ok(Model { name: "points".into(), gaussians: model, style: Style::default(), facts: None })
 }

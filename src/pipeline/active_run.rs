@@ -7,7 +7,7 @@ use super::effects;
 use super::evaluate::{Evaluator, exhibits, protocol};
 use super::output::Output;
 use super::pairs;
-use super::prune::{PruneRequest, prune};
+use super::prune::{PruneRequest, prune_followed};
 use super::records::{AttritionRecord, Counts, CurvePoint, Guards, Protocol, PruneRecord, RunRecord, Times};
 use super::session::Session;
 use super::setup::Setup;
@@ -190,7 +190,8 @@ impl<'a> ActiveRun<'a> {
         let next = || pruning.keep(self.notes.prunes.len(), steps, self.trainer.trained());
         let keep = contest.map_or_else(next, |c| Keep::Count(c.survivors));
         let request = PruneRequest { compression: &pruning.compression, keep, seed: self.config.seed };
-        let mut pruned = prune(session.device, &mut self.trainer, pruning.responses, &request)?;
+        let follow = |model: &_, facts: &_| session.watcher.pruned(model, self.config.style.mode(), facts);
+        let mut pruned = prune_followed(session.device, &mut self.trainer, pruning.responses, &request, follow)?;
         pruned.frames_per_second_before = frames;
         pruned.attrition = contest.map(|c| AttritionRecord { from: c.from, before: c.before });
         self.trainer.end_attrition();

@@ -8,6 +8,7 @@ pub mod checkpoint;
 pub mod compare;
 pub mod compress;
 pub mod config;
+pub mod diagnostics;
 pub mod earlier;
 pub mod effects;
 pub mod eval;

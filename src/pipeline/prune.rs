@@ -1,6 +1,7 @@
 //! One prune of a model: responses, study of its blocks, selection, merge, and compaction of a model in training.
 
 use super::config::{Compression, ResponseSource};
+use super::diagnostics::Diagnostics;
 use super::records::{PruneGuards, PruneRecord, PruneSeconds};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
@@ -37,10 +38,24 @@ pub fn prune(
     source: ResponseSource,
     request: &PruneRequest<'_>,
 ) -> Result<PruneRecord, Error> {
+    prune_followed(device, trainer, source, request, |_, _| Ok(()))
+}
+
+/// As [`prune`]; `follow` is called with the model before the prune and what became of its Gaussians.
+///
+/// # Errors
+/// Device memory; device errors; those of `follow`.
+pub fn prune_followed(
+    device: &Device,
+    trainer: &mut Trainer,
+    source: ResponseSource,
+    request: &PruneRequest<'_>,
+    follow: impl FnOnce(&Gaussians, &Diagnostics) -> Result<(), Error>,
+) -> Result<PruneRecord, Error> {
     let begun = Instant::now();
     let responses = respond(trainer, source, request.compression.selector)?;
     let responses_s = begun.elapsed().as_secs_f64();
-    let mut record = prune_by(device, trainer, &responses, request)?;
+    let mut record = prune_by(device, trainer, &responses, request, follow)?;
     record.seconds.responses = responses_s;
     record.seconds.total += responses_s;
     Ok(record)
@@ -56,23 +71,28 @@ fn respond(trainer: &mut Trainer, source: ResponseSource, selector: Selector) ->
     }
 }
 
-/// Prunes a model in training with given responses.
+/// Prunes a model in training with given responses; `follow` is as in [`prune_followed`], and is not called if only a part of the
+/// model is chosen from.
 ///
 /// # Errors
-/// Device memory; device errors.
+/// Device memory; device errors; those of `follow`.
 pub fn prune_by(
     device: &Device,
     trainer: &mut Trainer,
     responses: &Responses,
     request: &PruneRequest<'_>,
+    follow: impl FnOnce(&Gaussians, &Diagnostics) -> Result<(), Error>,
 ) -> Result<PruneRecord, Error> {
     let begun = Instant::now();
     let model = trainer.download()?;
-    let PrunePlan { mut record, keep, merged } = if trainer.trained() == model.len() {
+    let PrunePlan { mut record, keep, merged, diagnostics } = if trainer.trained() == model.len() {
         plan(device, trainer.model().into(), &model, responses, request)?
     } else {
         beside_tail(device, trainer.trained(), &model, responses, request)?
     };
+    if diagnostics.flags.len() == model.len() {
+        follow(&model, &diagnostics)?;
+    }
     let compacting = Instant::now();
     trainer.keep(&keep, merged.as_ref())?;
     record.iteration = trainer.iteration();
@@ -106,6 +126,8 @@ pub struct PrunePlan {
     pub keep: Vec<bool>,
     /// After merging, the model, all n: the kept Gaussians include the dropped ones' contributions.
     pub merged: Option<Gaussians>,
+    /// What was known and decided of each Gaussian.
+    pub diagnostics: Diagnostics,
 }
 
 impl PrunePlan {
@@ -150,6 +172,7 @@ pub fn plan(
     let choosing = Instant::now();
     let choice = study.choose(selector, compression.budget, keep, compression.detail);
     let select = choosing.elapsed().as_secs_f64();
+    let diagnostics = Diagnostics::of_blocks(selector, &study, &choice, responses);
     let mut record = record(selector, &study, &choice);
     let merging = Instant::now();
     let mut merged = compression.merge.then(|| model.clone());
@@ -159,7 +182,7 @@ pub fn plan(
     }
     record.seconds.select = select;
     record.seconds.total = begun.elapsed().as_secs_f64();
-    Ok(PrunePlan { record, keep: choice.keep, merged })
+    Ok(PrunePlan { record, keep: choice.keep, merged, diagnostics })
 }
 
 /// The plan of merging pairs, which needs neither blocks nor a budget.
@@ -176,7 +199,8 @@ fn pairs(model: &Gaussians, responses: &Responses, keep: Keep, begun: Instant) -
         seconds: PruneSeconds { merge: seconds, total: seconds, ..PruneSeconds::default() },
         ..PruneRecord::default()
     };
-    PrunePlan { record, keep: merged.keep, merged: Some(merged.model) }
+    let diagnostics = Diagnostics::of_pairs(&merged, responses);
+    PrunePlan { record, keep: merged.keep, merged: Some(merged.model), diagnostics }
 }
 
 /// The figures of a study and of its choice; the iteration is filled in later.

@@ -1,6 +1,9 @@
 //! Progress of a job, and requests to end it early.
 
+use super::diagnostics::Diagnostics;
 use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::RenderMode;
 use crate::train::{Progress, Trainer};
 
 /// Follows a job; every method has a default.
@@ -23,6 +26,13 @@ pub trait Watcher {
     }
     /// Views whose responses are computed so far, and their total.
     fn responding(&self, _done: usize, _total: usize) {}
+    /// Called after each prune: the model before it, how that has to be drawn, and what became of its Gaussians.
+    ///
+    /// # Errors
+    /// Those of the watcher's own files.
+    fn pruned(&self, _before: &Gaussians, _mode: RenderMode, _diagnostics: &Diagnostics) -> Result<(), Error> {
+        Ok(())
+    }
     /// Held-out views scored so far, and their total.
     fn evaluating(&self, _done: usize, _total: usize) {}
     /// Pictures written so far, and their total.

@@ -142,6 +142,15 @@ impl Solver {
     }
 }
 
+/// Guards that a block called for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Guards {
+    /// Its metric was not positive definite, and its canonical form was used.
+    pub canonical: bool,
+    /// It had overlaps or responses that were not finite.
+    pub repaired: bool,
+}
+
 /// Results of all blocks, collected batch by batch.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Collected {
@@ -157,6 +166,8 @@ pub struct Collected {
     pub unseen: usize,
     /// Overlaps and responses that were not finite.
     pub repaired: usize,
+    /// Guards of each block, blocks.
+    pub guards: Vec<Guards>,
 }
 
 impl Collected {
@@ -166,6 +177,7 @@ impl Collected {
         Self {
             rankings: vec![Ranking { rank: vec![0; n], gain: vec![0.0; n] }; selectors],
             r: vec![1; blocks.len()],
+            guards: vec![Guards::default(); blocks.len()],
             ..Self::default()
         }
     }
@@ -179,6 +191,7 @@ impl Collected {
             }
         }
         self.r[b] = solved.r;
+        self.guards[b] = Guards { canonical: solved.canonical, repaired: solved.repaired > 0 };
         let total: f64 = solved.spectrum.iter().sum();
         if total > 0.0 {
             self.spectrum.iter_mut().zip(solved.spectrum).for_each(|(sum, l)| *sum += l / total);

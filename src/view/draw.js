@@ -1,9 +1,25 @@
-// Lines over the picture: the photos' cameras, and the axes at the target.
+// Lines over the picture: the photos' cameras, and the axes at the target; and what the picture's colours mean.
 
 import { add, length, less, scaled, turned } from "./camera.js";
 
 /** Distance in pixels within which a click hits a camera. */
 const REACH = 14;
+
+/** What the colours of a picture mean. */
+const MEANINGS = {
+  depth: "blue near, red far",
+  error: "blue none, red 0.25",
+  count: "blue none, green 15, red 255 or more",
+  kept: "green kept, yellow merged into a kept one, red dropped",
+  score: "each Gaussian by the share of all that score lower: blue none, red all",
+  guards: "blue seen by no view, orange canonical block, pink repaired block, cyan kept for its detail, grey none of these",
+};
+
+/** What the colours of a picture mean, of a model that was pruned by a selector or not at all. */
+export function meaning(kind, by) {
+  const blocks = by === "pairs" ? "a colour for each cluster that became one Gaussian" : `a colour for each block that ${by} chose from`;
+  return kind === "blocks" && by ? blocks : MEANINGS[kind] ?? "";
+}
 
 const scale = (share) => `hsl(${Math.round(120 * Math.max(0, Math.min(1, share)))} 85% 60%)`;
 

@@ -1,11 +1,12 @@
 //! Draws one wish with a model on the device, whoever owns that model.
 
 use super::paint;
-use super::protocol::{Encoding, Eye, Header, MOST_PIXELS, Picture, Wish};
+use super::protocol::{Encoding, Eye, Figure, Header, MOST_PIXELS, Picture, Wish};
 use super::subject::{Capture, Subject};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
+use crate::pipeline::diagnostics::Diagnostics;
 use crate::pipeline::evaluate::{hide, rgb, truth};
 use crate::render::{Image, Renderer, Settings};
 use crate::scene::Photo;
@@ -21,6 +22,10 @@ pub struct Sitter<'a> {
     pub reduced: Option<&'a Resident>,
     /// Red, green, blue of the other model's picture, which an error picture away from photos compares with.
     pub other: Option<&'a [f32]>,
+    /// What its prune knew of it.
+    pub facts: Option<&'a Diagnostics>,
+    /// True if the model does not change, so that it is painted once.
+    pub fixed: bool,
     /// Iteration of the run; 0 without one.
     pub iteration: u32,
 }
@@ -39,6 +44,8 @@ pub struct Easel {
     renderer: Renderer,
     /// The photo compared with last.
     photo: Option<(usize, Photo)>,
+    /// The model that does not change, as it was painted last.
+    painted: Option<(Picture, Resident)>,
 }
 
 impl Easel {
@@ -48,7 +55,7 @@ impl Easel {
     /// Device memory.
     pub fn new(device: &Device, settings: Settings, gaussians: usize) -> Result<Self, Error> {
         let renderer = Renderer::new(device, settings, gaussians, 64, 64)?;
-        Ok(Self { device: device.clone(), renderer, photo: None })
+        Ok(Self { device: device.clone(), renderer, photo: None, painted: None })
     }
 
     /// Draws a wish.
@@ -61,11 +68,11 @@ impl Easel {
         self.renderer.set_background(match wish.picture {
             Picture::Colour => wish.background.unwrap_or(subject.background),
             Picture::Error => subject.background,
-            Picture::Depth | Picture::Alpha | Picture::Blocks => [0.0; 3],
+            _ => [0.0; 3],
         });
         let reduced = sitter.reduced.filter(|_| wish.picture == Picture::Colour);
         let model = reduced.unwrap_or(sitter.whole);
-        let mut psnr = f32::NAN;
+        let mut figure = Figure::None;
         let image = match wish.picture {
             Picture::Colour if wish.degree < model.degree => {
                 self.renderer.render(&paint::of_degree(&self.device, model, wish.degree)?, &camera)?
@@ -77,16 +84,24 @@ impl Easel {
                 let painted = paint::painted(&self.device, model, &colours)?;
                 paint::depth_picture(self.renderer.render(&painted, &camera)?)
             }
-            Picture::Blocks => {
-                let colours = paint::blocks(&self.means(model)?);
-                self.renderer.render(&paint::painted(&self.device, model, &colours)?, &camera)?
+            Picture::Blocks | Picture::Kept | Picture::Score | Picture::Guards => {
+                let painted = self.painted(sitter, wish.picture)?;
+                let image = self.renderer.render(&painted, &camera)?;
+                self.painted = sitter.fixed.then_some((wish.picture, painted));
+                image
+            }
+            Picture::Count => {
+                let counts = self.renderer.count_blended(model, &camera)?;
+                let (picture, mean) = paint::count_picture([camera.width, camera.height], &counts);
+                figure = Figure::Blended(mean);
+                picture
             }
             Picture::Error => {
                 let image = self.renderer.render(model, &camera)?;
                 let mut rendered = rgb(&image);
                 let truth = self.truth(subject, sitter, wish, &mut rendered)?;
                 let (picture, db) = paint::error_picture(image, &rendered, &truth);
-                psnr = db;
+                figure = Figure::Psnr(db);
                 picture
             }
         };
@@ -99,7 +114,7 @@ impl Easel {
             draw_ms: begun.elapsed().as_secs_f32() * 1e3,
             iteration: sitter.iteration,
             gaussians: model.len as u32,
-            psnr,
+            figure,
         };
         Ok(Drawn { header, image })
     }
@@ -112,6 +127,23 @@ impl Easel {
         self.renderer.set_background(subject.background);
         let image = self.renderer.render(model, &camera(wish, subject.capture.as_ref())?)?;
         Ok(image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect())
+    }
+
+    /// The model in colours that do not depend on the camera.
+    fn painted(&mut self, sitter: Sitter<'_>, picture: Picture) -> Result<Resident, Error> {
+        match self.painted.take() {
+            Some((of, painted)) if of == picture && sitter.fixed => return Ok(painted),
+            _ => {}
+        }
+        let colours = match sitter.facts.and_then(|facts| paint::told(picture, facts)) {
+            Some(colours) => colours,
+            None if picture == Picture::Blocks => paint::blocks(&self.means(sitter.whole)?),
+            None => {
+                let why = "this picture is of a prune: `qirf-vk view MODEL --diagnostics FILE`";
+                return Err(Error::Usage(why.into()));
+            }
+        };
+        paint::painted(&self.device, sitter.whole, &colours)
     }
 
     fn means(&self, model: &Resident) -> Result<Vec<[f32; 3]>, Error> {

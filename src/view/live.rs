@@ -6,9 +6,13 @@
 use super::easel::{Easel, Sitter};
 use super::protocol::Control;
 use super::server::Server;
-use super::subject::Subject;
+use super::subject::{Job, Subject};
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::RenderMode;
 use crate::gpu::Device;
 use crate::pipeline::Watcher;
+use crate::pipeline::diagnostics::Diagnostics;
 use crate::train::{Progress, Trainer};
 use serde_json::json;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -84,7 +88,7 @@ impl<'a> Live<'a> {
             match control {
                 Control::Pause => state.paused = true,
                 Control::Resume => state.paused = false,
-                Control::Checkpoint => state.checkpoint = true,
+                Control::Checkpoint => state.checkpoint = self.subject.job == Job::Run,
                 Control::Stop => state.stop = true,
                 Control::Share(share) if share.is_finite() => state.share = share.clamp(0.0, MOST_SHARE),
                 Control::Share(_) => {}
@@ -114,7 +118,8 @@ impl<'a> Live<'a> {
     fn draw(&self, state: &mut State, trainer: &Trainer, patience: Duration) -> bool {
         let Some((client, wish)) = self.server.lobby().next_wish(patience) else { return false };
         let begun = Instant::now();
-        let sitter = Sitter { whole: trainer.model(), reduced: None, other: None, iteration: trainer.iteration() };
+        let (whole, iteration) = (trainer.model(), trainer.iteration());
+        let sitter = Sitter { whole, reduced: None, other: None, facts: None, fixed: false, iteration };
         let made = match state.easel.take() {
             Some(easel) => Ok(easel),
             None => Easel::new(self.device, *trainer.settings(), trainer.len()),
@@ -186,6 +191,10 @@ impl Watcher for Live<'_> {
 
     fn responding(&self, done: usize, total: usize) {
         self.beside.responding(done, total);
+    }
+
+    fn pruned(&self, before: &Gaussians, mode: RenderMode, diagnostics: &Diagnostics) -> Result<(), Error> {
+        self.beside.pruned(before, mode, diagnostics)
     }
 
     fn evaluating(&self, done: usize, total: usize) {

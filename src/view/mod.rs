@@ -10,7 +10,7 @@ mod guard;
 mod http;
 mod live;
 mod lobby;
-mod paint;
+pub mod paint;
 pub mod protocol;
 mod server;
 mod studio;

@@ -1,7 +1,7 @@
 // The viewer's page: asks for pictures over one WebSocket and shows them. Moving pictures are JPEG, still ones lossless.
 
 import { Camera } from "./camera.js";
-import { colours, draw, frustumLength, hit } from "./draw.js";
+import { colours, draw, frustumLength, hit, meaning } from "./draw.js";
 
 /** Milliseconds without a movement after which the picture counts as still. */
 const REST = 150;
@@ -90,7 +90,7 @@ async function receive(socket, data) {
   const word = (i) => view.getUint32(4 + 4 * i, true), real = (i) => view.getFloat32(4 + 4 * i, true);
   const frame = {
     lossless: view.getUint8(1) === 1, reduced: view.getUint8(2) === 1, size: [word(0), word(1)], number: word(2),
-    ms: real(3), iteration: word(4), gaussians: word(5), psnr: real(6), bytes: data.byteLength - HEADER,
+    ms: real(3), iteration: word(4), gaussians: word(5), figure: view.getUint8(3), value: real(6), bytes: data.byteLength - HEADER,
   };
   const blob = new Blob([new Uint8Array(data, HEADER)], { type: frame.lossless ? "image/png" : "image/jpeg" });
   let bitmap = null;
@@ -156,7 +156,8 @@ function report(frame) {
     `${frame.size.join(" x ")}, ${(frame.bytes / 1000).toFixed(0)} kB, ${frame.lossless ? "lossless" : "JPEG"}`,
     `${frame.gaussians.toLocaleString("en")} Gaussians${frame.reduced ? " (a quarter, while moving)" : ""}`,
     `${frame.ms.toFixed(1)} ms to draw${rate > 1 ? `, ${rate.toFixed(0)} pictures/s` : ""}`,
-    Number.isNaN(frame.psnr) ? "" : `PSNR ${Number.isFinite(frame.psnr) ? `${frame.psnr.toFixed(2)} dB` : "infinite"}`,
+    frame.figure === 1 ? `PSNR ${Number.isFinite(frame.value) ? `${frame.value.toFixed(2)} dB` : "infinite"}` : "",
+    frame.figure === 2 ? `${frame.value.toFixed(1)} Gaussians a pixel on average` : "",
     frame.iteration ? `iteration ${frame.iteration}` : "", state.scene.device,
   ].filter(Boolean).join("\n");
 }
@@ -304,7 +305,7 @@ function listen() {
   // Keys belong to the camera again.
   $("panel").addEventListener("change", (event) => event.target.blur());
   $("kind").addEventListener("change", kind);
-  $("models").addEventListener("change", () => { state.model = Number($("models").value); change(); });
+  $("models").addEventListener("change", () => { state.model = Number($("models").value); legend(); change(); });
   $("split").addEventListener("input", () => { paint(); if (twoModels() && !state.other) change(); });
   for (const id of ["degree", "background", "width"]) $(id).addEventListener("change", () => change());
   $("home").addEventListener("click", home);
@@ -318,12 +319,17 @@ function listen() {
   $("pause").addEventListener("click", () => control(state.paused ? "resume" : "pause"));
   $("checkpoint").addEventListener("click", () => control("checkpoint"));
   $("share").addEventListener("change", () => control({ share: Number($("share").value) }));
-  $("stop").addEventListener("click", () => { if (confirm("End the run? It can be resumed.")) control("stop"); });
+  $("stop").addEventListener("click", () => { if (confirm(state.scene.checkpoints ? "End the run? It can be resumed." : "End it? No model is written.")) control("stop"); });
 }
 
 function kind() {
   state.kind = $("kind").value;
+  legend();
   change();
+}
+
+function legend() {
+  $("legend").textContent = meaning(state.kind, state.scene.models[state.model]?.pruned_by);
 }
 
 function home() {
@@ -345,6 +351,7 @@ function fragment() {
 function restore(text) {
   const given = new URLSearchParams(text);
   if ([...$("kind").options].some((o) => o.value === given.get("kind"))) $("kind").value = state.kind = given.get("kind");
+  legend();
   const numbers = (given.get("pose") ?? "").split(",").map(Number);
   if (numbers.length === 9 && numbers.every(Number.isFinite)) {
     const [fov, distance] = numbers.slice(7);
@@ -414,8 +421,10 @@ async function begin() {
   document.title = $("title").textContent = scene.title;
   $("run").hidden = !scene.live;
   for (const id of ["share", "pause", "checkpoint", "stop"]) $(id).disabled = !scene.control;
+  $("checkpoint").hidden = !scene.checkpoints;
   $("photos").hidden = scene.cameras.length === 0;
   $("sort").hidden = scene.cameras.every((c) => c.psnr == null);
+  if (!scene.models[0]?.pruned_by) for (const option of document.querySelectorAll("#kind .prune")) option.remove();
   $("models-label").hidden = scene.models.length < 2;
   $("models").replaceChildren(...scene.models.map((m, n) => new Option(`${m.name} (${m.gaussians.toLocaleString("en")})`, n)));
   list(false);

@@ -1,9 +1,11 @@
 //! Pictures other than colours: a model painted in other colours and drawn by the same kernels, and what is made of the result.
 
+use super::protocol::Picture;
 use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::kernels::constants::sh::float64::SH_C0;
+use crate::pipeline::diagnostics::{self, Diagnostics, NO_BLOCK};
 use crate::qirf::partition::Partition;
 use crate::random::mix;
 use crate::render::Image;
@@ -14,6 +16,8 @@ use glam::DVec3;
 const DEPTHS: [f64; 2] = [0.02, 0.98];
 /// Gaussians sampled for that scale.
 const SAMPLES: usize = 5_000;
+/// Number of Gaussians at the upper end of the scale of a picture of counts, which is logarithmic.
+const MOST_BLENDED: f32 = 255.0;
 /// Difference at the upper end of the scale of an error picture.
 const LARGEST_ERROR: f32 = 0.25;
 
@@ -23,6 +27,9 @@ fn coefficient(colour: f32) -> f32 {
 }
 
 /// A model of the same Gaussians in other colours, 3 a Gaussian in [0, 1]. It shares all buffers but the colours'.
+///
+/// # Errors
+/// Device memory; device errors.
 pub fn painted(device: &Device, model: &Resident, colours: &[f32]) -> Result<Resident, Error> {
     let coefficients: Vec<f32> = colours.iter().map(|c| coefficient(*c)).collect();
     let mut parameters = model.parameters.clone();
@@ -31,6 +38,9 @@ pub fn painted(device: &Device, model: &Resident, colours: &[f32]) -> Result<Res
 }
 
 /// A view of a model with fewer SH bands.
+///
+/// # Errors
+/// Device memory; device errors.
 pub fn of_degree(device: &Device, model: &Resident, degree: usize) -> Result<Resident, Error> {
     Ok(Resident::new(device, model.parameters.clone(), degree.min(model.degree), model.len)?)
 }
@@ -49,17 +59,61 @@ pub fn depths(means: &[[f32; 3]], camera: &Camera) -> (Vec<f32>, [f64; 2]) {
     (means.iter().flat_map(|m| [share(m); 3]).collect(), [near, far])
 }
 
+/// The colour of a block, or of none.
+fn block_colour(block: u32) -> [f32; 3] {
+    let bits = mix(u64::from(block));
+    let colour = std::array::from_fn(|c| 0.15 + 0.8 * ((bits >> (16 * c)) & 0xffff) as f32 / 65535.0);
+    if block == NO_BLOCK { PLAIN } else { colour }
+}
+
 /// A colour for each block of the default partition.
 pub fn blocks(means: &[[f32; 3]]) -> Vec<f32> {
     let mut colours = vec![0.0; 3 * means.len()];
-    for (b, members) in Partition::default().of(means).blocks.iter().enumerate() {
-        let bits = mix(b as u64);
-        let colour: [f32; 3] = std::array::from_fn(|c| 0.15 + 0.8 * ((bits >> (16 * c)) & 0xffff) as f32 / 65535.0);
+    for (members, b) in Partition::default().of(means).blocks.iter().zip(0..) {
         for i in members {
-            colours[3 * *i as usize..][..3].copy_from_slice(&colour);
+            colours[3 * *i as usize..][..3].copy_from_slice(&block_colour(b));
         }
     }
     colours
+}
+
+/// Colours of what a prune had nothing to say about, kept, had a kept one stand for, and dropped.
+const PLAIN: [f32; 3] = [0.35, 0.37, 0.40];
+const KEPT: [f32; 3] = [0.20, 0.75, 0.30];
+const MERGED: [f32; 3] = [0.95, 0.80, 0.20];
+const DROPPED: [f32; 3] = [0.85, 0.15, 0.12];
+/// Colours of guards, the first that applies.
+const GUARDS: [(u8, [f32; 3]); 4] = [
+    (diagnostics::REPAIRED, [0.90, 0.20, 0.75]),
+    (diagnostics::CANONICAL, [0.95, 0.60, 0.15]),
+    (diagnostics::UNSEEN, [0.20, 0.45, 0.95]),
+    (diagnostics::DETAIL, [0.30, 0.85, 0.85]),
+];
+
+/// Colours, 3 a Gaussian, of what a prune said in this picture; none for pictures that no prune tells of.
+pub fn told(picture: Picture, facts: &Diagnostics) -> Option<Vec<f32>> {
+    let fate = |flags: &u8| match flags {
+        f if f & diagnostics::KEPT != 0 => KEPT,
+        f if f & diagnostics::MERGED != 0 => MERGED,
+        _ => DROPPED,
+    };
+    let guard = |flags: &u8| GUARDS.iter().find(|(flag, _)| flags & flag != 0).map_or(PLAIN, |(_, colour)| *colour);
+    Some(match picture {
+        Picture::Blocks => facts.block.iter().flat_map(|b| block_colour(*b)).collect(),
+        Picture::Kept => facts.flags.iter().flat_map(fate).collect(),
+        Picture::Score => shares(&facts.score).into_iter().flat_map(scale).collect(),
+        Picture::Guards => facts.flags.iter().flat_map(guard).collect(),
+        _ => return None,
+    })
+}
+
+/// For each score the share of all that are lower, 0 to 1; what is no number is the lowest.
+fn shares(scores: &[f32]) -> Vec<f32> {
+    let key = |s: &f32| if s.is_nan() { f32::NEG_INFINITY } else { *s + 0.0 };
+    let mut sorted: Vec<f32> = scores.iter().map(key).collect();
+    sorted.sort_unstable_by(f32::total_cmp);
+    let others = scores.len().saturating_sub(1).max(1) as f32;
+    scores.iter().map(|s| sorted.partition_point(|x| *x < key(s)) as f32 / others).collect()
 }
 
 /// Colours of the scale from 0 to 1: dark blue, blue, green, yellow, red.
@@ -83,6 +137,16 @@ pub fn depth_picture(mut image: Image) -> Image {
         *pixel = [r, g, b, alpha];
     }
     image
+}
+
+/// A picture of how many Gaussians each pixel blends, and their mean.
+pub fn count_picture([width, height]: [u32; 2], counts: &[u32]) -> (Image, f32) {
+    let colour = |count: &u32| {
+        let [r, g, b] = scale((1.0 + *count as f32).ln() / (1.0 + MOST_BLENDED).ln());
+        [r, g, b, 1.0]
+    };
+    let mean = counts.iter().map(|c| f64::from(*c)).sum::<f64>() / counts.len().max(1) as f64;
+    (Image { width, height, pixels: counts.iter().map(colour).collect() }, mean as f32)
 }
 
 /// A grey picture of opacity.
@@ -119,6 +183,35 @@ mod tests {
         assert!((psnr - 20.0).abs() < 1e-4, "{psnr}");
         assert!(picture.pixels[0].iter().zip(scale(0.4)).all(|(a, b)| (a - b).abs() < 1e-5));
         assert_eq!(error_picture(image, &[0.5; 12], &[0.5; 12]).1, f32::INFINITY);
+    }
+
+    #[test]
+    fn counts_and_scores_have_scales() {
+        let (picture, mean) = count_picture([2, 2], &[0, 255, 15, 4000]);
+        let colour = |i: usize| [picture.pixels[i][0], picture.pixels[i][1], picture.pixels[i][2]];
+        assert_eq!([0, 1, 2, 3].map(colour), [SCALE[0], SCALE[4], SCALE[2], SCALE[4]]);
+        assert!((mean - 1067.5).abs() < 1e-3, "{mean}");
+        assert_eq!(shares(&[3.0, f32::NAN, 3.0, 9.0, -0.0]), [0.5, 0.0, 0.5, 1.0, 0.25]);
+        assert_eq!((shares(&[]).len(), shares(&[7.0])), (0, vec![0.0]));
+    }
+
+    #[test]
+    fn a_prune_is_told_in_colours() {
+        use diagnostics::{CANONICAL, DETAIL, KEPT as STAYS, MERGED as JOINED, REPAIRED, UNSEEN};
+        let flags = vec![STAYS | DETAIL, JOINED, UNSEEN, STAYS | CANONICAL | UNSEEN, REPAIRED | CANONICAL, STAYS];
+        let block = vec![0, 0, NO_BLOCK, 1, 1, 1];
+        let facts = Diagnostics { block, score: vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0], flags, ..Diagnostics::default() };
+        let of = |picture| -> Vec<[f32; 3]> {
+            told(picture, &facts).unwrap().chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect()
+        };
+        assert_eq!(of(Picture::Kept), [KEPT, MERGED, DROPPED, KEPT, DROPPED, KEPT]);
+        let [repaired, canonical, unseen, detail] = GUARDS.map(|(_, colour)| colour);
+        assert_eq!(of(Picture::Guards), [detail, PLAIN, unseen, canonical, repaired, PLAIN]);
+        let blocks = of(Picture::Blocks);
+        assert!(blocks[0] == blocks[1] && blocks[3] == blocks[5] && blocks[0] != blocks[3] && blocks[2] == PLAIN);
+        let scores = of(Picture::Score);
+        assert_eq!((scores[0], scores[5]), (SCALE[0], SCALE[4]));
+        assert_eq!(told(Picture::Depth, &facts), None);
     }
 
     #[test]

@@ -83,10 +83,18 @@ pub enum Picture {
     Depth,
     /// Opacity.
     Alpha,
-    /// Blocks of the default partition, each in a colour of its own.
+    /// Blocks, each in a colour of its own: of the default partition, or those of the model's prune.
     Blocks,
     /// Mean absolute difference over the channels from the photo, or from the other model.
     Error,
+    /// Number of Gaussians that each pixel blends.
+    Count,
+    /// What the model's prune kept, merged and dropped.
+    Kept,
+    /// Scores by which the model's prune chose.
+    Score,
+    /// Guards that the model's prune called for.
+    Guards,
 }
 
 /// A request to steer a run.
@@ -136,6 +144,28 @@ pub enum Encoding {
     Png = 1,
 }
 
+/// A figure that belongs to a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Figure {
+    /// None.
+    None,
+    /// PSNR in dB against the photo or the other model.
+    Psnr(f32),
+    /// Mean number of Gaussians that a pixel blends.
+    Blended(f32),
+}
+
+impl Figure {
+    /// Its kind as a byte, and its value.
+    fn parts(self) -> (u8, f32) {
+        match self {
+            Self::None => (0, f32::NAN),
+            Self::Psnr(db) => (1, db),
+            Self::Blended(mean) => (2, mean),
+        }
+    }
+}
+
 /// What precedes a picture: 32 bytes, numbers in little-endian order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Header {
@@ -153,23 +183,24 @@ pub struct Header {
     pub iteration: u32,
     /// Number of Gaussians drawn.
     pub gaussians: u32,
-    /// PSNR against the photo in dB; NaN where there is none to compare with.
-    pub psnr: f32,
+    /// What else is known of the picture.
+    pub figure: Figure,
 }
 
 impl Header {
     /// Bytes of a header.
     pub const BYTES: usize = 32;
     /// Version of this layout.
-    const VERSION: u8 = 1;
+    const VERSION: u8 = 2;
 
     /// The header's bytes.
     pub fn to_bytes(self) -> [u8; Self::BYTES] {
         let mut out = [0; Self::BYTES];
-        out[..4].copy_from_slice(&[Self::VERSION, self.encoding as u8, u8::from(self.reduced), 0]);
+        let (figure, value) = self.figure.parts();
+        out[..4].copy_from_slice(&[Self::VERSION, self.encoding as u8, u8::from(self.reduced), figure]);
         let [width, height] = self.size;
         let words =
-            [width, height, self.number, self.draw_ms.to_bits(), self.iteration, self.gaussians, self.psnr.to_bits()];
+            [width, height, self.number, self.draw_ms.to_bits(), self.iteration, self.gaussians, value.to_bits()];
         for (place, word) in out[4..].chunks_exact_mut(4).zip(words) {
             place.copy_from_slice(&word.to_le_bytes());
         }
@@ -185,6 +216,13 @@ impl Header {
             _ => return None,
         };
         let word = |i: usize| u32::from_le_bytes(std::array::from_fn(|b| words[4 * i + b]));
+        let value = f32::from_bits(word(6));
+        let figure = match head[3] {
+            0 => Figure::None,
+            1 => Figure::Psnr(value),
+            2 => Figure::Blended(value),
+            _ => return None,
+        };
         Some(Self {
             encoding,
             reduced: head[2] != 0,
@@ -193,7 +231,7 @@ impl Header {
             draw_ms: f32::from_bits(word(3)),
             iteration: word(4),
             gaussians: word(5),
-            psnr: f32::from_bits(word(6)),
+            figure,
         })
     }
 }
@@ -212,10 +250,13 @@ mod tests {
             draw_ms: 1.5,
             iteration: 900,
             gaussians: 93_000,
-            psnr: 30.25,
+            figure: Figure::Psnr(30.25),
         };
         let bytes = header.to_bytes();
         assert_eq!(Header::from_bytes(&bytes), Some(header));
+        for figure in [Figure::None, Figure::Blended(17.5)] {
+            assert_eq!(Header::from_bytes(&Header { figure, ..header }.to_bytes()).map(|h| h.figure), Some(figure));
+        }
         assert_eq!(Header::from_bytes(&bytes[..31]), None);
         assert_eq!(Header::from_bytes(&[9; 32]), None);
     }

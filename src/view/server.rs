@@ -4,7 +4,7 @@ use super::client::converse;
 use super::guard::{Asked, Guard, Verdict};
 use super::http::{self, Request, Status};
 use super::lobby::Lobby;
-use super::subject::Subject;
+use super::subject::{Job, Subject};
 use crate::error::Error;
 use std::io::Write;
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -59,14 +59,14 @@ impl Server {
     ///
     /// # Errors
     /// [`Error::Usage`] if the address cannot be bound.
-    pub fn start(options: &ServerOptions, subject: Arc<Subject>, device: &str, live: bool) -> Result<Self, Error> {
+    pub fn start(options: &ServerOptions, subject: Arc<Subject>, device: &str) -> Result<Self, Error> {
         let wanted = SocketAddr::new(options.host, options.port);
         let refused =
             |e: std::io::Error| Error::Usage(format!("cannot listen on {wanted}: {e}; choose another --port"));
         let listener = TcpListener::bind(wanted).map_err(refused)?;
         let address = listener.local_addr().map_err(refused)?;
-        let control = options.control && live;
-        let description = subject.description(device, live, control).to_string();
+        let control = options.control && subject.job != Job::Show;
+        let description = subject.description(device, control).to_string();
         let site = Arc::new(Site {
             guard: Guard::new(options.host, address.port()).map_err(refused)?,
             lobby: Arc::new(Lobby::default()),

@@ -83,11 +83,15 @@ impl<'a> Studio<'a> {
         let other = (0..self.shown.len()).find(|m| *m != wish.model).filter(|_| wish.picture == Picture::Error);
         let other =
             other.map(|m| &mut self.shown[m]).map(|o| o.easel.colours(self.subject, &o.whole, wish)).transpose()?;
-        let Some(Shown { easel, whole, reduced, reduce }) = self.shown.get_mut(wish.model) else {
+        let (Some(Shown { easel, whole, reduced, reduce }), Some(model)) =
+            (self.shown.get_mut(wish.model), self.subject.models.get(wish.model))
+        else {
             return Err(Error::Usage(format!("there is no model {}", wish.model)));
         };
         let reduced = reduced.as_ref().filter(|_| *reduce && !wish.still);
-        let drawn = easel.draw(self.subject, Sitter { whole, reduced, other: other.as_deref(), iteration: 0 }, wish)?;
+        let facts = model.facts.as_ref();
+        let sitter = Sitter { whole, reduced, other: other.as_deref(), facts, fixed: true, iteration: 0 };
+        let drawn = easel.draw(self.subject, sitter, wish)?;
         if !wish.still && wish.picture == Picture::Colour {
             let ms = drawn.header.draw_ms;
             *reduce = if drawn.header.reduced { ms * REDUCED as f32 > FAST_MS } else { ms > SLOW_MS };

@@ -2,13 +2,13 @@
 
 use crate::error::Error;
 use crate::gaussians::Gaussians;
-use crate::gaussians::outline::outline;
+use crate::pipeline::diagnostics::Diagnostics;
 use crate::pipeline::evaluate::pictures::byte;
 use crate::pipeline::evaluate::truth;
 use crate::pipeline::render::near_limit;
 use crate::render::Style;
 use crate::scene::camera::Camera;
-use crate::scene::orbit::Look;
+use crate::scene::orbit::{Look, Outline};
 use crate::scene::{FourthByte, LoadOptions, Photo, Resize, Scene, Split, load_photos};
 use glam::{DQuat, DVec3};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
@@ -26,18 +26,33 @@ pub struct Model {
     pub gaussians: Gaussians,
     /// How they have to be drawn.
     pub style: Style,
+    /// What a prune knew and decided of them.
+    pub facts: Option<Diagnostics>,
+}
+
+/// What is done with the models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Job {
+    /// They are shown.
+    Show,
+    /// One is trained by a run, which can be resumed.
+    Run,
+    /// One is trained after a prune, without checkpoints.
+    Compression,
 }
 
 /// Models and their capture.
 pub struct Subject {
     /// Title of the page.
     pub title: String,
-    /// At least one model; none while a run is watched, whose model changes.
+    /// What is done with the models.
+    pub job: Job,
+    /// At least one model; none while a job is watched, whose model changes.
     pub models: Vec<Model>,
     /// Colour behind the Gaussians.
     pub background: [f32; 3],
-    /// Up in the world, where there is no capture.
-    pub up: DVec3,
+    /// Where the first model lies; none where there is a capture.
+    pub outline: Option<Outline>,
     /// Photos and their cameras.
     pub capture: Option<Capture>,
 }
@@ -123,15 +138,21 @@ fn pose(camera: &Camera) -> Value {
 impl Subject {
     /// Up in the world.
     fn upwards(&self) -> DVec3 {
-        self.capture.as_ref().map_or(self.up, Capture::up)
+        let outline = || self.outline.as_ref().map_or(DVec3::NEG_Y, |o| o.up);
+        self.capture.as_ref().map_or_else(outline, Capture::up)
     }
 
     /// Everything that the page needs to know at its start.
-    pub fn description(&self, device: &str, live: bool, control: bool) -> Value {
-        let model = |m: &Model| json!({ "name": m.name, "gaussians": m.gaussians.len(), "degree": m.gaussians.degree(), "mode": m.style.mode().to_string() });
+    pub fn description(&self, device: &str, control: bool) -> Value {
+        let model = |m: &Model| {
+            json!({
+                "name": m.name, "gaussians": m.gaussians.len(), "degree": m.gaussians.degree(),
+                "mode": m.style.mode().to_string(), "pruned_by": m.facts.as_ref().map(|f| f.selector.to_string()),
+            })
+        };
         let up = self.upwards();
         let look = Look::default();
-        let (start, target) = match (&self.capture, self.models.first()) {
+        let (start, target) = match (&self.capture, &self.outline) {
             (Some(capture), _) => {
                 let first = capture.split.test.first().copied().unwrap_or(0);
                 let camera = capture.camera(first);
@@ -139,8 +160,7 @@ impl Subject {
                 let target = camera.as_ref().map_or(centre, |c| sight(c, centre, &capture.scene));
                 (camera.as_ref().map(pose), target)
             }
-            (None, Some(model)) => {
-                let outline = outline(&model.gaussians, up);
+            (None, Some(outline)) => {
                 let target = outline.centre + up * outline.framing(&look).height;
                 (Some(pose(&outline.camera(0.0, &look))), target)
             }
@@ -161,7 +181,8 @@ impl Subject {
             views.map(of).collect()
         });
         json!({
-            "title": self.title, "device": device, "live": live, "control": control,
+            "title": self.title, "device": device, "control": control,
+            "live": self.job != Job::Show, "checkpoints": self.job == Job::Run,
             "models": self.models.iter().map(model).collect::<Vec<_>>(),
             "background": self.background, "up": up.to_array(),
             "start": start, "target": target.to_array(), "cameras": cameras,
@@ -170,10 +191,8 @@ impl Subject {
 
     /// Largest distance of the near plane in world units: it is closer than usual for a small model without a capture.
     pub fn near(&self) -> f32 {
-        match (&self.capture, self.models.first()) {
-            (None, Some(model)) => near_limit(outline(&model.gaussians, self.up).framing(&Look::default()).distance),
-            _ => f32::INFINITY,
-        }
+        let limit = |outline: &Outline| near_limit(outline.framing(&Look::default()).distance);
+        self.outline.as_ref().map_or(f32::INFINITY, limit)
     }
 }
 

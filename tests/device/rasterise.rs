@@ -227,7 +227,12 @@ fn pixels_count_what_they_blend() {
         let (counted, twin) = counts(&crowd(400, 5), &camera(width, height));
         // A contribution that lies so near 1/255 that float32 decides otherwise counts one more or less.
         let apart: Vec<u32> = counted.iter().zip(&twin).map(|(a, b)| a.abs_diff(*b)).filter(|d| *d > 0).collect();
-        println!("{width}x{height}: {} of {} pixels apart, up to {} blended", apart.len(), twin.len(), twin.iter().max().unwrap());
+        println!(
+            "{width}x{height}: {} of {} pixels apart, up to {} blended",
+            apart.len(),
+            twin.len(),
+            twin.iter().max().unwrap()
+        );
         assert!(apart.len() <= 2 && apart.iter().all(|d| *d == 1), "{width}x{height}: {apart:?}");
         assert!(width < 10 || counted.iter().max() > counted.iter().min(), "{width}x{height}");
     }

@@ -1,14 +1,17 @@
 //! `view`: what it serves, to whom, and what a browser makes of it.
 
 mod live;
+mod load;
 mod mutations;
 mod page;
+mod pictures;
 mod refusals;
 mod session;
 mod speed;
 
 use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::synth::{SynthOptions, write};
+use qirf_vk::view::protocol::Figure;
 use session::{Viewer, pose, wish};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -81,11 +84,12 @@ fn every_kind_of_picture_is_drawn() {
     let viewer = viewer(&["--against", &other]);
     let mut socket = viewer.socket();
     let mut seen = Vec::new();
-    for (n, kind) in ["colour", "depth", "alpha", "blocks", "error"].into_iter().enumerate() {
+    for (n, kind) in ["colour", "depth", "alpha", "blocks", "error", "count"].into_iter().enumerate() {
         let still = format!(r#""picture":"{kind}","still":true"#);
         let (header, bytes) = socket.picture(&wish(n as u32, r#"{"photo":1}"#, &still));
         let picture = image::load_from_memory(&bytes).unwrap().into_rgb8();
-        assert_eq!(header.psnr.is_nan(), kind != "error");
+        assert_eq!(matches!(header.figure, Figure::Psnr(_)), kind == "error");
+        assert_eq!(matches!(header.figure, Figure::Blended(_)), kind == "count");
         assert!(picture.pixels().any(|p| p != picture.get_pixel(0, 0)), "{kind} is one colour");
         assert!(!seen.contains(&bytes), "{kind} looks like another");
         seen.push(bytes);
@@ -100,7 +104,7 @@ fn every_kind_of_picture_is_drawn() {
     let of = |model: u32| pose(&format!(r#""picture":"error","still":true,"model":{model}"#), model + 7);
     let [first, second] = [0, 1].map(|m| socket.picture(&of(m)));
     assert_eq!(first.1, second.1);
-    assert!((20.0..50.0).contains(&first.0.psnr) || first.0.psnr > 0.0, "{}", first.0.psnr);
+    assert!(matches!(first.0.figure, Figure::Psnr(db) if db > 0.0), "{:?}", first.0.figure);
 }
 
 #[test]

@@ -34,7 +34,7 @@ pub struct Input<'a> {
 /// Compresses a model and writes it to `output`, whose extension decides the format.
 ///
 /// # Errors
-/// Any error from reading the model to writing it; [`Error::Interrupted`], with nothing written.
+/// Any error from reading the model to writing it; [`Error::Interrupted`], with no model written.
 pub fn compress(
     session: &Session<'_>,
     input: Input<'_>,
@@ -61,6 +61,7 @@ pub fn compress(
     let plan = prune::plan(device, shown.source(), &model, &responses, &request)?;
     drop((shown, responses));
     watcher.unless_stopped()?;
+    watcher.pruned(&model, config.style.mode(), &plan.diagnostics)?;
     let (prune, mut model) = plan.apply(model);
     time.merge_s = prune.seconds.merge;
     time.keep_mask_s = prune.seconds.total - prune.seconds.merge;

@@ -49,8 +49,10 @@ pub fn fine_tune(
     let Session { device, watcher, .. } = *session;
     let mut trainer = trainer(device, model, views, config)?;
     while trainer.iteration() < config.fine_tune {
-        let progress = trainer.advance(config.fine_tune)?;
+        let pace = trainer.iteration().saturating_add(watcher.pace());
+        let progress = trainer.advance(config.fine_tune.min(pace))?;
         watcher.training(&progress, config.fine_tune);
+        watcher.look(&trainer);
         watcher.unless_stopped()?;
     }
     Ok(trainer.download()?)

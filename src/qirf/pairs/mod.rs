@@ -27,9 +27,14 @@ pub struct Pairs {
     pub keep: Vec<bool>,
     /// The model, n; the kept Gaussians stand for their clusters.
     pub model: Gaussians,
+    /// Number of each Gaussian's cluster, n; [`NO_CLUSTER`] for those that belong to none.
+    pub cluster: Vec<u32>,
     /// Numbers of the merging.
     pub counts: PairCounts,
 }
+
+/// Cluster of a Gaussian that no picture shows or that had no neighbour left.
+pub const NO_CLUSTER: u32 = u32::MAX;
 
 /// How a model's Gaussians were merged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -64,7 +69,8 @@ pub fn merge(model: &Gaussians, scores: &[Score], cameras: &[Camera], dilation: 
         }
     }
     let clusters = greedy::clusters(footprints, target);
-    let mut pairs = Pairs { keep: vec![false; n], model: model.clone(), counts: PairCounts::default() };
+    let (keep, cluster) = (vec![false; n], vec![NO_CLUSTER; n]);
+    let mut pairs = Pairs { keep, model: model.clone(), cluster, counts: PairCounts::default() };
     let made: Vec<_> = clusters
         .into_par_iter()
         .map(|mut cluster| {
@@ -72,7 +78,10 @@ pub fn merge(model: &Gaussians, scores: &[Score], cameras: &[Camera], dilation: 
             (moments::merged(model, scores, &cluster), cluster.members)
         })
         .collect();
-    for (gaussian, members) in &made {
+    for ((gaussian, members), number) in made.iter().zip(0..) {
+        for i in members {
+            pairs.cluster[*i] = number;
+        }
         let place = moments::heaviest(scores, members);
         pairs.keep[place] = true;
         if let Some(gaussian) = gaussian {

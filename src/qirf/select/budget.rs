@@ -62,6 +62,8 @@ pub struct Choice {
     pub main: usize,
     /// Kept by the detail safeguard.
     pub detail: usize,
+    /// Marks of those that the detail safeguard kept; empty without it.
+    pub saved: Vec<bool>,
 }
 
 impl Choice {
@@ -95,7 +97,7 @@ pub fn choose(
 ) -> Choice {
     let n = blocks.members.len();
     let detail = safeguard.map_or(0, |s| (millionths(s.share) * n as u128 / MILLION) as usize);
-    let mut choice = Choice { keep: vec![false; n], main: 0, detail: 0 };
+    let mut choice = Choice { keep: vec![false; n], main: 0, detail: 0, saved: Vec::new() };
     let detail = if let Keep::Paper { kappa } = keep {
         let kappa = millionths(kappa);
         let least = |m: usize| ((kappa * m as u128).div_ceil(MILLION)) as usize;
@@ -119,7 +121,9 @@ pub fn choose(
     };
     if let Some(safeguard) = safeguard {
         choice.detail = detail;
+        let before = choice.keep.clone();
         by_score(safeguard.scores, detail, &mut choice.keep);
+        choice.saved = choice.keep.iter().zip(before).map(|(now, before)| *now && !before).collect();
     }
     choice
 }

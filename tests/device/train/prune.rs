@@ -101,7 +101,7 @@ fn pairs_train_on() {
         let compression = Compression { selector: Selector::Pairs, ..Compression::default() };
         let third = before.len() / 3;
         let request = PruneRequest { compression: &compression, keep: Keep::Count(third), seed: 1 };
-        let pruned = prune_by(&device, &mut trainer, &responses, &request).unwrap();
+        let pruned = prune_by(&device, &mut trainer, &responses, &request, |_, _| Ok(())).unwrap();
         let pairs = pruned.pairs.expect("merged by pairs");
         assert_eq!((pruned.after, trainer.len()), (third, third));
         assert_eq!(pairs.merged + pairs.dropped, before.len() - third);
@@ -141,7 +141,7 @@ fn averages_survive_a_checkpoint() {
         let basis = Basis::default();
         let compression = Compression { basis, ..Compression::paper() };
         let request = PruneRequest { compression: &compression, keep: Keep::Paper { kappa: 0.22 }, seed: 1 };
-        let pruned = prune_by(&device, trainer, &responses, &request).unwrap();
+        let pruned = prune_by(&device, trainer, &responses, &request, |_, _| Ok(())).unwrap();
         assert!(pruned.after < pruned.before / 2 && pruned.after == trainer.len(), "{pruned:?}");
         assert!(trainer.averages().unwrap().is_none(), "the averages were of other Gaussians");
         train(trainer, 110);

@@ -1,7 +1,8 @@
-//! A run that is watched: its bytes are its own, and a page can hold and end it.
+//! Training that is watched: its bytes are its own, and a page can hold and end it.
 
+use super::beside;
 use super::session::{Socket, Viewer, wish};
-use crate::program::faults::harness::{content, end, run, undisturbed};
+use crate::program::faults::harness::{content, end, program, run, undisturbed};
 use serde_json::Value;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -42,36 +43,105 @@ fn who_watches_changes_no_byte() {
     assert_eq!(viewer.wait(), Some(0));
     assert_eq!(std::fs::read(alone.path().join("model.ply")).unwrap(), undisturbed(), "with nobody there");
 
-    let orbited = tempfile::tempdir().unwrap();
-    let viewer = watched(orbited.path());
+    let seen_from = tempfile::tempdir().unwrap();
+    let viewer = watched(seen_from.path());
     let mut socket = viewer.socket();
     socket.send(r#"{"control":{"share":0.9}}"#);
-    let mut frames = Vec::new();
-    for step in 0.. {
-        if socket.try_send(&turned(step, step % 5 == 0)).is_err() {
-            break;
-        }
-        match socket.frame() {
-            Ok((header, _)) => {
-                frames.push(header.iteration);
-                let _ = socket.try_send(r#"{"shown":0}"#);
-            }
-            Err(text) if text.starts_with('{') => {}
-            Err(_) => break,
-        }
-    }
+    let frames = orbited(&mut socket);
     assert_eq!(viewer.wait(), Some(0));
     let seen = frames.iter().collect::<std::collections::BTreeSet<_>>().len();
     assert!(seen > 5 && frames.is_sorted(), "pictures of {seen} iterations: {frames:?}");
     assert_eq!(
-        std::fs::read(orbited.path().join("model.ply")).unwrap(),
+        std::fs::read(seen_from.path().join("model.ply")).unwrap(),
         undisturbed(),
         "with {} pictures",
         frames.len()
     );
     let pictures =
         |folder: &Path| content(&folder.join("renders")).into_iter().map(|(_, bytes)| bytes).collect::<Vec<_>>();
-    assert_eq!(pictures(alone.path()), pictures(orbited.path()));
+    assert_eq!(pictures(alone.path()), pictures(seen_from.path()));
+}
+
+/// Looks at a job from many cameras until it ends: the iterations of the pictures that came.
+fn orbited(socket: &mut Socket) -> Vec<u32> {
+    let mut iterations = Vec::new();
+    for step in 0.. {
+        if socket.try_send(&turned(step, step % 5 == 0)).is_err() {
+            break;
+        }
+        match socket.frame() {
+            Ok((header, _)) => {
+                iterations.push(header.iteration);
+                let _ = socket.try_send(r#"{"shown":0}"#);
+            }
+            Err(text) if text.starts_with('{') => {}
+            Err(_) => break,
+        }
+    }
+    iterations
+}
+
+/// A page that wishes for pictures and reads none: it is sent two, and the run takes no notice.
+#[test]
+fn a_page_that_stops_reading_holds_nothing_up() {
+    let out = tempfile::tempdir().unwrap();
+    let viewer = watched(out.path());
+    let mut socket = viewer.socket();
+    let begun = Instant::now();
+    for step in 0..400 {
+        if socket.try_send(&turned(step, false)).is_err() {
+            break;
+        }
+    }
+    assert_eq!(viewer.wait(), Some(0));
+    assert!(begun.elapsed() < Duration::from_secs(120), "{:?}", begun.elapsed());
+    assert_eq!(std::fs::read(out.path().join("model.ply")).unwrap(), undisturbed());
+}
+
+/// A compression of the scene's model that is trained for 200 iterations by its own pictures.
+fn compression(out: &Path, more: &[&str]) -> std::process::Command {
+    let mut command = program();
+    command.args(["compress", &beside("model.ply"), "-o"]).arg(out);
+    command.args(["--views", "10", "--size", "64x48"]).args(more);
+    if !more.contains(&"--fine-tune") {
+        command.args(["--fine-tune", "200"]);
+    }
+    command
+}
+
+#[test]
+fn fine_tuning_is_watched_and_its_bytes_stay_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let [alone, seen, held] = ["alone.ply", "seen.ply", "held.ply"].map(|name| folder.path().join(name));
+    end(&mut compression(&alone, &[])).with(0, &[]);
+
+    let viewer = Viewer::of(compression(&seen, &["--view"]));
+    let description = viewer.json("/scene.json");
+    assert_eq!((&description["live"], &description["checkpoints"]), (&Value::Bool(true), &Value::Bool(false)));
+    assert!(description["start"]["position"].is_array(), "a view to begin with: {description}");
+    let mut socket = viewer.socket();
+    socket.send(r#"{"control":{"share":0.9}}"#);
+    let iterations = orbited(&mut socket);
+    assert_eq!(viewer.wait(), Some(0));
+    let different = iterations.iter().collect::<std::collections::BTreeSet<_>>().len();
+    assert!(different > 5 && iterations.is_sorted(), "pictures of {different} iterations: {iterations:?}");
+    assert_eq!(std::fs::read(&alone).unwrap(), std::fs::read(&seen).unwrap(), "with {} pictures", iterations.len());
+
+    // Paused it stays so, also if a page asks for a checkpoint, which it has none of; stopped, it writes nothing.
+    let viewer = Viewer::of(compression(&held, &["--view"]));
+    let mut socket = viewer.socket();
+    socket.send(r#"{"control":"pause"}"#);
+    let at = news(&mut socket, |n| n["paused"] == true)["iteration"].as_u64();
+    socket.send(r#"{"control":"checkpoint"}"#);
+    for _ in 0..3 {
+        let now = news(&mut socket, |n| n["iteration"].is_u64());
+        assert_eq!((now["iteration"].as_u64(), &now["paused"]), (at, &Value::Bool(true)));
+    }
+    socket.send(r#"{"control":"stop"}"#);
+    assert_eq!((viewer.wait(), held.exists()), (Some(130), false));
+
+    end(&mut compression(&held, &["--view", "--fine-tune", "0"])).with(2, &["add --fine-tune N"]);
+    end(&mut compression(&held, &["--port", "8080"])).with(2, &["--view"]);
 }
 
 #[test]

@@ -167,7 +167,7 @@ fn photos_are_a_click_away_and_compared_by_a_slider() {
 
     // Every kind of picture, by its key; the error's PSNR is told.
     let mut seen = vec![page.value(PIXELS)];
-    for (key, kind) in [("2", "depth"), ("3", "alpha"), ("4", "blocks"), ("5", "error")] {
+    for (key, kind) in [("2", "depth"), ("3", "alpha"), ("4", "blocks"), ("6", "count"), ("5", "error")] {
         page.key(key);
         page.until(&format!("viewer.kind === '{kind}' && viewer.received === viewer.sent && {RESTED}"));
         let now = page.value(PIXELS);
@@ -175,8 +175,49 @@ fn photos_are_a_click_away_and_compared_by_a_slider() {
         seen.push(now);
     }
     page.until("document.getElementById('status').textContent.includes('PSNR')");
+    // Those of a prune are not offered.
+    assert_eq!(
+        page.value("[...document.getElementById('kind').options].map((o) => o.value).join()"),
+        "colour,depth,alpha,blocks,error,count"
+    );
+    page.key("7");
+    assert_eq!(page.value("viewer.kind"), "error");
     page.key("ArrowRight");
     page.until(RESTED);
+    assert_eq!(page.complaints, Vec::<String>::new());
+}
+
+#[test]
+fn a_prune_is_shown_with_its_legend() {
+    let folder = tempfile::tempdir().unwrap();
+    let [out, file] = ["small.ply", "prune.safetensors"].map(|name| folder.path().join(name).display().to_string());
+    let small = ["--views", "16", "--size", "64x64", "--diagnostics", &file];
+    let mut compress = std::process::Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    assert!(
+        compress.args(["compress", &beside("model.ply"), "-o", &out]).args(small).output().unwrap().status.success()
+    );
+    let viewer = viewer(&["--diagnostics", &file]);
+    let Some(mut page) = Browser::open(&viewer.url) else { return };
+    page.until(RESTED);
+    let mut seen = vec![page.value(PIXELS)];
+    for (key, kind, legend) in [
+        ("4", "blocks", "each cluster"),
+        ("6", "count", "red 255"),
+        ("7", "kept", "green kept"),
+        ("8", "score", "score lower"),
+        ("9", "guards", "blue seen by no view"),
+    ] {
+        page.key(key);
+        page.until(&format!("viewer.kind === '{kind}' && viewer.received === viewer.sent && {RESTED}"));
+        page.until(&format!("document.getElementById('legend').textContent.includes('{legend}')"));
+        let now = page.value(PIXELS);
+        assert!(!seen.contains(&now), "{kind}");
+        seen.push(now);
+    }
+    page.key("6");
+    page.until("document.getElementById('status').textContent.includes('Gaussians a pixel on average')");
+    page.key("1");
+    page.until("document.getElementById('legend').textContent === ''");
     assert_eq!(page.complaints, Vec::<String>::new());
 }
 

@@ -127,11 +127,28 @@ impl Viewer {
 
     /// Largest resident memory of the program so far, in bytes; 0 where the system does not tell.
     pub fn peak_memory(&self) -> f64 {
+        self.status("VmHWM:")
+    }
+
+    /// Resident memory of the program, in bytes; 0 where the system does not tell.
+    pub fn memory(&self) -> f64 {
+        self.status("VmRSS:")
+    }
+
+    /// A line of the system's status of the program, in bytes.
+    fn status(&self, name: &str) -> f64 {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap_or_default();
-        let line = status
-            .lines()
-            .find_map(|l| l.strip_prefix("VmHWM:")?.trim().strip_suffix("kB")?.trim().parse::<f64>().ok());
+        let line =
+            status.lines().find_map(|l| l.strip_prefix(name)?.trim().strip_suffix("kB")?.trim().parse::<f64>().ok());
         line.unwrap_or(0.0) * 1024.0
+    }
+
+    /// Seconds that the program has computed on any core, to 10 ms; 0 where the system does not tell.
+    pub fn processor_seconds(&self) -> f64 {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).unwrap_or_default();
+        // Behind the name in brackets: the state, then numbers; of the program itself, in user mode and in the system.
+        let numbers = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace();
+        numbers.skip(11).take(2).filter_map(|n| n.parse::<f64>().ok()).sum::<f64>() / 100.0
     }
 
     /// True while the program runs.

@@ -1,0 +1,80 @@
+//! The file of `--diagnostics`: what a prune knew and decided of each Gaussian.
+
+use super::console::Console;
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::{self, RenderMode};
+use crate::pipeline::diagnostics::Diagnostics;
+use crate::pipeline::output::same_place;
+use std::path::{Path, PathBuf};
+
+/// The file's extension: no model has it, so that none is overwritten.
+const EXTENSION: &str = "safetensors";
+
+/// Reads the value of `--diagnostics`.
+pub(super) fn file(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension() {
+        Some(extension) if extension == EXTENSION => Ok(path),
+        _ => Err(format!("the name of such a file ends in .{EXTENSION}")),
+    }
+}
+
+/// Whether two paths have the same name in the same folder, whether or not a file is there.
+fn same_file(a: &Path, b: &Path) -> bool {
+    let [of_a, of_b] = [a, b].map(|path| path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new(".")));
+    a.file_name() == b.file_name() && same_place(of_a, of_b)
+}
+
+/// Writes a prune's diagnostics.
+pub(super) struct Recorder {
+    file: PathBuf,
+    /// Where the model before the prune goes, if it is no file yet.
+    model: Option<PathBuf>,
+}
+
+impl Recorder {
+    /// For a model that is in a file.
+    pub fn of_file(file: &Path) -> Self {
+        Self { file: file.to_owned(), model: None }
+    }
+
+    /// For a model in training, which is written beside `file`. Neither may replace one of `taken`. The folder `made` is there
+    /// later.
+    ///
+    /// # Errors
+    /// [`Error::Usage`]; [`Error::Write`] if there is no such folder.
+    pub fn of_run(file: &Path, taken: &[&Path], made: &Path) -> Result<Self, Error> {
+        let model = file.with_extension("ply");
+        for path in [file, &model] {
+            if path.is_dir() || taken.iter().any(|other| same_place(path, other) || same_file(path, other)) {
+                return Err(Error::Usage(format!(
+                    "{} is needed for something else; name another file",
+                    path.display()
+                )));
+            }
+        }
+        let folder = file.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if folder.components().ne(made.components()) {
+            std::fs::metadata(folder).map_err(|source| Error::Write { path: file.to_owned(), source })?;
+        }
+        Ok(Self { file: file.to_owned(), model: Some(model) })
+    }
+
+    /// Writes the file, and the model.
+    pub fn write(
+        &self,
+        before: &Gaussians,
+        mode: RenderMode,
+        diagnostics: &Diagnostics,
+        console: &Console,
+    ) -> Result<(), Error> {
+        let Some(model) = &self.model else { return diagnostics.write(&self.file, before) };
+        formats::write(model, before, mode).map_err(Error::writing)?;
+        // As `view` will read it.
+        diagnostics.write(&self.file, &formats::read(model)?.gaussians)?;
+        let (model, file) = (model.display(), self.file.display());
+        console.note(format_args!("the prune can be seen with: qirf-vk view {model} --diagnostics {file}"));
+        Ok(())
+    }
+}
