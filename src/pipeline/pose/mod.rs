@@ -5,6 +5,7 @@ mod colmap;
 mod folder;
 mod openmvg;
 mod parts;
+mod path;
 mod source;
 mod video;
 

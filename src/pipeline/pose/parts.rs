@@ -1,7 +1,7 @@
 //! The parts that photos fall into: models without a connection to each other. The largest becomes the scene.
 
 use super::folder::Folder;
-use super::{FEWEST, Matching, Posed, SHARES};
+use super::{FEWEST, Matching, Posed, SHARES, path};
 use crate::error::Error;
 use crate::scene::{Names, OpenOptions, Scene};
 use std::collections::BTreeSet;
@@ -12,8 +12,6 @@ use std::path::{Path, PathBuf};
 const FOCAL: (f64, f64) = (0.4, 3.0);
 /// Mean reprojection error in pixels beyond which poses are doubtful.
 const REPROJECTION: f64 = 1.5;
-/// Extent of the cameras over their median distance to the points below which they hardly moved.
-const MOVED: f64 = 0.02;
 
 /// Takes the part with most photos as the scene's poses.
 ///
@@ -96,8 +94,8 @@ fn doubts(scene: &Scene, photos: usize) -> Vec<String> {
     let centre = scene.centre(&all);
     let mut distances: Vec<f64> = scene.points.iter().map(|p| p.position.distance(centre)).collect();
     distances.sort_unstable_by(f64::total_cmp);
-    if distances.get(distances.len() / 2).is_some_and(|median| scene.extent(&all) < MOVED * median) {
-        doubts.push("the camera hardly moved: walk around the scene instead of turning on the spot".to_owned());
-    }
+    let median = distances.get(distances.len() / 2).copied();
+    let path = path::doubt(scene.views.iter().map(|v| &v.camera), scene.extent(&all), median);
+    doubts.extend(path.map(|doubt| doubt.message().to_owned()));
     doubts
 }

@@ -190,6 +190,34 @@ fn photos_of_nearly_one_size_share_a_camera() {
 }
 
 #[test]
+fn doubtful_paths_of_the_camera_are_told() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    let lines = |place: &dyn Fn(f64) -> [f64; 3]| {
+        let line = |(i, name): (usize, &String)| {
+            let [x, y, z] = place(i as f64);
+            format!("{i} 1 0 0 0 {x} {y} {z} 1 {name}\n\n")
+        };
+        let text: String = (1..).zip(&names(0..12)).map(line).collect();
+        fs::write(stage.path("fake/models/0/images.txt"), text).unwrap();
+        let _ = fs::remove_dir_all(stage.path("scene"));
+        works(stage.pose(&[])).0.said
+    };
+    let told = ["hardly moved", "one straight line", "in one plane"];
+    let round = |i: f64, height: f64| [i.sin(), height, 4.0 + i.cos()];
+    for (said, wanted) in [
+        (lines(&|i| [0.001 * i.sin(), 0.001 * i.cos(), 4.0]), Some(0)),
+        (lines(&|i| [0.2 * i, 0.1 * i, 4.0]), Some(1)),
+        (lines(&|i| round(i, 0.0)), Some(2)),
+        (lines(&|i| round(i, 0.2 * (3.0 * i).sin())), None),
+    ] {
+        for (n, word) in told.iter().enumerate() {
+            assert_eq!(said.contains(word), wanted == Some(n), "{word}: {said}");
+        }
+    }
+}
+
+#[test]
 fn a_colmap_that_dies_is_named_with_its_last_words_and_its_log() {
     let stage = Stage::new();
     stage.gives(0, 0..12);
