@@ -47,7 +47,7 @@ pub(super) struct OfScene {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     blocks: Option<u16>,
     /// Train a dense model, and do not prune it
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["Choices", "schedule"])]
     no_prune: bool,
     #[command(flatten)]
     choices: Choices,

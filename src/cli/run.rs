@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Train a dense model, and do not prune it
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["Choices", "schedule"])]
     no_prune: bool,
     #[command(flatten)]
     choices: Choices,

@@ -89,6 +89,12 @@ impl Arguments {
         if !scene && self.model.is_some() {
             return Err(Error::Usage("--model goes with a scene, whose cameras it is seen from".to_owned()));
         }
+        if scene && (self.size.is_some() || self.up.is_some()) {
+            return Err(Error::Usage(
+                "--size and --up belong to cameras around a model; a scene has its own, in the size of --resolution"
+                    .to_owned(),
+            ));
+        }
         if self.output.exists() && !self.output.is_dir() {
             return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
         }

@@ -57,15 +57,13 @@ impl<T: Pod> Feed<T> {
     pub fn record(&mut self, recording: &mut Recording, values: &[T], to: &Buffer<T>) -> Result<(), Error> {
         assert!(values.len() <= self.len.min(to.len()), "{} values do not fit", values.len());
         let bytes: &[u8] = bytemuck::cast_slice(values);
-        let at = match self.parts.iter().position(RawBuffer::is_alone) {
-            Some(at) => at,
-            None => {
-                self.parts.push(self.part()?);
-                self.parts.len() - 1
-            }
-        };
-        self.parts[at].mapped_mut()[..bytes.len()].copy_from_slice(bytes);
-        recording.copy_raw(&self.parts[at], 0, to.raw(), 0, bytes.len() as u64);
+        if !self.parts.iter().any(RawBuffer::is_alone) {
+            self.parts.push(self.part()?);
+        }
+        if let Some(part) = self.parts.iter_mut().find(|part| part.is_alone()) {
+            part.mapped_mut()[..bytes.len()].copy_from_slice(bytes);
+            recording.copy_raw(part, 0, to.raw(), 0, bytes.len() as u64);
+        }
         Ok(())
     }
 }

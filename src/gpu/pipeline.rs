@@ -30,10 +30,13 @@ pub(super) struct Pipeline {
 /// The name of a shader, and the values of its constants.
 pub(super) type Key = (&'static str, Vec<u32>);
 
+/// Pipelines of one shader, by the values of its constants.
+type Variants = FxHashMap<Vec<u32>, Arc<Pipeline>>;
+
 /// A device's pipelines.
 pub(super) struct Pipelines {
     /// By the name of their shader, and by their constants: found without a copy of either.
-    made: Mutex<FxHashMap<&'static str, FxHashMap<Vec<u32>, Arc<Pipeline>>>>,
+    made: Mutex<FxHashMap<&'static str, Variants>>,
     cache: vk::PipelineCache,
     file: Option<PathBuf>,
 }
@@ -206,7 +209,9 @@ impl Pipelines {
         // SAFETY: the caller's promise.
         unsafe {
             for (_, variants) in lock(&self.made).drain() {
-                variants.values().for_each(|pipeline| pipeline.destroy(device));
+                for pipeline in variants.values() {
+                    pipeline.destroy(device);
+                }
             }
             device.destroy_pipeline_cache(self.cache, None);
         }

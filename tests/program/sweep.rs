@@ -166,7 +166,8 @@ fn what_cannot_be_swept_is_refused() {
     let out = folder.path().join("out");
     let [scene, to, nowhere] =
         [&scene, &out, &folder.path().join("nowhere.ply")].map(|p| p.to_str().unwrap().to_owned());
-    let cases: [(&[&str], i32); 7] = [
+    let cases: [(&[&str], i32); 8] = [
+        (&[&scene, "-o", &to, "--axis", "stop", "--size", "40x40"], 2),
         (&[&scene, "-o", &to, "--axis", "speed"], 2),
         (&[&scene, "-o", &to, "--axis", "solver=qr"], 2),
         (&[&scene, "-o", &to, "--axis", "stop", "--axis", "stop=0"], 2),

@@ -31,6 +31,8 @@ impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         let value = if is_scene(&self.path) {
             scene::describe(&self.path, self.images.clone())?
+        } else if self.images.is_some() {
+            return Err(Error::Usage(format!("--images goes with a scene, and {} is a model", self.path.display())));
         } else {
             model::describe(&self.path, &read(&self.path)?)?
         };

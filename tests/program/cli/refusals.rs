@@ -35,6 +35,10 @@ fn a_wrong_command_line_is_usage() {
         vec!["synth", "x", "--size", "2x2"],
         vec!["inspect", "model.ply", "-q", "-v"],
         vec!["completions", "cobol"],
+        vec!["inspect", "model.ply", "--images", "images_4"],
+        vec!["run", "scene", "-o", "out", "--no-prune", "--keep", "0.2"],
+        vec!["run", "scene", "-o", "out", "--no-prune", "--schedule", "one-shot"],
+        vec!["shard", "plan", "run", "scene", "-o", "out", "--no-prune", "--selector", "css"],
     ] {
         sandbox.fails(2, &arguments, &[]);
     }
