@@ -5,6 +5,7 @@ use super::format::{bytes, count, decimals, percent, seconds};
 use super::page::{self, Column, Section, absent, side_by_side, table};
 use super::picture::{data_uri, read};
 use super::plot::{Axis, Bar, Scatter, Spot, bars};
+use super::run::masks;
 use crate::pipeline::arm::Arm;
 use crate::pipeline::evaluate::exhibits::exhibits;
 use crate::pipeline::records::{ArmRecord, CompareRecord};
@@ -76,7 +77,12 @@ fn figures(compared: &CompareRecord) -> Markup {
             seconds(a.seconds),
         ]
     };
-    table(&columns, &compared.arms.iter().map(row).collect::<Vec<_>>(), None)
+    html! {
+        (table(&columns, &compared.arms.iter().map(row).collect::<Vec<_>>(), None))
+        @for (name, cut) in compared.arms.iter().filter_map(|a| Some((&a.name, a.masks.as_ref()?))) {
+            p { (name) ": " (masks(cut)) }
+        }
+    }
 }
 
 fn plots(compared: &CompareRecord) -> Markup {

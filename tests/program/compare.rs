@@ -17,7 +17,8 @@ fn methods_end_at_equal_counts() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     let more = ["--arms", "pop,gns,mcmc,compact3dgs,maskgaussian", "--keep", "0.3"];
-    let record = compared(&scene, &folder.path().join("compared"), "160", &more);
+    let out = folder.path().join("compared");
+    let record = compared(&scene, &out, "160", &more);
     let kept = (record["gaussians"].as_u64().unwrap() * 3 + 5) / 10;
     let arms = record["arms"].as_array().unwrap();
     assert!(
@@ -37,6 +38,8 @@ fn methods_end_at_equal_counts() {
         assert!(number("before") >= number("after") && number("shown") <= number("before"), "{cut}");
     }
     assert!(arms[..3].iter().all(|arm| arm.get("masks").is_none()));
+    let page = std::fs::read_to_string(out.join("compare.html")).unwrap();
+    assert_eq!(page.matches("learnt masks would have kept").count(), 2);
 }
 
 /// Arms start from one checkpoint: equal counts, one dense model, and finished arms are reused.

@@ -15,6 +15,7 @@ use qirf_vk::report::plot::{Axis, Bar, Columns, Line, Lines, Mark, Scatter, Spot
 use qirf_vk::report::{of_run, page};
 use qirf_vk::scene::{Names, Skipped};
 use qirf_vk::synth::{SynthOptions, write};
+use qirf_vk::train::learnt_masks::MasksCut;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
@@ -241,6 +242,10 @@ fn whatever_is_missing_leaves_a_sound_page() {
     one.test = Some(one.views[0].scores.clone());
     one.curve = vec![CurvePoint { iteration: 1, seconds: 0.0, psnr: 20.0, gaussians: 0 }];
     assert!(sound(&of_run(&one, &output)).texts(".tile").iter().any(|t| t.contains('∞')));
+
+    one.masks = Some(MasksCut { iteration: 1500, before: 5000, shown: 1800, after: 1400 });
+    let told = "After iteration 1,500, learnt masks would have kept 1,800 of 5,000 Gaussians; 1,400 were kept.";
+    assert_eq!(sound(&of_run(&one, &output)).texts("#pruning p"), [told]);
 
     // A file that is not a picture, among the pictures of a run.
     std::fs::create_dir_all(output.renders()).unwrap();

@@ -8,6 +8,7 @@ mod summary;
 mod time;
 
 pub use pictures::stacks;
+pub use pruning::masks;
 
 use super::compare::Stack;
 use super::page::{self, Section};
