@@ -145,9 +145,9 @@ results-written:
 	cargo run --release --locked --quiet --features figures --bin figures -- results "$(RESULTS)/compared" \
 		"$$(git describe --always --dirty 2>/dev/null || echo unknown)" "make results"
 
-viewer-speed: ## measure the viewer: the table of docs/viewer.md; needs a quiet machine
+viewer-speed: ## measure the viewer and what watching costs: the tables of docs/viewer.md; needs a quiet machine
 	cargo build --release --locked
-	QIRF_PROGRAM="$(CURDIR)/target/release/qirf-vk" cargo test --locked --test program view::speed -- --ignored --nocapture 2>/dev/null | grep '^|'
+	QIRF_PROGRAM="$(CURDIR)/target/release/qirf-vk" cargo test --locked --test program view::speed -- --ignored --nocapture --test-threads 1 2>/dev/null | grep '^|'
 
 # RUN: folder of a run. Needs Chromium.
 viewer-picture: ## rewrite the picture of the viewer in README.md; RUN=folder of a run

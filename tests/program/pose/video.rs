@@ -5,11 +5,22 @@ use crate::program::faults::harness::end;
 use crate::support::skip;
 use qirf_vk::synth::{SynthOptions, write};
 use std::fs;
+use std::path::Path;
 use std::process::Command;
 
 /// True if a program can be started.
 pub fn starts(program: &str) -> bool {
     Command::new(program).arg("-h").output().is_ok()
+}
+
+/// Encodes as MPEG-4.
+pub const MPEG4: [&str; 4] = ["-c:v", "mpeg4", "-q:v", "2"];
+
+/// Makes a video of numbered pictures, so many a second.
+pub fn encode(pictures: &Path, rate: &str, codec: &[&str], video: &Path) {
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.args(["-loglevel", "error", "-nostdin", "-framerate", rate, "-i"]).arg(pictures);
+    assert!(ffmpeg.args(codec).arg(video).status().unwrap().success());
 }
 
 /// Frames of the video.
@@ -31,13 +42,7 @@ fn the_sharp_frames_of_a_video_are_chosen() {
         let frame = if i % 3 == 1 { sharp } else { sharp.blur(1.2) };
         frame.save(frames.join(format!("{i:04}.png"))).unwrap();
     }
-    let encoded = Command::new("ffmpeg")
-        .args(["-loglevel", "error", "-nostdin", "-framerate", "10", "-i"])
-        .arg(frames.join("%04d.png"))
-        .args(["-c:v", "mpeg4", "-q:v", "2"])
-        .arg(stage.path("a: walk.mp4"))
-        .status();
-    assert!(encoded.unwrap().success());
+    encode(&frames.join("%04d.png"), "10", &MPEG4, &stage.path("a: walk.mp4"));
 
     // The script places no photo: only the choice is looked at.
     end(&mut stage.program(&["pose", "a: walk.mp4", "-o", "scene"])).with(3, &["0 of 12 photos"]);
@@ -56,6 +61,30 @@ fn the_sharp_frames_of_a_video_are_chosen() {
     // An error of ffmpeg is told.
     fs::write(stage.path("broken.mp4"), [7; 999]).unwrap();
     end(&mut stage.program(&["pose", "broken.mp4", "-o", "other"])).with(3, &["ffprobe failed", "broken.mp4", "log"]);
+}
+
+#[test]
+fn footage_of_high_dynamic_range_is_told() {
+    if !starts("ffmpeg") {
+        return skip("no ffmpeg");
+    }
+    let stage = Stage::new();
+    for i in 0..12_u8 {
+        let frame = image::RgbImage::from_fn(32, 24, |x, y| image::Rgb([i, (x * 8) as u8, (y * 9) as u8]));
+        frame.save(stage.path(&format!("{i:02}.png"))).unwrap();
+    }
+    for (transfer, told) in [("arib-std-b67", true), ("smpte2084", true), ("bt709", false)] {
+        let colours = ["-color_primaries", "bt2020", "-colorspace", "bt2020nc", "-color_trc", transfer];
+        encode(
+            &stage.path("%02d.png"),
+            "10",
+            &[&["-c:v", "ffv1", "-y"], &colours[..]].concat(),
+            &stage.path("walk.mkv"),
+        );
+        let said = end(&mut stage.program(&["pose", "walk.mkv", "-o", transfer])).said;
+        assert!(said.contains("sharp frames"), "{said}");
+        assert_eq!(said.contains("high dynamic range (HLG or PQ)"), told, "{transfer}: {said}");
+    }
 }
 
 fn sorted(folder: &std::path::Path) -> Vec<std::path::PathBuf> {

@@ -12,7 +12,7 @@ fn watched(out: &Path) -> Viewer {
 }
 
 /// A wish from a camera of the scene that has turned by some steps.
-fn turned(step: u32, still: bool) -> String {
+pub fn turned(step: u32, still: bool) -> String {
     let (sin, cos) = (0.05 * f64::from(step)).sin_cos();
     let camera = format!(r#"{{"pose":{{"position":[0,-1,-6],"rotation":[{cos},0,{sin},0],"fov":0.9}}}}"#);
     wish(step, &camera, &format!(r#""still":{still}"#))
@@ -63,7 +63,7 @@ fn who_watches_changes_no_byte() {
 }
 
 /// Looks at a job from many cameras until it ends: the iterations of the pictures that came.
-fn orbited(socket: &mut Socket) -> Vec<u32> {
+pub fn orbited(socket: &mut Socket) -> Vec<u32> {
     let mut iterations = Vec::new();
     for step in 0.. {
         if socket.try_send(&turned(step, step % 5 == 0)).is_err() {
