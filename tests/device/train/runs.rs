@@ -214,6 +214,20 @@ fn streamed_photos_give_the_same_bytes() {
     assert!(a == b, "random points");
 }
 
+/// They travel in the submission of the iteration that needs them: nobody waits for them.
+#[test]
+fn streamed_photos_cost_no_submission_and_no_wait() {
+    let device = Device::open(&DeviceOptions { memory_limit: Some(48 << 20), ..Default::default() }).unwrap();
+    let c = capture();
+    let views: Vec<Photo> = c.train.iter().cycle().take(1400).cloned().collect();
+    assert!(matches!(DevicePhotos::new(&device, &views).unwrap(), DevicePhotos::Streamed(_)));
+    let mut trainer = Trainer::new(&device, &c.start, views, c.extent, options()).unwrap();
+    let before = device.traffic();
+    assert_eq!(trainer.advance(16).unwrap().iteration, 16);
+    let after = device.traffic();
+    assert_eq!((after.submissions - before.submissions, after.round_trips - before.round_trips), (16, 0));
+}
+
 /// Reading ahead is a guess: other views, repeats and reversals still give the requested photo.
 #[test]
 fn reading_ahead_changes_nothing() {
