@@ -4,11 +4,15 @@ mod barriers;
 
 use super::train::runs::{bits, capture, options, train};
 use crate::support::finish;
+use glam::DVec3;
+use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions, Error, Forget, Order, TuningChoice};
 use qirf_vk::qirf::assemble::{Assembly, Options as Batches};
 use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::render::{Renderer, Style};
+use qirf_vk::scene::Photo;
+use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Exposures, Options, Trainer};
@@ -106,6 +110,50 @@ fn the_same_bytes(class: DeviceClass) {
         assert!(right == whole(&device), "{class} in the order {order:?}, after {} barriers", derived.len());
     }
     finish(&device);
+}
+
+/// More Gaussians and tiles than a device in disorder has workgroups in a row, so that it starts surplus ones in every kernel of
+/// training and of responses, as any device does beyond 65,535.
+fn long_dispatches(device: &Device) -> Vec<u32> {
+    // One less than workgroups of 64, so that the first surplus one begins right behind the arrays' ends, where red zones are.
+    const GAUSSIANS: usize = 71 * 64 - 1;
+    let at = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
+    let model = Gaussians {
+        means: (0..GAUSSIANS).map(|i| [at(i, 0), at(i, 1), at(i, 2)]).collect(),
+        log_scales: vec![[-3.5; 3]; GAUSSIANS],
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; GAUSSIANS],
+        opacity_logits: (0..GAUSSIANS).map(|i| at(i, 3)).collect(),
+        sh: (0..2).map(|l| vec![0.1; GAUSSIANS * Gaussians::band_width(l)]).collect(),
+    };
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, 177, 163);
+    let pixels = (0..177 * 163 * 4).map(|k| (k * 7) as u8).collect::<Vec<u8>>();
+    let schedule = Schedule { half_until: 0.0, ..Schedule::default() };
+    let options = Options { schedule, degree: 1, pairs: 1 << 17, ..Options::default() };
+    let mut trainer = Trainer::new(device, &model, vec![Photo::opaque(camera, pixels)], 1.0, options).unwrap();
+    train(&mut trainer, 2);
+    let mut all = words(&trainer.snapshot().unwrap());
+    let responses = trainer.responses(qirf_vk::response::Wanted::BOTH).unwrap();
+    let scores: &[f32] = bytemuck::cast_slice(&responses.scores);
+    all.extend(responses.channels.as_flattened().iter().chain(scores).map(|v| v.to_bits()));
+    all
+}
+
+#[test]
+fn surplus_workgroups_find_nothing_to_do() {
+    for class in [DeviceClass::Cpu, DeviceClass::Gpu] {
+        let opened = |order| {
+            let tuning = Some(TuningChoice::class(class));
+            Device::open(&DeviceOptions { validation: true, guarded: true, tuning, order, ..Default::default() })
+                .unwrap()
+        };
+        let [plain, disorder] = [None, Some(Order::Recorded)].map(|order| {
+            let device = opened(order);
+            let all = long_dispatches(&device);
+            finish(&device);
+            all
+        });
+        assert!(plain == disorder, "as tuned for {class}");
+    }
 }
 
 #[test]
