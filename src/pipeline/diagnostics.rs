@@ -48,7 +48,7 @@ pub struct Diagnostics {
     pub flags: Vec<u8>,
 }
 
-/// What a file says about itself.
+/// Header of a file of diagnostics.
 #[derive(Serialize, Deserialize)]
 struct Notes {
     selector: Selector,
@@ -75,7 +75,7 @@ fn flag(set: bool, flag: u8) -> u8 {
 }
 
 impl Diagnostics {
-    /// Of a choice from blocks.
+    /// Diagnostics of a choice from blocks.
     pub fn of_blocks(selector: Selector, study: &Study, choice: &Choice, responses: &Responses) -> Self {
         let n = choice.keep.len();
         let gain = study.rankings.iter().find(|(s, _)| *s == selector).map_or(&[][..], |(_, ranking)| &ranking.gain);
@@ -93,7 +93,7 @@ impl Diagnostics {
         Self { selector, block, score: gain.iter().map(|g| *g as f32).collect(), flags }
     }
 
-    /// Of a merging by pairs.
+    /// Diagnostics of a merging by pairs.
     pub fn of_pairs(Pairs { keep, cluster, .. }: &Pairs, responses: &Responses) -> Self {
         let fate = |i: usize| flag(keep[i], KEPT) | flag(!keep[i] && cluster[i] != NO_CLUSTER, MERGED);
         Self {

@@ -126,7 +126,7 @@ pub struct PrunePlan {
     pub keep: Vec<bool>,
     /// After merging, the model, all n: the kept Gaussians include the dropped ones' contributions.
     pub merged: Option<Gaussians>,
-    /// What was known and decided of each Gaussian.
+    /// Block, score and fate of each Gaussian.
     pub diagnostics: Diagnostics,
 }
 

@@ -41,7 +41,7 @@ pub struct BackwardCounts {
     pub passes: u32,
 }
 
-/// What the host reads between iterations of training.
+/// Counters that the host reads between iterations of training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Counters {
     /// Counters of the backward passes.

@@ -21,7 +21,7 @@ const DRAWS: i32 = 10;
 /// Salt of the numbers that decide on that.
 const SALT: u64 = 0x6d61_736b;
 
-/// Whose masks they are.
+/// Method that learns the masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {

@@ -1,4 +1,4 @@
-//! What the host learns when it looks at a run: it comes with the last of the iterations since the last look.
+//! The look of the host at a run: counters, pairs and the loss, which come with the last iteration before it.
 
 use super::error::Result;
 use super::loss::Loss;
@@ -9,12 +9,12 @@ use crate::render::{BackwardCounts, Counters, Renderer};
 const COUNTERS: usize = Counters::WORDS;
 const SUMS: usize = 4;
 
-/// Memory for what a look tells.
+/// Host memory for the results of a look.
 pub(super) struct Look {
     readback: Readback<u32>,
 }
 
-/// What a look tells.
+/// Results of a look.
 pub(super) struct Seen {
     /// Counters of the backward passes since [`Look::begin`].
     pub counts: BackwardCounts,

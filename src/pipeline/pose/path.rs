@@ -12,7 +12,7 @@ const STRAIGHT: f64 = 0.02;
 /// Largest distance from a plane, as a share of the path's length, of a flat path.
 const FLAT: f64 = 0.01;
 
-/// What is wrong with a path.
+/// A weakness of a camera path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Doubt {
     /// The cameras only turned.
@@ -24,7 +24,7 @@ pub(super) enum Doubt {
 }
 
 impl Doubt {
-    /// What it means, and what to do.
+    /// Its meaning, and the remedy.
     pub fn message(self) -> &'static str {
         match self {
             Self::Turned => "the camera hardly moved: walk around the scene instead of turning on the spot",
