@@ -1,4 +1,4 @@
-//! The file of `--diagnostics`: what a prune knew and decided of each Gaussian.
+//! `--diagnostics`: writes a file with block, score and fate of each Gaussian of a prune.
 
 use super::console::Console;
 use crate::error::Error;

@@ -1,4 +1,4 @@
-//! What a prune knew and decided of each Gaussian of the model before it: a file that the viewer shows.
+//! Diagnostics of a prune, a file that the viewer shows: block, score and fate of each Gaussian of the model before it.
 
 use crate::error::Error;
 use crate::gaussians::Gaussians;

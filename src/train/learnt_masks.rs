@@ -68,7 +68,7 @@ impl Method {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LearntMasks {
-    /// Whose.
+    /// Method that learns them.
     pub method: Method,
     /// Gaussians that are left at the end of the window; never fewer before.
     pub survivors: usize,
@@ -80,7 +80,7 @@ pub struct LearntMasks {
     pub weight: f64,
 }
 
-/// What the cut at the end of the window did.
+/// Result of the cut at the end of the window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MasksCut {

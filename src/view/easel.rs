@@ -22,7 +22,7 @@ pub struct Sitter<'a> {
     pub reduced: Option<&'a Resident>,
     /// Red, green, blue of the other model's picture, which an error picture away from photos compares with.
     pub other: Option<&'a [f32]>,
-    /// What its prune knew of it.
+    /// Diagnostics of its prune.
     pub facts: Option<&'a Diagnostics>,
     /// True if the model does not change, so that it is painted once.
     pub fixed: bool,

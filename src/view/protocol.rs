@@ -89,7 +89,7 @@ pub enum Picture {
     Error,
     /// Number of Gaussians that each pixel blends.
     Count,
-    /// What the model's prune kept, merged and dropped.
+    /// Gaussians that the prune kept, merged and dropped.
     Kept,
     /// Scores by which the model's prune chose.
     Score,
@@ -183,7 +183,7 @@ pub struct Header {
     pub iteration: u32,
     /// Number of Gaussians drawn.
     pub gaussians: u32,
-    /// What else is known of the picture.
+    /// A figure of the picture, if its kind has one.
     pub figure: Figure,
 }
 

@@ -26,11 +26,11 @@ pub struct Model {
     pub gaussians: Gaussians,
     /// How they have to be drawn.
     pub style: Style,
-    /// What a prune knew and decided of them.
+    /// Diagnostics of a prune of them.
     pub facts: Option<Diagnostics>,
 }
 
-/// What is done with the models.
+/// Purpose of a viewer: it decides which controls a page has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Job {
     /// They are shown.
@@ -45,7 +45,7 @@ pub enum Job {
 pub struct Subject {
     /// Title of the page.
     pub title: String,
-    /// What is done with the models.
+    /// Purpose of the viewer.
     pub job: Job,
     /// At least one model; none while a job is watched, whose model changes.
     pub models: Vec<Model>,
