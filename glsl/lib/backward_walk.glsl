@@ -8,13 +8,14 @@ layout(constant_id = 6) const uint BATCH = 0; // splats staged in shared memory 
 // For tests: the ninth sum of a slot is the number of subgroups that have drawn the splat.
 layout(constant_id = 7) const bool COUNT_TAKERS = false;
 
+#include "lib/walked_tile.glsl"
 #include "lib/backward_pixels.glsl"
 #include "lib/backward_alone.glsl"
 #include "lib/backward_together.glsl"
 
 void main() {
-    uint tile = group_index();
     uvec2 tiles = view[0].tiles;
+    uint tile = walked_tile(group_index(), tiles.x * tiles.y);
     if (tile >= tiles.x * tiles.y) return;
     uvec2 corner = uvec2(tile % tiles.x, tile / tiles.x) * TILE;
     if (BATCH == 0) walk_alone(tile, corner);

@@ -7,6 +7,7 @@
 #include "lib/blending.glsl"
 #include "lib/view.glsl"
 #include "lib/splat.glsl"
+#include "lib/walked_tile.glsl"
 
 layout(constant_id = 2) const uint TILE = 16;
 // Splats staged in shared memory at a time; 0 where one subgroup walks the tile, each lane reading one splat.
@@ -72,8 +73,8 @@ bool tile_done() {
 }
 
 void main() {
-    uint tile = group_index();
     uvec2 tiles = view[0].tiles;
+    uint tile = walked_tile(group_index(), tiles.x * tiles.y);
     if (tile >= tiles.x * tiles.y) return;
     uint lane = gl_LocalInvocationID.x;
     uvec2 corner = uvec2(tile % tiles.x, tile / tiles.x) * TILE;

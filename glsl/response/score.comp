@@ -14,6 +14,7 @@
 #include "lib/lane_sum.glsl"
 #include "lib/random.glsl"
 #include "lib/view.glsl"
+#include "lib/walked_tile.glsl"
 
 layout(constant_id = 2) const uint TILE = 16;
 layout(constant_id = 3) const uint PIXELS = 8; // TILE x TILE / SUBGROUP
@@ -51,8 +52,8 @@ bool done() {
 }
 
 void main() {
-    uint tile = group_index();
     uvec2 tiles = view[0].tiles;
+    uint tile = walked_tile(group_index(), tiles.x * tiles.y);
     if (tile >= tiles.x * tiles.y) return;
     uint lane = gl_SubgroupInvocationID;
     uvec2 corner = uvec2(tile % tiles.x, tile / tiles.x) * TILE;

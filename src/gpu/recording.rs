@@ -40,7 +40,6 @@ pub(super) enum Command {
 }
 
 /// Arguments of all dispatches of a recording, one after the other: an iteration has dozens of them with a dozen buffers each.
-#[derive(Default)]
 pub(super) struct Arguments {
     constants: Vec<u32>,
     push: Vec<u8>,
@@ -117,16 +116,26 @@ impl Command {
 }
 
 /// Commands to run in order, as if each waited for those before that it depends on.
-#[derive(Default)]
 pub struct Recording {
     pub(super) commands: Vec<Command>,
     pub(super) arguments: Arguments,
 }
 
+impl Default for Recording {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Recording {
-    /// An empty recording.
+    /// An empty recording, with room for an iteration of training.
     pub fn new() -> Self {
-        Self::default()
+        let arguments = Arguments {
+            constants: Vec::with_capacity(512),
+            push: Vec::with_capacity(2048),
+            buffers: Vec::with_capacity(512),
+        };
+        Self { commands: Vec::with_capacity(96), arguments }
     }
 
     /// Runs a kernel. A dispatch of no groups is left out.

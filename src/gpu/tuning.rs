@@ -86,6 +86,9 @@ pub struct Tuning {
     pub subgroup: u32,
     /// Side of a tile in pixels.
     pub tile: u32,
+    /// Distance of the tiles that neighbouring workgroups walk; up to 1 they walk tiles in rows.
+    #[serde(default)]
+    pub tile_stride: u32,
     /// Invocations that walk a tile's list forward; they share its pixels.
     pub rasterise_workgroup: u32,
     /// Splats staged in shared memory at a time on the way forward; 0 hands them round a single subgroup.
@@ -158,6 +161,8 @@ impl Tuning {
             subgroup,
             // 3: a smaller tile lists fewer splats that its pixels do not need.
             tile: 8,
+            // 74: each thread gets tiles from all over the picture; a prime, so that no width in tiles is a multiple.
+            tile_stride: 61,
             // 19: one subgroup walks a tile, its pixels in registers, a splat a lane: 1.6 to 2 times as fast as batches.
             rasterise_workgroup: subgroup,
             rasterise_batch: 0,
@@ -203,6 +208,7 @@ impl Tuning {
             class,
             subgroup,
             tile,
+            tile_stride: 1,
             // A pixel an invocation, a splat an invocation and batch.
             rasterise_workgroup: tile * tile,
             rasterise_batch: tile * tile,
@@ -293,6 +299,7 @@ impl Tuning {
             ("scan_rows", self.scan_rows),
             ("sort_workgroups", self.sort_workgroups),
             ("loss_rounds", self.loss_rounds),
+            ("tile_stride", self.tile_stride.max(1)),
             ("copy_rows", self.copy_rows),
             ("multiply_workgroups", self.multiply_workgroups),
             ("multiply_rounds", self.multiply_rounds),

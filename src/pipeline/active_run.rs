@@ -90,12 +90,17 @@ impl<'a> ActiveRun<'a> {
         let step = last.div_ceil(CURVE_POINTS).max(1);
         let every = self.config.checkpoint_every;
         let prunes = self.config.prune.as_ref().map(|p| p.iterations(last)).unwrap_or_default();
+        let fine_tuned = self.config.prune.as_ref().and_then(|p| p.fine_tuned_from(last));
         while self.trainer.iteration() < until {
             let now = self.trainer.iteration();
+            if fine_tuned.is_some_and(|from| from <= now) {
+                self.fine_tune();
+            }
             while self.due(&prunes) {
                 self.prune(prunes.len())?;
             }
             let planned = prunes.get(self.notes.prunes.len()).copied();
+            let planned = planned.into_iter().chain(fine_tuned.filter(|from| *from > now)).min();
             let pause = self.trainer.attrition().map(|a| a.last).or(planned).unwrap_or(last);
             let next = |every: u32| now.checked_div(every).map_or(last, |passed| (passed + 1) * every);
             let started = Instant::now();
@@ -146,7 +151,7 @@ impl<'a> ActiveRun<'a> {
     }
 
     /// Continues with the loss of fine-tuning.
-    pub fn fine_tune(&mut self) {
+    fn fine_tune(&mut self) {
         if let Some(pruning) = &self.config.prune {
             self.trainer.fine_tune(Weights { l2: pruning.l2 as f32, ..Weights::default() });
         }

@@ -161,6 +161,8 @@ impl Arm {
     /// The arm's run: the shared one's, with the arm's pruning and growth. `gaussians` is their number at the
     /// shared run's prune point.
     pub fn configuration(&self, shared: &RunConfig, gaussians: usize) -> RunConfig {
+        // All arms have the loss of the fine-tuning from the same iteration on, also those that prune later or not at all.
+        let fork = |pruning: &Pruning| pruning.at.first().copied();
         let prune = match (&self.compression, &shared.prune) {
             (Some(compression), Some(pruning)) => Some(Pruning {
                 compression: compression.clone(),
@@ -169,12 +171,16 @@ impl Arm {
                 ..pruning.clone()
             })
             .map(|pruning| match self.twice {
-                Some(at) => twice(pruning, at, gaussians),
+                Some(at) => twice(Pruning { l2_from: fork(&pruning), ..pruning }, at, gaussians),
                 None => pruning,
             }),
-            (None, Some(pruning)) => {
-                Some(Pruning { at: Vec::new(), attrition: None, rewarm: false, ..pruning.clone() })
-            }
+            (None, Some(pruning)) => Some(Pruning {
+                at: Vec::new(),
+                l2_from: fork(pruning),
+                attrition: None,
+                rewarm: false,
+                ..pruning.clone()
+            }),
             _ => None,
         };
         let plan = shared.schedule.growth;

@@ -126,18 +126,13 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     };
     let mut run = ActiveRun::start(setup, &config, &output, start)?;
     run.train(fork.snapshot.iteration)?;
-    let psnr_pruned = if arm.twice.is_some() {
-        // Its prunes come later.
-        run.fine_tune();
-        None
-    } else if arm.compression.is_some() {
+    let mut psnr_pruned = None;
+    if arm.compression.is_some() && arm.twice.is_none() {
         run.prune_now()?;
-        if run.pruned() { run.psnr()? } else { None }
-    } else {
-        // Arms without a prune continue with the same loss.
-        run.fine_tune();
-        None
-    };
+        if run.pruned() {
+            psnr_pruned = run.psnr()?;
+        }
+    }
     run.train(config.schedule.iterations)?;
     let record = arm_record(&arm.name, gaussians, psnr_pruned, run.finish()?);
     let text = serde_json::to_string(&record).map_err(|e| Error::encoding("arm.json", e))?;

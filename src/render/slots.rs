@@ -36,6 +36,8 @@ pub struct Slots<'a> {
     pub tiles: u32,
     /// A tile's side in pixels.
     pub tile: u32,
+    /// Distance of the tiles of neighbouring workgroups.
+    pub stride: u32,
     /// Blending ends before transmittance would fall below this.
     pub stop: f32,
 }
@@ -125,6 +127,7 @@ impl<'a> Slots<'a> {
             sums: frame.pairs.sums.as_ref().expect("a renderer for training"),
             tiles,
             tile: launch.tuning.tile,
+            stride: launch.tuning.tile_stride,
             stop: launch.settings.stop,
         }
     }

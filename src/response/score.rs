@@ -83,6 +83,7 @@ pub(super) fn walk<'a>(
         spec: ScoreSpec {
             workgroup: subgroup,
             tile: slots.tile,
+            stride: slots.stride,
             pixels: slots.tile * slots.tile / subgroup,
             stop: slots.stop,
             residual: of == Of::Residual,

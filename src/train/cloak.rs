@@ -26,6 +26,11 @@ pub struct Masks {
 }
 
 impl Masks {
+    /// Bytes of the masks of `n` Gaussians.
+    pub fn bytes(n: usize) -> u64 {
+        Buffer::<f32>::bytes_of(n) + Buffer::<[f32; 2]>::bytes_of(n) + Buffer::<u32>::bytes_of(1)
+    }
+
     /// Masks of `n` Gaussians; their content is undefined.
     ///
     /// # Errors
@@ -127,6 +132,7 @@ impl<'a> Cloaked<'a> {
             spec: CloakSlopeSpec {
                 workgroup: subgroup,
                 tile: slots.tile,
+                stride: slots.stride,
                 pixels: slots.tile * slots.tile / subgroup,
                 stop: slots.stop,
                 colours,

@@ -1,5 +1,6 @@
 //! Estimate of the device memory that a training run will need.
 
+use super::cloak::Masks;
 use super::density;
 use super::device_photos::DevicePhotos;
 use super::exposure::Exposure;
@@ -34,6 +35,8 @@ pub struct TrainerNeeds {
     pub exposure: bool,
     /// True if photos have masks.
     pub masked: bool,
+    /// True if Gaussians learn masks: they take memory, and the cut by them holds two models at once.
+    pub learnt_masks: bool,
     /// Effects that pictures are rendered with.
     pub style: Style,
     /// True if the run begins with pictures of half their size.
@@ -49,7 +52,8 @@ impl Trainer {
     pub fn bytes(device: &Device, needs: &TrainerNeeds) -> u64 {
         let &TrainerNeeds { gaussians, tail, pairs, size, degree, grows, .. } = needs;
         let n = gaussians + tail;
-        let model = Trainee::bytes(n, tail, degree);
+        let masks = if needs.learnt_masks { Masks::bytes(gaussians) } else { 0 };
+        let model = Trainee::bytes(n, tail, degree) + masks;
         let uses = Uses { purpose: Purpose::Training, responses: false, style: needs.style };
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
         let pictures =
@@ -59,7 +63,8 @@ impl Trainer {
         let pictures = pictures + exposures + if needs.masked { Mask::bytes(pixels) } else { 0 };
         let pictures = pictures + if needs.halves { Halve::bytes(size) } else { 0 };
         let pictures = pictures + if needs.style.antialias { Smoothing::bytes(needs.photos.len()) } else { 0 };
-        let growth = if grows { density::bytes(device, n, n, degree).max(renderer) } else { 0 };
+        let copied = if grows || needs.learnt_masks { density::bytes(device, n, n, degree) + masks } else { 0 };
+        let growth = if grows { copied.max(renderer) } else { copied };
         // Downloads stage one array at a time; the widest are moments, twice as wide as their parameters.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
         let responding = Renderer::bytes(device, n * 5 / 4, size, pairs, Uses { responses: true, ..uses }) - renderer;

@@ -30,6 +30,7 @@ fn loaded(device: &Device, workgroup: u32, batch: u32) -> [f32; 2] {
         spec: RasteriseSpec {
             workgroup,
             tile: TILE,
+            stride: 1,
             batch,
             stop: 1e-4,
             pixels: TILE * TILE / workgroup,
@@ -95,6 +96,7 @@ fn takers(device: &Device, workgroup: u32, at: &[[f32; 2]], reach: f32, opacity:
         spec: RasteriseBackwardSpec {
             workgroup,
             tile: TILE,
+            stride: 1,
             pixels: TILE * TILE / workgroup,
             stop: 5e-5,
             residual: false,

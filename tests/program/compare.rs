@@ -40,6 +40,18 @@ fn methods_end_at_equal_counts() {
     assert!(arms[..3].iter().all(|arm| arm.get("masks").is_none()));
     let page = std::fs::read_to_string(out.join("compare.html")).unwrap();
     assert_eq!(page.matches("learnt masks would have kept").count(), 2);
+
+    // An arm's configuration reproduces it, also where nothing, or only later, is pruned.
+    for arm in ["pop", "mcmc", "maskgaussian"] {
+        let (own, again) = (out.join("arms").join(arm), folder.path().join(arm));
+        let mut run = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+        works(run.arg("run").arg("-o").arg(&again).arg("--config").arg(own.join("config.toml")));
+        let model = |folder: &Path| std::fs::read(folder.join("model.ply")).unwrap();
+        assert!(model(&again) == model(&own), "{arm}");
+        let memory = &super::run::metrics(&again)["memory"];
+        let [estimated, peak] = ["estimated_bytes", "peak_bytes"].map(|field| memory[field].as_u64().unwrap());
+        assert!(peak <= estimated, "{arm}: {memory}");
+    }
 }
 
 /// Arms start from one checkpoint: equal counts, one dense model, and finished arms are reused.

@@ -75,6 +75,9 @@ pub struct Pruning {
     pub average_from: f64,
     /// Weight of the mean squared error in the loss of the fine-tuning.
     pub l2: f64,
+    /// Share of the run from which that loss holds, where it does not begin with the first prune.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub l2_from: Option<f64>,
     /// Instead of the prunes after the first, and before its choice: attrition to nearly the number kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attrition: Option<Attrition>,
@@ -97,6 +100,7 @@ impl Default for Pruning {
             responses: ResponseSource::default(),
             average_from: 13.0 / 30.0,
             l2: Self::L2,
+            l2_from: None,
             attrition: Some(Attrition::default()),
             rewarm: true,
             compression: Compression::default(),
@@ -125,12 +129,17 @@ impl Pruning {
 
     /// The iterations after which a run of this length prunes; with attrition, the one after which that begins.
     pub fn iterations(&self, length: u32) -> Vec<u32> {
-        let mut at: Vec<u32> = self.at.iter().map(|s| (f64::from(length) * s).round() as u32).collect();
+        let mut at: Vec<u32> = self.at.iter().map(|share| after(*share, length)).collect();
         at.dedup();
         if self.attrition.is_some() {
             at.truncate(1);
         }
         at
+    }
+
+    /// The iteration of a run of this length after which the fine-tuning's loss holds without a prune, if there is one.
+    pub fn fine_tuned_from(&self, length: u32) -> Option<u32> {
+        self.l2_from.map(|share| after(share, length))
     }
 
     /// Number of `now` Gaussians that attrition leaves.
@@ -151,6 +160,11 @@ impl Pruning {
         let ratio = (target / now.max(1) as f64).powf(1.0 / left);
         Keep::Count((now as f64 * ratio).round() as usize)
     }
+}
+
+/// The iteration at this share of a run.
+fn after(share: f64, length: u32) -> u32 {
+    (f64::from(length) * share).round() as u32
 }
 
 #[cfg(test)]

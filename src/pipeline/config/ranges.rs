@@ -114,6 +114,9 @@ fn pruning(p: &Pruning) -> Result<(), String> {
     }
     within("prune.average_from", p.average_from, &SHARE)?;
     within("prune.l2", p.l2, &WEIGHT)?;
+    if let Some(from) = p.l2_from {
+        within("prune.l2_from", from, &SHARE)?;
+    }
     if let Some(a) = &p.attrition {
         within("prune.attrition.until", a.until, &SHARE)?;
         within("prune.attrition.opacity_rate", a.opacity_rate, &POSITIVE)?;
