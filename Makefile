@@ -1,7 +1,7 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
 .PHONY: help setup run viewer-picture viewer-speed test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
-	gpu-report devices msl cluster-test
+	gpu-report devices msl cluster-test slurm-test
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -42,6 +42,9 @@ devices: setup ## run the device tests and selftest on every software device, tu
 
 cluster-test: ## compress in tasks under Snakemake, with processes killed on the way; the bytes must be the same (minutes)
 	@tools/cluster-test
+
+slurm-test: ## the same through a Slurm of one node, which is started and stopped; needs root, slurm-wlm and munge (minutes)
+	@tools/slurm-test
 
 msl: ## translate every shader into Metal's language; needs spirv-cross (tools/setup --all)
 	@tools/check-msl

@@ -129,6 +129,18 @@ impl<T: Copy> Gaussians<T> {
         }
     }
 
+    /// As [`Gaussians::attributes`], to be changed.
+    pub fn attributes_mut(&mut self) -> Attributes<&mut [T]> {
+        let mut bands = self.sh.iter_mut();
+        Attributes {
+            means: self.means.as_flattened_mut(),
+            log_scales: self.log_scales.as_flattened_mut(),
+            rotations: self.rotations.as_flattened_mut(),
+            opacity_logits: &mut self.opacity_logits,
+            sh: std::array::from_fn(|_| bands.next().map_or(&mut [][..], Vec::as_mut_slice)),
+        }
+    }
+
     /// A model of these numbers with `bands` SH bands.
     pub fn of_attributes(attributes: Attributes<Vec<T>>, bands: usize) -> Self {
         let Attributes { means, log_scales, rotations, opacity_logits, sh } = attributes;

@@ -139,6 +139,23 @@ impl Cells {
         })
     }
 
+    /// How deep a position lies in a cell that is grown by `share`, from 0 at the grown faces over 1/2 at the cell's own to 1 as far
+    /// within these. Cells of different sides may have different depths at their common face. What a cell owns has a depth above 0,
+    /// also where its sides have no length.
+    pub fn depth(&self, cell: usize, share: f64, position: [f32; 3]) -> f64 {
+        if !self.grown_contains(cell, share, position) {
+            return 0.0;
+        }
+        let place = self.contraction.of(position);
+        let (low, high) = self.faces(cell);
+        (0..3).fold(1.0, |least, axis| {
+            let margin = share * self.sides.get(cell).map_or(0.0, |sides| sides[axis]);
+            let within = (place[axis] - low[axis]).min(high[axis] - place[axis]);
+            // Positions that are not numbers, and cells without a margin, have no nearest face.
+            if margin > 0.0 && within < margin { least.min(0.5 + 0.5 * within / margin) } else { least }
+        })
+    }
+
     /// The lower and upper faces of a cell in contracted space; infinite where it has no neighbour.
     pub fn faces(&self, cell: usize) -> ([f64; 3], [f64; 3]) {
         let mut boxes = vec![([f64::NEG_INFINITY; 3], [f64::INFINITY; 3])];
@@ -394,6 +411,22 @@ mod tests {
         assert!(cells.grown_contains(0, 0.2, [f32::NAN; 3]) && !cells.grown_contains(1, 0.2, [f32::NAN; 3]));
     }
 
+    #[test]
+    fn depths_rise_from_the_grown_face() {
+        let line: Vec<[f32; 3]> = (0..=100).map(|i| [0.01 * i as f32, 0.0, 0.0]).collect();
+        let cells = Cells::new(Contraction { centre: [0.0; 3], radius: 1.0 }, &line, &[1.0; 101], 2);
+        let (at, margin) = (cells.splits[0].at, 0.2 * cells.sides[0][0]);
+        let depth = |cell: usize, beyond: f64| cells.depth(cell, 0.2, [(at + beyond * margin) as f32, 0.0, 0.0]);
+        for (beyond, lower, upper) in
+            [(-1.5, 1.0, 0.0), (-0.5, 0.75, 0.25), (0.0, 0.5, 0.5), (0.8, 0.1, 0.9), (1.01, 0.0, 1.0), (9.0, 0.0, 1.0)]
+        {
+            let [a, b] = [depth(0, beyond), depth(1, beyond)];
+            assert!((a - lower).abs() < 0.02 && (b - upper).abs() < 0.02, "{beyond}: {a} {b}");
+        }
+        assert_eq!([0, 1].map(|cell| cells.depth(cell, 0.2, [f32::NAN; 3])), [1.0, 0.0]);
+        assert_eq!(Cells::new(unit(), &[], &[], 1).depth(0, 0.2, [INFINITE; 3]), 1.0);
+    }
+
     proptest! {
         /// Whatever its bits are, a position has one owner, which the faces agree with, and which stays when cells grow.
         #[test]
@@ -413,6 +446,8 @@ mod tests {
                 prop_assert_eq!(holders, vec![owner]);
                 prop_assert!(cells.grown_contains(owner, 0.2, position) && cells.grown_contains(owner, 0.0, position));
                 prop_assert_eq!((0..cells.count()).filter(|c| cells.grown_contains(*c, 0.0, position)).count(), 1);
+                let depths = (0..cells.count()).map(|c| cells.depth(c, 0.2, position));
+                prop_assert!(cells.depth(owner, 0.2, position) >= 0.5 && depths.clone().all(|d| (0.0..=1.0).contains(&d)));
             }
         }
     }

@@ -1,11 +1,13 @@
 //! Training a scene in blocks: who trains what, which views show a block, what a block hands on, and the stages of the whole.
 
+mod blend;
 mod derived;
 mod layout;
 mod members;
 mod run;
 mod seen;
 
+pub use blend::{Copies, copies};
 pub use layout::{Block, Crop, GROWN, Layout};
 pub use members::{Members, joined, owned, with_tail};
 pub use run::{BlockRun, Half, Meeting, Tuned};

@@ -53,7 +53,7 @@ pub struct BlockRun {
 
 /// A block after a meeting.
 pub struct Tuned {
-    /// Its Gaussians with their moments.
+    /// Its Gaussians with their moments; at the end those of its margin follow.
     pub state: Snapshot,
     /// Its prune; absent without one. Times are left out: they differ from process to process.
     pub prune: Option<PruneRecord>,
@@ -71,8 +71,22 @@ pub struct Meeting<'a> {
 type Came<'a> = &'a dyn Fn(usize) -> Result<Snapshot, Error>;
 
 impl Meeting<'_> {
-    fn rows(&self, b: usize) -> Range<usize> {
+    /// The rows that came with block number `b`.
+    pub(super) fn rows(&self, b: usize) -> Range<usize> {
         self.starts[b]..self.starts.get(b + 1).copied().unwrap_or(self.collected.len())
+    }
+
+    /// The rows of others in the grown cell of block number `b`, and the rest; both rise.
+    fn margin(&self, layout: &Layout, b: usize) -> (Vec<usize>, Vec<usize>) {
+        let own = self.rows(b);
+        let inside = |i: &usize| layout.cells.grown_contains(b, GROWN, self.collected.means[*i]);
+        (0..self.collected.len()).filter(|i| !own.contains(i)).partition(inside)
+    }
+
+    /// The rows that block number `b` trains if it trains its margin along: its own, then those of the margin.
+    pub(super) fn trained_by(&self, layout: &Layout, b: usize) -> Vec<usize> {
+        let margin = if trains(layout, b, self).is_some() { self.margin(layout, b).0 } else { Vec::new() };
+        self.rows(b).chain(margin).collect()
     }
 
     /// Block number `b` as it came, followed by these collected rows of others, which rise.
@@ -87,6 +101,11 @@ impl Meeting<'_> {
         }
         Ok(state)
     }
+}
+
+/// The block of a number, if photos show it and it has Gaussians of its own.
+fn trains<'a>(layout: &'a Layout, b: usize, meeting: &Meeting<'_>) -> Option<&'a Block> {
+    layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !meeting.rows(b).is_empty())
 }
 
 /// What a block does after a meeting.
@@ -242,8 +261,8 @@ impl BlockRun {
     }
 
     /// Block number `b` from a meeting to the next or to the end, behind the Gaussians of the others. While none is pruned, those of
-    /// them that lie in the grown cell are trained along, and not handed on: what one block does at a border, the other expects.
-    /// It continues from the checkpoint in `output`, if there is one.
+    /// them that lie in the grown cell are trained along: what one block does at a border, the other expects. At the end they are
+    /// handed on behind its own, as copies for [`copies`](super::copies). It continues from the checkpoint in `output`, if there is one.
     ///
     /// # Errors
     /// As of a run; photos other than the plan's.
@@ -258,8 +277,8 @@ impl BlockRun {
             Half::First(quota) => (quota, None),
             Half::Second(prune) => (None, prune.cloned()),
         };
-        let (collected, own_rows) = (meeting.collected, meeting.rows(b));
-        let Some(block) = layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !own_rows.is_empty()) else {
+        let collected = meeting.collected;
+        let Some(block) = trains(layout, b, meeting) else {
             return Ok(Tuned { state: came(b)?, prune });
         };
         let mut config = of_block(&self.config, (block, b), self.photos.len());
@@ -270,9 +289,11 @@ impl BlockRun {
         if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
             pruning.compression.keep = Keep::Count(quota.max(1));
         }
-        let in_margin = |i: &usize| quota.is_none() && layout.cells.grown_contains(b, GROWN, collected.means[*i]);
-        let (margin, others): (Vec<usize>, Vec<usize>) =
-            (0..collected.len()).filter(|i| !own_rows.contains(i)).partition(in_margin);
+        let (mut margin, mut others) = meeting.margin(layout, b);
+        if quota.is_some() {
+            others.append(&mut margin);
+            others.sort_unstable();
+        }
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
         let begin = |setup: &Setup<'_>| {
             let before = meeting.with(came, b, &margin)?;
@@ -283,7 +304,8 @@ impl BlockRun {
         run.train(until)?;
         let Checkpoint { snapshot, notes } = run.checkpoint()?;
         let prune = notes.prunes.into_iter().next().map(PruneRecord::timeless);
-        Ok(Tuned { state: own(&snapshot, margin.len()), prune })
+        let copies = if matches!(half, Half::Second(_)) { 0 } else { margin.len() };
+        Ok(Tuned { state: own(&snapshot, copies), prune })
     }
 
     /// Figures of the joined model: those of `qirf-vk eval`.

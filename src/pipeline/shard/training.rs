@@ -6,7 +6,7 @@ use super::task::{Listed, Stage, Task};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::pipeline::Output;
-use crate::pipeline::blocks::{BlockRun, Half, Layout, Meeting, Tuned, joined};
+use crate::pipeline::blocks::{BlockRun, Half, Layout, Meeting, Tuned, copies, joined};
 use crate::pipeline::records::PruneRecord;
 use crate::pipeline::session::Session;
 use crate::response::CHUNK;
@@ -48,6 +48,7 @@ struct Pruned {
 /// Notes beside a block's model; those of all blocks stand beside the joined model.
 #[derive(Clone, Serialize, Deserialize)]
 struct Ended {
+    /// Its own Gaussians; copies of its neighbours' follow them.
     gaussians: usize,
     prune: Option<PruneRecord>,
     skipped_rows: u64,
@@ -109,7 +110,8 @@ impl BlockRun {
         tasks.extend(self.tuned_blocks().map(tune));
         tasks.push(collect(SECOND, self.tuned_blocks().collect()));
         tasks.extend(self.settled_blocks().map(settle));
-        tasks.push(Listed::new(JOIN, self.settled_blocks(), [output, "join.json"], 0));
+        let needs = [ASSIGN, SECOND].into_iter().chain(self.settled_blocks());
+        tasks.push(Listed::new(JOIN, needs, [output, "join.json"], 0));
         let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE));
         tasks.push(Listed::new(REPORT, needs, ["metrics.json"], self.photos.len()));
         tasks
@@ -166,10 +168,21 @@ impl BlockRun {
             Stage::Tune => self.tuned(session, files, task, part),
             Stage::Settle => self.settled(session, files, task, part),
             Stage::Join => {
-                let (mut model, mut blocks) = (Gaussians::default(), Vec::new());
-                for block in self.settled_blocks() {
+                let (collected, Collected { starts, .. }) = files.model(SECOND)?;
+                let of = copies(&files.sealed(ASSIGN)?, &Meeting { collected: &collected, starts: &starts });
+                let (mut model, mut blocks) = (Gaussians::zeroed(collected.len(), collected.degree()), Vec::new());
+                for (block, copies) in self.settled_blocks().zip(&of) {
                     let (of_block, ended) = files.model::<Ended>(block)?;
-                    model.append(&of_block);
+                    if of_block.len() != copies.rows.len() {
+                        let what = format!(
+                            "it has {} Gaussians in place of {}: another version of qirf-vk wrote it",
+                            of_block.len(),
+                            copies.rows.len()
+                        );
+                        let path = files.outputs(block).swap_remove(0);
+                        return Err(Error::Part { path, what, task: block.to_string() });
+                    }
+                    copies.add_to(&mut model, &of_block);
                     blocks.push(ended);
                 }
                 files.with_model(task, &model, self.config.style.mode(), Joined { blocks })
@@ -189,7 +202,9 @@ impl BlockRun {
         let Pruned { prune } = files.sealed(Task::part(Stage::Tune, b))?;
         let Tuned { state, prune } =
             self.after_meeting(session, files, (task, b), (SECOND, Stage::Tune, Half::Second(prune.as_ref())))?;
-        let ended = Ended { gaussians: state.model.len(), prune, skipped_rows: state.skipped_rows };
+        let Collected { starts, gaussians } = files.beside(SECOND)?;
+        let own = starts.get(b + 1).unwrap_or(&gaussians) - starts[b];
+        let ended = Ended { gaussians: own, prune, skipped_rows: state.skipped_rows };
         files.with_model(task, &state.model, self.config.style.mode(), ended)
     }
 
