@@ -15,7 +15,7 @@ layout(constant_id = 7) const bool COUNT_TAKERS = false;
 
 void main() {
     uvec2 tiles = view[0].tiles;
-    uint tile = walked_tile(group_index(), tiles.x * tiles.y);
+    uint tile = walked_tile(group_index(), tiles);
     if (tile >= tiles.x * tiles.y) return;
     uvec2 corner = uvec2(tile % tiles.x, tile / tiles.x) * TILE;
     if (BATCH == 0) walk_alone(tile, corner);

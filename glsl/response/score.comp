@@ -53,7 +53,7 @@ bool done() {
 
 void main() {
     uvec2 tiles = view[0].tiles;
-    uint tile = walked_tile(group_index(), tiles.x * tiles.y);
+    uint tile = walked_tile(group_index(), tiles);
     if (tile >= tiles.x * tiles.y) return;
     uint lane = gl_SubgroupInvocationID;
     uvec2 corner = uvec2(tile % tiles.x, tile / tiles.x) * TILE;

@@ -86,9 +86,9 @@ pub struct Tuning {
     pub subgroup: u32,
     /// Side of a tile in pixels.
     pub tile: u32,
-    /// Distance of the tiles that neighbouring workgroups walk; up to 1 they walk tiles in rows.
+    /// Distance of the rows of tiles that are walked one after the other; up to 1: rows in order.
     #[serde(default)]
-    pub tile_stride: u32,
+    pub row_stride: u32,
     /// Invocations that walk a tile's list forward; they share its pixels.
     pub rasterise_workgroup: u32,
     /// Splats staged in shared memory at a time on the way forward; 0 hands them round a single subgroup.
@@ -161,8 +161,8 @@ impl Tuning {
             subgroup,
             // 3: a smaller tile lists fewer splats that its pixels do not need.
             tile: 8,
-            // 74: each thread gets tiles from all over the picture; a prime, so that no width in tiles is a multiple.
-            tile_stride: 61,
+            // 74: each of up to four threads gets rows from all over the picture.
+            row_stride: 4,
             // 19: one subgroup walks a tile, its pixels in registers, a splat a lane: 1.6 to 2 times as fast as batches.
             rasterise_workgroup: subgroup,
             rasterise_batch: 0,
@@ -208,7 +208,7 @@ impl Tuning {
             class,
             subgroup,
             tile,
-            tile_stride: 1,
+            row_stride: 1,
             // A pixel an invocation, a splat an invocation and batch.
             rasterise_workgroup: tile * tile,
             rasterise_batch: tile * tile,
@@ -299,7 +299,7 @@ impl Tuning {
             ("scan_rows", self.scan_rows),
             ("sort_workgroups", self.sort_workgroups),
             ("loss_rounds", self.loss_rounds),
-            ("tile_stride", self.tile_stride.max(1)),
+            ("row_stride", self.row_stride.max(1)),
             ("copy_rows", self.copy_rows),
             ("multiply_workgroups", self.multiply_workgroups),
             ("multiply_rounds", self.multiply_rounds),

@@ -27,7 +27,7 @@ fn alone(own: &Tuning) -> Vec<(&'static str, Tuning)> {
     let own = || own.clone();
     vec![
         ("tiles of 16", Tuning { tile: 16, ..own() }),
-        ("tiles in rows", Tuning { tile_stride: 1, ..own() }),
+        ("rows of tiles in order", Tuning { row_stride: 1, ..own() }),
         ("sorts of 4 workgroups", Tuning { sort_workgroups: 4, ..own() }),
         ("sorts of 8 workgroups", Tuning { sort_workgroups: 8, ..own() }),
         ("sorts of 32 workgroups", Tuning { sort_workgroups: 32, ..own() }),

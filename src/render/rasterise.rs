@@ -18,7 +18,7 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
         spec: RasteriseSpec {
             workgroup: launch.tuning.rasterise_workgroup,
             tile: launch.tuning.tile,
-            stride: launch.tuning.tile_stride,
+            stride: launch.tuning.row_stride,
             batch: launch.tuning.rasterise_batch,
             stop: launch.settings.stop,
             pixels: launch.tuning.tile * launch.tuning.tile / launch.tuning.rasterise_workgroup,

@@ -24,7 +24,7 @@ pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, sums: &'a S
         spec: RasteriseBackwardSpec {
             workgroup: launch.backward_workgroup(),
             tile: launch.tuning.tile,
-            stride: launch.tuning.tile_stride,
+            stride: launch.tuning.row_stride,
             pixels: launch.tuning.tile * launch.tuning.tile / launch.backward_workgroup(),
             stop: launch.settings.stop,
             residual: options.residual,

@@ -35,7 +35,7 @@ pub(super) fn record<'a>(recording: &mut Recording, pass: &Pass<'a>, atomics: &'
                 spec: $spec {
                     workgroup: launch.backward_workgroup(),
                     tile: launch.tuning.tile,
-                    stride: launch.tuning.tile_stride,
+                    stride: launch.tuning.row_stride,
                     pixels: launch.tuning.tile * launch.tuning.tile / launch.backward_workgroup(),
                     stop: launch.settings.stop,
                     batch: launch.tuning.backward_batch,

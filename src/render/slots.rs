@@ -127,7 +127,7 @@ impl<'a> Slots<'a> {
             sums: frame.pairs.sums.as_ref().expect("a renderer for training"),
             tiles,
             tile: launch.tuning.tile,
-            stride: launch.tuning.tile_stride,
+            stride: launch.tuning.row_stride,
             stop: launch.settings.stop,
         }
     }
