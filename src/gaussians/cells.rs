@@ -140,7 +140,7 @@ impl Cells {
     }
 
     /// How deep a position lies in a cell that is grown by `share`, from 0 at the grown faces over 1/2 at the cell's own to 1 as far
-    /// within these. Cells of different sides may have different depths at their common face. What a cell owns has a depth above 0,
+    /// within these. Cells of different sides may have different depths at their common face. What a cell owns has at least 1/2,
     /// also where its sides have no length.
     pub fn depth(&self, cell: usize, share: f64, position: [f32; 3]) -> f64 {
         if !self.grown_contains(cell, share, position) {

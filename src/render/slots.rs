@@ -36,7 +36,7 @@ pub struct Slots<'a> {
     pub tiles: u32,
     /// A tile's side in pixels.
     pub tile: u32,
-    /// Distance of the tiles of neighbouring workgroups.
+    /// Distance of the rows of tiles that are walked one after the other.
     pub stride: u32,
     /// Blending ends before transmittance would fall below this.
     pub stop: f32,
