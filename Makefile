@@ -122,7 +122,7 @@ bench-quick: ## the same in a few minutes, with a wider spread
 # Everything is built before anything is measured. The measurements stay in target/figures until the next time.
 FIGURES := target/figures
 QIRF_BENCH_QUICK ?= 1
-figures: ## measure, then rewrite the plots, renders and tables of README.md and docs/ (half an hour)
+figures: ## measure, then rewrite the plots, renders and tables of README.md and docs/ (11 minutes on two idle cores)
 	cargo build --release --locked --features figures --bins
 	cargo bench --locked --bench engine --no-run
 	rm -rf "$(FIGURES)"
