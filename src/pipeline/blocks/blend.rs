@@ -21,7 +21,9 @@ pub fn copies(layout: &Layout, meeting: &Meeting<'_>) -> Vec<Copies> {
     let rows: Vec<Vec<usize>> = (0..meeting.starts.len()).map(|b| meeting.trained_by(layout, b)).collect();
     let mut sums = vec![0.0; means.len()];
     for (b, rows) in rows.iter().enumerate() {
-        rows.iter().for_each(|row| sums[*row] += depth(b, *row));
+        for row in rows {
+            sums[*row] += depth(b, *row);
+        }
     }
     let of_block = |(b, rows): (usize, Vec<usize>)| {
         let own = meeting.rows(b);
@@ -66,9 +68,12 @@ mod tests {
     fn scene() -> (Gaussians, Layout, [usize; 2]) {
         let mut r = Random(8);
         let mut model = Gaussians::zeroed(300, 1);
-        model.means.iter_mut().for_each(|mean| *mean = [r.within(-1.0, 1.0) as f32, r.within(-0.1, 0.1) as f32, 0.0]);
-        model.opacity_logits.iter_mut().for_each(|logit| *logit = r.within(-1.0, 1.0) as f32);
-        model.sh[1].iter_mut().for_each(|value| *value = r.within(-1.0, 1.0) as f32);
+        for mean in &mut model.means {
+            *mean = [r.within(-1.0, 1.0) as f32, r.within(-0.1, 0.1) as f32, 0.0];
+        }
+        for value in model.opacity_logits.iter_mut().chain(&mut model.sh[1]) {
+            *value = r.within(-1.0, 1.0) as f32;
+        }
         let around = Contraction::around([DVec3::splat(-1.0), DVec3::splat(1.0)]);
         let cells = Cells::new(around, &model.means, &[1.0; 300], 2);
         let (first, second): (Vec<usize>, Vec<usize>) = (0..300).partition(|i| cells.owner(model.means[*i]) == 0);
@@ -79,7 +84,9 @@ mod tests {
 
     fn blended(of: &[Copies], blocks: &[Gaussians], n: usize) -> Gaussians {
         let mut scene = Gaussians::zeroed(n, 1);
-        of.iter().zip(blocks).for_each(|(copies, block)| copies.add_to(&mut scene, block));
+        for (copies, block) in of.iter().zip(blocks) {
+            copies.add_to(&mut scene, block);
+        }
         scene
     }
 
@@ -94,7 +101,9 @@ mod tests {
         assert!(back.sh[1].iter().zip(&model.sh[1]).all(|(a, b)| off(*a, *b)), "equal copies give the scene");
         // The second block has moved all it trains by one.
         let mut moved = same;
-        moved[1].opacity_logits.iter_mut().for_each(|logit| *logit += 1.0);
+        for logit in &mut moved[1].opacity_logits {
+            *logit += 1.0;
+        }
         let scene = blended(&of, &moved, 300);
         let shift = |row: usize| scene.opacity_logits[row] - model.opacity_logits[row];
         let depth = |row: usize| layout.cells.depth(1, GROWN, model.means[row]);
