@@ -131,12 +131,14 @@ impl Cells {
         if self.owner(position) == cell {
             return true;
         }
-        let place = self.contraction.of(position);
+        let (place, margins) = (self.contraction.of(position), self.margins(cell, share));
         let (low, high) = self.faces(cell);
-        (0..3).all(|axis| {
-            let margin = share * self.sides.get(cell).map_or(0.0, |sides| sides[axis]);
-            low[axis] - margin <= place[axis] && place[axis] < high[axis] + margin
-        })
+        (0..3).all(|axis| low[axis] - margins[axis] <= place[axis] && place[axis] < high[axis] + margins[axis])
+    }
+
+    /// What a cell that is grown by `share` gains on both ends of each side, in contracted space.
+    fn margins(&self, cell: usize, share: f64) -> [f64; 3] {
+        self.sides.get(cell).map_or([0.0; 3], |sides| sides.map(|side| share * side))
     }
 
     /// How deep a position lies in a cell that is grown by `share`, from 0 at the grown faces over 1/2 at the cell's own to 1 as far
@@ -146,10 +148,10 @@ impl Cells {
         if !self.grown_contains(cell, share, position) {
             return 0.0;
         }
-        let place = self.contraction.of(position);
+        let (place, margins) = (self.contraction.of(position), self.margins(cell, share));
         let (low, high) = self.faces(cell);
         (0..3).fold(1.0, |least, axis| {
-            let margin = share * self.sides.get(cell).map_or(0.0, |sides| sides[axis]);
+            let margin = margins[axis];
             let within = (place[axis] - low[axis]).min(high[axis] - place[axis]);
             // Positions that are not numbers, and cells without a margin, have no nearest face.
             if margin > 0.0 && within < margin { least.min(0.5 + 0.5 * within / margin) } else { least }

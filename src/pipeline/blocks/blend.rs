@@ -4,7 +4,7 @@ use super::layout::{GROWN, Layout};
 use super::run::Meeting;
 use crate::gaussians::{Attributes, Gaussians};
 
-/// What a block has of a scene.
+/// The place of each of a block's Gaussians in the scene, and its weight there.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Copies {
     /// By Gaussian of the block: its row in the scene.
@@ -18,22 +18,25 @@ pub struct Copies {
 pub fn copies(layout: &Layout, meeting: &Meeting<'_>) -> Vec<Copies> {
     let means = &meeting.collected.means;
     let depth = |b: usize, row: usize| layout.cells.depth(b, GROWN, means[row]);
-    let rows: Vec<Vec<usize>> = (0..meeting.starts.len()).map(|b| meeting.trained_by(layout, b)).collect();
+    let trained = |b: usize| -> Vec<(usize, f64)> {
+        meeting.trained_by(layout, b).into_iter().map(|row| (row, depth(b, row))).collect()
+    };
+    let blocks: Vec<Vec<(usize, f64)>> = (0..meeting.starts.len()).map(trained).collect();
     let mut sums = vec![0.0; means.len()];
-    for (b, rows) in rows.iter().enumerate() {
-        for row in rows {
-            sums[*row] += depth(b, *row);
-        }
+    for (row, depth) in blocks.iter().flatten() {
+        sums[*row] += depth;
     }
-    let of_block = |(b, rows): (usize, Vec<usize>)| {
+    let of_block = |(b, copies): (usize, Vec<(usize, f64)>)| {
         let own = meeting.rows(b);
         // A Gaussian that has left all grown cells is its own block's.
-        let share =
-            |row: &usize| if sums[*row] > 0.0 { depth(b, *row) / sums[*row] } else { f64::from(own.contains(row)) };
-        let shares = rows.iter().map(|row| share(row) as f32).collect();
+        let share = |(row, depth): (usize, f64)| {
+            let share = if sums[row] > 0.0 { depth / sums[row] } else { f64::from(own.contains(&row)) };
+            (row, share as f32)
+        };
+        let (rows, shares) = copies.into_iter().map(share).unzip();
         Copies { rows, shares }
     };
-    rows.into_iter().enumerate().map(of_block).collect()
+    blocks.into_iter().enumerate().map(of_block).collect()
 }
 
 impl Copies {

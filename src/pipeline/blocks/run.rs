@@ -53,8 +53,10 @@ pub struct BlockRun {
 
 /// A block after a meeting.
 pub struct Tuned {
-    /// Its Gaussians with their moments; at the end those of its margin follow.
+    /// Its Gaussians with their moments; at the end its copies of its neighbours' follow.
     pub state: Snapshot,
+    /// Number of these copies.
+    pub copies: usize,
     /// Its prune; absent without one. Times are left out: they differ from process to process.
     pub prune: Option<PruneRecord>,
 }
@@ -279,7 +281,7 @@ impl BlockRun {
         };
         let collected = meeting.collected;
         let Some(block) = trains(layout, b, meeting) else {
-            return Ok(Tuned { state: came(b)?, prune });
+            return Ok(Tuned { state: came(b)?, copies: 0, prune });
         };
         let mut config = of_block(&self.config, (block, b), self.photos.len());
         let until = match half {
@@ -304,8 +306,8 @@ impl BlockRun {
         run.train(until)?;
         let Checkpoint { snapshot, notes } = run.checkpoint()?;
         let prune = notes.prunes.into_iter().next().map(PruneRecord::timeless);
-        let copies = if matches!(half, Half::Second(_)) { 0 } else { margin.len() };
-        Ok(Tuned { state: own(&snapshot, copies), prune })
+        let copies = if matches!(half, Half::Second(_)) { margin.len() } else { 0 };
+        Ok(Tuned { state: own(&snapshot, margin.len() - copies), copies, prune })
     }
 
     /// Figures of the joined model: those of `qirf-vk eval`.

@@ -193,18 +193,16 @@ impl BlockRun {
 
     fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
-        let Tuned { state, prune } =
+        let Tuned { state, prune, .. } =
             self.after_meeting(session, files, (task, b), (FIRST, Stage::Dense, Half::First(quota)))?;
         Ok(vec![files.state_bytes(task, state)?, files.seal(task, &Pruned { prune })?])
     }
 
     fn settled(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let Pruned { prune } = files.sealed(Task::part(Stage::Tune, b))?;
-        let Tuned { state, prune } =
+        let Tuned { state, copies, prune } =
             self.after_meeting(session, files, (task, b), (SECOND, Stage::Tune, Half::Second(prune.as_ref())))?;
-        let Collected { starts, gaussians } = files.beside(SECOND)?;
-        let own = starts.get(b + 1).unwrap_or(&gaussians) - starts[b];
-        let ended = Ended { gaussians: own, prune, skipped_rows: state.skipped_rows };
+        let ended = Ended { gaussians: state.model.len() - copies, prune, skipped_rows: state.skipped_rows };
         files.with_model(task, &state.model, self.config.style.mode(), ended)
     }
 
