@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::gaussians::formats;
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::compress::{self, Input};
-use crate::pipeline::records::{CompressRecord, Truth};
+use crate::pipeline::records::{CompressRecord, StageScores, Truth};
 use crate::pipeline::{Output, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
 use std::path::{Path, PathBuf};
@@ -113,7 +113,7 @@ impl Arguments {
 }
 
 fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
-    let CompressRecord { input, output, time, test, protocol, prune, .. } = figures;
+    let CompressRecord { input, output, time, test, views, protocol, prune, .. } = figures;
     let how = match &prune.pairs {
         Some(PairCounts { clusters, merged, dropped }) => {
             format!("{merged} merged into {clusters}, {dropped} dropped")
@@ -133,17 +133,19 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
         Truth::Photos => "photos",
         Truth::OwnPictures => "the original's pictures",
     };
-    let score = |name: &str, scores: &Option<Scores>| match scores {
-        Some(s) => {
+    let score = |name: &str, stage: fn(&StageScores) -> &Option<Scores>| match stage(test) {
+        Some(Scores { psnr, ssim, .. }) => {
             // Equal pictures have no PSNR.
-            let psnr = s.psnr.map_or_else(|| "equal".to_owned(), |v| format!("{v:.2} dB"));
-            console.print(format_args!("{name:<10} PSNR {psnr}, SSIM {:.4}", s.ssim))
+            let psnr = psnr.map_or_else(|| "equal".to_owned(), |v| format!("{v:.2} dB"));
+            let worst = views.iter().filter_map(|view| stage(&view.scores).as_ref()?.psnr).reduce(f64::min);
+            let worst = worst.map_or_else(String::new, |v| format!(" (worst view {v:.2} dB)"));
+            console.print(format_args!("{name:<10} PSNR {psnr}{worst}, SSIM {ssim:.4}"))
         }
         None => Ok(()),
     };
-    score("before", &test.before)?;
-    score("pruned", &test.pruned)?;
-    score("fine-tuned", &test.fine_tuned)?;
+    score("before", |stages| &stages.before)?;
+    score("pruned", |stages| &stages.pruned)?;
+    score("fine-tuned", |stages| &stages.fine_tuned)?;
     if test.pruned.is_some() {
         console.note(format_args!("scores are of {} held-out views against {truth}", protocol.test_views));
     }

@@ -111,7 +111,11 @@ fn the_kept_are_the_originals_and_as_many_as_asked_for() {
     let originals: HashSet<_> = rows(&formats::read(&model).unwrap().gaussians).into_iter().collect();
     assert!(kept.len() == 123 && rows(&kept).iter().all(|row| originals.contains(row)));
 
-    small(&model, &again, &exact);
+    let said = compressed(&model, &again, &[&["--views", "16", "--size", "64x64"], &exact[..]].concat());
+    let views = printed["views"].as_array().unwrap().iter().map(|view| view["pruned"]["psnr"].as_f64().unwrap());
+    let worst = format!("(worst view {:.2} dB)", views.reduce(f64::min).unwrap());
+    let said = String::from_utf8_lossy(&said.stdout).into_owned();
+    assert!(said.contains(&worst), "{worst}: {said}");
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&again).unwrap(), "one input, one output");
 
     for (name, format) in [("c.spz", formats::Format::Spz), ("c.sog", formats::Format::Sog)] {
