@@ -39,6 +39,11 @@ use std::time::Instant;
 /// Largest sides of photos from which the coarse model takes them at half and at a quarter of their size.
 const LARGE: [u32; 2] = [256, 1024];
 
+/// What the sides of photos are divided by for the coarse model.
+fn divisor(largest: [u32; 2]) -> u32 {
+    1 << LARGE.iter().filter(|least| largest.iter().max() >= Some(*least)).count()
+}
+
 /// A run in blocks: all that its results depend on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -173,9 +178,7 @@ impl BlockRun {
     /// # Errors
     /// As of a run; photos other than the plan's.
     pub fn coarse(&self, session: &Session<'_>, output: &Output) -> Result<Snapshot, Error> {
-        let [width, height] = self.opened()?.size();
-        let divisor = 1 << LARGE.iter().filter(|least| width.max(height) >= **least).count();
-        let config = coarse(&self.config, divisor);
+        let config = coarse(&self.config, divisor(self.opened()?.size()));
         let (setup, start) = Setup::load(session, &config, output, output.checkpoint().exists())?;
         all_there(&setup.prepared.scene, &self.photos)?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
@@ -183,22 +186,25 @@ impl BlockRun {
         Ok(run.checkpoint()?.snapshot)
     }
 
-    /// The blocks of the scene that a coarse model shows.
+    /// The blocks of the scene that a coarse model shows in pictures of the size that it was trained on.
     ///
     /// # Errors
     /// Device memory; device errors; [`Error::Interrupted`].
     pub fn assign(&self, session: &Session<'_>, coarse: &Snapshot) -> Result<Layout, Error> {
         let Snapshot { model: coarse, exposures: (exposures, _), .. } = coarse;
-        let cameras = self.opened()?.cameras();
+        let opened = self.opened()?;
+        let (cameras, divisor) = (opened.cameras(), divisor(opened.size()));
+        let smaller = |c: &Camera| c.resized((c.width / divisor).max(1), (c.height / divisor).max(1));
+        let small: Vec<Camera> = cameras.iter().map(smaller).collect();
         let settings = self.config.style.over(self.config.background.unwrap_or_default());
         let resident = Resident::upload(session.device, coarse)?;
-        let scores = virtual_views::responses(session, &resident, (&cameras, None), settings, Wanted::SCORES)?.scores;
+        let scores = virtual_views::responses(session, &resident, (&small, None), settings, Wanted::SCORES)?.scores;
         drop(resident);
         let weights: Vec<f32> = scores.iter().map(|score| score.contribution).collect();
         let around = Contraction::around(cameras.iter().map(Camera::centre));
         let cells = Cells::new(around, &coarse.means, &weights, self.blocks);
         let owners = cells.owners(&coarse.means);
-        let seen = seen(session, coarse, (&owners, cells.count()), &cameras, settings)?;
+        let seen = seen(session, coarse, (&owners, cells.count()), (&cameras, &small), settings)?;
         Ok(Layout { exposures: exposures.clone(), ..Layout::new(cells, coarse, &weights, &cameras, &seen) })
     }
 

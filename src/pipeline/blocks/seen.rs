@@ -41,41 +41,47 @@ impl Shown {
 /// By view, what it shows of each block.
 pub type Seen = Vec<Vec<Shown>>;
 
-/// Draws `model` from each camera and adds up what its blocks paint. `owners` names the block of each Gaussian, of `blocks`.
+/// Draws `model` from each camera, at the size of the second list, and adds up what its blocks paint. `owners` names the block of
+/// each Gaussian, of `blocks`.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
 ///
 /// # Panics
-/// If there is not one owner per Gaussian.
+/// If there is not one owner per Gaussian, or not one small camera per camera.
 pub fn seen(
     session: &Session<'_>,
     model: &Gaussians,
     (owners, blocks): (&[u32], usize),
-    cameras: &[Camera],
+    (cameras, small): (&[Camera], &[Camera]),
     settings: Settings,
 ) -> Result<Seen, Error> {
-    assert_eq!(owners.len(), model.len(), "one owner a Gaussian");
+    assert_eq!((owners.len(), small.len()), (model.len(), cameras.len()), "one owner a Gaussian, one size a camera");
     let Session { device, watcher, .. } = *session;
     let resident = Resident::upload(device, model)?;
-    let size = camera::largest(cameras);
+    let size = camera::largest(small);
     let pairs = pairs::few(device, model.len());
     let mut renderer = Renderer::for_scores(device, settings, model.len(), size, pairs)?;
     let gradient = device.buffer("image gradient", 1)?;
     let mut rows = Vec::with_capacity(cameras.len());
-    for (done, camera) in cameras.iter().enumerate() {
+    for (done, (camera, drawn)) in cameras.iter().zip(small).enumerate() {
         watcher.responding(done, cameras.len());
         watcher.unless_stopped()?;
-        let views = Views { cameras: std::slice::from_ref(camera), follow: |_| Ok::<(), Error>(()), of: None };
+        let views = Views { cameras: std::slice::from_ref(drawn), follow: |_| Ok::<(), Error>(()), of: None };
         let responses = full_pass(&mut renderer, &resident, views, &gradient, Wanted::SCORES, |_, _, _, _| Ok(()))?;
-        rows.push(of_view(model, &responses.scores, (owners, blocks), camera));
+        rows.push(of_view(model, &responses.scores, (owners, blocks), (camera, drawn.pixels())));
     }
     watcher.responding(cameras.len(), cameras.len());
     Ok(rows)
 }
 
-/// What one view shows of each block, by the scores of its picture.
-fn of_view(model: &Gaussians, scores: &[Score], (owners, blocks): (&[u32], usize), camera: &Camera) -> Vec<Shown> {
+/// What one view shows of each block, by the scores of its picture of so many pixels.
+fn of_view(
+    model: &Gaussians,
+    scores: &[Score],
+    (owners, blocks): (&[u32], usize),
+    (camera, pixels): (&Camera, u64),
+) -> Vec<Shown> {
     let mut painted: Vec<Vec<Painted>> = vec![Vec::new(); blocks];
     for (i, score) in scores.iter().enumerate().filter(|(_, score)| score.contribution > 0.0) {
         let Some(of_block) = painted.get_mut(owners[i] as usize) else { continue };
@@ -83,7 +89,7 @@ fn of_view(model: &Gaussians, scores: &[Score], (owners, blocks): (&[u32], usize
     }
     let shown = |of_block: &Vec<Painted>| {
         let sum: f64 = of_block.iter().map(|p| p.weight).sum();
-        Shown { share: sum / camera.pixels() as f64, part: part(of_block, sum, camera) }
+        Shown { share: sum / pixels as f64, part: part(of_block, sum, camera) }
     };
     painted.iter().map(shown).collect()
 }
@@ -154,7 +160,7 @@ mod tests {
     #[test]
     fn shares_and_rectangles_of_blocks() {
         let (model, scores, camera) = view();
-        let shown = of_view(&model, &scores, (&[0, 1, 2], 3), &camera);
+        let shown = of_view(&model, &scores, (&[0, 1, 2], 3), (&camera, camera.pixels()));
         let pixels = 320.0 * 240.0;
         assert_eq!([shown[0].share, shown[1].share, shown[2].share], [3000.0 / pixels, 600.0 / pixels, 0.0]);
         assert!(shown[0].trains(false) && !shown[1].trains(false) && shown[1].trains(true) && !shown[2].trains(true));
@@ -171,14 +177,17 @@ mod tests {
         let owners = [0, 0, 0];
         model.means[1] = [1.2, 0.9, 2.0];
         scores[1].contribution = 1.0;
-        assert_eq!(of_view(&model, &scores, (&owners, 1), &camera)[0].part, Some(([64, 80], [80, 80])));
+        assert_eq!(
+            of_view(&model, &scores, (&owners, 1), (&camera, camera.pixels()))[0].part,
+            Some(([64, 80], [80, 80]))
+        );
         scores[1].contribution = 300.0;
-        let (corner, size) = of_view(&model, &scores, (&owners, 1), &camera)[0].part.unwrap();
+        let (corner, size) = of_view(&model, &scores, (&owners, 1), (&camera, camera.pixels()))[0].part.unwrap();
         assert_eq!((corner, [corner[0] + size[0], corner[1] + size[1]]), ([64, 80], [320, 240]));
         model.log_scales[0] = [f32::INFINITY; 3];
         model.means[1] = [f32::NAN; 3];
         assert_eq!(
-            of_view(&model, &scores, (&owners, 1), &camera)[0],
+            of_view(&model, &scores, (&owners, 1), (&camera, camera.pixels()))[0],
             Shown::default(),
             "what is not finite paints nothing"
         );
