@@ -17,9 +17,9 @@ pub struct Copies {
 /// Gaussian lay deep in the block's grown cell: half at a border, nothing where the margin ends.
 pub fn copies(layout: &Layout, meeting: &Meeting<'_>) -> Vec<Copies> {
     let means = &meeting.collected.means;
-    let depth = |b: usize, row: usize| layout.cells.depth(b, GROWN, means[row]);
     let trained = |b: usize| -> Vec<(usize, f64)> {
-        meeting.trained_by(layout, b).into_iter().map(|row| (row, depth(b, row))).collect()
+        let grown = layout.cells.grown(b, GROWN);
+        meeting.trained_by(layout, b).into_iter().map(|row| (row, grown.depth(means[row]))).collect()
     };
     let blocks: Vec<Vec<(usize, f64)>> = (0..meeting.starts.len()).map(trained).collect();
     let mut sums = vec![0.0; means.len()];
@@ -109,10 +109,10 @@ mod tests {
         }
         let scene = blended(&of, &moved, 300);
         let shift = |row: usize| scene.opacity_logits[row] - model.opacity_logits[row];
-        let depth = |row: usize| layout.cells.depth(1, GROWN, model.means[row]);
+        let depth = |row: usize| layout.cells.grown(1, GROWN).depth(model.means[row]);
         let near = (0..300).filter(|row| (0.01..0.99).contains(&depth(*row))).collect::<Vec<_>>();
         assert!(near.len() > 30 && near.iter().all(|row| (0.0..1.0).contains(&shift(*row))));
-        let deep = |row: &usize| layout.cells.depth(0, GROWN, model.means[*row]) == 1.0 && depth(*row) == 0.0;
+        let deep = |row: &usize| layout.cells.grown(0, GROWN).depth(model.means[*row]) == 1.0 && depth(*row) == 0.0;
         assert!(
             (0..300).filter(deep).all(|row| scene.opacity_logits[row].to_bits() == model.opacity_logits[row].to_bits())
         );

@@ -76,11 +76,12 @@ impl Layout {
 
 /// The parts of photos that train the block of a cell.
 fn crops(cells: &Cells, cell: usize, cameras: &[Camera], seen: &Seen) -> Vec<Crop> {
+    let grown = cells.grown(cell, GROWN);
     let crop = |(view, (camera, shown)): (usize, (&Camera, &Vec<Shown>))| {
         let centre = camera.centre().as_vec3().to_array();
         let shown = shown[cell];
         let (corner, size) = shown.part?;
-        shown.trains(cells.grown_contains(cell, GROWN, centre)).then_some(Crop { view, corner, size })
+        shown.trains(grown.contains(centre)).then_some(Crop { view, corner, size })
     };
     cameras.iter().zip(seen).enumerate().filter_map(crop).collect()
 }

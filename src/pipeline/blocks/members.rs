@@ -19,7 +19,8 @@ pub struct Members {
 impl Members {
     /// The rows of `model` in a cell that is grown by `share` of its sides, and the rest.
     pub fn of(cells: &Cells, cell: usize, share: f64, model: &Gaussians) -> Self {
-        let inside = |i: &usize| cells.grown_contains(cell, share, model.means[*i]);
+        let grown = cells.grown(cell, share);
+        let inside = |i: &usize| grown.contains(model.means[*i]);
         let (trained, seen) = (0..model.len()).partition(inside);
         Self { trained, seen }
     }

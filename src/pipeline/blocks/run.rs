@@ -86,7 +86,8 @@ impl Meeting<'_> {
     /// The rows of others in the grown cell of block number `b`, and the rest; both rise.
     fn margin(&self, layout: &Layout, b: usize) -> (Vec<usize>, Vec<usize>) {
         let own = self.rows(b);
-        let inside = |i: &usize| layout.cells.grown_contains(b, GROWN, self.collected.means[*i]);
+        let grown = layout.cells.grown(b, GROWN);
+        let inside = |i: &usize| grown.contains(self.collected.means[*i]);
         (0..self.collected.len()).filter(|i| !own.contains(i)).partition(inside)
     }
 
