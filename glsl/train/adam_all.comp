@@ -1,6 +1,6 @@
 // A step of Adam for all attributes at once. A workgroup reads the rows of gradients of a block of Gaussians once, into shared
-// memory, and goes through the attributes one by one: neighbouring invocations take neighbouring words. Every row is updated,
-// whether the view shows it or not, as in the 3DGS reference.
+// memory, and goes through the attributes one by one, neighbouring invocations on neighbouring words; or each invocation takes
+// all elements of one Gaussian. Every row is updated, whether the view shows it or not, as in the 3DGS reference.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -9,7 +9,7 @@
 #include "lib/gradient_row.glsl"
 #include "lib/adam_step.glsl"
 
-layout(constant_id = 2) const uint BLOCK = 64; // Gaussians of a workgroup
+layout(constant_id = 2) const uint BLOCK = 64; // Gaussians of a workgroup; 1: of an invocation
 layout(constant_id = 3) const uint DEGREE = 3; // bands that have arrays
 layout(constant_id = 4) const uint FORM = UPDATE;
 layout(constant_id = 5) const bool PRESSED = false; // whether the logits are under the pressure of an attrition
@@ -79,26 +79,27 @@ void store_basis(uint g) {
     }
 }
 
-// All elements of an attribute of the block's Gaussians; `extra` is added to an element's gradient.
+// Element `at` of an attribute; `extra` is added to its gradient.
+#define UPDATE_ELEMENT(values, moments, rate, gradient, extra)                                  \
+    if (FORM == GRADIENT) {                                                                     \
+        moments[at] = vec2(gradient, 0);                                                        \
+    } else {                                                                                    \
+        vec2 moment = next_moments(moments[at], gradient + (extra));                            \
+        moments[at] = moment;                                                                   \
+        values[at] -= change(moment, rate, correction);                                         \
+    }
+
+// All elements of an attribute of the block's Gaussians.
 #define UPDATE_ATTRIBUTE(values, moments, width, rate, gradient, extra)                         \
     [[dont_unroll]] for (uint e = invocation; e < here * width; e += WORKGROUP) {               \
         uint g = e / width, c = e % width, at = first * width + e;                              \
         if (block_rows[ROW * g + ROW_GOOD] == 0) continue;                                      \
         float by = gradient;                                                                    \
-        if (FORM == GRADIENT) {                                                                 \
-            moments[at] = vec2(by, 0);                                                          \
-        } else {                                                                                \
-            vec2 moment = next_moments(moments[at], by + (extra));                              \
-            moments[at] = moment;                                                               \
-            values[at] -= change(moment, rate, correction);                                     \
-        }                                                                                       \
+        UPDATE_ELEMENT(values, moments, rate, by, extra)                                        \
     }
 
-void main() {
-    uint first = group_index() * BLOCK, invocation = gl_LocalInvocationID.x;
-    // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
-    if (pairs[1] > pair_limit || first >= count[0]) return;
-    uint here = min(BLOCK, count[0] - first);
+void update_block(uint first) {
+    uint invocation = gl_LocalInvocationID.x, here = min(BLOCK, count[0] - first);
     for (uint e = invocation; e < here * ROW; e += WORKGROUP) block_rows[e] = rows[first * ROW + e];
     barrier();
     for (uint g = invocation; g < here; g += WORKGROUP) store_basis(g);
@@ -112,4 +113,55 @@ void main() {
     if (DEGREE > 0) UPDATE_ATTRIBUTE(sh1, sh1_moments, 9, rate_sh1, gradient_of_sh(g, 1, c), 0)
     if (DEGREE > 1) UPDATE_ATTRIBUTE(sh2, sh2_moments, 15, rate_sh2, gradient_of_sh(g, 4, c), 0)
     if (DEGREE > 2) UPDATE_ATTRIBUTE(sh3, sh3_moments, 21, rate_sh3, gradient_of_sh(g, 9, c), 0)
+}
+
+// All elements of an attribute of Gaussian `g`.
+#define UPDATE_OWN(values, moments, width, rate, offset, extra)                                 \
+    [[unroll]] for (uint c = 0; c < width; c++) {                                               \
+        uint at = width * g + c;                                                                \
+        UPDATE_ELEMENT(values, moments, rate, rows[row + offset + c], extra)                    \
+    }
+
+// All elements of a band of Gaussian `g`.
+#define UPDATE_OWN_BAND(values, moments, coefficients, basis, rate)                             \
+    [[dont_unroll]] for (uint m = 0; m < coefficients; m++) {                                   \
+        float value = basis[0];                                                                 \
+        [[unroll]] for (uint k = 1; k < coefficients; k++) value = m == k ? basis[k] : value;   \
+        [[unroll]] for (uint k = 0; k < 3; k++) {                                               \
+            uint at = 3 * (coefficients * g + m) + k;                                           \
+            UPDATE_ELEMENT(values, moments, rate, value * colour[k], 0)                         \
+        }                                                                                       \
+    }
+
+void update_own(uint g) {
+    uint row = ROW * g;
+    if (rows[row + ROW_GOOD] == 0) return;
+    UPDATE_OWN(means, mean_moments, 3, rate_means, ROW_MEAN, 0)
+    UPDATE_OWN(log_scales, log_scale_moments, 3, rate_log_scales, ROW_LOG_SCALE, 0)
+    UPDATE_OWN(rotations, rotation_moments, 4, rate_rotations, ROW_ROTATION, 0)
+    UPDATE_OWN(logits, logit_moments, 1, rate_logits, ROW_LOGIT, PRESSED ? pressed(logits[at], pressure, least_through) : 0)
+    vec3 colour = vec3(rows[row + ROW_COLOUR], rows[row + ROW_COLOUR + 1], rows[row + ROW_COLOUR + 2]);
+    vec3 d = vec3(rows[row + ROW_DIRECTION], rows[row + ROW_DIRECTION + 1], rows[row + ROW_DIRECTION + 2]);
+    float none[1] = float[](SH_C0), one[3], two[5], three[7];
+    UPDATE_OWN_BAND(sh0, sh0_moments, 1, none, rate_sh0)
+    if (DEGREE > 0) {
+        sh_basis_1(d, one);
+        UPDATE_OWN_BAND(sh1, sh1_moments, 3, one, rate_sh1)
+    }
+    if (DEGREE > 1) {
+        sh_basis_2(d, two);
+        UPDATE_OWN_BAND(sh2, sh2_moments, 5, two, rate_sh2)
+    }
+    if (DEGREE > 2) {
+        sh_basis_3(d, three);
+        UPDATE_OWN_BAND(sh3, sh3_moments, 7, three, rate_sh3)
+    }
+}
+
+void main() {
+    uint first = BLOCK == 1 ? global_index() : group_index() * BLOCK;
+    // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
+    if (pairs[1] > pair_limit || first >= count[0]) return;
+    if (BLOCK == 1) update_own(first);
+    else update_block(first);
 }

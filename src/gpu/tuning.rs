@@ -113,10 +113,8 @@ pub struct Tuning {
     pub sort_rows_max: u32,
     /// Whether each invocation of a sort ranks a run of its own, without ballots.
     pub sort_serial: bool,
-    /// Whether an invocation of Adam owns a Gaussian's elements of an attribute; else it owns one element.
-    pub adam_by_gaussian: bool,
-    /// Gaussians whose attributes a workgroup of Adam updates one after the other, in one kernel; 0 where each attribute has a
-    /// kernel of its own.
+    /// Gaussians whose attributes a workgroup of Adam updates one after the other, in one kernel; 1 where an invocation updates
+    /// all of one Gaussian, and 0 where each attribute has a kernel of its own.
     #[serde(default)]
     pub adam_block: u32,
     /// Side of a tile of the loss in pixels; 0 where invocations walk runs of lines instead.
@@ -142,7 +140,7 @@ impl Tuning {
         match class {
             DeviceClass::Cpu => Self::cpu(subgroup),
             // Its compilers do not finish the loss's runs, rings of registers in unrolled loops.
-            DeviceClass::SwiftShader => Self { class, loss_tile: 16, ..Self::cpu(subgroup) },
+            DeviceClass::SwiftShader => Self { class, loss_tile: 16, adam_block: 0, ..Self::cpu(subgroup) },
             // One row for all GPUs until one is measured.
             DeviceClass::Gpu
             | DeviceClass::Nvidia
@@ -177,10 +175,8 @@ impl Tuning {
             sort_rows_min: 64,
             sort_rows_max: 512,
             sort_serial: true,
-            // 34: what a Gaussian's elements share is read once: 7.4 to 4.8 ms at 10,000 Gaussians.
-            adam_by_gaussian: true,
-            // A kernel for all of them would be slower by its stores to shared memory.
-            adam_block: 0,
+            // 76: starting a kernel costs as much as hundreds of words, and what elements share is read once.
+            adam_block: 1,
             // 53: registers; tiles in shared memory make a whole iteration half as long again.
             loss_tile: 0,
             // 32: a load costs as much as five multiplications, and long runs read each value less often.
@@ -223,9 +219,7 @@ impl Tuning {
             sort_rows_min: 16,
             sort_rows_max: 16,
             sort_serial: false,
-            // Neighbouring lanes touch neighbouring words.
-            adam_by_gaussian: false,
-            // 57: rows of gradients are read once, and seven dispatches go.
+            // 61: neighbouring lanes touch neighbouring words, rows of gradients are read once, and seven dispatches go.
             adam_block: 64,
             // Neighbouring lanes load neighbouring pixels, and a workgroup each of them once: 15 KiB of shared memory.
             loss_tile: 16,

@@ -33,7 +33,8 @@ fn alone(own: &Tuning) -> Vec<(&'static str, Tuning)> {
         ("sorts of 32 workgroups", Tuning { sort_workgroups: 32, ..own() }),
         ("scans of 1024 words", Tuning { scan_rows: (1024 / own().subgroup).max(1), ..own() }),
         ("scans of 8192 words", Tuning { scan_rows: 8192 / own().subgroup, ..own() }),
-        ("adam in one kernel", Tuning { adam_block: 64, ..own() }),
+        ("adam by attribute", Tuning { adam_block: 0, ..own() }),
+        ("adam by blocks", Tuning { adam_block: 64, ..own() }),
         ("runs of 22 in the loss", Tuning { loss_rounds: 3, loss_tile: 0, ..own() }),
     ]
 }

@@ -126,7 +126,6 @@ fn each(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moment
     for ((((offset, band), width), (values, moments)), rate) in all.up_to(model.degree) {
         let width = width as u32;
         let pressure = step.pressure.filter(|_| offset == ROW_LOGIT && band == NO_BAND);
-        let run = if renderer.device().tuning().adam_by_gaussian { width } else { 1 };
         let kernel = Adam {
             pairs: rows.pairs,
             count: &count.value,
@@ -140,14 +139,13 @@ fn each(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moment
                 pressure: pressure.map_or(0.0, |p| p.pressure),
                 least_through: pressure.map_or(1.0, |p| p.least_through),
             },
-            spec: AdamSpec { workgroup: WORKGROUP, width, offset, band, form, run, pressed: pressure.is_some() },
+            spec: AdamSpec { workgroup: WORKGROUP, width, offset, band, form, pressed: pressure.is_some() },
         };
-        let runs = len as u32 * (width / run);
-        recording.dispatch(&kernel, Groups::Count(runs.div_ceil(WORKGROUP)));
+        recording.dispatch(&kernel, Groups::Count((len as u32 * width).div_ceil(WORKGROUP)));
     }
 }
 
-/// One kernel for all attributes, blocks of Gaussians a workgroup.
+/// One kernel for all attributes, a block of Gaussians a workgroup, or one Gaussian an invocation.
 fn all(
     recording: &mut Recording,
     renderer: &Renderer,
@@ -200,5 +198,6 @@ fn all(
             pressed: step.pressure.is_some(),
         },
     };
-    recording.dispatch(&kernel, Groups::Count((len as u32).div_ceil(block)));
+    let each = if block == 1 { WORKGROUP } else { block };
+    recording.dispatch(&kernel, Groups::Count((len as u32).div_ceil(each)));
 }
