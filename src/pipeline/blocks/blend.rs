@@ -1,7 +1,7 @@
 //! The scene of blocks that trained each other's margins along: near a border each Gaussian is a mean of its copies.
 
 use super::layout::{GROWN, Layout};
-use super::run::Meeting;
+use super::meeting::Meeting;
 use crate::gaussians::{Attributes, Gaussians};
 
 /// The place of each of a block's Gaussians in the scene, and its weight there.

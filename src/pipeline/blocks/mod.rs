@@ -3,12 +3,14 @@
 mod blend;
 mod derived;
 mod layout;
+mod meeting;
 mod members;
 mod run;
 mod seen;
 
 pub use blend::{Copies, copies};
 pub use layout::{Block, Crop, GROWN, Layout};
+pub use meeting::Meeting;
 pub use members::{Members, joined, owned, with_tail};
-pub use run::{BlockRun, Half, Meeting, Tuned};
+pub use run::{BlockRun, Half, Tuned};
 pub use seen::{Seen, Shown, seen};

@@ -3,7 +3,8 @@
 
 use super::derived::{check, coarse, meetings, of_block};
 use super::layout::{Block, GROWN, Layout};
-use super::members::{Members, beginning, own, owned, select, with_margin, with_tail};
+use super::meeting::{Came, Meeting};
+use super::members::{Members, beginning, own, owned, with_tail};
 use super::seen::seen;
 use crate::effects::{Choice, Effect};
 use crate::error::Error;
@@ -32,7 +33,6 @@ use crate::train::Exposures;
 use crate::train::checkpoint::Snapshot;
 use crate::train::exposure;
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
 use std::path::Path;
 use std::time::Instant;
 
@@ -64,56 +64,6 @@ pub struct Tuned {
     pub copies: usize,
     /// Its prune; absent without one. Times are left out: they differ from process to process.
     pub prune: Option<PruneRecord>,
-}
-
-/// The Gaussians of all blocks at a meeting.
-pub struct Meeting<'a> {
-    /// All Gaussians, in the order of the blocks.
-    pub collected: &'a Gaussians,
-    /// The first row of each block in it.
-    pub starts: &'a [usize],
-}
-
-/// Gives the block of a number as it came to a meeting.
-type Came<'a> = &'a dyn Fn(usize) -> Result<Snapshot, Error>;
-
-impl Meeting<'_> {
-    /// The rows that came with block number `b`.
-    pub(super) fn rows(&self, b: usize) -> Range<usize> {
-        self.starts[b]..self.starts.get(b + 1).copied().unwrap_or(self.collected.len())
-    }
-
-    /// The rows of others in the grown cell of block number `b`, and the rest; both rise.
-    fn margin(&self, layout: &Layout, b: usize) -> (Vec<usize>, Vec<usize>) {
-        let own = self.rows(b);
-        let grown = layout.cells.grown(b, GROWN);
-        let inside = |i: &usize| grown.contains(self.collected.means[*i]);
-        (0..self.collected.len()).filter(|i| !own.contains(i)).partition(inside)
-    }
-
-    /// The rows that block number `b` trains if it trains its margin along: its own, then those of the margin.
-    pub(super) fn trained_by(&self, layout: &Layout, b: usize) -> Vec<usize> {
-        let margin = if trains(layout, b, self).is_some() { self.margin(layout, b).0 } else { Vec::new() };
-        self.rows(b).chain(margin).collect()
-    }
-
-    /// Block number `b` as it came, followed by these collected rows of others, which rise.
-    fn with(&self, came: Came<'_>, b: usize, margin: &[usize]) -> Result<Snapshot, Error> {
-        let mut state = came(b)?;
-        for other in 0..self.starts.len() {
-            let of_other = self.rows(other);
-            let rows: Vec<usize> = margin.iter().filter(|i| of_other.contains(i)).map(|i| i - of_other.start).collect();
-            if !rows.is_empty() {
-                state = with_margin(state, &select(&came(other)?, &rows));
-            }
-        }
-        Ok(state)
-    }
-}
-
-/// The block of a number, if photos show it and it has Gaussians of its own.
-fn trains<'a>(layout: &'a Layout, b: usize, meeting: &Meeting<'_>) -> Option<&'a Block> {
-    layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !meeting.rows(b).is_empty())
 }
 
 /// What a block does after a meeting.
@@ -287,7 +237,7 @@ impl BlockRun {
             Half::Second(prune) => (None, prune.cloned()),
         };
         let collected = meeting.collected;
-        let Some(block) = trains(layout, b, meeting) else {
+        let Some(block) = meeting.trains(layout, b) else {
             return Ok(Tuned { state: came(b)?, copies: 0, prune });
         };
         let mut config = of_block(&self.config, (block, b), self.photos.len());
