@@ -6,14 +6,14 @@ const uint UPDATE = 0;
 /// Form: the gradient is written into the first moment, and the parameter stays (tests).
 const uint GRADIENT = 1;
 
-// First and second moment after a gradient.
-vec2 next_moments(vec2 moment, float gradient) {
-    moment.x = BETA1 * moment.x + (1 - BETA1) * gradient;
-    moment.y = BETA2 * moment.y + (1 - BETA2) * gradient * gradient;
+// First and second moment after a gradient. Decays: of the first and second moment, each with what it lacks to 1.
+vec2 next_moments(vec2 moment, float gradient, vec4 decays) {
+    moment.x = decays.x * moment.x + decays.y * gradient;
+    moment.y = decays.z * moment.y + decays.w * gradient * gradient;
     return moment;
 }
 
-// What a parameter loses. Corrections: 1 / (1 - beta1^step) and 1 / sqrt(1 - beta2^step).
+// What a parameter loses. Corrections: 1 / (1 - decays.x^step) and 1 / sqrt(1 - decays.z^step).
 float change(vec2 moment, float rate, vec2 correction) {
     return rate * (moment.x * correction.x) / (sqrt(moment.y) * correction.y + EPSILON);
 }

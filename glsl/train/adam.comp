@@ -26,7 +26,8 @@ layout(binding = 2, std430) readonly buffer Rows { float rows[]; };
 layout(binding = 3, std430) buffer Values { float values[]; };
 layout(binding = 4, std430) buffer Moments { vec2 moments[]; }; // first and second
 layout(push_constant) uniform Push {
-    vec2 correction; // see lib/adam_step.glsl
+    vec4 decays; // see lib/adam_step.glsl
+    vec2 correction;
     float rate;
     uint pair_limit;
     float pressure;      // added to every gradient of a logit, over the larger of:
@@ -69,7 +70,7 @@ void main() {
         return;
     }
     if (PRESSED) gradient += pressed(values[at], pressure, least_through);
-    vec2 moment = next_moments(moments[at], gradient);
+    vec2 moment = next_moments(moments[at], gradient, decays);
     moments[at] = moment;
     values[at] -= change(moment, rate, correction);
 }

@@ -35,7 +35,8 @@ layout(binding = 16, std430) buffer Sh1Moments { vec2 sh1_moments[]; };
 layout(binding = 17, std430) buffer Sh2Moments { vec2 sh2_moments[]; };
 layout(binding = 18, std430) buffer Sh3Moments { vec2 sh3_moments[]; };
 layout(push_constant) uniform Push {
-    vec2 correction; // see lib/adam_step.glsl
+    vec4 decays; // see lib/adam_step.glsl
+    vec2 correction;
     uint pair_limit;
     float pressure;
     float least_through;
@@ -84,7 +85,7 @@ void store_basis(uint g) {
     if (FORM == GRADIENT) {                                                                     \
         moments[at] = vec2(gradient, 0);                                                        \
     } else {                                                                                    \
-        vec2 moment = next_moments(moments[at], gradient + (extra));                            \
+        vec2 moment = next_moments(moments[at], gradient + (extra), decays);                    \
         moments[at] = moment;                                                                   \
         values[at] -= change(moment, rate, correction);                                         \
     }

@@ -61,7 +61,7 @@ void main() {
     }
     float gradient = slope * slope_of_mask(soft);
     if (!sane(gradient)) return;
-    vec2 moment = next_moments(moments[i], gradient);
+    vec2 moment = next_moments(moments[i], gradient, vec4(BETA1, 1 - BETA1, BETA2, 1 - BETA2));
     moments[i] = moment;
     scores[i] -= change(moment, rate, correction);
 }

@@ -73,7 +73,12 @@ pub(super) fn ordinary(device: &Device) -> Result<Vec<Measure>> {
         let groups = twin.groups_mut().into_iter().zip(gradients.groups_mut());
         let moments = first.groups_mut().into_iter().zip(second.groups_mut());
         for (((values, gradients), (m, v)), rate) in groups.zip(moments).zip(rates) {
-            reference::adam::adam(values.1, gradients.1, m.1, v.1, k, f64::from(rate));
+            reference::adam::adam(
+                values.1,
+                gradients.1,
+                [m.1, v.1],
+                (k, f64::from(rate), [reference::adam::BETA1, reference::adam::BETA2]),
+            );
         }
     }
     let mut most = 0.0;

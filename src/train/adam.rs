@@ -38,12 +38,14 @@ pub struct Step {
     pub rates: Rates,
     /// Pressure on opacities, if there is any.
     pub pressure: Option<Pressure>,
+    /// Decays of the first and second moments.
+    pub decays: [f64; 2],
 }
 
 impl Step {
-    /// A step without pressure.
+    /// A step without pressure, with the reference's decays.
     pub fn new(number: u32, rates: Rates) -> Self {
-        Self { number, rates, pressure: None }
+        Self { number, rates, pressure: None, decays: [BETA1, BETA2] }
     }
 }
 
@@ -102,10 +104,15 @@ impl Outcome {
 }
 
 impl Step {
-    /// See `lib/adam_step.glsl`.
+    /// See `lib/adam_step.glsl`, as the next.
+    fn decays(&self) -> [f32; 4] {
+        let [first, second] = self.decays;
+        [first, 1.0 - first, second, 1.0 - second].map(|x| x as f32)
+    }
+
     fn correction(&self) -> [f32; 2] {
-        let left = |beta: f64| 1.0 - beta.powf(f64::from(self.number));
-        [(1.0 / left(BETA1)) as f32, (1.0 / left(BETA2).sqrt()) as f32]
+        let [left1, left2] = self.decays.map(|decay| 1.0 - decay.powf(f64::from(self.number)));
+        [(1.0 / left1) as f32, (1.0 / left2.sqrt()) as f32]
     }
 }
 
@@ -133,6 +140,7 @@ fn each(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moment
             values,
             moments,
             push: AdamPush {
+                decays: step.decays(),
                 correction: step.correction(),
                 rate,
                 pair_limit: rows.limit,
@@ -177,6 +185,7 @@ fn all(
         sh2_moments: &moments.sh[2],
         sh3_moments: &moments.sh[3],
         push: AdamAllPush {
+            decays: step.decays(),
             correction: step.correction(),
             pair_limit: rows.limit,
             pressure: step.pressure.map_or(0.0, |p| p.pressure),

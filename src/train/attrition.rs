@@ -4,7 +4,6 @@
 //! time runs out.
 
 use super::adam::Pressure;
-use crate::kernels::constants::adam::float64::BETA2;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -84,17 +83,18 @@ fn greatest(logits: &[f32], count: usize) -> f64 {
 }
 
 impl Contest {
-    /// Begins after iteration `from` of `length`. `logits` are all opacity logits and `moments` their moments.
+    /// Begins after iteration `from` of `length`. `logits` are all opacity logits and `moments` their moments, of which the second
+    /// decay by `decay` an iteration.
     pub fn new(
         settings: Attrition,
         survivors: usize,
         [from, length]: [u32; 2],
         logits: &[f32],
-        moments: &[[f32; 2]],
+        (moments, decay): (&[[f32; 2]], f64),
     ) -> Self {
         // The rest is cut before the run's end, or never.
         let last = ((f64::from(length) * settings.until).round() as u32).min(length.saturating_sub(1)).max(from);
-        let correction = 1.0 - BETA2.powf(f64::from(from.max(1)));
+        let correction = 1.0 - decay.powf(f64::from(from.max(1)));
         // The size of a usual gradient. Adam's steps do not depend on its unit, so any will do where there is none.
         let mut sizes: Vec<f64> = moments.iter().map(|m| f64::from(m[1])).filter(|v| v.is_normal()).collect();
         let middle = sizes.len() / 2;
@@ -173,6 +173,7 @@ impl Contest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kernels::constants::adam::float64::BETA2;
 
     /// The logit of an opacity.
     fn logit(opacity: f64) -> f32 {
@@ -181,7 +182,7 @@ mod tests {
 
     fn contest(survivors: usize, opacities: &[f64], moments: &[[f32; 2]]) -> Contest {
         let logits: Vec<f32> = opacities.iter().map(|o| logit(*o)).collect();
-        Contest::new(Attrition::default(), survivors, [500, 1000], &logits, moments)
+        Contest::new(Attrition::default(), survivors, [500, 1000], &logits, (moments, BETA2))
     }
 
     /// The pressure at the start moves an opacity by ten logits until the end: Adam's steps are the rate, times the gradient

@@ -40,7 +40,8 @@ impl Course {
         if let Some(rate) = self.attrition.and_then(|a| a.opacity_rate(iteration)) {
             rates.opacity_logits = rate as f32;
         }
-        Step { pressure: self.attrition.and_then(|a| a.pressure(iteration)), ..Step::new(iteration, rates) }
+        let pressure = self.attrition.and_then(|a| a.pressure(iteration));
+        Step { pressure, decays: schedule.decays(), ..Step::new(iteration, rates) }
     }
 
     /// The attrition that is under way.
@@ -68,7 +69,8 @@ impl Trainer {
         let logits = self.trained_logits()?;
         let moments = self.trainee.moments.opacity_logits.read(&self.device)?;
         let times = [self.iteration, self.options.schedule.iterations];
-        self.course.attrition = Some(Contest::new(settings, survivors, times, &logits, &moments));
+        let [_, decay] = self.options.schedule.decays();
+        self.course.attrition = Some(Contest::new(settings, survivors, times, &logits, (&moments, decay)));
         Ok(())
     }
 
@@ -149,7 +151,7 @@ mod tests {
     #[test]
     fn steps_under_attrition() {
         let schedule = Schedule { iterations: 1200, ..Schedule::default() };
-        let mut contest = Contest::new(Attrition::default(), 1, [600, 1200], &[0.0, 1.0], &[[0.0, 1e-6]; 2]);
+        let mut contest = Contest::new(Attrition::default(), 1, [600, 1200], &[0.0, 1.0], (&[[0.0, 1e-6]; 2], 0.999));
         let step =
             |contest: Contest, i: u32| Course { attrition: Some(contest), ..Course::default() }.step(&schedule, i, 1.0);
         let under = step(contest, 700);

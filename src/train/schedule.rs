@@ -4,6 +4,7 @@ use super::adam::Rates;
 use super::growth::Growth;
 use super::learnt_masks::LearntMasks;
 use super::relocation::Relocation;
+use crate::kernels::constants::adam::float64::{BETA1, BETA2};
 use serde::{Deserialize, Serialize};
 
 /// The course of a run, as written to `config.toml`.
@@ -26,6 +27,8 @@ pub struct Schedule {
     pub scale_rate: f64,
     /// Learning rate of quaternions.
     pub rotation_rate: f64,
+    /// The decays of Adam's moments are the reference's, 0.9 and 0.999, to this power: 1, and more where iterations stand for more.
+    pub forgetting: f64,
     /// Density control begins after this share of the run.
     pub densify_from: f64,
     /// Density control ends after this share of the run.
@@ -72,6 +75,7 @@ impl Default for Schedule {
             opacity_rate: 0.05,
             scale_rate: 5e-3,
             rotation_rate: 1e-3,
+            forgetting: 1.0,
             densify_from: 1.0 / 60.0,
             densify_until: 0.5,
             densify_every: 100,
@@ -151,13 +155,16 @@ impl Schedule {
         }
     }
 
-    /// The course for a block that `views` of a scene's `all` views show: learning rates times the root of their ratio. Adam divides
-    /// by the root of the mean square of gradients, to which views that do not show a Gaussian add zeros; a block leaves most of
-    /// those views out, and its steps would be shorter (docs/decisions.md).
+    /// The course for a block that `views` of a scene's `all` views show: learning rates times the root of their ratio, and decays of
+    /// Adam's moments to the power of it. Adam divides by the root of the mean square of gradients, to which views that do not show
+    /// a Gaussian add zeros; a block leaves most of those views out, so that its steps would be shorter, and its moments would
+    /// reach back over more views (docs/decisions.md).
     #[must_use]
     pub fn for_block(self, views: usize, all: usize) -> Self {
-        let factor = (all.max(1) as f64 / views.max(1) as f64).sqrt();
+        let ratio = all.max(1) as f64 / views.max(1) as f64;
+        let factor = Self::longer_steps(views, all);
         Self {
+            forgetting: ratio * self.forgetting,
             position_rate: factor * self.position_rate,
             position_rate_end: factor * self.position_rate_end,
             dc_rate: factor * self.dc_rate,
@@ -167,6 +174,16 @@ impl Schedule {
             rotation_rate: factor * self.rotation_rate,
             ..self
         }
+    }
+
+    /// What the learning rates of [`Schedule::for_block`] are multiplied by.
+    pub fn longer_steps(views: usize, all: usize) -> f64 {
+        (all.max(1) as f64 / views.max(1) as f64).sqrt()
+    }
+
+    /// Decays of Adam's first and second moments.
+    pub fn decays(&self) -> [f64; 2] {
+        [BETA1, BETA2].map(|decay| decay.powf(self.forgetting))
     }
 
     /// Returns true if iteration `iteration` uses pictures of half their size.
@@ -224,10 +241,12 @@ mod tests {
         (1..=schedule.iterations).filter(|i| what(schedule, *i)).collect()
     }
 
-    /// The paper's run: every 100 of 500 < i < 15,000; reset every 3,000 before 15,000; large ones go after 3,000.
     #[test]
-    fn blocks_take_longer_steps() {
+    fn blocks_take_longer_steps_and_forget_faster() {
         let whole = Schedule::default();
+        assert_eq!(whole.decays(), [BETA1, BETA2]);
+        let [first, second] = whole.clone().for_block(10, 40).decays();
+        assert!((first - BETA1.powi(4)).abs() < 1e-12 && (second - BETA2.powi(4)).abs() < 1e-12);
         assert_eq!(whole.clone().for_block(40, 40), whole);
         let (a, b) = (whole.rates(700, 2.0), whole.clone().for_block(10, 40).rates(700, 2.0));
         let near = |a: f32, b: f32| (b / a - 2.0).abs() < 1e-5;
@@ -235,6 +254,7 @@ mod tests {
         assert!(near(a.opacity_logits, b.opacity_logits) && (0..4).all(|l| near(a.sh[l], b.sh[l])));
     }
 
+    /// The paper's run: every 100 of 500 < i < 15,000; reset every 3,000 before 15,000; large ones go after 3,000.
     #[test]
     fn the_papers_run() {
         let s = of(30_000);

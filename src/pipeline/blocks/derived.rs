@@ -4,6 +4,7 @@ use super::layout::Block;
 use crate::error::Error;
 use crate::pipeline::config::{ResponseSource, RunConfig};
 use crate::random;
+use crate::train::schedule::Schedule;
 
 /// The coarse model has one of this many iterations of the run.
 const COARSE: u32 = 4;
@@ -52,8 +53,8 @@ pub(super) fn meetings(config: &RunConfig) -> [u32; 2] {
     [first, first.midpoint(length).max(pruned).min(length)]
 }
 
-/// The configuration of block number `b` of a run on `all` photos: as many rounds over its photos as the whole run has, and its share
-/// of the Gaussians.
+/// The configuration of block number `b` of a run on `all` photos: as many rounds over its photos as the whole run has, in longer
+/// steps, and its share of the Gaussians.
 pub(super) fn of_block(config: &RunConfig, (block, b): (&Block, usize), all: usize) -> RunConfig {
     let views = block.crops.len();
     let mut schedule = config.schedule.clone().for_block(views, all);
@@ -65,8 +66,12 @@ pub(super) fn of_block(config: &RunConfig, (block, b): (&Block, usize), all: usi
     if let Some(plan) = &mut schedule.growth {
         plan.gaussians = plan.gaussians.map(part);
     }
+    let mut prune = config.prune.clone();
+    if let Some(attrition) = prune.as_mut().and_then(|prune| prune.attrition.as_mut()) {
+        attrition.opacity_rate *= Schedule::longer_steps(views, all);
+    }
     let seed = random::bits(&[u64::from(config.seed), 1 + b as u64]) as u32;
-    RunConfig { seed, schedule, max_gaussians: part(config.max_gaussians).max(1), ..config.clone() }
+    RunConfig { seed, schedule, prune, max_gaussians: part(config.max_gaussians).max(1), ..config.clone() }
 }
 
 #[cfg(test)]
@@ -104,6 +109,10 @@ mod tests {
         let first = of_block(&whole, (&block, 0), 40);
         assert_eq!((first.schedule.iterations, first.max_gaussians), (250, 1200));
         assert_eq!(first.schedule.growth.and_then(|plan| plan.gaussians), Some(300));
+        let rate = |config: &RunConfig| config.prune.as_ref().and_then(|prune| prune.attrition).unwrap().opacity_rate;
+        let pruned = whole.clone().pruned(Pruning::default());
+        let of_pruned = of_block(&pruned, (&block, 0), 40);
+        assert!((rate(&of_pruned) / rate(&pruned) - 2.0).abs() < 1e-12 && first.schedule.forgetting == 4.0);
         let seeds = [whole.seed, first.seed, of_block(&whole, (&block, 1), 40).seed];
         assert!(seeds[0] != seeds[1] && seeds[1] != seeds[2] && seeds[0] != seeds[2]);
         let empty = Block { crops: Vec::new(), painted: 0.0 };

@@ -62,6 +62,7 @@ fn schedule(s: &Schedule) -> Result<(), String> {
         ("densify_gradient", s.densify_gradient),
         ("clone_scale", s.clone_scale),
         ("prune_scale", s.prune_scale),
+        ("forgetting", s.forgetting),
     ] {
         within(&format!("schedule.{field}"), value, &POSITIVE)?;
     }

@@ -9,7 +9,7 @@ use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::Trainee;
-use qirf_vk::train::adam::{self, Moments, Rates};
+use qirf_vk::train::adam::{self, Moments};
 use qirf_vk::train::schedule::Schedule;
 
 /// A model trained with a fixed gradient of the picture.
@@ -40,10 +40,6 @@ impl Bench {
         let backward = Backward { growth, ..Backward::default() };
         self.renderer.record_backward(&mut recording, &self.trainee.model, &self.camera, &self.by_image, backward);
         recording
-    }
-
-    fn step(&self, step: u32) {
-        self.take(adam::Step::new(step, rates(step)));
     }
 
     pub(crate) fn take(&self, step: adam::Step) {
@@ -89,9 +85,9 @@ impl Twin {
     }
 
     /// One step; a Gaussian with any gradient that is not finite stays unchanged. Returns the number of such Gaussians.
-    fn step(&mut self, gradients: &mut Params, step: u32, rates: Rates) -> usize {
+    fn step(&mut self, gradients: &mut Params, step: adam::Step) -> usize {
         let n = self.params.len();
-        let rates = rates.into_array();
+        let rates = step.rates.into_array();
         let gradients = gradients.groups_mut();
         let bad = |i: usize| {
             gradients.iter().any(|(_, g)| {
@@ -108,15 +104,18 @@ impl Twin {
                 let row = i * width..(i + 1) * width;
                 let (m, v) = (&mut first[a].1[row.clone()], &mut second[a].1[row.clone()]);
                 let values = &mut values[a].1[row.clone()];
-                assert!(reference::adam::adam(values, &gradients[a].1[row], m, v, step, f64::from(rates[a])));
+                let how = (step.number, f64::from(rates[a]), step.decays);
+                assert!(reference::adam::adam(values, &gradients[a].1[row], [m, v], how));
             }
         }
         bad.iter().filter(|b| **b).count()
     }
 }
 
-fn rates(step: u32) -> Rates {
-    Schedule { iterations: 40, position_rate: 5e-3, ..Schedule::default() }.rates(step, 1.7)
+/// Step number `number`; the decays are the reference's to the power `forgetting`.
+fn step(number: u32, forgetting: f64) -> adam::Step {
+    let schedule = Schedule { iterations: 40, position_rate: 5e-3, forgetting, ..Schedule::default() };
+    adam::Step { decays: schedule.decays(), ..adam::Step::new(number, schedule.rates(number, 1.7)) }
 }
 
 pub(crate) fn weights(count: usize, seed: u64) -> Vec<[f32; 4]> {
@@ -128,17 +127,21 @@ pub(crate) fn weights(count: usize, seed: u64) -> Vec<[f32; 4]> {
 /// the parameter itself (2^-24 of it each step) and of the steps (1.3e-5 of each: 1 - 0.999 in float32).
 #[test]
 fn adam_of_every_attribute() {
+    [1.0, 5.0].into_iter().for_each(ten_steps);
+}
+
+fn ten_steps(forgetting: f64) {
     let device = device();
     let camera = small_camera(45, 37);
     let model = narrowed(&random_scene(&camera, 3));
     let bench = Bench::new(&device, &model, &camera, &weights(45 * 37, 8));
     let mut twin = Twin::new(&model);
     let mut travel = [0_f64; 8];
-    for step in 1..=10 {
+    for step in (1..=10).map(|number| step(number, forgetting)) {
         let mut gradients = bench.gradients();
-        assert_eq!(twin.step(&mut gradients, step, rates(step)), 0);
-        bench.step(step);
-        travel.iter_mut().zip(rates(step).into_array()).for_each(|(t, r)| *t += f64::from(r));
+        assert_eq!(twin.step(&mut gradients, step), 0);
+        bench.take(step);
+        travel.iter_mut().zip(step.rates.into_array()).for_each(|(t, r)| *t += f64::from(r));
     }
     let (mut got, mut moved) = (bench.params(), 0);
     let mut start = Params::from(&model);
@@ -184,8 +187,8 @@ fn adam_along_the_twins_path() {
         let settings = reference::Settings::default();
         for step in 1..=8 {
             let mut gradients = reference::gradients(&twin.params, &camera, &settings, &colour, Some(&alpha)).params;
-            assert_eq!(twin.step(&mut gradients, step, rates(step)), 0);
-            bench.step(step);
+            assert_eq!(twin.step(&mut gradients, self::step(step, 1.0)), 0);
+            bench.take(self::step(step, 1.0));
         }
         let (mut got, mut start) = (bench.params(), Params::from(&model));
         let (mut line, mut worst) = (format!("seed {seed}:"), 0_f64);
@@ -231,7 +234,7 @@ pub fn gradients_not_finite(device: &Device) {
         by_image[8 * 96 + 8] = [spoilt; 4];
         let bench = Bench::new(device, &model, &camera, &by_image);
         for step in 1..=3 {
-            bench.step(step);
+            bench.take(self::step(step, 1.0));
         }
         (
             bench.params(),
@@ -287,7 +290,7 @@ pub fn parameters_not_finite(device: &Device) {
         spoil(&mut model);
         let bench = Bench::new(device, &model, &camera, &weights(45 * 37, 8));
         for step in 1..=3 {
-            bench.step(step);
+            bench.take(self::step(step, 1.0));
         }
         let mut got = bench.params();
         for (group, values) in got.groups_mut() {

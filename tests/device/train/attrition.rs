@@ -6,7 +6,7 @@ use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::Device;
-use qirf_vk::reference::adam::{adam, pressed};
+use qirf_vk::reference::adam::{BETA1, BETA2, adam, pressed};
 use qirf_vk::train::adam::{Pressure, Rates, Step};
 use qirf_vk::train::attrition::Attrition;
 use qirf_vk::train::checkpoint::Snapshot;
@@ -33,7 +33,7 @@ fn pressure_moves_opacities_alone() {
                     if let Some(Pressure { pressure, least_through }) = pressure {
                         gradient = pressed(gradient, logit[0], f64::from(pressure), f64::from(least_through));
                     }
-                    assert!(adam(logit, &[gradient], first, second, step, 0.1));
+                    assert!(adam(logit, &[gradient], [first, second], (step, 0.1, [BETA1, BETA2])));
                 }
                 bench.take(Step { pressure, ..Step::new(step, rates) });
             }

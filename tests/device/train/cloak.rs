@@ -194,7 +194,8 @@ fn steps_as_the_twin_has_them() {
             let means = [shown as f64 / n as f64, n as f64];
             let gradient = reference::cloak::by_score(slope, score, random(i), bench.settings.weight, means);
             let (mut value, mut m, mut v) = ([score], [0.0], [0.0]);
-            reference::adam::adam(&mut value, &[gradient], &mut m, &mut v, 77, bench.settings.step_rate());
+            let how = (77, bench.settings.step_rate(), [reference::adam::BETA1, reference::adam::BETA2]);
+            reference::adam::adam(&mut value, &[gradient], [&mut m, &mut v], how);
             let near = |a: f32, b: f64, room: f64| f64::from(a) == b || (f64::from(a) - b).abs() <= room;
             let room = 2e-5 * gradient.abs() + 1e-7;
             assert!(near(moments[i][0], m[0], room), "{method:?} {i}: {:?} {m:?} {v:?}", moments[i]);
