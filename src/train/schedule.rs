@@ -155,15 +155,20 @@ impl Schedule {
         }
     }
 
-    /// The course for a block that `views` of a scene's `all` views show: learning rates times the root of their ratio, and decays of
-    /// Adam's moments to the power of it. Adam divides by the root of the mean square of gradients, to which views that do not show
-    /// a Gaussian add zeros; a block leaves most of those views out, so that its steps would be shorter, and its moments would
-    /// reach back over more views (docs/decisions.md).
+    /// The course for a block that `views` of a scene's `all` views show. Its iterations stand for several of the whole course: it has
+    /// fewer of them, in all and between density steps and opacity resets. Learning rates are multiplied by the root of the views'
+    /// ratio, and decays of Adam's moments are taken to the power of it: Adam divides by the root of the mean square of gradients,
+    /// to which views that do not show a Gaussian add zeros; a block leaves most of those views out, so that its steps would be
+    /// shorter, and its moments would reach back over more views (docs/decisions.md).
     #[must_use]
     pub fn for_block(self, views: usize, all: usize) -> Self {
         let ratio = all.max(1) as f64 / views.max(1) as f64;
         let factor = Self::longer_steps(views, all);
+        let fewer = |n: u32| (f64::from(n) * views as f64 / all.max(1) as f64).round().max(1.0) as u32;
         Self {
+            iterations: fewer(self.iterations),
+            densify_every: fewer(self.densify_every),
+            opacity_reset_every: fewer(self.opacity_reset_every),
             forgetting: ratio * self.forgetting,
             position_rate: factor * self.position_rate,
             position_rate_end: factor * self.position_rate_end,
@@ -248,10 +253,13 @@ mod tests {
         let [first, second] = whole.clone().for_block(10, 40).decays();
         assert!((first - BETA1.powi(4)).abs() < 1e-12 && (second - BETA2.powi(4)).abs() < 1e-12);
         assert_eq!(whole.clone().for_block(40, 40), whole);
-        let (a, b) = (whole.rates(700, 2.0), whole.clone().for_block(10, 40).rates(700, 2.0));
+        let (a, b) = (whole.rates(700, 2.0), whole.clone().for_block(10, 40).rates(175, 2.0));
         let near = |a: f32, b: f32| (b / a - 2.0).abs() < 1e-5;
         assert!(near(a.means, b.means) && near(a.log_scales, b.log_scales) && near(a.rotations, b.rotations));
         assert!(near(a.opacity_logits, b.opacity_logits) && (0..4).all(|l| near(a.sh[l], b.sh[l])));
+        let times = |s: Schedule| [s.iterations, s.densify_every, s.opacity_reset_every];
+        assert_eq!(times(whole.clone().for_block(10, 40)), [7500, 25, 750]);
+        assert_eq!(times(whole.for_block(0, 40)), [1, 1, 1]);
     }
 
     /// The paper's run: every 100 of 500 < i < 15,000; reset every 3,000 before 15,000; large ones go after 3,000.

@@ -58,8 +58,6 @@ pub(super) fn meetings(config: &RunConfig) -> [u32; 2] {
 pub(super) fn of_block(config: &RunConfig, (block, b): (&Block, usize), all: usize) -> RunConfig {
     let views = block.crops.len();
     let mut schedule = config.schedule.clone().for_block(views, all);
-    let share = |n: f64| (n * views as f64 / all.max(1) as f64).round().max(1.0);
-    schedule.iterations = share(f64::from(schedule.iterations)) as u32;
     // The coarse model has all bands.
     schedule.degree_every = 0.0;
     let part = |n: usize| (n as f64 * block.painted).ceil() as usize;
