@@ -73,18 +73,24 @@ impl Start {
 /// Cameras that leave no room for random points.
 pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Result<Gaussians, Error> {
     let blender = prepared.scene.kind == SceneKind::Blender;
-    let seeds = match start {
+    let seeds: Vec<Seed> = match start {
         Start::Model(model) => return Ok(model),
         Start::Resumed(checkpoint) => return Ok(checkpoint.snapshot.model),
         Start::Points(_) => prepared.scene.points.iter().map(Seed::from).collect(),
         Start::Random(count) => initialise::random(&prepared.train, count, blender, u64::from(config.seed))?,
     };
-    let mut model = initialise::from_points(&seeds);
-    if model.len() > config.max_gaussians {
-        let n = model.len();
-        // Evenly over the list, so that no region is left out.
-        let kept: Vec<usize> = (0..config.max_gaussians).map(|k| k * n / config.max_gaussians).collect();
-        model = model.select(&kept);
-    }
-    Ok(model)
+    Ok(on_points(&seeds, config.max_gaussians))
+}
+
+/// Gaussians on points, of which no more than `most` are taken.
+pub(super) fn on_points(points: &[Seed], most: usize) -> Gaussians {
+    let model = initialise::from_points(points);
+    let all: Vec<usize> = (0..model.len()).collect();
+    if all.len() <= most { model } else { model.select(&evenly(&all, most)) }
+}
+
+/// At most `most` of a list, evenly over it, so that no region is left out.
+pub(super) fn evenly(list: &[usize], most: usize) -> Vec<usize> {
+    let n = list.len();
+    if n <= most { list.to_vec() } else { (0..most).map(|k| list[k * n / most]).collect() }
 }

@@ -6,8 +6,8 @@ use crate::pipeline::config::{ResponseSource, RunConfig};
 use crate::random;
 use crate::train::schedule::Schedule;
 
-/// The coarse model has one of this many iterations of the run.
-const COARSE: u32 = 4;
+/// The coarse model has one of this many iterations of the run, if blocks begin with it; and if they begin with points.
+const COARSE: [u32; 2] = [4, 8];
 /// Share of a block's iterations before the neighbours are replaced by the trained ones, if the run does not prune.
 const HALF: f64 = 0.5;
 
@@ -22,8 +22,9 @@ pub(super) fn check(config: &RunConfig) -> Result<(), Error> {
     }
 }
 
-/// The run of the coarse model, on pictures of the size divided by `divisor`.
-pub(super) fn coarse(config: &RunConfig, divisor: u32) -> RunConfig {
+/// The run of the coarse model, on pictures of the size divided by `divisor`; `points` says whether blocks begin with points.
+pub(super) fn coarse(config: &RunConfig, divisor: u32, points: bool) -> RunConfig {
+    let part = COARSE[usize::from(points)];
     let resolution = match config.resolution.as_deref() {
         None => Some(format!("/{divisor}")),
         Some(text) => match text.strip_prefix('/').map(str::parse::<u32>) {
@@ -32,17 +33,18 @@ pub(super) fn coarse(config: &RunConfig, divisor: u32) -> RunConfig {
         },
     };
     let mut schedule = config.schedule.clone();
-    schedule.iterations = (schedule.iterations / COARSE).max(1);
+    schedule.iterations = (schedule.iterations / part).max(1);
     // The number goes with the root of pixels and iterations, as `Growth::by_photos` has it.
-    let share = 1.0 / (f64::from(divisor) * f64::from(COARSE).sqrt());
+    let share = 1.0 / (f64::from(divisor) * f64::from(part).sqrt());
     if let Some(plan) = &mut schedule.growth {
         plan.gaussians = plan.gaussians.map(|n| (n as f64 * share) as usize);
     }
     RunConfig { resolution, schedule, prune: None, ..config.clone() }
 }
 
-/// The iterations at which the blocks meet: before the prune, and halfway from there to the end, but not before attrition ends.
-pub(super) fn meetings(config: &RunConfig) -> [u32; 2] {
+/// The iterations at which the blocks meet: before the prune, halfway from there to the end, but not before attrition ends, and halfway
+/// from that to the end.
+pub(super) fn meetings(config: &RunConfig) -> [u32; 3] {
     let (length, schedule) = (config.schedule.iterations, &config.schedule);
     let at = |share: f64| (f64::from(length) * share).round() as u32;
     let pruning = config.prune.as_ref();
@@ -50,7 +52,8 @@ pub(super) fn meetings(config: &RunConfig) -> [u32; 2] {
     let first = first.unwrap_or_else(|| at(HALF.max(schedule.densify_until)));
     // The next iteration begins with the prune that ends attrition.
     let pruned = pruning.and_then(|p| p.attrition).map_or(0, |attrition| at(attrition.until) + 1);
-    [first, first.midpoint(length).max(pruned).min(length)]
+    let second = first.midpoint(length).max(pruned).min(length);
+    [first, second, second.midpoint(length)]
 }
 
 /// The configuration of block number `b` of a run on `all` photos: as many rounds over its photos as the whole run has, in longer
@@ -91,11 +94,12 @@ mod tests {
     fn the_coarse_model_is_a_short_run_on_small_pictures() {
         for (resolution, small) in [(None, "/4"), (Some("/2"), "/8"), (Some("800"), "200"), (Some("3"), "1")] {
             let of = RunConfig { resolution: resolution.map(str::to_owned), ..run(1000) };
-            let coarse = coarse(&of, 4);
+            let coarse = coarse(&of, 4, false);
             assert_eq!(coarse.resolution.as_deref(), Some(small));
             assert_eq!((coarse.schedule.iterations, coarse.prune), (250, None));
             // A quarter of the width, and half for the length.
             assert_eq!(coarse.schedule.growth.and_then(|plan| plan.gaussians), Some(125));
+            assert_eq!(super::coarse(&of, 4, true).schedule.iterations, 125);
         }
     }
 
@@ -119,19 +123,19 @@ mod tests {
     }
 
     #[test]
-    fn blocks_meet_at_the_prune_and_once_more() {
+    fn blocks_meet_at_the_prune_and_twice_more() {
         let mut config = run(1000);
         config.schedule.densify_until = 0.4;
-        assert_eq!(meetings(&config), [500, 750]);
+        assert_eq!(meetings(&config), [500, 750, 875]);
         config.schedule.densify_until = 0.7;
-        assert_eq!(meetings(&config), [700, 850]);
+        assert_eq!(meetings(&config), [700, 850, 925]);
         let pruning = |at: &[f64]| Pruning { at: at.to_vec(), ..Pruning::at_once() };
         let config = run(1000).pruned(pruning(&[0.6]));
-        assert_eq!(meetings(&config), [600, 800]);
+        assert_eq!(meetings(&config), [600, 800, 900]);
         assert!(check(&config).is_ok());
         let attrition = |at: f64| meetings(&run(1000).pruned(Pruning { at: vec![at], ..Pruning::default() }));
         assert_eq!(Pruning::default().attrition.unwrap().until, 0.75);
-        assert_eq!([attrition(0.5), attrition(0.6)], [[500, 751], [600, 800]]);
+        assert_eq!([attrition(0.5), attrition(0.6)], [[500, 751, 875], [600, 800, 900]]);
         let several = run(1000).pruned(pruning(&[0.5, 0.6]));
         assert!(matches!(check(&several), Err(Error::Usage(text)) if text.contains("gradual")));
     }

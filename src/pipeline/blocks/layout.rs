@@ -72,6 +72,11 @@ impl Layout {
         let omega = if of_photos > 0.0 { of_crops / of_photos } else { 0.0 };
         Self { cells, blocks, omega, exposures: Vec::new() }
     }
+
+    /// What a block has of each pixel that no Gaussian paints: as much as every other.
+    pub(super) fn of_nothing(&self) -> f32 {
+        1.0 / self.blocks.len().max(1) as f32
+    }
 }
 
 /// The parts of photos that train the block of a cell.

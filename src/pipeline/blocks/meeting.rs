@@ -29,17 +29,16 @@ impl Meeting<'_> {
         layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !self.rows(b).is_empty())
     }
 
-    /// The rows of others in the grown cell of block number `b`, and the rest; both rise.
-    pub(super) fn margin(&self, layout: &Layout, b: usize) -> (Vec<usize>, Vec<usize>) {
+    /// The rows of others in the grown cell of block number `b`; they rise.
+    pub(super) fn margin(&self, layout: &Layout, b: usize) -> Vec<usize> {
         let own = self.rows(b);
         let grown = layout.cells.grown(b, GROWN);
-        let inside = |i: &usize| grown.contains(self.collected.means[*i]);
-        (0..self.collected.len()).filter(|i| !own.contains(i)).partition(inside)
+        (0..self.collected.len()).filter(|i| !own.contains(i) && grown.contains(self.collected.means[*i])).collect()
     }
 
     /// The rows that block number `b` trains if it trains its margin along: its own, then those of the margin.
     pub(super) fn trained_by(&self, layout: &Layout, b: usize) -> Vec<usize> {
-        let margin = if self.trains(layout, b).is_some() { self.margin(layout, b).0 } else { Vec::new() };
+        let margin = if self.trains(layout, b).is_some() { self.margin(layout, b) } else { Vec::new() };
         self.rows(b).chain(margin).collect()
     }
 

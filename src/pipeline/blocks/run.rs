@@ -1,8 +1,9 @@
 //! Training a scene in blocks, stage by stage: a coarse model of the whole, its division, each block up to the prune, one choice
 //! among all Gaussians, and each block from one meeting to the next and to its end.
 
+use super::begin::first;
 use super::derived::{check, coarse, meetings, of_block};
-use super::layout::{Block, GROWN, Layout};
+use super::layout::{GROWN, Layout};
 use super::meeting::{Came, Meeting};
 use super::members::{Members, beginning, own, owned, with_tail};
 use super::seen::seen;
@@ -12,12 +13,12 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::cells::{Cells, Contraction};
 use crate::gaussians::resident::Resident;
 use crate::pipeline::active_run::ActiveRun;
-use crate::pipeline::checkpoint::{Checkpoint, Notes};
+use crate::pipeline::checkpoint::Checkpoint;
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
 use crate::pipeline::config::{Init, Pruning, RunConfig};
 use crate::pipeline::eval::{Evaluation, eval};
 use crate::pipeline::output::{absolute, from_root};
-use crate::pipeline::prepare::{Opened, Prepared, all_there, open};
+use crate::pipeline::prepare::{Opened, all_there, open};
 use crate::pipeline::prune::PrunePlan;
 use crate::pipeline::records::{PruneRecord, RunRecord};
 use crate::pipeline::session::Session;
@@ -25,16 +26,13 @@ use crate::pipeline::setup::Setup;
 use crate::pipeline::start::Start;
 use crate::pipeline::{Output, budget, effects, virtual_views};
 use crate::qirf::select::budget::Keep;
-use crate::render::visible;
 use crate::response::{CHUNK, Responses, Wanted};
-use crate::scene::Photo;
 use crate::scene::camera::Camera;
 use crate::train::Exposures;
 use crate::train::checkpoint::Snapshot;
-use crate::train::exposure;
 use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
 use std::path::Path;
-use std::time::Instant;
 
 /// Largest sides of photos from which the coarse model takes them at half and at a quarter of their size.
 const LARGE: [u32; 2] = [256, 1024];
@@ -58,21 +56,12 @@ pub struct BlockRun {
 
 /// A block after a meeting.
 pub struct Tuned {
-    /// Its Gaussians with their moments; at the end its copies of its neighbours' follow.
+    /// Its Gaussians with their moments; after the second meeting its copies of its neighbours' follow.
     pub state: Snapshot,
     /// Number of these copies.
     pub copies: usize,
     /// Its prune; absent without one. Times are left out: they differ from process to process.
     pub prune: Option<PruneRecord>,
-}
-
-/// What a block does after a meeting.
-#[derive(Clone, Copy, Debug)]
-pub enum Half<'a> {
-    /// It goes on to the second meeting; with the number of Gaussians to keep, if it prunes.
-    First(Option<usize>),
-    /// It goes on to the end, after what it did as its prune.
-    Second(Option<&'a PruneRecord>),
 }
 
 impl BlockRun {
@@ -119,7 +108,7 @@ impl BlockRun {
     }
 
     /// The scene with its training photos alone, not decoded.
-    fn opened(&self) -> Result<Opened, Error> {
+    pub(super) fn opened(&self) -> Result<Opened, Error> {
         open(&self.config.selection())?.only(&self.photos)
     }
 
@@ -129,7 +118,9 @@ impl BlockRun {
     /// # Errors
     /// As of a run; photos other than the plan's.
     pub fn coarse(&self, session: &Session<'_>, output: &Output) -> Result<Snapshot, Error> {
-        let config = coarse(&self.config, divisor(self.opened()?.size()));
+        let opened = self.opened()?;
+        let points = self.config.init == Init::Points && !opened.scene.points.is_empty();
+        let config = coarse(&self.config, divisor(opened.size()), points);
         let (setup, start) = Setup::load(session, &config, output, output.checkpoint().exists())?;
         all_there(&setup.prepared.scene, &self.photos)?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
@@ -173,14 +164,24 @@ impl BlockRun {
     ) -> Result<Snapshot, Error> {
         let Some(block) = layout.blocks.get(b) else { return Ok(beginning(Gaussians::default(), 0)) };
         let members = Members::of(&layout.cells, b, GROWN, coarse);
-        let of_coarse = || beginning(coarse.select(&members.trained), 0);
         if members.trained.is_empty() || block.crops.is_empty() {
-            return Ok(owned(&of_coarse(), &layout.cells, b));
+            return Ok(owned(&beginning(coarse.select(&members.trained), 0), &layout.cells, b));
         }
         let config = of_block(&self.config, (block, b), self.photos.len());
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
-        let seen = |setup: &Setup<'_>| coarse.select(&setup.shown(coarse, &members.seen));
-        let start = setup.start(output, (|setup: &Setup<'_>| Ok(with_tail(&of_coarse(), &seen(setup))), &[]))?;
+        let owns = |mean: &[f32; 3]| if layout.cells.owner(*mean) == b { 1.0 } else { 0.0 };
+        let shares: Vec<f32> = coarse.means.iter().map(owns).collect();
+        setup.take_share(coarse, &shares, layout.of_nothing())?;
+        let begin = |setup: &Setup<'_>| {
+            let (points, grown) = (&setup.prepared.scene.points, layout.cells.grown(b, GROWN));
+            let of_coarse = coarse.select(&members.trained);
+            let first = match self.config.init {
+                Init::Points => first(points, &grown, of_coarse, setup.config.max_gaussians),
+                Init::Random | Init::Model(_) => of_coarse,
+            };
+            Ok(with_tail(&beginning(first, 0), &coarse.select(&setup.shown(coarse, &members.seen))))
+        };
+        let start = setup.start(output, (begin, &[]))?;
         let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
         run.train(meetings(&setup.config)[0])?;
         Ok(owned(&run.checkpoint()?.snapshot, &layout.cells, b))
@@ -219,52 +220,90 @@ impl BlockRun {
         Ok((record.timeless(), (0..meeting.starts.len()).map(quota).collect()))
     }
 
-    /// Block number `b` from a meeting to the next or to the end, behind the Gaussians of the others. While none is pruned, those of
-    /// them that lie in the grown cell are trained along: what one block does at a border, the other expects. At the end they are
-    /// handed on behind its own, as copies for [`copies`](super::copies). It continues from the checkpoint in `output`, if there is one.
+    /// Block number `b` from the first meeting to the second, behind the Gaussians of the others. It prunes to `quota` Gaussians; without
+    /// one, Gaussians of others that lie in the grown cell are trained along: what one block does at a border, the other expects. It
+    /// continues from the checkpoint in `output`, if there is one.
     ///
     /// # Errors
     /// As of a run; photos other than the plan's.
     pub fn tune(
         &self,
         session: &Session<'_>,
-        (layout, b, half): (&Layout, usize, Half<'_>),
+        (layout, b, quota): (&Layout, usize, Option<usize>),
         (meeting, came): (&Meeting<'_>, Came<'_>),
         output: &Output,
     ) -> Result<Tuned, Error> {
-        let (quota, prune) = match half {
-            Half::First(quota) => (quota, None),
-            Half::Second(prune) => (None, prune.cloned()),
-        };
-        let collected = meeting.collected;
         let Some(block) = meeting.trains(layout, b) else {
-            return Ok(Tuned { state: came(b)?, copies: 0, prune });
+            return Ok(Tuned { state: came(b)?, copies: 0, prune: None });
         };
         let mut config = of_block(&self.config, (block, b), self.photos.len());
-        let until = match half {
-            Half::First(_) => meetings(&config)[1],
-            Half::Second(_) => config.schedule.iterations,
-        };
         if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
             pruning.compression.keep = Keep::Count(quota.max(1));
         }
-        let (mut margin, mut others) = meeting.margin(layout, b);
-        if quota.is_some() {
-            others.append(&mut margin);
-            others.sort_unstable();
-        }
+        let until = meetings(&config)[1];
+        let margin = if quota.is_some() { Vec::new() } else { meeting.margin(layout, b) };
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
-        let begin = |setup: &Setup<'_>| {
-            let before = meeting.with(came, b, &margin)?;
-            Ok(with_tail(&before, &collected.select(&setup.shown(collected, &others))))
+        let mut shares = vec![0.0; meeting.collected.len()];
+        shares[meeting.rows(b)].fill(1.0);
+        setup.take_share(meeting.collected, &shares, layout.of_nothing())?;
+        let before = || meeting.with(came, b, &margin);
+        let trained: Vec<usize> = meeting.rows(b).chain(margin.iter().copied()).collect();
+        let (snapshot, prune) = goes_on(&mut setup, (meeting.collected, &trained, &before), (until, None), output)?;
+        Ok(Tuned { state: own(&snapshot, margin.len()), copies: 0, prune })
+    }
+
+    /// Block number `b` from the second meeting to the third, after what it did as its prune. It trains Gaussians of others that lie in the
+    /// grown cell along with its own, and hands them on behind these, as copies for [`copies`](super::copies). It continues from the
+    /// checkpoint in `output`, if there is one.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn settle(
+        &self,
+        session: &Session<'_>,
+        (layout, b): (&Layout, usize),
+        (meeting, came, prune): (&Meeting<'_>, Came<'_>, Option<&PruneRecord>),
+        output: &Output,
+    ) -> Result<Tuned, Error> {
+        let before = || meeting.with(came, b, &meeting.trained_by(layout, b)[meeting.rows(b).len()..]);
+        self.with_margin(session, (layout, b), (meeting, meeting.collected, &before), (1, prune), output)
+    }
+
+    /// Block number `b` from the third meeting to the end: as [`BlockRun::settle`], whose result is `settled`, in the scene that the
+    /// blocks' copies became, `blended`.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn finish(
+        &self,
+        session: &Session<'_>,
+        (layout, b): (&Layout, usize),
+        (meeting, blended, settled): (&Meeting<'_>, &Gaussians, Tuned),
+        output: &Output,
+    ) -> Result<Tuned, Error> {
+        let (Tuned { state, prune, .. }, rows) = (settled, meeting.trained_by(layout, b));
+        let before = || Ok(Snapshot { model: blended.select(&rows), ..state.clone() });
+        self.with_margin(session, (layout, b), (meeting, blended, &before), (2, prune.as_ref()), output)
+    }
+
+    /// Block number `b` with its margin, from one meeting to the next.
+    fn with_margin(
+        &self,
+        session: &Session<'_>,
+        (layout, b): (&Layout, usize),
+        (meeting, scene, before): (&Meeting<'_>, &Gaussians, Before<'_>),
+        (next, prune): (usize, Option<&PruneRecord>),
+        output: &Output,
+    ) -> Result<Tuned, Error> {
+        let Some(block) = meeting.trains(layout, b) else {
+            return Ok(Tuned { state: before()?, copies: 0, prune: prune.cloned() });
         };
-        let start = setup.start(output, (begin, prune.as_slice()))?;
-        let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
-        run.train(until)?;
-        let Checkpoint { snapshot, notes } = run.checkpoint()?;
-        let prune = notes.prunes.into_iter().next().map(PruneRecord::timeless);
-        let copies = if matches!(half, Half::Second(_)) { margin.len() } else { 0 };
-        Ok(Tuned { state: own(&snapshot, margin.len() - copies), copies, prune })
+        let config = of_block(&self.config, (block, b), self.photos.len());
+        let until = meetings(&config).get(next + 1).copied().unwrap_or(config.schedule.iterations);
+        let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
+        let trained = meeting.trained_by(layout, b);
+        let (snapshot, prune) = goes_on(&mut setup, (scene, &trained, before), (until, prune), output)?;
+        Ok(Tuned { state: own(&snapshot, 0), copies: trained.len() - meeting.rows(b).len(), prune })
     }
 
     /// Figures of the joined model: those of `qirf-vk eval`.
@@ -280,83 +319,43 @@ impl BlockRun {
         Ok(record)
     }
 
+    /// The number of Gaussians that the run grows to in one piece, if it has a plan.
+    fn planned(&self) -> Option<usize> {
+        let growth = self.config.schedule.growth.filter(|_| self.config.schedule.relocation.is_none())?;
+        growth.gaussians.map(|n| n.min(self.config.max_gaussians))
+    }
+
     /// The choice as a compression of the joined blocks by the run's photos.
     fn choice(&self) -> Result<(CompressConfig, &Pruning), Error> {
         let RunConfig { prune, style, seed, .. } = &self.config;
         let pruning = prune.as_ref().ok_or_else(|| Error::Usage("this run does not prune".to_owned()))?;
         let views = ViewSource::Photos(self.config.selection());
-        let compression = pruning.compression.clone();
+        let mut compression = pruning.compression.clone();
+        if let (Keep::Share(share), Some(planned)) = (compression.keep, self.planned()) {
+            // Blocks may grow to a few more or fewer together than the run in one piece does.
+            compression.keep = Keep::Count((share * planned as f64).round().max(1.0) as usize);
+        }
         Ok((CompressConfig { compression, views, style: *style, fine_tune: 0, seed: *seed }, pruning))
-    }
-
-    /// The setup of a block's run on the parts of photos that show it.
-    fn setup<'a>(
-        &self,
-        session: &Session<'a>,
-        config: RunConfig,
-        (block, exposures): (&Block, &[f32]),
-        output: &Output,
-    ) -> Result<Setup<'a>, Error> {
-        let begun = Instant::now();
-        let opened = self.opened()?;
-        let every: Vec<usize> = (0..opened.scene.views.len()).collect();
-        let (extent, centre) = (opened.scene.extent(&every), opened.scene.centre(&every));
-        let names: Vec<String> = block.crops.iter().map(|crop| self.photos[crop.view].clone()).collect();
-        let mut prepared =
-            opened.only(&names)?.load_to_train(session.photo_memory(output.folder()), session.watcher)?;
-        let crops = prepared.train.iter().zip(&block.crops).map(|(photo, crop)| photo.part(crop.corner, crop.size));
-        prepared.train = crops.collect::<std::io::Result<Vec<Photo>>>().map_err(crate::train::Error::Photos)?;
-        prepared.extent = extent;
-        let maps = block.crops.iter().filter_map(|crop| exposures.chunks_exact(exposure::SIZE).nth(crop.view));
-        Ok(Setup {
-            session: *session,
-            prepared: Prepared { test: Vec::new(), ..prepared },
-            estimated_bytes: 0,
-            decisions: Vec::new(),
-            exposures: Exposures::Known(maps.flatten().copied().collect()),
-            cameras: Some(centre.as_vec3().to_array()),
-            begun,
-            load_s: begun.elapsed().as_secs_f64(),
-            config,
-        })
     }
 }
 
-impl Setup<'_> {
-    /// The Gaussians among `rows` that the photos may show.
-    fn shown(&self, model: &Gaussians, rows: &[usize]) -> Vec<usize> {
-        let settings = self.config.style.over(self.prepared.background);
-        let rows: Vec<u32> = rows.iter().map(|i| *i as u32).collect();
-        let mut shown = vec![false; model.len()];
-        for photo in &self.prepared.train {
-            for i in visible(model, &rows, &photo.camera, &settings) {
-                shown[i as usize] = true;
-            }
-        }
-        (0..model.len()).filter(|i| shown[*i]).collect()
-    }
+/// Gives the state that a block's training goes on from.
+type Before<'a> = &'a dyn Fn() -> Result<Snapshot, Error>;
 
-    /// The checkpoint in `output`, if it is of this run; else what `begin` says, after these prunes.
-    ///
-    /// # Errors
-    /// [`Error::Memory`] if the device has too little; a checkpoint that cannot be read; those of `begin`.
-    fn start(
-        &mut self,
-        output: &Output,
-        (begin, prunes): (impl FnOnce(&Self) -> Result<Snapshot, Error>, &[PruneRecord]),
-    ) -> Result<Start, Error> {
-        let Session { device, watcher, .. } = self.session;
-        let checkpoint = if output.checkpoint().exists() {
-            let checkpoint = Checkpoint::read(&output.checkpoint())?;
-            watcher.note(&format!("resuming after iteration {}", checkpoint.snapshot.iteration));
-            checkpoint
-        } else {
-            let snapshot = begin(self)?;
-            let initial = snapshot.model.len() - snapshot.tail;
-            let notes = Notes { config: self.config.written()?, initial, prunes: prunes.to_vec(), ..Notes::default() };
-            Checkpoint { snapshot, notes }
-        };
-        self.estimated_bytes = budget::for_block(device, &self.config, &self.prepared, &checkpoint.snapshot)?;
-        Ok(Start::Resumed(Box::new(checkpoint)))
-    }
+/// A block until an iteration, behind those of the scene's Gaussians that it does not train; with its prune, if it has had one.
+fn goes_on(
+    setup: &mut Setup<'_>,
+    (scene, trained, before): (&Gaussians, &[usize], Before<'_>),
+    (until, prune): (u32, Option<&PruneRecord>),
+    output: &Output,
+) -> Result<(Snapshot, Option<PruneRecord>), Error> {
+    let trained: HashSet<usize> = trained.iter().copied().collect();
+    let others: Vec<usize> = (0..scene.len()).filter(|i| !trained.contains(i)).collect();
+    let begin = |setup: &Setup<'_>| Ok(with_tail(&before()?, &scene.select(&setup.shown(scene, &others))));
+    let prunes: Vec<PruneRecord> = prune.cloned().into_iter().collect();
+    let start = setup.start(output, (begin, &prunes))?;
+    let mut run = ActiveRun::start(setup, &setup.config, output, start)?;
+    run.train(until)?;
+    let Checkpoint { snapshot, notes } = run.checkpoint()?;
+    Ok((snapshot, notes.prunes.into_iter().next().map(PruneRecord::timeless)))
 }

@@ -12,7 +12,7 @@ pub enum Stage {
     Assign,
     /// Trains a block up to the prune.
     Dense,
-    /// Joins the blocks' Gaussians, at their first and second meeting.
+    /// Joins the blocks' Gaussians, at each of their meetings.
     Collect,
     /// Takes the responses of a chunk of views.
     Evidence,
@@ -20,8 +20,10 @@ pub enum Stage {
     Choose,
     /// Trains a block from the prune to the second meeting.
     Tune,
-    /// Trains a block to its end.
+    /// Trains a block and its margin from the second meeting to the third.
     Settle,
+    /// Trains a block and its margin from the third meeting to the end.
+    Finish,
     /// Joins the trained blocks.
     Join,
     /// Scores some of the views held out.
@@ -31,7 +33,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    const ALL: [(Self, &'static str); 11] = [
+    const ALL: [(Self, &'static str); 12] = [
         (Self::Coarse, "coarse"),
         (Self::Assign, "assign"),
         (Self::Dense, "dense"),
@@ -40,6 +42,7 @@ impl Stage {
         (Self::Choose, "choose"),
         (Self::Tune, "tune"),
         (Self::Settle, "settle"),
+        (Self::Finish, "finish"),
         (Self::Join, "join"),
         (Self::Score, "score"),
         (Self::Report, "report"),

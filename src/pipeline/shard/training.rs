@@ -1,12 +1,12 @@
 //! A run in blocks as tasks: a coarse model, its division, the blocks up to the prune, evidence by chunks of photos, one choice,
-//! the blocks to a second meeting and to their end, and the joined model with its figures.
+//! the blocks to a second and a third meeting and to their end, and the joined model with its figures.
 
 use super::files::Files;
 use super::task::{Listed, Stage, Task};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::pipeline::Output;
-use crate::pipeline::blocks::{BlockRun, Half, Layout, Meeting, Tuned, copies, joined};
+use crate::pipeline::blocks::{BlockRun, Layout, Meeting, Tuned, copies, joined};
 use crate::pipeline::records::PruneRecord;
 use crate::pipeline::session::Session;
 use crate::response::CHUNK;
@@ -18,6 +18,7 @@ const COARSE: Task = Task::whole(Stage::Coarse);
 const ASSIGN: Task = Task::whole(Stage::Assign);
 const FIRST: Task = Task::part(Stage::Collect, 0);
 const SECOND: Task = Task::part(Stage::Collect, 1);
+const THIRD: Task = Task::part(Stage::Collect, 2);
 const CHOOSE: Task = Task::whole(Stage::Choose);
 const JOIN: Task = Task::whole(Stage::Join);
 const REPORT: Task = Task::whole(Stage::Report);
@@ -45,13 +46,20 @@ struct Pruned {
     prune: Option<PruneRecord>,
 }
 
-/// Notes beside a block's model; those of all blocks stand beside the joined model.
+/// Notes beside a block after the second meeting; those of all blocks stand beside the joined model.
 #[derive(Clone, Serialize, Deserialize)]
 struct Ended {
     /// Its own Gaussians; copies of its neighbours' follow them.
     gaussians: usize,
     prune: Option<PruneRecord>,
     skipped_rows: u64,
+}
+
+impl Ended {
+    fn of(block: &Tuned) -> Self {
+        let Tuned { state, copies, prune } = block;
+        Self { gaussians: state.model.len() - copies, prune: prune.clone(), skipped_rows: state.skipped_rows }
+    }
 }
 
 /// Notes beside the joined model.
@@ -71,6 +79,10 @@ impl BlockRun {
 
     fn settled_blocks(&self) -> impl Iterator<Item = Task> {
         Task::parts(Stage::Settle, self.blocks)
+    }
+
+    fn finished_blocks(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Finish, self.blocks)
     }
 
     fn chunks_of_evidence(&self) -> impl Iterator<Item = Task> {
@@ -96,11 +108,15 @@ impl BlockRun {
         };
         let settle = |task: Task| {
             let needs = [ASSIGN, SECOND].into_iter().chain(self.tuned_blocks());
-            Listed::new(task, needs, model(task), each / 2)
+            Listed::new(task, needs, [stored(task), beside(task)], each / 4)
         };
-        let collect = |task: Task, blocks: Vec<Task>| Listed::new(task, blocks, model(task), 0);
+        let finish = |task: Task| {
+            let own = Task { stage: Stage::Settle, ..task };
+            Listed::new(task, [ASSIGN, SECOND, THIRD, own], model(task), each / 4)
+        };
+        let collect = |task: Task, needs: Vec<Task>| Listed::new(task, needs, model(task), 0);
         let mut tasks = vec![
-            Listed::new(COARSE, [], ["coarse.safetensors"], iterations / 16),
+            Listed::new(COARSE, [], ["coarse.safetensors"], iterations / 32),
             Listed::new(ASSIGN, [COARSE], ["assign.json"], 2 * self.photos.len()),
         ];
         tasks.extend(self.dense_blocks().map(dense));
@@ -110,7 +126,9 @@ impl BlockRun {
         tasks.extend(self.tuned_blocks().map(tune));
         tasks.push(collect(SECOND, self.tuned_blocks().collect()));
         tasks.extend(self.settled_blocks().map(settle));
-        let needs = [ASSIGN, SECOND].into_iter().chain(self.settled_blocks());
+        tasks.push(collect(THIRD, [ASSIGN, SECOND].into_iter().chain(self.settled_blocks()).collect()));
+        tasks.extend(self.finished_blocks().map(finish));
+        let needs = [ASSIGN, SECOND].into_iter().chain(self.finished_blocks());
         tasks.push(Listed::new(JOIN, needs, [output, "join.json"], 0));
         let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE));
         tasks.push(Listed::new(REPORT, needs, ["metrics.json"], self.photos.len()));
@@ -122,11 +140,13 @@ impl BlockRun {
         match task.stage {
             Stage::Coarse | Stage::Dense => files.state(task).map(drop),
             Stage::Assign => files.sealed::<Layout>(task).map(drop),
+            Stage::Collect if task == THIRD => files.beside::<Joined>(task).map(drop),
             Stage::Collect => files.beside::<Collected>(task).map(drop),
             Stage::Evidence => files.part(task, files.sealed::<Collected>(FIRST)?.gaussians).map(drop),
             Stage::Choose => files.sealed::<Chosen>(task).map(drop),
             Stage::Tune => files.state(task).and_then(|_| files.sealed::<Pruned>(task)).map(drop),
-            Stage::Settle => files.beside::<Ended>(task).map(drop),
+            Stage::Settle => files.state(task).and_then(|_| files.sealed::<Ended>(task)).map(drop),
+            Stage::Finish => files.beside::<Ended>(task).map(drop),
             Stage::Join => files.beside::<Joined>(task).map(drop),
             Stage::Score | Stage::Report => Ok(()),
         }
@@ -144,6 +164,7 @@ impl BlockRun {
                 let state = self.dense(session, (&layout, part), &files.state(COARSE)?.model, &scratch()?)?;
                 Ok(vec![files.state_bytes(task, state)?])
             }
+            Stage::Collect if task == THIRD => self.blended(files, task, self.settled_blocks()),
             Stage::Collect => {
                 let blocks: Vec<Task> =
                     if task == FIRST { self.dense_blocks().collect() } else { self.tuned_blocks().collect() };
@@ -167,58 +188,68 @@ impl BlockRun {
             }
             Stage::Tune => self.tuned(session, files, task, part),
             Stage::Settle => self.settled(session, files, task, part),
-            Stage::Join => {
-                let (collected, Collected { starts, .. }) = files.model(SECOND)?;
-                let of = copies(&files.sealed(ASSIGN)?, &Meeting { collected: &collected, starts: &starts });
-                let (mut model, mut blocks) = (Gaussians::zeroed(collected.len(), collected.degree()), Vec::new());
-                for (block, copies) in self.settled_blocks().zip(&of) {
-                    let (of_block, ended) = files.model::<Ended>(block)?;
-                    if of_block.len() != copies.rows.len() {
-                        let what = format!(
-                            "it has {} Gaussians in place of {}: another version of qirf-vk wrote it",
-                            of_block.len(),
-                            copies.rows.len()
-                        );
-                        let path = files.outputs(block).swap_remove(0);
-                        return Err(Error::Part { path, what, task: block.to_string() });
-                    }
-                    copies.add_to(&mut model, &of_block);
-                    blocks.push(ended);
-                }
-                files.with_model(task, &model, self.config.style.mode(), Joined { blocks })
-            }
+            Stage::Finish => self.finished(session, files, task, part),
+            Stage::Join => self.blended(files, task, self.finished_blocks()),
             Stage::Score | Stage::Report => Ok(vec![self.report(session, files)?]),
         }
     }
 
+    /// The scene that the copies of blocks become, and its notes.
+    fn blended(&self, files: &Files, task: Task, blocks: impl Iterator<Item = Task>) -> Result<Vec<Vec<u8>>, Error> {
+        let (collected, Collected { starts, .. }) = files.model(SECOND)?;
+        let of = copies(&files.sealed(ASSIGN)?, &Meeting { collected: &collected, starts: &starts });
+        let (mut model, mut notes) = (Gaussians::zeroed(collected.len(), collected.degree()), Vec::new());
+        for (block, copies) in blocks.zip(&of) {
+            let (of_block, ended) = match block.stage {
+                Stage::Settle => (files.state(block)?.model, files.sealed::<Ended>(block)?),
+                _ => files.model::<Ended>(block)?,
+            };
+            if of_block.len() != copies.rows.len() {
+                let what = format!(
+                    "it has {} Gaussians in place of {}: another version of qirf-vk wrote it",
+                    of_block.len(),
+                    copies.rows.len()
+                );
+                let path = files.outputs(block).swap_remove(0);
+                return Err(Error::Part { path, what, task: block.to_string() });
+            }
+            copies.add_to(&mut model, &of_block);
+            notes.push(ended);
+        }
+        files.with_model(task, &model, self.config.style.mode(), Joined { blocks: notes })
+    }
+
     fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
-        let Tuned { state, prune, .. } =
-            self.after_meeting(session, files, (task, b), (FIRST, Stage::Dense, Half::First(quota)))?;
+        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
+        let (collected, Collected { starts, .. }) = files.model(FIRST)?;
+        let meeting = Meeting { collected: &collected, starts: &starts };
+        let came = |b: usize| files.state(Task::part(Stage::Dense, b));
+        let Tuned { state, prune, .. } = self.tune(session, (&layout, b, quota), (&meeting, &came), &output)?;
         Ok(vec![files.state_bytes(task, state)?, files.seal(task, &Pruned { prune })?])
     }
 
     fn settled(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
+        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
+        let (collected, Collected { starts, .. }) = files.model(SECOND)?;
+        let meeting = Meeting { collected: &collected, starts: &starts };
+        let came = |b: usize| files.state(Task::part(Stage::Tune, b));
         let Pruned { prune } = files.sealed(Task::part(Stage::Tune, b))?;
-        let Tuned { state, copies, prune } =
-            self.after_meeting(session, files, (task, b), (SECOND, Stage::Tune, Half::Second(prune.as_ref())))?;
-        let ended = Ended { gaussians: state.model.len() - copies, prune, skipped_rows: state.skipped_rows };
-        files.with_model(task, &state.model, self.config.style.mode(), ended)
+        let settled = self.settle(session, (&layout, b), (&meeting, &came, prune.as_ref()), &output)?;
+        let ended = Ended::of(&settled);
+        Ok(vec![files.state_bytes(task, settled.state)?, files.seal(task, &ended)?])
     }
 
-    /// A block in the task that follows a meeting of blocks in the stage `from`.
-    fn after_meeting(
-        &self,
-        session: &Session<'_>,
-        files: &Files,
-        (task, b): (Task, usize),
-        (meeting, from, half): (Task, Stage, Half<'_>),
-    ) -> Result<Tuned, Error> {
+    fn finished(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let (collected, Collected { starts, .. }) = files.model(meeting)?;
+        let (collected, Collected { starts, .. }) = files.model(SECOND)?;
         let meeting = Meeting { collected: &collected, starts: &starts };
-        let came = |b: usize| files.state(Task::part(from, b));
-        self.tune(session, (&layout, b, half), (&meeting, &came), &output)
+        let (blended, Joined { .. }) = files.model(THIRD)?;
+        let own = Task::part(Stage::Settle, b);
+        let (state, Ended { gaussians, prune, .. }) = (files.state(own)?, files.sealed(own)?);
+        let settled = Tuned { copies: state.model.len() - gaussians, state, prune };
+        let finished = self.finish(session, (&layout, b), (&meeting, &blended, settled), &output)?;
+        files.with_model(task, &finished.state.model, self.config.style.mode(), Ended::of(&finished))
     }
 
     /// All figures, as `qirf-vk eval` has them, without times and memory; with those of the blocks.

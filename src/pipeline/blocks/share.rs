@@ -1,0 +1,130 @@
+//! What each block is to make good of the error where several paint.
+//!
+//! All blocks train at once, each behind the others as they were. Where several paint a pixel, and each makes good all of its error, they
+//! overshoot together. A block therefore trains towards the picture as it was, plus its share of the difference to the photo: to first
+//! order, the shares of all blocks add up to the photo.
+
+use crate::error::Error;
+use crate::gaussians::Gaussians;
+use crate::kernels::constants::sh::float64::SH_C0;
+use crate::pipeline::setup::Setup;
+use crate::render::{Image, Painter, Source};
+use crate::scene::{FourthByte, Photo, camera};
+use crate::train::{self, Exposures, exposure};
+use std::io;
+
+/// Turns `photo` into what a block is to paint: `share`, whose red channel is the block's share of each pixel, of the way from the picture
+/// `before`, drawn over the background and exposed by `map`, to the photo.
+///
+/// # Errors
+/// If the photo lies in a file that cannot be read.
+fn mix(photo: &mut Photo, share: &Image, before: &Image, map: Option<&[f32]>, background: [f32; 3]) -> io::Result<()> {
+    let mut bytes = photo.pixels.read()?.into_owned();
+    for ((pixel, share), before) in bytes.chunks_exact_mut(4).zip(&share.pixels).zip(&before.pixels) {
+        let share = share[0].clamp(0.0, 1.0);
+        let opacity = if photo.fourth_byte == FourthByte::Alpha { f32::from(pixel[3]) / 255.0 } else { 1.0 };
+        for c in 0..3 {
+            let exposed = map.map_or(before[c], |map| {
+                map[4 * c..4 * c + 3].iter().zip(before).map(|(m, v)| m * v).sum::<f32>() + map[4 * c + 3]
+            });
+            let taken = f32::from(pixel[c]) * opacity + 255.0 * background[c] * (1.0 - opacity);
+            pixel[c] = (share * taken + (1.0 - share) * 255.0 * exposed).round().clamp(0.0, 255.0) as u8;
+        }
+        if photo.fourth_byte == FourthByte::Alpha {
+            pixel[3] = 255;
+        }
+    }
+    if photo.fourth_byte == FourthByte::Alpha {
+        photo.fourth_byte = FourthByte::Opaque;
+    }
+    photo.pixels = bytes.into();
+    Ok(())
+}
+
+/// The model in grey: each Gaussian as bright as its share.
+fn grey(model: &Gaussians, shares: &[f32]) -> Gaussians {
+    let colour = |share: &f32| [((f64::from(*share) - 0.5) / SH_C0) as f32; 3];
+    Gaussians { sh: vec![shares.iter().flat_map(colour).collect()], ..model.clone() }
+}
+
+impl Setup<'_> {
+    /// Replaces the photos by what the block is to paint of them. `model` is the scene as the block finds it; `shares` says of each of its
+    /// Gaussians how much of it is the block's, and `nothing` how much of what no Gaussian paints: 0..=1, over all blocks 1.
+    ///
+    /// # Errors
+    /// Device memory; device errors; photos that cannot be read.
+    pub(super) fn take_share(&mut self, model: &Gaussians, shares: &[f32], nothing: f32) -> Result<(), Error> {
+        let (device, style) = (self.session.device, self.config.style);
+        let size = camera::largest(self.prepared.train.iter().map(|photo| &photo.camera));
+        let grey = grey(model, shares);
+        let background = self.prepared.background;
+        let sources = [(&grey, [nothing; 3]), (model, background)].map(|(model, over)| (Source::Host(model), over));
+        let mut painters = Vec::new();
+        for (source, over) in sources {
+            painters.push((Painter::of(device, style.over(over), source, size)?, source));
+        }
+        let Exposures::Known(maps) = &self.exposures else { return Ok(()) };
+        for (number, photo) in self.prepared.train.iter_mut().enumerate() {
+            self.session.watcher.unless_stopped()?;
+            let mut drawn = Vec::new();
+            for (painter, source) in &mut painters {
+                drawn.push(painter.render(*source, &photo.camera)?);
+            }
+            let map = maps.chunks_exact(exposure::SIZE).nth(number);
+            mix(photo, &drawn[0], &drawn[1], map, background).map_err(train::Error::Photos)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::camera::Camera;
+    use glam::DVec3;
+
+    fn image(pixel: [f32; 4]) -> Image {
+        Image { width: 4, height: 1, pixels: vec![pixel; 4] }
+    }
+
+    /// What `share` of a photo is to be painted, in bytes of red, green, blue and the fourth.
+    fn mixed(fourth_byte: FourthByte, share: f32, map: Option<&[f32]>) -> [u8; 4] {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, 4, 1);
+        let mut photo = Photo { camera, pixels: [200, 100, 0, 51].repeat(4).into(), fourth_byte };
+        mix(&mut photo, &image([share; 4]), &image([0.4, 0.2, 0.8, 1.0]), map, [1.0, 0.0, 0.0]).unwrap();
+        let bytes = photo.pixels.read().unwrap();
+        assert!(bytes.chunks_exact(4).all(|pixel| pixel == &bytes[..4]));
+        assert_eq!(photo.fourth_byte == FourthByte::Mask, fourth_byte == FourthByte::Mask);
+        [bytes[0], bytes[1], bytes[2], bytes[3]]
+    }
+
+    #[test]
+    fn the_shares_of_all_blocks_make_good_the_whole_error() {
+        let before = [102, 51, 204];
+        for (fourth_byte, photo) in [(FourthByte::Opaque, [200, 100, 0]), (FourthByte::Alpha, [244, 20, 0])] {
+            assert_eq!(mixed(fourth_byte, 1.0, None)[..3], photo);
+            assert_eq!(mixed(fourth_byte, 0.0, None)[..3], before.map(|byte| byte as u8));
+            let parts = [0.2, 0.3, 0.5].map(|share| mixed(fourth_byte, share, None));
+            for c in 0..3 {
+                let sum: i32 = parts.iter().map(|part| i32::from(part[c]) - before[c]).sum();
+                assert!((sum - (i32::from(photo[c]) - before[c])).abs() <= 2, "{sum} of channel {c}");
+            }
+        }
+        // What is masked stays masked; what was transparent is drawn over the background.
+        assert_eq!([FourthByte::Mask, FourthByte::Alpha].map(|byte| mixed(byte, 0.5, None)[3]), [51, 255]);
+    }
+
+    #[test]
+    fn pictures_are_exposed_before_they_are_mixed() {
+        let map = [0.5, 0.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0];
+        assert_eq!(mixed(FourthByte::Opaque, 0.0, Some(&map))[..3], [77, 51, 51]);
+    }
+
+    #[test]
+    fn grey_is_as_bright_as_the_share() {
+        let grey = grey(&Gaussians::zeroed(2, 3), &[0.0, 0.75]);
+        let brightness = |i: usize| 0.5 + SH_C0 * f64::from(grey.sh[0][3 * i]);
+        assert!(brightness(0).abs() < 1e-7 && (brightness(1) - 0.75).abs() < 1e-7);
+        assert!(grey.degree() == 0 && grey.validate().is_ok());
+    }
+}
