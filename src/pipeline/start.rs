@@ -79,14 +79,9 @@ pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Resu
         Start::Points(_) => prepared.scene.points.iter().map(Seed::from).collect(),
         Start::Random(count) => initialise::random(&prepared.train, count, blender, u64::from(config.seed))?,
     };
-    Ok(on_points(&seeds, config.max_gaussians))
-}
-
-/// Gaussians on points, of which no more than `most` are taken.
-pub(super) fn on_points(points: &[Seed], most: usize) -> Gaussians {
-    let model = initialise::from_points(points);
+    let model = initialise::from_points(&seeds);
     let all: Vec<usize> = (0..model.len()).collect();
-    if all.len() <= most { model } else { model.select(&evenly(&all, most)) }
+    Ok(if all.len() > config.max_gaussians { model.select(&evenly(&all, config.max_gaussians)) } else { model })
 }
 
 /// At most `most` of a list, evenly over it, so that no region is left out.

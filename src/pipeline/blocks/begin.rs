@@ -1,4 +1,4 @@
-//! What a block's run begins with: its parts of photos, its Gaussians, and those of others that it sees.
+//! The beginning of a block's run: its parts of photos and its first Gaussians.
 
 use super::layout::Block;
 use super::run::BlockRun;
@@ -17,11 +17,11 @@ use crate::render::visible;
 use crate::scene::{Photo, Point};
 use crate::train::checkpoint::Snapshot;
 use crate::train::exposure;
-use crate::train::initialise::Seed;
+use crate::train::initialise::{self, Seed};
 use crate::train::{self, Exposures};
 use std::time::Instant;
 
-/// A cell with fewer points than one for so many Gaussians of the coarse model begins with the latter.
+/// A cell begins with the coarse model if that has more than so many Gaussians in it for each point.
 const FEW: usize = 10;
 
 /// The Gaussians that a block's training begins with, of those in its grown cell: the capture's points, at most `most` of them; `coarse`,
@@ -33,8 +33,8 @@ pub(super) fn first(points: &[Point], grown: &Grown<'_>, coarse: Gaussians, most
     if rows.len() * FEW < coarse.len() {
         return coarse;
     }
-    // Of all points, so that those at its faces have their neighbours beyond.
-    let on_points = start::on_points(&seeds, usize::MAX).select(&start::evenly(&rows, most));
+    // A Gaussian's size follows from its nearest points, which may lie outside the cell.
+    let on_points = initialise::from_points(&seeds).select(&start::evenly(&rows, most));
     // In all bands at once, as the coarse model is.
     let mut model = Gaussians::zeroed(0, coarse.degree());
     model.append(&on_points);

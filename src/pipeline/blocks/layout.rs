@@ -73,7 +73,7 @@ impl Layout {
         Self { cells, blocks, omega, exposures: Vec::new() }
     }
 
-    /// What a block has of each pixel that no Gaussian paints: as much as every other.
+    /// A block's share of what no Gaussian paints: all blocks have the same.
     pub(super) fn of_nothing(&self) -> f32 {
         1.0 / self.blocks.len().max(1) as f32
     }

@@ -172,19 +172,18 @@ impl BlockRun {
         let owns = |mean: &[f32; 3]| if layout.cells.owner(*mean) == b { 1.0 } else { 0.0 };
         let shares: Vec<f32> = coarse.means.iter().map(owns).collect();
         setup.take_share(coarse, &shares, layout.of_nothing())?;
-        let begin = |setup: &Setup<'_>| {
+        let before = |setup: &Setup<'_>| {
             let (points, grown) = (&setup.prepared.scene.points, layout.cells.grown(b, GROWN));
             let of_coarse = coarse.select(&members.trained);
             let first = match self.config.init {
                 Init::Points => first(points, &grown, of_coarse, setup.config.max_gaussians),
                 Init::Random | Init::Model(_) => of_coarse,
             };
-            Ok(with_tail(&beginning(first, 0), &coarse.select(&setup.shown(coarse, &members.seen))))
+            Ok(beginning(first, 0))
         };
-        let start = setup.start(output, (begin, &[]))?;
-        let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
-        run.train(meetings(&setup.config)[0])?;
-        Ok(owned(&run.checkpoint()?.snapshot, &layout.cells, b))
+        let until = meetings(&setup.config)[0];
+        let (snapshot, _) = goes_on(&mut setup, (coarse, &members.trained, before), (until, None), output)?;
+        Ok(owned(&snapshot, &layout.cells, b))
     }
 
     /// Responses of a chunk of photos to the Gaussians of all blocks.
@@ -246,9 +245,9 @@ impl BlockRun {
         let mut shares = vec![0.0; meeting.collected.len()];
         shares[meeting.rows(b)].fill(1.0);
         setup.take_share(meeting.collected, &shares, layout.of_nothing())?;
-        let before = || meeting.with(came, b, &margin);
+        let before = |_: &Setup<'_>| meeting.with(came, b, &margin);
         let trained: Vec<usize> = meeting.rows(b).chain(margin.iter().copied()).collect();
-        let (snapshot, prune) = goes_on(&mut setup, (meeting.collected, &trained, &before), (until, None), output)?;
+        let (snapshot, prune) = goes_on(&mut setup, (meeting.collected, &trained, before), (until, None), output)?;
         Ok(Tuned { state: own(&snapshot, margin.len()), copies: 0, prune })
     }
 
@@ -265,8 +264,10 @@ impl BlockRun {
         (meeting, came, prune): (&Meeting<'_>, Came<'_>, Option<&PruneRecord>),
         output: &Output,
     ) -> Result<Tuned, Error> {
-        let before = || meeting.with(came, b, &meeting.trained_by(layout, b)[meeting.rows(b).len()..]);
-        self.with_margin(session, (layout, b), (meeting, meeting.collected, &before), (1, prune), output)
+        let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| meetings(config)[2]);
+        let before = || meeting.with(came, b, &rows[meeting.rows(b).len()..]);
+        let scene = (meeting.collected, &rows[..], before);
+        self.along_with_margin(session, (layout, b, meeting), scene, (until, prune), output)
     }
 
     /// Block number `b` from the third meeting to the end: as [`BlockRun::settle`], whose result is `settled`, in the scene that the
@@ -281,29 +282,30 @@ impl BlockRun {
         (meeting, blended, settled): (&Meeting<'_>, &Gaussians, Tuned),
         output: &Output,
     ) -> Result<Tuned, Error> {
-        let (Tuned { state, prune, .. }, rows) = (settled, meeting.trained_by(layout, b));
-        let before = || Ok(Snapshot { model: blended.select(&rows), ..state.clone() });
-        self.with_margin(session, (layout, b), (meeting, blended, &before), (2, prune.as_ref()), output)
+        let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| config.schedule.iterations);
+        let Tuned { state, prune, .. } = settled;
+        let before = || Ok(Snapshot { model: blended.select(&rows), ..state });
+        let scene = (blended, &rows[..], before);
+        self.along_with_margin(session, (layout, b, meeting), scene, (until, prune.as_ref()), output)
     }
 
-    /// Block number `b` with its margin, from one meeting to the next.
-    fn with_margin(
+    /// Block number `b` and its margin, which are `rows` of the scene, until an iteration of the block's run; `before` gives their state.
+    fn along_with_margin(
         &self,
         session: &Session<'_>,
-        (layout, b): (&Layout, usize),
-        (meeting, scene, before): (&Meeting<'_>, &Gaussians, Before<'_>),
-        (next, prune): (usize, Option<&PruneRecord>),
+        (layout, b, meeting): (&Layout, usize, &Meeting<'_>),
+        (scene, rows, before): (&Gaussians, &[usize], impl FnOnce() -> Result<Snapshot, Error>),
+        (until, prune): (impl FnOnce(&RunConfig) -> u32, Option<&PruneRecord>),
         output: &Output,
     ) -> Result<Tuned, Error> {
         let Some(block) = meeting.trains(layout, b) else {
             return Ok(Tuned { state: before()?, copies: 0, prune: prune.cloned() });
         };
         let config = of_block(&self.config, (block, b), self.photos.len());
-        let until = meetings(&config).get(next + 1).copied().unwrap_or(config.schedule.iterations);
+        let until = until(&config);
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
-        let trained = meeting.trained_by(layout, b);
-        let (snapshot, prune) = goes_on(&mut setup, (scene, &trained, before), (until, prune), output)?;
-        Ok(Tuned { state: own(&snapshot, 0), copies: trained.len() - meeting.rows(b).len(), prune })
+        let (snapshot, prune) = goes_on(&mut setup, (scene, rows, |_: &_| before()), (until, prune), output)?;
+        Ok(Tuned { state: own(&snapshot, 0), copies: rows.len() - meeting.rows(b).len(), prune })
     }
 
     /// Figures of the joined model: those of `qirf-vk eval`.
@@ -339,19 +341,17 @@ impl BlockRun {
     }
 }
 
-/// Gives the state that a block's training goes on from.
-type Before<'a> = &'a dyn Fn() -> Result<Snapshot, Error>;
-
-/// A block until an iteration, behind those of the scene's Gaussians that it does not train; with its prune, if it has had one.
-fn goes_on(
-    setup: &mut Setup<'_>,
-    (scene, trained, before): (&Gaussians, &[usize], Before<'_>),
+/// Trains a block until an iteration, behind the scene's Gaussians other than `trained`; `before` gives the state that it goes on from, if
+/// there is no checkpoint. With the state comes its prune, if it has had one.
+fn goes_on<'a>(
+    setup: &mut Setup<'a>,
+    (scene, trained, before): (&Gaussians, &[usize], impl FnOnce(&Setup<'a>) -> Result<Snapshot, Error>),
     (until, prune): (u32, Option<&PruneRecord>),
     output: &Output,
 ) -> Result<(Snapshot, Option<PruneRecord>), Error> {
     let trained: HashSet<usize> = trained.iter().copied().collect();
     let others: Vec<usize> = (0..scene.len()).filter(|i| !trained.contains(i)).collect();
-    let begin = |setup: &Setup<'_>| Ok(with_tail(&before()?, &scene.select(&setup.shown(scene, &others))));
+    let begin = |setup: &Setup<'a>| Ok(with_tail(&before(setup)?, &scene.select(&setup.shown(scene, &others))));
     let prunes: Vec<PruneRecord> = prune.cloned().into_iter().collect();
     let start = setup.start(output, (begin, &prunes))?;
     let mut run = ActiveRun::start(setup, &setup.config, output, start)?;

@@ -1,4 +1,4 @@
-//! What each block is to make good of the error where several paint.
+//! Each block's share of the error in pixels that several blocks paint.
 //!
 //! All blocks train at once, each behind the others as they were. Where several paint a pixel, and each makes good all of its error, they
 //! overshoot together. A block therefore trains towards the picture as it was, plus its share of the difference to the photo: to first
@@ -44,7 +44,13 @@ fn mix(photo: &mut Photo, share: &Image, before: &Image, map: Option<&[f32]>, ba
 /// The model in grey: each Gaussian as bright as its share.
 fn grey(model: &Gaussians, shares: &[f32]) -> Gaussians {
     let colour = |share: &f32| [((f64::from(*share) - 0.5) / SH_C0) as f32; 3];
-    Gaussians { sh: vec![shares.iter().flat_map(colour).collect()], ..model.clone() }
+    Gaussians {
+        means: model.means.clone(),
+        log_scales: model.log_scales.clone(),
+        rotations: model.rotations.clone(),
+        opacity_logits: model.opacity_logits.clone(),
+        sh: vec![shares.iter().flat_map(colour).collect()],
+    }
 }
 
 impl Setup<'_> {
@@ -58,20 +64,18 @@ impl Setup<'_> {
         let size = camera::largest(self.prepared.train.iter().map(|photo| &photo.camera));
         let grey = grey(model, shares);
         let background = self.prepared.background;
-        let sources = [(&grey, [nothing; 3]), (model, background)].map(|(model, over)| (Source::Host(model), over));
-        let mut painters = Vec::new();
-        for (source, over) in sources {
-            painters.push((Painter::of(device, style.over(over), source, size)?, source));
-        }
-        let Exposures::Known(maps) = &self.exposures else { return Ok(()) };
+        let painter = |model, over| Painter::of(device, style.over(over), Source::Host(model), size);
+        let (mut of_shares, mut of_scene) = (painter(&grey, [nothing; 3])?, painter(model, background)?);
+        let maps: &[f32] = match &self.exposures {
+            Exposures::Known(maps) => maps,
+            Exposures::Learnt(_) => &[],
+        };
         for (number, photo) in self.prepared.train.iter_mut().enumerate() {
             self.session.watcher.unless_stopped()?;
-            let mut drawn = Vec::new();
-            for (painter, source) in &mut painters {
-                drawn.push(painter.render(*source, &photo.camera)?);
-            }
+            let share = of_shares.render(Source::Host(&grey), &photo.camera)?;
+            let before = of_scene.render(Source::Host(model), &photo.camera)?;
             let map = maps.chunks_exact(exposure::SIZE).nth(number);
-            mix(photo, &drawn[0], &drawn[1], map, background).map_err(train::Error::Photos)?;
+            mix(photo, &share, &before, map, background).map_err(train::Error::Photos)?;
         }
         Ok(())
     }
@@ -110,7 +114,7 @@ mod tests {
                 assert!((sum - (i32::from(photo[c]) - before[c])).abs() <= 2, "{sum} of channel {c}");
             }
         }
-        // What is masked stays masked; what was transparent is drawn over the background.
+        // Masks stay. Transparent photos become opaque: they are drawn over the background.
         assert_eq!([FourthByte::Mask, FourthByte::Alpha].map(|byte| mixed(byte, 0.5, None)[3]), [51, 255]);
     }
 

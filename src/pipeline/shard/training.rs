@@ -32,6 +32,20 @@ struct Collected {
     gaussians: usize,
 }
 
+/// The Gaussians of all blocks at a meeting, and the first row of each block.
+struct Met(Gaussians, Vec<usize>);
+
+impl Met {
+    fn read(files: &Files, collect: Task) -> Result<Self, Error> {
+        let (model, Collected { starts, .. }) = files.model(collect)?;
+        Ok(Self(model, starts))
+    }
+
+    fn meeting(&self) -> Meeting<'_> {
+        Meeting { collected: &self.0, starts: &self.1 }
+    }
+}
+
 /// The choice among all Gaussians.
 #[derive(Serialize, Deserialize)]
 struct Chosen {
@@ -180,8 +194,8 @@ impl BlockRun {
                 Ok(vec![files.part_bytes(task, responses)?])
             }
             Stage::Choose => {
-                let (collected, Collected { starts, gaussians: n }) = files.model(FIRST)?;
-                let meeting = Meeting { collected: &collected, starts: &starts };
+                let met = Met::read(files, FIRST)?;
+                let (meeting, n) = (met.meeting(), met.0.len());
                 let chunks = self.chunks_of_evidence().map(|chunk| Ok(files.part(chunk, n)?.responses(n)));
                 let (prune, quotas) = self.choose(session, &meeting, chunks)?;
                 Ok(vec![files.seal(task, &Chosen { prune, quotas })?])
@@ -196,9 +210,9 @@ impl BlockRun {
 
     /// The scene that the copies of blocks become, and its notes.
     fn blended(&self, files: &Files, task: Task, blocks: impl Iterator<Item = Task>) -> Result<Vec<Vec<u8>>, Error> {
-        let (collected, Collected { starts, .. }) = files.model(SECOND)?;
-        let of = copies(&files.sealed(ASSIGN)?, &Meeting { collected: &collected, starts: &starts });
-        let (mut model, mut notes) = (Gaussians::zeroed(collected.len(), collected.degree()), Vec::new());
+        let met = Met::read(files, SECOND)?;
+        let of = copies(&files.sealed(ASSIGN)?, &met.meeting());
+        let (mut model, mut notes) = (Gaussians::zeroed(met.0.len(), met.0.degree()), Vec::new());
         for (block, copies) in blocks.zip(&of) {
             let (of_block, ended) = match block.stage {
                 Stage::Settle => (files.state(block)?.model, files.sealed::<Ended>(block)?),
@@ -222,33 +236,30 @@ impl BlockRun {
     fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let (collected, Collected { starts, .. }) = files.model(FIRST)?;
-        let meeting = Meeting { collected: &collected, starts: &starts };
+        let met = Met::read(files, FIRST)?;
         let came = |b: usize| files.state(Task::part(Stage::Dense, b));
-        let Tuned { state, prune, .. } = self.tune(session, (&layout, b, quota), (&meeting, &came), &output)?;
+        let Tuned { state, prune, .. } = self.tune(session, (&layout, b, quota), (&met.meeting(), &came), &output)?;
         Ok(vec![files.state_bytes(task, state)?, files.seal(task, &Pruned { prune })?])
     }
 
     fn settled(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let (collected, Collected { starts, .. }) = files.model(SECOND)?;
-        let meeting = Meeting { collected: &collected, starts: &starts };
+        let met = Met::read(files, SECOND)?;
         let came = |b: usize| files.state(Task::part(Stage::Tune, b));
         let Pruned { prune } = files.sealed(Task::part(Stage::Tune, b))?;
-        let settled = self.settle(session, (&layout, b), (&meeting, &came, prune.as_ref()), &output)?;
+        let settled = self.settle(session, (&layout, b), (&met.meeting(), &came, prune.as_ref()), &output)?;
         let ended = Ended::of(&settled);
         Ok(vec![files.state_bytes(task, settled.state)?, files.seal(task, &ended)?])
     }
 
     fn finished(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let (collected, Collected { starts, .. }) = files.model(SECOND)?;
-        let meeting = Meeting { collected: &collected, starts: &starts };
+        let met = Met::read(files, SECOND)?;
         let (blended, Joined { .. }) = files.model(THIRD)?;
         let own = Task::part(Stage::Settle, b);
         let (state, Ended { gaussians, prune, .. }) = (files.state(own)?, files.sealed(own)?);
         let settled = Tuned { copies: state.model.len() - gaussians, state, prune };
-        let finished = self.finish(session, (&layout, b), (&meeting, &blended, settled), &output)?;
+        let finished = self.finish(session, (&layout, b), (&met.meeting(), &blended, settled), &output)?;
         files.with_model(task, &finished.state.model, self.config.style.mode(), Ended::of(&finished))
     }
 
