@@ -3,14 +3,11 @@
 
 use super::records::{CurvePoint, PruneRecord};
 use crate::error::Error;
-use crate::train::checkpoint::Snapshot;
+use crate::train::checkpoint::{OWN_NOTES, Snapshot};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
-
-/// Notes that [`Snapshot`] keeps for itself.
-const OWN_NOTES: [&str; 5] = ["iteration", "skipped_rows", "course", "tail", "crc32"];
 
 /// The state of a run besides the trainer's.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

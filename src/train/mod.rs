@@ -18,6 +18,7 @@ pub mod learnt_masks;
 mod look;
 pub mod loss;
 pub mod mask;
+pub mod mean;
 mod memory;
 mod moments;
 mod objective;

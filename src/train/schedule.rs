@@ -52,6 +52,8 @@ pub struct Schedule {
     pub degree_every: f64,
     /// Share of the run that uses pictures of half their size.
     pub half_until: f64,
+    /// The result is the mean of up to 20 iterates after this share of the run, evenly spaced; with 1, the last iterate.
+    pub mean_from: f64,
     /// Growth to a planned number; without it, all Gaussians grow whose gradient reaches the threshold.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub growth: Option<Growth>,
@@ -87,12 +89,16 @@ impl Default for Schedule {
             opacity_reset_every: 3000,
             degree_every: 1.0 / 30.0,
             half_until: 0.0,
+            mean_from: 1.0,
             growth: None,
             relocation: None,
             learnt_masks: None,
         }
     }
 }
+
+/// The mean is of iterates after this share of a run, if it is no reference's (docs/decisions.md).
+pub const MEAN_FROM: f64 = 0.95;
 
 /// Length of the run that the reference's rates are meant for.
 const REFERENCE: f64 = 30_000.0;
@@ -129,6 +135,7 @@ impl Schedule {
             scale_rate: whole.scale_rate * shorter.powf(0.25),
             rotation_rate: whole.rotation_rate * shorter.powf(0.4),
             half_until: 0.4,
+            mean_from: MEAN_FROM,
             ..whole
         }
     }
@@ -279,7 +286,7 @@ mod tests {
     #[test]
     fn rates_scale_with_the_length() {
         for iterations in [30_000, 60_000] {
-            assert_eq!(Schedule { half_until: 0.0, ..Schedule::of(iterations) }, of(iterations));
+            assert_eq!(Schedule { half_until: 0.0, mean_from: 1.0, ..Schedule::of(iterations) }, of(iterations));
         }
         let short = Schedule::of(1000);
         let share = |a: f64, b: f64| (a / b * 10.0).round() / 10.0;

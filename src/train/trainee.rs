@@ -1,6 +1,7 @@
 //! A model in training, with everything that is stored per Gaussian.
 
 use super::cloak::Masks;
+use super::mean::Mean;
 use super::moments::{self, Moments};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
@@ -18,6 +19,8 @@ pub struct Trainee {
     pub growth: Buffer<[f32; 2]>,
     /// Learnt masks of the rows before the tail, while there are any.
     pub masks: Option<Masks>,
+    /// The mean of iterates, while one is taken.
+    pub mean: Option<Mean>,
     pub(super) tail: Option<Tail>,
 }
 
@@ -59,7 +62,7 @@ impl Trainee {
         let parameters = widths.try_map(|(name, width)| device.buffer(name, n * width))?;
         let moments = widths.try_map(|(name, width)| device.buffer(&format!("{name}.moments"), trained * width))?;
         let model = Resident::new(device, parameters, degree, n)?;
-        Ok(Self { model, moments, growth: device.buffer("growth", n)?, masks: None, tail })
+        Ok(Self { model, moments, growth: device.buffer("growth", n)?, masks: None, mean: None, tail })
     }
 
     /// A model before its first iteration: moments and growth are zero.
@@ -83,7 +86,7 @@ impl Trainee {
         let trained = model.len - tail.as_ref().map_or(0, |tail| tail.rows);
         let moments = moments::zeros_of(device, trained, model.degree)?;
         let growth = device.upload("growth", &vec![[0.0; 2]; model.len])?;
-        Ok(Self { model, moments, growth, masks: None, tail })
+        Ok(Self { model, moments, growth, masks: None, mean: None, tail })
     }
 
     /// Number of rows that never change, at the model's end.
@@ -117,6 +120,7 @@ impl Trainee {
         self.model.parameters.sh[l] = band;
         self.moments.sh[l] = moments;
         self.model.degree = l;
+        self.mean = None;
         Ok(())
     }
 }

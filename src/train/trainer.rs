@@ -258,7 +258,7 @@ impl Trainer {
             schedule.densifies(i) || schedule.relocates(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1)
         };
         let fades = |i: u32| schedule.thins(i) || self.attrition().is_some_and(|a| a.acts(i));
-        let acts = |i: u32| grows(i) || fades(i) || self.smoothing_after(i).is_some();
+        let acts = |i: u32| grows(i) || fades(i) || schedule.averages_iterates(i) || self.smoothing_after(i).is_some();
         let averages = |i: u32| self.options.averaged.start == i + 1 && !self.options.averaged.is_empty();
         (self.iteration + 1..=until.min(self.iteration + LOOK_EVERY))
             .find(|i| acts(*i) || averages(*i))
@@ -369,7 +369,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Density control or relocation, opacity reset, removal of the masked, attrition and smoothing, if they are due after this iteration.
+    /// Density control or relocation, opacity reset, removal of the masked, attrition, the mean and smoothing, if they are due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
         let schedule = &self.options.schedule;
         if schedule.densifies(iteration) {
@@ -383,10 +383,12 @@ impl Trainer {
             let mut recording = Recording::new();
             density::reset_opacity(&mut recording, &self.trainee, RESET_OPACITY);
             self.device.run(recording)?;
+            self.trainee.mean = None;
         }
         self.relocate(iteration)?;
         self.thin(iteration)?;
         self.attrite(iteration)?;
+        self.average(iteration)?;
         if let Some(smoothing) = self.smoothing_after(iteration) {
             let mut recording = Recording::new();
             smoothing.record(&mut recording, &self.trainee.model, self.trainee.count());

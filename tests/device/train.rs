@@ -10,6 +10,7 @@ mod growth;
 mod halve;
 mod loss;
 mod mask;
+mod mean;
 mod memory;
 mod prune;
 pub(crate) mod runs;

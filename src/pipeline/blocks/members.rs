@@ -38,6 +38,7 @@ pub(super) fn beginning(model: Gaussians, tail: usize) -> Snapshot {
         responses: Default::default(),
         exposures: Default::default(),
         masks: Default::default(),
+        mean: None,
         course: Course::default(),
         notes: HashMap::new(),
         model,
@@ -66,6 +67,7 @@ pub(super) fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
         responses: Default::default(),
         exposures: Default::default(),
         masks: Default::default(),
+        mean: None,
         notes: snapshot.notes.clone(),
         ..*snapshot
     }

@@ -14,7 +14,7 @@ use crate::render::Source;
 use crate::response::Responses;
 use crate::scene::camera::Camera;
 use crate::train::loss::Weights;
-use crate::train::schedule::Schedule;
+use crate::train::schedule::{MEAN_FROM, Schedule};
 use crate::train::{self, Options, Trainer};
 
 /// Responses of the training views to each Gaussian of a model. With `of`, the views are a chunk of so many.
@@ -73,6 +73,7 @@ fn options(device: &Device, (gaussians, degree): (usize, usize), views: &Views, 
             position_rate: end,
             position_rate_end: end,
             densify_until: 0.0,
+            mean_from: MEAN_FROM,
             ..Schedule::default()
         },
         settings: views.settings,

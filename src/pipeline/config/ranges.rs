@@ -83,6 +83,7 @@ fn schedule(s: &Schedule) -> Result<(), String> {
         ("prune_scale_from", s.prune_scale_from),
         ("degree_every", s.degree_every),
         ("half_until", s.half_until),
+        ("mean_from", s.mean_from),
     ] {
         within(&format!("schedule.{field}"), value, &(0.0..=1000.0))?;
     }

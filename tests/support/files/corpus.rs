@@ -9,6 +9,7 @@ use qirf_vk::pipeline::RunConfig;
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::course::Course;
+use qirf_vk::train::mean::Mean;
 use std::fs;
 use std::io::Write;
 use std::path::Path;
@@ -230,6 +231,7 @@ fn checkpoint() -> Vec<u8> {
         responses: (vec![1.0; 40], vec![3; 5]),
         exposures: (vec![1.0; 24], vec![0.0; 48]),
         masks: (vec![1.0; 5], vec![0.0; 10]),
+        mean: Some(Mean { model: make::model(5, 1), iterates: 3 }),
         notes: [("config".to_owned(), "seed = 1".to_owned())].into(),
         model,
     };

@@ -1,0 +1,245 @@
+//! The file of a snapshot: safetensors, with all notes as JSON in one entry of the header, and a checksum of everything. A file is written completely or
+//! not at all.
+
+use super::Snapshot;
+use crate::gaussians::formats::{crc32, write_atomically};
+use crate::gaussians::{Attributes, Error, Gaussians};
+use crate::response::CHANNELS;
+use crate::train::course::Course;
+use crate::train::exposure;
+use crate::train::mean::Mean;
+use safetensors::SafeTensorError;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+/// The entry of the file's header that holds all notes as JSON.
+const NOTES: &str = "notes";
+/// The note that holds the number of iterations done.
+const ITERATION: &str = "iteration";
+/// The note that holds the number of rows that were skipped because their gradients were no numbers.
+const SKIPPED_ROWS: &str = "skipped_rows";
+/// The note that holds the events of the run as JSON, if there were any.
+const COURSE: &str = "course";
+/// The note that holds the number of Gaussians that never change, if there are any.
+const TAIL: &str = "tail";
+/// The note that holds the number of iterates in the mean, if one is taken.
+const ITERATES: &str = "iterates";
+/// The note that holds the checksum of everything else.
+const CHECKSUM: &str = "crc32";
+
+/// Names of the notes that a [`Snapshot`] writes and reads itself; a caller's are others.
+pub const OWN_NOTES: [&str; 6] = [ITERATION, SKIPPED_ROWS, COURSE, TAIL, ITERATES, CHECKSUM];
+
+/// CRC-32 of tensors and notes with their names, in the names' order.
+fn checksum<'a>(tensors: impl Iterator<Item = (&'a str, &'a [u8])>, notes: &'a HashMap<String, String>) -> u32 {
+    let notes = notes.iter().filter(|(key, _)| *key != CHECKSUM).map(|(key, text)| (key.as_str(), text.as_bytes()));
+    let mut parts: Vec<(&str, &[u8])> = tensors.chain(notes).collect();
+    parts.sort_unstable();
+    crc32(parts.into_iter().flat_map(|(name, bytes)| [name.as_bytes(), bytes]))
+}
+
+impl Snapshot {
+    /// Writes the snapshot: to a temporary file, flushed to disk, then renamed.
+    ///
+    /// # Errors
+    /// [`Error::Io`] with the path.
+    pub fn write(&self, path: &Path) -> Result<(), Error> {
+        let bytes = self.bytes()?;
+        write_atomically(path, |out| out.write_all(&bytes))
+    }
+
+    /// The bytes of the snapshot's file: the same for equal snapshots.
+    ///
+    /// # Errors
+    /// [`Error::Inconsistent`] for contents that the format cannot hold.
+    pub fn bytes(&self) -> Result<Vec<u8>, Error> {
+        let mut tensors = Vec::new();
+        let mut add = |name: String, data: &[f32]| {
+            let bytes = bytemuck::cast_slice::<f32, u8>(data).to_vec();
+            tensors.push((name, data.len(), bytes));
+        };
+        let all = Attributes::NAMES.zip(self.model.attributes().zip(self.moments.each_ref()));
+        for (name, (parameters, moments)) in all.up_to(self.model.degree()) {
+            add(name.to_owned(), parameters);
+            add(format!("{name}.moments"), moments);
+        }
+        add("growth".to_owned(), &self.growth);
+        if !self.responses.1.is_empty() {
+            add("responses".to_owned(), &self.responses.0);
+            // Integers, whose bits are stored as those of floats.
+            add("responses.seen".to_owned(), bytemuck::cast_slice(&self.responses.1));
+        }
+        if !self.exposures.0.is_empty() {
+            add("exposures".to_owned(), &self.exposures.0);
+            add("exposures.moments".to_owned(), &self.exposures.1);
+        }
+        if let Some(Mean { model, .. }) = &self.mean {
+            for (name, values) in Attributes::NAMES.zip(model.attributes()).up_to(model.degree()) {
+                add(format!("{name}.mean"), values);
+            }
+        }
+        if !self.masks.0.is_empty() {
+            add("masks".to_owned(), &self.masks.0);
+            add("masks.moments".to_owned(), &self.masks.1);
+        }
+        let stored = |what: String| Error::Inconsistent { what: format!("the checkpoint cannot be stored: {what}") };
+        let mut notes = self.notes.clone();
+        notes.insert(ITERATION.into(), self.iteration.to_string());
+        notes.insert(SKIPPED_ROWS.into(), self.skipped_rows.to_string());
+        if self.course != Course::default() {
+            let course = serde_json::to_string(&self.course);
+            notes.insert(COURSE.into(), course.map_err(|e| stored(e.to_string()))?);
+        }
+        if let Some(Mean { iterates, .. }) = &self.mean {
+            notes.insert(ITERATES.into(), iterates.to_string());
+        }
+        if self.tail > 0 {
+            notes.insert(TAIL.into(), self.tail.to_string());
+        }
+        let sum = checksum(tensors.iter().map(|(name, _, bytes)| (name.as_str(), bytes.as_slice())), &notes);
+        notes.insert(CHECKSUM.into(), sum.to_string());
+        let views: Result<Vec<_>, _> = tensors
+            .iter()
+            .map(|(name, len, bytes)| TensorView::new(Dtype::F32, vec![*len], bytes).map(|view| (name.clone(), view)))
+            .collect();
+        // One after the other: a map's order changes from run to run.
+        let ordered: BTreeMap<String, String> = notes.into_iter().collect();
+        let ordered = serde_json::to_string(&ordered).map_err(|e| stored(e.to_string()))?;
+        let notes = [(NOTES.to_owned(), ordered)].into();
+        views.and_then(|views| safetensors::serialize(views, Some(notes))).map_err(|e| stored(e.to_string()))
+    }
+
+    /// Reads a snapshot.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Malformed`] if the file is not a complete checkpoint.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.into(), source })?;
+        let stored = Stored::new(path, &bytes)?;
+        let bands = Attributes::NAMES.sh.into_iter().take_while(|name| stored.has(name)).count();
+        let n = stored.floats("opacity_logits")?.len();
+        let tail = if stored.notes.contains_key(TAIL) { stored.number(TAIL)? as usize } else { 0 };
+        let trained = n.checked_sub(tail);
+        let trained = trained.ok_or_else(|| stored.bad(TAIL, &format!("it is longer than {n} Gaussians")))?;
+        let all = Attributes::NAMES.zip(Attributes::widths(bands.max(1) - 1));
+        let each = |suffix: &str, times: usize| {
+            all.try_map(|(name, width)| match width {
+                0 => Ok(Vec::new()),
+                _ => stored.rows(&format!("{name}{suffix}"), times, width),
+            })
+        };
+        let mean = if stored.notes.contains_key(ITERATES) {
+            let model = Gaussians::of_attributes(each(".mean", n)?, bands);
+            Some(Mean { model, iterates: stored.number(ITERATES)? as u32 })
+        } else {
+            None
+        };
+        let responses = if stored.has("responses") {
+            let seen = stored.rows("responses.seen", n, 1)?;
+            (stored.rows("responses", n, CHANNELS)?, seen.into_iter().map(f32::to_bits).collect())
+        } else {
+            Default::default()
+        };
+        let exposures = if stored.has("exposures") {
+            (stored.floats("exposures")?, stored.floats("exposures.moments")?)
+        } else {
+            Default::default()
+        };
+        if exposures.0.len() % exposure::SIZE != 0 || exposures.1.len() != 2 * exposures.0.len() {
+            return Err(stored.bad("exposures", "their lengths do not agree"));
+        }
+        let masks = if stored.has("masks") {
+            (stored.rows("masks", trained, 1)?, stored.rows("masks.moments", trained, 2)?)
+        } else {
+            Default::default()
+        };
+        let course = match stored.notes.get(COURSE) {
+            Some(text) => serde_json::from_str(text).map_err(|e| stored.bad(COURSE, &e.to_string()))?,
+            None => Course::default(),
+        };
+        stored.check()?;
+        Ok(Self {
+            iteration: stored.number(ITERATION)? as u32,
+            skipped_rows: stored.number(SKIPPED_ROWS)?,
+            model: Gaussians::of_attributes(each("", n)?, bands),
+            moments: each(".moments", 2 * trained)?,
+            growth: stored.rows("growth", n, 2)?,
+            tail,
+            responses,
+            exposures,
+            masks,
+            mean,
+            course,
+            notes: stored.notes,
+        })
+    }
+}
+
+/// A file that is being read.
+struct Stored<'a> {
+    path: &'a Path,
+    file: SafeTensors<'a>,
+    notes: HashMap<String, String>,
+}
+
+impl<'a> Stored<'a> {
+    fn new(path: &'a Path, bytes: &'a [u8]) -> Result<Self, Error> {
+        let bad = |e: SafeTensorError| damaged(path, "header", &e.to_string());
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(bad)?;
+        let mut notes = header.metadata().clone().unwrap_or_default();
+        // Older checkpoints have them one by one.
+        if let Some(text) = notes.remove(NOTES) {
+            notes = serde_json::from_str(&text).map_err(|e| damaged(path, NOTES, &e.to_string()))?;
+        }
+        Ok(Self { path, file: SafeTensors::deserialize(bytes).map_err(bad)?, notes })
+    }
+
+    fn bad(&self, record: &str, what: &str) -> Error {
+        damaged(self.path, record, what)
+    }
+
+    fn has(&self, tensor: &str) -> bool {
+        self.file.tensor(tensor).is_ok()
+    }
+
+    fn number(&self, note: &str) -> Result<u64, Error> {
+        let number = self.notes.get(note).and_then(|text| text.parse().ok());
+        number.ok_or_else(|| self.bad(note, "it is missing or no number"))
+    }
+
+    fn floats(&self, name: &str) -> Result<Vec<f32>, Error> {
+        let tensor = self.file.tensor(name).map_err(|e| self.bad(name, &e.to_string()))?;
+        if tensor.dtype() != Dtype::F32 {
+            return Err(self.bad(name, "it is not of 32-bit floats"));
+        }
+        Ok(tensor.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
+    }
+
+    /// A tensor of as many rows of a width.
+    fn rows(&self, name: &str, rows: usize, width: usize) -> Result<Vec<f32>, Error> {
+        match self.floats(name)? {
+            values if values.len() == rows * width => Ok(values),
+            _ => Err(self.bad(name, &format!("its length is not that of {rows} rows of {width}"))),
+        }
+    }
+
+    /// Refuses a file that is not the one that was written: a run resumed from a flipped bit would end with a different model, and
+    /// nobody would know.
+    fn check(&self) -> Result<(), Error> {
+        let all = self.file.tensors();
+        let sum = checksum(all.iter().map(|(name, t)| (name.as_str(), t.data())), &self.notes);
+        if self.number(CHECKSUM)? != u64::from(sum) {
+            return Err(self.bad(CHECKSUM, "it is not that of the content: the file is damaged"));
+        }
+        Ok(())
+    }
+}
+
+fn damaged(path: &Path, record: &str, what: &str) -> Error {
+    Error::Malformed {
+        path: path.into(),
+        record: record.into(),
+        what: format!("{what}; delete the checkpoint to start afresh"),
+    }
+}

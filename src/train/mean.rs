@@ -1,0 +1,107 @@
+//! The mean of a run's last iterates. Learning rates do not fall to zero, so that each iterate lies around the optimum as far as its last
+//! gradients threw it; their mean lies nearer (B. T. Polyak, A. B. Juditsky: Acceleration of stochastic approximation by
+//! averaging, 1992). Parameters are averaged as they are stored: in this short time they hardly move.
+
+use super::error::Result;
+use super::schedule::Schedule;
+use super::trainer::Trainer;
+use crate::gaussians::Gaussians;
+
+/// Largest number of iterates in a mean.
+const ITERATES: u32 = 20;
+
+/// The mean of iterates so far.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mean {
+    /// The mean.
+    pub model: Gaussians,
+    /// Number of iterates in it.
+    pub iterates: u32,
+}
+
+impl Mean {
+    /// Takes an iterate of the same Gaussians into a mean, which begins with it if there is none.
+    fn with(mean: Option<Self>, iterate: Gaussians) -> Self {
+        let Some(Self { mut model, iterates }) = mean else {
+            return Self { model: iterate, iterates: 1 };
+        };
+        let iterates = iterates.saturating_add(1);
+        model.attributes_mut().zip(iterate.attributes()).map(|(mean, values)| {
+            mean.iter_mut().zip(values).for_each(|(mean, value)| *mean += (value - *mean) / iterates as f32);
+        });
+        Self { model, iterates }
+    }
+}
+
+impl Schedule {
+    /// Returns true if the iterate after iteration `iteration` is one of those whose mean is the result.
+    pub fn averages_iterates(&self, iteration: u32) -> bool {
+        let (from, last) = (f64::from(self.iterations) * self.mean_from, self.iterations);
+        let every = ((f64::from(last) - from) / f64::from(ITERATES)).ceil().max(1.0) as u32;
+        iteration <= last && f64::from(iteration) > from && (last - iteration).is_multiple_of(every)
+    }
+}
+
+impl Trainer {
+    /// Takes the model into the mean if that is due after iteration `iteration`. After the last, the mean becomes the model.
+    pub(super) fn average(&mut self, iteration: u32) -> Result<()> {
+        let schedule = &self.options.schedule;
+        if !schedule.averages_iterates(iteration) {
+            return Ok(());
+        }
+        let mean = Mean::with(self.trainee.mean.take(), self.download()?);
+        if iteration < schedule.iterations {
+            self.trainee.mean = Some(mean);
+        } else if mean.iterates > 1 {
+            let parameters = self.trainee.model.parameters.each_ref().zip(mean.model.attributes());
+            parameters.try_map(|(buffer, values)| match values {
+                [] => Ok(()),
+                _ => buffer.write(&self.device, values),
+            })?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    #[test]
+    fn the_mean_is_that_of_float64() {
+        let mut r = Random(3);
+        let mut iterate = || {
+            let mut model = Gaussians::zeroed(50, 2);
+            model.attributes_mut().map(|values| values.iter_mut().for_each(|v| *v = r.within(-9.0, 1.0) as f32));
+            model
+        };
+        let iterates: Vec<Gaussians> = (0..20).map(|_| iterate()).collect();
+        let mean = iterates.iter().cloned().fold(None, |mean, iterate| Some(Mean::with(mean, iterate))).unwrap();
+        assert_eq!(mean.iterates, 20);
+        for (a, values) in mean.model.attributes().into_array().into_iter().enumerate() {
+            for (i, value) in values.iter().enumerate() {
+                let sum: f64 = iterates.iter().map(|m| f64::from(m.attributes().into_array()[a][i])).sum();
+                assert!((f64::from(*value) - sum / 20.0).abs() < 1e-5, "{value}, {}", sum / 20.0);
+            }
+        }
+        // Equal iterates give themselves, to the bit.
+        let same = Mean::with(Some(Mean { model: iterates[0].clone(), iterates: 6 }), iterates[0].clone());
+        assert!(same.model == iterates[0] && same.iterates == 7);
+    }
+
+    #[test]
+    fn twenty_iterates_of_the_last_twentieth() {
+        let of = |iterations: u32| -> Vec<u32> {
+            let schedule = Schedule { mean_from: 0.95, ..Schedule::of(iterations) };
+            (0..=iterations + 100).filter(|i| schedule.averages_iterates(*i)).collect()
+        };
+        let long = of(30_000);
+        assert_eq!((long.len(), long[0], long[19]), (20, 28_575, 30_000));
+        assert_eq!((of(500).len(), of(2000).len()), (13, 20));
+        assert_eq!((of(20), of(1)), (vec![20], vec![1]));
+        let never = Schedule { mean_from: 1.0, ..Schedule::of(500) };
+        assert!((0..=600).all(|i| !never.averages_iterates(i)));
+        assert!((1..1000).all(|i| !Schedule::still().averages_iterates(i)));
+    }
+}

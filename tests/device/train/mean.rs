@@ -1,0 +1,93 @@
+//! The mean of the last iterates: against float64, over changes of the number of Gaussians, and with the same bytes when resumed.
+
+use super::runs::{bits, capture, options, train};
+use crate::support::{device, finish};
+use qirf_vk::gaussians::Gaussians;
+use qirf_vk::gpu::Device;
+use qirf_vk::train::checkpoint::Snapshot;
+use qirf_vk::train::schedule::Schedule;
+use qirf_vk::train::{Options, Trainer};
+
+const TAIL: usize = 40;
+const LAST: u32 = 110;
+
+/// Takes the mean of the iterates after this share of the run.
+fn averaging(mean_from: f64) -> Options {
+    Options { schedule: Schedule { mean_from, ..options().schedule }, tail: TAIL, ..options() }
+}
+
+fn trainer(device: &Device, options: Options) -> Trainer {
+    let c = capture();
+    Trainer::new(device, &c.start, c.train.clone(), c.extent, options).unwrap()
+}
+
+fn resumed(device: &Device, at: u32, options: Options) -> Vec<u32> {
+    let c = capture();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("checkpoint.safetensors");
+    let mut first = trainer(device, options.clone());
+    train(&mut first, at);
+    first.snapshot().unwrap().write(&path).unwrap();
+    let snapshot = Snapshot::read(&path).unwrap();
+    assert_eq!(snapshot.mean, first.snapshot().unwrap().mean);
+    let mut second = Trainer::resume(device, &snapshot, c.train.clone(), c.extent, options).unwrap();
+    train(&mut second, LAST);
+    bits(&second.download().unwrap())
+}
+
+#[test]
+fn the_result_is_the_mean_of_the_last_iterates() {
+    let device = device();
+    // Iterations 100 to 110.
+    let mut whole = trainer(&device, averaging(0.9));
+    train(&mut whole, LAST);
+    let mean = whole.download().unwrap();
+
+    let mut plain = trainer(&device, averaging(1.0));
+    let iterates: Vec<Gaussians> = (100..=LAST)
+        .map(|iteration| {
+            train(&mut plain, iteration);
+            plain.download().unwrap()
+        })
+        .collect();
+    assert!(plain.snapshot().unwrap().mean.is_none());
+    for (a, values) in mean.attributes().into_array().into_iter().enumerate() {
+        for (i, value) in values.iter().enumerate() {
+            let sum: f64 = iterates.iter().map(|m| f64::from(m.attributes().into_array()[a][i])).sum();
+            let right = sum / iterates.len() as f64;
+            assert!((f64::from(*value) - right).abs() < 1e-5 * right.abs().max(1.0), "{a}, {i}: {value}, {right}");
+        }
+    }
+    let last = iterates.last().unwrap();
+    assert!(mean.means != last.means && mean.means[mean.len() - TAIL..] == last.means[mean.len() - TAIL..]);
+
+    for at in [60, 99, 105, LAST] {
+        assert!(resumed(&device, at, averaging(0.9)) == bits(&mean), "resumed after {at}");
+    }
+    finish(&device);
+}
+
+/// Rows of different Gaussians, opacities that were reset, and models of different degrees are not averaged.
+#[test]
+fn other_changes_begin_it_anew() {
+    let device = device();
+    let begins = |change: &dyn Fn(&mut Schedule), first: u32| {
+        let mut options = averaging(0.8);
+        options.schedule.densify_until = 1.0;
+        (options.schedule.densify_every, options.schedule.opacity_reset_every) = (1000, 1000);
+        change(&mut options.schedule);
+        let mut trainer = trainer(&device, options);
+        train(&mut trainer, LAST - 2);
+        // Every second iterate from 90 on.
+        let mean = trainer.snapshot().unwrap().mean.expect("a mean");
+        assert_eq!((mean.iterates, mean.model.len()), ((LAST - 2 - first) / 2 + 1, trainer.len()), "from {first}");
+        train(&mut trainer, LAST);
+        assert!(trainer.snapshot().unwrap().mean.is_none());
+    };
+    begins(&|_| (), 90);
+    begins(&|schedule| schedule.densify_every = 100, 100);
+    begins(&|schedule| schedule.opacity_reset_every = 102, 102);
+    // A band comes with iteration 103.
+    begins(&|schedule| schedule.degree_every = 103.0 / f64::from(LAST), 104);
+    finish(&device);
+}
