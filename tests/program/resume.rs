@@ -1,6 +1,7 @@
 //! Runs that were killed or failed, and go on.
 
 use super::run::{command, metrics, model, scene, works};
+use qirf_vk::train::checkpoint::Snapshot;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -27,6 +28,40 @@ fn killed_and_resumed_it_ends_with_the_same_bytes() {
         killed(&scene, &broken, 300 + moment * 397 % 1500);
     }
     works(&mut command(&scene, &broken, &["--resume"]));
+    assert_eq!(model(&whole), model(&broken));
+}
+
+/// A run goes on with the mean of its last iterates that it had begun.
+#[test]
+fn killed_among_the_last_iterates_it_ends_with_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let [whole, broken] = ["whole", "broken"].map(|name| folder.path().join(name));
+    works(&mut command(&scene, &whole, &[]));
+    let config = std::fs::read_to_string(whole.join("config.toml")).unwrap();
+    let late = folder.path().join("late.toml");
+    // The mean begins with iteration 229 of 240.
+    std::fs::write(&late, config.replace("checkpoint_every = 20", "checkpoint_every = 234")).unwrap();
+    let run = || {
+        let mut run = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+        run.args(["run", "--config"]).arg(&late).arg("-o").arg(&broken);
+        run
+    };
+    let checkpoint = broken.join("checkpoint.safetensors");
+    for _ in 0..5 {
+        let _ = std::fs::remove_dir_all(&broken);
+        let mut child = run().stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts");
+        while child.try_wait().unwrap().is_none() && !checkpoint.exists() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let _ = child.kill();
+        child.wait().expect("it ends");
+        if checkpoint.exists() {
+            break;
+        }
+    }
+    assert!(Snapshot::read(&checkpoint).expect("a checkpoint").mean.is_some_and(|mean| mean.iterates == 6));
+    works(run().arg("--resume"));
     assert_eq!(model(&whole), model(&broken));
 }
 
