@@ -2,8 +2,9 @@
 //! order.
 
 use super::Context;
-use super::axis::{Axis, Rung, Sums};
+use super::axis::Axis;
 use super::records::{AxisRecord, RungRecord, figure};
+use super::rung::{Rung, Sums};
 use super::timing::{Sample, interleaved};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;

@@ -1,8 +1,10 @@
 //! The axes whose rungs are trainings: kept shares and selectors from one checkpoint, lengths and effects as separate
 //! runs.
 
-use super::axis::{Asked, Axis, Rung};
+use super::asked::Asked;
+use super::axis::Axis;
 use super::records::{AxisRecord, Better, RungRecord};
+use super::rung::Rung;
 use super::timing::{Spread, Timed};
 use crate::effects::{Choice, Decision, Effect, Trigger};
 use crate::error::Error;

@@ -1,6 +1,7 @@
 //! `qirf-vk sweep`: the cost of accuracy in time. Each axis of the engine is measured rung by rung in one process on
 //! one device.
 
+pub mod asked;
 pub mod axis;
 mod blocks;
 mod epsilon;
@@ -9,11 +10,13 @@ pub mod heavy;
 mod overlap;
 mod pictures;
 pub mod records;
+pub mod rung;
 mod solver;
 pub mod subject;
 pub mod timing;
 
-pub use axis::{Asked, Axis};
+pub use asked::Asked;
+pub use axis::Axis;
 pub use records::{AxisRecord, Described, SweepRecord};
 pub use subject::Subject;
 

@@ -2,9 +2,10 @@
 //! Gaussians laid flat.
 
 use super::Context;
-use super::axis::{Axis, Formula, Rung};
+use super::axis::Axis;
 use super::blocks;
 use super::records::{AxisRecord, RungRecord, Table, figure};
+use super::rung::{Formula, Rung};
 use super::timing::{Sample, Timed, interleaved};
 use crate::error::Error;
 use crate::gaussians::Gaussians;

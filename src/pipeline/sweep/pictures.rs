@@ -1,8 +1,9 @@
 //! The axes of drawing: culling, the end of blending, and the storage of colours.
 
 use super::Context;
-use super::axis::{Axis, Rung, Storage};
+use super::axis::Axis;
 use super::records::{AxisRecord, Better, RungRecord};
+use super::rung::{Rung, Storage};
 use super::timing::{Sample, interleaved};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;

@@ -1,9 +1,10 @@
 //! The axis of eigensolvers: on the subject's own blocks, and by block size.
 
 use super::Context;
-use super::axis::{Axis, Rung, Solver};
+use super::axis::Axis;
 use super::blocks::{self, Problem, jaccard};
 use super::records::{AxisRecord, RungRecord, Table, figure};
+use super::rung::{Rung, Solver};
 use super::timing::{Sample, Timed, interleaved};
 use crate::error::Error;
 use crate::gaussians::resident::Resident;

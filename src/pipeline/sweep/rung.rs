@@ -1,0 +1,157 @@
+//! The rungs of the axes: their values, and the readers of their names.
+
+use super::axis::Axis;
+use crate::effects::{Choice, Effect, Overrides, Trigger};
+use crate::qirf::overlap::Method;
+use crate::qirf::participation::Eigensolver;
+use crate::render::{Culling, Settings};
+
+/// A rung: its name and its value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rung<T> {
+    /// Its name, on the command line and in files.
+    pub name: String,
+    /// The value to measure.
+    pub value: T,
+}
+
+/// A rung of the solver axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Solver {
+    /// One of the host's solvers.
+    Host(Eigensolver),
+    /// The device's solver.
+    Device,
+}
+
+impl Solver {
+    pub(super) fn of(name: &str) -> Option<Self> {
+        let host = Eigensolver::ALL.into_iter().find(|solver| solver.to_string() == name).map(Self::Host);
+        host.or((name == "device-low-rank-f32").then_some(Self::Device))
+    }
+}
+
+/// A rung of the overlap axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Formula {
+    /// The host's twin, in float64.
+    Twin,
+    /// One of the device's formulas.
+    Device(Method),
+}
+
+impl Formula {
+    pub(super) fn of(name: &str) -> Option<Self> {
+        match name {
+            "qr-f64" => Some(Self::Twin),
+            "qr" => Some(Self::Device(Method::Qr)),
+            "cholesky" => Some(Self::Device(Method::CholeskyOfSum)),
+            "determinant" => Some(Self::Device(Method::Determinant)),
+            _ => None,
+        }
+    }
+}
+
+/// A rung of the epsilon axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Regularisation {
+    /// Added to the metric's diagonal.
+    Epsilon(f64),
+    /// Width added to every Gaussian, in median scales.
+    Dilation(f64),
+}
+
+impl Regularisation {
+    pub(super) fn of(name: &str) -> Option<Self> {
+        let (text, make): (_, fn(f64) -> Self) = match name.strip_prefix("t=") {
+            Some(t) => (t, Self::Dilation),
+            None => (name, Self::Epsilon),
+        };
+        text.parse().ok().filter(|v| (0.0..1e6).contains(v)).map(make)
+    }
+}
+
+/// A rung of the storage axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Storage {
+    /// Four bytes a coefficient.
+    Single,
+    /// Two bytes a coefficient.
+    Half,
+}
+
+/// A rung of the axis of gradient sums.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sums {
+    /// In slot order: the same bits in every run.
+    Ordered,
+    /// By float atomics.
+    Atomics,
+    /// By compare-and-swap of words.
+    CompareAndSwap,
+}
+
+/// A rule of culling.
+pub(super) fn culling(name: &str) -> Option<Culling> {
+    match name {
+        "off" => Some(Culling::Off),
+        "exact" => Some(Culling::Exact),
+        "box" => Some(Culling::Box),
+        "3-sigma" => Some(Culling::ThreeSigma),
+        _ => None,
+    }
+}
+
+/// The transmittance of a rung; that of the default has a margin that avoids ties: see [`Settings`].
+pub(super) fn stop(name: &str) -> Option<f32> {
+    if name == Axis::Stop.default_rung() {
+        return Some(Settings::default().stop);
+    }
+    name.parse().ok().filter(|v| (0.0..1.0).contains(v))
+}
+
+/// A kind of storage.
+pub(super) fn storage(name: &str) -> Option<Storage> {
+    match name {
+        "f32" => Some(Storage::Single),
+        "f16" => Some(Storage::Half),
+        _ => None,
+    }
+}
+
+/// A kind of gradient sums.
+pub(super) fn sums(name: &str) -> Option<Sums> {
+    match name {
+        "ordered" => Some(Sums::Ordered),
+        "atomics" => Some(Sums::Atomics),
+        "compare-and-swap" => Some(Sums::CompareAndSwap),
+        _ => None,
+    }
+}
+
+/// Above 0 and up to 1.
+pub(super) fn share(name: &str) -> Option<f64> {
+    name.parse().ok().filter(|v| *v > 0.0 && *v <= 1.0)
+}
+
+/// `1/4` or `0.25`: above 0 and up to 1.
+pub(super) fn fraction(name: &str) -> Option<f64> {
+    let value = match name.split_once('/') {
+        Some((a, b)) => a.parse::<f64>().ok()? / b.parse::<f64>().ok()?,
+        None => name.parse().ok()?,
+    };
+    (value > 0.0 && value <= 1.0).then_some(value)
+}
+
+/// An effect and its choice; none for the unchanged run.
+pub(super) fn switch(name: &str) -> Result<Option<(Effect, Choice)>, String> {
+    if name == Axis::Effects.default_rung() {
+        return Ok(None);
+    }
+    match Overrides::parse(name)? {
+        (effect, _) if effect.trigger() == Trigger::Always => {
+            Err(format!("axis effects: '{name}' is no rung; this effect cannot be switched"))
+        }
+        other => Ok(Some(other)),
+    }
+}
