@@ -1,6 +1,6 @@
-//! The mean of a run's last iterates. Learning rates do not fall to zero, so that each iterate lies around the optimum as far as its last
-//! gradients threw it; their mean lies nearer (B. T. Polyak, A. B. Juditsky: Acceleration of stochastic approximation by
-//! averaging, 1992). Parameters are averaged as they are stored: in this short time they hardly move.
+//! The mean of a run's last iterates. Learning rates do not fall to zero, so the last gradients leave each iterate beside the
+//! optimum; the mean lies nearer (B. T. Polyak, A. B. Juditsky: Acceleration of stochastic approximation by averaging, 1992).
+//! Parameters are averaged as they are stored: in this short time they hardly move.
 
 use super::error::Result;
 use super::schedule::Schedule;

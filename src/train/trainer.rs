@@ -369,7 +369,8 @@ impl Trainer {
         Ok(())
     }
 
-    /// Density control or relocation, opacity reset, removal of the masked, attrition, the mean and smoothing, if they are due after this iteration.
+    /// Density control or relocation, opacity reset, removal of the masked, attrition, the mean of iterates and smoothing, if they are
+    /// due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
         let schedule = &self.options.schedule;
         if schedule.densifies(iteration) {

@@ -1,5 +1,5 @@
-//! The file of a snapshot: safetensors, with all notes as JSON in one entry of the header, and a checksum of everything. A file is written completely or
-//! not at all.
+//! The file of a snapshot: safetensors, with all notes as JSON in one entry of the header, and a checksum of everything. A file is
+//! written completely or not at all.
 
 use super::Snapshot;
 use crate::gaussians::formats::{crc32, write_atomically};

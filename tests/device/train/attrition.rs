@@ -1,15 +1,13 @@
 //! Attrition: pressure on opacities against the twin's, exact bytes when resumed, and models that make it hard.
 
 use super::adam::{Bench, weights};
-use super::runs::{bits, capture, options, train, trainer};
+use super::runs::{bits, capture, options, resumed, train, trainer};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gpu::Device;
 use qirf_vk::reference::adam::{BETA1, BETA2, adam, pressed};
 use qirf_vk::train::adam::{Pressure, Rates, Step};
 use qirf_vk::train::attrition::Attrition;
-use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::{Options, Trainer};
 
 /// Three steps under pressure move opacities as the twin's do, and nothing else.
@@ -87,14 +85,6 @@ fn finish_contest(trainer: &mut Trainer, pause: Option<u32>) -> (Vec<u32>, usize
     (bits(&trainer.download().unwrap()), left)
 }
 
-fn resumed(device: &Device, from: &Snapshot) -> Trainer {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("checkpoint");
-    from.write(&file).unwrap();
-    let c = capture();
-    Trainer::resume(device, &Snapshot::read(&file).unwrap(), c.train.clone(), c.extent, contested()).unwrap()
-}
-
 /// Fewer and fewer are left, and a run that was stopped in the middle, or after the re-warming, ends with the same bytes.
 #[test]
 fn it_resumes_to_the_same_bytes() {
@@ -106,12 +96,12 @@ fn it_resumes_to_the_same_bytes() {
     let snapshot = first.snapshot().unwrap();
     let before = snapshot.course.attrition.unwrap().before;
     assert!(before > first.len() && first.len() > left && left >= 60, "{before} > {} > {left}", first.len());
-    let mut second = resumed(&device, &snapshot);
+    let mut second = resumed(&device, &snapshot, contested());
     assert!(second.attrition() == first.attrition() && second.attrition().is_some());
     assert!(finish_contest(&mut second, None).0 == right, "resumed in the middle");
 
     // A checkpoint after the end still knows that rates were re-warmed.
-    let done = resumed(&device, &whole.snapshot().unwrap()).snapshot().unwrap();
+    let done = resumed(&device, &whole.snapshot().unwrap(), contested()).snapshot().unwrap();
     assert!(done.course == whole.snapshot().unwrap().course && done.course.rewarmed.is_some());
     finish(&device);
 }

@@ -1,12 +1,10 @@
 //! The mean of the last iterates: against float64, over changes of the number of Gaussians, and with the same bytes when resumed.
 
-use super::runs::{bits, capture, options, train};
+use super::runs::{bits, options, resumed, train, trainer};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gpu::Device;
-use qirf_vk::train::checkpoint::Snapshot;
+use qirf_vk::train::Options;
 use qirf_vk::train::schedule::Schedule;
-use qirf_vk::train::{Options, Trainer};
 
 const TAIL: usize = 40;
 const LAST: u32 = 110;
@@ -14,25 +12,6 @@ const LAST: u32 = 110;
 /// Takes the mean of the iterates after this share of the run.
 fn averaging(mean_from: f64) -> Options {
     Options { schedule: Schedule { mean_from, ..options().schedule }, tail: TAIL, ..options() }
-}
-
-fn trainer(device: &Device, options: Options) -> Trainer {
-    let c = capture();
-    Trainer::new(device, &c.start, c.train.clone(), c.extent, options).unwrap()
-}
-
-fn resumed(device: &Device, at: u32, options: Options) -> Vec<u32> {
-    let c = capture();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("checkpoint.safetensors");
-    let mut first = trainer(device, options.clone());
-    train(&mut first, at);
-    first.snapshot().unwrap().write(&path).unwrap();
-    let snapshot = Snapshot::read(&path).unwrap();
-    assert_eq!(snapshot.mean, first.snapshot().unwrap().mean);
-    let mut second = Trainer::resume(device, &snapshot, c.train.clone(), c.extent, options).unwrap();
-    train(&mut second, LAST);
-    bits(&second.download().unwrap())
 }
 
 #[test]
@@ -62,7 +41,13 @@ fn the_result_is_the_mean_of_the_last_iterates() {
     assert!(mean.means != last.means && mean.means[mean.len() - TAIL..] == last.means[mean.len() - TAIL..]);
 
     for at in [60, 99, 105, LAST] {
-        assert!(resumed(&device, at, averaging(0.9)) == bits(&mean), "resumed after {at}");
+        let mut first = trainer(&device, averaging(0.9));
+        train(&mut first, at);
+        let snapshot = first.snapshot().unwrap();
+        let mut second = resumed(&device, &snapshot, averaging(0.9));
+        assert_eq!(second.snapshot().unwrap().mean, snapshot.mean);
+        train(&mut second, LAST);
+        assert!(bits(&second.download().unwrap()) == bits(&mean), "resumed after {at}");
     }
     finish(&device);
 }

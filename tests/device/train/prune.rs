@@ -1,6 +1,6 @@
 //! Pruning a model in training: responses, the choice, and the remaining Gaussians.
 
-use super::runs::{bits, options, train, trainer};
+use super::runs::{bits, options, resumed, train, trainer};
 use crate::support::{device, finish};
 use qirf_vk::pipeline::config::Compression;
 use qirf_vk::pipeline::prune::{PruneRequest, prune_by};
@@ -8,8 +8,7 @@ use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};
 use qirf_vk::qirf::study::{Basis, Observed, Study};
 use qirf_vk::response::{Responses, Wanted};
-use qirf_vk::train::checkpoint::Snapshot;
-use qirf_vk::train::{Options, Trainer};
+use qirf_vk::train::Options;
 
 /// The pass over the views changes nothing, and gives the same results every time.
 #[test]
@@ -126,12 +125,7 @@ fn averages_survive_a_checkpoint() {
     train(&mut whole, 78);
     assert!(whole.averages().unwrap().is_none());
     train(&mut whole, 90);
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("checkpoint.safetensors");
-    whole.snapshot().unwrap().write(&file).unwrap();
-    let views = super::runs::capture();
-    let snapshot = Snapshot::read(&file).unwrap();
-    let mut resumed = Trainer::resume(&device, &snapshot, views.train.clone(), views.extent, averaging()).unwrap();
+    let mut resumed = resumed(&device, &whole.snapshot().unwrap(), averaging());
     let mut ends = Vec::new();
     for trainer in [&mut whole, &mut resumed] {
         train(trainer, 100);

@@ -8,6 +8,7 @@ use qirf_vk::metrics;
 use qirf_vk::render::{Renderer, Settings};
 use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, PhotoFile, Scene};
 use qirf_vk::synth::{self, SynthOptions};
+use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::device_photos::DevicePhotos;
 use qirf_vk::train::initialise::{Seed, from_points, random};
 use qirf_vk::train::loss::Weights;
@@ -75,9 +76,18 @@ pub(crate) fn options() -> Options {
     }
 }
 
+/// A run on the capture.
 pub(crate) fn trainer(device: &Device, options: Options) -> Trainer {
     let c = capture();
     Trainer::new(device, &c.start, c.train.clone(), c.extent, options).unwrap()
+}
+
+/// A run that goes on from the file of a checkpoint.
+pub(crate) fn resumed(device: &Device, snapshot: &Snapshot, options: Options) -> Trainer {
+    let (c, folder) = (capture(), tempfile::tempdir().unwrap());
+    let file = folder.path().join("checkpoint.safetensors");
+    snapshot.write(&file).unwrap();
+    Trainer::resume(device, &Snapshot::read(&file).unwrap(), c.train.clone(), c.extent, options).unwrap()
 }
 
 /// Trains to `until`; every call must make progress, if only by growing a buffer.
