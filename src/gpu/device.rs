@@ -195,9 +195,14 @@ impl Device {
         self.context.instance.validation
     }
 
-    /// Bytes in buffers now, and at most so far.
+    /// Bytes in buffers now, and at most since the device was opened or [`Device::forget_peak`].
     pub fn memory_used(&self) -> (u64, u64) {
         self.context.memory.used()
+    }
+
+    /// Counts the most bytes in buffers from here on.
+    pub fn forget_peak(&self) {
+        self.context.memory.forget_peak();
     }
 
     /// What the host has asked of the device so far.

@@ -40,10 +40,15 @@ impl Memory {
     /// Holds the limit from here on; what the driver is probed with before does not count.
     pub fn enforce(&self) {
         self.enforced.store(true, Ordering::Relaxed);
+        self.forget_peak();
+    }
+
+    /// Counts the most bytes in use from here on.
+    pub fn forget_peak(&self) {
         self.peak.store(self.used.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 
-    /// Bytes in use now, and at most so far.
+    /// Bytes in use now, and at most since [`Memory::forget_peak`].
     pub fn used(&self) -> (u64, u64) {
         (self.used.load(Ordering::Relaxed), self.peak.load(Ordering::Relaxed))
     }

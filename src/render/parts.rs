@@ -262,8 +262,8 @@ impl Painter {
                 let uses = Uses { style: settings.style, ..Uses::default() };
                 let beside = Beside { taken: device.memory_used().0, ..Beside::default() };
                 let most = capacity(device, model.degree(), size, uses, beside);
-                // It grows to the largest part.
-                Ok(Self { most, ..Self::new(device, settings, model.len().min(most), [1, 1])? })
+                // It grows to the largest part that is drawn.
+                Ok(Self { most, ..Self::new(device, settings, 1, [1, 1])? })
             }
         }
     }

@@ -213,7 +213,7 @@ impl Renderer {
         Ok(self.frame.pairs.count.value.read(&self.device)?[1])
     }
 
-    /// Makes room for a model and a picture.
+    /// Makes room for a model and a picture, which may need nearly all of the device: what it had goes first.
     ///
     /// # Errors
     /// Device memory.
@@ -221,7 +221,10 @@ impl Renderer {
         let pixels = camera.width as usize * camera.height as usize;
         let (had, tiles) = (self.frame.image.len(), self.tiles(camera));
         if model.len > self.gaussians || pixels > had || tiles > self.frame.tiles() {
-            self.rebuild(model.len.max(self.gaussians), pixels.max(had), tiles.max(self.frame.tiles()))?;
+            let (gaussians, pairs) = (model.len.max(self.gaussians), self.frame.pairs.count.limit());
+            let tiles = tiles.max(self.frame.tiles());
+            self.rebuild(1, (1, 1), 1)?;
+            self.rebuild(gaussians, (pixels.max(had), tiles), pairs)?;
         }
         Ok(())
     }
@@ -232,7 +235,8 @@ impl Renderer {
     /// Device memory.
     pub fn make_room_for_gaussians(&mut self, gaussians: usize) -> Result<()> {
         if gaussians > self.gaussians {
-            self.rebuild(gaussians + gaussians / 4, self.frame.image.len(), self.frame.tiles())?;
+            let pairs = self.frame.pairs.count.limit();
+            self.rebuild(gaussians + gaussians / 4, (self.frame.image.len(), self.frame.tiles()), pairs)?;
         }
         Ok(())
     }
@@ -257,8 +261,7 @@ impl Renderer {
         }
     }
 
-    fn rebuild(&mut self, gaussians: usize, pixels: usize, tiles: usize) -> Result<()> {
-        let pairs = self.frame.pairs.count.limit();
+    fn rebuild(&mut self, gaussians: usize, (pixels, tiles): (usize, usize), pairs: u32) -> Result<()> {
         self.frame = Frame::new(&self.device, gaussians, pixels, tiles, pairs, self.uses)?;
         self.gaussians = gaussians;
         Ok(())

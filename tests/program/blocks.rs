@@ -23,6 +23,15 @@ fn figures(stage: &Stage, folder: &str) -> Value {
     serde_json::from_slice(&fs::read(stage.path(folder).join("metrics.json")).unwrap()).unwrap()
 }
 
+/// MiB of the device that these tasks took at most, as `said` on stderr.
+fn most_memory(said: &str, tasks: &str) -> f64 {
+    let taken = said.lines().filter(|line| line.starts_with(tasks)).map(|line| {
+        let (_, memory) = line.split_once(" took ").and_then(|(_, taken)| taken.split_once(" and at most ")).unwrap();
+        memory.strip_suffix(" MiB of the device").unwrap().parse::<f64>().unwrap()
+    });
+    taken.reduce(f64::max).unwrap()
+}
+
 /// Mean PSNR of the photos that were trained on, in dB: less noise than a few held out have.
 fn psnr(figures: &Value) -> f64 {
     figures["train"]["psnr"].as_f64().unwrap()
@@ -50,6 +59,12 @@ fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
     let of_blocks: f64 = (0..3).map(|b| blocks["blocks"][b]["gaussians"].as_f64().unwrap()).sum();
     assert_eq!(of_blocks, kept(&blocks));
     assert!(blocks["omega"].as_f64().unwrap() < 2.5);
+    let whole = one["memory"]["peak_bytes"].as_f64().unwrap() / f64::from(1 << 20);
+    // Up to the prune a block sees what all have grown to; here nearly every photo shows all of it.
+    for (tasks, share) in [("dense/", 0.8), ("tune/", 1.0), ("settle/", 0.4), ("finish/", 0.4)] {
+        let block = most_memory(&said, tasks);
+        assert!(block <= share * whole, "{tasks}: {block} MiB of the device, in one piece {whole:.1}");
+    }
     assert_eq!(stage.status("a", "dense/0001"), "done");
     assert_eq!(fs::read_dir(stage.path("a/work")).unwrap().count(), 0, "what tasks needed on their way is gone");
 }

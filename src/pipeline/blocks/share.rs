@@ -64,16 +64,19 @@ impl Setup<'_> {
         let size = camera::largest(self.prepared.train.iter().map(|photo| &photo.camera));
         let grey = grey(model, shares);
         let background = self.prepared.background;
-        let painter = |model, over| Painter::of(device, style.over(over), Source::Host(model), size);
-        let (mut of_shares, mut of_scene) = (painter(&grey, [nothing; 3])?, painter(model, background)?);
+        let mut painter = Painter::of(device, style.over(background), Source::Host(model), size)?;
+        let mut paint = |model: &Gaussians, over: [f32; 3], photo: &Photo| {
+            painter.renderer().set_background(over);
+            painter.render(Source::Host(model), &photo.camera)
+        };
         let maps: &[f32] = match &self.exposures {
             Exposures::Known(maps) => maps,
             Exposures::Learnt(_) => &[],
         };
         for (number, photo) in self.prepared.train.iter_mut().enumerate() {
             self.session.watcher.unless_stopped()?;
-            let share = of_shares.render(Source::Host(&grey), &photo.camera)?;
-            let before = of_scene.render(Source::Host(model), &photo.camera)?;
+            let share = paint(&grey, [nothing; 3], photo)?;
+            let before = paint(model, background, photo)?;
             let map = maps.chunks_exact(exposure::SIZE).nth(number);
             mix(photo, &share, &before, map, background).map_err(train::Error::Photos)?;
         }

@@ -16,11 +16,13 @@ pub use task::{Listed, Stage, Task};
 use super::session::Session;
 use crate::error::Error;
 use crate::gaussians::formats;
+use crate::wording::mebibytes;
 use files::Files;
 use fs4::FileExt;
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// A folder with a plan and the files of its tasks.
 pub struct Shard {
@@ -82,7 +84,7 @@ impl Shard {
         Err(Error::OtherDevice { planned: self.plan.fingerprint.clone(), here: fingerprint.to_owned() })
     }
 
-    /// Does a task, unless it is done. Waits while another process does it.
+    /// Does a task, unless it is done, and tells the watcher what it took. Waits while another process does it.
     ///
     /// # Errors
     /// [`Error::Usage`] for a task that the plan does not have; [`Error::Part`] for parts that are damaged or of another plan;
@@ -93,6 +95,9 @@ impl Shard {
         if self.state_of_files(task) == State::Done {
             return Ok(());
         }
+        let Session { device, watcher, .. } = *session;
+        let begun = Instant::now();
+        device.forget_peak();
         for (path, bytes) in self.work(session, task)? {
             let folder = path.parent().unwrap_or(&self.files.folder);
             std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
@@ -100,6 +105,8 @@ impl Shard {
             formats::write_atomically(&path, |out| out.write_all(&bytes)).map_err(Error::writing)?;
         }
         let _ = std::fs::remove_dir_all(self.files.scratch(task));
+        let (seconds, memory) = (begun.elapsed().as_secs_f64(), mebibytes(device.memory_used().1));
+        watcher.note(&format!("{task} took {seconds:.1} s and at most {memory} of the device"));
         Ok(())
     }
 
