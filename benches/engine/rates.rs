@@ -3,7 +3,7 @@
 use super::{device, facts, group, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gpu::Recording;
-use qirf_vk::primitives::rates::{By, Copy, MultiplyAdd};
+use qirf_vk::primitives::rates::{By, Chain, Copy, MultiplyAdd};
 use std::time::{Duration, Instant};
 
 /// MiB of each of two buffers: within a core's cache, within a shared one, and in memory. The largest is what every
@@ -29,6 +29,14 @@ pub fn rates(criterion: &mut Criterion) {
             });
         }
     }
+    let chain = Chain::new(device).unwrap();
+    let run = || timed("chain", |r| chain.record(r));
+    run();
+    facts::note("device", &["chain of dispatches"], &[("dispatches", f64::from(Chain::DISPATCHES))]);
+    group.throughput(Throughput::Elements(u64::from(Chain::DISPATCHES)));
+    group.bench_function("chain of dispatches", |b| {
+        b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
+    });
     let multiply_add = MultiplyAdd::new(device).unwrap();
     let run = || timed("multiply-add", |r| multiply_add.record(r));
     run();

@@ -7,13 +7,14 @@ const uint MAX_GROUPS = 65535;
 const uint FEW_GROUPS = 67;
 
 // Sets a count, and one triple of dispatch sizes for each of four group sizes. A count beyond its limit becomes 0, so that all
-// later passes over it do nothing; the number that was needed is kept.
+// later passes over it do nothing; the number that was needed is kept. Of 0 elements one workgroup takes care: it may have a count
+// to set.
 void set_count(uint count, uint limit, uint sizes[4]) {
     value[1] = max(value[1], count);
     if (count > limit) count = 0;
     value[0] = count;
     for (uint i = 0; i < 4; i++) {
-        uint groups = count / sizes[i] + (count % sizes[i] != 0 ? 1 : 0);
+        uint groups = max(1, count / sizes[i] + (count % sizes[i] != 0 ? 1 : 0));
         uint most = BACKWARDS ? FEW_GROUPS : MAX_GROUPS;
         arguments[3 * i] = min(groups, most);
         arguments[3 * i + 1] = (groups + most - 1) / most;

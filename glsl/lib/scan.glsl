@@ -1,5 +1,5 @@
 // The parts of a scan that blocks have in common. Each subgroup owns a contiguous run of ROWS x SUBGROUP elements. A shader
-// that includes this declares ROWS.
+// that includes this declares ROWS, FEW_BLOCKS and `sums`: of each block where blocks are few, else of those before it.
 
 const uint SUBGROUPS = WORKGROUP / SUBGROUP;
 const uint BLOCK = WORKGROUP * ROWS;
@@ -10,6 +10,14 @@ uint saturated(uint a, uint b) {
     uint sum = a + b;
     return sum < a ? 0xffffffff : sum;
 }
+
+// The sum of up to 65,536 words, from the sums of their halves.
+uint saturated(uvec2 halves) {
+    uint high = halves.y + (halves.x >> 16);
+    return high > 0xffff ? 0xffffffff : (high << 16) + (halves.x & 0xffff);
+}
+
+uvec2 halves(uint word) { return uvec2(word & 0xffff, word >> 16); }
 
 // Sum of `partial` over the first `subgroups`.
 uint before(uint subgroups) {
@@ -29,4 +37,20 @@ uint before_run(uint sum) {
     if (subgroupElect()) partial[gl_SubgroupID] = sum;
     barrier();
     return before(gl_SubgroupID);
+}
+
+// The sum of the blocks before this one. Where they are few, the last block also sets the total as a count.
+uint before_block(uint n) {
+    if (!FEW_BLOCKS) return group_index() * BLOCK < n ? sums[group_index()] : 0;
+    uint sum = 0;
+    for (uint at = gl_LocalInvocationID.x; at < group_index() && at * BLOCK < n; at += WORKGROUP) sum = saturated(sum, sums[at]);
+    sum = saturated(subgroupAdd(halves(sum)));
+    barrier(); // `partial` was read
+    if (subgroupElect()) partial[gl_SubgroupID] = sum;
+    barrier();
+    sum = before(SUBGROUPS);
+    uint first = group_index() * BLOCK;
+    bool last = first < n ? n - first <= BLOCK : group_index() == 0;
+    if (last && gl_LocalInvocationID.x == 0) set_count(first < n ? saturated(sum, sums[group_index()]) : 0, limit, sizes);
+    return sum;
 }

@@ -1,6 +1,6 @@
-// Exclusive prefix sum in three phases: sums of blocks, scan of those sums by one workgroup, scan within blocks. The workgroup
-// between also sets the total as a count. There is no look-back, which needs forward progress that software devices do not
-// guarantee.
+// Exclusive prefix sum in three phases: sums of blocks, scan of those sums by one workgroup, which also sets the total as a count,
+// scan within blocks. Where blocks are few, each sums those before it in the last phase, and the one between goes. There is no
+// look-back, which needs forward progress that software devices do not guarantee.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
@@ -16,6 +16,7 @@ layout(constant_id = 2) const uint PHASE = REDUCE;
 layout(constant_id = 3) const uint ROWS = 16;
 // Whether the elements are source[indices[i]]; the first phase then leaves them in `target`.
 layout(constant_id = 4) const bool GATHER = false;
+layout(constant_id = 5) const bool FEW_BLOCKS = false; // whether there is no second phase
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer Indices { uint indices[]; };
@@ -28,14 +29,6 @@ layout(push_constant) uniform Push { uint limit; uint sizes[4]; };
 
 #include "lib/counts.glsl"
 #include "lib/scan.glsl"
-
-// The sum of up to 65,536 words, from the sums of their halves.
-uint saturated(uvec2 halves) {
-    uint high = halves.y + (halves.x >> 16);
-    return high > 0xffff ? 0xffffffff : (high << 16) + (halves.x & 0xffff);
-}
-
-uvec2 halves(uint word) { return uvec2(word & 0xffff, word >> 16); }
 
 void reduce(uint n) {
     uint sum = 0;
@@ -76,9 +69,8 @@ void apply_block(uint n) {
     uint sum = 0;
     uint at = first_element();
     for (uint row = 0; row < ROWS; row++, at += SUBGROUP) sum += at < n ? element(at) : 0;
-    uint carry = before_run(sum);
+    uint carry = before_run(sum) + before_block(n);
     if (group_index() * BLOCK >= n) return;
-    carry += sums[group_index()];
     at = first_element();
     for (uint row = 0; row < ROWS; row++, at += SUBGROUP) {
         uint own = at < n ? element(at) : 0;

@@ -1,9 +1,11 @@
 // One pass of a stable least-significant-digit radix sort in three phases: count digits per block, scan the counts of each digit
-// over the blocks, scatter.
+// over the blocks, scatter. Where blocks are few, every block of the last phase sums the counts of those before it, and the
+// second phase goes: on a GPU, starting it takes longer.
 // Within a block each rank unit (a subgroup, or one invocation where SERIAL) owns a contiguous run of keys, so that order
 // among equal digits is order of position: the sort is stable, and the same on every device.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 
 /// Phase: counts the digits of each block.
@@ -18,11 +20,14 @@ layout(constant_id = 3) const uint ROWS = 16; // keys per invocation
 layout(constant_id = 4) const uint DIGIT_BITS = 8;
 // Whether each invocation ranks a run of its own, without ballots, which cost more than they save where lanes share one core.
 layout(constant_id = 5) const bool SERIAL = false;
+layout(constant_id = 6) const bool FEW_BLOCKS = false; // whether there is no second phase
+// Whether a block sorts its own keys in shared memory first, so that neighbouring invocations write neighbouring words.
+layout(constant_id = 7) const bool STAGED = false;
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer KeysIn { uint keys_in[]; };
 layout(binding = 2, std430) readonly buffer ValuesIn { uint values_in[]; };
-layout(binding = 3, std430) buffer Digits { uint digits[]; }; // [digit][block], then the total of each digit
+layout(binding = 3, std430) buffer Digits { uint digits[]; }; // [digit][block], then the total of each digit; [block][digit] where FEW_BLOCKS
 layout(binding = 4, std430) writeonly buffer KeysOut { uint keys_out[]; };
 layout(binding = 5, std430) writeonly buffer ValuesOut { uint values_out[]; };
 layout(push_constant) uniform Push { uint shift; };
@@ -30,8 +35,14 @@ layout(push_constant) uniform Push { uint shift; };
 const uint RADIX = 1u << DIGIT_BITS;
 const uint BLOCK = WORKGROUP * ROWS;
 const uint UNITS = SERIAL ? WORKGROUP : WORKGROUP / SUBGROUP;
-shared uint counters[UNITS * RADIX];
-shared uint smaller[RADIX]; // keys with smaller digits
+// Keys and values that an invocation holds in registers: it asks for all of them before it needs the first.
+const uint HELD = SERIAL ? 1 : ROWS;
+uint held_keys[HELD], held_values[HELD];
+// Of each unit; where STAGED, they become the block's words, no more than counters of 8 bits.
+const uint COUNTERS = UNITS * (STAGED ? 256 : RADIX);
+shared uint counters[COUNTERS];
+shared uint totals[RADIX];
+shared uint starts[RADIX]; // where the block's keys of each digit go
 
 uint digit_of(uint key) { return (key >> shift) & (RADIX - 1); }
 
@@ -44,9 +55,24 @@ uint position(uint row) {
                   : start + (gl_SubgroupID * ROWS + row) * SUBGROUP + gl_SubgroupInvocationID;
 }
 
-void clear_counters() {
-    for (uint i = gl_LocalInvocationID.x; i < UNITS * RADIX; i += WORKGROUP) counters[i] = 0;
+void clear_counters(uint count) {
+    for (uint i = gl_LocalInvocationID.x; i < count; i += WORKGROUP) counters[i] = 0;
     barrier();
+}
+
+void hold_keys(uint n) {
+    if (SERIAL) return;
+    for (uint row = 0; row < HELD; row++) held_keys[row] = position(row) < n ? keys_in[position(row)] : 0;
+}
+
+void hold_values(uint n) {
+    if (SERIAL) return;
+    for (uint row = 0; row < HELD; row++) held_values[row] = position(row) < n ? values_in[position(row)] : 0;
+}
+
+uint key(uint row, uint n) {
+    if (!SERIAL) return held_keys[row];
+    return position(row) < n ? keys_in[position(row)] : 0;
 }
 
 // The lanes of this subgroup that hold the same digit, this one included. Lanes without a key stay out.
@@ -79,19 +105,21 @@ uint rank(uint digit, bool there) {
 }
 
 void count_digits(uint n) {
-    clear_counters();
+    hold_keys(n);
+    clear_counters(SERIAL ? UNITS * RADIX : RADIX);
     for (uint row = 0; row < ROWS; row++) {
-        uint at = position(row);
-        bool there = at < n;
-        rank(there ? digit_of(keys_in[at]) : 0, there);
+        bool there = position(row) < n;
+        uint digit = digit_of(key(row, n));
+        if (SERIAL) rank(digit, there);
+        else if (there) atomicAdd(counters[digit], 1); // sums of integers have no order
     }
     barrier();
     uint blocks = (n + BLOCK - 1) / BLOCK;
     if (group_index() >= blocks) return;
     for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) {
         uint sum = 0;
-        for (uint u = 0; u < UNITS; u++) sum += counters[u * RADIX + digit];
-        digits[digit * blocks + group_index()] = sum;
+        for (uint u = 0; u < (SERIAL ? UNITS : 1); u++) sum += counters[u * RADIX + digit];
+        digits[FEW_BLOCKS ? group_index() * RADIX + digit : digit * blocks + group_index()] = sum;
     }
 }
 
@@ -119,49 +147,118 @@ void scan_digits(uint n) {
     if (SERIAL || subgroupElect()) digits[RADIX * blocks + digit] = sum;
 }
 
-// One subgroup scans the digits' totals.
-void scan_totals(uint blocks) {
+// The number of keys of each digit, and in `starts` of those with this digit in blocks before this one.
+void count_before(uint blocks) {
+    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) {
+        uint total = 0, before = 0;
+        if (FEW_BLOCKS) {
+            // As with keys: several are asked for before the first is needed.
+            for (uint first = 0; first < blocks; first += 8) {
+                uint own[8];
+                [[unroll]] for (uint k = 0; k < 8; k++) own[k] = first + k < blocks ? digits[(first + k) * RADIX + digit] : 0;
+                [[unroll]] for (uint k = 0; k < 8; k++) {
+                    total += own[k];
+                    before += first + k < group_index() ? own[k] : 0;
+                }
+            }
+        } else {
+            total = digits[RADIX * blocks + digit];
+            before = group_index() < blocks ? digits[digit * blocks + group_index()] : 0;
+        }
+        totals[digit] = total;
+        starts[digit] = before;
+    }
+    barrier();
+}
+
+// One subgroup turns the digits' totals into the numbers of keys with smaller digits.
+void scan_totals() {
     if (gl_SubgroupID != 0) return;
     uint carry = 0;
     for (uint first = 0; first < RADIX; first += SUBGROUP) {
         uint digit = first + gl_SubgroupInvocationID;
-        uint own = digit < RADIX ? digits[RADIX * blocks + digit] : 0;
+        uint own = digit < RADIX ? totals[digit] : 0;
         uint inclusive = subgroupInclusiveAdd(own);
-        if (digit < RADIX) smaller[digit] = carry + inclusive - own;
+        if (digit < RADIX) totals[digit] = carry + inclusive - own;
         carry += subgroupBroadcast(inclusive, SUBGROUP - 1);
+    }
+}
+
+// Turns the counters of a digit into sums over the units before each, from `start` on; gives the sum of all.
+uint scan_units(uint digit, uint start) {
+    for (uint u = 0; u < UNITS; u++) {
+        uint own = counters[u * RADIX + digit];
+        counters[u * RADIX + digit] = start;
+        start += own;
+    }
+    return start;
+}
+
+// Writes keys and values where their ranks say.
+void write_by_rank(uint n, uint ranks[ROWS]) {
+    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) scan_units(digit, starts[digit]);
+    barrier();
+    for (uint row = 0; row < ROWS; row++) {
+        uint at = position(row);
+        if (at < n) {
+            uint own = key(row, n);
+            uint to = counters[unit() * RADIX + digit_of(own)] + ranks[row];
+            keys_out[to] = own;
+            values_out[to] = SERIAL ? values_in[at] : held_values[row];
+        }
+    }
+}
+
+// The same by way of shared memory, where the block's words lie in their order.
+void write_staged(uint n, uint ranks[ROWS]) {
+    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) totals[digit] = scan_units(digit, 0);
+    barrier();
+    scan_totals();
+    barrier();
+    uint places[HELD], targets[HELD];
+    for (uint row = 0; row < HELD; row++) {
+        uint digit = digit_of(held_keys[row]);
+        places[row] = totals[digit] + counters[unit() * RADIX + digit] + ranks[row];
+    }
+    barrier();
+    for (uint row = 0; row < HELD; row++) {
+        if (position(row) < n) counters[places[row]] = held_keys[row];
+    }
+    barrier();
+    uint here = min(BLOCK, n - group_index() * BLOCK);
+    for (uint row = 0; row < HELD; row++) {
+        uint place = row * WORKGROUP + gl_LocalInvocationID.x;
+        if (place < here) {
+            uint own = counters[place], digit = digit_of(own);
+            targets[row] = starts[digit] + place - totals[digit];
+            keys_out[targets[row]] = own;
+        }
+    }
+    barrier();
+    for (uint row = 0; row < HELD; row++) {
+        if (position(row) < n) counters[places[row]] = held_values[row];
+    }
+    barrier();
+    for (uint row = 0; row < HELD; row++) {
+        uint place = row * WORKGROUP + gl_LocalInvocationID.x;
+        if (place < here) values_out[targets[row]] = counters[place];
     }
 }
 
 void scatter(uint n) {
     uint ranks[ROWS];
+    hold_keys(n);
+    hold_values(n);
     uint blocks = (n + BLOCK - 1) / BLOCK;
-    scan_totals(blocks);
-    clear_counters();
-    for (uint row = 0; row < ROWS; row++) {
-        uint at = position(row);
-        bool there = at < n;
-        ranks[row] = rank(there ? digit_of(keys_in[at]) : 0, there);
-    }
+    count_before(blocks);
+    scan_totals();
+    clear_counters(UNITS * RADIX);
+    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) starts[digit] += totals[digit];
+    for (uint row = 0; row < ROWS; row++) ranks[row] = rank(digit_of(key(row, n)), position(row) < n);
     barrier();
     if (group_index() >= blocks) return;
-    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) {
-        uint next = smaller[digit] + digits[digit * blocks + group_index()];
-        for (uint u = 0; u < UNITS; u++) {
-            uint own = counters[u * RADIX + digit];
-            counters[u * RADIX + digit] = next;
-            next += own;
-        }
-    }
-    barrier();
-    for (uint row = 0; row < ROWS; row++) {
-        uint at = position(row);
-        if (at < n) {
-            uint key = keys_in[at];
-            uint to = counters[unit() * RADIX + digit_of(key)] + ranks[row];
-            keys_out[to] = key;
-            values_out[to] = values_in[at];
-        }
-    }
+    if (STAGED) write_staged(n, ranks);
+    else write_by_rank(n, ranks);
 }
 
 void main() {

@@ -1,13 +1,16 @@
-// Writes one (tile, slot) pair for each tile that a visible Gaussian touches, Gaussians in depth order. With DEPTH_ORDER it
-// also writes the depth by which each tile orders its Gaussians.
+// Writes one (tile, slot) pair for each tile that a visible Gaussian touches, Gaussians in depth order. An invocation has a
+// Gaussian of its own; those of many tiles are a whole subgroup's, a row of tiles an invocation. With DEPTH_ORDER it also writes
+// the depth by which each tile orders its Gaussians.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/view.glsl"
 #include "lib/tiles.glsl"
 #include "lib/projection.glsl"
 
 layout(constant_id = 4) const bool DEPTH_ORDER = false;
+layout(constant_id = 5) const uint MANY = 0; // tiles; 0 where no Gaussian has so many that they are shared
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; }; // visible Gaussians
@@ -59,36 +62,88 @@ uint densest_at(View v, Densest d, vec2 ray) {
     return floatBitsToUint(max(clamp(depth, d.depth - d.reach, d.depth + d.reach), v.centre.w));
 }
 
+// A Gaussian whose pairs are written.
+struct Emitted {
+    uint gaussian;
+    Footprint footprint;
+    uvec2 rows; // of tiles
+    Densest densest;
+    uint end; // of its slots
+};
+
+Emitted emitted(uint i, uint end) {
+    Emitted e;
+    vec4 g = geometry[i], s = shape[i];
+    e.gaussian = i;
+    e.footprint = footprint_of(g.xy, origin(view[0]), vec3(g.zw, s.x), s.z);
+    e.rows = tile_rows(e.footprint, view[0].tiles);
+    if (DEPTH_ORDER) e.densest = densest_of(view[0], i);
+    e.end = end;
+    return e;
+}
+
+void emit(Emitted e, uint slot, uint tile, uint depth) {
+    keys[slot] = tile;
+    slots[slot] = slot;
+    owners[slot] = e.gaussian;
+    if (DEPTH_ORDER) depths[slot] = depth;
+}
+
+// Writes the pairs of a row of tiles, as far as there are slots.
+void emit_row(Emitted e, uint row, uvec2 columns, uint slot) {
+    uvec2 tiles = view[0].tiles;
+    for (uint column = columns.x; column < columns.y && slot < e.end; column++, slot++) {
+        vec2 middle = (vec2(column, row) + 0.5) * float(TILE) - origin(view[0]);
+        uint depth = DEPTH_ORDER ? densest_at(view[0], e.densest, (middle - view[0].principal) / view[0].focal) : 0;
+        emit(e, slot, row * tiles.x + column, depth);
+    }
+}
+
+// Compilers may round this shader and the counting one differently: surplus slots go to a tile beyond the last.
+void emit_surplus(Emitted e, uint slot, uint apart) {
+    uvec2 tiles = view[0].tiles;
+    for (; slot < e.end; slot += apart) emit(e, slot, tiles.x * tiles.y, 0);
+}
+
+void alone(Emitted e, uint slot) {
+    for (uint row = e.rows.x; row < e.rows.y; row++) {
+        uvec2 columns = tile_columns(e.footprint, row, view[0].tiles);
+        emit_row(e, row, columns, slot);
+        slot += columns.y - columns.x;
+    }
+    emit_surplus(e, slot, 1);
+}
+
+void together(Emitted e, uint slot) {
+    for (uint first = e.rows.x; first < e.rows.y; first += SUBGROUP) {
+        uint row = first + gl_SubgroupInvocationID;
+        uvec2 columns = row < e.rows.y ? tile_columns(e.footprint, row, view[0].tiles) : uvec2(0);
+        uint own = columns.y - columns.x;
+        uint inclusive = subgroupInclusiveAdd(own);
+        emit_row(e, row, columns, slot + inclusive - own);
+        slot += subgroupBroadcast(inclusive, SUBGROUP - 1);
+    }
+    emit_surplus(e, slot + gl_SubgroupInvocationID, SUBGROUP);
+}
+
 void main() {
     uint j = global_index();
-    if (j >= count[0] || pairs[0] == 0) return;
-    uint i = order[j];
-    uint slot = offsets[j];
-    first_slots[i] = slot;
-    uint end = min(slot + tile_counts[i], pairs[0]); // no store beyond the buffers, whatever was counted
-    uvec2 tiles = view[0].tiles;
-    vec4 g = geometry[i], s = shape[i];
-    Footprint f = footprint_of(g.xy, origin(view[0]), vec3(g.zw, s.x), s.z);
-    Densest d;
-    if (DEPTH_ORDER) d = densest_of(view[0], i);
-    uvec2 rows = tile_rows(f, tiles);
-    for (uint row = rows.x; row < rows.y; row++) {
-        uvec2 columns = tile_columns(f, row, tiles);
-        for (uint column = columns.x; column < columns.y && slot < end; column++, slot++) {
-            keys[slot] = row * tiles.x + column;
-            slots[slot] = slot;
-            owners[slot] = i;
-            if (DEPTH_ORDER) {
-                vec2 middle = (vec2(column, row) + 0.5) * float(TILE) - origin(view[0]);
-                depths[slot] = densest_at(view[0], d, (middle - view[0].principal) / view[0].focal);
-            }
-        }
+    bool there = j < count[0] && pairs[0] != 0;
+    uint i = 0, slot = 0, end = 0;
+    if (there) {
+        i = order[j];
+        slot = offsets[j];
+        first_slots[i] = slot;
+        end = min(slot + tile_counts[i], pairs[0]); // no store beyond the buffers, whatever was counted
     }
-    // Compilers may round this shader and the counting one differently: surplus slots go to a tile beyond the last.
-    for (; slot < end; slot++) {
-        keys[slot] = tiles.x * tiles.y;
-        slots[slot] = slot;
-        owners[slot] = i;
-        if (DEPTH_ORDER) depths[slot] = 0;
+    bool many = MANY > 0 && end > slot && end - slot >= MANY;
+    if (there && !many) alone(emitted(i, end), slot);
+    if (MANY == 0) return;
+    uvec4 left = subgroupBallot(many);
+    [[unroll]] for (uint w = 0; w < (SUBGROUP + 31) / 32; w++) {
+        for (uint lanes = left[w]; lanes != 0; lanes &= lanes - 1) {
+            uint lane = 32 * w + findLSB(lanes);
+            together(emitted(subgroupShuffle(i, lane), subgroupShuffle(end, lane)), subgroupShuffle(slot, lane));
+        }
     }
 }

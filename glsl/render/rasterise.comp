@@ -28,6 +28,10 @@ layout(binding = 5, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 6, std430) readonly buffer Colour { vec2 colour[]; };
 layout(binding = 7, std430) writeonly buffer Image { vec4 image[]; }; // red, green, blue, alpha
 
+// Splats blended between two looks at whether the pixel is done: what each is at the pixel does not wait for those before it.
+const uint AT_ONCE = 4;
+// The shape of a splat that no pixel draws, which fills a batch up.
+const vec4 NOTHING = vec4(0, 0, -1, 0);
 const uint SHARED = BATCH == 0 ? 1 : BATCH;
 shared vec4 batch_geometry[SHARED];
 shared vec4 batch_shape[SHARED];
@@ -106,14 +110,16 @@ void main() {
         for (uint first = start; first < end && !tile_done(); first += BATCH) {
             batches++;
             uint length = min(BATCH, end - first);
-            for (uint n = lane; n < length; n += WORKGROUP) {
-                uint i = owners[slots[first + n]];
+            for (uint n = lane; n < BATCH; n += WORKGROUP) {
+                uint i = owners[slots[min(first + n, end - 1)]];
                 batch_geometry[n] = geometry[i];
-                batch_shape[n] = shape[i];
+                batch_shape[n] = n < length ? shape[i] : NOTHING;
                 batch_colour[n] = colour[i];
             }
             barrier();
-            for (uint n = 0; n < length && !done(); n++) blend(batch_geometry[n], batch_shape[n], batch_colour[n]);
+            for (uint n = 0; n < length && !done(); n += AT_ONCE) {
+                [[unroll]] for (uint k = n; k < n + AT_ONCE; k++) blend(batch_geometry[k], batch_shape[k], batch_colour[k]);
+            }
         }
     }
     [[unroll]] for (uint p = 0; p < PIXELS; p++) {

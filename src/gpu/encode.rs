@@ -26,6 +26,8 @@ pub(super) struct Encoder<'a> {
     scopes: Vec<Scope>,
     open: Vec<usize>,
     queries: u32,
+    /// The query written last, if nothing has come after it: one time then serves the end of a scope and the beginning of the next.
+    now: Option<u32>,
     /// Buffers of the dispatch that is being encoded.
     bound: Vec<vk::DescriptorBufferInfo>,
 }
@@ -34,7 +36,7 @@ impl<'a> Encoder<'a> {
     /// An encoder of one recording.
     pub fn new(context: &'a Context, frame: &'a Frame) -> Self {
         let timed = context.info.timestamp_period > 0.0 && frame.capacity > 0;
-        Self { context, frame, timed, scopes: Vec::new(), open: Vec::new(), queries: 0, bound: Vec::new() }
+        Self { context, frame, timed, scopes: Vec::new(), open: Vec::new(), queries: 0, now: None, bound: Vec::new() }
     }
 
     /// Encodes a recording with the barriers before its commands and the pipelines of its dispatches; gives its timed scopes.
@@ -55,7 +57,7 @@ impl<'a> Encoder<'a> {
         let mut pipelines = pipelines.iter();
         for (command, barrier) in recording.commands.iter().zip(barriers) {
             if let Some(barrier) = barrier {
-                self.barrier(barrier.source(), Barrier::destination());
+                self.barrier(barrier.source(), barrier.destination());
             }
             self.command(command, &recording.arguments, &mut pipelines)?;
         }
@@ -87,6 +89,9 @@ impl<'a> Encoder<'a> {
         pipelines: &mut impl Iterator<Item = &'b Arc<Pipeline>>,
     ) -> Result<(), Error> {
         let (device, commands) = (&self.context.raw, self.frame.commands);
+        if !matches!(command, Command::Begin(_) | Command::End) {
+            self.now = None;
+        }
         // SAFETY: the command buffer is being recorded; every buffer is alive, and the recording keeps it so.
         unsafe {
             match command {
@@ -106,6 +111,10 @@ impl<'a> Encoder<'a> {
                 Command::Update { buffer, data } => device.cmd_update_buffer(commands, buffer.0.raw, 0, data),
                 Command::Copy { from, from_offset, to, to_offset, bytes } => {
                     let region = [vk::BufferCopy { src_offset: *from_offset, dst_offset: *to_offset, size: *bytes }];
+                    device.cmd_copy_buffer(commands, from.0.raw, to.0.raw, &region);
+                }
+                Command::ReadBack { from, to, to_offset, bytes } => {
+                    let region = [vk::BufferCopy { src_offset: 0, dst_offset: *to_offset, size: *bytes }];
                     device.cmd_copy_buffer(commands, from.0.raw, to.0.raw, &region);
                 }
                 Command::Begin(name) => {
@@ -153,8 +162,8 @@ impl<'a> Encoder<'a> {
 
     /// Writes the time at which all commands so far are over; gives the query that holds it.
     fn timestamp(&mut self) -> Option<u32> {
-        if !self.timed {
-            return None;
+        if !self.timed || self.now.is_some() {
+            return self.now;
         }
         let (stage, query) = (vk::PipelineStageFlags::BOTTOM_OF_PIPE, self.queries);
         self.queries += 1;
@@ -162,7 +171,8 @@ impl<'a> Encoder<'a> {
         unsafe {
             self.context.raw.cmd_write_timestamp(self.frame.commands, stage, self.frame.queries, query);
         }
-        Some(query)
+        self.now = Some(query);
+        self.now
     }
 
     /// Opens (or closes) a debug label.

@@ -1,8 +1,9 @@
 //! Barriers derived from declared accesses.
 //!
 //! Each buffer remembers the uses that later commands have not been ordered after. A command that conflicts with one
-//! (either writes) gets a global memory barrier from those uses to everything; one barrier clears the same uses of every
-//! other buffer too, so independent dispatches between two barriers stay unordered.
+//! (either writes) gets a global memory barrier from those uses; one barrier clears the same uses of every other buffer too, so
+//! independent dispatches between two barriers stay unordered. A barrier that only kernels need ends before kernels alone: a GPU
+//! need not hold back its reading of commands for it. Any other ends before everything.
 
 use ash::vk;
 use rustc_hash::FxHashMap;
@@ -28,6 +29,10 @@ impl Use {
 
     const fn bit(self) -> u8 {
         1 << self as u8
+    }
+
+    const fn is_kernels(self) -> bool {
+        matches!(self, Self::KernelRead | Self::KernelWrite)
     }
 
     const fn writes(self) -> bool {
@@ -100,16 +105,22 @@ const fn ended_with(uses: u8) -> u8 {
     kernels | transfers
 }
 
-/// A global memory barrier before a command: the uses that must be over, as Vulkan's flags.
+/// A global memory barrier before a command: the uses that must be over, and before what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Barrier {
     uses: u8,
+    before_kernels_alone: bool,
 }
 
 impl Barrier {
     /// Whether this barrier waits for `earlier`.
     pub const fn waits_for(self, earlier: Use) -> bool {
         self.uses & earlier.bit() != 0
+    }
+
+    /// Whether only what kernels read and write comes after it; the sizes of dispatches, copies and fills need not.
+    pub const fn ends_before_kernels_alone(self) -> bool {
+        self.before_kernels_alone
     }
 
     pub(super) fn source(self) -> (vk::PipelineStageFlags, vk::AccessFlags) {
@@ -124,14 +135,15 @@ impl Barrier {
         (stages, access)
     }
 
-    /// Everything that any later command can do.
-    pub(super) fn destination() -> (vk::PipelineStageFlags, vk::AccessFlags) {
+    pub(super) fn destination(self) -> (vk::PipelineStageFlags, vk::AccessFlags) {
+        let (stage, access) =
+            (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
+        if self.before_kernels_alone {
+            return (stage, access);
+        }
         (
-            vk::PipelineStageFlags::COMPUTE_SHADER
-                | vk::PipelineStageFlags::TRANSFER
-                | vk::PipelineStageFlags::DRAW_INDIRECT,
-            vk::AccessFlags::SHADER_READ
-                | vk::AccessFlags::SHADER_WRITE
+            stage | vk::PipelineStageFlags::TRANSFER | vk::PipelineStageFlags::DRAW_INDIRECT,
+            access
                 | vk::AccessFlags::TRANSFER_READ
                 | vk::AccessFlags::TRANSFER_WRITE
                 | vk::AccessFlags::INDIRECT_COMMAND_READ,
@@ -139,10 +151,25 @@ impl Barrier {
     }
 }
 
+/// Uses of one buffer that are not over.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pending {
+    /// Before kernels.
+    before_kernels: u8,
+    /// Before everything else.
+    before_others: u8,
+}
+
+impl Pending {
+    fn before(self, later: Use) -> u8 {
+        if later.is_kernels() { self.before_kernels } else { self.before_others }
+    }
+}
+
 /// Uses of each buffer (by its number) that nothing later has been ordered after yet.
 #[derive(Clone, Debug, Default)]
 pub struct Hazards {
-    pending: FxHashMap<u64, u8>,
+    pending: FxHashMap<u64, Pending>,
     doubted: bool,
 }
 
@@ -150,7 +177,7 @@ impl Hazards {
     /// The pending uses that conflict with those of the next command, each with the use that it conflicts with.
     pub(super) fn conflicts(&self, uses: &[(u64, Use)]) -> impl Iterator<Item = (Use, Use)> {
         uses.iter().flat_map(|&(buffer, later)| {
-            let pending = self.pending.get(&buffer).copied().unwrap_or(0);
+            let pending = self.pending.get(&buffer).map_or(0, |pending| pending.before(later));
             let conflicting = if later.writes() { pending } else { pending & WRITES };
             Use::ALL.into_iter().filter(move |u| conflicting & u.bit() != 0).map(move |earlier| (earlier, later))
         })
@@ -158,22 +185,30 @@ impl Hazards {
 
     /// Takes the next command's uses and gives the barrier that must come before it, if any.
     pub fn next(&mut self, uses: &[(u64, Use)]) -> Option<Barrier> {
-        let mut wait = self.conflicts(uses).fold(0, |all, (earlier, _)| all | earlier.bit());
+        let (mut wait, mut before_kernels_alone) = (0, true);
+        for (earlier, later) in self.conflicts(uses) {
+            wait |= earlier.bit();
+            before_kernels_alone &= later.is_kernels();
+        }
         if self.doubted && !uses.is_empty() {
             wait = Use::ALL.iter().fold(0, |all, u| all | u.bit());
+            before_kernels_alone = false;
             self.doubted = false;
         }
         wait |= ended_with(wait);
         if wait != 0 {
-            self.pending.retain(|_, p| {
-                *p &= !wait;
-                *p != 0
+            self.pending.retain(|_, pending| {
+                pending.before_kernels &= !wait;
+                pending.before_others &= if before_kernels_alone { u8::MAX } else { !wait };
+                pending.before_kernels | pending.before_others != 0
             });
         }
         for (buffer, u) in uses {
-            *self.pending.entry(*buffer).or_default() |= u.bit();
+            let pending = self.pending.entry(*buffer).or_default();
+            pending.before_kernels |= u.bit();
+            pending.before_others |= u.bit();
         }
-        (wait != 0).then_some(Barrier { uses: wait })
+        (wait != 0).then_some(Barrier { uses: wait, before_kernels_alone })
     }
 
     /// A recording whose barriers were taken was never submitted: the next command waits for everything.
@@ -229,6 +264,19 @@ mod tests {
         assert_eq!(h.next(&[(2, KernelRead)]), None);
         h.next(&[(3, TransferWrite)]);
         assert!(h.next(&[(3, KernelRead)]).expect("after a copy").waits_for(TransferWrite));
+    }
+
+    #[test]
+    fn a_barrier_ends_before_what_needs_it() {
+        let mut h = Hazards::default();
+        h.next(&[(1, KernelWrite), (2, KernelWrite)]);
+        assert!(h.next(&[(1, KernelRead)]).expect("a kernel reads it").ends_before_kernels_alone());
+        let sized = [(1, KernelRead), (2, IndirectRead)];
+        assert!(!h.next(&sized).expect("a size was not ready for that").ends_before_kernels_alone());
+        assert_eq!(h.next(&[(1, IndirectRead), (2, KernelRead)]), None, "all were waited for");
+        h.next(&[(1, KernelWrite)]);
+        h.next(&[(1, KernelRead)]);
+        assert!(h.next(&[(1, TransferWrite)]).expect("nor was a copy held back").waits_for(KernelWrite));
     }
 
     #[test]

@@ -43,7 +43,7 @@ impl<T: Pod> Readback<T> {
         let mut at = 0;
         for (buffer, count) in from {
             assert!(*count <= buffer.len() && at + count <= self.len, "{count} elements do not fit");
-            recording.copy_raw(buffer.raw(), 0, &self.raw, (at * size) as u64, (count * size) as u64);
+            recording.read_back(buffer.raw(), &self.raw, (at * size) as u64, (count * size) as u64);
             at += count;
         }
         self.under_way = Some(device.submit(recording)?);

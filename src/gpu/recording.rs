@@ -32,9 +32,29 @@ pub(super) struct Dispatch {
 
 pub(super) enum Command {
     Dispatch(Dispatch),
-    Fill { buffer: RawBuffer, bytes: u64, value: u32 },
-    Update { buffer: RawBuffer, data: Vec<u8> },
-    Copy { from: RawBuffer, from_offset: u64, to: RawBuffer, to_offset: u64, bytes: u64 },
+    Fill {
+        buffer: RawBuffer,
+        bytes: u64,
+        value: u32,
+    },
+    Update {
+        buffer: RawBuffer,
+        data: Vec<u8>,
+    },
+    Copy {
+        from: RawBuffer,
+        from_offset: u64,
+        to: RawBuffer,
+        to_offset: u64,
+        bytes: u64,
+    },
+    /// A copy into memory that the host alone reads, and that has a place for each until it was waited for.
+    ReadBack {
+        from: RawBuffer,
+        to: RawBuffer,
+        to_offset: u64,
+        bytes: u64,
+    },
     Begin(&'static str),
     End,
 }
@@ -99,6 +119,7 @@ impl Command {
             Self::Copy { from, to, .. } => {
                 uses.extend([(from.number(), Use::TransferRead), (to.number(), Use::TransferWrite)]);
             }
+            Self::ReadBack { from, .. } => uses.push((from.number(), Use::TransferRead)),
             Self::Begin(_) | Self::End => {}
         }
     }
@@ -109,7 +130,7 @@ impl Command {
             Self::Dispatch(dispatch) => dispatch.shader.name,
             Self::Fill { .. } => "fill",
             Self::Update { .. } => "update",
-            Self::Copy { .. } => "copy",
+            Self::Copy { .. } | Self::ReadBack { .. } => "copy",
             Self::Begin(_) | Self::End => "scope",
         }
     }
@@ -181,6 +202,12 @@ impl Recording {
         if bytes > 0 {
             let (from, to) = (from.clone(), to.clone());
             self.commands.push(Command::Copy { from, from_offset, to, to_offset, bytes });
+        }
+    }
+
+    pub(super) fn read_back(&mut self, from: &RawBuffer, to: &RawBuffer, to_offset: u64, bytes: u64) {
+        if bytes > 0 {
+            self.commands.push(Command::ReadBack { from: from.clone(), to: to.clone(), to_offset, bytes });
         }
     }
 

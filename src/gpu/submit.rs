@@ -120,8 +120,9 @@ impl Ticket {
         unsafe { queue.wait(device, frame.fence) }.during("wait for the device")?;
         let mut timings = Timings::default();
         let period = f64::from(self.context.info.timestamp_period) * 1e-9;
-        if !self.scopes.is_empty() && period > 0.0 {
-            let mut ticks = vec![0_u64; self.scopes.len() * 2];
+        let queries = self.scopes.iter().map(|scope| scope.begin.max(scope.end) as usize + 1).max();
+        if let Some(queries) = queries.filter(|_| period > 0.0) {
+            let mut ticks = vec![0_u64; queries];
             // SAFETY: the queries were all written, since the fence has signalled.
             let read =
                 unsafe { device.get_query_pool_results(frame.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) };

@@ -89,6 +89,9 @@ pub struct Tuning {
     /// Distance of the rows of tiles that are walked one after the other; up to 1: rows in order.
     #[serde(default)]
     pub row_stride: u32,
+    /// Tiles of a Gaussian from which a subgroup writes its pairs together; 0: an invocation writes them all.
+    #[serde(default)]
+    pub bin_many: u32,
     /// Invocations that walk a tile's list forward; they share its pixels.
     pub rasterise_workgroup: u32,
     /// Splats staged in shared memory at a time on the way forward; 0 hands them round a single subgroup.
@@ -141,7 +144,7 @@ impl Tuning {
             DeviceClass::Cpu => Self::cpu(subgroup),
             // Its compilers do not finish the loss's runs, rings of registers in unrolled loops.
             DeviceClass::SwiftShader => Self { class, loss_tile: 16, adam_block: 0, ..Self::cpu(subgroup) },
-            // One row for all GPUs until one is measured.
+            // One row for all GPUs: one of NVIDIA's was measured, none of the others.
             DeviceClass::Gpu
             | DeviceClass::Nvidia
             | DeviceClass::Amd
@@ -161,6 +164,8 @@ impl Tuning {
             tile: 8,
             // 74: each of up to four threads gets rows from all over the picture.
             row_stride: 4,
+            // Its lanes would take turns.
+            bin_many: 0,
             // 19: one subgroup walks a tile, its pixels in registers, a splat a lane: 1.6 to 2 times as fast as batches.
             rasterise_workgroup: subgroup,
             rasterise_batch: 0,
@@ -197,14 +202,19 @@ impl Tuning {
         if subgroup >= 64 { subgroup } else { 2 * subgroup }
     }
 
-    /// Occupancy first. No number was measured on a GPU yet.
+    /// Occupancy first. What decision 82 names was measured, on an NVIDIA H200.
     fn gpu(class: DeviceClass, subgroup: u32, max_workgroup: u32) -> Self {
         let tile = 16;
+        // Eight rank units a workgroup hold their counters in 8 KiB of shared memory, and in the end a block's keys.
+        let sort_workgroup = (8 * subgroup).min(max_workgroup);
+        let sort_rows_max = (2048 / sort_workgroup).clamp(1, 8);
         Self {
             class,
             subgroup,
             tile,
             row_stride: 1,
+            // 82: the pairs of one large Gaussian took longer than those of all others.
+            bin_many: 32,
             // A pixel an invocation, a splat an invocation and batch.
             rasterise_workgroup: tile * tile,
             rasterise_batch: tile * tile,
@@ -212,12 +222,13 @@ impl Tuning {
             backward_workgroup: (tile * tile / 2).max(subgroup),
             backward_batch: Self::backward_batch(subgroup),
             scan_workgroup: 256.max(subgroup),
-            scan_rows: 16,
-            // Eight rank units a workgroup hold their counters in 8 KiB of shared memory.
-            sort_workgroup: (8 * subgroup).min(max_workgroup),
-            sort_workgroups: 1,
-            sort_rows_min: 16,
-            sort_rows_max: 16,
+            // 82: an invocation waits for each of its words.
+            scan_rows: 4,
+            sort_workgroup,
+            // 82: short runs, until the device is full.
+            sort_workgroups: 128,
+            sort_rows_min: sort_rows_max.min(4),
+            sort_rows_max,
             sort_serial: false,
             // 61: neighbouring lanes touch neighbouring words, rows of gradients are read once, and seven dispatches go.
             adam_block: 64,

@@ -57,8 +57,9 @@ fn together(own: &Tuning) -> Vec<(&'static str, Tuning)> {
         ("one subgroup backward", backward(subgroup, 0)),
         ("adam by attribute", Tuning { adam_block: 0, ..own() }),
         ("loss in runs", Tuning { loss_tile: 0, ..own() }),
-        ("8 rows in sorts", Tuning { sort_rows_min: 8, sort_rows_max: 8, ..own() }),
-        ("32 rows in sorts", Tuning { sort_rows_min: 32, sort_rows_max: 32, ..own() }),
+        ("sorts of 64 workgroups", Tuning { sort_workgroups: 64, ..own() }),
+        ("sorts of 1024 workgroups", Tuning { sort_workgroups: 1024, ..own() }),
+        ("scans of 16 rows", Tuning { scan_rows: 16, ..own() }),
     ]
 }
 

@@ -72,7 +72,9 @@ impl Work {
             }
             Command::Fill { bytes, .. } => Self { written: *bytes, ..transfer },
             Command::Update { data, .. } => Self { written: data.len() as u64, ..transfer },
-            Command::Copy { bytes, .. } => Self { read: *bytes, written: *bytes, ..transfer },
+            Command::Copy { bytes, .. } | Command::ReadBack { bytes, .. } => {
+                Self { read: *bytes, written: *bytes, ..transfer }
+            }
             Command::Begin(_) | Command::End => Self::default(),
         }
     }

@@ -4,7 +4,7 @@ use super::count::Count;
 use super::scan::Scan;
 use super::sort::Pairs;
 use crate::gpu::{Buffer, Recording};
-use crate::kernels::primitives::{Compact, CompactSpec};
+use crate::kernels::primitives::{Compact, CompactPush, CompactSpec};
 
 /// Records `kept` = the pairs (`keys[i]`, i) for i < count where `flags[i]` is 1 and not 0, in order, and sets `total` to their
 /// number.
@@ -26,7 +26,10 @@ pub fn compact(
         keys,
         kept_keys: &kept.keys,
         kept: &kept.values,
-        spec: CompactSpec { workgroup: scan.workgroup, rows: scan.rows },
+        value: if scan.few_blocks { &total.value } else { &scan.sums },
+        arguments: if scan.few_blocks { &total.arguments } else { &scan.sums },
+        push: CompactPush { limit: total.limit, sizes: total.sizes },
+        spec: CompactSpec { workgroup: scan.workgroup, rows: scan.rows, few_blocks: scan.few_blocks },
     };
     recording.dispatch(&kernel, count.groups(scan.workgroup * scan.rows));
 }

@@ -83,6 +83,38 @@ impl Copy {
     }
 }
 
+/// Kernels of one workgroup, each of which waits for the one before: what a dispatch costs that does nothing.
+pub struct Chain {
+    words: [Buffer<f32>; 2],
+    workgroup: u32,
+}
+
+impl Chain {
+    /// Dispatches of a chain.
+    pub const DISPATCHES: u32 = 200;
+
+    /// Two buffers of a workgroup's words.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn new(device: &Device) -> Result<Self> {
+        let workgroup = device.tuning().copy_workgroup;
+        let words = || device.zeros("rates: chain", workgroup as usize);
+        Ok(Self { words: [words()?, words()?], workgroup })
+    }
+
+    /// Records the chain.
+    pub fn record(&self, recording: &mut Recording) {
+        let [from, to] = &self.words;
+        for k in 0..Self::DISPATCHES {
+            let (source, target) = if k % 2 == 0 { (from, to) } else { (to, from) };
+            let spec = CopySpec { workgroup: self.workgroup, rows: 1 };
+            let kernel = CopyKernel { source, target, push: CopyPush { count: self.workgroup }, spec };
+            recording.dispatch(&kernel, Groups::Count(1));
+        }
+    }
+}
+
 /// Multiply-adds in registers.
 pub struct MultiplyAdd {
     sums: Buffer<f32>,

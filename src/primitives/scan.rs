@@ -5,10 +5,14 @@ use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::scan::{APPLY, REDUCE, SPINE};
 use crate::kernels::primitives::{Scan as Kernel, ScanPush, ScanSpec};
 
+/// Most blocks that each sum those before them: a workgroup then reads 16 KiB. Where there are more, a phase of its own does.
+const FEW_BLOCKS: u32 = 4096;
+
 /// Scratch memory and layout of a prefix sum over at most a given number of words.
 pub struct Scan {
-    /// Sums of the blocks before each.
+    /// Sums of blocks where these are few, else of the blocks before each.
     pub(super) sums: Buffer<u32>,
+    pub(super) few_blocks: bool,
     unasked: Count,
     pub(super) workgroup: u32,
     pub(super) rows: u32,
@@ -49,8 +53,10 @@ impl Scan {
     /// Device memory.
     pub fn new(device: &Device, capacity: u32) -> Result<Self> {
         let (workgroup, rows) = (device.tuning().scan_workgroup, device.tuning().scan_rows);
-        let sums = device.buffer("scan sums", capacity.div_ceil(workgroup * rows) as usize)?;
-        Ok(Self { sums, unasked: Count::new(device, "scan total", u32::MAX, &[])?, workgroup, rows })
+        let blocks = capacity.div_ceil(workgroup * rows);
+        let sums = device.buffer("scan sums", blocks as usize)?;
+        let unasked = Count::new(device, "scan total", u32::MAX, &[])?;
+        Ok(Self { sums, few_blocks: blocks <= FEW_BLOCKS, unasked, workgroup, rows })
     }
 
     /// Records `target[i] = sum of words[..i]` for i < count, and sets `total` to the sum of all if requested.
@@ -69,7 +75,8 @@ impl Scan {
         self.phase(recording, APPLY, Job { count, words, target, total });
     }
 
-    /// Records the phases before the last: sums of the blocks before each, and the total. Words with indices are left in `target`.
+    /// Records the phases before the last: sums of blocks and, where these are many, of those before each and the total. Words
+    /// with indices are left in `target`.
     pub(super) fn blocks(
         &self,
         recording: &mut Recording,
@@ -78,7 +85,7 @@ impl Scan {
         target: &Buffer<u32>,
         total: &Count,
     ) {
-        for phase in [REDUCE, SPINE] {
+        for phase in [REDUCE, SPINE].into_iter().take(if self.few_blocks { 1 } else { 2 }) {
             self.phase(recording, phase, Job { count, words, target, total });
         }
     }
@@ -92,16 +99,17 @@ impl Scan {
             APPLY => (!gather, true),
             _ => (false, false),
         };
+        let sets = phase == if self.few_blocks { APPLY } else { SPINE };
         let kernel = Kernel {
             count: &count.value,
             indices: indices.filter(|_| phase == REDUCE).unwrap_or(&count.value),
             source: if reads { source } else { &count.value },
             sums: &self.sums,
             target: if writes { target } else { &self.sums },
-            value: &total.value,
-            arguments: &total.arguments,
+            value: if sets { &total.value } else { &self.sums },
+            arguments: if sets { &total.arguments } else { &self.sums },
             push: ScanPush { limit: total.limit, sizes: total.sizes },
-            spec: ScanSpec { workgroup: self.workgroup, phase, rows: self.rows, gather },
+            spec: ScanSpec { workgroup: self.workgroup, phase, rows: self.rows, gather, few_blocks: self.few_blocks },
         };
         let blocks = count.groups(self.workgroup * self.rows);
         recording.dispatch(&kernel, if phase == SPINE { Groups::Count(1) } else { blocks });

@@ -7,6 +7,9 @@ use crate::kernels::primitives::{Sort as Kernel, SortPush, SortSpec};
 
 /// Largest width of a digit in bits.
 const DIGIT_BITS: u32 = 8;
+/// Most blocks that each sum the counts of those before them, 1 KiB a block. Where there are more, a phase of its own does, and blocks
+/// sort their keys in shared memory before they write them.
+const FEW_BLOCKS: u32 = 128;
 
 /// Keys with their values.
 #[derive(Clone)]
@@ -46,6 +49,8 @@ struct Shape {
     subgroup: u32,
     rows: u32,
     serial: bool,
+    few_blocks: bool,
+    staged: bool,
 }
 
 impl Shape {
@@ -55,7 +60,11 @@ impl Shape {
         let rows = (capacity / (workgroup * tuning.sort_workgroups))
             .clamp(tuning.sort_rows_min, tuning.sort_rows_max)
             .next_power_of_two();
-        Self { workgroup, subgroup: tuning.subgroup, rows, serial: tuning.sort_serial }
+        let serial = tuning.sort_serial;
+        let few_blocks = !serial && capacity.div_ceil(workgroup * rows) <= FEW_BLOCKS;
+        // A block's words take the room of its counters.
+        let staged = !serial && !few_blocks && workgroup * rows <= (workgroup / tuning.subgroup) << DIGIT_BITS;
+        Self { workgroup, subgroup: tuning.subgroup, rows, serial, few_blocks, staged }
     }
 
     fn block(self) -> u32 {
@@ -131,10 +140,11 @@ impl Sort {
 
     fn pass(&self, recording: &mut Recording, count: &Count, from: &Pairs, to: &Pairs, digit: Digit) {
         let Digit { shift, width } = digit;
-        let Shape { workgroup, rows, serial, .. } = self.shape;
+        let Shape { workgroup, rows, serial, few_blocks, staged, .. } = self.shape;
         let blocks = count.groups(self.shape.block());
         let by_digit = Groups::Count((1_u32 << width).div_ceil(self.shape.units()));
-        for (phase, groups) in [(COUNT_DIGITS, blocks), (SCAN_DIGITS, by_digit), (SCATTER, blocks)] {
+        let phases = [(COUNT_DIGITS, blocks), (SCAN_DIGITS, by_digit), (SCATTER, blocks)];
+        for (phase, groups) in phases.into_iter().filter(|(phase, _)| *phase != SCAN_DIGITS || !few_blocks) {
             // Phases are bound to what they read and write; small arrays that are bound anyway stand in for the rest.
             let read = |there: bool, buffer| if there { buffer } else { &count.value };
             let written = |buffer| if phase == SCATTER { buffer } else { &self.digits };
@@ -146,7 +156,7 @@ impl Sort {
                 keys_out: written(&to.keys),
                 values_out: written(&to.values),
                 push: SortPush { shift },
-                spec: SortSpec { workgroup, phase, rows, digit_bits: width, serial },
+                spec: SortSpec { workgroup, phase, rows, digit_bits: width, serial, few_blocks, staged },
             };
             recording.dispatch(&kernel, groups);
         }

@@ -51,6 +51,7 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
             tile: launch.tuning.tile,
             culling: launch.settings.culling as u32,
             depth_order: launch.settings.style.depth_order,
+            many: launch.tuning.bin_many,
         },
     };
     recording.dispatch(&kernel, frame.visible_count.groups(WORKGROUP));

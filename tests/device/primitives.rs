@@ -46,29 +46,36 @@ fn scan_is_exact() {
     let two_rounds = (device.tuning().scan_workgroup + 1) * Scan::block(&device);
     for n in sizes(&device).into_iter().chain([two_rounds]) {
         let data: Vec<u32> = (0..n).map(|i| noise(1, u64::from(i)) % 1000).collect();
-        let source = with_sentinel(&device, &data);
-        let target = with_sentinel(&device, &vec![7; n as usize]);
-        let total = Count::new(&device, "total", u32::MAX, &[]).unwrap();
-        let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
-        let scan = Scan::new(&device, n).unwrap();
-        let mut recording = Recording::new();
-        scan.record(&mut recording, &count, (&source).into(), &target, Some(&total));
-        device.run(recording).unwrap();
         let mut sum = 0;
         let mut expected = Vec::with_capacity(data.len());
         for v in &data {
             expected.push(sum);
             sum += v;
         }
-        assert_eq!(without_sentinel(&device, &target), expected, "n = {n}");
-        assert_eq!(total.value.read(&device).unwrap(), [sum; 2], "n = {n}");
-        // In place, without a total.
-        let mut recording = Recording::new();
-        scan.record(&mut recording, &count, (&source).into(), &source, None);
-        device.run(recording).unwrap();
-        assert_eq!(without_sentinel(&device, &source), expected, "n = {n}, in place");
+        let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
+        for capacity in [n, many_blocks(&device)] {
+            let source = with_sentinel(&device, &data);
+            let target = with_sentinel(&device, &vec![7; n as usize]);
+            let total = Count::new(&device, "total", u32::MAX, &[]).unwrap();
+            let scan = Scan::new(&device, capacity).unwrap();
+            let mut recording = Recording::new();
+            scan.record(&mut recording, &count, (&source).into(), &target, Some(&total));
+            device.run(recording).unwrap();
+            assert_eq!(without_sentinel(&device, &target), expected, "n = {n} of {capacity}");
+            assert_eq!(total.value.read(&device).unwrap(), [sum; 2], "n = {n} of {capacity}");
+            // In place, without a total.
+            let mut recording = Recording::new();
+            scan.record(&mut recording, &count, (&source).into(), &source, None);
+            device.run(recording).unwrap();
+            assert_eq!(without_sentinel(&device, &source), expected, "n = {n} of {capacity}, in place");
+        }
     }
     finish(&device);
+}
+
+/// Room for more words than a scan has few blocks for: it then has a phase for their sums.
+fn many_blocks(device: &Device) -> u32 {
+    5000 * Scan::block(device)
 }
 
 /// A total beyond 32 bits must not pass for one that fits, wherever in the scan it gets too large.
@@ -94,39 +101,39 @@ fn totals_saturate() {
         let n = data.len() as u32;
         let (source, target) = (device.upload("source", &data).unwrap(), device.buffer("target", data.len()).unwrap());
         let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
-        let scan = Scan::new(&device, n).unwrap();
-        let fits = Count::new(&device, "fits", u32::MAX - 1, &[]).unwrap();
-        let mut recording = Recording::new();
-        scan.record(&mut recording, &count, (&source).into(), &target, Some(&fits));
-        device.run(recording).unwrap();
-        let valid = if expected == u32::MAX { 0 } else { expected };
-        assert_eq!(fits.value.read(&device).unwrap(), [valid, expected], "{n} words");
+        for capacity in [n, many_blocks(&device)] {
+            let scan = Scan::new(&device, capacity).unwrap();
+            let fits = Count::new(&device, "fits", u32::MAX - 1, &[]).unwrap();
+            let mut recording = Recording::new();
+            scan.record(&mut recording, &count, (&source).into(), &target, Some(&fits));
+            device.run(recording).unwrap();
+            let valid = if expected == u32::MAX { 0 } else { expected };
+            assert_eq!(fits.value.read(&device).unwrap(), [valid, expected], "{n} words of {capacity}");
+        }
     }
     finish(&device);
 }
 
+/// With room for these keys alone, and with room for more blocks than sum each other's counts.
 fn check_sort(device: &Device, keys: &[u32], bits: u32) {
     let n = keys.len() as u32;
     let values: Vec<u32> = (0..n).collect();
-    let pairs = Pairs { keys: with_sentinel(device, keys), values: with_sentinel(device, &values) };
-    let count = Count::known(device, "n", n, &[Sort::block(device, n)]).unwrap();
-    let sort = Sort::new(device, n).unwrap();
-    let mut recording = Recording::new();
-    let sorted = sort.record(&mut recording, &count, &pairs, bits);
-    device.run(recording).unwrap();
     let mask = if bits == 32 { u32::MAX } else { (1 << bits) - 1 };
-    let mut expected: Vec<(u32, u32)> = keys.iter().copied().zip(values).collect();
+    let mut expected: Vec<(u32, u32)> = keys.iter().copied().zip(values.iter().copied()).collect();
     expected.sort_by_key(|(k, _)| k & mask); // stable, as the device's sort must be
-    let got: Vec<_> = sorted
-        .keys
-        .read_first(device, n as usize)
-        .unwrap()
-        .into_iter()
-        .zip(sorted.values.read_first(device, n as usize).unwrap())
-        .collect();
-    assert!(got == expected, "n = {n}, {bits} bits");
-    without_sentinel(device, &pairs.keys);
-    without_sentinel(device, &pairs.values);
+    for capacity in [n, n.max(1 << 20)] {
+        let pairs = Pairs { keys: with_sentinel(device, keys), values: with_sentinel(device, &values) };
+        let count = Count::known(device, "n", n, &[Sort::block(device, capacity)]).unwrap();
+        let sort = Sort::new(device, capacity).unwrap();
+        let mut recording = Recording::new();
+        let sorted = sort.record(&mut recording, &count, &pairs, bits);
+        device.run(recording).unwrap();
+        let read = |words: &Buffer<u32>| words.read_first(device, n as usize).unwrap();
+        let got: Vec<_> = read(&sorted.keys).into_iter().zip(read(&sorted.values)).collect();
+        assert!(got == expected, "n = {n} of {capacity}, {bits} bits");
+        without_sentinel(device, &pairs.keys);
+        without_sentinel(device, &pairs.values);
+    }
 }
 
 #[test]
@@ -154,21 +161,23 @@ fn check_compact(device: &Device, flags: &[u32]) {
     let kept: Vec<u32> = (0..n).filter(|i| flags[*i as usize] != 0).collect();
     let kept_keys: Vec<u32> = kept.iter().map(|i| keys[*i as usize]).collect();
     let count = Count::known(device, "n", n, &[Scan::block(device)]).unwrap();
-    let kept_count = Count::new(device, "kept", n, &[]).unwrap();
     let (flags, keys) = (with_sentinel(device, flags), with_sentinel(device, &keys));
     let unwritten = vec![9; n as usize];
-    let pairs = Pairs { keys: with_sentinel(device, &unwritten), values: with_sentinel(device, &unwritten) };
-    let gathered = with_sentinel(device, &unwritten);
-    let scan = Scan::new(device, n).unwrap();
-    let mut recording = Recording::new();
-    compact(&mut recording, &scan, &count, [&flags, &keys], &pairs, &kept_count);
-    gather(&mut recording, &kept_count, &pairs.values, &keys, &gathered);
-    device.run(recording).unwrap();
     let rest = vec![9; n as usize - kept.len()];
-    assert_eq!(kept_count.value.read(device).unwrap(), [kept.len() as u32; 2], "n = {n}");
-    assert_eq!(without_sentinel(device, &pairs.values), [&kept[..], &rest].concat(), "n = {n}");
-    assert_eq!(without_sentinel(device, &pairs.keys), [&kept_keys[..], &rest].concat(), "n = {n}");
-    assert_eq!(without_sentinel(device, &gathered), [&kept_keys[..], &rest].concat(), "n = {n}");
+    for capacity in [n, many_blocks(device)] {
+        let kept_count = Count::new(device, "kept", n, &[]).unwrap();
+        let pairs = Pairs { keys: with_sentinel(device, &unwritten), values: with_sentinel(device, &unwritten) };
+        let gathered = with_sentinel(device, &unwritten);
+        let scan = Scan::new(device, capacity).unwrap();
+        let mut recording = Recording::new();
+        compact(&mut recording, &scan, &count, [&flags, &keys], &pairs, &kept_count);
+        gather(&mut recording, &kept_count, &pairs.values, &keys, &gathered);
+        device.run(recording).unwrap();
+        assert_eq!(kept_count.value.read(device).unwrap(), [kept.len() as u32; 2], "n = {n} of {capacity}");
+        assert_eq!(without_sentinel(device, &pairs.values), [&kept[..], &rest].concat(), "n = {n} of {capacity}");
+        assert_eq!(without_sentinel(device, &pairs.keys), [&kept_keys[..], &rest].concat(), "n = {n} of {capacity}");
+        assert_eq!(without_sentinel(device, &gathered), [&kept_keys[..], &rest].concat(), "n = {n} of {capacity}");
+    }
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! The device's rates, from which `make figures` computes its bounds.
 
 use crate::support::{device, finish};
-use qirf_vk::gpu::Recording;
-use qirf_vk::primitives::rates::{By, Copy, MultiplyAdd};
+use qirf_vk::gpu::{Hazards, Recording};
+use qirf_vk::primitives::rates::{By, Chain, Copy, MultiplyAdd};
 
 #[test]
 fn rates_do_the_work_that_they_count() {
@@ -16,6 +16,12 @@ fn rates_do_the_work_that_they_count() {
         assert!(copy.moved() >= 64 << 20 && copy.moved().is_multiple_of(Copy::bytes(100_003)));
         assert!(copy.target().read(&device).unwrap().iter().all(|v| *v == 1.0), "{by:?}");
     }
+    let chain = Chain::new(&device).unwrap();
+    let mut recording = Recording::new();
+    chain.record(&mut recording);
+    let work = recording.work(&mut Hazards::default());
+    assert_eq!((work.dispatches, work.barriers), (Chain::DISPATCHES as usize, Chain::DISPATCHES as usize - 1));
+    device.run(recording).unwrap();
     let work = MultiplyAdd::new(&device).unwrap();
     let mut recording = Recording::new();
     work.record(&mut recording);

@@ -104,6 +104,14 @@ pub fn device(bench: &Bench, origin: &Origin) -> Result<String, String> {
         short(1e-9 * rates.operations),
         short(1e-6 * middle.number("operations") / middle.ms[1])
     );
+    let chain = bench.get("device/chain of dispatches")?;
+    let each = |ms: f64| short(1e3 * ms / chain.number("dispatches"));
+    let _ = write!(
+        out,
+        "\nA dispatch of one workgroup that waits for the one before: {} µs ({}).\n",
+        each(chain.ms[0]),
+        each(chain.ms[1])
+    );
     Ok(out)
 }
 
