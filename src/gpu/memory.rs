@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 /// Bytes of a block that small buffers share.
 pub(super) const BLOCK: u64 = 64 << 20;
 /// Larger buffers have memory of their own: in a shared block each could leave almost its own size unused.
-const SHARED: u64 = 16 << 20;
+pub(super) const SHARED: u64 = 16 << 20;
 
 /// How a buffer of this size is allocated.
 pub(super) fn scheme(buffer: vk::Buffer, bytes: u64) -> AllocationScheme {

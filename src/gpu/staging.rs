@@ -3,13 +3,15 @@
 use super::buffer::{Buffer, RawBuffer};
 use super::device::Device;
 use super::error::Error;
+use super::memory;
 use super::recording::Recording;
 use ash::vk;
 use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
 
-/// Bytes that one staging transfer moves: larger arrays go in turns, so that staging memory stays small.
-const STAGING_BYTES: u64 = 64 << 20;
+/// Bytes that one staging transfer moves: larger arrays go in turns. So much comes from a block that the allocator keeps; drivers
+/// take milliseconds for host memory of its own.
+const STAGING_BYTES: u64 = memory::SHARED;
 
 /// Bytes of staging memory in use while an array of `bytes` moves to or from the device.
 pub fn staging_bytes(bytes: u64) -> u64 {
@@ -17,14 +19,13 @@ pub fn staging_bytes(bytes: u64) -> u64 {
 }
 
 impl<T: Pod> Buffer<T> {
-    /// Copies the first `count` elements to the host; waits for the device.
+    /// Shows the host the first `count` elements, part by part with the place of each; waits for the device.
     ///
     /// # Errors
     /// Device errors; memory for staging.
-    pub fn read_first(&self, device: &Device, count: usize) -> Result<Vec<T>, Error> {
+    pub fn read_parts(&self, device: &Device, count: usize, mut look: impl FnMut(usize, &[T])) -> Result<(), Error> {
         let size = size_of::<T>();
         let count = count.min(self.len());
-        let mut out = Vec::with_capacity(count);
         let step = (STAGING_BYTES as usize / size).max(1);
         for start in (0..count).step_by(step) {
             let n = step.min(count - start);
@@ -38,8 +39,22 @@ impl<T: Pod> Buffer<T> {
             let mut recording = Recording::new();
             recording.copy_raw(self.raw(), (start * size) as u64, &staging, 0, (n * size) as u64);
             device.run(recording)?;
-            out.extend(staging.mapped()[..n * size].chunks_exact(size).map(bytemuck::pod_read_unaligned::<T>));
+            let bytes = &staging.mapped()[..n * size];
+            match bytemuck::try_cast_slice(bytes) {
+                Ok(values) => look(start, values),
+                Err(_) => look(start, &bytemuck::pod_collect_to_vec::<u8, T>(bytes)),
+            }
         }
+        Ok(())
+    }
+
+    /// Copies the first `count` elements to the host; waits for the device.
+    ///
+    /// # Errors
+    /// Device errors; memory for staging.
+    pub fn read_first(&self, device: &Device, count: usize) -> Result<Vec<T>, Error> {
+        let mut out = Vec::with_capacity(count.min(self.len()));
+        self.read_parts(device, count, |_, values| out.extend_from_slice(values))?;
         Ok(out)
     }
 

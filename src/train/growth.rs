@@ -3,6 +3,7 @@
 
 use super::schedule::Schedule;
 use crate::random;
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 
 /// Least number of iterations between density steps: gradients need some views.
@@ -67,10 +68,11 @@ impl Growth {
         growth: &[[f32; 2]],
         count: usize,
         key: [u32; 2],
-        candidate: impl Fn(usize) -> bool,
+        candidate: impl Fn(usize) -> bool + Sync,
     ) -> Vec<bool> {
         let key = key.map(u64::from);
         let mut weighed: Vec<(f64, usize)> = (0..growth.len())
+            .into_par_iter()
             .filter(|i| candidate(*i))
             .filter_map(|i| {
                 let [sum, views] = growth[i].map(f64::from);
@@ -80,9 +82,14 @@ impl Growth {
                 grows.then(|| (if self.sampled { chance() } else { -sum / views.max(1.0) }, i))
             })
             .collect();
-        weighed.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        if count < weighed.len() {
+            weighed.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            weighed.truncate(count);
+        }
         let mut halved = vec![false; growth.len()];
-        weighed.iter().take(count).for_each(|(_, i)| halved[*i] = true);
+        for (_, i) in weighed {
+            halved[i] = true;
+        }
         halved
     }
 }

@@ -5,10 +5,14 @@
 use super::error::Result;
 use super::schedule::Schedule;
 use super::trainer::Trainer;
-use crate::gaussians::Gaussians;
+use crate::gaussians::{Gaussians, resident::Resident};
+use crate::gpu::Device;
+use rayon::iter::{IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator};
 
 /// Largest number of iterates in a mean.
 const ITERATES: u32 = 20;
+/// Least number of values that a thread takes into the mean.
+const PART: usize = 1 << 16;
 
 /// The mean of iterates so far.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,17 +24,26 @@ pub struct Mean {
 }
 
 impl Mean {
-    /// Takes an iterate of the same Gaussians into a mean, which begins with it if there is none.
-    fn with(mean: Option<Self>, iterate: Gaussians) -> Self {
-        let Some(Self { mut model, iterates }) = mean else {
-            return Self { model: iterate, iterates: 1 };
+    /// Takes a model of the same Gaussians into a mean, which begins with it if there is none.
+    ///
+    /// # Errors
+    /// Device errors; memory for staging.
+    fn with(mean: Option<Self>, device: &Device, model: &Resident) -> Result<Self> {
+        let Some(Self { model: mut mean, iterates }) = mean else {
+            return Ok(Self { model: model.download(device)?, iterates: 1 });
         };
         let iterates = iterates.saturating_add(1);
-        model.attributes_mut().zip(iterate.attributes()).map(|(mean, values)| {
-            mean.iter_mut().zip(values).for_each(|(mean, value)| *mean += (value - *mean) / iterates as f32);
-        });
-        Self { model, iterates }
+        model.parameters.each_ref().zip(mean.attributes_mut()).try_map(|(values, mean)| {
+            values.read_parts(device, mean.len(), |first, values| take(&mut mean[first..], values, iterates))
+        })?;
+        Ok(Self { model: mean, iterates })
     }
+}
+
+/// Takes values into their means, as the last of so many.
+fn take(means: &mut [f32], values: &[f32], iterates: u32) {
+    let pairs = means.par_iter_mut().zip(values).with_min_len(PART);
+    pairs.for_each(|(mean, value)| *mean += (value - *mean) / iterates as f32);
 }
 
 impl Schedule {
@@ -49,7 +62,7 @@ impl Trainer {
         if !schedule.averages_iterates(iteration) {
             return Ok(());
         }
-        let mean = Mean::with(self.trainee.mean.take(), self.download()?);
+        let mean = Mean::with(self.trainee.mean.take(), &self.device, &self.trainee.model)?;
         if iteration < schedule.iterations {
             self.trainee.mean = Some(mean);
         } else if mean.iterates > 1 {
@@ -71,23 +84,17 @@ mod tests {
     #[test]
     fn the_mean_is_that_of_float64() {
         let mut r = Random(3);
-        let mut iterate = || {
-            let mut model = Gaussians::zeroed(50, 2);
-            model.attributes_mut().map(|values| values.iter_mut().for_each(|v| *v = r.within(-9.0, 1.0) as f32));
-            model
-        };
-        let iterates: Vec<Gaussians> = (0..20).map(|_| iterate()).collect();
-        let mean = iterates.iter().cloned().fold(None, |mean, iterate| Some(Mean::with(mean, iterate))).unwrap();
-        assert_eq!(mean.iterates, 20);
-        for (a, values) in mean.model.attributes().into_array().into_iter().enumerate() {
-            for (i, value) in values.iter().enumerate() {
-                let sum: f64 = iterates.iter().map(|m| f64::from(m.attributes().into_array()[a][i])).sum();
-                assert!((f64::from(*value) - sum / 20.0).abs() < 1e-5, "{value}, {}", sum / 20.0);
-            }
+        let iterates: Vec<Vec<f32>> = (0..20).map(|_| (0..500).map(|_| r.within(-9.0, 1.0) as f32).collect()).collect();
+        let mut means = iterates[0].clone();
+        (1..20).for_each(|k| take(&mut means, &iterates[k], k as u32 + 1));
+        for (i, mean) in means.iter().enumerate() {
+            let sum: f64 = iterates.iter().map(|values| f64::from(values[i])).sum();
+            assert!((f64::from(*mean) - sum / 20.0).abs() < 1e-5, "{mean}, {}", sum / 20.0);
         }
         // Equal iterates give themselves, to the bit.
-        let same = Mean::with(Some(Mean { model: iterates[0].clone(), iterates: 6 }), iterates[0].clone());
-        assert!(same.model == iterates[0] && same.iterates == 7);
+        let mut same = iterates[0].clone();
+        take(&mut same, &iterates[0], 7);
+        assert_eq!(same, iterates[0]);
     }
 
     #[test]
