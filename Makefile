@@ -109,6 +109,8 @@ gpu-report: setup ## measure this machine's device, and write a folder to attach
 	cp -r tests/golden "$(KIT)/source/tests"
 	cp -r glsl/spirv "$(KIT)/source/glsl"
 	cp -r tools/examples "$(KIT)/source/tools"
+	mkdir "$(KIT)/lib"
+	ldd target/release/qirf-vk | awk '/openblas|gfortran|quadmath/ {print $$3}' | xargs -r cp -L -t "$(KIT)/lib"
 	rm -rf target/gpu-report
 	"$(KIT)/gpu-report" -o target/gpu-report -m "$(MINUTES)"
 

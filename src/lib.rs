@@ -10,7 +10,7 @@
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! # use qirf_vk::gpu::Error;
-//! # if let Err(e @ (Error::NoLoader(_) | Error::NoDevice)) = Device::open(&DeviceOptions::default()) {
+//! # if let Err(e @ (Error::NoLoader(_) | Error::NoDriver | Error::NoDevice)) = Device::open(&DeviceOptions::default()) {
 //! #     println!("nothing was rendered: {e}");
 //! #     return Ok(());
 //! # }

@@ -130,7 +130,7 @@ fn measured(tuned: &Tuned) -> String {
 }
 
 /// Statistics that matter for occupancy, by the names that drivers give them (RADV, ANV, NVIDIA).
-const SHOWN: [&str; 14] = [
+const SHOWN: [&str; 17] = [
     "VGPRs",
     "SGPRs",
     "Register Count",
@@ -140,11 +140,14 @@ const SHOWN: [&str; 14] = [
     "Fill count",
     "Scratch size",
     "Scratch Memory Size",
+    "Stack Size",
     "LDS size",
+    "Shared Memory Size",
     "Subgroups per SIMD",
     "Instructions",
     "Instruction Count",
     "Code size",
+    "Binary Size",
 ];
 
 /// A row for each kernel, a column for each statistic of [`SHOWN`] that the driver tells.

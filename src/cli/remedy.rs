@@ -121,6 +121,10 @@ fn plain(text: &str) -> Option<String> {
 fn device(error: &gpu::Error) -> Option<String> {
     match error {
         gpu::Error::NoLoader(_) => plain("install it (Debian and Ubuntu: libvulkan1, or run tools/setup)"),
+        gpu::Error::NoDriver => plain(
+            "install your GPU's driver, or mesa-vulkan-drivers for a software device; NVIDIA's also needs libglvnd0 (libGLdispatch.so.0) \
+             and, in a container, NVIDIA_DRIVER_CAPABILITIES=all; VK_LOADER_DEBUG=error tells which drivers were tried",
+        ),
         gpu::Error::NoDevice => plain("install your GPU's driver, or mesa-vulkan-drivers for a software device"),
         gpu::Error::MissingFeature { .. } => plain("choose another device with --device, or update its driver"),
         gpu::Error::Driver { .. } => plain(
@@ -274,6 +278,7 @@ mod tests {
         says(gpu::Error::Lost("submit"), &["--resume", "--resolution", "--device"]);
         says(train::Error::NoViews, &["--eval-every"]);
         says(train::Error::from(gpu::Error::NoDevice), &["mesa-vulkan-drivers"]);
+        says(train::Error::from(gpu::Error::NoDriver), &["mesa-vulkan-drivers", "libglvnd0"]);
         says(train::Error::Photos(io::ErrorKind::StorageFull.into()), &["free some space", "--resolution"]);
         says(
             train::Error::Points { found: 1, asked: 3000, tries: 9, near: 0.2, cameras: 2 },

@@ -10,7 +10,10 @@ pub enum Error {
     /// No Vulkan loader on this machine.
     #[error("no Vulkan loader was found ({0})")]
     NoLoader(String),
-    /// A loader, but no device behind it.
+    /// A loader, but no driver that it can load.
+    #[error("the Vulkan loader can load no driver")]
+    NoDriver,
+    /// Drivers, but no device behind them.
     #[error("Vulkan reports no device")]
     NoDevice,
     /// No device has the name or index asked for.

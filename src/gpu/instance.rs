@@ -98,7 +98,10 @@ impl Instance {
             info = info.push_next(&mut settings);
         }
         // SAFETY: all pointers in `info` outlive the call.
-        let raw = unsafe { entry.create_instance(&info, None) }.during("create instance")?;
+        let raw = match unsafe { entry.create_instance(&info, None) } {
+            Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER) => return Err(Error::NoDriver),
+            other => other.during("create instance")?,
+        };
         let messenger = validation.then(|| {
             let debug = ext::debug_utils::Instance::new(&entry, &raw);
             let info = vk::DebugUtilsMessengerCreateInfoEXT::default()

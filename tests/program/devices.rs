@@ -59,6 +59,18 @@ fn manifest() -> Option<PathBuf> {
     files.filter(|path| path.file_name().is_some_and(|name| name.to_string_lossy().contains("lvp"))).min()
 }
 
+/// As in a container that has a driver's manifest and lacks its libraries.
+#[test]
+fn without_a_driver_that_can_be_loaded_the_program_says_what_it_may_lack() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("broken.json");
+    let icd = serde_json::json!({ "file_format_version": "1.0.0", "ICD": { "library_path": "libnone.so", "api_version": "1.3.0" } });
+    fs::write(&path, icd.to_string()).unwrap();
+    let path = path.to_str().unwrap();
+    let variables = [("VK_DRIVER_FILES", path), ("VK_ICD_FILENAMES", path)];
+    refused(&variables, 4, &["can load no driver", "libglvnd0", "VK_LOADER_DEBUG=error"]);
+}
+
 #[test]
 fn portability_drivers_are_found() {
     let Some(installed) = manifest() else { return crate::support::skip("no manifest of llvmpipe") };
