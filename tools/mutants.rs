@@ -30,7 +30,10 @@ const TESTS: &[(&str, &[&str])] = &[
     ("qirf/rrdm", &["device::rrdm::", "many_blocks"]),
     ("rates/", &["device::rates::"]),
     ("render/", &["rasterise::golden_pictures", "rasterise::culling", "rasterise::the_twin", "depth_order::leaves"]),
-    ("render/bin", &["rasterise::a_view_of_fewer", "rasterise::golden_pictures", "depth_order::leaves"]),
+    (
+        "render/bin",
+        &["rasterise::a_view_of_fewer", "rasterise::golden_pictures", "depth_order::leaves", "bin::subgroups"],
+    ),
     ("render/project_backward", &["rasterise_backward::golden", "rasterise_backward::project"]),
     ("render/rasterise_backward", &["rasterise_backward::golden", "rasterise_backward::project", "order::surplus"]),
     ("render/rasterise_backward_atomic", &["rasterise_backward::golden"]), // its walk is the other's

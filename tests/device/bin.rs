@@ -1,12 +1,15 @@
-//! Culling on a real model: it saves pairs and does not change the picture.
+//! Culling on a real model: it saves pairs and does not change the picture. Gaussians of many tiles are binned as others are.
 
 #[path = "../../benches/engine/flowers.rs"]
 mod flowers;
 
-use crate::support::{device, finish, shared};
+use crate::support::{Random, device, finish, shared};
+use glam::DVec3;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Gaussians, formats};
-use qirf_vk::render::{Culling, Renderer, Settings};
+use qirf_vk::gpu::{Device, DeviceOptions};
+use qirf_vk::render::{Culling, Renderer, Settings, Style};
+use qirf_vk::scene::camera::Camera;
 
 fn flowers() -> Option<Gaussians> {
     Some(formats::read(&shared("models/flowers_lod2_93k_sh2.ply")?).expect("a model").gaussians)
@@ -55,4 +58,48 @@ fn bin_loses_nothing_of_flowers() {
     assert!(exact.iter().all(|image| image.pixels.iter().any(|p| p[3] > 0.5)));
     assert!(exact == pictures(Culling::Off), "pictures differ");
     finish(&device);
+}
+
+/// Needles and discs from a pixel to the whole picture, more of them than a workgroup takes, half of them before the camera.
+fn crowd_of_all_sizes() -> Gaussians {
+    let (mut r, n) = (Random(5), 600);
+    let mut within = |low: f64, high: f64| (low + (high - low) * r.unit()) as f32;
+    Gaussians {
+        means: (0..n).map(|_| [within(-2.0, 2.0), within(-1.5, 1.5), within(-5.0, 3.0)]).collect(),
+        log_scales: (0..n).map(|_| [within(-5.0, 0.5), within(-5.0, 0.5), within(-5.0, 0.5)]).collect(),
+        rotations: (0..n)
+            .map(|_| [within(-1.0, 1.0), within(-1.0, 1.0), within(-1.0, 1.0), within(-1.0, 1.0)])
+            .collect(),
+        opacity_logits: (0..n).map(|_| within(-4.0, 1.0)).collect(),
+        sh: vec![(0..3 * n).map(|_| within(-1.0, 1.0)).collect()],
+    }
+}
+
+#[test]
+fn subgroups_bin_what_invocations_would() {
+    let model = crowd_of_all_sizes();
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, DVec3::NEG_Y, 0.9, 333, 210);
+    for depth_order in [false, true] {
+        let pictures: Vec<_> = [0, 1, 7, 32]
+            .into_iter()
+            .map(|many| {
+                let tuning = Some(format!("gpu,bin_many={many}").parse().unwrap());
+                let options = DeviceOptions { tuning, validation: true, guarded: true, ..DeviceOptions::default() };
+                let device = Device::open(&options).unwrap();
+                let resident = Resident::upload(&device, &model).unwrap();
+                let style = Style { depth_order, ..Style::default() };
+                let settings = Settings { style, ..Settings::default() };
+                let mut renderer = Renderer::new(&device, settings, model.len(), camera.width, camera.height).unwrap();
+                let image = renderer.render(&resident, &camera).unwrap();
+                let pairs = renderer.pairs().unwrap();
+                finish(&device);
+                (image, pairs)
+            })
+            .collect();
+        let (image, pairs) = &pictures[0];
+        assert!(*pairs > 15_000 && image.pixels.iter().any(|p| p[3] > 0.5), "{pairs} pairs");
+        for (k, (other, others)) in pictures.iter().enumerate() {
+            assert!(others == pairs && other == image, "{k}, depth order {depth_order}: {others} of {pairs} pairs");
+        }
+    }
 }
