@@ -103,9 +103,10 @@ gpu-report: setup ## measure this machine's device, and write a folder to attach
 	cargo bench --locked --bench engine --no-run
 	cargo test --release --locked --test device --no-run
 	rm -rf "$(KIT)" && mkdir -p "$(KIT)/source/tests" "$(KIT)/source/glsl" "$(KIT)/source/tools"
-	cp target/release/qirf-vk tools/gpu-report "$(KIT)"
-	cp "$$(ls -t target/release/deps/engine-* | grep -v '\.d$$' | head -n 1)" "$(KIT)/bench"
-	cp "$$(ls -t target/release/deps/device-* | grep -v '\.d$$' | head -n 1)" "$(KIT)/device-tests"
+	cp tools/gpu-report "$(KIT)"
+	strip -o "$(KIT)/qirf-vk" target/release/qirf-vk
+	strip -o "$(KIT)/bench" "$$(ls -t target/release/deps/engine-* | grep -v '\.d$$' | head -n 1)"
+	strip -o "$(KIT)/device-tests" "$$(ls -t target/release/deps/device-* | grep -v '\.d$$' | head -n 1)"
 	cp -r tests/golden "$(KIT)/source/tests"
 	cp -r glsl/spirv "$(KIT)/source/glsl"
 	cp -r tools/examples "$(KIT)/source/tools"
