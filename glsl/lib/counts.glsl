@@ -7,8 +7,8 @@ const uint MAX_GROUPS = 65535;
 const uint FEW_GROUPS = 67;
 
 // Sets a count, and one triple of dispatch sizes for each of four group sizes. A count beyond its limit becomes 0, so that all
-// later passes over it do nothing; the number that was needed is kept. Of 0 elements one workgroup takes care: it may have a count
-// to set.
+// later passes over it do nothing; the number that was needed is kept. A dispatch over no elements still has one workgroup, which may
+// have a count to set.
 void set_count(uint count, uint limit, uint sizes[4]) {
     value[1] = max(value[1], count);
     if (count > limit) count = 0;

@@ -26,6 +26,14 @@ uint before(uint subgroups) {
     return sum;
 }
 
+// Sum over the workgroup of what each invocation has, words of up to 32 bits.
+uint sum_of_workgroup(uint sum) {
+    sum = saturated(subgroupAdd(halves(sum)));
+    if (subgroupElect()) partial[gl_SubgroupID] = sum;
+    barrier();
+    return before(SUBGROUPS);
+}
+
 // This invocation's element of the first row; the next row's is SUBGROUP further.
 uint first_element() {
     return group_index() * BLOCK + gl_SubgroupID * SUBGROUP * ROWS + gl_SubgroupInvocationID;
@@ -44,11 +52,8 @@ uint before_block(uint n) {
     if (!FEW_BLOCKS) return group_index() * BLOCK < n ? sums[group_index()] : 0;
     uint sum = 0;
     for (uint at = gl_LocalInvocationID.x; at < group_index() && at * BLOCK < n; at += WORKGROUP) sum = saturated(sum, sums[at]);
-    sum = saturated(subgroupAdd(halves(sum)));
     barrier(); // `partial` was read
-    if (subgroupElect()) partial[gl_SubgroupID] = sum;
-    barrier();
-    sum = before(SUBGROUPS);
+    sum = sum_of_workgroup(sum);
     uint first = group_index() * BLOCK;
     bool last = first < n ? n - first <= BLOCK : group_index() == 0;
     if (last && gl_LocalInvocationID.x == 0) set_count(first < n ? saturated(sum, sums[group_index()]) : 0, limit, sizes);

@@ -41,10 +41,8 @@ void reduce(uint n) {
         }
         sum = saturated(sum, own);
     }
-    sum = saturated(subgroupAdd(halves(sum)));
-    if (subgroupElect()) partial[gl_SubgroupID] = sum;
-    barrier();
-    if (gl_LocalInvocationID.x == 0 && group_index() * BLOCK < n) sums[group_index()] = before(SUBGROUPS);
+    sum = sum_of_workgroup(sum);
+    if (gl_LocalInvocationID.x == 0 && group_index() * BLOCK < n) sums[group_index()] = sum;
 }
 
 void spine(uint n) {

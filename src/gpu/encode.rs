@@ -92,6 +92,11 @@ impl<'a> Encoder<'a> {
         if !matches!(command, Command::Begin(_) | Command::End) {
             self.now = None;
         }
+        let copy = |from: &RawBuffer, to: &RawBuffer, [src_offset, dst_offset, size]: [u64; 3]| {
+            let region = [vk::BufferCopy { src_offset, dst_offset, size }];
+            // SAFETY: as below.
+            unsafe { device.cmd_copy_buffer(commands, from.0.raw, to.0.raw, &region) };
+        };
         // SAFETY: the command buffer is being recorded; every buffer is alive, and the recording keeps it so.
         unsafe {
             match command {
@@ -110,13 +115,9 @@ impl<'a> Encoder<'a> {
                 }
                 Command::Update { buffer, data } => device.cmd_update_buffer(commands, buffer.0.raw, 0, data),
                 Command::Copy { from, from_offset, to, to_offset, bytes } => {
-                    let region = [vk::BufferCopy { src_offset: *from_offset, dst_offset: *to_offset, size: *bytes }];
-                    device.cmd_copy_buffer(commands, from.0.raw, to.0.raw, &region);
+                    copy(from, to, [*from_offset, *to_offset, *bytes]);
                 }
-                Command::ReadBack { from, to, to_offset, bytes } => {
-                    let region = [vk::BufferCopy { src_offset: 0, dst_offset: *to_offset, size: *bytes }];
-                    device.cmd_copy_buffer(commands, from.0.raw, to.0.raw, &region);
-                }
+                Command::ReadBack { from, to, to_offset, bytes } => copy(from, to, [0, *to_offset, *bytes]),
                 Command::Begin(name) => {
                     self.label(Some(name));
                     self.begin(name);

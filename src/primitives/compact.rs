@@ -4,6 +4,7 @@ use super::count::Count;
 use super::scan::Scan;
 use super::sort::Pairs;
 use crate::gpu::{Buffer, Recording};
+use crate::kernels::constants::scan::APPLY;
 use crate::kernels::primitives::{Compact, CompactPush, CompactSpec};
 
 /// Records `kept` = the pairs (`keys[i]`, i) for i < count where `flags[i]` is 1 and not 0, in order, and sets `total` to their
@@ -19,6 +20,7 @@ pub fn compact(
     total: &Count,
 ) {
     scan.blocks(recording, count, flags.into(), flags, total);
+    let [value, arguments] = scan.set_in(APPLY, total);
     let kernel = Compact {
         count: &count.value,
         flags,
@@ -26,8 +28,8 @@ pub fn compact(
         keys,
         kept_keys: &kept.keys,
         kept: &kept.values,
-        value: if scan.few_blocks { &total.value } else { &scan.sums },
-        arguments: if scan.few_blocks { &total.arguments } else { &scan.sums },
+        value,
+        arguments,
         push: CompactPush { limit: total.limit, sizes: total.sizes },
         spec: CompactSpec { workgroup: scan.workgroup, rows: scan.rows, few_blocks: scan.few_blocks },
     };

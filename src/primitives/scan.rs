@@ -85,8 +85,17 @@ impl Scan {
         target: &Buffer<u32>,
         total: &Count,
     ) {
-        for phase in [REDUCE, SPINE].into_iter().take(if self.few_blocks { 1 } else { 2 }) {
+        for phase in [REDUCE, SPINE].into_iter().filter(|phase| *phase != SPINE || !self.few_blocks) {
             self.phase(recording, phase, Job { count, words, target, total });
+        }
+    }
+
+    /// What a phase binds to set the total: its buffers in the phase that does, else a stand-in.
+    pub(super) fn set_in<'a>(&'a self, phase: u32, total: &'a Count) -> [&'a Buffer<u32>; 2] {
+        if phase == if self.few_blocks { APPLY } else { SPINE } {
+            [&total.value, &total.arguments]
+        } else {
+            [&self.sums; 2]
         }
     }
 
@@ -99,15 +108,15 @@ impl Scan {
             APPLY => (!gather, true),
             _ => (false, false),
         };
-        let sets = phase == if self.few_blocks { APPLY } else { SPINE };
+        let [value, arguments] = self.set_in(phase, total);
         let kernel = Kernel {
             count: &count.value,
             indices: indices.filter(|_| phase == REDUCE).unwrap_or(&count.value),
             source: if reads { source } else { &count.value },
             sums: &self.sums,
             target: if writes { target } else { &self.sums },
-            value: if sets { &total.value } else { &self.sums },
-            arguments: if sets { &total.arguments } else { &self.sums },
+            value,
+            arguments,
             push: ScanPush { limit: total.limit, sizes: total.sizes },
             spec: ScanSpec { workgroup: self.workgroup, phase, rows: self.rows, gather, few_blocks: self.few_blocks },
         };
