@@ -4,7 +4,7 @@
 use super::checkpoint::{Checkpoint, Notes};
 use super::config::{ResponseSource, RunConfig};
 use super::effects;
-use super::evaluate::{Evaluator, exhibits, protocol};
+use super::evaluate::{Evaluator, exhibits, mean, protocol};
 use super::output::Output;
 use super::pairs;
 use super::prune::{PruneRequest, prune_followed};
@@ -162,7 +162,8 @@ impl<'a> ActiveRun<'a> {
     /// # Errors
     /// Device errors.
     pub fn psnr(&mut self) -> Result<Option<f64>, Error> {
-        self.evaluator.psnr(self.trainer.model(), self.setup.prepared.test.iter().map(|(_, view)| view))
+        let views = self.setup.prepared.test.iter().map(|(_, view)| view);
+        Ok(mean(&self.evaluator.psnr(self.trainer.model(), views)?))
     }
 
     /// Responses of the training photos to each Gaussian of the current model.
@@ -252,15 +253,17 @@ impl<'a> ActiveRun<'a> {
             Ok(())
         };
         let resident = self.trainer.model();
-        let assessment = self.evaluator.assess(resident, prepared, Some(&output.renders()), networks, &mut follow)?;
+        let mut assessment =
+            self.evaluator.assess(resident, prepared, Some(&output.renders()), networks, &mut follow)?;
         assessment.held_out.warn(watcher);
+        assessment.frames_per_second = self.evaluator.frames_per_second(resident, prepared)?;
         exhibits::photos(prepared, &output.renders())?;
         let protocol = Protocol {
             iterations: Some(config.schedule.iterations),
             seed: Some(config.seed),
             ..protocol(&config.selection(), prepared, networks, config.exposure)
         };
-        let evaluated = assessment.record(session, prepared, protocol, &model, &output.model());
+        let evaluated = assessment.record(session, prepared.scene.skipped.clone(), protocol, &model, &output.model());
         let record = self.record(evaluated, evaluating.elapsed().as_secs_f64());
         Output::json(&output.metrics(), "metrics.json", &record)?;
         Ok(record)

@@ -2,16 +2,16 @@
 
 use super::budget;
 use super::config::Selection;
-use super::evaluate::{Evaluator, HeldOut, protocol};
+use super::evaluate::{Assessment, Evaluator, HeldOut, protocol};
 use super::output::Output;
-use super::prepare::{open, refuse_photo_folders};
+use super::prepare::{Prepared, open, refuse_photo_folders};
 use super::records::{RunRecord, Times};
 use super::session::Session;
 use super::shown::Shown;
 use super::virtual_views::{ALL, OwnPictures, VirtualCameras};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
-use crate::render::{Settings, Style};
+use crate::render::{Settings, Source, Style};
 use crate::scene::camera;
 use std::path::Path;
 use std::time::Instant;
@@ -56,16 +56,10 @@ pub fn eval(
 
     let evaluating = Instant::now();
     let shown = Shown::new(session, model, place.whole)?;
-    let settings = style.over(prepared.background);
-    let mut evaluator = Evaluator::of(device, settings, shown.source(), prepared.views())?;
-    evaluator.compare_as(*exposure);
-    let mut follow = |done: usize| {
-        watcher.evaluating(done, prepared.test.len());
-        watcher.unless_stopped()
-    };
     let renders = output.map(Output::renders);
-    let assessment = evaluator.assess(shown.source(), &prepared, renders.as_deref(), networks, &mut follow)?;
+    let (mut assessment, mut evaluator) = assess(session, shown.source(), evaluation, (&prepared, renders.as_deref()))?;
     assessment.held_out.warn(watcher);
+    assessment.frames_per_second = evaluator.frames_per_second(shown.source(), &prepared)?;
     let protocol = protocol(selection, &prepared, networks, *exposure);
     let record = RunRecord {
         time: Times {
@@ -75,12 +69,50 @@ pub fn eval(
             ..Times::default()
         },
         memory: session.memory(place.bytes),
-        ..assessment.record(session, &prepared, protocol, model, file)
+        ..assessment.record(session, prepared.scene.skipped.clone(), protocol, model, file)
     };
     if let Some(output) = output {
         Output::json(&output.metrics(), "metrics.json", &record)?;
     }
     Ok(record)
+}
+
+/// Measures a model on some of a scene's photos, for an evaluation in parts: as [`eval`] does on all of them, without the frame rate.
+/// Photos are named, those `held_out` and those trained on, and only these are decoded.
+///
+/// # Errors
+/// As of [`eval`]; [`Error::LostPhoto`].
+pub fn part(
+    session: &Session<'_>,
+    model: &Gaussians,
+    evaluation: &Evaluation,
+    [held_out, trained]: [&[String]; 2],
+) -> Result<Assessment, Error> {
+    let Evaluation { selection, style, .. } = evaluation;
+    let opened = open(selection)?.only(&[held_out, trained].concat())?;
+    let place = budget::for_pictures(session.device, model, opened.size(), *style)?;
+    let prepared = opened.load(session.photo_memory(&std::env::temp_dir()), session.watcher)?.holding_out(held_out);
+    let shown = Shown::new(session, model, place.whole)?;
+    Ok(assess(session, shown.source(), evaluation, (&prepared, None))?.0)
+}
+
+/// Measures a model on these views, and writes pictures of those held out to a folder, if given.
+fn assess(
+    session: &Session<'_>,
+    model: Source<'_>,
+    evaluation: &Evaluation,
+    (prepared, renders): (&Prepared, Option<&Path>),
+) -> Result<(Assessment, Evaluator), Error> {
+    let Session { device, networks, watcher, .. } = *session;
+    let settings = evaluation.style.over(prepared.background);
+    let mut evaluator = Evaluator::of(device, settings, model, prepared.views())?;
+    evaluator.compare_as(evaluation.exposure);
+    let mut follow = |done: usize| {
+        watcher.evaluating(done, prepared.test.len());
+        watcher.unless_stopped()
+    };
+    let assessment = evaluator.assess(model, prepared, renders, networks, &mut follow)?;
+    Ok((assessment, evaluator))
 }
 
 /// Scores a model against the pictures of `original`, in the held-out views that `qirf-vk compress` would use: the loss

@@ -31,6 +31,15 @@ impl Prepared {
         names.filter(|name| !held_out.contains(name.as_str())).cloned().collect()
     }
 
+    /// The views of [`Opened::only`], those of these names held out.
+    #[must_use]
+    pub fn holding_out(self, names: &[String]) -> Self {
+        let names: HashSet<&str> = names.iter().map(String::as_str).collect();
+        let named = self.scene.views.iter().map(|view| view.name.clone()).zip(self.train);
+        let (test, train): (Vec<_>, Vec<_>) = named.partition(|(name, _)| names.contains(name.as_str()));
+        Self { train: train.into_iter().map(|(_, photo)| photo).collect(), test, ..self }
+    }
+
     /// All views, those held out first.
     pub fn views(&self) -> impl Iterator<Item = &Photo> {
         self.test.iter().map(|(_, view)| view).chain(&self.train)

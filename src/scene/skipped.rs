@@ -26,7 +26,7 @@ impl Names {
 }
 
 /// Everything left out of a scene since it was opened.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Skipped {
     /// Views whose photo does not exist.
     pub missing_images: Names,

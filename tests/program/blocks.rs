@@ -41,8 +41,8 @@ fn psnr(figures: &Value) -> f64 {
 fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
     let options = ["--iterations", "480"];
     let (stage, tasks) = planned(&options);
-    // Coarse, assign, dense, collect, evidence, choose, tune, collect, settle, collect, finish, join, report.
-    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 2 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 1);
+    // Coarse, assign, dense, collect, evidence, choose, tune, collect, settle, collect, finish, join, score, report.
+    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 2 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 1 + 1);
     let mut all = stage.command(&["shard", "all", "a"]);
     let said = all.env("QIRF_VALIDATION", "1").output().unwrap();
     good(&said);
@@ -52,6 +52,12 @@ fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
 
     let (blocks, one) = (figures(&stage, "a"), figures(&stage, "one"));
     documented("shard", &blocks);
+    let evaluated = stage.qirf(&["eval", "a/model.ply", "strip", "--json"]);
+    good(&evaluated);
+    let evaluated: Value = serde_json::from_slice(&evaluated.stdout).unwrap();
+    for field in ["test", "views", "train", "guards", "ply_bytes"] {
+        assert_eq!(blocks[field], evaluated[field], "{field}");
+    }
     println!("in blocks {:.2} dB, in one piece {:.2} dB; omega {}", psnr(&blocks), psnr(&one), blocks["omega"]);
     assert!(psnr(&blocks) > psnr(&one) - 0.3, "{} {}", psnr(&blocks), psnr(&one));
     let kept = |figures: &Value| figures["gaussians"]["final"].as_f64().unwrap();
@@ -116,7 +122,7 @@ fn blocks_have_the_same_bytes_whatever_happens() {
 fn damaged_blocks_and_lost_photos_are_named() {
     let options = ["--iterations", "60", "--no-prune"];
     let (stage, tasks) = planned(&options);
-    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 1, "nothing is chosen");
+    assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 1 + 1, "nothing is chosen");
     good(&stage.qirf(&["shard", "all", "a"]));
     for (file, id, reader, written) in [
         ("coarse.safetensors", "coarse", "assign", "assign.json"),
@@ -128,6 +134,7 @@ fn damaged_blocks_and_lost_photos_are_named() {
         ("settle/0002.safetensors", "settle/0002", "collect/0002", "collect/0002.ply"),
         ("collect/0002.json", "collect/0002", "finish/0001", "finish/0001.ply"),
         ("finish/0000.ply", "finish/0000", "join", "join.json"),
+        ("score/0000.json", "score/0000", "report", "metrics.json"),
     ] {
         let length = fs::metadata(stage.path("a").join(file)).unwrap().len() as usize;
         flip(&stage.path("a").join(file), length / 2);

@@ -3,10 +3,12 @@
 mod begin;
 mod blend;
 mod derived;
+mod first;
 mod layout;
 mod meeting;
 mod members;
 mod run;
+mod score;
 mod seen;
 mod share;
 

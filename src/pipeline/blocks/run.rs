@@ -1,8 +1,8 @@
 //! Training a scene in blocks, stage by stage: a coarse model of the whole, its division, each block up to the prune, one choice
 //! among all Gaussians, and each block from one meeting to the next and to its end.
 
-use super::begin::first;
 use super::derived::{check, coarse, meetings, of_block};
+use super::first::first;
 use super::layout::{GROWN, Layout};
 use super::meeting::{Came, Meeting};
 use super::members::{Members, beginning, own, owned, with_tail};
@@ -16,23 +16,22 @@ use crate::pipeline::active_run::ActiveRun;
 use crate::pipeline::checkpoint::Checkpoint;
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
 use crate::pipeline::config::{Init, Pruning, RunConfig};
-use crate::pipeline::eval::{Evaluation, eval};
 use crate::pipeline::output::{absolute, from_root};
 use crate::pipeline::prepare::{Opened, all_there, open};
 use crate::pipeline::prune::PrunePlan;
-use crate::pipeline::records::{PruneRecord, RunRecord};
+use crate::pipeline::records::PruneRecord;
 use crate::pipeline::session::Session;
 use crate::pipeline::setup::Setup;
 use crate::pipeline::start::Start;
 use crate::pipeline::{Output, budget, effects, virtual_views};
 use crate::qirf::select::budget::Keep;
 use crate::response::{CHUNK, Responses, Wanted};
+use crate::scene::Skipped;
 use crate::scene::camera::Camera;
 use crate::train::Exposures;
 use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
-use std::path::Path;
 
 /// Largest sides of photos from which the coarse model takes them at half and at a quarter of their size.
 const LARGE: [u32; 2] = [256, 1024];
@@ -52,6 +51,10 @@ pub struct BlockRun {
     pub blocks: usize,
     /// Names of the photos that are trained on.
     pub photos: Vec<String>,
+    /// Names of the photos held out.
+    pub held_out: Vec<String>,
+    /// What the scene's readers left out.
+    pub skipped: Skipped,
 }
 
 /// A block after a meeting.
@@ -95,11 +98,12 @@ impl BlockRun {
         let schedule = &mut config.schedule;
         schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
         let photos = prepared.names_to_train();
+        let held_out = prepared.test.iter().map(|(name, _)| name.clone()).collect();
         let blocks = match blocks {
             Some(blocks) => blocks,
             None => budget::blocks(session.device, &config, &prepared, initial)?,
         };
-        Ok(Self { config, blocks, photos })
+        Ok(Self { config, blocks, photos, held_out, skipped: prepared.scene.skipped })
     }
 
     /// Chunks of photos that responses are taken from; none without a prune.
@@ -306,19 +310,6 @@ impl BlockRun {
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
         let (snapshot, prune) = goes_on(&mut setup, (scene, rows, |_: &_| before()), (until, prune), output)?;
         Ok(Tuned { state: own(&snapshot, 0), copies: rows.len() - meeting.rows(b).len(), prune })
-    }
-
-    /// Figures of the joined model: those of `qirf-vk eval`.
-    ///
-    /// # Errors
-    /// As of an evaluation.
-    pub fn evaluate(&self, session: &Session<'_>, path: &Path, model: &Gaussians) -> Result<RunRecord, Error> {
-        let RunConfig { style, exposure, .. } = self.config;
-        let evaluation = Evaluation { selection: self.config.selection(), style, exposure };
-        let mut record = eval(session, path, model, &evaluation, None)?;
-        record.protocol.iterations = Some(self.config.schedule.iterations);
-        record.protocol.seed = Some(self.config.seed);
-        Ok(record)
     }
 
     /// The number of Gaussians that the run grows to in one piece, if it has a plan.

@@ -9,21 +9,31 @@ use crate::pipeline::Session;
 use crate::pipeline::config::Selection;
 use crate::pipeline::output::bytes_on_disk;
 use crate::pipeline::prepare::Prepared;
-use crate::pipeline::records::{Counts, Guards, Protocol, RunRecord, Times, TrainScores};
+use crate::pipeline::records::{Counts, Guards, Protocol, RunRecord, Times, TrainScores, infinite_for_nulls};
 use crate::render::Source;
-use crate::scene::camera;
+use crate::scene::{Skipped, camera};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Measurements of a model on a scene.
+/// Measurements of a model on views of a scene.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Assessment {
     /// Scores of the held-out views.
     pub held_out: HeldOut,
-    /// Mean PSNR of the held-out views without fitted exposures, in dB; none if exposures are not fitted.
-    pub unfitted_psnr: Option<f64>,
-    /// Mean PSNR of the training views, in dB; none without any.
-    pub train_psnr: Option<f64>,
-    /// Pictures per second, rendering alone; none without views.
+    /// PSNR of each held-out view without fitted exposures, in dB; of none if exposures are not fitted.
+    #[serde(deserialize_with = "infinite_for_nulls")]
+    pub unfitted_psnr: Vec<f64>,
+    /// PSNR of each training view, in dB.
+    #[serde(deserialize_with = "infinite_for_nulls")]
+    pub train_psnr: Vec<f64>,
+    /// Pictures per second, rendering alone; none if it was not measured.
+    #[serde(skip)]
     pub frames_per_second: Option<f64>,
+}
+
+/// Mean of values; none without any.
+pub fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 impl Evaluator {
@@ -44,17 +54,25 @@ impl Evaluator {
         let held_out = self.held_out(model, &prepared.test, renders, networks, follow)?;
         let unfitted_psnr = self.unfitted_psnr(model, prepared.test.iter().map(|(_, view)| view))?;
         let train_psnr = self.psnr(model, prepared.train.iter())?;
-        let frames_per_second = self.frames_per_second(model, prepared)?;
-        Ok(Assessment { held_out, unfitted_psnr, train_psnr, frames_per_second })
+        Ok(Assessment { held_out, unfitted_psnr, train_psnr, frames_per_second: None })
     }
 }
 
 impl Assessment {
-    /// The record of an evaluation of `model`, read from `file`; fields that training adds are left empty.
+    /// Adds what was measured on more views.
+    pub fn extend(&mut self, more: Self) {
+        self.held_out.views.extend(more.held_out.views);
+        self.held_out.empty += more.held_out.empty;
+        self.unfitted_psnr.extend(more.unfitted_psnr);
+        self.train_psnr.extend(more.train_psnr);
+    }
+
+    /// The record of an evaluation of `model`, read from `file`, on a scene without what was `skipped`; fields that training adds are
+    /// left empty.
     pub fn record(
         self,
         session: &Session<'_>,
-        prepared: &Prepared,
+        skipped: Skipped,
         protocol: Protocol,
         model: &Gaussians,
         file: &Path,
@@ -66,8 +84,8 @@ impl Assessment {
             protocol,
             gaussians: Counts { initial: None, dense: None, last: model.len() },
             test: self.held_out.mean(),
-            unfitted_psnr: self.unfitted_psnr,
-            train: TrainScores { psnr: self.train_psnr },
+            unfitted_psnr: mean(&self.unfitted_psnr),
+            train: TrainScores { psnr: mean(&self.train_psnr) },
             frames_per_second: self.frames_per_second,
             model_bytes: bytes_on_disk(file),
             prunes: Vec::new(),
@@ -79,7 +97,7 @@ impl Assessment {
                 skipped_rows: 0,
                 undrawable: model.undrawable(),
                 empty_views: self.held_out.empty,
-                scene: prepared.scene.skipped.clone(),
+                scene: skipped,
             },
             views: self.held_out.views,
             memory: session.memory(0),
@@ -87,18 +105,64 @@ impl Assessment {
     }
 }
 
+/// What an evaluation compares a model with.
+#[derive(Clone, Copy, Debug)]
+pub struct Compared {
+    /// Number of training views.
+    pub train_views: usize,
+    /// Number of held-out views.
+    pub test_views: usize,
+    /// Largest picture, width and height.
+    pub image_size: [u32; 2],
+    /// Background colour.
+    pub background: [f32; 3],
+}
+
+impl From<&Prepared> for Compared {
+    fn from(prepared: &Prepared) -> Self {
+        Self {
+            train_views: prepared.train.len(),
+            test_views: prepared.test.len(),
+            image_size: camera::largest(prepared.views().map(|v| &v.camera)),
+            background: prepared.background,
+        }
+    }
+}
+
 /// The protocol of an evaluation without training; with `fits_exposure` each photo has its own exposure.
-pub fn protocol(selection: &Selection, prepared: &Prepared, networks: &Networks, fits_exposure: bool) -> Protocol {
+pub fn protocol(
+    selection: &Selection,
+    compared: impl Into<Compared>,
+    networks: &Networks,
+    fits_exposure: bool,
+) -> Protocol {
+    let Compared { train_views, test_views, image_size, background } = compared.into();
     Protocol {
         test_split: format!("the data set's own, else every {} by name", selection.eval_every),
-        train_views: prepared.train.len(),
-        test_views: prepared.test.len(),
-        image_size: camera::largest(prepared.views().map(|v| &v.camera)),
+        train_views,
+        test_views,
+        image_size,
         downscaling: "exact area average of the 8-bit photos; distorted photos resampled once to an ideal pinhole",
-        background: prepared.background,
+        background,
         lpips: networks.note().unwrap_or("VGG16, inputs in [0, 1]").to_owned(),
         exposure: if fits_exposure { exposure_fit::PROTOCOL } else { "none: pictures are scored as they are rendered" },
         iterations: None,
         seed: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn infinite_scores_survive_a_file() {
+        let some = Assessment { unfitted_psnr: vec![f64::INFINITY], train_psnr: vec![31.5], ..Assessment::default() };
+        let text = serde_json::to_string(&some).unwrap();
+        let mut back: Assessment = serde_json::from_str(&text).unwrap();
+        assert_eq!(back, some);
+        back.extend(some);
+        assert_eq!((mean(&back.unfitted_psnr), mean(&back.train_psnr)), (Some(f64::INFINITY), Some(31.5)));
+        assert_eq!(mean(&[]), None);
     }
 }

@@ -12,6 +12,7 @@ use crate::pipeline::{Watcher, pairs};
 use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
 use crate::scene::{FourthByte, Photo, camera};
 use crate::train;
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
 
@@ -58,6 +59,7 @@ pub fn rgb(image: &Image) -> Vec<f32> {
 }
 
 /// The held-out views of a model.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct HeldOut {
     /// Their scores.
     pub views: Vec<ViewScores>,
@@ -171,7 +173,7 @@ impl Evaluator {
         Ok(metrics::evaluate(&rendered, &photo, networks)?)
     }
 
-    /// Mean PSNR over views in dB, without pictures or networks: a point of the quality curve. None without views.
+    /// PSNR of each view in dB, without pictures or networks.
     ///
     /// # Errors
     /// Device errors.
@@ -179,20 +181,18 @@ impl Evaluator {
         &mut self,
         model: impl Into<Source<'m>>,
         views: impl Iterator<Item = &'a Photo>,
-    ) -> Result<Option<f64>, Error> {
+    ) -> Result<Vec<f64>, Error> {
         let model = model.into();
-        let (mut sum, mut n) = (0.0, 0);
-        for view in views {
+        let each = |view| {
             let image = self.render(model, view)?;
             let ([w, h], rendered, photo) = self.compared(&image, view)?;
             let (rendered, photo) = (metrics::round_trip_8bit(&rendered), metrics::round_trip_8bit(&photo));
-            sum += metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?;
-            n += 1;
-        }
-        Ok((n > 0).then(|| sum / f64::from(n)))
+            Ok(metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?)
+        };
+        views.map(each).collect()
     }
 
-    /// Mean PSNR of whole views as rendered, without fitted exposures; none if exposures are not fitted.
+    /// PSNR of each whole view as rendered, without fitted exposures; of none if exposures are not fitted.
     ///
     /// # Errors
     /// Device errors.
@@ -200,9 +200,9 @@ impl Evaluator {
         &mut self,
         model: impl Into<Source<'m>>,
         views: impl Iterator<Item = &'a Photo>,
-    ) -> Result<Option<f64>, Error> {
+    ) -> Result<Vec<f64>, Error> {
         if !self.fits_exposure {
-            return Ok(None);
+            return Ok(Vec::new());
         }
         self.fits_exposure = false;
         let psnr = self.psnr(model, views);

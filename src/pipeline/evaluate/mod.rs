@@ -6,5 +6,5 @@ pub mod exhibits;
 mod exposure_fit;
 pub mod pictures;
 
-pub use assess::{Assessment, protocol};
+pub use assess::{Assessment, Compared, mean, protocol};
 pub use evaluator::{Evaluator, HeldOut, hide, rgb, truth};

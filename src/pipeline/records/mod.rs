@@ -8,4 +8,6 @@ mod run;
 pub use compare::{ArmRecord, CompareRecord};
 pub use compress::{CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, Truth, ViewStages};
 pub use prune::{AttritionRecord, PruneGuards, PruneRecord, PruneSeconds};
-pub use run::{Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores, ViewScores};
+pub use run::{
+    Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores, ViewScores, infinite_for_nulls,
+};

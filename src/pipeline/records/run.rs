@@ -99,7 +99,7 @@ pub struct TrainScores {
 }
 
 /// Scores of one held-out view.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewScores {
     /// The view's name.
     pub name: String,
@@ -125,6 +125,15 @@ pub struct CurvePoint {
 
 fn infinite_for_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Option::deserialize(deserializer).map(|psnr| psnr.unwrap_or(f64::INFINITY))
+}
+
+/// Reads a list in which infinity stands as null.
+///
+/// # Errors
+/// Values that are neither numbers nor null.
+pub fn infinite_for_nulls<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
+    let values = Vec::<Option<f64>>::deserialize(deserializer)?;
+    Ok(values.into_iter().map(|psnr| psnr.unwrap_or(f64::INFINITY)).collect())
 }
 
 /// Seconds.

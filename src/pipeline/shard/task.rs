@@ -26,7 +26,7 @@ pub enum Stage {
     Finish,
     /// Joins the trained blocks.
     Join,
-    /// Scores some of the views held out.
+    /// Scores the model in some of the views.
     Score,
     /// Collects all figures.
     Report,

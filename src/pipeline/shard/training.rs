@@ -1,5 +1,5 @@
 //! A run in blocks as tasks: a coarse model, its division, the blocks up to the prune, evidence by chunks of photos, one choice,
-//! the blocks to a second and a third meeting and to their end, and the joined model with its figures.
+//! the blocks to a second and a third meeting and to their end, the joined model, and its scores by parts of the photos.
 
 use super::files::Files;
 use super::task::{Listed, Stage, Task};
@@ -7,13 +7,17 @@ use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::pipeline::Output;
 use crate::pipeline::blocks::{BlockRun, Layout, Meeting, Tuned, copies, joined};
+use crate::pipeline::evaluate::Assessment;
 use crate::pipeline::records::PruneRecord;
 use crate::pipeline::session::Session;
 use crate::response::CHUNK;
 use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use std::ops::Range;
 
+/// Photos that a task scores.
+const SCORED: usize = 48;
 const COARSE: Task = Task::whole(Stage::Coarse);
 const ASSIGN: Task = Task::whole(Stage::Assign);
 const FIRST: Task = Task::part(Stage::Collect, 0);
@@ -99,6 +103,15 @@ impl BlockRun {
         Task::parts(Stage::Finish, self.blocks)
     }
 
+    fn scores(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Score, self.scored().div_ceil(SCORED))
+    }
+
+    /// The photos that part `n` of the scores has.
+    fn part_scored(&self, n: usize) -> Range<usize> {
+        n * SCORED..((n + 1) * SCORED).min(self.scored())
+    }
+
     fn chunks_of_evidence(&self) -> impl Iterator<Item = Task> {
         Task::parts(Stage::Evidence, self.chunks())
     }
@@ -144,8 +157,10 @@ impl BlockRun {
         tasks.extend(self.finished_blocks().map(finish));
         let needs = [ASSIGN, SECOND].into_iter().chain(self.finished_blocks());
         tasks.push(Listed::new(JOIN, needs, [output, "join.json"], 0));
-        let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE));
-        tasks.push(Listed::new(REPORT, needs, ["metrics.json"], self.photos.len()));
+        let score = |(n, task): (usize, Task)| Listed::new(task, [JOIN], [beside(task)], self.part_scored(n).len());
+        tasks.extend(self.scores().enumerate().map(score));
+        let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE)).chain(self.scores());
+        tasks.push(Listed::new(REPORT, needs, ["metrics.json"], 0));
         tasks
     }
 
@@ -162,7 +177,8 @@ impl BlockRun {
             Stage::Settle => files.state(task).and_then(|_| files.sealed::<Ended>(task)).map(drop),
             Stage::Finish => files.beside::<Ended>(task).map(drop),
             Stage::Join => files.beside::<Joined>(task).map(drop),
-            Stage::Score | Stage::Report => Ok(()),
+            Stage::Score => files.sealed::<Assessment>(task).map(drop),
+            Stage::Report => Ok(()),
         }
     }
 
@@ -204,7 +220,11 @@ impl BlockRun {
             Stage::Settle => self.settled(session, files, task, part),
             Stage::Finish => self.finished(session, files, task, part),
             Stage::Join => self.blended(files, task, self.finished_blocks()),
-            Stage::Score | Stage::Report => Ok(vec![self.report(session, files)?]),
+            Stage::Score => {
+                let (model, Joined { .. }) = files.model(JOIN)?;
+                Ok(vec![files.seal(task, &self.score(session, &model, self.part_scored(part))?)?])
+            }
+            Stage::Report => Ok(vec![self.report(session, files)?]),
         }
     }
 
@@ -263,12 +283,16 @@ impl BlockRun {
         files.with_model(task, &finished.state.model, self.config.style.mode(), Ended::of(&finished))
     }
 
-    /// All figures, as `qirf-vk eval` has them, without times and memory; with those of the blocks.
+    /// All figures, as `qirf-vk eval` has them, without times, memory and the frame rate; with those of the blocks.
     fn report(&self, session: &Session<'_>, files: &Files) -> Result<Vec<u8>, Error> {
         let (model, Joined { blocks }) = files.model(JOIN)?;
         let layout: Layout = files.sealed(ASSIGN)?;
         let chosen = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?) } else { None };
-        let record = self.evaluate(session, &files.outputs(JOIN)[0], &model)?;
+        let mut measured = Assessment::default();
+        for task in self.scores() {
+            measured.extend(files.sealed(task)?);
+        }
+        let record = self.record(session, (&files.outputs(JOIN)[0], &model), measured)?;
         let of_block = |(b, ended): (usize, &Ended)| {
             let photos = layout.blocks.get(b).map_or(0, |block| block.crops.len());
             json!({ "photos": photos, "gaussians": ended.gaussians, "prune": ended.prune, "skipped_rows": ended.skipped_rows })
