@@ -173,9 +173,7 @@ impl BlockRun {
         }
         let config = of_block(&self.config, (block, b), self.photos.len());
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
-        let owns = |mean: &[f32; 3]| if layout.cells.owner(*mean) == b { 1.0 } else { 0.0 };
-        let shares: Vec<f32> = coarse.means.iter().map(owns).collect();
-        setup.take_share(coarse, &shares, layout.of_nothing())?;
+        setup.take_share(coarse, &members.trained, layout.of_nothing())?;
         let before = |setup: &Setup<'_>| {
             let (points, grown) = (&setup.prepared.scene.points, layout.cells.grown(b, GROWN));
             let of_coarse = coarse.select(&members.trained);
@@ -246,11 +244,9 @@ impl BlockRun {
         let until = meetings(&config)[1];
         let margin = if quota.is_some() { Vec::new() } else { meeting.margin(layout, b) };
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
-        let mut shares = vec![0.0; meeting.collected.len()];
-        shares[meeting.rows(b)].fill(1.0);
-        setup.take_share(meeting.collected, &shares, layout.of_nothing())?;
-        let before = |_: &Setup<'_>| meeting.with(came, b, &margin);
         let trained: Vec<usize> = meeting.rows(b).chain(margin.iter().copied()).collect();
+        setup.take_share(meeting.collected, &trained, layout.of_nothing())?;
+        let before = |_: &Setup<'_>| meeting.with(came, b, &margin);
         let (snapshot, prune) = goes_on(&mut setup, (meeting.collected, &trained, before), (until, None), output)?;
         Ok(Tuned { state: own(&snapshot, margin.len()), copies: 0, prune })
     }

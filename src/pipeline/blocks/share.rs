@@ -1,8 +1,9 @@
 //! Each block's share of the error in pixels that several blocks paint.
 //!
 //! All blocks train at once, each behind the others as they were. Where several paint a pixel, and each makes good all of its error, they
-//! overshoot together. A block therefore trains towards the picture as it was, plus its share of the difference to the photo: to first
-//! order, the shares of all blocks add up to the photo.
+//! overshoot together. A block therefore trains towards the picture as it was, plus its share of the difference to the photo, which is the
+//! share of the picture that the Gaussians it trains have painted. To first order, the shares of all blocks add up to the photo, and in a
+//! margin that two blocks train, each makes good the whole error: its copies of the other's Gaussians go when the blocks meet.
 
 use crate::error::Error;
 use crate::gaussians::Gaussians;
@@ -41,28 +42,32 @@ fn mix(photo: &mut Photo, share: &Image, before: &Image, map: Option<&[f32]>, ba
     Ok(())
 }
 
-/// The model in grey: each Gaussian as bright as its share.
-fn grey(model: &Gaussians, shares: &[f32]) -> Gaussians {
-    let colour = |share: &f32| [((f64::from(*share) - 0.5) / SH_C0) as f32; 3];
+/// The model with `rows` in white and the others in black.
+fn in_white(model: &Gaussians, rows: &[usize]) -> Gaussians {
+    let [black, white] = [-0.5, 0.5].map(|from_grey| (from_grey / SH_C0) as f32);
+    let mut sh = vec![black; 3 * model.len()];
+    for i in rows {
+        sh[3 * i..3 * i + 3].fill(white);
+    }
     Gaussians {
         means: model.means.clone(),
         log_scales: model.log_scales.clone(),
         rotations: model.rotations.clone(),
         opacity_logits: model.opacity_logits.clone(),
-        sh: vec![shares.iter().flat_map(colour).collect()],
+        sh: vec![sh],
     }
 }
 
 impl Setup<'_> {
-    /// Replaces the photos by what the block is to paint of them. `model` is the scene as the block finds it; `shares` says of each of its
-    /// Gaussians how much of it is the block's, and `nothing` how much of what no Gaussian paints: 0..=1, over all blocks 1.
+    /// Replaces the photos by what the block is to paint of them. `model` is the scene as the block finds it, of which it paints `rows`, and
+    /// the share `nothing` of what no Gaussian paints: 0..=1, over all blocks 1.
     ///
     /// # Errors
     /// Device memory; device errors; photos that cannot be read.
-    pub(super) fn take_share(&mut self, model: &Gaussians, shares: &[f32], nothing: f32) -> Result<(), Error> {
+    pub(super) fn take_share(&mut self, model: &Gaussians, rows: &[usize], nothing: f32) -> Result<(), Error> {
         let (device, style) = (self.session.device, self.config.style);
         let size = camera::largest(self.prepared.train.iter().map(|photo| &photo.camera));
-        let grey = grey(model, shares);
+        let in_white = in_white(model, rows);
         let background = self.prepared.background;
         let mut painter = Painter::of(device, style.over(background), Source::Host(model), size)?;
         let mut paint = |model: &Gaussians, over: [f32; 3], photo: &Photo| {
@@ -75,7 +80,7 @@ impl Setup<'_> {
         };
         for (number, photo) in self.prepared.train.iter_mut().enumerate() {
             self.session.watcher.unless_stopped()?;
-            let share = paint(&grey, [nothing; 3], photo)?;
+            let share = paint(&in_white, [nothing; 3], photo)?;
             let before = paint(model, background, photo)?;
             let map = maps.chunks_exact(exposure::SIZE).nth(number);
             mix(photo, &share, &before, map, background).map_err(train::Error::Photos)?;
@@ -128,10 +133,10 @@ mod tests {
     }
 
     #[test]
-    fn grey_is_as_bright_as_the_share() {
-        let grey = grey(&Gaussians::zeroed(2, 3), &[0.0, 0.75]);
-        let brightness = |i: usize| 0.5 + SH_C0 * f64::from(grey.sh[0][3 * i]);
-        assert!(brightness(0).abs() < 1e-7 && (brightness(1) - 0.75).abs() < 1e-7);
-        assert!(grey.degree() == 0 && grey.validate().is_ok());
+    fn what_a_block_paints_is_white() {
+        let model = in_white(&Gaussians::zeroed(3, 3), &[1]);
+        let brightness = |i: usize| 0.5 + SH_C0 * f64::from(model.sh[0][3 * i]);
+        assert!(brightness(0).abs() < 1e-7 && (brightness(1) - 1.0).abs() < 1e-7 && brightness(2).abs() < 1e-7);
+        assert!(model.degree() == 0 && model.validate().is_ok());
     }
 }
