@@ -55,7 +55,7 @@ impl<'a> ActiveRun<'a> {
             exposure: config.exposure.then(|| setup.exposures.clone()),
             weights: Weights::default(),
             averaged: averaged(config),
-            pairs: pairs::room(session.device, gaussians),
+            pairs: pairs::few(session.device, gaussians),
         };
         let views = prepared.train.clone();
         let config_text = config.written()?;
@@ -71,7 +71,8 @@ impl<'a> ActiveRun<'a> {
             let none = Notes { config: config_text, curve: Vec::new(), prunes: Vec::new(), seconds: 0.0, initial };
             (trainer, none)
         };
-        let mut evaluator = Evaluator::new(device, settings, trainer.len(), prepared.views())?;
+        // It grows to what it draws, if it draws anything: blocks are not evaluated.
+        let mut evaluator = Evaluator::new(device, settings, 1, prepared.views())?;
         evaluator.compare_as(config.exposure);
         let mut run = Self { setup, config, output, trainer, evaluator, notes };
         if !run.notes.prunes.is_empty() || run.trainer.attrition().is_some() {
