@@ -31,7 +31,7 @@ impl BlockRun {
         eval::part(session, model, &evaluation, [held_out, trained])
     }
 
-    /// The record of the joined model, read from `file`, by what was measured on all photos.
+    /// The record of the joined model, read from `file`, by what was measured on all photos. Tells the watcher of empty pictures.
     ///
     /// # Errors
     /// Those of reading the scene.
@@ -41,6 +41,7 @@ impl BlockRun {
         (file, model): (&Path, &Gaussians),
         measured: Assessment,
     ) -> Result<RunRecord, Error> {
+        measured.held_out.warn(session.watcher);
         let (config, selection) = (&self.config, self.config.selection());
         let compared = Compared {
             train_views: self.photos.len(),
