@@ -119,6 +119,15 @@ fn blocks_have_the_same_bytes_whatever_happens() {
 }
 
 #[test]
+fn blocks_of_a_scene_without_photos_held_out_have_figures() {
+    let (stage, _) = planned(&["--iterations", "30", "--no-prune", "--eval-every", "0"]);
+    good(&stage.qirf(&["shard", "all", "a"]));
+    let figures = figures(&stage, "a");
+    assert!(figures["test"].is_null() && figures["views"].as_array().unwrap().is_empty(), "{figures}");
+    assert!(psnr(&figures) > 10.0 && figures["protocol"]["train_views"] == 28, "{figures}");
+}
+
+#[test]
 fn damaged_blocks_and_lost_photos_are_named() {
     let options = ["--iterations", "60", "--no-prune"];
     let (stage, tasks) = planned(&options);
