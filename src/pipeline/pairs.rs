@@ -8,7 +8,7 @@ const PER_GAUSSIAN: [u32; 2] = [4, 8];
 /// Smallest capacity.
 const LEAST: u32 = 1 << 14;
 
-/// Capacity in pairs for `gaussians` in training, also assumed by estimates of memory.
+/// Capacity in pairs for `gaussians` that estimates of memory assume.
 pub fn room(device: &Device, gaussians: usize) -> u32 {
     let each = PER_GAUSSIAN[usize::from(device.tuning().tile < 16)];
     u32::try_from(gaussians).unwrap_or(u32::MAX).saturating_mul(each).max(LEAST)

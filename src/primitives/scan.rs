@@ -90,7 +90,7 @@ impl Scan {
         }
     }
 
-    /// What a phase binds to set the total: its buffers in the phase that does, else a stand-in.
+    /// The buffers that a phase binds for the total: the total's own in the phase that sets it, stand-ins in the others.
     pub(super) fn set_in<'a>(&'a self, phase: u32, total: &'a Count) -> [&'a Buffer<u32>; 2] {
         if phase == if self.few_blocks { APPLY } else { SPINE } {
             [&total.value, &total.arguments]

@@ -27,7 +27,7 @@ use crate::pipeline::{Output, budget, effects, virtual_views};
 use crate::qirf::select::budget::Keep;
 use crate::response::{CHUNK, Responses, Wanted};
 use crate::scene::Skipped;
-use crate::scene::camera::Camera;
+use crate::scene::camera::{self, Camera};
 use crate::train::Exposures;
 use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
@@ -53,7 +53,9 @@ pub struct BlockRun {
     pub photos: Vec<String>,
     /// Names of the photos held out.
     pub held_out: Vec<String>,
-    /// What the scene's readers left out.
+    /// Largest picture of these, width and height.
+    pub image_size: [u32; 2],
+    /// Parts of the scene that its readers left out.
     pub skipped: Skipped,
 }
 
@@ -103,7 +105,8 @@ impl BlockRun {
             Some(blocks) => blocks,
             None => budget::blocks(session.device, &config, &prepared, initial)?,
         };
-        Ok(Self { config, blocks, photos, held_out, skipped: prepared.scene.skipped })
+        let image_size = camera::largest(prepared.views().map(|view| &view.camera));
+        Ok(Self { config, blocks, photos, held_out, image_size, skipped: prepared.scene.skipped })
     }
 
     /// Chunks of photos that responses are taken from; none without a prune.

@@ -6,19 +6,13 @@ use crate::gaussians::Gaussians;
 use crate::pipeline::config::RunConfig;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::evaluate::{Assessment, Compared, protocol};
-use crate::pipeline::prepare::open;
 use crate::pipeline::records::{Protocol, RunRecord};
 use crate::pipeline::session::Session;
 use std::ops::Range;
 use std::path::Path;
 
 impl BlockRun {
-    /// Number of photos that are scored: those held out, then those trained on.
-    pub fn scored(&self) -> usize {
-        self.held_out.len() + self.photos.len()
-    }
-
-    /// Measures the joined model on some of the photos that are scored, by their numbers.
+    /// Measures the joined model on some of the photos, by their numbers: those held out come first, then those trained on.
     ///
     /// # Errors
     /// As of an evaluation; photos other than the plan's.
@@ -32,21 +26,13 @@ impl BlockRun {
     }
 
     /// The record of the joined model, read from `file`, by what was measured on all photos. Tells the watcher of empty pictures.
-    ///
-    /// # Errors
-    /// Those of reading the scene.
-    pub fn record(
-        &self,
-        session: &Session<'_>,
-        (file, model): (&Path, &Gaussians),
-        measured: Assessment,
-    ) -> Result<RunRecord, Error> {
+    pub fn record(&self, session: &Session<'_>, (file, model): (&Path, &Gaussians), measured: Assessment) -> RunRecord {
         measured.held_out.warn(session.watcher);
         let (config, selection) = (&self.config, self.config.selection());
         let compared = Compared {
             train_views: self.photos.len(),
             test_views: self.held_out.len(),
-            image_size: open(&selection)?.only(&[&self.held_out[..], &self.photos].concat())?.size(),
+            image_size: self.image_size,
             background: config.background.unwrap_or_default(),
         };
         let protocol = Protocol {
@@ -54,6 +40,6 @@ impl BlockRun {
             seed: Some(config.seed),
             ..protocol(&selection, compared, session.networks, config.exposure)
         };
-        Ok(measured.record(session, self.skipped.clone(), protocol, model, file))
+        measured.record(session, self.skipped.clone(), protocol, model, file)
     }
 }

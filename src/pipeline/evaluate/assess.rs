@@ -105,7 +105,7 @@ impl Assessment {
     }
 }
 
-/// What an evaluation compares a model with.
+/// The views of an evaluation: how many there are, and how they are compared.
 #[derive(Clone, Copy, Debug)]
 pub struct Compared {
     /// Number of training views.

@@ -1,7 +1,7 @@
 //! A compression in tasks: evidence by chunks of views, one choice, scores by views held out.
 
 use super::files::{Files, crc32_of_file};
-use super::task::{Listed, Stage, Task};
+use super::task::{Listed, Scores, Stage, Task};
 use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
@@ -11,7 +11,6 @@ use crate::pipeline::session::Session;
 use crate::response::CHUNK;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Views held out that a task scores.
@@ -83,24 +82,16 @@ impl Compression {
         Task::parts(Stage::Evidence, self.chunks)
     }
 
-    fn scores(&self) -> impl Iterator<Item = Task> {
-        Task::parts(Stage::Score, self.test_views.div_ceil(SCORED))
-    }
-
-    /// The views held out that part `n` of the scores has.
-    fn scored(&self, n: usize) -> Range<usize> {
-        n * SCORED..((n + 1) * SCORED).min(self.test_views)
+    fn scores(&self) -> Scores {
+        Scores { views: self.test_views, each: SCORED }
     }
 
     /// All tasks; each comes after those that it needs. `output` names the compressed model's file.
     pub(super) fn tasks(&self, output: &str) -> Vec<Listed> {
         let evidence = self.evidence().map(|task| Listed::new(task, [], [format!("{task}.safetensors")], CHUNK));
         let choose = Listed::new(CHOOSE, self.evidence(), [output, "prune.json"], self.chunks);
-        let score =
-            |(n, task): (usize, Task)| Listed::new(task, [CHOOSE], [format!("{task}.json")], self.scored(n).len());
-        let scores = self.scores().enumerate().map(score);
-        let report = Listed::new(REPORT, [CHOOSE].into_iter().chain(self.scores()), ["metrics.json"], 0);
-        evidence.chain([choose]).chain(scores).chain([report]).collect()
+        let report = Listed::new(REPORT, [CHOOSE].into_iter().chain(self.scores().tasks()), ["metrics.json"], 0);
+        evidence.chain([choose]).chain(self.scores().listed(CHOOSE)).chain([report]).collect()
     }
 
     /// Reads the files of a task, to find damaged ones.
@@ -129,8 +120,13 @@ impl Compression {
             }
             (Stage::Score, Some(n)) => {
                 let (compressed, _) = files.model::<Chosen>(CHOOSE)?;
-                let views =
-                    stages::score(session, &self.model()?, &compressed, config, (self.scored(n), &self.photos[1]))?;
+                let views = stages::score(
+                    session,
+                    &self.model()?,
+                    &compressed,
+                    config,
+                    (self.scores().part(n), &self.photos[1]),
+                )?;
                 Ok(vec![files.seal(task, &views)?])
             }
             _ => Ok(vec![self.report(session, files)?]),
@@ -151,7 +147,7 @@ impl Compression {
     fn report(&self, session: &Session<'_>, files: &Files) -> Result<Vec<u8>, Error> {
         let Chosen { prune } = files.beside(CHOOSE)?;
         let mut views: Vec<ViewStages> = Vec::new();
-        for task in self.scores() {
+        for task in self.scores().tasks() {
             views.extend(files.sealed::<Vec<ViewStages>>(task)?);
         }
         let file = |path: &Path| -> Result<ModelFile, Error> {

@@ -1,6 +1,7 @@
 //! Tasks of a divided job: each reads files and writes files, whole or not at all.
 
 use std::fmt;
+use std::ops::Range;
 use std::str::FromStr;
 
 /// The kinds of tasks, by the names that they have in files and on the command line.
@@ -126,6 +127,33 @@ impl Listed {
     ) -> Self {
         let outputs = outputs.into_iter().map(Into::into).collect();
         Self { task, needs: needs.into_iter().collect(), outputs, work }
+    }
+}
+
+/// The tasks that score a model in views, some views each.
+#[derive(Clone, Copy)]
+pub(super) struct Scores {
+    /// Views to score.
+    pub views: usize,
+    /// Views that a task scores; the last may score fewer.
+    pub each: usize,
+}
+
+impl Scores {
+    pub fn tasks(self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Score, self.views.div_ceil(self.each))
+    }
+
+    /// The views that a part scores.
+    pub fn part(self, part: usize) -> Range<usize> {
+        part * self.each..((part + 1) * self.each).min(self.views)
+    }
+
+    /// The tasks as a plan lists them, after the task that writes the model.
+    pub fn listed(self, model: Task) -> impl Iterator<Item = Listed> {
+        let listed =
+            move |(n, task): (usize, Task)| Listed::new(task, [model], [format!("{task}.json")], self.part(n).len());
+        self.tasks().enumerate().map(listed)
     }
 }
 

@@ -2,7 +2,7 @@
 //! the blocks to a second and a third meeting and to their end, the joined model, and its scores by parts of the photos.
 
 use super::files::Files;
-use super::task::{Listed, Stage, Task};
+use super::task::{Listed, Scores, Stage, Task};
 use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::pipeline::Output;
@@ -14,7 +14,6 @@ use crate::response::CHUNK;
 use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::ops::Range;
 
 /// Photos that a task scores.
 const SCORED: usize = 48;
@@ -103,13 +102,8 @@ impl BlockRun {
         Task::parts(Stage::Finish, self.blocks)
     }
 
-    fn scores(&self) -> impl Iterator<Item = Task> {
-        Task::parts(Stage::Score, self.scored().div_ceil(SCORED))
-    }
-
-    /// The photos that part `n` of the scores has.
-    fn part_scored(&self, n: usize) -> Range<usize> {
-        n * SCORED..((n + 1) * SCORED).min(self.scored())
+    fn scores(&self) -> Scores {
+        Scores { views: self.held_out.len() + self.photos.len(), each: SCORED }
     }
 
     fn chunks_of_evidence(&self) -> impl Iterator<Item = Task> {
@@ -157,9 +151,8 @@ impl BlockRun {
         tasks.extend(self.finished_blocks().map(finish));
         let needs = [ASSIGN, SECOND].into_iter().chain(self.finished_blocks());
         tasks.push(Listed::new(JOIN, needs, [output, "join.json"], 0));
-        let score = |(n, task): (usize, Task)| Listed::new(task, [JOIN], [beside(task)], self.part_scored(n).len());
-        tasks.extend(self.scores().enumerate().map(score));
-        let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE)).chain(self.scores());
+        tasks.extend(self.scores().listed(JOIN));
+        let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE)).chain(self.scores().tasks());
         tasks.push(Listed::new(REPORT, needs, ["metrics.json"], 0));
         tasks
     }
@@ -222,7 +215,7 @@ impl BlockRun {
             Stage::Join => self.blended(files, task, self.finished_blocks()),
             Stage::Score => {
                 let (model, Joined { .. }) = files.model(JOIN)?;
-                Ok(vec![files.seal(task, &self.score(session, &model, self.part_scored(part))?)?])
+                Ok(vec![files.seal(task, &self.score(session, &model, self.scores().part(part))?)?])
             }
             Stage::Report => Ok(vec![self.report(session, files)?]),
         }
@@ -289,10 +282,10 @@ impl BlockRun {
         let layout: Layout = files.sealed(ASSIGN)?;
         let chosen = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?) } else { None };
         let mut measured = Assessment::default();
-        for task in self.scores() {
+        for task in self.scores().tasks() {
             measured.extend(files.sealed(task)?);
         }
-        let record = self.record(session, (&files.outputs(JOIN)[0], &model), measured)?;
+        let record = self.record(session, (&files.outputs(JOIN)[0], &model), measured);
         let of_block = |(b, ended): (usize, &Ended)| {
             let photos = layout.blocks.get(b).map_or(0, |block| block.crops.len());
             json!({ "photos": photos, "gaussians": ended.gaussians, "prune": ended.prune, "skipped_rows": ended.skipped_rows })
