@@ -84,7 +84,7 @@ const COMMANDS: [&str; 7] = [
     "compress model.ply -o small.ply --views 4 --size 40x30 --fine-tune 20",
     "compress model.ply -o small.ply --scene SCENE",
     "compare SCENE -o compared --resume --iterations 40 --arms default,dense",
-    "sweep SCENE -o swept --axis stop --train 20 --budget-per-axis 0.1",
+    "sweep SCENE -o swept --axis stop --train 20 --budget-per-axis 0.001",
 ];
 
 #[test]
