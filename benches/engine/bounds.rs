@@ -9,6 +9,9 @@
 //! that the bound is too low for roots and exponentials.
 
 use super::facts;
+use qirf_vk::gaussians::Gaussians;
+use qirf_vk::reference::{self, project};
+use qirf_vk::scene::camera::Camera;
 
 /// Bytes and operations.
 #[derive(Clone, Copy, Default)]
@@ -181,4 +184,18 @@ pub fn participation(blocks: f64, m: f64) -> Bound {
     let triangle = 0.5 * m * (m + 1.0);
     let operations = m * m * m / 3.0 + 16.0 * m * m + 144.0 * m;
     Bound { bytes: blocks * (8.0 * triangle + 36.0 * m), operations: blocks * operations }
+}
+
+/// Quantities that bound a picture of a model; the float64 twin counts visible Gaussians.
+pub fn picture(model: &Gaussians, camera: &Camera, pairs: u32, tile: u32) -> Picture {
+    let settings = reference::Settings { sh_degree: 0, ..reference::Settings::default() };
+    let visible = project::project(&reference::Params::from(model), camera, &settings).iter().flatten().count();
+    Picture {
+        gaussians: model.len() as f64,
+        visible: visible as f64,
+        pairs: f64::from(pairs),
+        size: [camera.width, camera.height],
+        tile,
+        degree: model.sh.len() - 1,
+    }
 }

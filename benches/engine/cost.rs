@@ -1,7 +1,7 @@
 //! `cost`: a picture's time against its pixels and against its pairs, each with the other held fixed; both should be
 //! linear.
 
-use super::bounds::Bound;
+use super::bounds::{self, Bound};
 use super::{device, group, scenes};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gaussians::resident::Resident;
@@ -25,7 +25,7 @@ pub fn cost(criterion: &mut Criterion) {
     let heights = HEIGHTS.map(|height| ("pixels", height, SMALL));
     let sizes = SIZES.map(|size| ("pairs", HEIGHT, size));
     for (axis, height, size) in heights.into_iter().chain(sizes) {
-        let camera = scenes::camera(height * 16 / 9, height);
+        let camera = scenes::camera(height * 16 / 9, height, 0.0);
         let mut model = scenes::crowd(GAUSSIANS, 0, size, 2);
         model.opacity_logits.fill(FAINT);
         let resident = Resident::upload(device(), &model).unwrap();
@@ -37,7 +37,7 @@ pub fn cost(criterion: &mut Criterion) {
             "pixels" => (pixels, format!("{} x {height}", camera.width)),
             _ => (u64::from(pairs), format!("size {size}")),
         };
-        let picture = scenes::picture(&model, &camera, pairs, renderer.tile());
+        let picture = bounds::picture(&model, &camera, pairs, renderer.tile());
         let bound: Bound = STAGES.iter().map(|stage| picture.stage(stage)).sum();
         bound.note("cost", &[axis, &id], &picture.numbers());
         group.throughput(Throughput::Elements(elements));

@@ -1,6 +1,6 @@
 //! `frame`: time by stage of one picture of 1280 x 720, for 10 k, 100 k and 500 k Gaussians.
 
-use super::bounds::Bound;
+use super::bounds::{self, Bound};
 use super::{WHOLE, device, group, has_timestamps, scenes, thousands};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gaussians::resident::Resident;
@@ -13,7 +13,7 @@ const SIZE: [u32; 2] = [1280, 720];
 pub fn frame(criterion: &mut Criterion) {
     let device = device();
     let [width, height] = SIZE;
-    let camera = scenes::camera(width, height);
+    let camera = scenes::camera(width, height, 0.0);
     let mut group = group(criterion, "frame");
     for n in [10_000, 100_000, 500_000] {
         let model = scenes::crowd(n, 3, 1.0, 1);
@@ -22,7 +22,7 @@ pub fn frame(criterion: &mut Criterion) {
         let (_, _, pairs) = renderer.render_timed(&resident, &camera).unwrap();
         let tile = renderer.tile();
         println!("frame/{}: {pairs} pairs an image of {width} x {height}, tiles of {tile} x {tile}", thousands(n));
-        let picture = scenes::picture(&model, &camera, pairs, tile);
+        let picture = bounds::picture(&model, &camera, pairs, tile);
         for stage in STAGES.iter().filter(|_| has_timestamps()) {
             // Elements that a stage processes: Gaussians until they are binned, then pairs.
             let elements = if *stage == STAGES[0] || *stage == STAGES[1] { n as u64 } else { u64::from(pairs) };

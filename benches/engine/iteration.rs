@@ -1,6 +1,6 @@
 //! `iteration`: one step of training, 10 k Gaussians at 144 x 256, and the share of each stage.
 
-use super::bounds::Bound;
+use super::bounds::{self, Bound};
 use super::{WHOLE, device, group, has_timestamps, scenes, thousands};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::render::{Renderer, Settings};
@@ -29,7 +29,7 @@ pub fn options(degree: usize) -> Options {
 
 /// A model of SH of this degree and a camera, with the photo that it learns there.
 pub fn scene(degree: usize) -> (Gaussians, Camera, Photo) {
-    let camera = scenes::camera(SIZE[0], SIZE[1]);
+    let camera = scenes::camera(SIZE[0], SIZE[1], 0.0);
     let view = photo(&scenes::crowd(GAUSSIANS, degree, 1.0, 3), &camera);
     (scenes::crowd(GAUSSIANS, degree, 1.0, 4), camera, view)
 }
@@ -50,7 +50,7 @@ pub fn iteration(criterion: &mut Criterion) {
     let mut renderer = Renderer::new(device(), Settings::default(), GAUSSIANS, SIZE[0], SIZE[1]).unwrap();
     let resident = Resident::upload(device(), &model).unwrap();
     let (_, _, pairs) = renderer.render_timed(&resident, &camera).unwrap();
-    let picture = scenes::picture(&model, &camera, pairs, renderer.tile());
+    let picture = bounds::picture(&model, &camera, pairs, renderer.tile());
     println!("iteration/{}: {pairs} pairs an image of {} x {}", thousands(GAUSSIANS), SIZE[0], SIZE[1]);
     let mut trainer = Trainer::new(device(), &model, vec![view], 1.0, options(3)).unwrap();
     let mut timed = |iterations: u32| {

@@ -86,7 +86,7 @@ pub fn participation(criterion: &mut Criterion) {
 pub fn responses(criterion: &mut Criterion) {
     let device = device();
     let model = scenes::crowd(20_000, 3, 1.0, 6);
-    let camera = scenes::camera(320, 240);
+    let camera = scenes::camera(320, 240, 0.0);
     let resident = Resident::upload(device, &model).unwrap();
     let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), [320, 240], 1 << 20).unwrap();
     renderer.make_room(&resident, &camera).unwrap();

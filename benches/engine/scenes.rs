@@ -1,9 +1,7 @@
 //! Generated scenes: the same on every machine, with the same coverage for any number of Gaussians.
 
-use super::bounds::Picture;
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::reference::{self, project};
 use qirf_vk::scene::camera::Camera;
 
 /// A counter-based generator: 32 bits of stream `seed` at `i`.
@@ -39,21 +37,9 @@ pub fn crowd(n: usize, degree: usize, size: f64, seed: u64) -> Gaussians {
     model
 }
 
-/// A camera that sees the whole ball.
-pub fn camera(width: u32, height: u32) -> Camera {
-    Camera::look_at(DVec3::new(0.6, -0.8, -4.6), DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
-}
-
-/// Quantities that bound a picture of a model; the float64 twin counts visible Gaussians.
-pub fn picture(model: &Gaussians, camera: &Camera, pairs: u32, tile: u32) -> Picture {
-    let settings = reference::Settings { sh_degree: 0, ..reference::Settings::default() };
-    let visible = project::project(&reference::Params::from(model), camera, &settings).iter().flatten().count();
-    Picture {
-        gaussians: model.len() as f64,
-        visible: visible as f64,
-        pairs: f64::from(pairs),
-        size: [camera.width, camera.height],
-        tile,
-        degree: model.sh.len() - 1,
-    }
+/// A camera that sees the whole ball, turned around it by this angle.
+pub fn camera(width: u32, height: u32, turn: f64) -> Camera {
+    let (sin, cos) = turn.sin_cos();
+    let eye = DVec3::new(0.6 * cos + 4.6 * sin, -0.8, 0.6 * sin - 4.6 * cos);
+    Camera::look_at(eye, DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
 }

@@ -4,14 +4,9 @@
 // at once: every exchange between lanes halves the number of sums that a lane goes on with. They meet in shared memory, where
 // those of the subgroups are added in the order of subgroups.
 #include "lib/ellipse.glsl"
+#include "lib/blocks_of_tile.glsl"
 
 const uint SUBGROUPS = WORKGROUP / SUBGROUP;
-// A subgroup's pixels: WIDTH x PIXELS x SUBGROUP / WIDTH. A lane's own lie in one row, and share v.
-const uint BLOCK = PIXELS * SUBGROUP;
-const uint WIDTH = BLOCK >= 128 ? 16 : BLOCK >= 32 ? 8 : BLOCK >= 8 ? 4 : 2;
-const uint HEIGHT = BLOCK / WIDTH;
-const uint APART = WIDTH / PIXELS; // columns between two pixels of a lane
-
 const uint STAGED = BATCH == 0 ? 1 : BATCH;
 shared vec4 batch_geometry[STAGED];
 shared vec4 batch_shape[STAGED];
@@ -115,10 +110,10 @@ void walk_batch(uint length, vec2 low, vec2 high) {
 
 void walk_together(uint tile, uvec2 corner) {
     uint invocation = gl_LocalInvocationID.x, lane = gl_SubgroupInvocationID, subgroup = gl_SubgroupID;
-    uvec2 block = corner + uvec2(subgroup % (TILE / WIDTH) * WIDTH, subgroup / (TILE / WIDTH) * HEIGHT);
-    [[unroll]] for (uint p = 0; p < PIXELS; p++) begin(p, block + uvec2(lane % APART + p * APART, lane / APART));
+    uvec2 block = corner + block_corner(subgroup);
+    [[unroll]] for (uint p = 0; p < PIXELS; p++) begin(p, block + block_pixel(lane, p));
     vec2 low = vec2(block) + 0.5 - origin(view[0]);
-    vec2 high = low + vec2(WIDTH - 1, HEIGHT - 1);
+    vec2 high = low + vec2(BLOCK_WIDTH - 1, BLOCK_HEIGHT - 1);
     [[unroll]] for (uint k = 0; k < LEFT; k++) home[k] = kept(k);
 
     uint first = starts[tile], end = starts[tile + 1];

@@ -1,5 +1,7 @@
 // Blends each tile's Gaussians front to back. An invocation holds PIXELS pixels of the tile in registers, so that a splat is
 // read once for all of them: one pixel where the workgroup is as large as the tile, eight or more where one subgroup walks it.
+// Where several subgroups share the tile, each owns a block of its pixels and blends only the splats that come near it: a splat
+// that misses the block would have an alpha of 0 at each of its pixels.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -8,6 +10,7 @@
 #include "lib/view.glsl"
 #include "lib/splat.glsl"
 #include "lib/walked_tile.glsl"
+#include "lib/ellipse.glsl"
 
 layout(constant_id = 2) const uint TILE = 16;
 // Splats staged in shared memory at a time; 0 where one subgroup walks the tile, each lane reading one splat.
@@ -28,9 +31,9 @@ layout(binding = 5, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 6, std430) readonly buffer Colour { vec2 colour[]; };
 layout(binding = 7, std430) writeonly buffer Image { vec4 image[]; }; // red, green, blue, alpha
 
-// Splats blended between two looks at whether the pixel is done: what each is at the pixel does not wait for those before it.
-const uint AT_ONCE = 4;
-// The shape of a splat that no pixel draws, which fills a batch up.
+#include "lib/blocks_of_tile.glsl"
+
+// The shape of a splat that no pixel draws.
 const vec4 NOTHING = vec4(0, 0, -1, 0);
 const uint SHARED = BATCH == 0 ? 1 : BATCH;
 shared vec4 batch_geometry[SHARED];
@@ -76,6 +79,34 @@ bool tile_done() {
     return all;
 }
 
+// A pixel of this invocation, from the tile's first: in the subgroup's block, or in rows where one subgroup walks the tile.
+uvec2 pixel_in_tile(uint p) {
+    uint n = p * WORKGROUP + gl_LocalInvocationID.x;
+    return BATCH == 0 ? uvec2(n % TILE, n / TILE) : block_corner(gl_SubgroupID) + block_pixel(gl_SubgroupInvocationID, p);
+}
+
+// Blends those splats of a staged batch that come near the subgroup's block, [low, high]. Two at a time: what the second is at a
+// pixel does not wait for the first.
+void walk_batch(uint length, vec2 low, vec2 high) {
+    for (uint first = 0; first < length && !subgroupAll(done()); first += SUBGROUP) {
+        uint own = first + gl_SubgroupInvocationID;
+        vec4 g = batch_geometry[own], s = batch_shape[own];
+        uvec4 near = subgroupBallot(own < length && ellipse_touches(g.xy, vec3(g.zw, s.x), s.z, low, high));
+        [[unroll]] for (uint w = 0; w < (SUBGROUP + 31) / 32; w++) {
+            for (uint left = near[w]; left != 0; left &= left - 1) {
+                uint one = first + 32 * w + findLSB(left);
+                left &= left - 1;
+                uint other = left != 0 ? first + 32 * w + findLSB(left) : one;
+                vec4 one_geometry = batch_geometry[one], one_shape = batch_shape[one];
+                vec4 other_geometry = batch_geometry[other], other_shape = batch_shape[other];
+                vec2 one_colour = batch_colour[one], other_colour = batch_colour[other];
+                blend(one_geometry, one_shape, one_colour);
+                blend(other_geometry, left != 0 ? other_shape : NOTHING, other_colour);
+            }
+        }
+    }
+}
+
 void main() {
     uvec2 tiles = view[0].tiles;
     uint tile = walked_tile(group_index(), tiles);
@@ -84,8 +115,7 @@ void main() {
     uvec2 corner = uvec2(tile % tiles.x, tile / tiles.x) * TILE;
     uvec2 size = view[0].size;
     [[unroll]] for (uint p = 0; p < PIXELS; p++) {
-        uint n = p * WORKGROUP + lane;
-        uvec2 at = corner + uvec2(n % TILE, n / TILE);
+        uvec2 at = corner + pixel_in_tile(p);
         centre[p] = vec2(at) + 0.5 - origin(view[0]);
         blended[p] = vec3(0);
         counts[p] = 0;
@@ -107,24 +137,23 @@ void main() {
             }
         }
     } else {
+        vec2 low = vec2(corner + block_corner(gl_SubgroupID)) + 0.5 - origin(view[0]);
+        vec2 high = low + vec2(BLOCK_WIDTH - 1, BLOCK_HEIGHT - 1);
         for (uint first = start; first < end && !tile_done(); first += BATCH) {
             batches++;
-            uint length = min(BATCH, end - first);
-            for (uint n = lane; n < BATCH; n += WORKGROUP) {
-                uint i = owners[slots[min(first + n, end - 1)]];
-                batch_geometry[n] = geometry[i];
-                batch_shape[n] = n < length ? shape[i] : NOTHING;
-                batch_colour[n] = colour[i];
-            }
+            // All loads are asked for before the first store waits for one: BATCH = WORKGROUP.
+            uint i = owners[slots[min(first + lane, end - 1)]];
+            vec4 own_geometry = geometry[i], own_shape = shape[i];
+            vec2 own_colour = colour[i];
+            batch_geometry[lane] = own_geometry;
+            batch_shape[lane] = own_shape;
+            batch_colour[lane] = own_colour;
             barrier();
-            for (uint n = 0; n < length && !done(); n += AT_ONCE) {
-                [[unroll]] for (uint k = n; k < n + AT_ONCE; k++) blend(batch_geometry[k], batch_shape[k], batch_colour[k]);
-            }
+            walk_batch(min(BATCH, end - first), low, high);
         }
     }
     [[unroll]] for (uint p = 0; p < PIXELS; p++) {
-        uint n = p * WORKGROUP + lane;
-        uvec2 at = corner + uvec2(n % TILE, n / TILE);
+        uvec2 at = corner + pixel_in_tile(p);
         float t = abs(transmittance[p]);
         vec4 rgba = vec4(blended[p] + t * view[0].background.rgb, 1 - t);
         if (COUNT_BLENDED) rgba.r = float(counts[p]);

@@ -90,13 +90,30 @@ void store_basis(uint g) {
         values[at] -= change(moment, rate, correction);                                         \
     }
 
-// All elements of an attribute of the block's Gaussians.
+// Elements that an invocation of a block updates at a time: it asks for all of them before it waits for the first.
+const uint HELD = 4;
+
+// All elements of an attribute of the block's Gaussians. An invocation that has none left repeats the last one and stores nothing.
 #define UPDATE_ATTRIBUTE(values, moments, width, rate, gradient, extra)                         \
-    [[dont_unroll]] for (uint e = invocation; e < here * width; e += WORKGROUP) {               \
-        uint g = e / width, c = e % width, at = first * width + e;                              \
-        if (block_rows[ROW * g + ROW_GOOD] == 0) continue;                                      \
-        float by = gradient;                                                                    \
-        UPDATE_ELEMENT(values, moments, rate, by, extra)                                        \
+    [[dont_unroll]] for (uint start = invocation; start < here * width; start += HELD * WORKGROUP) { \
+        vec2 moment[HELD];                                                                      \
+        float value[HELD];                                                                      \
+        [[unroll]] for (uint k = 0; k < HELD; k++) {                                            \
+            uint at = first * width + min(start + k * WORKGROUP, here * width - 1);             \
+            moment[k] = moments[at];                                                            \
+            value[k] = values[at];                                                              \
+        }                                                                                       \
+        [[unroll]] for (uint k = 0; k < HELD; k++) {                                            \
+            uint e = min(start + k * WORKGROUP, here * width - 1);                              \
+            uint g = e / width, c = e % width, at = first * width + e;                          \
+            float held = value[k], by = (gradient) + (extra);                                   \
+            vec2 next = FORM == GRADIENT ? vec2(by, 0) : next_moments(moment[k], by, decays);   \
+            if (FORM != GRADIENT) held -= change(next, rate, correction);                       \
+            if (start + k * WORKGROUP < here * width && block_rows[ROW * g + ROW_GOOD] != 0) {  \
+                moments[at] = next;                                                             \
+                values[at] = held;                                                              \
+            }                                                                                   \
+        }                                                                                       \
     }
 
 void update_block(uint first) {
@@ -109,7 +126,7 @@ void update_block(uint first) {
     UPDATE_ATTRIBUTE(log_scales, log_scale_moments, 3, rate_log_scales, gradient_in_row(g, ROW_LOG_SCALE + c), 0)
     UPDATE_ATTRIBUTE(rotations, rotation_moments, 4, rate_rotations, gradient_in_row(g, ROW_ROTATION + c), 0)
     UPDATE_ATTRIBUTE(logits, logit_moments, 1, rate_logits, gradient_in_row(g, ROW_LOGIT),
-                     PRESSED ? pressed(logits[at], pressure, least_through) : 0)
+                     PRESSED ? pressed(held, pressure, least_through) : 0)
     UPDATE_ATTRIBUTE(sh0, sh0_moments, 3, rate_sh0, gradient_of_sh(g, 0, c), 0)
     if (DEGREE > 0) UPDATE_ATTRIBUTE(sh1, sh1_moments, 9, rate_sh1, gradient_of_sh(g, 1, c), 0)
     if (DEGREE > 1) UPDATE_ATTRIBUTE(sh2, sh2_moments, 15, rate_sh2, gradient_of_sh(g, 4, c), 0)

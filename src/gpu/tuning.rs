@@ -281,6 +281,8 @@ impl Tuning {
         need(whole, "rasterise_batch", "0 or the workgroup")?;
         let alone = batches || self.rasterise_workgroup == subgroup;
         need(alone, "rasterise_workgroup", "one subgroup where the batch is 0")?;
+        let eighth = !batches || pixels / self.rasterise_workgroup <= 8;
+        need(eighth, "rasterise_workgroup", "at least an eighth of a tile's pixels where there are batches")?;
         if self.backward_batch > 0 {
             let workgroup = self.backward_workgroup;
             let shared = workgroup.is_multiple_of(subgroup) && workgroup <= info.max_workgroup.min(32 * subgroup);

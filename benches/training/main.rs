@@ -1,0 +1,165 @@
+//! `cargo bench --bench training -- [OPTIONS]`: an iteration of training by stage, at a fixed number of Gaussians, as one JSON document.
+//!
+//! Nothing moves (`Schedule::still`), so that every iteration of a photo does the same work. What is compared is measured in turns.
+#![allow(missing_docs)] // as other benchmarks
+
+#[path = "../engine/scenes.rs"]
+mod scenes;
+
+use clap::Parser;
+use qirf_vk::gaussians::resident::Resident;
+use qirf_vk::gaussians::{Gaussians, formats};
+use qirf_vk::gpu::{Device, DeviceKind, DeviceOptions, TuningChoice};
+use qirf_vk::render::{Renderer, Settings};
+use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, Scene, camera::Camera};
+use qirf_vk::train::schedule::Schedule;
+use qirf_vk::train::{Options, STAGES, Trainer};
+use serde_json::{Map, Value, json};
+use std::error::Error;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Gaussians of the generated crowds, on GPUs; on CPU devices the first number of these by 50.
+const CROWDS: [usize; 3] = [500_000, 1_000_000, 3_000_000];
+/// Size of generated pictures: 1.01 Mpixel.
+const SIZE: [u32; 2] = [1216, 832];
+/// Generated views.
+const VIEWS: usize = 8;
+
+#[derive(Parser)]
+struct Arguments {
+    /// A capture, whose photos are trained on; else pictures of another crowd.
+    #[arg(long)]
+    scene: Option<PathBuf>,
+    /// A model to train; else crowds of 0.5, 1 and 3 M Gaussians, 10 k on CPU devices.
+    #[arg(long)]
+    model: Vec<PathBuf>,
+    /// Another variant: a folder of modules that replace the program's own.
+    #[arg(long)]
+    shaders: Vec<PathBuf>,
+    /// Another variant: a tuning.
+    #[arg(long)]
+    tuning: Vec<String>,
+    /// Iterations that are timed.
+    #[arg(long, default_value_t = 128)]
+    iterations: u32,
+    /// Times that each variant is measured.
+    #[arg(long, default_value_t = 1)]
+    rounds: u32,
+    /// Given by cargo.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// A way to open the device.
+struct Variant {
+    name: String,
+    options: DeviceOptions,
+}
+
+impl Arguments {
+    fn variants(&self) -> Result<Vec<Variant>, String> {
+        let mut variants = vec![Variant { name: "as built".into(), options: DeviceOptions::default() }];
+        for folder in &self.shaders {
+            let name = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+            let options = DeviceOptions { shaders: Some(folder.clone()), ..DeviceOptions::default() };
+            variants.push(Variant { name, options });
+        }
+        for text in &self.tuning {
+            let tuning: TuningChoice = text.parse()?;
+            let options = DeviceOptions { tuning: Some(tuning), ..DeviceOptions::default() };
+            variants.push(Variant { name: text.clone(), options });
+        }
+        Ok(variants)
+    }
+
+    /// The models, by name.
+    fn models(&self, device: &Device) -> Result<Vec<(String, Gaussians)>, Box<dyn Error>> {
+        if self.model.is_empty() {
+            let crowds = if is_cpu(device) { vec![CROWDS[0] / 50] } else { CROWDS.to_vec() };
+            return Ok(crowds.into_iter().map(|n| (format!("crowd of {n}"), scenes::crowd(n, 3, 1.0, 4))).collect());
+        }
+        let read = |path: &PathBuf| Ok((path.display().to_string(), formats::read(path)?.gaussians));
+        self.model.iter().map(read).collect()
+    }
+
+    /// The photos: of the capture at its own size, or pictures of a crowd that is not the model, so that every pixel has an error.
+    fn photos(&self, device: &Device) -> Result<Vec<Photo>, Box<dyn Error>> {
+        if let Some(folder) = &self.scene {
+            let mut scene = Scene::open(folder, &OpenOptions::default())?;
+            scene.require_photos()?;
+            return Ok(scene.load_photos(&LoadOptions::default(), &|_| {})?);
+        }
+        let target = scenes::crowd(20_000, 0, 1.0, 3);
+        let [width, height] = if is_cpu(device) { SIZE.map(|side| side / 8) } else { SIZE };
+        let resident = Resident::upload(device, &target)?;
+        let mut renderer = Renderer::new(device, Settings::default(), target.len(), width, height)?;
+        let turn = |view: usize| std::f64::consts::TAU * view as f64 / VIEWS as f64;
+        let cameras = (0..VIEWS).map(|view| scenes::camera(width, height, turn(view)));
+        cameras.map(|camera| picture(&mut renderer, &resident, &camera)).collect()
+    }
+}
+
+fn is_cpu(device: &Device) -> bool {
+    device.info().kind == DeviceKind::Cpu
+}
+
+fn picture(renderer: &mut Renderer, model: &Resident, camera: &Camera) -> Result<Photo, Box<dyn Error>> {
+    let image = renderer.render(model, camera)?;
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0) as u8;
+    let pixels: Vec<u8> = image.pixels.iter().flat_map(|[r, g, b, _]| [byte(*r), byte(*g), byte(*b), 255]).collect();
+    Ok(Photo::opaque(camera.clone(), pixels))
+}
+
+/// Milliseconds of an iteration: by stage, their sum, and by the host's clock.
+fn measure(device: &Device, model: &Gaussians, photos: &[Photo], iterations: u32) -> Result<Value, Box<dyn Error>> {
+    let schedule = Schedule { degree_every: 0.0, half_until: 0.0, ..Schedule::still() };
+    let pairs = u32::try_from(4 * model.len())?;
+    let options = Options { schedule, degree: model.sh.len() - 1, most: model.len(), pairs, ..Options::default() };
+    let mut trainer = Trainer::new(device, model, photos.to_vec(), 1.0, options)?;
+    // Every photo once: pair lists grow, and drivers compile.
+    advance(&mut trainer, u32::try_from(photos.len())?.max(32))?;
+    let (before, begun) = (trainer.timings().clone(), Instant::now());
+    advance(&mut trainer, iterations)?;
+    let per = |seconds: f64| (1e6 * seconds / f64::from(iterations)).round() / 1e3;
+    let host = per(begun.elapsed().as_secs_f64());
+    let stages = STAGES.map(|stage| trainer.timings().seconds(stage) - before.seconds(stage));
+    let mut row: Map<String, Value> =
+        STAGES.iter().zip(stages).map(|(s, seconds)| (s.to_string(), json!(per(seconds)))).collect();
+    row.insert("sum".into(), json!(per(stages.iter().sum())));
+    row.insert("host".into(), json!(host));
+    row.insert("peak_bytes".into(), json!(device.memory_used().1));
+    Ok(Value::Object(row))
+}
+
+fn advance(trainer: &mut Trainer, iterations: u32) -> Result<(), Box<dyn Error>> {
+    let until = trainer.iteration() + iterations;
+    while trainer.iteration() < until {
+        trainer.advance(until)?;
+    }
+    Ok(())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = Arguments::parse();
+    let variants = arguments.variants()?;
+    let device = Device::open(&variants[0].options)?;
+    let (photos, models) = (arguments.photos(&device)?, arguments.models(&device)?);
+    let mut rows = Vec::new();
+    for (name, model) in &models {
+        for round in 0..arguments.rounds {
+            for variant in &variants {
+                let device = Device::open(&variant.options)?;
+                let ms = measure(&device, model, &photos, arguments.iterations)?;
+                eprintln!("{name}, {}: {ms}", variant.name);
+                rows.push(json!({ "model": name, "gaussians": model.len(), "variant": variant.name, "round": round, "ms": ms }));
+            }
+        }
+    }
+    let size = photos.first().map(|photo| [photo.camera.width, photo.camera.height]);
+    println!(
+        "{:#}",
+        json!({ "device": device.tuned(), "photos": photos.len(), "size": size, "iterations": arguments.iterations, "rows": rows })
+    );
+    Ok(())
+}
