@@ -22,6 +22,8 @@ layout(constant_id = 4) const bool DIRECTION_GRADIENT = true;
 layout(constant_id = 5) const bool STATISTICS = false;
 // Whether these add up the gradient's size tile by tile: what pulls one tile's pixels against another's then counts, too.
 layout(constant_id = 6) const bool ABSOLUTE = false;
+// Slots from which a subgroup adds up a Gaussian's together, and invocations share the stores of rows; 0 where each works alone.
+layout(constant_id = 7) const uint MANY = 0;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -47,6 +49,9 @@ layout(push_constant) uniform Push { uint pair_limit; };
 
 const float LEAST_SCALE = 1e-30; // a thinner axis has no gradient by its turn
 const float LN_2 = 0.6931471805599453;
+
+const uint HALF = WORKGROUP / 2; // rows in shared memory at a time
+shared float staged[MANY == 0 ? 1 : ROW * HALF];
 
 bool sane(vec3 g) { return sane(g.x) && sane(g.y) && sane(g.z); }
 
@@ -119,33 +124,85 @@ vec3 direction_gradient(uint i, vec3 d, vec3 by_colour) {
     return sum;
 }
 
-Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots) {
-    Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0), vec2(0));
-    vec4 position_sum = vec4(0), covariance_sum = vec4(0);
-    float blue_sum = 0;
-    uint first = first_slots[i];
-    for (uint slot = first; slot < first + slots; slot++) {
-        position_sum += position_sums[slot];
-        covariance_sum += covariance_sums[slot];
-        blue_sum += blue_sums[slot];
+// The slots' sums are over u and v, which count powers of two; with UNIT they and k are in natural units.
+const float UNIT = sqrt(2 * LN_2);
+
+// A Gaussian's slots added up; with ABSOLUTE, `pull` adds up the sizes of their gradients by position.
+struct Sums {
+    vec4 position, covariance;
+    float blue;
+    vec2 pull;
+};
+
+const Sums NONE = Sums(vec4(0), vec4(0), 0, vec2(0));
+
+Sums plus(Sums a, Sums b) {
+    return Sums(a.position + b.position, a.covariance + b.covariance, a.blue + b.blue, a.pull + b.pull);
+}
+
+Sums plus_slot(Sums a, uint slot, vec3 k) {
+    vec4 position = position_sums[slot];
+    vec2 m = position.yz * UNIT;
+    vec2 pull = ABSOLUTE ? abs(vec2(k.x * m.x, k.y * m.x + k.z * m.y)) : vec2(0);
+    return plus(a, Sums(position, covariance_sums[slot], blue_sums[slot], pull));
+}
+
+Sums sums_alone(uint first, uint slots, vec3 k) {
+    Sums s = NONE;
+    for (uint slot = first; slot < first + slots; slot++) s = plus_slot(s, slot, k);
+    return s;
+}
+
+// The sums of the lane whose number differs in this bit.
+Sums of_lane(Sums s, uint bit) {
+    return Sums(subgroupShuffleXor(s.position, bit), subgroupShuffleXor(s.covariance, bit), subgroupShuffleXor(s.blue, bit),
+                ABSOLUTE ? subgroupShuffleXor(s.pull, bit) : vec2(0));
+}
+
+// Runs of a Gaussian's slots that are summed apart, whatever the width of subgroups: slot n belongs to run n % RUNS.
+const uint RUNS = 32;
+const uint LANES = SUBGROUP < RUNS ? SUBGROUP : RUNS; // with a run of their own; any further ones repeat these
+const uint OWN_RUNS = RUNS / LANES;
+
+// Every lane ends with the total.
+Sums sums_together(uint first, uint slots, vec3 k) {
+    Sums runs[OWN_RUNS];
+    [[unroll]] for (uint r = 0; r < OWN_RUNS; r++) {
+        runs[r] = NONE;
+        for (uint n = r * LANES + gl_SubgroupInvocationID % LANES; n < slots; n += RUNS) runs[r] = plus_slot(runs[r], first + n, k);
+        [[unroll]] for (uint bit = 1; bit < LANES; bit *= 2) runs[r] = plus(runs[r], of_lane(runs[r], bit));
     }
-    View v = view[0];
-    Projection p = project(v, mean, log_scale, quaternion);
-    // The sums are over u and v, which count powers of two; here they and k go back to natural units.
-    float unit = sqrt(2 * LN_2);
-    vec3 k = splat_factor(p) * unit;
-    vec2 m1 = position_sum.yz * unit;
-    vec3 m2 = covariance_sum.xyz * (2 * LN_2);
-    g.mean2d = vec2(k.x * m1.x, k.y * m1.x + k.z * m1.y);
-    g.pull = g.mean2d;
-    if (ABSOLUTE) {
-        g.pull = vec2(0);
-        for (uint slot = first; slot < first + slots; slot++) {
-            vec2 m = position_sums[slot].yz * unit;
-            g.pull += abs(vec2(k.x * m.x, k.y * m.x + k.z * m.y));
+    [[unroll]] for (uint apart = 1; apart < OWN_RUNS; apart *= 2) {
+        [[unroll]] for (uint r = 0; r + apart < OWN_RUNS; r += 2 * apart) runs[r] = plus(runs[r], runs[r + apart]);
+    }
+    return runs[0];
+}
+
+// The sums of an invocation's Gaussian. All of a subgroup call it, also those without one: then `slots` is 0.
+Sums sums_of(uint first, uint slots, vec3 k) {
+    bool many = MANY > 0 && slots >= MANY;
+    Sums s = many ? NONE : sums_alone(first, slots, k);
+    if (MANY == 0) return s;
+    uvec4 waiting = subgroupBallot(many);
+    [[unroll]] for (uint w = 0; w < (SUBGROUP + 31) / 32; w++) {
+        for (uint left = waiting[w]; left != 0; left &= left - 1) {
+            uint lane = 32 * w + findLSB(left);
+            Sums all = sums_together(subgroupShuffle(first, lane), subgroupShuffle(slots, lane), subgroupShuffle(k, lane));
+            if (lane == gl_SubgroupInvocationID) s = all;
         }
     }
-    Whitened w = whitened(v.dilation, p, k, position_sum.x, m2);
+    return s;
+}
+
+// k: of the splat, in natural units.
+Gradient backward(uint i, vec3 mean, Projection p, vec3 k, Sums s) {
+    Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0), vec2(0));
+    View v = view[0];
+    vec2 m1 = s.position.yz * UNIT;
+    vec3 m2 = s.covariance.xyz * (2 * LN_2);
+    g.mean2d = vec2(k.x * m1.x, k.y * m1.x + k.z * m1.y);
+    g.pull = ABSOLUTE ? s.pull : g.mean2d;
+    Whitened w = whitened(v.dilation, p, k, s.position.x, m2);
 
     g.log_scale = w.e_x * w.w_x + w.e_y * w.w_y;
     // dL/d(turn of the axes) = sum over rows of (s_k E_k) x (W_k / s_k).
@@ -163,12 +220,12 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
     vec2 by_slope = v.focal * (g.mean2d - free * vec2(k.x * along_x, k.y * along_x + k.z * along_y) / z);
     float by_z = -(dot(slope, by_slope) + g.log_scale.x + g.log_scale.y + g.log_scale.z) / z;
     g.mean = vec3(by_slope / z, by_z) * world_to_camera(v);
-    g.logit = position_sum.x / (1 + exp(logits[i]));
+    g.logit = s.position.x / (1 + exp(logits[i]));
 
     g.direction = p.direction;
     // A colour that was clamped to 0 has no slope.
     vec3 drawn = vec3(shape[i].w, colour[i]);
-    g.colour = mix(vec3(0), vec3(position_sum.w, covariance_sum.w, blue_sum), greaterThan(drawn, vec3(0)));
+    g.colour = mix(vec3(0), vec3(s.position.w, s.covariance.w, s.blue), greaterThan(drawn, vec3(0)));
     if (DIRECTION_GRADIENT) {
         vec3 by_direction = direction_gradient(i, p.direction, g.colour);
         // Through the normalisation: the part along the direction has no effect.
@@ -178,30 +235,60 @@ Gradient backward(uint i, vec3 mean, vec3 log_scale, vec4 quaternion, uint slots
     return g;
 }
 
+// Stores a row for each invocation that has a Gaussian. Where they share this, neighbouring invocations store neighbouring words: rows
+// go through shared memory, those of half of the invocations at a time.
+void store(uint i, bool there, float own[ROW]) {
+    if (MANY == 0) {
+        if (there) {
+            [[unroll]] for (uint c = 0; c < ROW; c++) rows[ROW * i + c] = own[c];
+        }
+        return;
+    }
+    uint lane = gl_LocalInvocationID.x, first = (i - lane) * ROW, end = count[0] * ROW;
+    [[unroll]] for (uint part = 0; part < 2; part++) {
+        barrier();
+        if (lane / HALF == part) {
+            [[unroll]] for (uint c = 0; c < ROW; c++) staged[ROW * (lane % HALF) + c] = own[c];
+        }
+        barrier();
+        for (uint n = lane; n < ROW * HALF; n += WORKGROUP) {
+            uint to = first + part * ROW * HALF + n;
+            if (to < end) rows[to] = staged[n];
+        }
+    }
+}
+
 void main() {
     uint i = global_index();
     // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
     if (pairs[1] > pair_limit) return;
     if (i == 0) guards[1] += 1;
-    if (i >= count[0]) return;
-    vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
-    vec3 log_scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
-    vec4 quaternion = rotations[i];
-    uint slots = tile_counts[i];
+    bool there = i < count[0];
+    uint slots = there ? tile_counts[i] : 0;
+    vec3 mean, k = vec3(0);
+    Projection p;
+    if (slots > 0) {
+        mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
+        vec3 log_scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
+        p = project(view[0], mean, log_scale, rotations[i]);
+        k = splat_factor(p) * UNIT;
+    }
+    Sums s = sums_of(slots > 0 ? first_slots[i] : 0, slots, k);
     Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0), vec2(0));
-    if (slots > 0) g = backward(i, mean, log_scale, quaternion, slots);
+    if (slots > 0) g = backward(i, mean, p, k, s);
 
     bool good = sane(g.mean) && sane(g.log_scale) && sane(g.rotation.xyz) && sane(g.rotation.w) && sane(g.logit) && sane(g.colour);
     if (!good) atomicAdd(guards[0], 1);
     if (STATISTICS && good && slots > 0) growth[i] += vec2(length(g.pull * 0.5 * vec2(view[0].whole)), 1);
-    uint row = i * ROW;
+    float own[ROW];
     [[unroll]] for (uint c = 0; c < 3; c++) {
-        rows[row + ROW_MEAN + c] = g.mean[c];
-        rows[row + ROW_LOG_SCALE + c] = g.log_scale[c];
-        rows[row + ROW_COLOUR + c] = g.colour[c];
-        rows[row + ROW_DIRECTION + c] = g.direction[c];
+        own[ROW_MEAN + c] = g.mean[c];
+        own[ROW_LOG_SCALE + c] = g.log_scale[c];
+        own[ROW_COLOUR + c] = g.colour[c];
+        own[ROW_DIRECTION + c] = g.direction[c];
     }
-    [[unroll]] for (uint c = 0; c < 4; c++) rows[row + ROW_ROTATION + c] = g.rotation[c];
-    rows[row + ROW_LOGIT] = g.logit;
-    rows[row + ROW_GOOD] = good ? 1 : 0;
+    [[unroll]] for (uint c = 0; c < 4; c++) own[ROW_ROTATION + c] = g.rotation[c];
+    own[ROW_LOGIT] = g.logit;
+    own[ROW_GOOD] = good ? 1 : 0;
+    store(i, there, own);
 }

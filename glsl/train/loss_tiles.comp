@@ -1,7 +1,8 @@
 // The loss of loss.comp on tiles in shared memory: an invocation owns a pixel, a workgroup a tile with its margin. Rows of
-// windows come first, then columns. Loops are short and rolled, for compilers that do not finish rings of registers.
+// windows come first, then columns. Loops over windows are rolled, for compilers that do not finish rings of registers.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/photo.glsl"
 #include "lib/ssim.glsl"
@@ -16,7 +17,7 @@ layout(constant_id = 2) const uint PHASE = MAP;
 layout(constant_id = 3) const uint ALPHA = OPAQUE;
 layout(constant_id = 4) const uint TILE = 16; // side in pixels; WORKGROUP = TILE x TILE
 
-layout(binding = 0, std430) readonly buffer Image { float image[]; }; // RGBA
+layout(binding = 0, std430) readonly buffer Image { vec4 image[]; }; // RGBA
 layout(binding = 1, std430) readonly buffer Photo { uint photo[]; }; // RGBA, 8 bits each
 layout(binding = 2, std430) buffer Partials { float partials[]; }; // by m, r, c: 3 planes of 3 channels
 layout(binding = 3, std430) writeonly buffer Gradient { vec4 gradient[]; };
@@ -38,38 +39,75 @@ shared float along_rows[4 * ROW_AREA];
 
 uint lane = gl_LocalInvocationID.x;
 
-float rendered(uint pixel, uint channel) { return image[4 * pixel + channel]; }
-
-float truth(uint pixel, uint channel) { return photo_value(photo[pixel], channel, ALPHA, background[channel]); }
-
 uint plane(uint p, uint channel) { return (p * 3 + channel) * width * height; }
 
-// Loads a tile with its margin: zeros outside the picture.
-void load(ivec2 corner, uint channel) {
-    for (uint i = lane; i < AREA; i += WORKGROUP) {
-        ivec2 at = corner + ivec2(i % SIDE, i / SIDE) - int(RADIUS);
-        bool inside = all(greaterThanEqual(at, ivec2(0))) && at.x < int(width) && at.y < int(height);
-        uint pixel = inside ? uint(at.y) * width + uint(at.x) : 0;
+// An invocation's pixels of the tile and its margin. It asks for all of them before it waits for the first.
+const uint OWN = (AREA + WORKGROUP - 1) / WORKGROUP;
+vec4 own_image[OWN];
+uint own_photo[OWN];
+
+// The index in the picture of the n-th of them; -1 outside of it.
+int own_pixel(ivec2 corner, uint n) {
+    uint i = lane + n * WORKGROUP;
+    ivec2 at = corner + ivec2(i % SIDE, i / SIDE) - int(RADIUS);
+    bool inside = i < AREA && all(greaterThanEqual(at, ivec2(0))) && at.x < int(width) && at.y < int(height);
+    return inside ? at.y * int(width) + at.x : -1;
+}
+
+void load_pictures(ivec2 corner) {
+    [[unroll]] for (uint n = 0; n < OWN; n++) {
+        int pixel = own_pixel(corner, n);
+        own_image[n] = pixel < 0 ? vec4(0) : image[pixel];
+        own_photo[n] = pixel < 0 ? 0 : photo[pixel];
+    }
+}
+
+// The three planes of partial derivatives of a channel.
+void load_partials(ivec2 corner, uint channel) {
+    [[unroll]] for (uint n = 0; n < OWN; n++) {
+        int pixel = own_pixel(corner, n);
+        uint at = max(pixel, 0);
+        vec3 by = vec3(partials[plane(0, channel) + at], partials[plane(1, channel) + at], partials[plane(2, channel) + at]);
+        own_image[n].xyz = pixel < 0 ? vec3(0) : by;
+    }
+}
+
+float truth(uint word, uint channel) { return photo_value(word, channel, ALPHA, background[channel]); }
+
+// Stages a channel of the tile with its margin: zeros outside the picture.
+void stage(ivec2 corner, uint channel) {
+    [[unroll]] for (uint n = 0; n < OWN; n++) {
+        uint i = lane + n * WORKGROUP;
+        if (i >= AREA) continue;
         if (PHASE == MAP) {
-            values[i] = inside ? rendered(pixel, channel) : 0;
-            values[AREA + i] = inside ? truth(pixel, channel) : 0;
+            values[i] = own_image[n][channel];
+            values[AREA + i] = own_pixel(corner, n) < 0 ? 0 : truth(own_photo[n], channel);
         } else {
-            for (uint p = 0; p < 3; p++) values[p * AREA + i] = inside ? partials[plane(p, channel) + pixel] : 0;
+            [[unroll]] for (uint p = 0; p < 3; p++) values[p * AREA + i] = own_image[n][p];
         }
     }
 }
 
-// Window means along rows: of x, y, (x - y)^2 and xy, or of the partial derivatives.
+vec4 held(uint i) {
+    float a = values[i], b = values[AREA + i];
+    return PHASE == MAP ? vec4(a, b, (a - b) * (a - b), a * b) : vec4(a, b, values[2 * AREA + i], 0);
+}
+
+// Window means along rows: of x, y, (x - y)^2 and xy, or of the partial derivatives. Two neighbours an invocation.
 void rows() {
-    for (uint i = lane; i < ROW_AREA; i += WORKGROUP) {
-        uint first = i / TILE * SIDE + i % TILE;
-        vec4 sum = vec4(0);
+    for (uint i = lane; i < ROW_AREA / 2; i += WORKGROUP) {
+        uint first = 2 * i / TILE * SIDE + 2 * i % TILE;
+        vec4 left = vec4(0), right = vec4(0), here = held(first);
         for (uint k = 0; k < TAPS; k++) {
-            float a = values[first + k], b = values[AREA + first + k];
-            vec4 held = PHASE == MAP ? vec4(a, b, (a - b) * (a - b), a * b) : vec4(a, b, values[2 * AREA + first + k], 0);
-            sum += WINDOW[k] * held;
+            vec4 next = held(first + k + 1);
+            left += WINDOW[k] * here;
+            right += WINDOW[k] * next;
+            here = next;
         }
-        for (uint p = 0; p < (PHASE == MAP ? 4 : 3); p++) along_rows[p * ROW_AREA + i] = sum[p];
+        for (uint p = 0; p < (PHASE == MAP ? 4 : 3); p++) {
+            along_rows[p * ROW_AREA + 2 * i] = left[p];
+            along_rows[p * ROW_AREA + 2 * i + 1] = right[p];
+        }
     }
 }
 
@@ -90,14 +128,17 @@ vec2 summed(vec2 own) {
     barrier();
     along_rows[lane] = own.x;
     along_rows[WORKGROUP + lane] = own.y;
-    for (uint step = WORKGROUP / 2; step > 0; step /= 2) {
-        barrier();
+    barrier();
+    for (uint step = WORKGROUP / 2; step >= SUBGROUP; step /= 2) {
         if (lane < step) {
             along_rows[lane] += along_rows[lane + step];
             along_rows[WORKGROUP + lane] += along_rows[WORKGROUP + lane + step];
         }
+        barrier();
     }
-    return vec2(along_rows[0], along_rows[WORKGROUP]);
+    vec2 sum = vec2(along_rows[lane], along_rows[WORKGROUP + lane]);
+    for (uint step = SUBGROUP / 2; step > 0; step /= 2) sum += subgroupShuffleDown(sum, step);
+    return sum;
 }
 
 void main() {
@@ -109,9 +150,18 @@ void main() {
     bool there = at.x < width && at.y < height;
     uint pixel = there ? at.y * width + at.x : 0;
     vec2 total = vec2(0);
-    vec4 slope = vec4(0);
-    for (uint channel = 0; channel < 3; channel++) {
-        load(ivec2(corner), channel);
+    vec4 slope = vec4(0), shown = vec4(0);
+    uint word = 0;
+    if (PHASE == MAP) {
+        load_pictures(ivec2(corner));
+    } else {
+        load_partials(ivec2(corner), 0);
+        shown = image[pixel];
+        word = photo[pixel];
+    }
+    [[unroll]] for (uint channel = 0; channel < 3; channel++) {
+        stage(ivec2(corner), channel);
+        if (PHASE == GRADIENT && channel < 2) load_partials(ivec2(corner), channel + 1);
         barrier();
         rows();
         barrier();
@@ -125,7 +175,7 @@ void main() {
                 total.x += s.map;
             }
         } else if (there) {
-            float x = rendered(pixel, channel), y = truth(pixel, channel);
+            float x = shown[channel], y = truth(word, channel);
             float by_ssim = mean.x + 2 * (x - y) * mean.y + y * mean.z;
             slope[channel] = l1 * sign(x - y) - ssim * by_ssim + 2 * l2 * (x - y);
             total += vec2(abs(x - y), (x - y) * (x - y));

@@ -89,7 +89,7 @@ pub struct Tuning {
     /// Distance of the rows of tiles that are walked one after the other; up to 1: rows in order.
     #[serde(default)]
     pub row_stride: u32,
-    /// Tiles of a Gaussian from which a subgroup writes its pairs together; 0: an invocation writes them all.
+    /// Tiles of a Gaussian from which a subgroup writes its pairs, and adds up their sums, together; 0: each invocation works alone.
     #[serde(default)]
     pub bin_many: u32,
     /// Invocations that walk a tile's list forward; they share its pixels.

@@ -46,6 +46,7 @@ pub(super) fn record(
             direction_gradient: options.through_direction,
             statistics: options.growth.is_some(),
             absolute: options.absolute,
+            many: launch.tuning.bin_many,
         },
     };
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));

@@ -61,7 +61,7 @@ fn bin_loses_nothing_of_flowers() {
 }
 
 /// Needles and discs from a pixel to the whole picture, more of them than a workgroup takes, half of them before the camera.
-fn crowd_of_all_sizes() -> Gaussians {
+pub fn crowd_of_all_sizes() -> Gaussians {
     let (mut r, n) = (Random(5), 600);
     let mut within = |low: f64, high: f64| (low + (high - low) * r.unit()) as f32;
     Gaussians {

@@ -1,10 +1,12 @@
 //! The backward pass on the device, against golden gradients, another engine's gradients, and the float64 twin's.
 
+use super::bin::crowd_of_all_sizes;
 use crate::support::golden::{Case, Fixture};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish, relative};
+use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gpu::{Device, Recording};
+use qirf_vk::gpu::{Device, DeviceOptions, Recording};
 use qirf_vk::kernels::constants::blending::TRANSMITTANCE_STOP;
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings, Style};
@@ -21,6 +23,19 @@ fn gradients(
     weights: &[[f32; 4]],
     through_direction: bool,
 ) -> Params {
+    let backward = Backward { through_direction, ..Backward::default() };
+    gradients_and_growth(device, model, camera, settings, weights, backward).0
+}
+
+/// The same by a backward pass with these options, and what it adds up for density control.
+fn gradients_and_growth(
+    device: &Device,
+    model: &Gaussians,
+    camera: &Camera,
+    settings: Settings,
+    weights: &[[f32; 4]],
+    backward: Backward<'_>,
+) -> (Params, Vec<[f32; 2]>) {
     let trainee = Trainee::new(device, model).unwrap();
     let size = [camera.width, camera.height];
     let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12).unwrap();
@@ -34,7 +49,7 @@ fn gradients(
     }
     let mut recording = Recording::new();
     renderer.record(&mut recording, &trainee.model, camera);
-    let backward = Backward { growth: Some(&trainee.growth), through_direction, ..Backward::default() };
+    let backward = Backward { growth: Some(&trainee.growth), ..backward };
     renderer.record_backward(&mut recording, &trainee.model, camera, &image_gradient, backward);
     record_gradients(&mut recording, &renderer, &trainee.model, &trainee.moments);
     device.run(recording).unwrap();
@@ -42,7 +57,8 @@ fn gradients(
     let first = |buffer: &qirf_vk::gpu::Buffer<[f32; 2]>| -> Vec<f64> {
         buffer.read(device).unwrap().iter().map(|m| f64::from(m[0])).collect()
     };
-    Params::of_attributes(trainee.moments.each_ref().map(first), model.sh.len())
+    let gradients = Params::of_attributes(trainee.moments.each_ref().map(first), model.sh.len());
+    (gradients, trainee.growth.read(device).unwrap())
 }
 
 fn compare(name: &str, got: &mut Params, expected: &mut Params, allowed: f64) {
@@ -164,6 +180,36 @@ fn project_backward_and_rasterise_backward_give_the_twins_gradients() {
         }
     }
     finish(&device);
+}
+
+/// A subgroup that adds up a Gaussian's slots together, and invocations that store their rows together, against invocations that work
+/// alone: sums of positive and negative numbers in another order differ by roundings.
+#[test]
+fn slots_added_up_together_or_alone() {
+    let model = crowd_of_all_sizes();
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, DVec3::NEG_Y, 0.9, 333, 210);
+    let mut r = Random(11);
+    let weights: Vec<[f32; 4]> = (0..333 * 210).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
+    let backward = Backward { absolute: true, ..Backward::default() };
+    let [alone, all, many] = [0, 1, 32].map(|many| {
+        let tuning = Some(format!("gpu,bin_many={many}").parse().unwrap());
+        let options = DeviceOptions { tuning, validation: true, guarded: true, ..DeviceOptions::default() };
+        let device = Device::open(&options).unwrap();
+        let got = gradients_and_growth(&device, &model, &camera, Settings::default(), &weights, backward);
+        finish(&device);
+        got
+    });
+    for (name, (mut gradients, growth)) in [("all", all), ("from 32 on", many)] {
+        compare(name, &mut gradients, &mut alone.0.clone(), 3e-6);
+        assert!(growth.len() == model.len() && growth.iter().filter(|g| g[1] > 0.0).count() > 200);
+        for (i, (got, expected)) in growth.iter().zip(&alone.1).enumerate() {
+            // Sizes have one sign: a thousand additions are within a thousand roundings.
+            assert!(
+                got[1] == expected[1] && (got[0] - expected[0]).abs() <= 1e-4 * expected[0],
+                "{name}, {i}: {got:?}, {expected:?}"
+            );
+        }
+    }
 }
 
 /// Every size of picture that is drawn, also backwards: one pixel, a sliver, and more tiles than a dispatch has groups in one
