@@ -79,6 +79,7 @@ check: ## verify formatting, lints, shaders and documentation
 	rustfmt --check --edition 2024 tools/spirv.rs tools/mutants.rs
 	cargo clippy --locked --all-targets --all-features -- -D warnings
 	cargo clippy --locked --lib --no-default-features -- -D warnings
+	cargo clippy --locked --lib --no-default-features --features pipeline -- -D warnings
 	@$(MAKE) --no-print-directory shaders
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
 

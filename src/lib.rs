@@ -40,10 +40,13 @@
 //! | `train` | `train`: loss, schedule, density control, the training loop | |
 //! | `lapack` | `qirf`: which Gaussians a model can do without | the system's OpenBLAS (`libopenblas-dev`) |
 //! | `synth` | `synth`: an embedded scene, ray-traced into a capture | |
-//! | `pipeline` | `pipeline`: whole jobs such as run, compress, compare and sweep; `selftest` | `train`, `lapack`, `synth` |
+//! | `pipeline` | `pipeline`: whole jobs such as run, compress and eval; `selftest` | `train`, `lapack`, `synth` |
 //! | `report` | `report`: pages of a job's results | `pipeline` |
 //! | `view` | `view`: a viewer for browsers | `pipeline` |
-//! | `cli` | the program `qirf-vk` | `report`, `view` |
+//! | `pose` | `pose`: camera poses of photos and videos, by COLMAP or OpenMVG-rs | `pipeline` |
+//! | `shard` | `shard`: compression and training in tasks, for models and scenes larger than a device | `pipeline` |
+//! | `lab` | `lab`: comparisons of ways of pruning, and sweeps of accuracy against time | `report` |
+//! | `cli` | the program `qirf-vk` | all above |
 //! | `static` (off by default) | OpenBLAS inside the program; `tools/package` shows how | `lapack`, `libopenblas.a` |
 //!
 //! # Floors
@@ -79,13 +82,17 @@ pub mod wording;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
-#[cfg(feature = "pipeline")]
-pub mod error;
+#[cfg(feature = "lab")]
+pub mod lab;
 #[cfg(feature = "pipeline")]
 pub mod pipeline;
+#[cfg(feature = "pose")]
+pub mod pose;
 #[cfg(feature = "report")]
 pub mod report;
 #[cfg(feature = "pipeline")]
 pub mod selftest;
+#[cfg(feature = "shard")]
+pub mod shard;
 #[cfg(feature = "view")]
 pub mod view;

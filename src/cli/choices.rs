@@ -2,7 +2,7 @@
 //! values.
 
 use super::values;
-use crate::error::Error;
+use crate::pipeline::Error;
 use crate::pipeline::config::Compression;
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;

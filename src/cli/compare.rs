@@ -6,14 +6,11 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::{Global, tell_of_missing};
-use crate::error::Error;
-use crate::pipeline::arm::Arm;
-use crate::pipeline::compare::{compare, compare_seeds, of_seeds};
+use crate::lab::compare::{Arm, CompareRecord, compare, compare_seeds, of_seeds, write_page};
+use crate::pipeline::Error;
 use crate::pipeline::config::{Compression, Pruning};
-use crate::pipeline::records::CompareRecord;
 use crate::pipeline::{Output, RunConfig, Session, earlier};
 use crate::qirf::select::budget::Keep;
-use crate::report;
 use std::path::PathBuf;
 
 const ARMS: &str =
@@ -122,7 +119,7 @@ impl Arguments {
         let json = serde_json::to_string_pretty(&compared).map_err(|e| Error::encoding("compare.json", e))?;
         Output::text(&self.output.join("compare.json"), &json)?;
         Output::text(&self.output.join("compare.csv"), &compared.csv())?;
-        report::write_comparison(&compared, &self.output)?;
+        write_page(&compared, &self.output)?;
         if self.json { console.print(json) } else { self.report(console, &compared) }
     }
 

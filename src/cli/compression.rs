@@ -4,7 +4,7 @@ use super::choices::Choices;
 use super::style;
 use super::values::{self, Up};
 use crate::effects::Overrides;
-use crate::error::Error;
+use crate::pipeline::Error;
 use crate::pipeline::Selection;
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::config::Compression;

@@ -2,8 +2,8 @@
 
 use super::console::Console;
 use super::inspect::read_model;
-use crate::error::Error;
 use crate::gaussians::formats;
+use crate::pipeline::Error;
 use crate::wording::counted;
 use std::path::PathBuf;
 

@@ -3,8 +3,8 @@
 use super::Global;
 use super::console::Console;
 use super::values;
-use crate::error::Error;
 use crate::gpu::{self, Compiled, Device, DeviceInfo, Feature, Tuning};
+use crate::pipeline::Error;
 use crate::pipeline::kernels::compiled;
 use crate::pipeline::tune::{Tuned, tune};
 use crate::selftest;

@@ -1,9 +1,9 @@
 //! `--diagnostics`: writes a file with block, score and fate of each Gaussian of a prune.
 
 use super::console::Console;
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode};
+use crate::pipeline::Error;
 use crate::pipeline::diagnostics::Diagnostics;
 use crate::pipeline::output::same_place;
 use std::path::{Path, PathBuf};

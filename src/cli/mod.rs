@@ -1,4 +1,4 @@
-//! Floor 8: the command line. One file per command: its arguments, and its work.
+//! The command line. One file per command: its arguments, and its work.
 
 mod choices;
 mod compare;
@@ -10,6 +10,7 @@ mod convert;
 mod device;
 mod diagnostics;
 mod eval;
+mod exit;
 mod inspect;
 mod interrupt;
 mod plan;
@@ -29,11 +30,12 @@ mod training;
 mod values;
 mod view;
 
-use crate::error::Error;
 use crate::gpu::{Device, DeviceOptions, TuningChoice};
 use crate::metrics::Networks;
+use crate::pipeline::Error;
 use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use console::{Colour, Console};
+use exit::Exit;
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -183,7 +185,7 @@ pub fn main() -> ExitCode {
             let head = console.paint("1;31", "error:", io::stderr().is_terminal());
             let remedy = cli.remedy(&e).map(|r| format!("; {r}")).unwrap_or_default();
             console.error(format_args!("{head} {e}{remedy}"));
-            ExitCode::from(e.exit_code())
+            ExitCode::from(Exit::of(&e).code())
         }
     }
 }

@@ -8,14 +8,14 @@ use super::inspect::read_model;
 use super::show::Show;
 use super::training::Training;
 use super::values;
-use crate::error::Error;
 use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::metrics::Networks;
-use crate::pipeline::blocks::BlockRun;
-use crate::pipeline::shard::{Compression, Job, Plan, Shard};
+use crate::pipeline::Error;
 use crate::pipeline::{Session, host_bytes};
 use crate::selftest;
+use crate::shard::blocks::BlockRun;
+use crate::shard::{Compression, Job, Plan, Shard};
 use crate::wording::counted;
 use std::path::PathBuf;
 

@@ -3,8 +3,8 @@
 use super::console::Console;
 use super::show::Show;
 use super::values;
-use crate::error::Error;
-use crate::pipeline::pose::{self, Backend, Matching, Options, Posed};
+use crate::pipeline::Error;
+use crate::pose::{self, Backend, Matching, Options, Posed};
 use crate::scene::photo_folder;
 use clap::Args;
 use std::path::PathBuf;

@@ -2,9 +2,9 @@
 
 use super::scratch::Scratch;
 use super::{Global, values};
-use crate::error::Error;
 use crate::gpu::Device;
 use crate::metrics::Networks;
+use crate::pipeline::Error;
 use crate::pipeline::host_bytes;
 use clap::Args;
 use std::path::{Path, PathBuf};

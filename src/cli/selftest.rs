@@ -2,8 +2,8 @@
 
 use super::Global;
 use super::console::Console;
-use crate::error::Error;
 use crate::gpu::{Device, DeviceKind};
+use crate::pipeline::Error;
 use crate::selftest::{self, Case, Check, News, ROUNDING, Verdict};
 use serde_json::json;
 use std::thread;
@@ -130,6 +130,7 @@ fn row(console: &Console, check: &Check) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::exit::Exit;
     use crate::cli::remedy::remedy;
 
     #[test]
@@ -147,7 +148,7 @@ mod tests {
         for bad in [Some(3e-3), None] {
             let checks = [check("scan", Some(0.0)), check("sort", bad), check("sort", bad), check("adam", bad)];
             let error = verdict(&checks).unwrap_err();
-            assert_eq!(error.exit_code(), 4);
+            assert_eq!(Exit::of(&error), Exit::Device);
             let (told, remedy) = (error.to_string(), remedy(&error).unwrap());
             for part in ["3 of 4", "Some GPU", "driver 1", "sort, adam"] {
                 assert!(told.contains(part), "{told}");

@@ -3,9 +3,9 @@
 use super::console::Console;
 use super::diagnostics::Recorder;
 use super::interrupt::Watch;
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
+use crate::pipeline::Error;
 use crate::pipeline::Watcher;
 use crate::pipeline::diagnostics::Diagnostics;
 use crate::train::Progress;

@@ -8,14 +8,13 @@ use super::show::Show;
 use super::training::Training;
 use super::values::{self, Up};
 use super::{Global, tell_of_missing};
-use crate::error::Error;
 use crate::gaussians::formats::Loaded;
+use crate::lab::sweep::records::figure;
+use crate::lab::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
 use crate::metrics::Networks;
-use crate::pipeline::sweep::records::figure;
-use crate::pipeline::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
+use crate::pipeline::Error;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Output, Preset, RunConfig, Session};
-use crate::report;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -125,7 +124,7 @@ impl Arguments {
         let json = serde_json::to_string_pretty(&swept).map_err(|e| Error::encoding("sweep.json", e))?;
         Output::text(&self.output.join("sweep.json"), &json)?;
         Output::text(&self.output.join("sweep.csv"), &swept.csv())?;
-        report::write_sweep(&swept, &self.output)?;
+        sweep::write_page(&swept, &self.output)?;
         if self.json { console.print(json) } else { self.report(console, &swept) }
     }
 

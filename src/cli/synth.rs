@@ -2,7 +2,7 @@
 
 use super::console::Console;
 use super::values;
-use crate::error::Error;
+use crate::pipeline::Error;
 use crate::synth::{self, Effect, SynthOptions};
 use crate::wording::counted;
 use std::path::PathBuf;

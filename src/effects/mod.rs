@@ -1,4 +1,4 @@
-//! Floor 4: decides which effects a scene calls for, from its training photos, cameras and points alone, with the
+//! Decides which effects a scene calls for, from its training photos, cameras and points alone, with the
 //! evidence.
 //!
 //! | effect | on when | detector | what it switches |

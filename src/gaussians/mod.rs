@@ -1,8 +1,7 @@
-//! Floor 3: models: Gaussians as stored, on the host and on the device, and their file formats.
+//! Models: Gaussians as stored, on the host and on the device, and their file formats.
 
 mod attributes;
 mod bands;
-pub mod cells;
 mod edit;
 mod error;
 pub mod formats;

@@ -1,4 +1,4 @@
-//! Floor 1: Vulkan, and nothing of splats. Devices, memory, kernels, recordings with derived barriers, timestamps.
+//! Vulkan, and nothing of splats. Devices, memory, kernels, recordings with derived barriers, timestamps.
 #![allow(unsafe_code)] // Vulkan is called from this floor alone; each block states its invariant.
 
 mod address;

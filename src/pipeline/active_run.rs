@@ -12,8 +12,8 @@ use super::records::{AttritionRecord, Counts, CurvePoint, Guards, Protocol, Prun
 use super::session::Session;
 use super::setup::Setup;
 use super::start::{Start, initialise};
-use crate::error::Error;
 use crate::gaussians::formats;
+use crate::pipeline::Error;
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::train::learnt_masks::MasksCut;

@@ -2,7 +2,7 @@
 //! its prunes, a run would prune again.
 
 use super::records::{CurvePoint, PruneRecord};
-use crate::error::Error;
+use crate::pipeline::Error;
 use crate::train::checkpoint::{OWN_NOTES, Snapshot};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
 //! Diagnostics of a prune, a file that the viewer shows: block, score and fate of each Gaussian of the model before it.
 
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{crc32, write_atomically};
+use crate::pipeline::Error;
 use crate::qirf::pairs::{NO_CLUSTER, Pairs};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Choice;

@@ -3,9 +3,9 @@
 use super::config::RunConfig;
 use super::prepare::Prepared;
 use crate::effects::{self, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
-use crate::error::Error;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
+use crate::pipeline::Error;
 use crate::render::Style;
 use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, View, load_photos};
 use crate::train;

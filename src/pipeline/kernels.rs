@@ -2,9 +2,9 @@
 
 use super::config::Preset;
 use super::prune::{PruneRequest, plan};
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gpu::{Compiled, Device};
+use crate::pipeline::Error;
 use crate::qirf::assemble::{self, Assembly};
 use crate::qirf::participation::device::Problem;
 use crate::qirf::rrdm::Density;

@@ -1,23 +1,20 @@
-//! Floor 7: whole jobs as readable lists of stages.
+//! Whole jobs as readable lists of stages.
 
 pub mod active_run;
-pub mod arm;
-pub mod blocks;
 pub mod budget;
 pub mod checkpoint;
-pub mod compare;
 pub mod compress;
 pub mod config;
 pub mod diagnostics;
 pub mod earlier;
 pub mod effects;
+mod error;
 pub mod eval;
 pub mod evaluate;
 mod host_memory;
 pub mod kernels;
 pub mod output;
 pub mod pairs;
-pub mod pose;
 pub mod prepare;
 pub mod prune;
 pub mod records;
@@ -25,16 +22,15 @@ pub mod render;
 pub mod run;
 pub mod session;
 pub mod setup;
-pub mod shard;
 mod shown;
 pub mod start;
-pub mod sweep;
 pub mod tune;
 pub mod virtual_views;
 pub mod watcher;
 
 pub use config::{Init, Preset, RunConfig, Selection};
 pub use earlier::Earlier;
+pub use error::{Error, Relief};
 pub use output::Output;
 pub use session::{Session, host_bytes};
 pub use watcher::{Silent, Watcher};

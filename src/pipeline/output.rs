@@ -1,7 +1,7 @@
 //! Paths of a job's files.
 
-use crate::error::Error;
 use crate::gaussians::formats;
+use crate::pipeline::Error;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -3,7 +3,7 @@
 use super::config::Selection;
 use super::watcher::Watcher;
 use crate::effects::Effect;
-use crate::error::Error;
+use crate::pipeline::Error;
 use crate::scene::camera::Camera;
 use crate::scene::{FourthByte, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene};
 use std::collections::HashSet;

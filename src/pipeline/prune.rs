@@ -3,10 +3,10 @@
 use super::config::{Compression, ResponseSource};
 use super::diagnostics::Diagnostics;
 use super::records::{PruneGuards, PruneRecord, PruneSeconds};
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
+use crate::pipeline::Error;
 use crate::qirf::CHANNELS;
 use crate::qirf::pairs;
 use crate::qirf::select::Selector;

@@ -6,8 +6,8 @@ use super::output::Output;
 use super::records::RunRecord;
 use super::session::Session;
 use super::setup::{Setup, tuned};
-use crate::error::Error;
 use crate::gaussians::formats;
+use crate::pipeline::Error;
 
 /// Trains, prunes if configured, evaluates and writes a run. With `resume` it continues from the folder's checkpoint,
 /// if there is one, and gives the same bytes as an uninterrupted run.

@@ -7,8 +7,8 @@ use super::session::Session;
 use super::start::Start;
 use super::{Output, Watcher, budget, effects};
 use crate::effects::Decision;
-use crate::error::Error;
 use crate::gpu::Device;
+use crate::pipeline::Error;
 use crate::train::Exposures;
 use std::time::Instant;
 

@@ -3,8 +3,8 @@
 use super::checkpoint::Checkpoint;
 use super::config::{Init, RunConfig};
 use super::prepare::Prepared;
-use crate::error::Error;
 use crate::gaussians::{Gaussians, formats};
+use crate::pipeline::Error;
 use crate::scene::SceneKind;
 use crate::train::initialise::{self, Seed};
 
@@ -85,7 +85,7 @@ pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Resu
 }
 
 /// At most `most` of a list, evenly over it, so that no region is left out.
-pub(super) fn evenly(list: &[usize], most: usize) -> Vec<usize> {
+pub(crate) fn evenly(list: &[usize], most: usize) -> Vec<usize> {
     let n = list.len();
     if n <= most { list.to_vec() } else { (0..most).map(|k| list[k * n / most]).collect() }
 }

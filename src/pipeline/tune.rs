@@ -1,8 +1,8 @@
 //! Which tuning trains fastest on a device: all variants in turns, on a built-in scene.
 
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gpu::{Device, DeviceKind, Tuning, Variant, variants};
+use crate::pipeline::Error;
 use crate::random::Random;
 use crate::scene::Photo;
 use crate::scene::camera::Camera;

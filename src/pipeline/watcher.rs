@@ -1,9 +1,9 @@
 //! Progress of a job, and requests to end it early.
 
 use super::diagnostics::Diagnostics;
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
+use crate::pipeline::Error;
 use crate::train::{Progress, Trainer};
 
 /// Follows a job; every method has a default.

@@ -1,4 +1,4 @@
-//! Floor 2: parallel building blocks independent of splats: counts on the device, prefix sum, stable radix sort,
+//! Parallel building blocks independent of splats: counts on the device, prefix sum, stable radix sort,
 //! compaction, gather, segmented sum. All run at subgroup sizes of 4 to 128.
 
 mod compact;

@@ -1,4 +1,4 @@
-//! Floor 6: selection of the Gaussians to prune, by the QIRF method and other selectors.
+//! Selection of the Gaussians to prune, by the QIRF method and other selectors.
 
 pub mod assemble;
 pub mod batch;

@@ -1,4 +1,4 @@
-//! Floor 5: from Gaussians and a camera to a picture: project, depth sort, bin, tile sort, rasterise.
+//! From Gaussians and a camera to a picture: project, depth sort, bin, tile sort, rasterise.
 
 mod atomic_sums;
 mod backward;

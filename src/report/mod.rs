@@ -1,21 +1,19 @@
-//! Floor 8: HTML reports. Each page is one self-contained file with its style, script, pictures and plots.
+//! HTML reports. Each page is one self-contained file with its style, script, pictures and plots.
 //!
-//! Pages are built from [`page`] (shell, tables), [`plot`] and [`compare`]. `maud` escapes every text.
+//! Pages are built from [`page`] (shell, tables), [`plot`] and [`slider`]. `maud` escapes every text.
 
-mod arms;
-pub mod compare;
 pub mod format;
 pub mod page;
 pub mod picture;
 pub mod plot;
 mod run;
-mod sweep;
+pub mod slider;
 
-use crate::error::Error;
+use crate::pipeline::Error;
 use crate::pipeline::Output;
-use crate::pipeline::records::{CompareRecord, RunRecord};
-use crate::pipeline::sweep::SweepRecord;
-use std::path::Path;
+pub use run::masks;
+
+use crate::pipeline::records::RunRecord;
 
 /// Writes `report.html` of a run into its folder, from its results and the folder's pictures and `config.toml`; missing
 /// ones are left out.
@@ -24,22 +22,6 @@ use std::path::Path;
 /// [`Error::Write`].
 pub fn write(results: &RunRecord, output: &Output) -> Result<(), Error> {
     Output::text(&output.report(), &of_run(results, output))
-}
-
-/// Writes `compare.html` of a comparison into its folder.
-///
-/// # Errors
-/// [`Error::Write`].
-pub fn write_comparison(compared: &CompareRecord, folder: &Path) -> Result<(), Error> {
-    Output::text(&folder.join("compare.html"), &arms::page(compared, folder))
-}
-
-/// Writes `sweep.html` of a sweep into its folder.
-///
-/// # Errors
-/// [`Error::Write`].
-pub fn write_sweep(swept: &SweepRecord, folder: &Path) -> Result<(), Error> {
-    Output::text(&folder.join("sweep.html"), &sweep::page(swept))
 }
 
 /// The page of a run.

@@ -1,4 +1,4 @@
-//! Floor 6: responses of pictures and losses to each Gaussian in eight channels, and the scores that other pruning
+//! Responses of pictures and losses to each Gaussian in eight channels, and the scores that other pruning
 //! methods rank by (docs/method.md).
 //!
 //! | channel | |

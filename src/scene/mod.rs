@@ -1,4 +1,4 @@
-//! Floor 3: cameras, photos, points and the train/test split of a capture.
+//! Cameras, photos, points and the train/test split of a capture.
 //!
 //! [`Scene::open`] reads COLMAP (binary and text), Blender, instant-ngp and nerfstudio data sets. All cameras follow
 //! one convention ([`camera`]); a distorted lens comes with the ideal pinhole that replaces it ([`lens`]). Opening

@@ -4,11 +4,11 @@
 use super::backward::{there_and_back, weights};
 use super::random::Kind;
 use super::rasterise::{MILD, camera};
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::crc32;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
+use crate::pipeline::Error;
 use crate::qirf::pairs;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};

@@ -1,4 +1,4 @@
-//! Floor 6: loss, Adam, schedule, density control and the training loop.
+//! Loss, Adam, schedule, density control and the training loop.
 
 pub mod adam;
 pub mod attrition;

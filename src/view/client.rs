@@ -3,7 +3,7 @@
 use super::lobby::{Lobby, Outgoing};
 use super::protocol::{Encoding, Header, Message};
 use super::subject::jpeg;
-use crate::error::Error;
+use crate::pipeline::Error;
 use crate::pipeline::evaluate::pictures::{byte, write_png};
 use crate::render::Image;
 use jpeg_encoder::SamplingFactor;

@@ -3,9 +3,9 @@
 use super::paint;
 use super::protocol::{Encoding, Eye, Figure, Header, MOST_PIXELS, Picture, Wish};
 use super::subject::{Capture, Subject};
-use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
+use crate::pipeline::Error;
 use crate::pipeline::diagnostics::Diagnostics;
 use crate::pipeline::evaluate::{hide, rgb, truth};
 use crate::render::{Image, Renderer, Settings};

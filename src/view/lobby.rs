@@ -2,7 +2,7 @@
 //! gets no others, so that latency cannot build up.
 
 use super::protocol::{Control, Header, Wish};
-use crate::error::Error;
+use crate::pipeline::Error;
 use crate::render::Image;
 use serde_json::json;
 use std::collections::BTreeMap;

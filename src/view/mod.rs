@@ -1,4 +1,4 @@
-//! Floor 8: a viewer for browsers, drawn by this program's own renderer: what is seen is what is measured.
+//! A viewer for browsers, drawn by this program's own renderer: what is seen is what is measured.
 //!
 //! One port serves one page, and one WebSocket a client. A client wishes for pictures ([`protocol`]); the newest wish of each
 //! waits in the lobby; whoever owns the device takes it from there and draws it ([`Studio`], and [`Live`] for a run). Moving pictures are JPEG and

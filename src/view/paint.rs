@@ -1,10 +1,10 @@
 //! Pictures other than colours: a model painted in other colours and drawn by the same kernels, and what is made of the result.
 
 use super::protocol::Picture;
-use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::kernels::constants::sh::float64::SH_C0;
+use crate::pipeline::Error;
 use crate::pipeline::diagnostics::{self, Diagnostics, NO_BLOCK};
 use crate::qirf::partition::Partition;
 use crate::random::mix;

@@ -5,7 +5,7 @@ use super::guard::{Asked, Guard, Verdict};
 use super::http::{self, Request, Status};
 use super::lobby::Lobby;
 use super::subject::{Job, Subject};
-use crate::error::Error;
+use crate::pipeline::Error;
 use std::io::Write;
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::Arc;

@@ -3,10 +3,10 @@
 use super::easel::{Drawn, Easel, Sitter};
 use super::protocol::{Picture, Wish};
 use super::subject::{Model, Subject};
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
+use crate::pipeline::Error;
 use crate::render::Settings;
 
 /// One Gaussian in this many is drawn in a reduced picture: those of the largest product of opacity and area.

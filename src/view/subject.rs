@@ -1,7 +1,7 @@
 //! What is looked at: models, and the capture that they were made from.
 
-use crate::error::Error;
 use crate::gaussians::Gaussians;
+use crate::pipeline::Error;
 use crate::pipeline::diagnostics::Diagnostics;
 use crate::pipeline::evaluate::pictures::byte;
 use crate::pipeline::evaluate::truth;

@@ -17,9 +17,9 @@ const FLOORS: &[&[&str]] = &[
     &["response"],
     &["qirf", "train"],
     &["reference"],
-    &["error"],
-    &["pipeline", "selftest"],
-    &["report", "view"],
+    &["pipeline"],
+    &["pose", "report", "selftest", "shard", "view"],
+    &["lab"],
     &["cli"],
     &["main"],
 ];
@@ -29,7 +29,7 @@ const UPWARD: &[(&str, &str, &str)] =
     &[("src/gpu/probe.rs", "kernels", "a device is probed with a kernel before it is handed out")];
 
 /// Folders that may import the float64 twin: it is an oracle, and production code computes nothing with it.
-const ORACLE_OF: &[&str] = &["src/reference/", "src/selftest/", "src/pipeline/sweep/"];
+const ORACLE_OF: &[&str] = &["src/reference/", "src/selftest/", "src/lab/sweep/"];
 
 /// A shader's place in the house.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -176,6 +176,9 @@ fn imports_go_down_the_floors() {
             let Some(other) = floor.get(imported.as_str()) else { continue };
             if other >= own {
                 upward.insert((path.clone(), imported.clone()));
+            }
+            if imported == "lab" && room(path) != "cli" {
+                wrong.push(format!("{path} imports the laboratory, which only the command line may"));
             }
             if imported == "reference" && !ORACLE_OF.iter().any(|place| path.starts_with(place)) {
                 wrong.push(format!("{path} computes with the oracle, crate::reference"));

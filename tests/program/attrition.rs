@@ -1,9 +1,9 @@
 //! Runs that prune by attrition: an exact count, and the same bytes when stopped in its midst.
 
 use crate::support::runs;
-use qirf_vk::error::Error;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::Error;
 use qirf_vk::pipeline::config::Pruning;
 use qirf_vk::pipeline::{Output, RunConfig, Session, Silent, Watcher, run};
 use qirf_vk::qirf::select::budget::Keep;

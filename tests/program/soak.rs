@@ -2,10 +2,10 @@
 //! with the same bytes, and the validation layers say nothing. `make soak`; `QIRF_SOAK_ITERATIONS` shortens it.
 
 use crate::support::runs;
-use qirf_vk::error::Error;
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::Error;
 use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
 use qirf_vk::pipeline::config::{Compression, Pruning};
 use qirf_vk::pipeline::virtual_views::VirtualCameras;

@@ -4,7 +4,7 @@
 use super::Origin;
 use super::measured::json;
 use super::tables::{digits, table};
-use qirf_vk::pipeline::sweep::records::figure;
+use qirf_vk::lab::sweep::records::figure;
 use qirf_vk::report::format::{NONE, count, decimals};
 use qirf_vk::report::plot::{Accuracies, Axis as Scale, Front, Point, sheet};
 use serde_json::Value;

@@ -4,8 +4,8 @@ mod model;
 mod scene;
 
 use super::console::Console;
-use crate::error::Error;
 use crate::gaussians::formats::{self, Loaded};
+use crate::pipeline::Error;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 

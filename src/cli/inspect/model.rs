@@ -1,8 +1,8 @@
 //! Contents of a model: counts, bounds, and the distributions of opacity and size.
 
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
+use crate::pipeline::Error;
 use crate::pipeline::effects;
 use serde_json::{Map, Value, json};
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Contents of a scene: views, cameras, points, skipped parts, and the split.
 
-use crate::error::Error;
+use crate::pipeline::Error;
 use crate::pipeline::effects;
 use crate::scene::{EVAL_EVERY, OpenOptions, Scene, View};
 use rayon::prelude::*;

@@ -2,9 +2,9 @@
 
 use super::config::CompressConfig;
 use super::views::Views;
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::metrics::{Networks, Scores};
+use crate::pipeline::Error;
 use crate::pipeline::budget;
 use crate::pipeline::evaluate::Evaluator;
 use crate::pipeline::records::Truth;

@@ -2,9 +2,9 @@
 
 use super::config::CompressConfig;
 use super::views::Views;
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::gpu::Device;
+use crate::pipeline::Error;
 use crate::pipeline::config::Pruning;
 use crate::pipeline::pairs;
 use crate::pipeline::records::Truth;

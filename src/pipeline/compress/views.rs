@@ -1,9 +1,9 @@
 //! The views that a compression scores a model on.
 
 use super::config::{CompressConfig, ViewSource};
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::metrics::Scores;
+use crate::pipeline::Error;
 use crate::pipeline::budget::{self, CompressNeeds};
 use crate::pipeline::config::Selection;
 use crate::pipeline::prepare::{Opened, Prepared, open};

@@ -2,7 +2,7 @@
 
 use super::ranges;
 use super::run::RunConfig;
-use crate::error::Error;
+use crate::pipeline::Error;
 use serde::Deserialize;
 use std::path::Path;
 

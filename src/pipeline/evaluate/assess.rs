@@ -2,9 +2,9 @@
 
 use super::evaluator::{Evaluator, HeldOut};
 use super::exposure_fit;
-use crate::error::Error;
 use crate::gaussians::Gaussians;
 use crate::metrics::Networks;
+use crate::pipeline::Error;
 use crate::pipeline::Session;
 use crate::pipeline::config::Selection;
 use crate::pipeline::output::bytes_on_disk;

@@ -2,10 +2,10 @@
 
 use super::exposure_fit;
 use super::pictures::{self, Format};
-use crate::error::Error;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::metrics::{self, Networks, Scores};
+use crate::pipeline::Error;
 use crate::pipeline::prepare::Prepared;
 use crate::pipeline::records::ViewScores;
 use crate::pipeline::{Watcher, pairs};

@@ -2,8 +2,8 @@
 
 use super::evaluator::{Evaluator, truth};
 use super::pictures::{self, Format};
-use crate::error::Error;
 use crate::gaussians::resident::Resident;
+use crate::pipeline::Error;
 use crate::pipeline::prepare::Prepared;
 use crate::render::Image;
 use std::path::{Path, PathBuf};

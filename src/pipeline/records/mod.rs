@@ -1,11 +1,9 @@
 //! Records of jobs, as written to their JSON files (docs/metrics.md): figures only, no work.
 
-mod compare;
 mod compress;
 mod prune;
 mod run;
 
-pub use compare::{ArmRecord, CompareRecord};
 pub use compress::{CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, Truth, ViewStages};
 pub use prune::{AttritionRecord, PruneGuards, PruneRecord, PruneSeconds};
 pub use run::{

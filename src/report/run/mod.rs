@@ -10,8 +10,8 @@ mod time;
 pub use pictures::stacks;
 pub use pruning::masks;
 
-use super::compare::Stack;
 use super::page::{self, Section};
+use super::slider::Stack;
 use crate::pipeline::records::RunRecord;
 
 /// The page of a run with these pictures; `config` is the text of config.toml.

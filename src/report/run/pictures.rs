@@ -2,10 +2,10 @@
 
 use crate::pipeline::evaluate::exhibits::exhibits;
 use crate::pipeline::records::{RunRecord, ViewScores};
-use crate::report::compare::{Layer, Stack, compare};
 use crate::report::format::decimals;
 use crate::report::page::absent;
 use crate::report::picture::{data_uri, difference, read};
+use crate::report::slider::{Layer, Stack, compare};
 use maud::{Markup, html};
 use std::path::Path;
 

@@ -1,0 +1,197 @@
+//! `qirf-vk compare`: one model trained to the prune point, and every arm from that one checkpoint with the same seed,
+//! loss and iterations.
+
+mod arm;
+mod page;
+mod records;
+
+pub use arm::{Arm, Grown};
+pub use records::{ArmRecord, CompareRecord};
+
+use crate::gaussians::formats;
+use crate::gaussians::resident::Resident;
+use crate::pipeline::active_run::ActiveRun;
+use crate::pipeline::checkpoint::Checkpoint;
+use crate::pipeline::evaluate::Evaluator;
+use crate::pipeline::prepare::Prepared;
+use crate::pipeline::records::RunRecord;
+use crate::pipeline::setup::{Setup, tuned};
+use crate::pipeline::start::Start;
+use crate::pipeline::{Error, Output, RunConfig, Session};
+use std::path::{Path, PathBuf};
+
+/// Writes `compare.html` of a comparison into its folder.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn write_page(compared: &CompareRecord, folder: &Path) -> Result<(), Error> {
+    Output::text(&folder.join("compare.html"), &page::page(compared, folder))
+}
+
+/// Number of rounds in which the arms' frame rates are taken in turn.
+const ROUNDS: usize = 5;
+
+/// The configuration and the folder of each part of a comparison: one in `folder` itself without a number of seeds, else one a
+/// seed inside it, from the configuration's own seed on.
+pub fn of_seeds(shared: &RunConfig, seeds: Option<u32>, folder: &Path) -> Vec<(RunConfig, PathBuf)> {
+    let of_seed = |k: u32| {
+        let seed = shared.seed.wrapping_add(k);
+        (RunConfig { seed, ..shared.clone() }, folder.join(CompareRecord::folder_of(seed)))
+    };
+    seeds.map_or_else(|| vec![(shared.clone(), folder.to_owned())], |n| (0..n).map(of_seed).collect())
+}
+
+/// Compares `arms` on one scene with `seeds` seeds (at least one), from the configuration's own on, each in a folder of its own
+/// inside `folder`.
+///
+/// # Errors
+/// As [`compare`].
+pub fn compare_seeds(
+    session: &Session<'_>,
+    shared: &RunConfig,
+    arms: &[Arm],
+    seeds: u32,
+    folder: &Path,
+    resume: bool,
+) -> Result<CompareRecord, Error> {
+    let parts = of_seeds(shared, Some(seeds.max(1)), folder);
+    let of_part = |k: usize| {
+        let (config, folder) = &parts[k];
+        session.watcher.note(&format!("seed {} ({} of {seeds})", config.seed, k + 1));
+        compare(session, config, arms, folder, resume)
+    };
+    let first = of_part(0)?;
+    Ok(first.mean(&(1..parts.len()).map(of_part).collect::<Result<Vec<_>, _>>()?))
+}
+
+/// Compares `arms` on one scene with one seed; all results go to `folder`. With `resume`, finished parts of an earlier comparison
+/// with the same options are reused.
+///
+/// # Errors
+/// Any error from reading the scene to writing results; [`Error::Interrupted`].
+pub fn compare(
+    session: &Session<'_>,
+    shared: &RunConfig,
+    arms: &[Arm],
+    folder: &Path,
+    resume: bool,
+) -> Result<CompareRecord, Error> {
+    let output = Output::new(folder)?;
+    let device = tuned(session, shared, &output, resume)?;
+    let session = &Session { device: &device, ..*session };
+    let (setup, start) = Setup::load(session, shared, &output, resume)?;
+    setup.write_config(&start, &output)?;
+    let iterations = setup.config.schedule.iterations;
+    let prunes = setup.config.prune.as_ref().map(|p| p.iterations(iterations)).unwrap_or_default();
+    let prune_point = prunes.first().copied().unwrap_or(iterations);
+    let fork = {
+        let mut run = ActiveRun::start(&setup, &setup.config, &output, start)?;
+        run.train(prune_point)?;
+        run.checkpoint()?
+    };
+    fork.write(&output.checkpoint())?;
+
+    let mut records = Vec::new();
+    for arm in arms {
+        session.watcher.note(&format!("{} ({} of {})", arm.name, records.len() + 1, arms.len()));
+        records.push(finish(&setup, arm, &fork, folder, resume)?);
+    }
+    frame_rates(&setup, &mut records, folder)?;
+    Ok(CompareRecord {
+        schema: 1,
+        version: env!("CARGO_PKG_VERSION"),
+        device: session.device.tuned(),
+        scene: setup.config.scene.display().to_string(),
+        seeds: vec![setup.config.seed],
+        iterations,
+        prune_point,
+        gaussians: fork.snapshot.model.len(),
+        arms: records,
+    })
+}
+
+/// The folder of an arm, inside that of the comparison.
+fn arm_output(folder: &Path, name: &str) -> Result<Output, Error> {
+    Output::new(&folder.join("arms").join(Arm::folder(name)))
+}
+
+/// Takes one arm to its end, from the fork or from the beginning, or reuses its result of an earlier comparison.
+fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume: bool) -> Result<ArmRecord, Error> {
+    let output = arm_output(folder, &arm.name)?;
+    let gaussians = fork.snapshot.model.len();
+    let config = arm.configuration(&setup.config, gaussians);
+    let (config_text, file) = (config.written()?, output.folder().join("arm.json"));
+    if resume && std::fs::read_to_string(output.config()).is_ok_and(|text| text == config_text) {
+        // An unreadable result is computed again.
+        let read = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str(&text).ok());
+        if let Some(record) = read {
+            return Ok(record);
+        }
+    }
+    let start = if arm.grown == Grown::Together {
+        Start::Resumed(Box::new(fork.clone()))
+    } else {
+        let Prepared { scene, train, .. } = &setup.prepared;
+        let pixels = train.iter().map(|p| p.camera.pixels()).max().unwrap_or(0);
+        Start::of(&config, scene.points.len(), pixels)?
+    };
+    let mut run = ActiveRun::start(setup, &config, &output, start)?;
+    run.train(fork.snapshot.iteration)?;
+    let mut psnr_pruned = None;
+    if arm.compression.is_some() && arm.twice.is_none() {
+        run.prune_now()?;
+        if run.pruned() {
+            psnr_pruned = run.psnr()?;
+        }
+    }
+    run.train(config.schedule.iterations)?;
+    let record = arm_record(&arm.name, gaussians, psnr_pruned, run.finish()?);
+    let text = serde_json::to_string(&record).map_err(|e| Error::encoding("arm.json", e))?;
+    Output::text(&file, &text)?;
+    Output::text(&output.config(), &config_text)?;
+    Ok(record)
+}
+
+fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecord) -> ArmRecord {
+    let test = run.test.as_ref();
+    ArmRecord {
+        name: name.to_owned(),
+        psnr: test.and_then(|t| t.psnr),
+        psnr_spread: None,
+        psnr_by_seed: Vec::new(),
+        ssim: test.map(|t| t.ssim),
+        lpips_vgg: test.and_then(|t| t.lpips_vgg),
+        gaussians: run.gaussians.last,
+        removed: 1.0 - run.gaussians.last as f64 / before.max(1) as f64,
+        ply_bytes: run.model_bytes,
+        fps: run.frames_per_second,
+        seconds: run.time.train_s,
+        psnr_pruned,
+        prunes: run.prunes,
+        masks: run.masks,
+        views: run.views,
+    }
+}
+
+/// Times all arms' models in turn, so that other work on the machine affects all of them alike.
+fn frame_rates(setup: &Setup<'_>, arms: &mut [ArmRecord], folder: &Path) -> Result<(), Error> {
+    let Setup { session, config, prepared, .. } = setup;
+    let settings = config.style.over(prepared.background);
+    let most = arms.iter().map(|a| a.gaussians).max().unwrap_or(0);
+    let mut evaluator = Evaluator::new(session.device, settings, most, prepared.views())?;
+    evaluator.compare_as(config.exposure);
+    let model = |arm: &ArmRecord| arm_output(folder, &arm.name).map(|output| output.model());
+    let files: Vec<_> = arms.iter().map(model).collect::<Result<_, _>>()?;
+    let mut rates: Vec<Vec<f64>> = vec![Vec::new(); arms.len()];
+    for _ in 0..ROUNDS {
+        for (file, rates) in files.iter().zip(&mut rates) {
+            let model = Resident::upload(session.device, &formats::read(file)?.gaussians)?;
+            rates.extend(evaluator.frames_per_second(&model, prepared)?);
+        }
+    }
+    for (arm, mut rates) in arms.iter_mut().zip(rates) {
+        rates.sort_by(f64::total_cmp);
+        arm.fps = rates.get(rates.len() / 2).copied();
+    }
+    Ok(())
+}

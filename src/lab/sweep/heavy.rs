@@ -1,0 +1,213 @@
+//! The axes whose rungs are trainings: kept shares and selectors from one checkpoint, lengths and effects as separate
+//! runs.
+
+use super::asked::Asked;
+use super::axis::Axis;
+use super::records::{AxisRecord, Better, RungRecord};
+use super::rung::Rung;
+use super::timing::{Spread, Timed};
+use crate::effects::{Choice, Decision, Effect, Trigger};
+use crate::lab::compare::{Arm, ArmRecord, CompareRecord, compare};
+use crate::pipeline::Error;
+use crate::pipeline::config::{Compression, Pruning};
+use crate::pipeline::records::RunRecord;
+use crate::pipeline::run::run;
+use crate::pipeline::{Output, Preset, RunConfig, Session};
+use crate::qirf::select::budget::Keep;
+use std::path::Path;
+
+/// Parameters of the trainings of heavy axes.
+pub struct Training<'a> {
+    /// Device, limits and watcher.
+    pub session: Session<'a>,
+    /// The folder of the sweep.
+    pub folder: &'a Path,
+    /// The run's configuration, without pruning.
+    pub config: &'a RunConfig,
+    /// Preset of its schedule at any length.
+    pub preset: Preset,
+    /// When and how it prunes.
+    pub pruning: &'a Pruning,
+}
+
+fn once(seconds: Option<f64>) -> Timed {
+    Timed { device: None, wall: seconds.and_then(|s| Spread::of(vec![s])) }
+}
+
+/// The rungs of keep or selector, each with the name of its arm; rungs of the same meaning share an arm. Empty for
+/// other axes.
+fn arms_of(asked: &Asked, given: Keep) -> Vec<(&str, String)> {
+    let kept = |rung: &Rung<f64>| match rung.value {
+        1.0 => "dense".to_owned(),
+        share if given == Keep::Share(share) => "default".to_owned(),
+        _ => format!("default@{}", rung.name),
+    };
+    match asked {
+        Asked::Keep(rungs) => rungs.iter().map(|rung| (rung.name.as_str(), kept(rung))).collect(),
+        Asked::Selector(rungs) => rungs.iter().map(|rung| (rung.name.as_str(), rung.name.clone())).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// Measures keep and selector, one or both, from one checkpoint at the prune point; nothing if neither is requested.
+///
+/// # Errors
+/// Those of a comparison.
+pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
+    let given = &training.pruning.compression;
+    let asked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis(), Axis::Keep | Axis::Selector)).collect();
+    if asked.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut arms: Vec<Arm> = Vec::new();
+    for (_, name) in asked.iter().flat_map(|asked| arms_of(asked, given.keep)) {
+        if arms.iter().all(|arm| arm.name != name) {
+            arms.push(Arm::parse(&name, training.pruning).map_err(Error::Usage)?);
+        }
+    }
+    let pruning = Pruning { compression: Compression::default(), ..training.pruning.clone() };
+    let shared = training.config.clone().pruned(pruning);
+    let compared = compare(&training.session, &shared, &arms, &training.folder.join("fork"), false)?;
+    Ok(asked.iter().map(|asked| of_arms(asked.axis(), &arms_of(asked, given.keep), &compared)).collect())
+}
+
+/// An axis whose rungs are all arms of a comparison.
+fn of_arms(axis: Axis, rungs: &[(&str, String)], compared: &CompareRecord) -> AxisRecord {
+    let mut axis = match axis {
+        Axis::Keep => {
+            AxisRecord::new(axis, "Share of the Gaussians that is kept", ["PSNR / dB", "held-out photos", "ms a frame"])
+        }
+        _ => AxisRecord::new(
+            axis,
+            "What a prune ranks by",
+            ["PSNR / dB", "held-out photos, at equal count", "s to select and prune"],
+        ),
+    };
+    axis.better = Better::Higher;
+    for (name, arm) in rungs {
+        axis.rungs.extend(compared.arms.iter().find(|a| a.name == *arm).map(|found| of_arm(axis.axis, name, found)));
+    }
+    axis.notes.push(format!(
+        "All rungs go on from one checkpoint, {} Gaussians after iteration {} of {}, with the same seed and loss. Frame rates \
+         are taken in turn; training is not repeated.",
+        compared.gaussians, compared.prune_point, compared.iterations
+    ));
+    if compared.arms.iter().all(|a| a.psnr.is_none()) {
+        axis.notes.push("No view is held out, so quality was not measured.".to_owned());
+    }
+    axis.judged([
+        "these rungs differ in what they keep, not in what they do.",
+        "the held-out views cannot tell these rungs apart.",
+    ])
+}
+
+fn of_arm(axis: Axis, name: &str, arm: &ArmRecord) -> RungRecord {
+    let pruning: f64 = arm.prunes.iter().map(|p| p.seconds.total).sum();
+    let rung = RungRecord::new(axis, name);
+    let mut rung = match axis {
+        Axis::Keep => rung.timed(&once(arm.fps.map(|f| 1.0 / f)), 1e3),
+        _ => rung.timed(&once((!arm.prunes.is_empty()).then_some(pruning)), 1.0),
+    };
+    rung.accuracy = arm.psnr;
+    rung.figures.insert("ssim", arm.ssim.unwrap_or(f64::NAN));
+    rung.figures.insert("lpips_vgg", arm.lpips_vgg.unwrap_or(f64::NAN));
+    rung.figures.insert("psnr_pruned", arm.psnr_pruned.unwrap_or(f64::NAN));
+    rung.figures.insert("gaussians", arm.gaussians as f64);
+    rung.figures.insert("ply_bytes", arm.ply_bytes as f64);
+    rung.figures.insert("train_s", arm.seconds);
+    rung.figures.insert("prune_s", pruning);
+    rung.figures.insert("frame_ms", arm.fps.map_or(f64::NAN, |f| 1e3 / f));
+    rung.figures.retain(|_, v| v.is_finite());
+    rung
+}
+
+/// One whole run.
+fn whole(training: &Training<'_>, config: &RunConfig, name: &str) -> Result<RunRecord, Error> {
+    training.session.watcher.unless_stopped()?;
+    training.session.watcher.note(name);
+    let output = Output::new(&training.folder.join("runs").join(name.replace(['/', '='], "-")))?;
+    run(&training.session, config, &output, false)
+}
+
+fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> RungRecord {
+    let mut rung = RungRecord::new(axis, name).timed(&once(Some(seconds)), 1.0);
+    let test = results.test.as_ref();
+    rung.accuracy = test.and_then(|t| t.psnr);
+    rung.figures.insert("ssim", test.map_or(f64::NAN, |t| t.ssim));
+    rung.figures.insert("lpips_vgg", test.and_then(|t| t.lpips_vgg).unwrap_or(f64::NAN));
+    rung.figures.insert("gaussians", results.gaussians.last as f64);
+    rung.figures.insert("train_s", results.time.train_s);
+    rung.figures.insert("frame_ms", results.frames_per_second.map_or(f64::NAN, |f| 1e3 / f));
+    rung.figures.retain(|_, v| v.is_finite());
+    rung
+}
+
+/// Measures the axis of lengths: schedules scale as a whole, so that each rung is a separate run.
+///
+/// # Errors
+/// Those of a run.
+pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRecord, Error> {
+    let mut axis =
+        AxisRecord::new(Axis::Iterations, "Length of the run", ["PSNR / dB", "held-out photos", "s of training"]);
+    axis.better = Better::Higher;
+    let longest = training.config.schedule.iterations;
+    for Rung { name, value: share } in rungs {
+        let length = ((share * f64::from(longest)).round() as u32).max(1);
+        let schedule = training.preset.schedule(Some(length));
+        let config = RunConfig { checkpoint_every: 0, schedule, ..training.config.clone() };
+        let config = config.pruned(training.pruning.clone());
+        let results = whole(training, &config, &format!("iterations-{name}"))?;
+        let mut rung = of_run(Axis::Iterations, name, &results, results.time.train_s);
+        rung.figures.insert("iterations", f64::from(config.schedule.iterations));
+        axis.rungs.push(rung);
+    }
+    axis.notes.push(format!(
+        "Milestones of the schedule, the prune among them, scale with its length; the whole is {longest} iterations. Milestones part at \
+         once, so that no two rungs share a checkpoint; each is trained once."
+    ));
+    Ok(axis.judged(["every rung trained for as long.", "the held-out views cannot tell these lengths apart."]))
+}
+
+/// The effect of a decision and the opposite choice; none if that would switch on what the photos lack.
+fn switched(decision: &Decision) -> Option<(Effect, Choice)> {
+    match (decision.name.trigger(), decision.on) {
+        (Trigger::Always, _) | (Trigger::Photos | Trigger::Request, false) => None,
+        (_, true) => Some((decision.name, Choice::Off)),
+        (Trigger::Measure, false) => Some((decision.name, Choice::On)),
+    }
+}
+
+/// Measures the axis of effects: switches each effect to the opposite of the run's choice, if possible.
+///
+/// # Errors
+/// Those of a run.
+pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]) -> Result<AxisRecord, Error> {
+    let mut axis =
+        AxisRecord::new(Axis::Effects, "What is simulated", ["PSNR / dB", "held-out photos", "ms an iteration"]);
+    axis.better = Better::Higher;
+    let mut base = training.config.clone().pruned(training.pruning.clone());
+    base.checkpoint_every = 0;
+    let per_iteration = |r: &RunRecord| r.time.train_s / f64::from(base.schedule.iterations.max(1)) * 1e3;
+    let results = whole(training, &base, "effects-default")?;
+    let others: Vec<(Effect, Choice)> = if rungs.is_empty() {
+        results.effects.iter().filter_map(switched).collect()
+    } else {
+        rungs.iter().filter_map(|rung| rung.value).collect()
+    };
+    axis.rungs.push(of_run(Axis::Effects, "default", &results, per_iteration(&results)));
+    for (effect, choice) in others {
+        let mut config = base.clone();
+        config.effects.set(effect, choice);
+        let name = format!("{}={}", effect.name(), choice.name());
+        let results = whole(training, &config, &format!("effects-{name}"))?;
+        axis.rungs.push(of_run(Axis::Effects, &name, &results, per_iteration(&results)));
+    }
+    axis.notes.push(format!(
+        "Each rung is a run of {} iterations with one effect the other way than `default` has it, trained once.",
+        base.schedule.iterations
+    ));
+    Ok(axis.judged([
+        "none of these effects is a large part of an iteration on this scene.",
+        "the scene calls for none of these effects.",
+    ]))
+}

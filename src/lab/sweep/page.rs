@@ -1,0 +1,148 @@
+//! `sweep.html`: accuracy against time for each axis, the cost of the next more exact rung, and all measurements.
+
+use super::SweepRecord;
+use super::records::{AxisRecord, Better, RungRecord, Table};
+use crate::report::format::{NONE, count, decimals, seconds, short};
+use crate::report::page::{self, Column, Section, absent, facts, side_by_side, table};
+use crate::report::plot::{Accuracies, Axis as Scale, Front, Point};
+use maud::{Markup, html};
+
+/// The page of a sweep.
+pub fn page(swept: &SweepRecord) -> String {
+    let mut sections = vec![Section::new("summary", "Cost of exactness", summary(swept))];
+    for axis in &swept.axes {
+        sections.push(Section::new(axis.axis.name(), axis.title, body(axis)));
+    }
+    let subtitle = format!(
+        "{}: {}; qirf-vk {} on {}",
+        swept.subject.path, swept.subject.origin, swept.version, swept.device.info.name
+    );
+    page::page("Accuracy against time", &subtitle, &sections)
+}
+
+fn summary(swept: &SweepRecord) -> Markup {
+    let s = &swept.subject;
+    let mut told = vec![("device", format!("{} ({})", swept.device.info.name, swept.device.info.driver))];
+    if s.gaussians > 0 {
+        told.push(("model of the light axes", format!("{} Gaussians, SH degree {}", count(s.gaussians), s.degree)));
+        told.push(("views", format!("{} of {} x {}", s.views, s.size[0], s.size[1])));
+    }
+    told.push(("host threads", swept.host_threads.to_string()));
+    told.push(("total time", seconds(swept.seconds)));
+    html! {
+        (facts(&told))
+        ul {
+            @for axis in &swept.axes {
+                li { a href={ "#" (axis.axis.name()) } { (axis.axis.name()) } ": " (axis.sentence) }
+            }
+        }
+        p class="hint" {
+            "The rungs of an axis take turns, round after round. The first round is not counted, because it also compiles. Times are \
+             medians; whiskers are quartiles. They are device timestamps where the device did the work, else the host's clock."
+        }
+    }
+}
+
+fn body(axis: &AxisRecord) -> Markup {
+    html! {
+        p { (axis.sentence) }
+        @for flat in &axis.flat { p { (flat) } }
+        @if axis.rungs.is_empty() {
+            (absent("No rung was measured."))
+        } @else {
+            (side_by_side(&[plot(axis), rungs(axis)]))
+            (figures(axis))
+        }
+        @for note in &axis.notes { p class="hint" { (note) } }
+        @for t in &axis.tables { (details(t)) }
+        p class="hint" { "Time: " (axis.time) ". Accuracy: " (axis.accuracy) ", compared with " (axis.against) ". Measuring took " (seconds(axis.seconds)) "." }
+    }
+}
+
+fn plot(axis: &AxisRecord) -> Markup {
+    let measured: Vec<f64> = axis.rungs.iter().filter_map(|r| r.accuracy).collect();
+    let accuracies = Accuracies::new(&measured, axis.better == Better::Lower);
+    let point = |r: &RungRecord| {
+        let (at, spread) = match axis.abscissa {
+            Some(figure) => r.figures.get(figure).map(|v| (*v, [*v; 2]))?,
+            None => r.time.map(|t| (t.median, [t.q1, t.q3]))?,
+        };
+        Some(Point {
+            label: r.name.clone(),
+            told: format!("{}: {} at {}", r.name, axis.shown(r), short(at)),
+            at: [at, accuracies.place(r.accuracy, r.exact)?],
+            spread,
+            front: r.front,
+            default: r.default,
+        })
+    };
+    let mut points: Vec<Point> = axis.rungs.iter().filter_map(point).collect();
+    let mut legend = ["on the Pareto front", "not on the front; the default is ringed"];
+    if axis.abscissa.is_some() {
+        // The Pareto front is of times, which are not shown here: the line goes through the values of epsilon.
+        legend = ["values of epsilon; the default is ringed", "dilations"];
+        for point in &mut points {
+            point.front = !point.label.starts_with("t=");
+        }
+    }
+    let xs: Vec<f64> = points.iter().map(|p| p.at[0]).collect();
+    let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's Gram matrix");
+    let x = if axis.abscissa.is_some() { Scale::new(title) } else { Scale::from_zero(title) };
+    let (x, y) = (x.or_log(&xs), accuracies.axis(axis.accuracy));
+    Front { title: axis.title, x, y, legend, points }.draw()
+}
+
+fn rungs(axis: &AxisRecord) -> Markup {
+    let columns = [
+        Column::Text("rung"),
+        Column::Number("time"),
+        Column::Number("quartiles"),
+        Column::Number("accuracy"),
+        Column::Text(""),
+    ];
+    let row = |r: &RungRecord| {
+        let marks = match (r.default, r.front) {
+            (true, true) => "default, on the front",
+            (true, false) => "default",
+            (false, true) => "on the front",
+            _ => "",
+        };
+        vec![
+            r.name.clone(),
+            r.time.map_or(NONE.into(), |t| short(t.median)),
+            r.time.map_or(NONE.into(), |t| format!("{} to {}", short(t.q1), short(t.q3))),
+            axis.shown(r),
+            marks.to_owned(),
+        ]
+    };
+    table(&columns, &axis.rungs.iter().map(row).collect::<Vec<_>>(), None)
+}
+
+/// Further measurements of each rung.
+fn figures(axis: &AxisRecord) -> Markup {
+    let mut names: Vec<&str> = axis.rungs.iter().flat_map(|r| r.figures.keys().copied()).collect();
+    names.sort_unstable();
+    names.dedup();
+    let titles: Vec<String> = names.iter().map(|n| n.replace('_', " ")).collect();
+    let columns: Vec<Column<'_>> = [Column::Text("rung"), Column::Number("rounds"), Column::Number("host's clock")]
+        .into_iter()
+        .chain(titles.iter().map(|t| Column::Number(t)))
+        .collect();
+    let value = |v: f64| if (0.01..100.0).contains(&v.abs()) { decimals(v, 4) } else { short(v) };
+    let row = |r: &RungRecord| {
+        let cells = names.iter().map(|n| r.figures.get(n).map_or(NONE.into(), |v| value(*v)));
+        let rounds = r.time.map_or(NONE.into(), |t| t.samples.to_string());
+        let wall = r.wall.map_or(NONE.into(), |t| short(t.median));
+        [r.name.clone(), rounds, wall].into_iter().chain(cells).collect::<Vec<_>>()
+    };
+    table(&columns, &axis.rungs.iter().map(row).collect::<Vec<_>>(), None)
+}
+
+fn details(t: &Table) -> Markup {
+    let column = |(k, title): (usize, &&'static str)| if k == 0 { Column::Text(title) } else { Column::Number(title) };
+    let columns: Vec<Column<'_>> = t.columns.iter().enumerate().map(column).collect();
+    html! {
+        h3 { (t.title) }
+        (table(&columns, &t.rows, None))
+    }
+}

@@ -1,0 +1,262 @@
+//! The axes of drawing: culling, the end of blending, and the storage of colours.
+
+use super::Context;
+use super::axis::Axis;
+use super::records::{AxisRecord, Better, RungRecord};
+use super::rung::{Rung, Storage};
+use super::timing::{Sample, interleaved};
+use crate::gaussians::resident::Resident;
+use crate::pipeline::Error;
+use crate::render::{Culling, Image, Renderer, STAGES, Settings};
+use crate::scene::camera::{self, Camera};
+use std::time::Instant;
+
+/// Largest number of (tile, Gaussian) pairs without culling: more take minutes on a CPU device.
+const MOST_PAIRS: usize = 1 << 20;
+/// Number of views whose pixels are compared if the rung without culling is drawn on a crop.
+const CROPS: usize = 2;
+
+/// One way to draw.
+struct Way<'a> {
+    name: String,
+    settings: Settings,
+    model: &'a Resident,
+}
+
+/// Distance of pictures from the reference.
+#[derive(Clone, Copy, Debug, Default)]
+struct Far {
+    largest: f64,
+    squares: f64,
+    values: usize,
+    pairs: f64,
+}
+
+impl Far {
+    fn add(&mut self, image: &Image, truth: &Image) {
+        for (a, b) in image.pixels.iter().zip(&truth.pixels) {
+            for c in 0..3 {
+                let d = f64::from((a[c] - b[c]).abs());
+                self.largest = self.largest.max(d);
+                self.squares += d * d;
+            }
+        }
+        self.values += 3 * image.pixels.len();
+    }
+
+    /// PSNR in dB; none for equal pictures.
+    fn psnr(&self) -> Option<f64> {
+        let mean = self.squares / self.values.max(1) as f64;
+        (mean > 0.0).then(|| -10.0 * mean.log10())
+    }
+}
+
+fn renderer(context: &Context<'_>, way: &Way<'_>, cameras: &[Camera]) -> Result<Renderer, Error> {
+    let [width, height] = camera::largest(cameras);
+    Ok(Renderer::new(context.session.device, way.settings, way.model.len, width, height)?)
+}
+
+/// Each way's distance from the pictures of `truth`. Also returns every way's renderer, grown for its pairs.
+fn compare(
+    context: &Context<'_>,
+    ways: &[Way<'_>],
+    truth: &Way<'_>,
+    cameras: &[Camera],
+) -> Result<Vec<(Renderer, Far)>, Error> {
+    let mut exact = renderer(context, truth, cameras)?;
+    let images: Vec<Image> = cameras.iter().map(|c| exact.render(truth.model, c)).collect::<Result<_, _>>()?;
+    drop(exact);
+    let mut out = Vec::new();
+    for way in ways {
+        let mut renderer = renderer(context, way, cameras)?;
+        let mut far = Far::default();
+        for (camera, truth) in cameras.iter().zip(&images) {
+            let (image, _, pairs) = renderer.render_timed(way.model, camera)?;
+            far.add(&image, truth);
+            far.pairs += f64::from(pairs) / cameras.len() as f64;
+            context.session.watcher.unless_stopped()?;
+        }
+        out.push((renderer, far));
+    }
+    Ok(out)
+}
+
+/// The time of a frame.
+fn frame(context: &Context<'_>, renderer: &Renderer, way: &Way<'_>, camera: &Camera) -> Result<Sample, Error> {
+    let started = Instant::now();
+    let timings = renderer.draw(way.model, camera)?;
+    Ok(Sample::of(context.session.device, &timings, &STAGES, started))
+}
+
+/// The centre of a view, at the view's own scale.
+fn crop(camera: &Camera, width: u32, height: u32) -> Camera {
+    let (width, height) = (width.min(camera.width), height.min(camera.height));
+    camera.part([(camera.width - width) / 2, (camera.height - height) / 2], [width, height])
+}
+
+/// Measures the axis of culling.
+///
+/// # Errors
+/// Device memory; device errors; [`Error::Interrupted`].
+pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRecord, Error> {
+    let subject = context.subject;
+    let model = Resident::upload(context.session.device, &subject.model)?;
+    let way = |name: &str, culling| Way {
+        name: name.to_owned(),
+        settings: Settings { culling, ..subject.settings },
+        model: &model,
+    };
+    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(&r.name, r.value)).collect();
+    let cameras = subject.cameras();
+    let first = &cameras[0];
+    let tile = renderer(context, &way("", Culling::Exact), &cameras[..1])?.tile();
+    let tiles = |c: &Camera| c.width.div_ceil(tile) as usize * c.height.div_ceil(tile) as usize;
+    // A whole number of tiles in the picture's aspect ratio, as many as drawing without culling can afford.
+    let affordable = MOST_PAIRS / subject.model.len().max(1);
+    let whole = cameras.iter().map(tiles).max().unwrap_or(1) <= affordable;
+    let crops: Vec<Camera> = if whole {
+        cameras.clone()
+    } else {
+        let share = (affordable.max(1) as f64 / tiles(first) as f64).sqrt();
+        let side = |pixels: u32| ((f64::from(pixels) * share / f64::from(tile)) as u32).max(1) * tile;
+        cameras.iter().take(CROPS).map(|c| crop(c, side(c.width), side(c.height))).collect()
+    };
+    let truth = way("", Culling::Off);
+    let on_crops = compare(context, &ways, &truth, &crops)?;
+    let mut axis = AxisRecord::new(
+        Axis::Culling,
+        "Tiles that a Gaussian is listed in",
+        ["largest error of a pixel (of 1)", "every Gaussian in every tile", "ms a frame"],
+    );
+    let mut full: Vec<(Renderer, f64)> = Vec::new();
+    for (way, (cropped, far)) in ways.iter().zip(on_crops) {
+        let mut rung = RungRecord::new(Axis::Culling, &way.name);
+        rung.accuracy = Some(far.largest);
+        rung.exact = way.settings.culling == Culling::Off;
+        axis.rungs.push(rung);
+        if whole || way.settings.culling == Culling::Off {
+            full.push((cropped, far.pairs));
+            continue;
+        }
+        let mut renderer = renderer(context, way, &cameras)?;
+        let mut pairs = 0.0;
+        for camera in &cameras {
+            pairs += f64::from(renderer.render_timed(&model, camera)?.2) / cameras.len() as f64;
+        }
+        full.push((renderer, pairs));
+    }
+    let area = |c: &[Camera]| c.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum::<f64>() / c.len() as f64;
+    let ratio = area(&cameras) / area(&crops);
+    let timed = interleaved(ways.len(), context.seconds, 2 * cameras.len(), context.session.watcher, |k, round| {
+        let (renderer, way) = (&full[k].0, &ways[k]);
+        if way.settings.culling == Culling::Off {
+            return Ok(frame(context, renderer, way, &crops[round % crops.len()])?.times(ratio));
+        }
+        frame(context, renderer, way, &cameras[round % cameras.len()])
+    })?;
+    axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
+    for ((rung, way), (_, pairs)) in axis.rungs.iter_mut().zip(&ways).zip(&full) {
+        let factor = if way.settings.culling == Culling::Off { ratio } else { 1.0 };
+        rung.figures.insert("pairs", pairs * factor);
+    }
+    if !whole {
+        axis.notes.push(format!(
+            "Culling nothing would list {:.0} million pairs a frame: pixels are compared in the middle {} x {} of {CROPS} views, and the time \
+             of off is that of such a crop times {ratio:.1}, the ratio of the areas.",
+            subject.model.len() as f64 * tiles(first) as f64 / 1e6,
+            crops[0].width,
+            crops[0].height
+        ));
+    }
+    Ok(axis.judged([
+        "Gaussians are so small that every way lists the same few tiles.",
+        "no rung drops what could be seen in these views.",
+    ]))
+}
+
+/// Measures the axis of the transmittance at which blending stops.
+///
+/// # Errors
+/// Device memory; device errors; [`Error::Interrupted`].
+pub fn stop(context: &Context<'_>, rungs: &[Rung<f32>]) -> Result<AxisRecord, Error> {
+    let subject = context.subject;
+    let model = Resident::upload(context.session.device, &subject.model)?;
+    let way = |name: &str, stop| Way {
+        name: name.to_owned(),
+        settings: Settings { stop, ..subject.settings },
+        model: &model,
+    };
+    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(&r.name, r.value)).collect();
+    let axis = AxisRecord::new(
+        Axis::Stop,
+        "Transmittance at which a pixel is done",
+        ["PSNR / dB", "blending every Gaussian, however little light is left", "ms a frame"],
+    );
+    let axis = drawn(context, axis, &ways, &way("", 0.0), |rung, way| rung.exact = way.settings.stop == 0.0)?;
+    Ok(axis.judged([
+        "few pixels of these views are opaque before their last Gaussian, so stopping early saves little.",
+        "no pixel of these views has so little light left.",
+    ]))
+}
+
+/// Measures the axis of storage.
+///
+/// # Errors
+/// Device memory; device errors; [`Error::Interrupted`].
+pub fn storage(context: &Context<'_>, rungs: &[Rung<Storage>]) -> Result<AxisRecord, Error> {
+    let subject = context.subject;
+    let (n, degree) = (subject.model.len(), subject.model.degree());
+    let single = Resident::upload(context.session.device, &subject.model)?;
+    let half = Resident::upload_half(context.session.device, &subject.model)?;
+    let way = |name: &str, storage| Way {
+        name: name.to_owned(),
+        settings: subject.settings,
+        model: if storage == Storage::Half { &half } else { &single },
+    };
+    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(&r.name, r.value)).collect();
+    let axis = AxisRecord::new(
+        Axis::Storage,
+        "How SH coefficients are stored",
+        ["PSNR / dB", "coefficients in float32", "ms a frame"],
+    );
+    let mut axis = drawn(context, axis, &ways, &way("", Storage::Single), |rung, way| {
+        rung.exact = !way.model.half;
+        let bytes = if way.model.half { Resident::half_bytes(n, degree) } else { Resident::bytes(n, degree) };
+        rung.figures.insert("model_bytes", bytes as f64);
+    })?;
+    axis.notes.push(format!(
+        "All bands of the model, of degree {degree}, in halves; positions, scales, rotations and opacities stay float32. Models are drawn \
+         from halves, not trained."
+    ));
+    Ok(axis.judged([
+        "SH coefficients are read once a Gaussian and frame, and drawing takes far longer than reading them.",
+        "rounding to halves changed no pixel.",
+    ]))
+}
+
+/// PSNR and time of several ways to draw the same views.
+fn drawn(
+    context: &Context<'_>,
+    mut axis: AxisRecord,
+    ways: &[Way<'_>],
+    truth: &Way<'_>,
+    tell: impl Fn(&mut RungRecord, &Way<'_>),
+) -> Result<AxisRecord, Error> {
+    axis.better = Better::Higher;
+    let cameras = context.subject.cameras();
+    let compared = compare(context, ways, truth, &cameras)?;
+    let timed = interleaved(ways.len(), context.seconds, 2 * cameras.len(), context.session.watcher, |k, round| {
+        frame(context, &compared[k].0, &ways[k], &cameras[round % cameras.len()])
+    })?;
+    for ((way, (_, far)), timed) in ways.iter().zip(&compared).zip(&timed) {
+        let mut rung = RungRecord::new(axis.axis, &way.name).timed(timed, 1e3);
+        rung.accuracy = far.psnr();
+        rung.figures.insert("largest_error", far.largest);
+        rung.figures.insert("pairs", far.pairs);
+        tell(&mut rung, way);
+        // Equal pictures are exact, whatever drew them.
+        rung.exact |= rung.accuracy.is_none();
+        axis.rungs.push(rung);
+    }
+    Ok(axis)
+}

@@ -1,0 +1,271 @@
+//! The errors that end a job.
+
+use crate::wording::mebibytes;
+use crate::{gaussians, gpu, scene, synth, train};
+use std::io;
+use std::path::PathBuf;
+
+/// Any error that ends a job: one line that names the cause. The command line adds the remedy.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A request that makes no sense, from the command line or from code.
+    #[error("{0}")]
+    Usage(String),
+    /// A file or folder that cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// A file or folder that cannot be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// Figures or options that JSON or TOML cannot represent.
+    #[error("{what} cannot be written: {reason}")]
+    Encode {
+        /// The file or document.
+        what: &'static str,
+        /// The encoder's reason.
+        reason: String,
+    },
+    /// A checkpoint of another version of the program.
+    #[error("{}: this checkpoint is of another version of the program: {what}", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// The note that is missing, unknown or unreadable.
+        what: String,
+    },
+    /// Standard output is closed or full.
+    #[error("cannot write to standard output: {0}")]
+    Print(io::Error),
+    /// The device floor.
+    #[error(transparent)]
+    Device(#[from] gpu::Error),
+    /// Training.
+    #[error(transparent)]
+    Train(train::Error),
+    /// An invalid model file.
+    #[error(transparent)]
+    Gaussians(gaussians::Error),
+    /// An invalid scene.
+    #[error(transparent)]
+    Scene(scene::Error),
+    /// A job that does not fit into the device's memory.
+    #[error(
+        "{what} would need about {} of device memory ({gaussians} Gaussians, pictures of {width} x {height}), and {device} allows {}", mebibytes(*needed), mebibytes(*there)
+    )]
+    Memory {
+        /// The job.
+        what: &'static str,
+        /// Gaussians expected.
+        gaussians: usize,
+        /// Widest picture in pixels.
+        width: u32,
+        /// Highest picture in pixels.
+        height: u32,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes allowed.
+        there: u64,
+        /// The device's name.
+        device: String,
+        /// A change that would make the job fit.
+        relief: Relief,
+    },
+    /// A picture that this machine's own memory cannot hold.
+    #[error(
+        "a picture of {width} x {height} needs about {} of this machine's memory, which has {}", mebibytes(*needed), mebibytes(*there)
+    )]
+    Picture {
+        /// Pixels per row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes of memory.
+        there: u64,
+    },
+    /// The synthetic scene's own errors.
+    #[error(transparent)]
+    Synth(#[from] synth::Error),
+    /// Networks that cannot be read, or pictures that cannot be scored.
+    #[error(transparent)]
+    Metrics(#[from] crate::metrics::Error),
+    /// The device computes wrong numbers.
+    #[error("{failed} of {checks} checks failed on {device} ({driver}), in {rooms}: its results are not to be trusted")]
+    SelfTest {
+        /// Checks that failed.
+        failed: usize,
+        /// Checks made.
+        checks: usize,
+        /// The parts of the engine whose checks failed.
+        rooms: String,
+        /// The device's name.
+        device: String,
+        /// Its driver.
+        driver: String,
+    },
+    /// Every photo of the scene is held out.
+    #[error("{}: no photo is left to train on", .0.display())]
+    NothingToTrainOn(PathBuf),
+    /// No photo of the scene is held out.
+    #[error("{}: no view is held out", .0.display())]
+    NothingHeldOut(PathBuf),
+    /// The run to resume has another configuration.
+    #[error("{} holds a run with other options ({})", folder.display(), changes.join("; "))]
+    OtherRun {
+        /// The run's folder.
+        folder: PathBuf,
+        /// The keys of its `config.toml` that differ, with both values.
+        changes: Vec<String>,
+    },
+    /// A new run would overwrite the checkpoint of an interrupted one.
+    #[error("{} is of an interrupted run, which this one would overwrite", .0.display())]
+    Unfinished(PathBuf),
+    /// A picture that would be written among a scene's own photos.
+    #[error("{} would lie among the scene's own photos", .0.display())]
+    AmongPhotos(PathBuf),
+    /// None of these programs is installed.
+    #[error("{} not on the PATH", absent(.0))]
+    NoProgram(Vec<&'static str>),
+    /// A program that works for this one failed.
+    #[error("{program} failed ({ended}{}{last}); its log is {}", if last.is_empty() { "" } else { ": " }, log.display())]
+    Program {
+        /// The program.
+        program: &'static str,
+        /// How it ended.
+        ended: String,
+        /// The last line that it wrote.
+        last: String,
+        /// The file with all its lines.
+        log: PathBuf,
+    },
+    /// Too few photos could be placed.
+    #[error("poses were found for {posed} of {photos} photos: too few for a scene")]
+    FewPoses {
+        /// Photos.
+        photos: usize,
+        /// Photos with poses.
+        posed: usize,
+    },
+    /// A file of a divided job that is damaged, or that is not its own.
+    #[error("{}: {what}", path.display())]
+    Part {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+        /// The task that writes it.
+        task: String,
+    },
+    /// A file of `--diagnostics` that is damaged, or about another model.
+    #[error("{}: {what}", path.display())]
+    Diagnostics {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A planned job needs a photo that cannot be read any more.
+    #[error("{}: photo {photo} cannot be read; it could be when the job was planned", scene.display())]
+    LostPhoto {
+        /// The scene.
+        scene: PathBuf,
+        /// The photo's name.
+        photo: String,
+    },
+    /// A device that computes other bits than the one that a job was planned on.
+    #[error("this device computes other bits ({here}) than the one that the job was planned on ({planned})")]
+    OtherDevice {
+        /// Fingerprint of the plan's device.
+        planned: String,
+        /// Fingerprint of this one.
+        here: String,
+    },
+    /// Neither photos nor a video.
+    #[error("{} holds no photos (jpg, png, webp), and is no video (mp4, mov, mkv, webm, avi)", .0.display())]
+    NothingToPose(PathBuf),
+    /// A folder for poses that holds something else.
+    #[error("{} holds something else than poses that this program estimated", .0.display())]
+    NotOurs(PathBuf),
+    /// The user pressed Ctrl-C.
+    #[error("interrupted; what was finished is kept")]
+    Interrupted,
+}
+
+/// Names of programs that are not there, as the beginning of a sentence.
+fn absent(programs: &[&str]) -> String {
+    match programs {
+        [one] => format!("{one} is"),
+        several => format!("{} are", several.join(" and ")),
+    }
+}
+
+/// A change that would make a job fit into the device's memory, besides smaller photos.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Relief {
+    /// Nothing else.
+    None,
+    /// At most this many Gaussians.
+    Gaussians(usize),
+    /// A smaller initial model.
+    SmallerModel,
+    /// Smaller pictures of the model itself.
+    SmallerPictures,
+    /// A scene divided into more blocks.
+    MoreBlocks,
+}
+
+impl From<train::Error> for Error {
+    fn from(error: train::Error) -> Self {
+        match error {
+            train::Error::Device(e) => Self::Device(e),
+            other => Self::Train(other),
+        }
+    }
+}
+
+impl From<gaussians::Error> for Error {
+    fn from(error: gaussians::Error) -> Self {
+        match error {
+            gaussians::Error::Io { path, source } => Self::Read { path, source },
+            other => Self::Gaussians(other),
+        }
+    }
+}
+
+impl From<scene::Error> for Error {
+    fn from(error: scene::Error) -> Self {
+        match error {
+            scene::Error::Io { path, source } => Self::Read { path, source },
+            scene::Error::Store { folder, source } => Self::Write { path: folder, source },
+            other => Self::Scene(other),
+        }
+    }
+}
+
+impl Error {
+    /// An error of the JSON or TOML encoder.
+    pub(crate) fn encoding(what: &'static str, reason: impl std::fmt::Display) -> Self {
+        Self::Encode { what, reason: reason.to_string() }
+    }
+
+    /// The same error, marked as one of writing a model instead of reading it.
+    #[must_use]
+    pub fn writing(error: gaussians::Error) -> Self {
+        match error {
+            gaussians::Error::Io { path, source } => Self::Write { path, source },
+            gaussians::Error::Unsupported { .. } => Self::Usage(error.to_string()),
+            other => other.into(),
+        }
+    }
+}

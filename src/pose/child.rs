@@ -1,0 +1,185 @@
+//! A program that works for this one: it is followed line by line, and ends with it.
+
+use crate::pipeline::Error;
+use crate::pipeline::watcher::Watcher;
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+/// Time between two looks at the watcher, and for the last words of a program that has ended.
+const LOOK: Duration = Duration::from_millis(50);
+/// Pieces of output that wait to be read; the program then waits, too.
+const WAITING: usize = 64;
+
+/// A piece of a program's output.
+pub(super) enum Said {
+    /// A line of text.
+    Line(String),
+    /// A grey picture.
+    Grey(Grey),
+}
+
+/// A grey picture: one byte a pixel, rows from the top.
+pub(super) struct Grey {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Width times height of them.
+    pub pixels: Vec<u8>,
+}
+
+/// What a program writes to its standard output.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Output {
+    Text,
+    /// Binary PGM pictures, one after the other.
+    Pictures,
+}
+
+/// True if a program of this name is on the PATH.
+pub(super) fn on_path(program: &str) -> bool {
+    let file = format!("{program}{}", std::env::consts::EXE_SUFFIX);
+    std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|p| p.join(&file).is_file()))
+}
+
+/// Ends the program with this guard.
+struct Guard(Child);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        // Both fail if it has ended already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Runs a program to its end, without input. All its lines go to the end of the file `log`, and each piece of its output
+/// to `each`.
+///
+/// # Errors
+/// [`Error::NoProgram`]; [`Error::Program`] if it fails; [`Error::Interrupted`], when it is ended; a log that cannot be
+/// written.
+pub(super) fn run(
+    (program, arguments): (&'static str, &[String]),
+    output: Output,
+    log: &Path,
+    watcher: &dyn Watcher,
+    each: &mut dyn FnMut(Said),
+) -> Result<(), Error> {
+    let unwritten = |source| Error::Write { path: log.to_owned(), source };
+    let mut file = OpenOptions::new().create(true).append(true).open(log).map_err(unwritten)?;
+    writeln!(file, "\n$ {program} {}", arguments.join(" ")).map_err(unwritten)?;
+    let mut command = Command::new(program);
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = Guard(command.spawn().map_err(|source| match source.kind() {
+        io::ErrorKind::NotFound => Error::NoProgram(vec![program]),
+        _ => failed(program, source.to_string(), String::new(), log),
+    })?);
+    let (send, said) = sync_channel(WAITING);
+    if let Some(stdout) = child.0.stdout.take() {
+        let send = send.clone();
+        thread::spawn(move || if output == Output::Text { lines(stdout, &send) } else { pictures(stdout, &send) });
+    }
+    if let Some(stderr) = child.0.stderr.take() {
+        thread::spawn(move || lines(stderr, &send));
+    }
+    let (status, last) = follow(&mut child.0, &said, watcher, &mut |piece| {
+        if let Said::Line(line) = &piece {
+            writeln!(file, "{line}").map_err(unwritten)?;
+        }
+        each(piece);
+        Ok(())
+    })?;
+    if status.success() { Ok(()) } else { Err(failed(program, status.to_string(), last, log)) }
+}
+
+/// Passes on what the program says until it ends; returns its last line that says something.
+fn follow(
+    child: &mut Child,
+    said: &Receiver<Said>,
+    watcher: &dyn Watcher,
+    each: &mut dyn FnMut(Said) -> Result<(), Error>,
+) -> Result<(ExitStatus, String), Error> {
+    let mut last = String::new();
+    let mut ended = None;
+    loop {
+        watcher.unless_stopped()?;
+        match said.recv_timeout(LOOK) {
+            Ok(piece) => {
+                if let Said::Line(line) = &piece
+                    && line.chars().any(char::is_alphanumeric)
+                {
+                    line.trim().clone_into(&mut last);
+                }
+                each(piece)?;
+            }
+            // A program that it started may hold its pipes open.
+            Err(end) => {
+                if let Some(status) = ended {
+                    return Ok((status, last));
+                }
+                ended = child.try_wait().ok().flatten();
+                if end == RecvTimeoutError::Disconnected && ended.is_none() {
+                    thread::sleep(LOOK);
+                }
+            }
+        }
+    }
+}
+
+fn failed(program: &'static str, ended: String, last: String, log: &Path) -> Error {
+    Error::Program { program, ended, last, log: log.to_owned() }
+}
+
+/// Sends every line, whatever its encoding.
+fn lines(stream: impl Read, send: &SyncSender<Said>) {
+    for line in BufReader::new(stream).split(b'\n').map_while(Result::ok) {
+        let line = String::from_utf8_lossy(&line).trim_end().to_owned();
+        if send.send(Said::Line(line)).is_err() {
+            return; // nobody listens any more
+        }
+    }
+}
+
+/// Sends every picture.
+fn pictures(stream: impl Read, send: &SyncSender<Said>) {
+    let mut stream = BufReader::with_capacity(1 << 16, stream);
+    while let Some(picture) = picture(&mut stream) {
+        if send.send(Said::Grey(picture)).is_err() {
+            return;
+        }
+    }
+}
+
+/// The next PGM picture with eight bits a pixel.
+fn picture(stream: &mut impl BufRead) -> Option<Grey> {
+    let mut word = || -> Option<String> {
+        let mut word = Vec::new();
+        for byte in stream.by_ref().bytes() {
+            match byte.ok()? {
+                b if b.is_ascii_whitespace() => break,
+                b => word.push(b),
+            }
+        }
+        String::from_utf8(word).ok()
+    };
+    let header = [word()?, word()?, word()?, word()?];
+    let [width, height] = [&header[1], &header[2]].map(|n| n.parse::<usize>().ok().filter(|n| *n <= 1 << 16));
+    let (width, height) = (width?, height?);
+    if header[0] != "P5" || header[3] != "255" {
+        return None;
+    }
+    let mut pixels = vec![0; width * height];
+    stream.read_exact(&mut pixels).ok()?;
+    Some(Grey { width, pixels })
+}
+
+/// The lines of a file that a program is to read.
+pub(super) fn list(path: PathBuf, lines: &[String]) -> Result<PathBuf, Error> {
+    let written = File::create(&path).and_then(|mut file| writeln!(file, "{}", lines.join("\n")));
+    written.map_err(|source| Error::Write { path: path.clone(), source })?;
+    Ok(path)
+}

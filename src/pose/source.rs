@@ -1,0 +1,121 @@
+//! The photos or the video that poses are estimated for.
+
+use super::Watcher;
+use super::folder::{Folder, Key};
+use super::video;
+use crate::pipeline::Error;
+use crate::scene::{Names, PhotoTree, mask_of};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+/// Extensions of videos.
+const VIDEOS: [&str; 10] = ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mpg", "mpeg", "mts", "3gp"];
+
+/// True if this is a file with the name of a video.
+pub fn is_video(path: &Path) -> bool {
+    let video = |e: &std::ffi::OsStr| VIDEOS.iter().any(|known| e.eq_ignore_ascii_case(known));
+    path.is_file() && path.extension().is_some_and(video)
+}
+
+/// Photos or a video.
+pub(super) enum Source {
+    /// A folder, and the photos in it and in its subfolders.
+    Photos { folder: PathBuf, tree: PhotoTree },
+    /// A video, and the largest number of frames to take from it.
+    Video { file: PathBuf, frames: usize },
+}
+
+impl Source {
+    /// The photos in the folder `input`, or the video of that name.
+    pub fn of(input: &Path, frames: usize) -> Self {
+        if is_video(input) {
+            return Self::Video { file: input.to_owned(), frames };
+        }
+        Self::Photos { folder: input.to_owned(), tree: PhotoTree::of(input) }
+    }
+
+    /// What tells these photos from others.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn key(&self) -> Result<Key, Error> {
+        let (files, frames): (Vec<(PathBuf, String)>, _) = match self {
+            Self::Photos { folder, tree } => (tree.names.iter().map(|n| (folder.join(n), n.clone())).collect(), None),
+            Self::Video { file, frames } => {
+                let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                (vec![(file.clone(), name)], Some(*frames))
+            }
+        };
+        let files = files.into_iter().map(|(path, name)| match stamp(&path) {
+            Ok((bytes, changed)) => Ok((name, bytes, changed)),
+            Err(source) => Err(Error::Read { path, source }),
+        });
+        Ok(Key { files: files.collect::<Result<_, _>>()?, frames })
+    }
+
+    /// True if there are photos in subfolders.
+    pub fn is_nested(&self) -> bool {
+        matches!(self, Self::Photos { tree, .. } if tree.names.iter().any(|name| name.contains('/')))
+    }
+
+    /// How many photos are in which folders, and which folders were left out; none if one folder holds all.
+    pub fn told(&self) -> Option<String> {
+        let Self::Photos { folder, tree } = self else { return None };
+        if !self.is_nested() && tree.left_out.is_empty() {
+            return None;
+        }
+        let shown = folder.display();
+        let (mut folders, mut left_out) = (Names::default(), Names::default());
+        for (within, photos) in tree.folders() {
+            folders.add(&format!("{} ({photos})", if within.is_empty() { "itself" } else { within }));
+        }
+        tree.left_out.iter().for_each(|name| left_out.add(name));
+        let mut line = match folders.count {
+            1 => format!("found {} photos in 1 folder of {shown}", tree.names.len()),
+            n => format!("found {} photos in {n} folders of {shown}", tree.names.len()),
+        };
+        line += &format!(": {}", listed(&folders));
+        if left_out.count > 0 {
+            line += &format!("; left out: {}", listed(&left_out));
+        }
+        Some(line)
+    }
+
+    /// Puts the photos, with their masks, or the chosen frames into the scene; returns their names.
+    pub fn place(&self, folder: &Folder, watcher: &dyn Watcher) -> Result<Vec<String>, Error> {
+        match self {
+            Self::Photos { folder: from, tree } => {
+                for name in &tree.names {
+                    watcher.unless_stopped()?;
+                    link(&from.join(name), &folder.images().join(name))?;
+                    if let Some(mask) = mask_of(from, name) {
+                        link(&mask, &folder.masks().join(Path::new(name).with_extension("png")))?;
+                    }
+                }
+                Ok(tree.names.clone())
+            }
+            Self::Video { file, frames } => video::extract(file, *frames, folder, watcher),
+        }
+    }
+}
+
+/// The names, of which many are only counted.
+fn listed(names: &Names) -> String {
+    names.examples.join(", ") + if names.count > names.examples.len() { ", ..." } else { "" }
+}
+
+/// Size in bytes, and nanoseconds since 1970 of a file's last change.
+fn stamp(path: &Path) -> std::io::Result<(u64, u64)> {
+    let data = fs::metadata(path)?;
+    let changed = data.modified()?.duration_since(UNIX_EPOCH).map_or(0, |t| t.as_nanos() as u64);
+    Ok((data.len(), changed))
+}
+
+/// A second name of a file, or a copy where that is not possible.
+fn link(from: &Path, to: &Path) -> Result<(), Error> {
+    let _ = fs::remove_file(to); // of an interrupted job
+    let made = to.parent().map_or(Ok(()), fs::create_dir_all);
+    let linked = made.and_then(|()| fs::hard_link(from, to).or_else(|_| fs::copy(from, to).map(|_| ())));
+    linked.map_err(|source| Error::Write { path: to.to_owned(), source })
+}

@@ -1,0 +1,192 @@
+//! Frames of a video: the sharpest of every window, by ffmpeg.
+
+use super::child::{self, Grey, Output, Said, on_path};
+use super::folder::Folder;
+use crate::pipeline::Error;
+use crate::pipeline::watcher::Watcher;
+use std::fs;
+use std::path::Path;
+
+const FFMPEG: &str = "ffmpeg";
+const FFPROBE: &str = "ffprobe";
+/// Most frames to take from a second.
+const PER_SECOND: f64 = 2.0;
+/// Least distance of two chosen frames, in windows.
+const APART: f64 = 0.3;
+/// Frames per second of a video that does not say.
+const RATE: f64 = 30.0;
+/// The stages, as the progress bar calls them.
+const WATCHED: &str = "frames";
+
+/// Chooses sharp frames of a video, at most `most` of them, and writes them into the folder of images; returns their
+/// names, which hold the number of the frame in the video.
+///
+/// # Errors
+/// [`Error::NoProgram`]; [`Error::Program`]; [`Error::Write`]; [`Error::Interrupted`].
+pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn Watcher) -> Result<Vec<String>, Error> {
+    let missing: Vec<&str> = [FFMPEG, FFPROBE].into_iter().filter(|program| !on_path(program)).collect();
+    if !missing.is_empty() {
+        return Err(Error::NoProgram(missing));
+    }
+    let log = folder.log();
+    // A name with a colon would be a protocol.
+    let file = format!("file:{}", video.display());
+    let facts = Facts::read(&file, &log, watcher)?;
+    if ["arib-std-b67", "smpte2084"].contains(&facts.transfer.as_str()) {
+        watcher.note("the video has a high dynamic range (HLG or PQ): its colours will look flat; record without HDR");
+    }
+    let timing = timing(&log, watcher)?;
+    let ffmpeg = |filter: &str, output: &[&str]| -> Vec<String> {
+        let input = ["-hide_banner", "-nostdin", "-loglevel", "error", "-i", &file, "-map", "0:v:0", "-vf", filter];
+        [&input[..], &timing, output].concat().into_iter().map(ToOwned::to_owned).collect()
+    };
+
+    let mut sharpness = Vec::new();
+    let small = ffmpeg("scale=w='min(640,iw)':h=-2,format=gray", &["-f", "image2pipe", "-c:v", "pgm", "-"]);
+    child::run((FFMPEG, &small), Output::Pictures, &log, watcher, &mut |said| {
+        if let Said::Grey(picture) = said {
+            sharpness.push(laplacian_variance(&picture));
+            watcher.posing(WATCHED, sharpness.len(), facts.frames.max(sharpness.len()));
+        }
+    })?;
+    let windows = most.min((sharpness.len() as f64 / facts.rate * PER_SECOND).ceil() as usize);
+    let chosen = choose(&sharpness, windows);
+    let unwritten = |source| Error::Write { path: folder.images(), source };
+    if chosen.is_empty() {
+        return Ok(Vec::new());
+    }
+
+    let taken = folder.work().join("frames");
+    let _ = fs::remove_dir_all(&taken); // of an interrupted job
+    fs::create_dir_all(&taken).map_err(unwritten)?;
+    let terms: Vec<String> = chosen.iter().map(|n| format!("eq(n\\,{n})")).collect();
+    let pattern = taken.join("%06d.jpg").display().to_string();
+    let large = ffmpeg(&format!("select={}", terms.join("+")), &["-f", "image2", "-q:v", "2", &pattern]);
+    child::run((FFMPEG, &large), Output::Text, &log, watcher, &mut |_| ())?;
+    let names: Vec<String> = chosen.iter().map(|n| format!("frame_{n:06}.jpg")).collect();
+    for (i, name) in (1..).zip(&names) {
+        fs::rename(taken.join(format!("{i:06}.jpg")), folder.images().join(name)).map_err(unwritten)?;
+    }
+    let _ = fs::remove_dir(&taken);
+    watcher.note(&format!("{} sharp frames out of {}", names.len(), sharpness.len()));
+    Ok(names)
+}
+
+/// The option by which this version of ffmpeg passes on every frame as it is.
+fn timing(log: &Path, watcher: &dyn Watcher) -> Result<[&'static str; 2], Error> {
+    let mut renamed = false;
+    let help = ["-hide_banner", "-h", "long"].map(ToOwned::to_owned);
+    // Not into the scene's log: it is long.
+    let nowhere = log.with_extension("help");
+    child::run((FFMPEG, &help), Output::Text, &nowhere, watcher, &mut |said| {
+        renamed |= matches!(&said, Said::Line(line) if line.starts_with("-fps_mode"));
+    })?;
+    let _ = fs::remove_file(nowhere);
+    Ok(if renamed { ["-fps_mode", "passthrough"] } else { ["-vsync", "passthrough"] })
+}
+
+/// What ffprobe says of a video.
+struct Facts {
+    /// Frames per second.
+    rate: f64,
+    /// Number of frames; 0 if it is not known.
+    frames: usize,
+    /// Transfer characteristics of the colours.
+    transfer: String,
+}
+
+impl Facts {
+    fn read(file: &str, log: &Path, watcher: &dyn Watcher) -> Result<Self, Error> {
+        let entries = "stream=avg_frame_rate,nb_frames,color_transfer";
+        let words =
+            ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "default=nk=0:nw=1", file];
+        let mut lines = Vec::new();
+        let arguments = words.map(ToOwned::to_owned);
+        child::run((FFPROBE, &arguments), Output::Text, log, watcher, &mut |said| {
+            if let Said::Line(line) = said {
+                lines.push(line);
+            }
+        })?;
+        let value = |key: &str| lines.iter().find_map(|l| l.strip_prefix(key)?.strip_prefix('=')).unwrap_or_default();
+        let rate = value("avg_frame_rate").split_once('/').and_then(|(a, b)| {
+            let rate = a.parse::<f64>().ok()? / b.parse::<f64>().ok()?;
+            (rate.is_finite() && rate > 0.0).then_some(rate)
+        });
+        let frames = value("nb_frames").parse().unwrap_or(0);
+        Ok(Self { rate: rate.unwrap_or(RATE), frames, transfer: value("color_transfer").to_owned() })
+    }
+}
+
+/// Sharpness of a picture: the variance of its Laplacian, in squared grey levels.
+fn laplacian_variance(Grey { width, pixels }: &Grey) -> f64 {
+    let (mut n, mut sum, mut squares) = (0, 0, 0);
+    let rows: Vec<&[u8]> = pixels.chunks_exact((*width).max(1)).collect();
+    for row in rows.windows(3) {
+        for x in 1..width.saturating_sub(1) {
+            let at = |y: usize, x: usize| i64::from(row[y][x]);
+            let laplacian = at(0, x) + at(2, x) + at(1, x - 1) + at(1, x + 1) - 4 * at(1, x);
+            (n, sum, squares) = (n + 1, sum + laplacian, squares + laplacian * laplacian);
+        }
+    }
+    let mean = sum as f64 / f64::from(n.max(1));
+    squares as f64 / f64::from(n.max(1)) - mean * mean
+}
+
+/// The sharpest frame of each of a number of equal windows, in order; never two close to each other. A frame is compared with
+/// the median of a window around it, so that what the camera shows matters less.
+fn choose(sharpness: &[f64], windows: usize) -> Vec<usize> {
+    let frames = sharpness.len();
+    let windows = windows.min(frames);
+    let length = frames as f64 / windows.max(1) as f64;
+    let reach = length.ceil() as usize;
+    let relative = |i: usize| {
+        let mut around = sharpness[i.saturating_sub(reach)..(i + reach + 1).min(frames)].to_vec();
+        around.sort_unstable_by(f64::total_cmp);
+        sharpness[i] / around[around.len() / 2].max(f64::MIN_POSITIVE)
+    };
+    let mut chosen: Vec<usize> = Vec::with_capacity(windows);
+    for window in 0..windows {
+        let begin = (window as f64 * length) as usize;
+        let end = ((window + 1) as f64 * length) as usize;
+        let first = chosen.last().map_or(begin, |last| begin.max(last + (APART * length).ceil() as usize));
+        let best =
+            (first..end.min(frames)).map(|i| (relative(i), i)).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        chosen.extend(best.map(|(_, i)| i));
+    }
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sharpest_frame_of_every_window_is_chosen() {
+        // One of three frames is sharp; the scene has more detail towards the end.
+        let sharpness: Vec<f64> = (0..90).map(|i| f64::from(10 + i) * if i % 3 == 1 { 5.0 } else { 1.0 }).collect();
+        let chosen = choose(&sharpness, 15);
+        assert_eq!(chosen.len(), 15);
+        assert!(chosen.iter().all(|i| i % 3 == 1), "{chosen:?}");
+        assert!(chosen.windows(2).all(|w| w[1] - w[0] >= 2), "{chosen:?}");
+    }
+
+    #[test]
+    fn two_chosen_frames_are_never_close() {
+        // The sharpest frames lie at both sides of a border of windows of ten.
+        let sharpness: Vec<f64> = (0..20).map(|i| if i == 9 || i == 10 { 9.0 } else { 1.0 }).collect();
+        let chosen = choose(&sharpness, 2);
+        assert_eq!((chosen.len(), chosen[0]), (2, 9));
+        assert!(chosen[1] >= 12, "{chosen:?}");
+        assert_eq!(choose(&[], 5), [0; 0]);
+        assert_eq!(choose(&[1.0, 2.0], 5), [0, 1]);
+    }
+
+    #[test]
+    fn sharpness_is_the_variance_of_the_laplacian() {
+        let grey = |pixels: Vec<u8>| laplacian_variance(&Grey { width: 4, pixels });
+        assert_eq!(grey(vec![7; 12]), 0.0);
+        // Laplacians 3 and -42 at the two inner pixels: both are 22.5 from their mean.
+        assert_eq!(grey(vec![0, 0, 0, 0, 0, 2, 11, 0, 0, 0, 0, 0]), 22.5 * 22.5);
+        assert_eq!(grey(Vec::new()), 0.0);
+    }
+}

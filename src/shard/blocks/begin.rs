@@ -1,0 +1,93 @@
+//! The beginning of a block's run: its parts of photos, and its checkpoint.
+
+use super::layout::Block;
+use super::run::BlockRun;
+use crate::gaussians::Gaussians;
+use crate::pipeline::Error;
+use crate::pipeline::checkpoint::{Checkpoint, Notes};
+use crate::pipeline::config::RunConfig;
+use crate::pipeline::prepare::Prepared;
+use crate::pipeline::records::PruneRecord;
+use crate::pipeline::session::Session;
+use crate::pipeline::setup::Setup;
+use crate::pipeline::start::Start;
+use crate::pipeline::{Output, budget};
+use crate::render::visible;
+use crate::scene::Photo;
+use crate::train::checkpoint::Snapshot;
+use crate::train::exposure;
+use crate::train::{self, Exposures};
+use std::time::Instant;
+
+impl BlockRun {
+    /// The setup of a block's run on the parts of photos that show it.
+    pub(super) fn setup<'a>(
+        &self,
+        session: &Session<'a>,
+        config: RunConfig,
+        (block, exposures): (&Block, &[f32]),
+        output: &Output,
+    ) -> Result<Setup<'a>, Error> {
+        let begun = Instant::now();
+        let opened = self.opened()?;
+        let every: Vec<usize> = (0..opened.scene.views.len()).collect();
+        let (extent, centre) = (opened.scene.extent(&every), opened.scene.centre(&every));
+        let names: Vec<String> = block.crops.iter().map(|crop| self.photos[crop.view].clone()).collect();
+        let mut prepared =
+            opened.only(&names)?.load_to_train(session.photo_memory(output.folder()), session.watcher)?;
+        let crops = prepared.train.iter().zip(&block.crops).map(|(photo, crop)| photo.part(crop.corner, crop.size));
+        prepared.train = crops.collect::<std::io::Result<Vec<Photo>>>().map_err(train::Error::Photos)?;
+        prepared.extent = extent;
+        let maps = block.crops.iter().filter_map(|crop| exposures.chunks_exact(exposure::SIZE).nth(crop.view));
+        Ok(Setup {
+            session: *session,
+            prepared: Prepared { test: Vec::new(), ..prepared },
+            estimated_bytes: 0,
+            decisions: Vec::new(),
+            exposures: Exposures::Known(maps.flatten().copied().collect()),
+            cameras: Some(centre.as_vec3().to_array()),
+            begun,
+            load_s: begun.elapsed().as_secs_f64(),
+            config,
+        })
+    }
+}
+
+impl Setup<'_> {
+    /// The Gaussians among `rows` that the photos may show.
+    pub(super) fn shown(&self, model: &Gaussians, rows: &[usize]) -> Vec<usize> {
+        let settings = self.config.style.over(self.prepared.background);
+        let rows: Vec<u32> = rows.iter().map(|i| *i as u32).collect();
+        let mut shown = vec![false; model.len()];
+        for photo in &self.prepared.train {
+            for i in visible(model, &rows, &photo.camera, &settings) {
+                shown[i as usize] = true;
+            }
+        }
+        (0..model.len()).filter(|i| shown[*i]).collect()
+    }
+
+    /// The checkpoint in `output`, if it is of this run; else what `begin` says, after these prunes.
+    ///
+    /// # Errors
+    /// [`Error::Memory`] if the device has too little; a checkpoint that cannot be read; those of `begin`.
+    pub(super) fn start(
+        &mut self,
+        output: &Output,
+        (begin, prunes): (impl FnOnce(&Self) -> Result<Snapshot, Error>, &[PruneRecord]),
+    ) -> Result<Start, Error> {
+        let Session { device, watcher, .. } = self.session;
+        let checkpoint = if output.checkpoint().exists() {
+            let checkpoint = Checkpoint::read(&output.checkpoint())?;
+            watcher.note(&format!("resuming after iteration {}", checkpoint.snapshot.iteration));
+            checkpoint
+        } else {
+            let snapshot = begin(self)?;
+            let initial = snapshot.model.len() - snapshot.tail;
+            let notes = Notes { config: self.config.written()?, initial, prunes: prunes.to_vec(), ..Notes::default() };
+            Checkpoint { snapshot, notes }
+        };
+        self.estimated_bytes = budget::for_block(device, &self.config, &self.prepared, &checkpoint.snapshot)?;
+        Ok(Start::Resumed(Box::new(checkpoint)))
+    }
+}

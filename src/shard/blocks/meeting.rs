@@ -1,0 +1,57 @@
+//! The Gaussians of all blocks where they meet, and those that a block goes on with.
+
+use super::layout::{Block, GROWN, Layout};
+use super::members::{select, with_margin};
+use crate::gaussians::Gaussians;
+use crate::pipeline::Error;
+use crate::train::checkpoint::Snapshot;
+use std::ops::Range;
+
+/// The Gaussians of all blocks at a meeting.
+pub struct Meeting<'a> {
+    /// All Gaussians, in the order of the blocks.
+    pub collected: &'a Gaussians,
+    /// The first row of each block in it.
+    pub starts: &'a [usize],
+}
+
+/// Gives the block of a number as it came to a meeting.
+pub(super) type Came<'a> = &'a dyn Fn(usize) -> Result<Snapshot, Error>;
+
+impl Meeting<'_> {
+    /// The rows that came with block number `b`.
+    pub(super) fn rows(&self, b: usize) -> Range<usize> {
+        self.starts[b]..self.starts.get(b + 1).copied().unwrap_or(self.collected.len())
+    }
+
+    /// Block number `b`, if photos show it and it has Gaussians of its own.
+    pub(super) fn trains<'a>(&self, layout: &'a Layout, b: usize) -> Option<&'a Block> {
+        layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !self.rows(b).is_empty())
+    }
+
+    /// The rows of others in the grown cell of block number `b`; they rise.
+    pub(super) fn margin(&self, layout: &Layout, b: usize) -> Vec<usize> {
+        let own = self.rows(b);
+        let grown = layout.cells.grown(b, GROWN);
+        (0..self.collected.len()).filter(|i| !own.contains(i) && grown.contains(self.collected.means[*i])).collect()
+    }
+
+    /// The rows that block number `b` trains if it trains its margin along: its own, then those of the margin.
+    pub(super) fn trained_by(&self, layout: &Layout, b: usize) -> Vec<usize> {
+        let margin = if self.trains(layout, b).is_some() { self.margin(layout, b) } else { Vec::new() };
+        self.rows(b).chain(margin).collect()
+    }
+
+    /// Block number `b` as it came, followed by these collected rows of others, which rise.
+    pub(super) fn with(&self, came: Came<'_>, b: usize, margin: &[usize]) -> Result<Snapshot, Error> {
+        let mut state = came(b)?;
+        for other in 0..self.starts.len() {
+            let of_other = self.rows(other);
+            let rows: Vec<usize> = margin.iter().filter(|i| of_other.contains(i)).map(|i| i - of_other.start).collect();
+            if !rows.is_empty() {
+                state = with_margin(state, &select(&came(other)?, &rows));
+            }
+        }
+        Ok(state)
+    }
+}

@@ -1,0 +1,351 @@
+//! Training a scene in blocks, stage by stage: a coarse model of the whole, its division, each block up to the prune, one choice
+//! among all Gaussians, and each block from one meeting to the next and to its end.
+
+use super::derived::{check, coarse, meetings, of_block};
+use super::first::first;
+use super::layout::{GROWN, Layout};
+use super::meeting::{Came, Meeting};
+use super::members::{Members, beginning, own, owned, with_tail};
+use super::seen::seen;
+use crate::effects::{Choice, Effect};
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
+use crate::pipeline::Error;
+use crate::pipeline::active_run::ActiveRun;
+use crate::pipeline::checkpoint::Checkpoint;
+use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
+use crate::pipeline::config::{Init, Pruning, RunConfig};
+use crate::pipeline::output::{absolute, from_root};
+use crate::pipeline::prepare::{Opened, all_there, open};
+use crate::pipeline::prune::PrunePlan;
+use crate::pipeline::records::PruneRecord;
+use crate::pipeline::session::Session;
+use crate::pipeline::setup::Setup;
+use crate::pipeline::start::Start;
+use crate::pipeline::{Output, budget, effects, virtual_views};
+use crate::qirf::select::budget::Keep;
+use crate::response::{CHUNK, Responses, Wanted};
+use crate::scene::Skipped;
+use crate::scene::camera::{self, Camera};
+use crate::shard::kd_tree::{Cells, Contraction};
+use crate::train::Exposures;
+use crate::train::checkpoint::Snapshot;
+use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
+
+/// Largest sides of photos from which the coarse model takes them at half and at a quarter of their size.
+const LARGE: [u32; 2] = [256, 1024];
+
+/// What the sides of photos are divided by for the coarse model.
+fn divisor(largest: [u32; 2]) -> u32 {
+    1 << LARGE.iter().filter(|least| largest.iter().max() >= Some(*least)).count()
+}
+
+/// A run in blocks: all that its results depend on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BlockRun {
+    /// The run, with the decisions on its effects and the number of Gaussians that it plans to grow to.
+    pub config: RunConfig,
+    /// Number of blocks.
+    pub blocks: usize,
+    /// Names of the photos that are trained on.
+    pub photos: Vec<String>,
+    /// Names of the photos held out.
+    pub held_out: Vec<String>,
+    /// Largest picture of these, width and height.
+    pub image_size: [u32; 2],
+    /// Parts of the scene that its readers left out.
+    pub skipped: Skipped,
+}
+
+/// A block after a meeting.
+pub struct Tuned {
+    /// Its Gaussians with their moments; after the second meeting its copies of its neighbours' follow.
+    pub state: Snapshot,
+    /// Number of these copies.
+    pub copies: usize,
+    /// Its prune; absent without one. Times are left out: they differ from process to process.
+    pub prune: Option<PruneRecord>,
+}
+
+impl BlockRun {
+    /// Plans a run in blocks: reads the scene, decides on its effects, and fixes all that tasks must agree on. Without a number of
+    /// blocks there are as many as make each fit the device.
+    ///
+    /// # Errors
+    /// Those of reading a scene; no photo to train on; [`Error::Usage`] for a run that cannot be divided.
+    pub fn plan(session: &Session<'_>, config: &RunConfig, blocks: Option<usize>) -> Result<Self, Error> {
+        check(config)?;
+        let mut config = config.clone();
+        from_root(&mut config.scene, &mut config.images)?;
+        if let Init::Model(path) = &mut config.init {
+            *path = absolute(path)?;
+        }
+        let opened = open(&config.selection())?;
+        let pixels = opened.train_pixels().iter().sum();
+        let initial =
+            Start::of(&config, opened.scene.points.len(), opened.train_pixels().into_iter().max().unwrap_or(0))?.len();
+        let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
+        let (decisions, _) = effects::decide(&prepared, &config)?;
+        session.watcher.note(&effects::summary(&decisions));
+        let mut config = RunConfig { background: Some(prepared.background), ..config.decided(&decisions) };
+        for decision in &decisions {
+            if [Effect::ViewDependence, Effect::Exposure, Effect::Antialias, Effect::DepthOrder]
+                .contains(&decision.name)
+            {
+                config.effects.set(decision.name, if decision.on { Choice::On } else { Choice::Off });
+            }
+        }
+        let schedule = &mut config.schedule;
+        schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
+        let photos = prepared.names_to_train();
+        let held_out = prepared.test.iter().map(|(name, _)| name.clone()).collect();
+        let blocks = match blocks {
+            Some(blocks) => blocks,
+            None => budget::blocks(session.device, &config, &prepared, initial)?,
+        };
+        let image_size = camera::largest(prepared.views().map(|view| &view.camera));
+        Ok(Self { config, blocks, photos, held_out, image_size, skipped: prepared.scene.skipped })
+    }
+
+    /// Chunks of photos that responses are taken from; none without a prune.
+    pub fn chunks(&self) -> usize {
+        if self.config.prune.is_some() { self.photos.len().div_ceil(CHUNK) } else { 0 }
+    }
+
+    /// The scene with its training photos alone, not decoded.
+    pub(super) fn opened(&self) -> Result<Opened, Error> {
+        open(&self.config.selection())?.only(&self.photos)
+    }
+
+    /// A coarse model of the whole scene, by a short run on small pictures. It continues from the checkpoint in `output`, if there
+    /// is one.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn coarse(&self, session: &Session<'_>, output: &Output) -> Result<Snapshot, Error> {
+        let opened = self.opened()?;
+        let points = self.config.init == Init::Points && !opened.scene.points.is_empty();
+        let config = coarse(&self.config, divisor(opened.size()), points);
+        let (setup, start) = Setup::load(session, &config, output, output.checkpoint().exists())?;
+        all_there(&setup.prepared.scene, &self.photos)?;
+        let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
+        run.train(setup.config.schedule.iterations)?;
+        Ok(run.checkpoint()?.snapshot)
+    }
+
+    /// The blocks of the scene that a coarse model shows in pictures of the size that it was trained on.
+    ///
+    /// # Errors
+    /// Device memory; device errors; [`Error::Interrupted`].
+    pub fn assign(&self, session: &Session<'_>, coarse: &Snapshot) -> Result<Layout, Error> {
+        let Snapshot { model: coarse, exposures: (exposures, _), .. } = coarse;
+        let opened = self.opened()?;
+        let (cameras, divisor) = (opened.cameras(), divisor(opened.size()));
+        let smaller = |c: &Camera| c.resized((c.width / divisor).max(1), (c.height / divisor).max(1));
+        let small: Vec<Camera> = cameras.iter().map(smaller).collect();
+        let settings = self.config.style.over(self.config.background.unwrap_or_default());
+        let resident = Resident::upload(session.device, coarse)?;
+        let scores = virtual_views::responses(session, &resident, (&small, None), settings, Wanted::SCORES)?.scores;
+        drop(resident);
+        let weights: Vec<f32> = scores.iter().map(|score| score.contribution).collect();
+        let around = Contraction::around(cameras.iter().map(Camera::centre));
+        let cells = Cells::new(around, &coarse.means, &weights, self.blocks);
+        let owners = cells.owners(&coarse.means);
+        let seen = seen(session, coarse, (&owners, cells.count()), (&cameras, &small), settings)?;
+        Ok(Layout { exposures: exposures.clone(), ..Layout::new(cells, coarse, &weights, &cameras, &seen) })
+    }
+
+    /// Block number `b` up to the prune, behind what the coarse model has of the others: its own Gaussians with their moments. It
+    /// continues from the checkpoint in `output`, if there is one.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn dense(
+        &self,
+        session: &Session<'_>,
+        (layout, b): (&Layout, usize),
+        coarse: &Gaussians,
+        output: &Output,
+    ) -> Result<Snapshot, Error> {
+        let Some(block) = layout.blocks.get(b) else { return Ok(beginning(Gaussians::default(), 0)) };
+        let members = Members::of(&layout.cells, b, GROWN, coarse);
+        if members.trained.is_empty() || block.crops.is_empty() {
+            return Ok(owned(&beginning(coarse.select(&members.trained), 0), &layout.cells, b));
+        }
+        let config = of_block(&self.config, (block, b), self.photos.len());
+        let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
+        setup.take_share(coarse, &members.trained, layout.of_nothing())?;
+        let before = |setup: &Setup<'_>| {
+            let (points, grown) = (&setup.prepared.scene.points, layout.cells.grown(b, GROWN));
+            let of_coarse = coarse.select(&members.trained);
+            let first = match self.config.init {
+                Init::Points => first(points, &grown, of_coarse, setup.config.max_gaussians),
+                Init::Random | Init::Model(_) => of_coarse,
+            };
+            Ok(beginning(first, 0))
+        };
+        let until = meetings(&setup.config)[0];
+        let (snapshot, _) = goes_on(&mut setup, (coarse, &members.trained, before), (until, None), output)?;
+        Ok(owned(&snapshot, &layout.cells, b))
+    }
+
+    /// Responses of a chunk of photos to the Gaussians of all blocks.
+    ///
+    /// # Errors
+    /// As of a compression.
+    pub fn evidence(
+        &self,
+        session: &Session<'_>,
+        collected: &Gaussians,
+        layout: &Layout,
+        chunk: usize,
+    ) -> Result<Responses, Error> {
+        let (config, _) = self.choice()?;
+        let exposures = self.config.exposure.then(|| Exposures::Known(layout.exposures.clone()));
+        stages::evidence(session, collected, &config, (chunk, &self.photos, exposures))
+    }
+
+    /// How many Gaussians of each block a choice among all of them keeps, by the responses of all chunks in their order.
+    ///
+    /// # Errors
+    /// As of a compression; those of the chunks.
+    pub fn choose(
+        &self,
+        session: &Session<'_>,
+        meeting: &Meeting<'_>,
+        chunks: impl Iterator<Item = Result<Responses, Error>>,
+    ) -> Result<(PruneRecord, Vec<usize>), Error> {
+        let (config, _) = self.choice()?;
+        let PrunePlan { record, keep, .. } =
+            stages::choose(session, meeting.collected, (&config, &self.photos), chunks)?;
+        let quota = |b: usize| keep[meeting.rows(b)].iter().filter(|kept| **kept).count();
+        Ok((record.timeless(), (0..meeting.starts.len()).map(quota).collect()))
+    }
+
+    /// Block number `b` from the first meeting to the second, behind the Gaussians of the others. It prunes to `quota` Gaussians; without
+    /// one, Gaussians of others that lie in the grown cell are trained along: what one block does at a border, the other expects. It
+    /// continues from the checkpoint in `output`, if there is one.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn tune(
+        &self,
+        session: &Session<'_>,
+        (layout, b, quota): (&Layout, usize, Option<usize>),
+        (meeting, came): (&Meeting<'_>, Came<'_>),
+        output: &Output,
+    ) -> Result<Tuned, Error> {
+        let Some(block) = meeting.trains(layout, b) else {
+            return Ok(Tuned { state: came(b)?, copies: 0, prune: None });
+        };
+        let mut config = of_block(&self.config, (block, b), self.photos.len());
+        if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
+            pruning.compression.keep = Keep::Count(quota.max(1));
+        }
+        let until = meetings(&config)[1];
+        let margin = if quota.is_some() { Vec::new() } else { meeting.margin(layout, b) };
+        let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
+        let trained: Vec<usize> = meeting.rows(b).chain(margin.iter().copied()).collect();
+        setup.take_share(meeting.collected, &trained, layout.of_nothing())?;
+        let before = |_: &Setup<'_>| meeting.with(came, b, &margin);
+        let (snapshot, prune) = goes_on(&mut setup, (meeting.collected, &trained, before), (until, None), output)?;
+        Ok(Tuned { state: own(&snapshot, margin.len()), copies: 0, prune })
+    }
+
+    /// Block number `b` from the second meeting to the third, after what it did as its prune. It trains Gaussians of others that lie in the
+    /// grown cell along with its own, and hands them on behind these, as copies for [`copies`](super::copies). It continues from the
+    /// checkpoint in `output`, if there is one.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn settle(
+        &self,
+        session: &Session<'_>,
+        (layout, b): (&Layout, usize),
+        (meeting, came, prune): (&Meeting<'_>, Came<'_>, Option<&PruneRecord>),
+        output: &Output,
+    ) -> Result<Tuned, Error> {
+        let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| meetings(config)[2]);
+        let before = || meeting.with(came, b, &rows[meeting.rows(b).len()..]);
+        let scene = (meeting.collected, &rows[..], before);
+        self.along_with_margin(session, (layout, b, meeting), scene, (until, prune), output)
+    }
+
+    /// Block number `b` from the third meeting to the end: as [`BlockRun::settle`], whose result is `settled`, in the scene that the
+    /// blocks' copies became, `blended`.
+    ///
+    /// # Errors
+    /// As of a run; photos other than the plan's.
+    pub fn finish(
+        &self,
+        session: &Session<'_>,
+        (layout, b): (&Layout, usize),
+        (meeting, blended, settled): (&Meeting<'_>, &Gaussians, Tuned),
+        output: &Output,
+    ) -> Result<Tuned, Error> {
+        let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| config.schedule.iterations);
+        let Tuned { state, prune, .. } = settled;
+        let before = || Ok(Snapshot { model: blended.select(&rows), ..state });
+        let scene = (blended, &rows[..], before);
+        self.along_with_margin(session, (layout, b, meeting), scene, (until, prune.as_ref()), output)
+    }
+
+    /// Block number `b` and its margin, which are `rows` of the scene, until an iteration of the block's run; `before` gives their state.
+    fn along_with_margin(
+        &self,
+        session: &Session<'_>,
+        (layout, b, meeting): (&Layout, usize, &Meeting<'_>),
+        (scene, rows, before): (&Gaussians, &[usize], impl FnOnce() -> Result<Snapshot, Error>),
+        (until, prune): (impl FnOnce(&RunConfig) -> u32, Option<&PruneRecord>),
+        output: &Output,
+    ) -> Result<Tuned, Error> {
+        let Some(block) = meeting.trains(layout, b) else {
+            return Ok(Tuned { state: before()?, copies: 0, prune: prune.cloned() });
+        };
+        let config = of_block(&self.config, (block, b), self.photos.len());
+        let until = until(&config);
+        let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
+        let (snapshot, prune) = goes_on(&mut setup, (scene, rows, |_: &_| before()), (until, prune), output)?;
+        Ok(Tuned { state: own(&snapshot, 0), copies: rows.len() - meeting.rows(b).len(), prune })
+    }
+
+    /// The number of Gaussians that the run grows to in one piece, if it has a plan.
+    fn planned(&self) -> Option<usize> {
+        let growth = self.config.schedule.growth.filter(|_| self.config.schedule.relocation.is_none())?;
+        growth.gaussians.map(|n| n.min(self.config.max_gaussians))
+    }
+
+    /// The choice as a compression of the joined blocks by the run's photos.
+    fn choice(&self) -> Result<(CompressConfig, &Pruning), Error> {
+        let RunConfig { prune, style, seed, .. } = &self.config;
+        let pruning = prune.as_ref().ok_or_else(|| Error::Usage("this run does not prune".to_owned()))?;
+        let views = ViewSource::Photos(self.config.selection());
+        let mut compression = pruning.compression.clone();
+        if let (Keep::Share(share), Some(planned)) = (compression.keep, self.planned()) {
+            // Blocks may grow to a few more or fewer together than the run in one piece does.
+            compression.keep = Keep::Count((share * planned as f64).round().max(1.0) as usize);
+        }
+        Ok((CompressConfig { compression, views, style: *style, fine_tune: 0, seed: *seed }, pruning))
+    }
+}
+
+/// Trains a block until an iteration, behind the scene's Gaussians other than `trained`; `before` gives the state that it goes on from, if
+/// there is no checkpoint. With the state comes its prune, if it has had one.
+fn goes_on<'a>(
+    setup: &mut Setup<'a>,
+    (scene, trained, before): (&Gaussians, &[usize], impl FnOnce(&Setup<'a>) -> Result<Snapshot, Error>),
+    (until, prune): (u32, Option<&PruneRecord>),
+    output: &Output,
+) -> Result<(Snapshot, Option<PruneRecord>), Error> {
+    let trained: HashSet<usize> = trained.iter().copied().collect();
+    let others: Vec<usize> = (0..scene.len()).filter(|i| !trained.contains(i)).collect();
+    let begin = |setup: &Setup<'a>| Ok(with_tail(&before(setup)?, &scene.select(&setup.shown(scene, &others))));
+    let prunes: Vec<PruneRecord> = prune.cloned().into_iter().collect();
+    let start = setup.start(output, (begin, &prunes))?;
+    let mut run = ActiveRun::start(setup, &setup.config, output, start)?;
+    run.train(until)?;
+    let Checkpoint { snapshot, notes } = run.checkpoint()?;
+    Ok((snapshot, notes.prunes.into_iter().next().map(PruneRecord::timeless)))
+}

@@ -1,0 +1,45 @@
+//! Scores of a run in blocks, by parts of the photos.
+
+use super::run::BlockRun;
+use crate::gaussians::Gaussians;
+use crate::pipeline::Error;
+use crate::pipeline::config::RunConfig;
+use crate::pipeline::eval::{self, Evaluation};
+use crate::pipeline::evaluate::{Assessment, Compared, protocol};
+use crate::pipeline::records::{Protocol, RunRecord};
+use crate::pipeline::session::Session;
+use std::ops::Range;
+use std::path::Path;
+
+impl BlockRun {
+    /// Measures the joined model on some of the photos, by their numbers: those held out come first, then those trained on.
+    ///
+    /// # Errors
+    /// As of an evaluation; photos other than the plan's.
+    pub fn score(&self, session: &Session<'_>, model: &Gaussians, photos: Range<usize>) -> Result<Assessment, Error> {
+        let RunConfig { style, exposure, .. } = self.config;
+        let evaluation = Evaluation { selection: self.config.selection(), style, exposure };
+        let first = self.held_out.len();
+        let held_out = &self.held_out[photos.start.min(first)..photos.end.min(first)];
+        let trained = &self.photos[photos.start.max(first) - first..photos.end.max(first) - first];
+        eval::part(session, model, &evaluation, [held_out, trained])
+    }
+
+    /// The record of the joined model, read from `file`, by what was measured on all photos. Tells the watcher of empty pictures.
+    pub fn record(&self, session: &Session<'_>, (file, model): (&Path, &Gaussians), measured: Assessment) -> RunRecord {
+        measured.held_out.warn(session.watcher);
+        let (config, selection) = (&self.config, self.config.selection());
+        let compared = Compared {
+            train_views: self.photos.len(),
+            test_views: self.held_out.len(),
+            image_size: self.image_size,
+            background: config.background.unwrap_or_default(),
+        };
+        let protocol = Protocol {
+            iterations: Some(config.schedule.iterations),
+            seed: Some(config.seed),
+            ..protocol(&selection, compared, session.networks, config.exposure)
+        };
+        measured.record(session, self.skipped.clone(), protocol, model, file)
+    }
+}

@@ -1,0 +1,172 @@
+//! A compression in tasks: evidence by chunks of views, one choice, scores by views held out.
+
+use super::files::{Files, crc32_of_file};
+use super::task::{Listed, Scores, Stage, Task};
+use crate::gaussians::{Gaussians, formats};
+use crate::pipeline::Error;
+use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
+use crate::pipeline::output::{absolute, bytes_on_disk, from_root};
+use crate::pipeline::records::{ModelFile, PruneRecord, StageScores, ViewStages};
+use crate::pipeline::session::Session;
+use crate::response::CHUNK;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Views held out that a task scores.
+const SCORED: usize = 16;
+const CHOOSE: Task = Task::whole(Stage::Choose);
+const REPORT: Task = Task::whole(Stage::Report);
+
+/// All that the results of a compression depend on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Compression {
+    /// The model.
+    pub model: PathBuf,
+    /// CRC-32 of its bytes; 0 for a folder.
+    pub model_crc32: u32,
+    /// Its number of Gaussians.
+    pub gaussians: usize,
+    /// The compression.
+    pub config: CompressConfig,
+    /// Chunks of views that responses are taken from.
+    pub chunks: usize,
+    /// Views held out.
+    pub test_views: usize,
+    /// Names of the photos trained on, and of those held out; none of the model's own pictures.
+    pub photos: [Vec<String>; 2],
+    /// Conditions of the measurement, for the report.
+    pub protocol: Value,
+}
+
+/// Notes beside the chosen model.
+#[derive(Debug, Serialize, Deserialize)]
+struct Chosen {
+    prune: PruneRecord,
+}
+
+impl Compression {
+    /// Plans the compression of the model that `path` holds.
+    ///
+    /// # Errors
+    /// Errors of the compression itself; [`Error::Usage`] for fine-tuning; a model that cannot be read again.
+    pub fn plan(session: &Session<'_>, path: &Path, model: &Gaussians, config: CompressConfig) -> Result<Self, Error> {
+        if config.fine_tune > 0 {
+            return Err(Error::Usage("a divided compression has no fine-tuning".to_owned()));
+        }
+        let mut config = config;
+        if let ViewSource::Photos(selection) = &mut config.views {
+            from_root(&mut selection.scene, &mut selection.images)?;
+        }
+        let stages::Census { chunks, test_views, photos, background, protocol } =
+            stages::census(session, model, &config)?;
+        if let ViewSource::Photos(selection) = &mut config.views {
+            // Tasks decode few photos, and could not tell it by all.
+            selection.background = Some(background);
+        }
+        let path = absolute(path)?;
+        Ok(Self {
+            model_crc32: crc32_of_file(&path)?,
+            model: path,
+            gaussians: model.len(),
+            config,
+            chunks,
+            test_views,
+            photos,
+            protocol: serde_json::to_value(protocol).map_err(|e| Error::encoding("the plan", e))?,
+        })
+    }
+
+    fn evidence(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Evidence, self.chunks)
+    }
+
+    fn scores(&self) -> Scores {
+        Scores { views: self.test_views, each: SCORED }
+    }
+
+    /// All tasks; each comes after those that it needs. `output` names the compressed model's file.
+    pub(super) fn tasks(&self, output: &str) -> Vec<Listed> {
+        let evidence = self.evidence().map(|task| Listed::new(task, [], [format!("{task}.safetensors")], CHUNK));
+        let choose = Listed::new(CHOOSE, self.evidence(), [output, "prune.json"], self.chunks);
+        let report = Listed::new(REPORT, [CHOOSE].into_iter().chain(self.scores().tasks()), ["metrics.json"], 0);
+        evidence.chain([choose]).chain(self.scores().listed(CHOOSE)).chain([report]).collect()
+    }
+
+    /// Reads the files of a task, to find damaged ones.
+    pub(super) fn check(&self, files: &Files, task: Task) -> Result<(), Error> {
+        match task.stage {
+            Stage::Evidence => files.part(task, self.gaussians).map(drop),
+            Stage::Choose => files.beside::<Chosen>(task).map(drop),
+            Stage::Score => files.sealed::<Vec<ViewStages>>(task).map(drop),
+            _ => Ok(()),
+        }
+    }
+
+    /// The contents of a task's files.
+    pub(super) fn work(&self, session: &Session<'_>, files: &Files, task: Task) -> Result<Vec<Vec<u8>>, Error> {
+        let config = &self.config;
+        match (task.stage, task.part) {
+            (Stage::Evidence, Some(chunk)) => {
+                let responses = stages::evidence(session, &self.model()?, config, (chunk, &self.photos[0], None))?;
+                Ok(vec![files.part_bytes(task, responses)?])
+            }
+            (Stage::Choose, _) => {
+                let parts = self.evidence().map(|part| Ok(files.part(part, self.gaussians)?.responses(self.gaussians)));
+                let model = self.model()?;
+                let (prune, model) = stages::choose(session, &model, (config, &self.photos[0]), parts)?.apply(model);
+                files.with_model(task, &model, config.style.mode(), Chosen { prune: prune.timeless() })
+            }
+            (Stage::Score, Some(n)) => {
+                let (compressed, _) = files.model::<Chosen>(CHOOSE)?;
+                let views = stages::score(
+                    session,
+                    &self.model()?,
+                    &compressed,
+                    config,
+                    (self.scores().part(n), &self.photos[1]),
+                )?;
+                Ok(vec![files.seal(task, &views)?])
+            }
+            _ => Ok(vec![self.report(session, files)?]),
+        }
+    }
+
+    /// The model, as it was when the plan was made.
+    fn model(&self) -> Result<Gaussians, Error> {
+        let path = &self.model;
+        if crc32_of_file(path)? != self.model_crc32 {
+            let what = "it has changed since the plan was made".to_owned();
+            return Err(Error::Part { path: path.clone(), what, task: "plan".to_owned() });
+        }
+        Ok(formats::read(path)?.gaussians)
+    }
+
+    /// All figures, as `qirf-vk compress --json` prints them, without times and memory.
+    fn report(&self, session: &Session<'_>, files: &Files) -> Result<Vec<u8>, Error> {
+        let Chosen { prune } = files.beside(CHOOSE)?;
+        let mut views: Vec<ViewStages> = Vec::new();
+        for task in self.scores().tasks() {
+            views.extend(files.sealed::<Vec<ViewStages>>(task)?);
+        }
+        let file = |path: &Path| -> Result<ModelFile, Error> {
+            let model = formats::read(path)?.gaussians;
+            let (gaussians, sh_degree) = (model.len(), model.degree());
+            Ok(ModelFile { path: path.to_owned(), bytes: bytes_on_disk(path), gaussians, sh_degree })
+        };
+        let written = files.outputs(CHOOSE).swap_remove(0);
+        let record = json!({
+            "schema": 1,
+            "version": env!("CARGO_PKG_VERSION"),
+            "device": session.device.tuned(),
+            "protocol": self.protocol,
+            "input": file(&self.model)?,
+            "output": ModelFile { path: written.file_name().unwrap_or_default().into(), ..file(&written)? },
+            "prune": prune,
+            "test": StageScores::mean(&views),
+            "views": views,
+        });
+        Ok(format!("{record:#}\n").into_bytes())
+    }
+}

@@ -1,0 +1,153 @@
+//! The files of a plan's tasks: where they are, and what is read from them.
+
+use super::part::{Part, Stored};
+use super::sealed;
+use super::task::{Listed, Task};
+use crate::gaussians::formats::{self, RenderMode};
+use crate::gaussians::{Gaussians, formats::crc32};
+use crate::pipeline::Error;
+use crate::response::Responses;
+use crate::train::checkpoint::Snapshot;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Notes of a state of training that name its plan and its task.
+const NOTES: [&str; 2] = ["plan", "task"];
+
+/// The files of a plan in its folder.
+pub(super) struct Files {
+    pub folder: PathBuf,
+    /// The plan's hash.
+    pub hash: String,
+    /// Its tasks.
+    pub listed: Vec<Listed>,
+}
+
+/// Notes beside a model's file.
+#[derive(Serialize, Deserialize)]
+struct Beside<T> {
+    /// CRC-32 of that file.
+    model_crc32: u32,
+    #[serde(flatten)]
+    content: T,
+}
+
+impl Files {
+    /// A task as the plan lists it.
+    pub fn listed(&self, task: Task) -> Option<&Listed> {
+        self.listed.iter().find(|listed| listed.task == task)
+    }
+
+    /// The paths of a task's files; none for a task that the plan does not have.
+    pub fn outputs(&self, task: Task) -> Vec<PathBuf> {
+        self.listed(task).map_or(Vec::new(), |l| l.outputs.iter().map(|name| self.folder.join(name)).collect())
+    }
+
+    fn first(&self, task: Task) -> PathBuf {
+        self.outputs(task).into_iter().next().unwrap_or_default()
+    }
+
+    fn last(&self, task: Task) -> PathBuf {
+        self.outputs(task).pop().unwrap_or_default()
+    }
+
+    /// Folder for what a task needs on its way: it goes when the task is done.
+    pub fn scratch(&self, task: Task) -> PathBuf {
+        self.folder.join("work").join(format!("{}-{}", self.hash, task.to_string().replace('/', "-")))
+    }
+
+    /// The responses that a task wrote, of `n` Gaussians.
+    pub fn part(&self, task: Task, n: usize) -> Result<Stored, Error> {
+        Part::read(&self.first(task), n, &self.hash, &task.to_string())
+    }
+
+    /// The bytes of responses.
+    pub fn part_bytes(&self, task: Task, responses: Responses) -> Result<Vec<u8>, Error> {
+        Part { plan: self.hash.clone(), task: task.to_string(), responses }.bytes()
+    }
+
+    /// The figures that a task wrote.
+    pub fn sealed<T: DeserializeOwned>(&self, task: Task) -> Result<T, Error> {
+        sealed::read(&self.last(task), &self.hash, &task.to_string())
+    }
+
+    /// The bytes of a task's figures.
+    pub fn seal(&self, task: Task, content: &impl Serialize) -> Result<Vec<u8>, Error> {
+        sealed::bytes(&self.hash, &task.to_string(), content)
+    }
+
+    /// The state of training that a task wrote.
+    pub fn state(&self, task: Task) -> Result<Snapshot, Error> {
+        let path = self.first(task);
+        let mut snapshot = Snapshot::read(&path)?;
+        let notes = NOTES.map(|name| snapshot.notes.remove(name).unwrap_or_default());
+        if notes != [self.hash.clone(), task.to_string()] {
+            let what = format!("it belongs to another plan, or is the part of {}", notes[1]);
+            return Err(Error::Part { path, what, task: task.to_string() });
+        }
+        Ok(snapshot)
+    }
+
+    /// The bytes of a state of training.
+    pub fn state_bytes(&self, task: Task, mut snapshot: Snapshot) -> Result<Vec<u8>, Error> {
+        snapshot.notes = NOTES.map(str::to_owned).into_iter().zip([self.hash.clone(), task.to_string()]).collect();
+        snapshot.bytes().map_err(Error::writing)
+    }
+
+    /// Reads the notes beside a task's model, and refuses a damaged model.
+    pub fn beside<T: DeserializeOwned>(&self, task: Task) -> Result<T, Error> {
+        let (path, Beside { model_crc32, content }) = (self.first(task), self.sealed(task)?);
+        if crc32_of_file(&path)? != model_crc32 {
+            let what = "its checksum is not that of the model that was written: it is damaged".to_owned();
+            return Err(Error::Part { path, what, task: task.to_string() });
+        }
+        Ok(content)
+    }
+
+    /// The model that a task wrote, with what it noted beside.
+    pub fn model<T: DeserializeOwned>(&self, task: Task) -> Result<(Gaussians, T), Error> {
+        let content = self.beside(task)?;
+        Ok((formats::read(&self.first(task))?.gaussians, content))
+    }
+
+    /// The bytes of a model's file, and of the notes beside it.
+    pub fn with_model(
+        &self,
+        task: Task,
+        model: &Gaussians,
+        mode: RenderMode,
+        content: impl Serialize,
+    ) -> Result<Vec<Vec<u8>>, Error> {
+        let beside =
+            tempfile::tempdir_in(&self.folder).map_err(|source| Error::Write { path: self.folder.clone(), source })?;
+        let path = beside.path().join(self.first(task).file_name().unwrap_or_default());
+        formats::write(&path, model, mode).map_err(Error::writing)?;
+        let bytes = std::fs::read(&path).map_err(|source| Error::Read { path, source })?;
+        let model_crc32 = crc32([bytes.as_slice()]);
+        let sealed = self.seal(task, &Beside { model_crc32, content })?;
+        Ok(vec![bytes, sealed])
+    }
+}
+
+/// CRC-32 of a file; 0 for a folder.
+///
+/// # Errors
+/// [`Error::Read`].
+pub(super) fn crc32_of_file(path: &Path) -> Result<u32, Error> {
+    if path.is_dir() {
+        return Ok(0);
+    }
+    let failed = |source| Error::Read { path: path.to_owned(), source };
+    let mut file = File::open(path).map_err(failed)?;
+    let (mut crc, mut buffer) = (flate2::Crc::new(), vec![0; 1 << 20]);
+    loop {
+        let read = file.read(&mut buffer).map_err(failed)?;
+        if read == 0 {
+            return Ok(crc.sum());
+        }
+        crc.update(&buffer[..read]);
+    }
+}

@@ -1,0 +1,198 @@
+//! Jobs divided into tasks: pure functions from files to files, which any engine may run in any order that their needs allow,
+//! on one device in turn or on many at once. The results have the bytes of the undivided job (docs/cluster.md).
+
+pub mod blocks;
+mod compression;
+mod files;
+pub mod kd_tree;
+mod part;
+mod plan;
+mod sealed;
+mod task;
+mod training;
+
+pub use compression::Compression;
+pub use plan::{Job, Plan};
+pub use task::{Listed, Stage, Task};
+
+use crate::gaussians::formats;
+use crate::pipeline::{Error, Session};
+use crate::wording::mebibytes;
+use files::Files;
+use fs4::FileExt;
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// A folder with a plan and the files of its tasks.
+pub struct Shard {
+    plan: Plan,
+    files: Files,
+}
+
+/// How far a task is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Its files are there and whole.
+    Done,
+    /// A process is at it.
+    Running,
+    /// Its files are not there.
+    Missing,
+    /// A file is there that is not its own, or is damaged.
+    Damaged(String),
+}
+
+impl Shard {
+    /// Writes plan, task list and Snakefile into `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Write`]; [`Error::Encode`]; [`Error::Usage`] if the folder holds another plan.
+    pub fn create(plan: &Plan, folder: &Path) -> Result<Self, Error> {
+        plan.write(folder)?;
+        Self::open(folder)
+    }
+
+    /// Opens a folder with a plan.
+    ///
+    /// # Errors
+    /// [`Error::Read`]; [`Error::Part`] for a file that is no plan of this version.
+    pub fn open(folder: &Path) -> Result<Self, Error> {
+        let plan = Plan::read(folder)?;
+        let files = plan.files(folder);
+        Ok(Self { plan, files })
+    }
+
+    /// The plan.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// All tasks; each comes after those that it needs.
+    pub fn tasks(&self) -> impl ExactSizeIterator<Item = Task> {
+        self.files.listed.iter().map(|listed| listed.task)
+    }
+
+    /// Refuses a device that computes other bits than the one that made the plan; `mixed` lets it pass.
+    ///
+    /// # Errors
+    /// [`Error::OtherDevice`].
+    pub fn check_device(&self, fingerprint: &str, mixed: bool) -> Result<(), Error> {
+        if mixed || fingerprint == self.plan.fingerprint {
+            return Ok(());
+        }
+        Err(Error::OtherDevice { planned: self.plan.fingerprint.clone(), here: fingerprint.to_owned() })
+    }
+
+    /// Does a task, unless it is done, and tells the watcher what it took. Waits while another process does it.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a task that the plan does not have; [`Error::Part`] for parts that are damaged or of another plan;
+    /// those of the work itself.
+    pub fn run(&self, session: &Session<'_>, task: Task) -> Result<(), Error> {
+        self.has(task)?;
+        let _lock = self.lock(task)?;
+        if self.state_of_files(task) == State::Done {
+            return Ok(());
+        }
+        let Session { device, watcher, .. } = *session;
+        let begun = Instant::now();
+        device.forget_peak();
+        for (path, bytes) in self.work(session, task)? {
+            let folder = path.parent().unwrap_or(&self.files.folder);
+            std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
+            formats::remove_leftovers(&path);
+            formats::write_atomically(&path, |out| out.write_all(&bytes)).map_err(Error::writing)?;
+        }
+        let _ = std::fs::remove_dir_all(self.files.scratch(task));
+        let (seconds, memory) = (begun.elapsed().as_secs_f64(), mebibytes(device.memory_used().1));
+        watcher.note(&format!("{task} took {seconds:.1} s and at most {memory} of the device"));
+        Ok(())
+    }
+
+    /// Does all tasks that are not done, one after the other; `follow` hears of each before it begins.
+    ///
+    /// # Errors
+    /// As [`Shard::run`]; [`Error::Interrupted`].
+    pub fn all(&self, session: &Session<'_>, mut follow: impl FnMut(Task)) -> Result<(), Error> {
+        for task in self.tasks() {
+            if self.state_of_files(task) != State::Done {
+                session.watcher.unless_stopped()?;
+                follow(task);
+                self.run(session, task)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The state of each task.
+    pub fn status(&self) -> Vec<(Task, State)> {
+        let state = |task: Task| match self.state_of_files(task) {
+            State::Done => State::Done,
+            _ if self.is_locked(task) => State::Running,
+            other => other,
+        };
+        self.tasks().map(|task| (task, state(task))).collect()
+    }
+
+    /// Does a task again and compares the bytes with those of its files. Returns the files that differ.
+    ///
+    /// # Errors
+    /// As [`Shard::run`]; files that cannot be read.
+    pub fn verify(&self, session: &Session<'_>, task: Task) -> Result<Vec<PathBuf>, Error> {
+        self.has(task)?;
+        let mut wrong = Vec::new();
+        for (path, bytes) in self.work(session, task)? {
+            let there = std::fs::read(&path).map_err(|source| Error::Read { path: path.clone(), source })?;
+            if there != bytes {
+                wrong.push(path);
+            }
+        }
+        Ok(wrong)
+    }
+
+    fn has(&self, task: Task) -> Result<(), Error> {
+        if self.files.listed(task).is_some() {
+            return Ok(());
+        }
+        Err(Error::Usage(format!("the plan in {} has no task {task}", self.files.folder.display())))
+    }
+
+    fn lock_file(&self, task: Task) -> PathBuf {
+        self.files.folder.join("locks").join(task.to_string().replace('/', "-"))
+    }
+
+    /// The lock of a task, which goes with the process, however that ends. Where the file system has no locks there is none: a task
+    /// that two processes do has the same result.
+    fn lock(&self, task: Task) -> Result<Option<File>, Error> {
+        let path = self.lock_file(task);
+        let failed = |source| Error::Write { path: path.clone(), source };
+        std::fs::create_dir_all(path.parent().unwrap_or(&self.files.folder)).map_err(failed)?;
+        let file = OpenOptions::new().write(true).create(true).truncate(false).open(&path).map_err(failed)?;
+        match FileExt::lock(&file) {
+            Ok(()) => Ok(Some(file)),
+            Err(error) if error.kind() == io::ErrorKind::Unsupported => Ok(None),
+            Err(error) => Err(failed(error)),
+        }
+    }
+
+    fn is_locked(&self, task: Task) -> bool {
+        let Ok(file) = File::open(self.lock_file(task)) else { return false };
+        matches!(FileExt::try_lock(&file), Err(fs4::TryLockError::WouldBlock))
+    }
+
+    fn state_of_files(&self, task: Task) -> State {
+        if self.files.outputs(task).iter().any(|path| !path.exists()) {
+            return State::Missing;
+        }
+        let whole = self.plan.job.check(&self.files, task);
+        whole.map_or_else(|error| State::Damaged(error.to_string()), |()| State::Done)
+    }
+
+    /// The files of a task with their contents, in the order in which they are written.
+    fn work(&self, session: &Session<'_>, task: Task) -> Result<impl Iterator<Item = (PathBuf, Vec<u8>)>, Error> {
+        let contents = self.plan.job.work(session, &self.files, task)?;
+        Ok(self.files.outputs(task).into_iter().zip(contents))
+    }
+}

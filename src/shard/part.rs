@@ -1,0 +1,192 @@
+//! The file of a chunk's responses: rows of the Gaussians that its views show, with the plan's hash and a checksum.
+
+use crate::gaussians::formats::crc32;
+use crate::pipeline::Error;
+use crate::response::{CHANNELS, Responses, Score};
+use bytemuck::{cast_slice, cast_slice_mut};
+use safetensors::SafeTensorError;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Words of a score.
+const SCORES: usize = size_of::<Score>() / size_of::<u32>();
+
+/// A chunk's responses, to be stored.
+pub(super) struct Part {
+    /// Hash of the plan that it belongs to.
+    pub plan: String,
+    /// The task's name.
+    pub task: String,
+    /// Its responses, n rows; rows of Gaussians that no view shows are zero and not stored.
+    pub responses: Responses,
+}
+
+/// A part as its file has it.
+#[derive(Debug)]
+pub(super) struct Stored {
+    /// Numbers of the Gaussians that have rows, rising.
+    index: Vec<u32>,
+    /// Their rows, one after the other; empty if they were not asked for.
+    channels: Vec<u32>,
+    scores: Vec<u32>,
+}
+
+impl Stored {
+    /// The responses of all `n` Gaussians.
+    pub fn responses(&self, n: usize) -> Responses {
+        let Self { index, channels, scores } = self;
+        let mut responses = Responses::default();
+        if !channels.is_empty() {
+            responses.channels = vec![[0.0; CHANNELS]; n];
+            for (i, row) in index.iter().zip(channels.chunks_exact(CHANNELS)) {
+                cast_slice_mut::<f32, u32>(&mut responses.channels[*i as usize]).copy_from_slice(row);
+            }
+        }
+        if !scores.is_empty() {
+            responses.scores = vec![Score::default(); n];
+            for (i, row) in index.iter().zip(scores.chunks_exact(SCORES)) {
+                let i = *i as usize;
+                cast_slice_mut::<Score, u32>(&mut responses.scores[i..=i]).copy_from_slice(row);
+            }
+        }
+        responses
+    }
+}
+
+/// CRC-32 of names and contents.
+fn checksum<'a>(content: impl Iterator<Item = (&'a str, &'a [u8])>) -> u32 {
+    crc32(content.flat_map(|(name, bytes)| [name.as_bytes(), bytes]))
+}
+
+/// An array of words as a tensor.
+fn view<'a>((name, bytes): (&'a str, &'a [u8])) -> Result<(&'a str, TensorView<'a>), SafeTensorError> {
+    Ok((name, TensorView::new(Dtype::U32, vec![bytes.len() / 4], bytes)?))
+}
+
+fn seen(responses: &Responses) -> Vec<u32> {
+    let n = responses.channels.len().max(responses.scores.len());
+    let shows = |i: &u32| {
+        let i = *i as usize;
+        let channels = responses.channels.get(i).map_or(&[][..], |row| cast_slice::<f32, u32>(row));
+        let scores = responses.scores.get(i..=i).map_or(&[][..], |row| cast_slice::<Score, u32>(row));
+        channels.iter().chain(scores).any(|word| *word != 0)
+    };
+    (0..n as u32).filter(shows).collect()
+}
+
+impl Part {
+    /// The bytes of its file.
+    ///
+    /// # Errors
+    /// [`Error::Encode`].
+    pub fn bytes(&self) -> Result<Vec<u8>, Error> {
+        let Self { plan, task, responses } = self;
+        let Responses { channels, scores, .. } = responses;
+        let index = seen(responses);
+        let picked = index.iter().map(|i| *i as usize);
+        let channels: Vec<[f32; CHANNELS]> = picked.clone().filter_map(|i| channels.get(i).copied()).collect();
+        let scores: Vec<Score> = picked.filter_map(|i| scores.get(i).copied()).collect();
+        let arrays: [(&str, &[u8]); 3] =
+            [("channels", cast_slice(&channels)), ("index", cast_slice(&index)), ("scores", cast_slice(&scores))];
+        let sum = checksum(arrays.into_iter().chain([("plan", plan.as_bytes()), ("task", task.as_bytes())]));
+        let notes = [("plan", plan.clone()), ("task", task.clone()), ("crc32", sum.to_string())];
+        // One after the other: a map's order changes from run to run.
+        let notes: HashMap<String, String> =
+            [("part".to_owned(), serde_json::to_string(&notes).map_err(|e| Error::encoding("a part", e))?)].into();
+        let views: Vec<(&str, TensorView<'_>)> =
+            arrays.into_iter().map(view).collect::<Result<_, _>>().map_err(|e| Error::encoding("a part", e))?;
+        safetensors::serialize(views, Some(notes)).map_err(|e| Error::encoding("a part", e))
+    }
+
+    /// Reads a part of `n` Gaussians that task `task` of plan `plan` wrote.
+    ///
+    /// # Errors
+    /// [`Error::Read`]; [`Error::Part`] for a damaged one and for one of another plan or task.
+    pub fn read(path: &Path, n: usize, plan: &str, task: &str) -> Result<Stored, Error> {
+        let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+        Self::parse(&bytes, n, plan, task).map_err(|what| Error::Part {
+            path: path.to_owned(),
+            what,
+            task: task.to_owned(),
+        })
+    }
+
+    fn parse(bytes: &[u8], n: usize, plan: &str, task: &str) -> Result<Stored, String> {
+        let file = SafeTensors::deserialize(bytes).map_err(|e| format!("it is damaged: {e}"))?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| format!("it is damaged: {e}"))?;
+        let notes = header.metadata().as_ref().and_then(|notes| notes.get("part")).ok_or("it has no notes")?;
+        let notes: Vec<(String, String)> = serde_json::from_str(notes).map_err(|e| format!("its notes: {e}"))?;
+        let note = |name: &str| notes.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text);
+        if note("plan") != plan {
+            return Err("it belongs to another plan".to_owned());
+        }
+        if note("task") != task {
+            return Err(format!("it is the part of {}", note("task")));
+        }
+        let array = |name: &str| file.tensor(name).map(|t| t.data()).map_err(|e| format!("{name}: {e}"));
+        let arrays = [("channels", array("channels")?), ("index", array("index")?), ("scores", array("scores")?)];
+        let sum = checksum(arrays.into_iter().chain([("plan", plan.as_bytes()), ("task", task.as_bytes())]));
+        if note("crc32") != sum.to_string() {
+            return Err("its checksum is not that of its content: it is damaged".to_owned());
+        }
+        let words = |bytes: &[u8]| -> Vec<u32> {
+            bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+        };
+        let [channels, index, scores] = arrays.map(|(_, bytes)| words(bytes));
+        let fits = |rows: &[u32], width: usize| rows.is_empty() || rows.len() == width * index.len();
+        if index.iter().any(|i| *i as usize >= n) || !fits(&channels, CHANNELS) || !fits(&scores, SCORES) {
+            return Err("its arrays do not agree".to_owned());
+        }
+        Ok(Stored { index, channels, scores })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn part() -> Part {
+        let mut responses =
+            Responses { channels: vec![[0.0; CHANNELS]; 5], scores: vec![Score::default(); 5], ..Responses::default() };
+        responses.channels[1][3] = 0.25;
+        responses.scores[4] = Score { peak: 0.5, behind: [1.0, -0.0, 3.0], ..Score::default() };
+        Part { plan: "abc".to_owned(), task: "evidence/0003".to_owned(), responses }
+    }
+
+    #[test]
+    fn parts_come_back() {
+        let part = part();
+        let bytes = part.bytes().unwrap();
+        assert_eq!(bytes, part.bytes().unwrap(), "the same bytes every time");
+        let back = Part::parse(&bytes, 5, "abc", "evidence/0003").unwrap();
+        assert_eq!(back.responses(5), part.responses);
+        assert_eq!(seen(&part.responses), [1, 4]);
+    }
+
+    /// Whatever byte changes, the part is refused, or read as it was.
+    #[test]
+    fn damage_is_noticed() {
+        let part = part();
+        let bytes = part.bytes().unwrap();
+        for at in 0..bytes.len() {
+            for bit in [0, 7] {
+                let mut damaged = bytes.clone();
+                damaged[at] ^= 1 << bit;
+                if let Ok(read) = Part::parse(&damaged, 5, "abc", "evidence/0003") {
+                    assert_eq!(read.responses(5), part.responses, "byte {at}, bit {bit}");
+                }
+            }
+        }
+        assert!((0..bytes.len()).all(|end| Part::parse(&bytes[..end], 5, "abc", "evidence/0003").is_err()));
+    }
+
+    #[test]
+    fn foreign_parts_are_named() {
+        let bytes = part().bytes().unwrap();
+        let refused = |plan: &str, task: &str| Part::parse(&bytes, 5, plan, task).err().unwrap_or_default();
+        assert!(refused("other", "evidence/0003").contains("another plan"));
+        assert!(refused("abc", "evidence/0004").contains("evidence/0003"));
+        assert!(Part::parse(&bytes, 4, "abc", "evidence/0003").is_err(), "of a larger model");
+    }
+}

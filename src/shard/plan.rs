@@ -1,0 +1,126 @@
+//! The plan of a divided job: all that its results depend on, and the list of its tasks.
+
+use super::compression::Compression;
+use super::files::Files;
+use super::task::{Listed, Task};
+use crate::gaussians::formats::crc32;
+use crate::pipeline::Error;
+use crate::pipeline::Output;
+use crate::pipeline::session::Session;
+use crate::shard::blocks::BlockRun;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// What makes a plan this program's.
+const MADE_BY: &str = "qirf-vk shard";
+
+/// The plan of a job in tasks. How many processes do them appears nowhere: the results do not depend on it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// `qirf-vk shard`.
+    made_by: String,
+    /// Version of the program.
+    version: String,
+    /// Fingerprint of the device that made the plan: what its kernels compute.
+    pub fingerprint: String,
+    /// Name of the resulting model's file.
+    pub output: String,
+    /// The job.
+    pub job: Job,
+}
+
+/// A job that is divided.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Job {
+    /// The compression of a model.
+    Compression(Box<Compression>),
+    /// A run in blocks.
+    Run(Box<BlockRun>),
+}
+
+impl Job {
+    pub(super) fn tasks(&self, output: &str) -> Vec<Listed> {
+        match self {
+            Self::Compression(job) => job.tasks(output),
+            Self::Run(job) => job.tasks(output),
+        }
+    }
+
+    pub(super) fn check(&self, files: &Files, task: Task) -> Result<(), Error> {
+        match self {
+            Self::Compression(job) => job.check(files, task),
+            Self::Run(_) => BlockRun::check(files, task),
+        }
+    }
+
+    pub(super) fn work(&self, session: &Session<'_>, files: &Files, task: Task) -> Result<Vec<Vec<u8>>, Error> {
+        match self {
+            Self::Compression(job) => job.work(session, files, task),
+            Self::Run(job) => job.work(session, files, task),
+        }
+    }
+}
+
+impl Plan {
+    /// The plan of a job whose model is to have this file name, on a device with this fingerprint.
+    pub fn new(job: Job, output: &str, fingerprint: String) -> Self {
+        let version = env!("CARGO_PKG_VERSION").to_owned();
+        Self { made_by: MADE_BY.to_owned(), version, fingerprint, output: output.to_owned(), job }
+    }
+
+    /// Reads the plan of a folder.
+    ///
+    /// # Errors
+    /// [`Error::Read`]; [`Error::Part`] for a file that is no plan of this version.
+    pub fn read(folder: &Path) -> Result<Self, Error> {
+        let path = file(folder);
+        let bytes = std::fs::read(&path).map_err(|source| Error::Read { path: path.clone(), source })?;
+        let plan: Result<Self, _> = serde_json::from_slice(&bytes);
+        let wrong = |what: String| Error::Part { path: path.clone(), what, task: "plan".to_owned() };
+        let plan = plan.map_err(|e| wrong(format!("it is no plan: {e}")))?;
+        match (plan.made_by == MADE_BY, plan.version == env!("CARGO_PKG_VERSION")) {
+            (true, true) => Ok(plan),
+            (true, false) => Err(wrong(format!("it was made by version {}", plan.version))),
+            _ => Err(wrong("it was made by another program".to_owned())),
+        }
+    }
+
+    /// Writes plan, task list and Snakefile.
+    ///
+    /// # Errors
+    /// [`Error::Write`]; [`Error::Encode`]; [`Error::Usage`] if the folder holds another plan.
+    pub fn write(&self, folder: &Path) -> Result<(), Error> {
+        if let Ok(there) = Self::read(folder)
+            && there != *self
+        {
+            return Err(Error::Usage(format!("{} holds another plan; name an empty or new folder", folder.display())));
+        }
+        std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
+        let files = self.files(folder);
+        let tasks: Vec<Value> = files.listed.iter().map(|listed| entry(&files, listed)).collect();
+        Output::text(&folder.join("Snakefile"), include_str!("Snakefile"))?;
+        Output::json(&folder.join("tasks.json"), "tasks.json", &json!({ "plan": files.hash, "tasks": tasks }))?;
+        Output::json(&file(folder), "plan.json", self)
+    }
+
+    /// The files of its tasks in `folder`. Their hash, which parts carry, tells plans apart.
+    pub(super) fn files(&self, folder: &Path) -> Files {
+        let hash = format!("{:08x}", crc32([serde_json::to_string(self).unwrap_or_default().as_bytes()]));
+        Files { folder: folder.to_owned(), hash, listed: self.job.tasks(&self.output) }
+    }
+}
+
+/// A task as in `tasks.json`.
+fn entry(files: &Files, listed: &Listed) -> Value {
+    let outputs = |task: &Task| files.listed(*task).map_or(&[][..], |l| &l.outputs);
+    let needs: Vec<&String> = listed.needs.iter().flat_map(outputs).collect();
+    json!({ "id": listed.task.to_string(), "needs": needs, "outputs": listed.outputs, "work": listed.work })
+}
+
+/// The plan's file in its folder.
+fn file(folder: &Path) -> PathBuf {
+    folder.join("plan.json")
+}

@@ -1,0 +1,311 @@
+//! A run in blocks as tasks: a coarse model, its division, the blocks up to the prune, evidence by chunks of photos, one choice,
+//! the blocks to a second and a third meeting and to their end, the joined model, and its scores by parts of the photos.
+
+use super::files::Files;
+use super::task::{Listed, Scores, Stage, Task};
+use crate::gaussians::Gaussians;
+use crate::pipeline::Error;
+use crate::pipeline::Output;
+use crate::pipeline::evaluate::Assessment;
+use crate::pipeline::records::PruneRecord;
+use crate::pipeline::session::Session;
+use crate::response::CHUNK;
+use crate::shard::blocks::{BlockRun, Layout, Meeting, Tuned, copies, joined};
+use crate::train::checkpoint::Snapshot;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+/// Photos that a task scores.
+const SCORED: usize = 48;
+const COARSE: Task = Task::whole(Stage::Coarse);
+const ASSIGN: Task = Task::whole(Stage::Assign);
+const FIRST: Task = Task::part(Stage::Collect, 0);
+const SECOND: Task = Task::part(Stage::Collect, 1);
+const THIRD: Task = Task::part(Stage::Collect, 2);
+const CHOOSE: Task = Task::whole(Stage::Choose);
+const JOIN: Task = Task::whole(Stage::Join);
+const REPORT: Task = Task::whole(Stage::Report);
+
+/// Notes beside the blocks that met.
+#[derive(Serialize, Deserialize)]
+struct Collected {
+    /// The first row of each block.
+    starts: Vec<usize>,
+    /// Number of all rows.
+    gaussians: usize,
+}
+
+/// The Gaussians of all blocks at a meeting, and the first row of each block.
+struct Met(Gaussians, Vec<usize>);
+
+impl Met {
+    fn read(files: &Files, collect: Task) -> Result<Self, Error> {
+        let (model, Collected { starts, .. }) = files.model(collect)?;
+        Ok(Self(model, starts))
+    }
+
+    fn meeting(&self) -> Meeting<'_> {
+        Meeting { collected: &self.0, starts: &self.1 }
+    }
+}
+
+/// The choice among all Gaussians.
+#[derive(Serialize, Deserialize)]
+struct Chosen {
+    prune: PruneRecord,
+    /// Gaussians that each block keeps.
+    quotas: Vec<usize>,
+}
+
+/// Notes beside a block at the second meeting.
+#[derive(Serialize, Deserialize)]
+struct Pruned {
+    prune: Option<PruneRecord>,
+}
+
+/// Notes beside a block after the second meeting; those of all blocks stand beside the joined model.
+#[derive(Clone, Serialize, Deserialize)]
+struct Ended {
+    /// Its own Gaussians; copies of its neighbours' follow them.
+    gaussians: usize,
+    prune: Option<PruneRecord>,
+    skipped_rows: u64,
+}
+
+impl Ended {
+    fn of(block: &Tuned) -> Self {
+        let Tuned { state, copies, prune } = block;
+        Self { gaussians: state.model.len() - copies, prune: prune.clone(), skipped_rows: state.skipped_rows }
+    }
+}
+
+/// Notes beside the joined model.
+#[derive(Serialize, Deserialize)]
+struct Joined {
+    blocks: Vec<Ended>,
+}
+
+impl BlockRun {
+    fn dense_blocks(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Dense, self.blocks)
+    }
+
+    fn tuned_blocks(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Tune, self.blocks)
+    }
+
+    fn settled_blocks(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Settle, self.blocks)
+    }
+
+    fn finished_blocks(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Finish, self.blocks)
+    }
+
+    fn scores(&self) -> Scores {
+        Scores { views: self.held_out.len() + self.photos.len(), each: SCORED }
+    }
+
+    fn chunks_of_evidence(&self) -> impl Iterator<Item = Task> {
+        Task::parts(Stage::Evidence, self.chunks())
+    }
+
+    /// All tasks; each comes after those that it needs. `output` names the model's file.
+    pub(super) fn tasks(&self, output: &str) -> Vec<Listed> {
+        let prunes = self.config.prune.is_some();
+        let iterations = self.config.schedule.iterations as usize;
+        let each = iterations / 2 / self.blocks.max(1);
+        let stored = |task: Task| format!("{task}.safetensors");
+        let beside = |task: Task| format!("{task}.json");
+        let model = |task: Task| [format!("{task}.ply"), beside(task)];
+        let dense = |task: Task| Listed::new(task, [COARSE, ASSIGN], [stored(task)], each);
+        let evidence = |task: Task| Listed::new(task, [ASSIGN, FIRST], [stored(task)], CHUNK);
+        let choose = Listed::new(CHOOSE, [FIRST].into_iter().chain(self.chunks_of_evidence()), ["choose.json"], CHUNK);
+        let tune = |task: Task| {
+            // Without a prune it trains its neighbours' Gaussians along, and reads theirs, too.
+            let own = Task { stage: Stage::Dense, ..task };
+            let came: Vec<Task> = if prunes { vec![CHOOSE, own] } else { self.dense_blocks().collect() };
+            Listed::new(task, [ASSIGN, FIRST].into_iter().chain(came), [stored(task), beside(task)], each / 2)
+        };
+        let settle = |task: Task| {
+            let needs = [ASSIGN, SECOND].into_iter().chain(self.tuned_blocks());
+            Listed::new(task, needs, [stored(task), beside(task)], each / 4)
+        };
+        let finish = |task: Task| {
+            let own = Task { stage: Stage::Settle, ..task };
+            Listed::new(task, [ASSIGN, SECOND, THIRD, own], model(task), each / 4)
+        };
+        let collect = |task: Task, needs: Vec<Task>| Listed::new(task, needs, model(task), 0);
+        let mut tasks = vec![
+            Listed::new(COARSE, [], ["coarse.safetensors"], iterations / 32),
+            Listed::new(ASSIGN, [COARSE], ["assign.json"], 2 * self.photos.len()),
+        ];
+        tasks.extend(self.dense_blocks().map(dense));
+        tasks.push(collect(FIRST, self.dense_blocks().collect()));
+        tasks.extend(self.chunks_of_evidence().map(evidence));
+        tasks.extend(prunes.then_some(choose));
+        tasks.extend(self.tuned_blocks().map(tune));
+        tasks.push(collect(SECOND, self.tuned_blocks().collect()));
+        tasks.extend(self.settled_blocks().map(settle));
+        tasks.push(collect(THIRD, [ASSIGN, SECOND].into_iter().chain(self.settled_blocks()).collect()));
+        tasks.extend(self.finished_blocks().map(finish));
+        let needs = [ASSIGN, SECOND].into_iter().chain(self.finished_blocks());
+        tasks.push(Listed::new(JOIN, needs, [output, "join.json"], 0));
+        tasks.extend(self.scores().listed(JOIN));
+        let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE)).chain(self.scores().tasks());
+        tasks.push(Listed::new(REPORT, needs, ["metrics.json"], 0));
+        tasks
+    }
+
+    /// Reads the files of a task, to find damaged ones.
+    pub(super) fn check(files: &Files, task: Task) -> Result<(), Error> {
+        match task.stage {
+            Stage::Coarse | Stage::Dense => files.state(task).map(drop),
+            Stage::Assign => files.sealed::<Layout>(task).map(drop),
+            Stage::Collect if task == THIRD => files.beside::<Joined>(task).map(drop),
+            Stage::Collect => files.beside::<Collected>(task).map(drop),
+            Stage::Evidence => files.part(task, files.sealed::<Collected>(FIRST)?.gaussians).map(drop),
+            Stage::Choose => files.sealed::<Chosen>(task).map(drop),
+            Stage::Tune => files.state(task).and_then(|_| files.sealed::<Pruned>(task)).map(drop),
+            Stage::Settle => files.state(task).and_then(|_| files.sealed::<Ended>(task)).map(drop),
+            Stage::Finish => files.beside::<Ended>(task).map(drop),
+            Stage::Join => files.beside::<Joined>(task).map(drop),
+            Stage::Score => files.sealed::<Assessment>(task).map(drop),
+            Stage::Report => Ok(()),
+        }
+    }
+
+    /// The contents of a task's files.
+    pub(super) fn work(&self, session: &Session<'_>, files: &Files, task: Task) -> Result<Vec<Vec<u8>>, Error> {
+        let part = task.part.unwrap_or_default();
+        let scratch = || Output::new(&files.scratch(task));
+        match task.stage {
+            Stage::Coarse => Ok(vec![files.state_bytes(task, self.coarse(session, &scratch()?)?)?]),
+            Stage::Assign => Ok(vec![files.seal(task, &self.assign(session, &files.state(COARSE)?)?)?]),
+            Stage::Dense => {
+                let layout: Layout = files.sealed(ASSIGN)?;
+                let state = self.dense(session, (&layout, part), &files.state(COARSE)?.model, &scratch()?)?;
+                Ok(vec![files.state_bytes(task, state)?])
+            }
+            Stage::Collect if task == THIRD => self.blended(files, task, self.settled_blocks()),
+            Stage::Collect => {
+                let blocks: Vec<Task> =
+                    if task == FIRST { self.dense_blocks().collect() } else { self.tuned_blocks().collect() };
+                let blocks =
+                    blocks.into_iter().map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
+                let (model, starts) = joined(&blocks);
+                let collected = Collected { starts, gaussians: model.len() };
+                files.with_model(task, &model, self.config.style.mode(), collected)
+            }
+            Stage::Evidence => {
+                let (model, _) = files.model::<Collected>(FIRST)?;
+                let responses = self.evidence(session, &model, &files.sealed(ASSIGN)?, part)?;
+                Ok(vec![files.part_bytes(task, responses)?])
+            }
+            Stage::Choose => {
+                let met = Met::read(files, FIRST)?;
+                let (meeting, n) = (met.meeting(), met.0.len());
+                let chunks = self.chunks_of_evidence().map(|chunk| Ok(files.part(chunk, n)?.responses(n)));
+                let (prune, quotas) = self.choose(session, &meeting, chunks)?;
+                Ok(vec![files.seal(task, &Chosen { prune, quotas })?])
+            }
+            Stage::Tune => self.tuned(session, files, task, part),
+            Stage::Settle => self.settled(session, files, task, part),
+            Stage::Finish => self.finished(session, files, task, part),
+            Stage::Join => self.blended(files, task, self.finished_blocks()),
+            Stage::Score => {
+                let (model, Joined { .. }) = files.model(JOIN)?;
+                Ok(vec![files.seal(task, &self.score(session, &model, self.scores().part(part))?)?])
+            }
+            Stage::Report => Ok(vec![self.report(session, files)?]),
+        }
+    }
+
+    /// The scene that the copies of blocks become, and its notes.
+    fn blended(&self, files: &Files, task: Task, blocks: impl Iterator<Item = Task>) -> Result<Vec<Vec<u8>>, Error> {
+        let met = Met::read(files, SECOND)?;
+        let of = copies(&files.sealed(ASSIGN)?, &met.meeting());
+        let (mut model, mut notes) = (Gaussians::zeroed(met.0.len(), met.0.degree()), Vec::new());
+        for (block, copies) in blocks.zip(&of) {
+            let (of_block, ended) = match block.stage {
+                Stage::Settle => (files.state(block)?.model, files.sealed::<Ended>(block)?),
+                _ => files.model::<Ended>(block)?,
+            };
+            if of_block.len() != copies.rows.len() {
+                let what = format!(
+                    "it has {} Gaussians in place of {}: another version of qirf-vk wrote it",
+                    of_block.len(),
+                    copies.rows.len()
+                );
+                let path = files.outputs(block).swap_remove(0);
+                return Err(Error::Part { path, what, task: block.to_string() });
+            }
+            copies.add_to(&mut model, &of_block);
+            notes.push(ended);
+        }
+        files.with_model(task, &model, self.config.style.mode(), Joined { blocks: notes })
+    }
+
+    fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
+        let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
+        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
+        let met = Met::read(files, FIRST)?;
+        let came = |b: usize| files.state(Task::part(Stage::Dense, b));
+        let Tuned { state, prune, .. } = self.tune(session, (&layout, b, quota), (&met.meeting(), &came), &output)?;
+        Ok(vec![files.state_bytes(task, state)?, files.seal(task, &Pruned { prune })?])
+    }
+
+    fn settled(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
+        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
+        let met = Met::read(files, SECOND)?;
+        let came = |b: usize| files.state(Task::part(Stage::Tune, b));
+        let Pruned { prune } = files.sealed(Task::part(Stage::Tune, b))?;
+        let settled = self.settle(session, (&layout, b), (&met.meeting(), &came, prune.as_ref()), &output)?;
+        let ended = Ended::of(&settled);
+        Ok(vec![files.state_bytes(task, settled.state)?, files.seal(task, &ended)?])
+    }
+
+    fn finished(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
+        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
+        let met = Met::read(files, SECOND)?;
+        let (blended, Joined { .. }) = files.model(THIRD)?;
+        let own = Task::part(Stage::Settle, b);
+        let (state, Ended { gaussians, prune, .. }) = (files.state(own)?, files.sealed(own)?);
+        let settled = Tuned { copies: state.model.len() - gaussians, state, prune };
+        let finished = self.finish(session, (&layout, b), (&met.meeting(), &blended, settled), &output)?;
+        files.with_model(task, &finished.state.model, self.config.style.mode(), Ended::of(&finished))
+    }
+
+    /// All figures, as `qirf-vk eval` has them, without times, memory and the frame rate; with those of the blocks.
+    fn report(&self, session: &Session<'_>, files: &Files) -> Result<Vec<u8>, Error> {
+        let (model, Joined { blocks }) = files.model(JOIN)?;
+        let layout: Layout = files.sealed(ASSIGN)?;
+        let chosen = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?) } else { None };
+        let mut measured = Assessment::default();
+        for task in self.scores().tasks() {
+            measured.extend(files.sealed(task)?);
+        }
+        let record = self.record(session, (&files.outputs(JOIN)[0], &model), measured);
+        let of_block = |(b, ended): (usize, &Ended)| {
+            let photos = layout.blocks.get(b).map_or(0, |block| block.crops.len());
+            json!({ "photos": photos, "gaussians": ended.gaussians, "prune": ended.prune, "skipped_rows": ended.skipped_rows })
+        };
+        let record = json!({
+            "schema": record.schema,
+            "version": record.version,
+            "device": record.device,
+            "protocol": record.protocol,
+            "gaussians": record.gaussians,
+            "test": record.test,
+            "test_unfitted_psnr": record.unfitted_psnr,
+            "train": record.train,
+            "views": record.views,
+            "ply_bytes": record.model_bytes,
+            "guards": record.guards,
+            "prune": chosen.map(|chosen| chosen.prune),
+            "omega": layout.omega,
+            "blocks": blocks.iter().enumerate().map(of_block).collect::<Vec<_>>(),
+        });
+        Ok(format!("{record:#}\n").into_bytes())
+    }
+}
