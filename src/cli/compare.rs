@@ -6,7 +6,7 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::{Global, tell_of_missing};
-use crate::lab::compare::{Arm, CompareRecord, compare, compare_seeds, of_seeds, write_page};
+use crate::lab::compare::{Arm, CompareRecord, arms_help, compare, compare_seeds, of_seeds, write_page};
 use crate::pipeline::Error;
 use crate::pipeline::config::{Compression, Pruning};
 use crate::pipeline::{Output, RunConfig, Session, earlier};
@@ -28,26 +28,14 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compare capture -o compared --preset quick --resolution 256
   qirf-vk compare capture -o compared --arms default,importance,css:hybrid+merge,dense --keep 0.2
   qirf-vk compare capture -o compared --ablation
-  qirf-vk compare capture -o compared --arms paper-tables --seeds 3
+  qirf-vk compare capture -o compared --arms paper-tables --seeds 3";
 
-An arm is a selector's name, followed by any of :BUDGET, +merge, -detail, +attrition, +twice, +rewarm, +thresholds and @SHARE in this \
-order; +twice prunes at 16/30 and 24/30 of the run. Other arms are:
-  default           the pruning that the other options describe
-  paper             the pruning of the QIRF paper
-  gns               opacity:global-detail+attrition
-  pop               change:global-detail in two cuts
-  dense             not pruned
-  dense+thresholds  not pruned, grown as by the 3DGS reference
-  grown             not pruned, grown only to the number that the others keep
-  mcmc              the same, grown by relocation as in 3DGS-MCMC
-  compact3dgs       trained from the beginning with learnt masks, which are a threshold's
-  maskgaussian      the same, with masks that are drawn at random
-
-The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
+const FILES: &str =
+    "The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
 /// Compare ways of pruning a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = format!("{EXAMPLES}\n\n{}\n\n{FILES}", arms_help()))]
 pub(super) struct Arguments {
     /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
     scene: PathBuf,
@@ -187,6 +175,6 @@ mod tests {
             refused.starts_with("'abc' is not an arm; possible values: default, paper, gns, pop, dense,"),
             "{refused}"
         );
-        assert!(refused.contains("dense+thresholds") && refused.ends_with("pairs"), "{refused}");
+        assert!(refused.contains("dense, grown, mcmc") && refused.ends_with("pairs"), "{refused}");
     }
 }

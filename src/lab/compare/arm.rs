@@ -9,25 +9,196 @@ use crate::train::relocation::Relocation;
 use crate::train::schedule::Schedule;
 use crate::wording::unknown;
 
-/// Removes `suffix` from the end of `text`. Returns what is left, and whether the suffix was there.
-fn without<'a>(text: &'a str, suffix: &str) -> (&'a str, bool) {
-    text.strip_suffix(suffix).map_or((text, false), |rest| (rest, true))
-}
-
 /// Shares of the run at which an arm prunes that does so in two steps, as `RadSplat` does.
 pub const TWICE: [f64; 2] = [16.0 / 30.0, 24.0 / 30.0];
 
-/// Methods by name: their arm in full, and the shares of the run at which they prune in two steps.
-const METHODS: [(&str, &str, [f64; 2]); 2] = [
+/// What may follow an arm's name: any of these, in any order, each once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Suffix {
+    Budget,
+    Merge,
+    WithoutDetail,
+    Attrition,
+    Twice,
+    Rewarm,
+    Thresholds,
+    Share,
+}
+
+impl Suffix {
+    /// All, with the text that begins each and what help calls it.
+    const ALL: [(Self, &str, &str); 8] = [
+        (Self::Budget, ":", ":BUDGET"),
+        (Self::Merge, "+merge", "+merge"),
+        (Self::WithoutDetail, "-detail", "-detail"),
+        (Self::Attrition, "+attrition", "+attrition"),
+        (Self::Twice, "+twice", "+twice"),
+        (Self::Rewarm, "+rewarm", "+rewarm"),
+        (Self::Thresholds, "+thresholds", "+thresholds"),
+        (Self::Share, "@", "@SHARE"),
+    ];
+
+    /// Their names in a sentence.
+    fn list(suffixes: &[Self]) -> String {
+        let named = |s: &Self| Self::ALL.iter().find(|row| row.0 == *s).map_or("", |row| row.2);
+        let names: Vec<&str> = suffixes.iter().map(named).collect();
+        match names.split_last() {
+            Some((last, [])) => (*last).to_owned(),
+            Some((last, before)) => format!("{} and {last}", before.join(", ")),
+            None => "nothing".to_owned(),
+        }
+    }
+}
+
+/// The suffixes of an arm.
+#[derive(Clone, Debug, Default)]
+struct Suffixes {
+    given: Vec<Suffix>,
+    budget: Option<Budget>,
+    share: Option<f64>,
+}
+
+impl Suffixes {
+    /// Divides an arm's text into its name and its suffixes.
+    fn split(text: &str) -> Result<(&str, Self), String> {
+        let end = |text: &str| -> usize {
+            let begins = [":", "@", "+", "-detail"].iter().filter_map(|begin| text.find(begin));
+            begins.min().unwrap_or(text.len())
+        };
+        let (name, mut rest) = text.split_at(end(text));
+        let mut found = Self::default();
+        while !rest.is_empty() {
+            let Some((suffix, begin, shown)) = Suffix::ALL.into_iter().find(|row| rest.starts_with(row.1)) else {
+                let all = Suffix::ALL.map(|row| row.0);
+                return Err(format!("'{text}': '{rest}' is no suffix of an arm; there are {}", Suffix::list(&all)));
+            };
+            rest = &rest[begin.len()..];
+            if matches!(suffix, Suffix::Budget | Suffix::Share) {
+                let (value, after) = rest.split_at(end(rest));
+                found.value(suffix, value).map_err(|wrong| format!("'{text}': {wrong}"))?;
+                rest = after;
+            }
+            if found.has(suffix) {
+                return Err(format!("'{text}': {shown} is there twice"));
+            }
+            found.given.push(suffix);
+        }
+        Ok((name, found))
+    }
+
+    fn value(&mut self, suffix: Suffix, value: &str) -> Result<(), String> {
+        if suffix == Suffix::Share {
+            let share = value.parse::<f64>().ok().filter(|s| *s > 0.0 && *s <= 1.0);
+            self.share = Some(share.ok_or("write a share such as 0.2 after @")?);
+            return Ok(());
+        }
+        let budgets = [("per-block", Budget::PerBlock), ("hybrid", Budget::Hybrid), ("global", Budget::Global)];
+        let budget = budgets.into_iter().find(|(name, _)| *name == value);
+        let wrong = || format!("there is no budget '{value}'; choose per-block, hybrid or global");
+        self.budget = Some(budget.ok_or_else(wrong)?.1);
+        Ok(())
+    }
+
+    fn has(&self, suffix: Suffix) -> bool {
+        self.given.contains(&suffix)
+    }
+}
+
+/// What an arm with a name of its own is.
+#[derive(Clone, Copy)]
+enum Base {
+    /// The pruning that the comparison is given.
+    Given,
+    /// The pruning of the QIRF paper.
+    Paper,
+    /// Another arm in full, and the shares of the run at which it prunes if it does so in two steps.
+    Other(&'static str, [f64; 2]),
+    /// Not pruned; the share that others keep says how it grows.
+    NotPruned(fn(Keep) -> Grown),
+}
+
+/// An arm with a name of its own, which is no selector's.
+struct Named {
+    name: &'static str,
+    about: &'static str,
+    base: Base,
+    takes: &'static [Suffix],
+}
+
+const ALL: &[Suffix] = &{
+    let mut all = [Suffix::Budget; Suffix::ALL.len()];
+    let mut k = 0;
+    while k < all.len() {
+        all[k] = Suffix::ALL[k].0;
+        k += 1;
+    }
+    all
+};
+const PROCESS: &[Suffix] = &[Suffix::Rewarm, Suffix::Thresholds, Suffix::Share];
+/// Pairs are merged over the whole model, so that they have neither budget nor detail.
+const PAIRS: &[Suffix] = &[Suffix::Attrition, Suffix::Twice, Suffix::Rewarm, Suffix::Thresholds, Suffix::Share];
+
+const NAMED: [Named; 9] = [
+    Named { name: "default", about: "the pruning that the other options describe", base: Base::Given, takes: ALL },
+    Named { name: "paper", about: "the pruning of the QIRF paper", base: Base::Paper, takes: ALL },
     // Natural selection: pressure on opacities, the rest cut by opacity.
-    ("gns", "opacity:global-detail+attrition", TWICE),
+    Named {
+        name: "gns",
+        about: "opacity:global-detail+attrition",
+        base: Base::Other("opacity:global-detail+attrition", TWICE),
+        takes: PROCESS,
+    },
     // GaussianPOP: what the pictures change if one Gaussian goes, in two cuts.
-    ("pop", "change:global-detail+twice", [15.0 / 30.0, 20.0 / 30.0]),
+    Named {
+        name: "pop",
+        about: "change:global-detail in two cuts",
+        base: Base::Other("change:global-detail+twice", [15.0 / 30.0, 20.0 / 30.0]),
+        takes: PROCESS,
+    },
+    Named {
+        name: "dense",
+        about: "not pruned; dense+thresholds grows as the 3DGS reference does",
+        base: Base::NotPruned(|_| Grown::Together),
+        takes: &[Suffix::Thresholds],
+    },
+    Named {
+        name: "grown",
+        about: "not pruned, grown only to the number that the others keep",
+        base: Base::NotPruned(Grown::To),
+        takes: &[Suffix::Share],
+    },
+    Named {
+        name: "mcmc",
+        about: "the same, grown by relocation as in 3DGS-MCMC",
+        base: Base::NotPruned(Grown::Relocating),
+        takes: &[Suffix::Share],
+    },
+    Named {
+        name: "compact3dgs",
+        about: "trained from the beginning with learnt masks, which are a threshold's",
+        base: Base::NotPruned(|keep| Grown::Masked(Method::Compact3dgs, keep)),
+        takes: &[Suffix::Share],
+    },
+    Named {
+        name: "maskgaussian",
+        about: "the same, with masks that are drawn at random",
+        base: Base::NotPruned(|keep| Grown::Masked(Method::MaskGaussian, keep)),
+        takes: &[Suffix::Share],
+    },
 ];
 
-/// Names of arms that are no selectors' names.
-const OWN_NAMES: [&str; 10] =
-    ["default", "paper", "gns", "pop", "dense", "dense+thresholds", "grown", "mcmc", "compact3dgs", "maskgaussian"];
+/// What an arm may be, for help: suffixes, then the arms that have names of their own.
+pub fn help() -> String {
+    let mut text = format!(
+        "An arm is a selector's name, followed by any of {}, in any order; +twice prunes at 16/30 and 24/30 of the run. Other arms \
+         are:",
+        Suffix::list(ALL)
+    );
+    for Named { name, about, .. } in NAMED {
+        text += &format!("\n  {name:<13} {about}");
+    }
+    text
+}
 
 /// How an arm's model grows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,94 +233,81 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// Reads `dense`, `grown`, `mcmc`, `compact3dgs`, `maskgaussian`, `default`, `paper`, `gns`, `pop`, or a selector's name followed by any of `:BUDGET`, `+merge`, `-detail`,
-    /// `+attrition`, `+twice`, `+rewarm`, `+thresholds` and `@SHARE`. A selector alone prunes without attrition, divides its count per
-    /// block and does not merge. `given` is the meaning of `default`, and gives every arm its share, its detail and its blocks.
+    /// Reads the name of a selector, or of one of the arms that [`help`] lists, with suffixes. A selector alone prunes without
+    /// attrition, divides its count per block and does not merge. `given` is the meaning of `default`, and gives every arm its share,
+    /// its detail and its blocks.
     ///
     /// # Errors
     /// A sentence that names the fault.
     pub fn parse(text: &str, given: &Pruning) -> Result<Self, String> {
-        if let Some(arm) = Self::method(text, given) {
-            return arm;
+        let (name, suffixes) = Suffixes::split(text)?;
+        let named = NAMED.into_iter().find(|row| row.name == name);
+        let takes = match &named {
+            Some(row) => row.takes,
+            None if name == Selector::Pairs.to_string() => PAIRS,
+            None => ALL,
+        };
+        if suffixes.given.iter().any(|suffix| !takes.contains(suffix)) {
+            return Err(format!("'{text}': {name} takes only {}", Suffix::list(takes)));
         }
-        let process = given;
-        let given = &process.compression;
-        let (rest, keep) = match text.split_once('@') {
-            None => (text, given.keep),
-            Some((rest, share)) => {
-                let share = share.parse::<f64>().ok().filter(|s| *s > 0.0 && *s <= 1.0);
-                (rest, Keep::Share(share.ok_or_else(|| format!("'{text}': write a share such as 0.2 after @"))?))
+        let keep = suffixes.share.map_or(given.compression.keep, Keep::Share);
+        let mut arm = match named.map(|row| row.base) {
+            Some(Base::NotPruned(grown)) => Self::not_pruned(grown(keep)),
+            Some(Base::Other(full, at)) => {
+                let arm = Self::parse(full, given)?;
+                Self { twice: arm.twice.map(|_| at), ..arm }
             }
-        };
-        let (rest, thresholds) = without(rest, "+thresholds");
-        let (rest, rewarm) = without(rest, "+rewarm");
-        let (rest, twice) = without(rest, "+twice");
-        let (rest, attrition) = without(rest, "+attrition");
-        let (rest, without_detail) = without(rest, "-detail");
-        let (rest, merge) = without(rest, "+merge");
-        let grown = if thresholds { Grown::ByThresholds } else { Grown::Together };
-        let (selector, budget) = rest.split_once(':').map_or((rest, None), |(s, b)| (s, Some(b)));
-        let named = |budget: &str| match budget {
-            "per-block" => Ok(Budget::PerBlock),
-            "hybrid" => Ok(Budget::Hybrid),
-            "global" => Ok(Budget::Global),
-            other => Err(format!("'{text}': there is no budget '{other}'; choose per-block, hybrid or global")),
-        };
-        // Arms that are not pruned take a share alone, where one means something.
-        let grown_arm =
-            |grown| Ok(Self { name: text.to_owned(), compression: None, attrition, rewarm, twice: None, grown });
-        let share_alone = rest == selector && text.split('@').next() == Some(rest);
-        let mut compression = match selector {
-            "dense" if text == selector || text == "dense+thresholds" => return grown_arm(grown),
-            "grown" if share_alone => return grown_arm(Grown::To(keep)),
-            "mcmc" if share_alone => return grown_arm(Grown::Relocating(keep)),
-            "compact3dgs" if share_alone => return grown_arm(Grown::Masked(Method::Compact3dgs, keep)),
-            "maskgaussian" if share_alone => return grown_arm(Grown::Masked(Method::MaskGaussian, keep)),
-            "dense" | "grown" | "mcmc" | "compact3dgs" | "maskgaussian" => {
-                return Err(format!("'{text}': this arm is not pruned; write {selector} without the rest"));
+            Some(Base::Given) => {
+                let (attrition, rewarm) = (given.attrition.is_some() && !suffixes.has(Suffix::Twice), given.rewarm);
+                Self { attrition, rewarm, ..Self::pruned(given.compression.clone()) }
             }
-            "default" => given.clone(),
-            "paper" => Compression::paper(),
-            selector => Compression {
-                selector: selector.parse::<Selector>().map_err(|_| {
+            Some(Base::Paper) => Self::pruned(Compression::paper()),
+            None => {
+                let selector = name.parse::<Selector>().map_err(|_| {
                     let selectors = Selector::NAMES.into_iter().map(|(_, name)| name);
-                    unknown(selector, "an arm", OWN_NAMES.into_iter().chain(selectors))
-                })?,
-                budget: Budget::PerBlock,
-                merge: false,
-                ..given.clone()
-            },
+                    unknown(name, "an arm", NAMED.into_iter().map(|row| row.name).chain(selectors))
+                })?;
+                let given = given.compression.clone();
+                Self::pruned(Compression { selector, budget: Budget::PerBlock, merge: false, ..given })
+            }
         };
-        if compression.selector == Selector::Pairs && (budget.is_some() || merge || without_detail) {
-            return Err(format!(
-                "'{text}': pairs merges over the whole model; it takes +attrition, +twice, +rewarm, +thresholds and @SHARE alone"
-            ));
-        }
-        if selector != "paper" || keep != given.keep {
-            compression.keep = keep;
-        }
-        if let Some(budget) = budget {
-            compression.budget = named(budget)?;
-        }
-        compression.merge |= merge;
-        if without_detail {
-            compression.detail = 0.0;
-        }
-        let twice = twice.then_some(TWICE);
-        if attrition && twice.is_some() {
+        arm.take(&suffixes);
+        if arm.attrition && arm.twice.is_some() {
             return Err(format!("'{text}': choose one of +attrition and +twice"));
         }
-        let default = selector == "default";
-        let attrition = attrition || default && twice.is_none() && process.attrition.is_some();
-        let rewarm = rewarm || default && process.rewarm;
-        Ok(Self { name: text.to_owned(), compression: Some(compression), attrition, rewarm, twice, grown })
+        Ok(Self { name: text.to_owned(), ..arm })
     }
 
-    /// Reads the name of one of the [`METHODS`], followed by any of `+rewarm`, `+thresholds` and `@SHARE`; none for another name.
-    fn method(text: &str, given: &Pruning) -> Option<Result<Self, String>> {
-        let (short, full, at) = METHODS.iter().find(|m| text.split(['@', '+']).next() == Some(m.0))?;
-        let arm = Self::parse(&format!("{full}{}", &text[short.len()..]), given).map_err(|e| format!("'{text}': {e}"));
-        Some(arm.map(|arm| Self { name: text.to_owned(), twice: arm.twice.map(|_| *at), ..arm }))
+    fn not_pruned(grown: Grown) -> Self {
+        Self { name: String::new(), compression: None, attrition: false, rewarm: false, twice: None, grown }
+    }
+
+    fn pruned(compression: Compression) -> Self {
+        Self { compression: Some(compression), ..Self::not_pruned(Grown::Together) }
+    }
+
+    /// Changes it as its suffixes say.
+    fn take(&mut self, suffixes: &Suffixes) {
+        if let Some(compression) = &mut self.compression {
+            if let Some(share) = suffixes.share {
+                compression.keep = Keep::Share(share);
+            }
+            if let Some(budget) = suffixes.budget {
+                compression.budget = budget;
+            }
+            if suffixes.has(Suffix::WithoutDetail) {
+                compression.detail = 0.0;
+            }
+            compression.merge |= suffixes.has(Suffix::Merge);
+        }
+        self.attrition |= suffixes.has(Suffix::Attrition);
+        self.rewarm |= suffixes.has(Suffix::Rewarm);
+        if suffixes.has(Suffix::Twice) {
+            self.twice = Some(TWICE);
+        }
+        if suffixes.has(Suffix::Thresholds) {
+            self.grown = Grown::ByThresholds;
+        }
     }
 
     /// Its folder's name, valid on every file system.
@@ -285,10 +443,11 @@ mod tests {
             "mcmc:global",
             "compact3dgs+merge",
             "maskgaussian+attrition",
-            "css+thresholds+rewarm",
             "css+attrition+twice",
+            "css+merge:global+merge",
+            "css@0.2@0.2",
+            "css+speed",
             "dense+twice",
-            "css+rewarm+attrition",
             "",
             "nothing",
             "css:half",
@@ -300,5 +459,21 @@ mod tests {
         ] {
             assert!(Arm::parse(wrong, &process).is_err(), "{wrong}");
         }
+    }
+
+    /// Suffixes mean the same in every order.
+    #[test]
+    fn suffixes_in_any_order() {
+        let process = Pruning::default();
+        let arm = |text: &str| Arm { name: String::new(), ..Arm::parse(text, &process).unwrap() };
+        assert_eq!(arm("css+rewarm+attrition"), arm("css+attrition+rewarm"));
+        let all = arm("css:global+merge-detail+attrition+rewarm+thresholds@0.1");
+        for text in [
+            "css@0.1+thresholds+rewarm+attrition-detail+merge:global",
+            "css-detail:global@0.1+merge+attrition+thresholds+rewarm",
+        ] {
+            assert_eq!(arm(text), all, "{text}");
+        }
+        assert_eq!(arm("gns@0.2+rewarm"), arm("gns+rewarm@0.2"));
     }
 }

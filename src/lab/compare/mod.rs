@@ -5,7 +5,7 @@ mod arm;
 mod page;
 mod records;
 
-pub use arm::{Arm, Grown};
+pub use arm::{Arm, Grown, help as arms_help};
 pub use records::{ArmRecord, CompareRecord};
 
 use crate::gaussians::formats;
