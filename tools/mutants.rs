@@ -37,7 +37,6 @@ const TESTS: &[(&str, &[&str])] = &[
     ("render/project_backward", &["rasterise_backward::golden", "rasterise_backward::project"]),
     ("render/rasterise_backward", &["rasterise_backward::golden", "rasterise_backward::project", "order::surplus"]),
     ("render/rasterise_backward_atomic", &["rasterise_backward::golden"]), // its walk is the other's
-    ("render/rasterise_backward_cas", &["rasterise_backward::golden"]),
     ("response/", &["device::respond::"]),
     ("response/score", &["device::respond::", "order::surplus"]),
     ("train/", &["train::density::"]),

@@ -4,12 +4,10 @@
 
 /// Culling: the ellipse where alpha falls to 1/255, tile by tile.
 const uint EXACT = 0;
-/// Culling: the box of that ellipse.
-const uint BOX = 1;
 /// Culling: the square of three standard deviations, as the 3DGS reference does it.
-const uint THREE_SIGMA = 2;
+const uint THREE_SIGMA = 1;
 /// No culling: every splat in every tile.
-const uint OFF = 3;
+const uint OFF = 2;
 
 layout(constant_id = 2) const uint TILE = 16; // pixels along a side
 layout(constant_id = 3) const uint CULLING = EXACT;

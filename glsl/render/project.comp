@@ -12,8 +12,6 @@
 
 layout(constant_id = 4) const bool ANTIALIAS = false;
 layout(constant_id = 5) const uint DEGREE = 3; // bands that have arrays
-// Whether SH coefficients are halves, two a word. Loads keep every bit, so that the arrays stay declared as floats.
-layout(constant_id = 6) const bool HALF = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -32,13 +30,7 @@ layout(binding = 13, std430) writeonly buffer Depth { uint depth[]; };
 layout(binding = 14, std430) writeonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 15, std430) writeonly buffer Visible { uint visible[]; };
 
-float half_of(float word, uint at) { return unpackHalf2x16(floatBitsToUint(word))[at & 1]; }
-float sh0_at(uint k) { return HALF ? half_of(sh0[k / 2], k) : sh0[k]; }
-float sh1_at(uint k) { return HALF ? half_of(sh1[k / 2], k) : sh1[k]; }
-float sh2_at(uint k) { return HALF ? half_of(sh2[k / 2], k) : sh2[k]; }
-float sh3_at(uint k) { return HALF ? half_of(sh3[k / 2], k) : sh3[k]; }
-
-vec3 load3(uint i) { return vec3(sh0_at(3 * i), sh0_at(3 * i + 1), sh0_at(3 * i + 2)); }
+vec3 load3(uint i) { return vec3(sh0[3 * i], sh0[3 * i + 1], sh0[3 * i + 2]); }
 
 // The colour before the offset of 0.5 and the clamp at 0.
 vec3 radiance(uint i, vec3 direction) {
@@ -46,17 +38,17 @@ vec3 radiance(uint i, vec3 direction) {
     if (DEGREE > 0 && view[0].degree > 0) {
         float b[3];
         sh_basis_1(direction, b);
-        [[unroll]] for (uint m = 0; m < 3; m++) [[unroll]] for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh1_at(9 * i + 3 * m + c);
+        [[unroll]] for (uint m = 0; m < 3; m++) [[unroll]] for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh1[9 * i + 3 * m + c];
     }
     if (DEGREE > 1 && view[0].degree > 1) {
         float b[5];
         sh_basis_2(direction, b);
-        [[unroll]] for (uint m = 0; m < 5; m++) [[unroll]] for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh2_at(15 * i + 3 * m + c);
+        [[unroll]] for (uint m = 0; m < 5; m++) [[unroll]] for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh2[15 * i + 3 * m + c];
     }
     if (DEGREE > 2 && view[0].degree > 2) {
         float b[7];
         sh_basis_3(direction, b);
-        [[unroll]] for (uint m = 0; m < 7; m++) [[unroll]] for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh3_at(21 * i + 3 * m + c);
+        [[unroll]] for (uint m = 0; m < 7; m++) [[unroll]] for (uint c = 0; c < 3; c++) sum[c] += b[m] * sh3[21 * i + 3 * m + c];
     }
     return sum;
 }

@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk sweep capture -o swept --model trained/model.ply
   qirf-vk sweep capture -o swept --axis keep=0.1,0.28,0.5 --axis selector --preset quick
 
-Light axes: solver, overlap, epsilon, culling, stop, storage, gradients. They measure one model: the one that --model names, or a \
+Light axes: solver, overlap, epsilon, culling, stop, gradients. They measure one model: the one that --model names, or a \
 dense model of the scene that is trained briefly (--train). For a model without a scene, virtual cameras stand in for photos.
 
 Heavy axes: keep, selector, iterations, effects. They need a scene. Each rung is a training, as long as --preset or --iterations say; \

@@ -5,7 +5,6 @@ use crate::gpu::{Buffer, Device, Feature, Result};
 
 /// Per-Gaussian gradient sums, accumulated by float atomics.
 pub struct AtomicSums {
-    pub(super) native: bool,
     /// 0, 1, 2, ...: each Gaussian has one row of sums, its own.
     pub(super) own: Buffer<u32>,
     pub(super) sums: SlotSums,
@@ -17,17 +16,17 @@ impl AtomicSums {
         Buffer::<u32>::bytes_of(gaussians) + SlotSums::bytes(gaussians, false)
     }
 
-    /// Returns true if the device adds floats atomically; on other devices kernels compare and swap words.
-    pub fn are_native(device: &Device) -> bool {
+    /// Returns true if the device adds floats atomically.
+    pub fn are_supported(device: &Device) -> bool {
         device.info().has(Feature::FloatAtomics)
     }
 
-    /// Sums of `gaussians` Gaussians; `native` selects the device's own float atomics, which it must support.
+    /// Sums of `gaussians` Gaussians, on a device that adds floats atomically.
     ///
     /// # Errors
     /// Device memory.
-    pub fn new(device: &Device, gaussians: usize, native: bool) -> Result<Self> {
+    pub fn new(device: &Device, gaussians: usize) -> Result<Self> {
         let own: Vec<u32> = (0..gaussians as u32).collect();
-        Ok(Self { native, own: device.upload("own rows", &own)?, sums: SlotSums::new(device, gaussians, false)? })
+        Ok(Self { own: device.upload("own rows", &own)?, sums: SlotSums::new(device, gaussians, false)? })
     }
 }

@@ -47,7 +47,7 @@ impl Axis {
 /// The Gaussians among `candidates` that a camera's picture may show, in their order; none of the others has a pixel in it.
 /// Drawing these alone gives the same picture, bit for bit.
 pub fn visible(model: &Gaussians, candidates: &[u32], camera: &Camera, settings: &Settings) -> Vec<u32> {
-    if !matches!(settings.culling, Culling::Exact | Culling::Box) {
+    if settings.culling != Culling::Exact {
         return candidates.to_vec();
     }
     let Whole { size, corner } = camera.whole();

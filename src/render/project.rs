@@ -30,7 +30,6 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
             culling: launch.settings.culling as u32,
             antialias: launch.settings.style.antialias,
             degree: model.degree as u32,
-            half: model.half,
         },
     };
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));

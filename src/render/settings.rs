@@ -17,8 +17,6 @@ pub enum Culling {
     /// The ellipse where alpha falls to 1/255, against each tile: nothing drawn is lost, nothing else is listed.
     #[default]
     Exact = tiles::EXACT,
-    /// That ellipse's box.
-    Box = tiles::BOX,
     /// The box of three standard deviations, as the reference does it; it cuts faint tails.
     ThreeSigma = tiles::THREE_SIGMA,
     /// Every tile.

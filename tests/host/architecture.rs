@@ -50,7 +50,6 @@ const STEPS: &[(&str, &str)] = &[
     ("qirf/overlap_by_sum", "qirf/overlap"),
     ("render/ranges", "render/bin"),
     ("render/rasterise_backward_atomic", "render/rasterise_backward"),
-    ("render/rasterise_backward_cas", "render/rasterise_backward"),
     ("response/tally", "response/score"),
     ("train/adam_all", "train/adam"),
     ("train/gather_rows", "train/densify"),

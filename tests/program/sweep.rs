@@ -54,13 +54,13 @@ fn the_light_axes_of_a_scene() {
     documented("sweep", &swept);
     assert!(swept["subject"]["origin"].as_str().unwrap().contains("trained briefly"));
 
-    let names = ["solver", "overlap", "epsilon", "culling", "stop", "storage", "gradients"];
+    let names = ["solver", "overlap", "epsilon", "culling", "stop", "gradients"];
     let listed: Vec<&str> = swept["axes"].as_array().unwrap().iter().map(|a| a["axis"].as_str().unwrap()).collect();
     assert_eq!(listed, names);
     for name in names {
         let a = axis(&swept, name);
         let rungs = a["rungs"].as_array().unwrap();
-        assert!(rungs.len() >= if name == "storage" { 2 } else { 3 } - usize::from(name == "gradients"), "{name}");
+        assert!(rungs.len() >= if name == "gradients" { 1 } else { 3 }, "{name}");
         assert_eq!(rungs.iter().filter(|r| r["default"] == true).count(), 1, "{name}");
         assert!(rungs.iter().any(|r| r["front"] == true), "{name}");
         assert!(a["sentence"].as_str().unwrap().len() > 20, "{name}");
@@ -88,20 +88,15 @@ fn the_light_axes_of_a_scene() {
     // The larger epsilon is, the better conditioned the metric.
     let condition = |r: &str| figure(&swept, "epsilon", r, "condition");
     assert!(condition("1e-6") >= condition("1e-4") && condition("1e-4") > condition("1e-2"));
-    // Exact culling loses nothing, and lists fewer pairs than the other lossless methods.
+    // Exact culling loses nothing, and lists the fewest pairs.
     assert_eq!(rung(&swept, "culling", "exact")["accuracy"], 0.0);
-    assert_eq!(rung(&swept, "culling", "box")["accuracy"], 0.0);
     let pairs = |r: &str| figure(&swept, "culling", r, "pairs");
-    assert!(pairs("exact") <= pairs("box") && pairs("box") < pairs("off"));
+    assert!(pairs("exact") <= pairs("3-sigma") && pairs("3-sigma") < pairs("off"));
     assert_eq!(rung(&swept, "stop", "0")["exact"], true);
-    assert_eq!(rung(&swept, "storage", "f32")["exact"], true);
-    assert!(rung(&swept, "storage", "f16")["accuracy"].as_f64().unwrap() > 50.0);
-    assert!(figure(&swept, "storage", "f16", "model_bytes") < figure(&swept, "storage", "f32", "model_bytes"));
     assert_eq!(rung(&swept, "gradients", "ordered")["exact"], true);
-    assert!(
-        figure(&swept, "gradients", "compare-and-swap", "against_ordered") < 1e-3,
-        "the same sums in another order"
-    );
+    if axis(&swept, "gradients")["rungs"].as_array().unwrap().len() > 1 {
+        assert!(figure(&swept, "gradients", "atomics", "against_ordered") < 1e-3, "the same sums in another order");
+    }
 
     let lines = std::fs::read_to_string(out.join("sweep.csv")).expect("sweep.csv");
     let count: usize = names.iter().map(|n| axis(&swept, n)["rungs"].as_array().unwrap().len()).sum();

@@ -49,7 +49,7 @@ pub fn made(bench: &Bench, sweep: &Sweep, origin: &Origin) -> Result<[Parts; 3],
     let readme = vec![("exactness", sweep.exactness(origin))];
     let plots = vec![
         ("exactness.svg", sweep.plot(&["gradients", "overlap", "solver", "culling"], 2)),
-        ("sweep.svg", sweep.plot(&["epsilon", "stop", "storage"], 3)),
+        ("sweep.svg", sweep.plot(&["epsilon", "stop"], 2)),
         ("frame.svg", pictures::frame_plot(bench)),
         ("cost.svg", pictures::cost_plot(bench)?),
         ("iteration.svg", pictures::iteration_plot(bench)?),

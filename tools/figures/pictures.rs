@@ -187,17 +187,10 @@ pub fn culling(bench: &Bench) -> Result<String, String> {
     if bench.group("culling").next().is_none() {
         return Ok("Not measured: the shared model is missing.\n".to_owned());
     }
-    let rungs = ["exact", "box", "3-sigma"].map(|rung| bench.get(&format!("culling/{rung}")).map(|m| (rung, m)));
-    let [exact, boxed, wide] = rungs;
-    let (exact, boxed, wide) = (exact?, boxed?, wide?);
-    let at_16 = [Some("exact_pairs_at_16"), None, Some("three_sigma_pairs_at_16")];
-    let rows: Vec<Vec<String>> = [exact, boxed, wide]
-        .into_iter()
-        .zip(at_16)
-        .map(|((rung, m), at_16)| {
-            vec![rung.to_owned(), at_16.map(|n| number(m, n)).unwrap_or_default(), number(m, "pairs"), time(m)]
-        })
-        .collect();
+    let get = |rung: &'static str, at_16: &'static str| bench.get(&format!("culling/{rung}")).map(|m| (rung, m, at_16));
+    let (exact, wide) = (get("exact", "exact_pairs_at_16")?, get("3-sigma", "three_sigma_pairs_at_16")?);
+    let row = |(rung, m, at_16): (&str, _, _)| vec![rung.to_owned(), number(m, at_16), number(m, "pairs"), time(m)];
+    let rows: Vec<Vec<String>> = [exact, wide].map(row).to_vec();
     let fewer = |a: f64, b: f64| percent(b - a, b);
     let (exact, wide) = (exact.1, wide.1);
     let gained = vec![

@@ -1,9 +1,7 @@
 //! The parser of `--axis`.
 
 use super::axis::Axis;
-use super::rung::{
-    Formula, Regularisation, Rung, Solver, Storage, Sums, culling, fraction, share, stop, storage, sums, switch,
-};
+use super::rung::{Formula, Regularisation, Rung, Solver, Sums, culling, fraction, share, stop, sums, switch};
 use crate::effects::{Choice, Effect};
 use crate::lab::compare::Arm;
 use crate::pipeline::config::Pruning;
@@ -23,8 +21,6 @@ pub enum Asked {
     Culling(Vec<Rung<Culling>>),
     /// [`Axis::Stop`].
     Stop(Vec<Rung<f32>>),
-    /// [`Axis::Storage`].
-    Storage(Vec<Rung<Storage>>),
     /// [`Axis::Gradients`].
     Gradients(Vec<Rung<Sums>>),
     /// [`Axis::Keep`]: shares.
@@ -46,7 +42,6 @@ impl Asked {
             Self::Epsilon(_) => Axis::Epsilon,
             Self::Culling(_) => Axis::Culling,
             Self::Stop(_) => Axis::Stop,
-            Self::Storage(_) => Axis::Storage,
             Self::Gradients(_) => Axis::Gradients,
             Self::Keep(_) => Axis::Keep,
             Self::Selector(_) => Axis::Selector,
@@ -70,7 +65,6 @@ impl Asked {
             Axis::Epsilon => Self::Epsilon(known(axis, names, Regularisation::of)?),
             Axis::Culling => Self::Culling(known(axis, names, culling)?),
             Axis::Stop => Self::Stop(known(axis, names, stop)?),
-            Axis::Storage => Self::Storage(known(axis, names, storage)?),
             Axis::Gradients => Self::Gradients(known(axis, names, sums)?),
             Axis::Keep => Self::Keep(known(axis, names, share)?),
             Axis::Selector => Self::Selector(rungs(names, |name| Arm::parse(name, &Pruning::default()).map(|_| ()))?),
@@ -112,7 +106,7 @@ mod tests {
             assert_eq!(Asked::parse(axis.name()).unwrap().axis(), axis);
             assert!(axis == Axis::Effects || axis.rungs().contains(&axis.default_rung()), "{axis:?}");
         }
-        assert_eq!(Asked::light().len(), 7);
+        assert_eq!(Asked::light().len(), 6);
         let rung = |name: &str, value| Rung { name: name.to_owned(), value };
         let both = [rung("1e-3", Regularisation::Epsilon(1e-3)), rung("t=0.3", Regularisation::Dilation(0.3))];
         assert_eq!(Asked::parse("epsilon=1e-3,t=0.3"), Ok(Asked::Epsilon(both.to_vec())));

@@ -16,8 +16,6 @@ pub enum Axis {
     Culling,
     /// The transmittance at which blending ends.
     Stop,
-    /// Precision of stored SH coefficients.
-    Storage,
     /// Summation of a Gaussian's gradients.
     Gradients,
     /// Share of the Gaussians that a prune keeps.
@@ -32,13 +30,12 @@ pub enum Axis {
 
 impl Axis {
     /// All axes, in the order of the design's table.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 10] = [
         Self::Solver,
         Self::Overlap,
         Self::Epsilon,
         Self::Culling,
         Self::Stop,
-        Self::Storage,
         Self::Gradients,
         Self::Keep,
         Self::Selector,
@@ -54,7 +51,6 @@ impl Axis {
             Self::Epsilon => "epsilon",
             Self::Culling => "culling",
             Self::Stop => "stop",
-            Self::Storage => "storage",
             Self::Gradients => "gradients",
             Self::Keep => "keep",
             Self::Selector => "selector",
@@ -74,10 +70,9 @@ impl Axis {
             Self::Solver => &["dsygvd", "low-rank", "low-rank-f32", "device-low-rank-f32"],
             Self::Overlap => &["qr-f64", "qr", "cholesky", "determinant"],
             Self::Epsilon => &["1e-6", "1e-5", "1e-4", "1e-3", "1e-2", "t=0.1", "t=0.3", "t=0.5"],
-            Self::Culling => &["off", "exact", "box", "3-sigma"],
+            Self::Culling => &["off", "exact", "3-sigma"],
             Self::Stop => &["0", "1e-4", "1e-3", "1e-2"],
-            Self::Storage => &["f32", "f16"],
-            Self::Gradients => &["ordered", "atomics", "compare-and-swap"],
+            Self::Gradients => &["ordered", "atomics"],
             Self::Keep => &["1", "0.5", "0.28", "0.2", "0.1", "0.05"],
             Self::Selector => &[
                 "default",
@@ -111,7 +106,6 @@ impl Axis {
             Self::Overlap => "qr",
             Self::Epsilon | Self::Stop => "1e-4",
             Self::Culling => "exact",
-            Self::Storage => "f32",
             Self::Gradients => "ordered",
             Self::Keep => "0.28",
             Self::Selector | Self::Effects => "default",

@@ -126,15 +126,13 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
 pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord, Error> {
     let (device, subject) = (context.session.device, context.subject);
     let trainee = Trainee::new(device, &subject.model)?;
-    let native = AtomicSums::are_native(device);
+    let supported = AtomicSums::are_supported(device);
     let mut ways = Vec::new();
     for Rung { name, value } in rungs {
         let sums = match value {
             Sums::Ordered => None,
-            Sums::Atomics if !native => continue,
-            Sums::Atomics | Sums::CompareAndSwap => {
-                Some(AtomicSums::new(device, trainee.model.len, *value == Sums::Atomics)?)
-            }
+            Sums::Atomics if !supported => continue,
+            Sums::Atomics => Some(AtomicSums::new(device, trainee.model.len)?),
         };
         ways.push(Way { name: name.clone(), sums });
     }
@@ -172,24 +170,20 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord
             bench.step(&ways[k], &trainee, round % subject.views.len(), still)
         })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
-    tell(&mut axis, native);
+    tell(&mut axis, supported);
     Ok(axis.judged([
         "adding up is a small part of an iteration, in whatever order.",
         "threads came in the same order every time.",
     ]))
 }
 
-fn tell(axis: &mut AxisRecord, native: bool) {
-    axis.notes.push(if native {
-        "This device has float atomics (VK_EXT_shader_atomic_float); compare-and-swap is what devices without them do.".to_owned()
-    } else {
-        "This device has no float atomics (VK_EXT_shader_atomic_float): the rung 'atomics' is left out, and words are compared and \
-         swapped in its place."
-            .to_owned()
-    });
+fn tell(axis: &mut AxisRecord, supported: bool) {
+    if !supported {
+        let why = "This device has no float atomics (VK_EXT_shader_atomic_float): the rung 'atomics' is left out.";
+        axis.notes.push(why.to_owned());
+    }
     let find = |name: &str| axis.rungs.iter().find(|r| r.name == name);
-    let unordered = find("atomics").or_else(|| find("compare-and-swap"));
-    if let (Some(ordered), Some(other)) = (find("ordered"), unordered)
+    if let (Some(ordered), Some(other)) = (find("ordered"), find("atomics"))
         && let (Some(a), Some(b)) = (ordered.time, other.time)
     {
         let of = |key: &str| other.figures.get(key).copied().unwrap_or(f64::NAN);

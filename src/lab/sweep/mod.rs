@@ -57,7 +57,6 @@ pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>,
         Asked::Epsilon(rungs) => epsilon::measure(context, rungs),
         Asked::Culling(rungs) => pictures::culling(context, rungs),
         Asked::Stop(rungs) => pictures::stop(context, rungs),
-        Asked::Storage(rungs) => pictures::storage(context, rungs),
         Asked::Gradients(rungs) => gradients::measure(context, rungs),
         Asked::Keep(_) | Asked::Selector(_) | Asked::Iterations(_) | Asked::Effects(_) => return Ok(None),
     }?;

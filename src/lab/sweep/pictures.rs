@@ -1,9 +1,9 @@
-//! The axes of drawing: culling, the end of blending, and the storage of colours.
+//! The axes of drawing: culling, and the end of blending.
 
 use super::Context;
 use super::axis::Axis;
 use super::records::{AxisRecord, Better, RungRecord};
-use super::rung::{Rung, Storage};
+use super::rung::Rung;
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::pipeline::Error;
@@ -196,41 +196,6 @@ pub fn stop(context: &Context<'_>, rungs: &[Rung<f32>]) -> Result<AxisRecord, Er
     Ok(axis.judged([
         "few pixels of these views are opaque before their last Gaussian, so stopping early saves little.",
         "no pixel of these views has so little light left.",
-    ]))
-}
-
-/// Measures the axis of storage.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
-pub fn storage(context: &Context<'_>, rungs: &[Rung<Storage>]) -> Result<AxisRecord, Error> {
-    let subject = context.subject;
-    let (n, degree) = (subject.model.len(), subject.model.degree());
-    let single = Resident::upload(context.session.device, &subject.model)?;
-    let half = Resident::upload_half(context.session.device, &subject.model)?;
-    let way = |name: &str, storage| Way {
-        name: name.to_owned(),
-        settings: subject.settings,
-        model: if storage == Storage::Half { &half } else { &single },
-    };
-    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(&r.name, r.value)).collect();
-    let axis = AxisRecord::new(
-        Axis::Storage,
-        "How SH coefficients are stored",
-        ["PSNR / dB", "coefficients in float32", "ms a frame"],
-    );
-    let mut axis = drawn(context, axis, &ways, &way("", Storage::Single), |rung, way| {
-        rung.exact = !way.model.half;
-        let bytes = if way.model.half { Resident::half_bytes(n, degree) } else { Resident::bytes(n, degree) };
-        rung.figures.insert("model_bytes", bytes as f64);
-    })?;
-    axis.notes.push(format!(
-        "All bands of the model, of degree {degree}, in halves; positions, scales, rotations and opacities stay float32. Models are drawn \
-         from halves, not trained."
-    ));
-    Ok(axis.judged([
-        "SH coefficients are read once a Gaussian and frame, and drawing takes far longer than reading them.",
-        "rounding to halves changed no pixel.",
     ]))
 }
 

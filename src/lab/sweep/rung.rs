@@ -71,15 +71,6 @@ impl Regularisation {
     }
 }
 
-/// A rung of the storage axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Storage {
-    /// Four bytes a coefficient.
-    Single,
-    /// Two bytes a coefficient.
-    Half,
-}
-
 /// A rung of the axis of gradient sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sums {
@@ -87,8 +78,6 @@ pub enum Sums {
     Ordered,
     /// By float atomics.
     Atomics,
-    /// By compare-and-swap of words.
-    CompareAndSwap,
 }
 
 /// A rule of culling.
@@ -96,7 +85,6 @@ pub(super) fn culling(name: &str) -> Option<Culling> {
     match name {
         "off" => Some(Culling::Off),
         "exact" => Some(Culling::Exact),
-        "box" => Some(Culling::Box),
         "3-sigma" => Some(Culling::ThreeSigma),
         _ => None,
     }
@@ -110,21 +98,11 @@ pub(super) fn stop(name: &str) -> Option<f32> {
     name.parse().ok().filter(|v| (0.0..1.0).contains(v))
 }
 
-/// A kind of storage.
-pub(super) fn storage(name: &str) -> Option<Storage> {
-    match name {
-        "f32" => Some(Storage::Single),
-        "f16" => Some(Storage::Half),
-        _ => None,
-    }
-}
-
 /// A kind of gradient sums.
 pub(super) fn sums(name: &str) -> Option<Sums> {
     match name {
         "ordered" => Some(Sums::Ordered),
         "atomics" => Some(Sums::Atomics),
-        "compare-and-swap" => Some(Sums::CompareAndSwap),
         _ => None,
     }
 }
