@@ -9,6 +9,7 @@ mod program {
     mod compare;
     mod compress;
     mod devices;
+    mod dispatched;
     mod effects;
     #[cfg(unix)] // limits and signals are the system's
     mod faults;

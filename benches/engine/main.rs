@@ -87,6 +87,7 @@ criterion_group!(
     overlap::participation,
     overlap::responses,
     solve::participation,
+    solve::selection,
     solve::select
 );
 criterion_main!(benches);

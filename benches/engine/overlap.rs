@@ -11,7 +11,7 @@ use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::plan::triangle;
 use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::render::{BACKWARD_STAGES, Backward, Renderer, STAGES, Settings};
-use qirf_vk::response::{Gather, HighPass, ResidentResponses, ResidentScores, ResidentSketches};
+use qirf_vk::response::{Gather, HighPass, ResidentResponses, ResidentScores};
 use std::time::{Duration, Instant};
 
 const GAUSSIANS: usize = 24_576;
@@ -82,7 +82,7 @@ pub fn participation(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Device time of one view's passes, 20 k Gaussians at 320 x 240: forward, backward, responses, high pass, scores and sketches.
+/// Device time of one view's passes, 20 k Gaussians at 320 x 240: forward, backward, responses, high pass and scores.
 pub fn responses(criterion: &mut Criterion) {
     let device = device();
     let model = scenes::crowd(20_000, 3, 1.0, 6);
@@ -94,7 +94,6 @@ pub fn responses(criterion: &mut Criterion) {
     let gradient = device.buffer("image gradient", 320 * 240).unwrap();
     let (responses, scores) =
         (ResidentResponses::zeros(device, model.len()).unwrap(), ResidentScores::zeros(device, model.len()).unwrap());
-    let sketches = ResidentSketches::zeros(device, model.len()).unwrap();
     let high_pass = HighPass::new(device, 320 * 240).unwrap();
     let backward = Backward { residual: true, ..Backward::default() };
     let run = || {
@@ -105,12 +104,11 @@ pub fn responses(criterion: &mut Criterion) {
         renderer.record_backward(&mut recording, &resident, &camera, &gradient, backward);
         responses.record(&mut recording, &renderer, &resident, &camera, Gather::Mean { views: 1 });
         scores.record(&mut recording, &renderer, &resident, &camera, None);
-        sketches.record(&mut recording, &renderer, &resident, &camera, 0);
         device.run(recording).unwrap()
     };
     run();
     let mut group = group(criterion, "responses");
-    let stages = STAGES.into_iter().chain(BACKWARD_STAGES).chain(["high pass", "respond", "score", "sketch"]);
+    let stages = STAGES.into_iter().chain(BACKWARD_STAGES).chain(["high pass", "respond", "score"]);
     for stage in stages {
         group.bench_function(BenchmarkId::from_parameter(stage), |b| {
             b.iter_custom(|iterations| {

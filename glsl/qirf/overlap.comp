@@ -1,4 +1,4 @@
-// Normalised overlaps N_ij = S_ij / sqrt(S_ii S_jj) of all pairs of a block, by QR. lib/overlap_walk.glsl walks the pairs.
+// Normalised overlaps (Q4) N_ij = S_ij / sqrt(S_ii S_jj) of all pairs of a block, by QR. lib/overlap_walk.glsl walks the pairs.
 //
 // In the frame of the flatter Gaussian A, the 6x3 matrix [diag(s_A); diag(s_B) R_B^T R_A] has the triangle R of its QR
 // factorisation with R^T R = S_A + S_B. The diagonal of R gives the determinant, and the solution of R^T z = R_A^T (p_A - p_B)

@@ -1,8 +1,8 @@
-// The low-rank generalized eigenproblem of a batch's blocks in float32, one subgroup for each block: N + eps I = L L^T,
-// B = L^-1 W, the eigenpairs (lambda, y) of the 8x8 matrix B^T B, and the participations q_i = sum over the leading k of
-// (L^-T B y_k)_i^2.
+// The low-rank generalized eigenproblem (Q7) of a batch's blocks in float32, one subgroup for each block: N + eps I = L L^T,
+// B = L^-1 W, the eigenpairs (lambda, y) of the 8x8 matrix B^T B, and the participations (Q8) q_i = sum over the leading k of
+// (L^-T B y_k)_i^2. The gains are the same with H = W sqrt(d) in place of W: B's columns are scaled, and the rest is done again.
 //
-// W^T stands below N as eight more rows: factorising the stack leaves B^T there. L replaces N, and X = B Y replaces W.
+// W^T stands below N as eight more rows: factorising the stack leaves B^T there. L replaces N, and B replaces W.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -10,13 +10,15 @@
 #include "lib/finite.glsl"
 #include "lib/responses.glsl"
 
-/// Numbers of a block's solution besides its participations: eigenvalues, how many lead, and whether it failed.
+/// Numbers of a block's solution besides those of its members: eigenvalues, how many lead, and whether it failed.
 const uint EXTRA = 10;
 
 layout(binding = 0, std430) readonly buffer Blocks { uvec4 blocks[]; }; // first member, m, offset in its batch's matrices, -
 layout(binding = 1, std430) coherent buffer Overlaps { float overlaps[]; }; // packed lower triangles; L afterwards
 layout(binding = 2, std430) coherent buffer Factors { float factors[]; };   // m x 8, column by column
-layout(binding = 3, std430) writeonly buffer Solutions { float solutions[]; }; // block after block: q (m), lambda (8), r, failed
+layout(binding = 3, std430) readonly buffer Divisors { float divisors[]; }; // block after block 2: d of qirf/rrdm.comp
+layout(binding = 4, std430) coherent buffer Modes { float modes[]; };       // m x 8, column by column: L^-T B Y
+layout(binding = 5, std430) writeonly buffer Solutions { float solutions[]; }; // block after block: q (m), gain (m), lambda (8), r, failed
 layout(push_constant) uniform Push {
     uint first_block;
     uint count;
@@ -28,7 +30,8 @@ layout(push_constant) uniform Push {
 const uint SWEEPS = 8;    // of Jacobi rotations; convergence is quadratic from the third on
 const float SLACK = 1e-6; // of the share of energy that is compared with tau
 
-shared float g[CHANNELS][CHANNELS]; // B^T B; its diagonal becomes lambda
+shared float products[CHANNELS][CHANNELS]; // B^T B
+shared float g[CHANNELS][CHANNELS]; // the matrix that is diagonalised; its diagonal becomes lambda
 shared float y[CHANNELS][CHANNELS]; // eigenvectors as columns
 shared uint place[CHANNELS];        // columns by descending lambda
 
@@ -85,15 +88,23 @@ bool gram(uint lane) {
             sum = subgroupAdd(sum);
             sound = sound && finite(sum);
             if (lane == 0) {
-                g[a][b] = sum;
-                g[b][a] = sum;
-                y[a][b] = a == b ? 1 : 0;
-                y[b][a] = a == b ? 1 : 0;
+                products[a][b] = sum;
+                products[b][a] = sum;
             }
         }
     }
     full_barrier();
     return sound;
+}
+
+// g = (B diag(scale))^T (B diag(scale)), with the identity as its eigenvectors.
+void prepare(uint lane, vec2 scale) {
+    for (uint k = lane; k < CHANNELS * CHANNELS; k += SUBGROUP) {
+        uint a = k / CHANNELS, b = k % CHANNELS;
+        g[a][b] = scale[a / RENDERING] * products[a][b] * scale[b / RENDERING];
+        y[a][b] = a == b ? 1 : 0;
+    }
+    full_barrier();
 }
 
 // Cyclic Jacobi (Golub and Van Loan): lanes share the entries of the two rows and columns that a rotation changes.
@@ -154,15 +165,16 @@ uint leading(uint lane) {
     return r;
 }
 
-// X = B Y over the leading r columns, then L^T X' = X from the last row up; q holds the squared norms of the rows of X'.
-void participate(uint lane, uint r, uint out_at) {
+// X = B diag(scale) Y over the leading r columns, then L^T X' = X from the last row up; the squared norms of the rows of X' are
+// the participations.
+void participate(uint lane, vec2 scale, uint r, uint out_at) {
     for (uint row = lane; row < m; row += SUBGROUP) {
         float b[CHANNELS];
-        for (uint k = 0; k < CHANNELS; k++) b[k] = factors[factor_at + k * m + row];
+        for (uint k = 0; k < CHANNELS; k++) b[k] = scale[k / RENDERING] * factors[factor_at + k * m + row];
         for (uint k = 0; k < CHANNELS; k++) {
             float x = 0;
             for (uint c = 0; c < CHANNELS; c++) x += b[c] * y[c][place[k]];
-            factors[factor_at + k * m + row] = k < r ? x : 0;
+            modes[factor_at + k * m + row] = k < r ? x : 0;
         }
     }
     full_barrier();
@@ -171,13 +183,13 @@ void participate(uint lane, uint r, uint out_at) {
         float x[CHANNELS];
         float q = 0;
         for (uint k = 0; k < CHANNELS; k++) {
-            x[k] = factors[factor_at + k * m + c] / root;
+            x[k] = modes[factor_at + k * m + c] / root;
             q += x[k] * x[k];
         }
         if (lane == 0) solutions[out_at + c] = q;
         for (uint row = lane; row < c; row += SUBGROUP) {
             float l = overlaps[at(c, row)];
-            for (uint k = 0; k < CHANNELS; k++) factors[factor_at + k * m + row] -= l * x[k];
+            for (uint k = 0; k < CHANNELS; k++) modes[factor_at + k * m + row] -= l * x[k];
         }
         full_barrier();
     }
@@ -191,21 +203,30 @@ void main() {
     triangle_at = block.z;
     uint first = block.x - first_member;
     factor_at = CHANNELS * first;
-    // Solutions of the blocks before: one number for each member, and EXTRA for each block.
-    uint out_at = first + EXTRA * group;
+    // Solutions of the blocks before: two numbers for each member, and EXTRA for each block.
+    uint out_at = 2 * first + EXTRA * group, extra_at = out_at + 2 * m;
     uint lane = gl_SubgroupInvocationID;
     bool good = factorise(lane) && gram(lane);
     uint r = 0;
     if (good) {
-        diagonalise(lane);
-        r = leading(lane);
-        participate(lane, r, out_at);
-        for (uint k = lane; k < CHANNELS; k += SUBGROUP) solutions[out_at + m + k] = max(eigenvalue(place[k]), 0.0);
+        vec2 scale = vec2(1);
+        for (uint of_h = 0; of_h < 2; of_h++) {
+            prepare(lane, scale);
+            diagonalise(lane);
+            uint leads = leading(lane);
+            participate(lane, scale, leads, out_at + of_h * m);
+            if (of_h == 0) {
+                r = leads;
+                for (uint k = lane; k < CHANNELS; k += SUBGROUP) solutions[extra_at + k] = max(eigenvalue(place[k]), 0.0);
+            }
+            scale = sqrt(vec2(divisors[2 * group], divisors[2 * group + 1]));
+            full_barrier();
+        }
     } else {
-        for (uint k = lane; k < m + CHANNELS; k += SUBGROUP) solutions[out_at + k] = 0;
+        for (uint k = lane; k < 2 * m + CHANNELS; k += SUBGROUP) solutions[out_at + k] = 0;
     }
     if (lane == 0) {
-        solutions[out_at + m + CHANNELS] = float(r);
-        solutions[out_at + m + (CHANNELS + 1)] = good ? 0 : 1;
+        solutions[extra_at + CHANNELS] = float(r);
+        solutions[extra_at + (CHANNELS + 1)] = good ? 0 : 1;
     }
 }

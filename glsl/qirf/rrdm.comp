@@ -1,6 +1,7 @@
-// The factor W (m x 8) of each block's radiance-response density matrix P = W W^T, and on request P itself:
+// The factor W (m x 8) of each block's radiance-response density matrix P = W W^T (Q5), and on request P itself (Q6):
 // W = [sqrt(eta / (tr_r + eps)) H_r, sqrt((1 - eta) / (tr_o + eps)) H_o], where the traces are sums of squares over the block.
-// The rows of H already hold the weights sqrt(eta) and sqrt(1 - eta).
+// The rows of H (Q3) already hold the weights sqrt(eta) and sqrt(1 - eta), so that W = H / sqrt(d) with d = trace / weight + eps;
+// d goes to the host, too, which gets H back as W sqrt(d).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -22,10 +23,12 @@ layout(binding = 2, std430) readonly buffer Members { uint members[]; };
 layout(binding = 3, std430) readonly buffer H { float h[]; };           // n x CHANNELS, weighed
 layout(binding = 4, std430) buffer Factors { float factors[]; };        // block after block m x CHANNELS, column by column
 layout(binding = 5, std430) writeonly buffer Densities { float densities[]; }; // lower triangles, packed as the overlaps
+layout(binding = 6, std430) writeonly buffer Divisors { float divisors[]; }; // block after block d of both groups of channels
 layout(push_constant) uniform Push {
     uint first;        // block or tile
     uint count;
     uint first_member;
+    uint first_block;
     float eta;
     float epsilon;
 };
@@ -40,8 +43,11 @@ void factor(uint block_index) {
         [[unroll]] for (uint k = 0; k < CHANNELS; k++) trace[k / RENDERING] += h[i + k] * h[i + k];
     }
     vec2 share = vec2(eta, 1 - eta);
-    trace = subgroupAdd(trace) / share + epsilon;
-    vec2 weight = mix(vec2(0), inversesqrt(trace), greaterThan(share, vec2(0)));
+    bvec2 counts = greaterThan(share, vec2(0));
+    vec2 divisor = mix(vec2(0), subgroupAdd(trace) / share + epsilon, counts);
+    // A divisor of 0 belongs to channels that are zero themselves.
+    vec2 weight = mix(vec2(0), inversesqrt(divisor), greaterThan(divisor, vec2(0)));
+    if (lane < 2) divisors[2 * (block_index - first_block) + lane] = divisor[lane];
     for (uint row = lane; row < m; row += SUBGROUP) {
         uint i = CHANNELS * members[block.x + row];
         [[unroll]] for (uint k = 0; k < CHANNELS; k++) factors[at + k * m + row] = weight[k / RENDERING] * h[i + k];

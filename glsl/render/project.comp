@@ -1,4 +1,4 @@
-// Projects each Gaussian (EWA), evaluates its colour, and counts the tiles it touches.
+// Projects each Gaussian (Q1; EWA), evaluates its colour, and counts the tiles it touches.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require

@@ -1,4 +1,4 @@
-// Adds one view's eight responses of each Gaussian that it shows to those of earlier views. It reads the gradient rows of the
+// Adds one view's eight responses (Q2) of each Gaussian that it shows to those of earlier views. It reads the gradient rows of the
 // projection's backward pass and the sums that the rasterisation's backward pass left in the slots.
 //
 // r <- r keep^(views since the last that showed it) + weight x: an average over iterations, or with keep = 1 a mean.

@@ -3,16 +3,12 @@
 //
 // Removing a splat exactly changes a pixel by -phi, phi = T alpha (c - b), where b is the colour behind it: what lies behind is
 // then seen through T instead of T (1 - alpha). With R the part of the picture that lies behind, T alpha b = R alpha / (1 - alpha).
-//
-// With SKETCH the sums are of phi and T alpha under two sets of random signs, one sign for each pixel of the view: sketch.comp
-// makes of them rows whose products are, on average, the products of two splats' phi over all pixels.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/blending.glsl"
 #include "lib/lane_sum.glsl"
-#include "lib/random.glsl"
 #include "lib/view.glsl"
 #include "lib/walked_tile.glsl"
 
@@ -20,7 +16,6 @@ layout(constant_id = 2) const uint TILE = 16;
 layout(constant_id = 3) const uint PIXELS = 8; // TILE x TILE / SUBGROUP
 layout(constant_id = 4) const float STOP = TRANSMITTANCE_STOP;
 layout(constant_id = 5) const bool RESIDUAL = false; // true if the residual's colours count
-layout(constant_id = 6) const bool SKETCH = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Starts { uint starts[]; };
@@ -36,14 +31,11 @@ layout(binding = 9, std430) writeonly buffer Weights { vec4 weights[]; };
 // the sums of w^2, of |phi|^2, of phi . residual, and 0; and the sum of w b, and 0.
 layout(binding = 10, std430) writeonly buffer Changes { vec4 changes[]; };
 layout(binding = 11, std430) writeonly buffer Behinds { vec4 behinds[]; };
-// For a sketch: the signed sums of phi and of w, by one set of signs and by the other; and the tile.
-layout(push_constant) uniform Push { uint number; }; // of the view, for signs
 
 vec2 centre[PIXELS]; // from the view's origin
 float transmittance[PIXELS]; // 0 once the pixel is done
 vec3 behind[PIXELS];
 vec3 off[PIXELS];
-vec2 signs[PIXELS];
 
 bool done() {
     bool all = true;
@@ -67,10 +59,6 @@ void main() {
         transmittance[p] = inside ? 1 : 0;
         behind[p] = image[pixel].rgb;
         off[p] = RESIDUAL ? residual[pixel].rgb : vec3(0);
-        if (SKETCH) {
-            uint random = hash(pixel ^ hash(number));
-            signs[p] = vec2((random >> 16) & 1u, (random >> 24) & 1u) * 2 - 1;
-        }
     }
     uint start = starts[tile], end = starts[tile + 1];
     // Splats come in groups of the subgroup's size: each lane reads one of them and, in the end, writes its sums.
@@ -103,22 +91,17 @@ void main() {
                 vec3 r = behind[p] - w * rgb;
                 vec3 seen_behind = live ? r * (alpha / max(1 - alpha, ONE_MINUS_ALPHA_FLOOR)) : vec3(0);
                 vec3 phi = w * rgb - seen_behind;
-                if (SKETCH) {
-                    weight += signs[p].x * vec4(phi, w);
-                    change += signs[p].y * vec4(phi, w);
-                } else {
-                    weight += live ? vec4(w, 0, 1, opacity * t) : vec4(0);
-                    most = max(most, w);
-                    change += vec4(w * w, dot(phi, phi), RESIDUAL ? dot(phi, off[p]) : 0, 0);
-                    through += vec4(seen_behind, 0);
-                }
+                weight += live ? vec4(w, 0, 1, opacity * t) : vec4(0);
+                most = max(most, w);
+                change += vec4(w * w, dot(phi, phi), RESIDUAL ? dot(phi, off[p]) : 0, 0);
+                through += vec4(seen_behind, 0);
                 behind[p] = r;
                 transmittance[p] = live ? next : drawn ? 0 : t;
             }
             weight = lane_sum(weight);
-            if (!SKETCH) weight.y = subgroupMax(most);
+            weight.y = subgroupMax(most);
             change = lane_sum(change);
-            through = SKETCH ? vec4(float(tile), 0, 0, 0) : lane_sum(through);
+            through = lane_sum(through);
             bool own = lane == n;
             my_weights = own ? weight : my_weights;
             my_changes = own ? change : my_changes;

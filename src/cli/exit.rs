@@ -32,7 +32,7 @@ impl Exit {
                 Self::BadInput
             }
             Error::Program { .. } | Error::FewPoses { .. } | Error::NothingToPose(_) => Self::BadInput,
-            Error::Metrics(_) | Error::Diagnostics { .. } => Self::BadInput,
+            Error::Metrics(_) | Error::Diagnostics { .. } | Error::Study(_) => Self::BadInput,
             Error::Memory { .. } | Error::Picture { .. } => Self::Resources,
             Error::Write { .. } | Error::Encode { .. } | Error::Print(_) => Self::Resources,
             Error::SelfTest { .. } | Error::OtherDevice { .. } => Self::Device,

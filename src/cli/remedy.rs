@@ -13,6 +13,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Read { source, .. } => readable(source),
         Error::Write { source, .. } => writable(source),
         Error::Device(e) => device(e),
+        Error::Study(_) => plain("remove this Gaussian from the model, or train the model again"),
         Error::Train(e) => training(e),
         Error::Gaussians(e) => model(e),
         Error::Scene(e) => capture(e),

@@ -1,6 +1,6 @@
 //! Checks that a job fits the device's memory, before its work starts.
 
-use super::config::{Init, RunConfig};
+use super::config::{Compression, Init, RunConfig};
 use super::effects;
 use super::evaluate::Evaluator;
 use super::host_memory;
@@ -13,6 +13,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::pipeline::{Error, Relief};
+use crate::qirf::participation::Eigensolver;
 use crate::qirf::study;
 use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds, largest};
 use crate::response::Wanted;
@@ -56,8 +57,7 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
         let exposure = config.effects.allow(Effect::Exposure);
         let masked = opened.scene.has_masks();
         let pairs = pairs::room(device, gaussians);
-        let wanted = config.prune.as_ref().map(|p| p.compression.selector.reads());
-        let pruning = wanted.map_or(0, |wanted| study::bytes(gaussians, wanted));
+        let pruning = config.prune.as_ref().map_or(0, |p| studied(gaussians, &p.compression));
         let (style, halves) = (effects::style(|effect| config.effects.allow(effect)), schedule.halves(1));
         let trainer = TrainerNeeds {
             gaussians,
@@ -148,7 +148,6 @@ impl Fixed<'_> {
     /// Bytes of a run with these numbers of Gaussians, trained and seen.
     fn bytes(&self, device: &Device, gaussians: usize, tail: usize) -> u64 {
         let &Self { config, size, masked, degree, grows, .. } = self;
-        let wanted = config.prune.as_ref().map(|p| p.compression.selector.reads());
         let needs = TrainerNeeds {
             gaussians,
             tail,
@@ -162,7 +161,7 @@ impl Fixed<'_> {
             style: config.style,
             halves: config.schedule.halves(1),
             grows,
-            pruning: wanted.map_or(0, |wanted| study::bytes(gaussians, wanted)),
+            pruning: config.prune.as_ref().map_or(0, |p| studied(gaussians, &p.compression)),
         };
         Trainer::bytes(device, &needs) + Evaluator::bytes(device, gaussians + tail, size, config.style)
     }
@@ -228,6 +227,11 @@ pub fn for_pictures(device: &Device, model: &Gaussians, size: [u32; 2], style: S
     Job { what, gaussians, degree, size, uses, beside, needed, relief }.place(device)
 }
 
+/// Device memory of the study of `gaussians` Gaussians that a prune needs, and of the pass before it; in bytes.
+fn studied(gaussians: usize, compression: &Compression) -> u64 {
+    study::bytes(gaussians, compression.selector.reads(), compression.basis.solver)
+}
+
 /// Parameters of a compression's memory besides the model.
 #[derive(Clone, Debug)]
 pub struct CompressNeeds {
@@ -241,6 +245,8 @@ pub struct CompressNeeds {
     pub masked: bool,
     /// What the pass over the views gathers.
     pub wanted: Wanted,
+    /// Solver of the blocks.
+    pub solver: Eigensolver,
     /// Style of rendering.
     pub style: Style,
     /// Largest number of Gaussians that are fine-tuned.
@@ -252,7 +258,7 @@ pub struct CompressNeeds {
 /// # Errors
 /// As [`for_run`]: blocks that are solved, and Gaussians that are fine-tuned, must be on the device at once.
 pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) -> Result<Place, Error> {
-    let CompressNeeds { size, own_pictures, photos, masked, wanted, style, trained } = needs;
+    let CompressNeeds { size, own_pictures, photos, masked, wanted, solver, style, trained } = needs;
     let (gaussians, degree) = (model.len(), model.degree());
     let staged = |bytes: u64| bytes + staging_bytes(bytes);
     let resident = staged(Resident::bytes(gaussians, degree));
@@ -265,7 +271,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
         responses_bytes(device, gaussians, pairs, photos, (style, wanted))
     };
     let solves = wanted.channels;
-    let studied = if solves { study::bytes(gaussians, wanted) } else { 0 };
+    let studied = if solves { study::bytes(gaussians, wanted, solver) } else { 0 };
     let whole = evaluates.max(resident + studied).max(resident + passes + wanted.bytes(gaussians));
     let uses = Uses { purpose: wanted.purpose(), responses: true, style };
     let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };

@@ -32,6 +32,9 @@ const KNOWN: u8 = KEPT | MERGED | UNSEEN | CANONICAL | REPAIRED | DETAIL;
 /// Block of a Gaussian that belongs to none.
 pub const NO_BLOCK: u32 = NO_CLUSTER;
 
+/// Name of the record of participations, which only prunes by blocks have.
+const PARTICIPATION: &str = "participation";
+
 /// Key of the notes in the file's header.
 const NOTES: &str = "qirf-vk diagnostics";
 
@@ -46,6 +49,8 @@ pub struct Diagnostics {
     pub score: Vec<f32>,
     /// [`KEPT`] and the other flags.
     pub flags: Vec<u8>,
+    /// Its participation in the leading modes of its block; empty if no eigenproblem was solved.
+    pub participation: Vec<f32>,
 }
 
 /// Header of a file of diagnostics.
@@ -90,7 +95,8 @@ impl Diagnostics {
                     | flag(guards.repaired, REPAIRED);
             }
         }
-        Self { selector, block, score: gain.iter().map(|g| *g as f32).collect(), flags }
+        let participation = study.solver.map_or_else(Vec::new, |_| study.collected.participation.clone());
+        Self { selector, block, score: gain.iter().map(|g| *g as f32).collect(), flags, participation }
     }
 
     /// Diagnostics of a merging by pairs.
@@ -101,16 +107,21 @@ impl Diagnostics {
             block: cluster.clone(),
             score: responses.scores.iter().map(|s| s.contribution).collect(),
             flags: (0..keep.len()).map(|i| fate(i) | flag(!seen(responses, i), UNSEEN)).collect(),
+            participation: Vec::new(),
         }
     }
 
     /// The records by name, with the bytes of one entry.
-    fn records(&self) -> [(&'static str, Dtype, &[u8]); 3] {
-        [
+    fn records(&self) -> Vec<(&'static str, Dtype, &[u8])> {
+        let mut records = vec![
             ("block", Dtype::U32, cast_slice(&self.block)),
-            ("flags", Dtype::U8, &self.flags),
+            ("flags", Dtype::U8, &self.flags[..]),
             ("score", Dtype::F32, cast_slice(&self.score)),
-        ]
+        ];
+        if !self.participation.is_empty() {
+            records.push((PARTICIPATION, Dtype::F32, cast_slice(&self.participation)));
+        }
+        records
     }
 
     /// Writes the file, whole or not at all. `model` is the one before the prune, as its file reads.
@@ -119,7 +130,7 @@ impl Diagnostics {
     /// [`Error::Write`].
     pub fn write(&self, path: &Path, model: &Gaussians) -> Result<(), Error> {
         let encoding = |e: &dyn std::fmt::Display| Error::encoding("the diagnostics", e);
-        let sum = crc32(self.records().map(|(_, _, bytes)| bytes));
+        let sum = crc32(self.records().into_iter().map(|(_, _, bytes)| bytes));
         let notes = Notes { selector: self.selector, gaussians: model.len(), model: identity(model), crc32: sum };
         let notes = serde_json::to_string(&notes).map_err(|e| encoding(&e))?;
         let tensor = |(name, dtype, bytes)| Ok((name, TensorView::new(dtype, vec![model.len()], bytes)?));
@@ -160,13 +171,19 @@ impl Diagnostics {
         };
         let word = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
         let words = |bytes: &[u8]| bytes.chunks_exact(4).map(word).collect::<Vec<u32>>();
+        let numbers = |bytes: &[u8]| words(bytes).into_iter().map(f32::from_bits).collect::<Vec<f32>>();
         let read = Self {
             selector: notes.selector,
             block: words(&record("block", Dtype::U32)?),
-            score: words(&record("score", Dtype::F32)?).into_iter().map(f32::from_bits).collect(),
+            score: numbers(&record("score", Dtype::F32)?),
             flags: record("flags", Dtype::U8)?,
+            participation: if file.names().contains(&PARTICIPATION) {
+                numbers(&record(PARTICIPATION, Dtype::F32)?)
+            } else {
+                Vec::new()
+            },
         };
-        if crc32(read.records().map(|(_, _, bytes)| bytes)) != notes.crc32 {
+        if crc32(read.records().into_iter().map(|(_, _, bytes)| bytes)) != notes.crc32 {
             return Err("its checksum is not that of its records: it is damaged".to_owned());
         }
         match read.flags.iter().position(|flags| flags & !KNOWN != 0) {
@@ -186,7 +203,8 @@ mod tests {
         let mut model = Gaussians::zeroed(3, 1);
         model.means[1] = [1.0, 2.0, 3.0];
         let (block, score, flags) = (vec![0, 1, NO_BLOCK], vec![0.5, -1.0, f32::INFINITY], vec![KEPT, MERGED, UNSEEN]);
-        (model, Diagnostics { selector: Selector::Css, block, score, flags })
+        let participation = vec![0.25, 0.0, 3.5];
+        (model, Diagnostics { selector: Selector::Css, block, score, flags, participation })
     }
 
     fn written(diagnostics: &Diagnostics, model: &Gaussians) -> Vec<u8> {
@@ -202,6 +220,7 @@ mod tests {
         let (model, diagnostics) = sample();
         let bytes = written(&diagnostics, &model);
         assert_eq!(bytes, written(&diagnostics, &model), "the same bytes each time");
+        written(&Diagnostics { participation: Vec::new(), ..diagnostics.clone() }, &model);
         let mut other = model.clone();
         other.sh[1][5] = 0.25;
         assert!(Diagnostics::parse(&bytes, &other).is_err_and(|e| e.contains("another model")));

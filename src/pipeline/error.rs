@@ -1,5 +1,6 @@
 //! The errors that end a job.
 
+use crate::qirf::study;
 use crate::wording::mebibytes;
 use crate::{gaussians, gpu, scene, synth, train};
 use std::io;
@@ -49,6 +50,9 @@ pub enum Error {
     /// The device floor.
     #[error(transparent)]
     Device(#[from] gpu::Error),
+    /// A model that cannot be studied.
+    #[error(transparent)]
+    Study(study::Error),
     /// Training.
     #[error(transparent)]
     Train(train::Error),
@@ -223,6 +227,15 @@ pub enum Relief {
     SmallerPictures,
     /// A scene divided into more blocks.
     MoreBlocks,
+}
+
+impl From<study::Error> for Error {
+    fn from(error: study::Error) -> Self {
+        match error {
+            study::Error::Device(e) => Self::Device(e),
+            other @ study::Error::Response { .. } => Self::Study(other),
+        }
+    }
 }
 
 impl From<train::Error> for Error {

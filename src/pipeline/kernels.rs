@@ -5,9 +5,8 @@ use super::prune::{PruneRequest, plan};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Compiled, Device};
 use crate::pipeline::Error;
-use crate::qirf::assemble::{self, Assembly};
-use crate::qirf::participation::device::Problem;
-use crate::qirf::rrdm::Density;
+use crate::qirf::participation::Eigensolver;
+use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Keep;
 use crate::response::Wanted;
 use crate::scene::Photo;
@@ -19,11 +18,9 @@ use glam::DVec3;
 /// Gaussians and picture for which kernels are shaped.
 const GAUSSIANS: usize = 100_000;
 const SIDE: u32 = 1024;
-/// Members of a block.
-const BLOCK: usize = 50;
 
-/// What the device's compiler makes of the kernels of an iteration, a response pass with scores, a prune, and a sweep of
-/// solvers, with SH of degree 3. The device must have been opened with [`crate::gpu::DeviceOptions::compile_only`].
+/// What the device's compiler makes of the kernels of an iteration, a response pass with scores, and a prune by each kind of
+/// solver, with SH of degree 3. The device must have been opened with [`crate::gpu::DeviceOptions::compile_only`].
 ///
 /// # Errors
 /// Device memory; a driver that refuses a kernel.
@@ -42,17 +39,12 @@ pub fn compiled(device: &Device) -> Result<Vec<Compiled>, Error> {
     let options = Options { schedule: Schedule::default(), degree, ..Options::default() };
     let mut trainer = Trainer::new(device, &model, vec![photo], 1.0, options)?;
     device.submit(trainer.recording()?)?;
-    let responses = trainer.responses(Wanted { residual: true, sketches: true, ..Wanted::BOTH })?;
-    let compression = &Preset::Quick.pruning().compression;
-    let request = PruneRequest { compression, keep: Keep::Share(0.28), seed: 1 };
-    plan(device, trainer.model().into(), &model, &responses, &request)?;
-    // The sweep solves blocks on the device, too.
-    let members: Vec<u32> = (0..GAUSSIANS as u32).collect();
-    let starts: Vec<u32> = (0..=GAUSSIANS as u32).step_by(BLOCK).collect();
-    let density = Some(Density { full: true, ..Density::default() });
-    let options = assemble::Options { density, ..assemble::Options::default() };
-    let assembly = Assembly::new(device, trainer.model(), &members, &starts, &responses.channels, options)?;
-    let (epsilon, tau) = (compression.basis.epsilon as f32, compression.basis.tau as f32);
-    assembly.solve_each(Problem { epsilon, tau }, |_, _| Ok::<(), Error>(()))?;
+    let responses = trainer.responses(Wanted { residual: true, ..Wanted::BOTH })?;
+    for (selector, solver) in [(Selector::Css, Eigensolver::Dsygvd), (Selector::Gnso, Eigensolver::Device)] {
+        let mut compression = Preset::Quick.pruning().compression;
+        (compression.selector, compression.basis.solver) = (selector, solver);
+        let request = PruneRequest { compression: &compression, keep: Keep::Share(0.28), seed: 1 };
+        plan(device, trainer.model().into(), &model, &responses, &request)?;
+    }
     Ok(device.compiled())
 }

@@ -2,7 +2,7 @@
 
 use super::config::{Compression, ResponseSource};
 use super::diagnostics::Diagnostics;
-use super::records::{PruneGuards, PruneRecord, PruneSeconds};
+use super::records::{PruneGuards, PruneRecord, PruneSeconds, RankRecord};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
@@ -164,11 +164,8 @@ pub fn plan(
             &uploaded
         }
     };
-    // If blocks are solved anyway, the paper's eigenproblem is solved too: it gives their numbers of modes.
-    let asked = [selector, Selector::Gnso];
-    let asked = if selector.of_blocks().is_some() && selector != Selector::Gnso { &asked[..] } else { &asked[..1] };
     let observed = Observed { resident, model, responses };
-    let study = Study::new(device, observed, &compression.basis, asked, seed)?;
+    let study = Study::new(device, observed, &compression.basis, &[selector], seed)?;
     let choosing = Instant::now();
     let choice = study.choose(selector, compression.budget, keep, compression.detail);
     let select = choosing.elapsed().as_secs_f64();
@@ -206,18 +203,25 @@ fn pairs(model: &Gaussians, responses: &Responses, keep: Keep, begun: Instant) -
 /// The figures of a study and of its choice; the iteration is filled in later.
 fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
     let blocks = &study.partitioned.blocks;
+    let c = &study.collected;
     let (mut occupancy, mut kept_shares, mut modes) = (Vec::new(), [0; 10], [0; CHANNELS]);
-    let solved = study.collected.spectrum.iter().any(|l| *l > 0.0);
-    for (members, r) in blocks.iter().zip(&study.collected.r) {
+    let mut ranks: [RankRecord; CHANNELS] =
+        std::array::from_fn(|k| RankRecord { rank: k + 1, ..RankRecord::default() });
+    for ((members, r), energies) in blocks.iter().zip(&c.r).zip(&c.energies) {
         let bin = members.len().max(1).ilog2() as usize;
         occupancy.resize(occupancy.len().max(bin + 1), 0);
         occupancy[bin] += 1;
         let kept = members.iter().filter(|i| choice.keep[**i as usize]).count();
         kept_shares[(10 * kept / members.len().max(1)).min(9)] += 1;
-        modes[(*r as usize).clamp(1, CHANNELS) - 1] += usize::from(solved);
+        if let Some(rank) = effective_rank(energies) {
+            modes[(*r as usize).clamp(1, CHANNELS) - 1] += 1;
+            let of_rank = &mut ranks[(rank.round() as usize).clamp(1, CHANNELS) - 1];
+            of_rank.blocks += 1;
+            of_rank.gaussians += members.len();
+            of_rank.kept += kept;
+        }
     }
-    let c = &study.collected;
-    let whole: f64 = c.spectrum.iter().sum();
+    let (spectrum, spectrum_spread) = mean_and_spread(&c.energies);
     PruneRecord {
         iteration: 0,
         selector,
@@ -229,18 +233,70 @@ fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
         voxel: study.partitioned.voxel,
         occupancy,
         kept_shares,
-        spectrum: c.spectrum.map(|l| if whole > 0.0 { l / whole } else { 0.0 }),
+        solver: study.solver,
+        spectrum,
+        spectrum_spread,
         modes,
-        guards: PruneGuards { canonical_blocks: c.canonical, unseen_blocks: c.unseen, repaired_values: c.repaired },
+        effective_ranks: ranks.into_iter().filter(|r| r.blocks > 0).collect(),
+        guards: PruneGuards {
+            fallback_blocks: c.fallbacks,
+            canonical_blocks: c.canonical,
+            unseen_blocks: c.unseen,
+            repaired_values: c.repaired,
+        },
         merged: None,
         pairs: None,
         frames_per_second_before: None,
         seconds: PruneSeconds {
             partition: study.seconds.partition,
-            assemble: study.seconds.assemble,
+            overlap: study.seconds.overlap,
+            rrdm: study.seconds.rrdm,
+            participation: study.seconds.participation,
             solve: study.seconds.solve,
             assemble_and_solve: study.seconds.wall,
             ..PruneSeconds::default()
         },
+    }
+}
+
+/// Effective rank of a block (Roy and Vetterli 2007): the exponential of the entropy of its eigenvalues' shares; none for a
+/// block without any response.
+fn effective_rank(energies: &[f64; CHANNELS]) -> Option<f64> {
+    let seen = energies.iter().any(|p| *p > 0.0);
+    let entropy: f64 = energies.iter().filter(|p| **p > 0.0).map(|p| -p * p.ln()).sum();
+    seen.then(|| entropy.exp())
+}
+
+/// Mean and standard deviation over the blocks that have any response of each eigenvalue's share.
+fn mean_and_spread(energies: &[[f64; CHANNELS]]) -> ([f64; CHANNELS], [f64; CHANNELS]) {
+    let seen: Vec<_> = energies.iter().filter(|e| e.iter().any(|p| *p > 0.0)).collect();
+    let count = seen.len().max(1) as f64;
+    let mean: [f64; CHANNELS] = std::array::from_fn(|k| seen.iter().map(|e| e[k]).sum::<f64>() / count);
+    let variance = |k: usize| seen.iter().map(|e| (e[k] - mean[k]).powi(2)).sum::<f64>() / count;
+    (mean, std::array::from_fn(|k| variance(k).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn effective_ranks_count_equal_modes() {
+        assert_eq!(effective_rank(&[0.0; CHANNELS]), None);
+        assert!((effective_rank(&[1.0 / 8.0; CHANNELS]).unwrap() - 8.0).abs() < 1e-12);
+        let two = [0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        assert!((effective_rank(&two).unwrap() - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn spread_leaves_unseen_blocks_out() {
+        let mut one = [0.0; CHANNELS];
+        one[0] = 1.0;
+        let mut other = [0.0; CHANNELS];
+        (other[0], other[1]) = (0.5, 0.5);
+        let (mean, spread) = mean_and_spread(&[one, [0.0; CHANNELS], other]);
+        assert_eq!((mean[0], mean[1]), (0.75, 0.25));
+        assert!((spread[0] - 0.25).abs() < 1e-12 && (spread[1] - 0.25).abs() < 1e-12);
+        assert_eq!(mean_and_spread(&[]), ([0.0; CHANNELS], [0.0; CHANNELS]));
     }
 }

@@ -1,9 +1,9 @@
 //! Assembles the blocks' matrices on the device, batch by batch, while the host works on the previous batch.
 
-use super::CHANNELS;
 use super::overlap::{self, Metric};
 use super::plan::{Arrays, Batch, LARGEST_BLOCK, MOST_MEMBERS, Plan, triangle};
 use super::rrdm::{self, Density};
+use super::{CHANNELS, RENDERING, Row};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Error, Readback, Recording, Result, Timings};
 use std::ops::Range;
@@ -46,21 +46,43 @@ pub struct Assembled<'a> {
     starts: &'a [u32],
     blocks: Range<usize>,
     overlaps: &'a [f32],
-    factors: Option<&'a [f32]>,
-    densities: Option<&'a [f32]>,
+    factors: &'a [f32],
+    divisors: &'a [f32],
+    densities: &'a [f32],
 }
 
 /// The matrices of one block of `m` members.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct BlockMatrices<'a> {
-    /// Its members.
+    /// Number of its members.
     pub m: usize,
     /// Lower triangle of N, column by column without gaps: LAPACK's packed "L", m (m + 1) / 2 entries.
     pub overlap: &'a [f32],
-    /// W, m x 8, column by column; only if [`Options::density`] asks for it.
-    pub factor: Option<&'a [f32]>,
-    /// Lower triangle of P, packed as that of N; only if [`Density::full`].
-    pub density: Option<&'a [f32]>,
+    /// W, m x 8, column by column; empty unless [`Options::density`] asks for it.
+    pub factor: &'a [f32],
+    /// Squares of what the rendering and the optimisation columns of H were divided by to make W: H = W sqrt(d). Zeros
+    /// without W.
+    pub divisors: [f32; 2],
+    /// Lower triangle of P, packed as that of N; empty unless [`Density::full`].
+    pub density: &'a [f32],
+}
+
+impl BlockMatrices<'_> {
+    /// Rows of W, m, widened to float64; values that are not finite count as zero, and their number is returned.
+    pub fn rows(&self) -> (Vec<Row>, usize) {
+        let mut repaired = 0;
+        let mut finite = |x: f32| {
+            repaired += usize::from(!x.is_finite());
+            if x.is_finite() { f64::from(x) } else { 0.0 }
+        };
+        let rows = (0..self.m).map(|i| std::array::from_fn(|c| finite(self.factor[c * self.m + i]))).collect();
+        (rows, repaired)
+    }
+
+    /// What turns a row of W into the row of H that it was made from, column by column.
+    pub fn scales(&self) -> Row {
+        std::array::from_fn(|c| f64::from(self.divisors[c / RENDERING]).sqrt())
+    }
 }
 
 /// Writes a packed lower triangle into the lower triangle of an m x m matrix, column by column (LAPACK's "L"). The upper one
@@ -105,11 +127,13 @@ impl Assembled<'_> {
             let m = end - start;
             let entries = at..at + triangle(m);
             at = entries.end;
+            let divisors = self.divisors.as_chunks().0.get(b - self.blocks.start).copied().unwrap_or_default();
             let matrices = BlockMatrices {
                 m,
                 overlap: &self.overlaps[entries.clone()],
-                factor: self.factors.map(|w| &w[CHANNELS * (start - first)..CHANNELS * (end - first)]),
-                density: self.densities.map(|d| &d[entries]),
+                factor: self.factors.get(CHANNELS * (start - first)..CHANNELS * (end - first)).unwrap_or(&[]),
+                divisors,
+                density: self.densities.get(entries).unwrap_or(&[]),
             };
             (b, matrices)
         })
@@ -117,14 +141,19 @@ impl Assembled<'_> {
 }
 
 impl<'a> Assembly<'a> {
-    /// Largest number of bytes of the assembly of N for any partition, including the host memory for its results.
+    /// Largest number of bytes of an assembly for any partition, including the host memory for its results.
     pub fn bytes(gaussians: usize, options: &Options) -> u64 {
         // At worst each member is a block of its own; blocks of 4,096 members have four tiles of 8 x 64 per member.
         let lists = Buffer::<u32>::bytes_of(gaussians) + Buffer::<[u32; 4]>::bytes_of(gaussians);
         let tiles = Buffer::<[u32; 2]>::bytes_of(4 * gaussians);
         let axes = Buffer::<[f32; 4]>::bytes_of(4 * gaussians.min(MOST_MEMBERS));
-        let batch = (4 * triangle(gaussians.min(LARGEST_BLOCK)) as u64).min(options.batch_bytes as u64);
-        lists + tiles + axes + 3 * batch
+        let triangles = (4 * triangle(gaussians.min(LARGEST_BLOCK)) as u64).min(options.batch_bytes as u64);
+        let rows = |n: usize| Buffer::<f32>::bytes_of(CHANNELS * n);
+        let density = options.density.map_or(0, |density| {
+            // W is on the device and twice on the host, and the device's solver has the modes beside it.
+            rows(gaussians) + 4 * rows(gaussians.min(MOST_MEMBERS)) + if density.full { 3 * triangles } else { 0 }
+        });
+        lists + tiles + axes + 3 * triangles + density
     }
 
     /// Allocates memory for the batches of a partition: block `b` has the Gaussians `members[starts[b]..starts[b + 1]]`.
@@ -154,7 +183,7 @@ impl<'a> Assembly<'a> {
         let (rows, columns) = (device.info().subgroup_size, device.tuning().overlap_columns);
         let plan = Plan::new(starts, options.batch_bytes, [rows, columns])?;
         let most = |f: fn(&Batch) -> usize| plan.batches.iter().map(f).max().unwrap_or(0);
-        let (entries, room) = (most(|b| b.entries), most(|b| b.members.len()));
+        let (entries, room, blocks) = (most(|b| b.entries), most(|b| b.members.len()), most(|b| b.blocks.len()));
         let arrays = Arrays {
             members: device.upload("block members", members)?,
             blocks: device.upload("blocks", &plan.blocks)?,
@@ -163,6 +192,7 @@ impl<'a> Assembly<'a> {
             responses: device.upload("rows of H", h)?,
             overlaps: device.buffer("overlaps", entries)?,
             factors: device.buffer("response factors", if options.density.is_some() { CHANNELS * room } else { 1 })?,
+            divisors: device.buffer("divisors of responses", if options.density.is_some() { 2 * blocks } else { 1 })?,
             densities: device.buffer("density matrices", if options.wants_full() { entries } else { 1 })?,
             rows,
             columns,
@@ -174,6 +204,11 @@ impl<'a> Assembly<'a> {
     /// The batches, in order.
     pub fn batches(&self) -> &[Batch] {
         &self.batches
+    }
+
+    /// Bytes of matrices that come back to the host, all batches together.
+    pub fn read_back(&self) -> u64 {
+        self.batches.iter().flat_map(|b| self.counts(b)).map(|floats| 4 * floats as u64).sum()
     }
 
     /// Host memory for the matrices of one batch.
@@ -193,8 +228,8 @@ impl<'a> Assembly<'a> {
         let mut recording = Recording::new();
         self.record(&mut recording, batch);
         let arrays = &self.arrays;
-        let [n, w, p] = self.counts(batch);
-        let from = [(&arrays.overlaps, n), (&arrays.factors, w), (&arrays.densities, p)];
+        let [n, w, d, p] = self.counts(batch);
+        let from = [(&arrays.overlaps, n), (&arrays.factors, w), (&arrays.divisors, d), (&arrays.densities, p)];
         readback.submit(&self.device, recording, &from)
     }
 
@@ -206,21 +241,26 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    /// Floats of N, W and P of a batch.
-    fn counts(&self, batch: &Batch) -> [usize; 3] {
-        let w = if self.options.density.is_some() { CHANNELS * batch.members.len() } else { 0 };
-        let p = if self.options.wants_full() { batch.entries } else { 0 };
-        [batch.entries, w, p]
+    /// Floats of N, W, its divisors and P of a batch.
+    fn counts(&self, batch: &Batch) -> [usize; 4] {
+        let if_asked = |asked: bool, count: usize| if asked { count } else { 0 };
+        let density = self.options.density.is_some();
+        [
+            batch.entries,
+            if_asked(density, CHANNELS * batch.members.len()),
+            if_asked(density, 2 * batch.blocks.len()),
+            if_asked(self.options.wants_full(), batch.entries),
+        ]
     }
 
     /// The matrices within the values of a batch.
     fn matrices<'b>(&'b self, batch: &Batch, values: &'b [f32]) -> Assembled<'b> {
-        let [n, w, p] = self.counts(batch);
+        let [n, w, d, p] = self.counts(batch);
         let (overlaps, rest) = values.split_at(n);
         let (factors, rest) = rest.split_at(w);
-        let factors = self.options.density.map(|_| factors);
-        let densities = self.options.wants_full().then(|| &rest[..p]);
-        Assembled { starts: &self.starts, blocks: batch.blocks.clone(), overlaps, factors, densities }
+        let (divisors, rest) = rest.split_at(d);
+        let densities = &rest[..p];
+        Assembled { starts: &self.starts, blocks: batch.blocks.clone(), overlaps, factors, divisors, densities }
     }
 
     /// Calls `body` with every batch, in order, while the device assembles the next one. Returns the device times.

@@ -1,20 +1,17 @@
 //! Ranks and gains of a batch of blocks, computed in parallel over blocks while the device assembles the next batch.
 
-use rayon::prelude::*;
-
-use super::normalise::within_block;
-use super::participation::{Eigensolver, Factor, Gram, Participation, lowdin, norm};
+use super::assemble::{BlockMatrices, unpack_symmetric};
+use super::participation::{Eigensolver, Factor, Gram, Participation, lowdin, norm, solve};
 use super::partition::Blocks;
 use super::select::{BlockSelector, Ranking, css, rank};
 use super::{CHANNELS, Row};
+use rayon::prelude::*;
 
 /// Input of one block.
 #[derive(Clone, Copy, Debug)]
 pub struct Block<'a> {
-    /// Normalised overlaps N, m x m, symmetric, 1 on the diagonal.
-    pub overlap: &'a [f32],
-    /// Its members' rows of H (see [`super::normalise::rows`]), m.
-    pub rows: &'a [[f32; CHANNELS]],
+    /// N, W and, for [`Eigensolver::Dsygvd`], P.
+    pub matrices: BlockMatrices<'a>,
     /// Its members' opacities or their logits, m, which rank a block without any response.
     pub opacity: &'a [f32],
     /// S_ii of its members, m (see [`self_overlap`]), for the raw overlap; else none.
@@ -30,14 +27,12 @@ pub fn self_overlap(log_scales: [f32; 3]) -> f64 {
 /// Options for solving blocks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solver {
-    /// Solver of the eigenproblem.
+    /// Solver of the paper's eigenproblem; with [`Eigensolver::Device`] the host leaves it alone.
     pub eigensolver: Eigensolver,
-    /// Added to the metric's diagonal, and to traces.
+    /// Added to the metric's diagonal.
     pub epsilon: f64,
     /// Share of the energy that the leading eigenvalues reach.
     pub tau: f64,
-    /// Weight of the rendering channels, as in the rows of H.
-    pub eta: f64,
     /// The column subset stops after this share of a block; the others are ranked by the gain that they would have then.
     pub css_share: f64,
     /// Selectors to rank by.
@@ -50,28 +45,44 @@ impl Default for Solver {
             eigensolver: Eigensolver::default(),
             epsilon: 1e-4,
             tau: 0.95,
-            eta: 0.75,
             css_share: 0.5,
             selectors: vec![BlockSelector::Gnso],
         }
     }
 }
 
-/// Results of one block.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Solved {
-    /// One for each of the solver's selectors, in their order.
-    pub ranked: Vec<Ranking>,
-    /// The eight largest eigenvalues; zero if the paper's problem was not asked for.
+/// Solution of a block's eigenproblem.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Modes {
+    /// The eight largest eigenvalues, descending.
     pub spectrum: [f64; CHANNELS],
-    /// The fewest eigenvalues that reach tau; 1 if the paper's problem was not asked for.
+    /// The fewest eigenvalues that reach tau, at least 1.
     pub r: u32,
+    /// Participation of each member, m.
+    pub participation: Vec<f64>,
+    /// True if the solver asked for failed, and another solved the block.
+    pub fallback: bool,
     /// True if the metric was not positive definite and its canonical form was used.
     pub canonical: bool,
     /// True if no member has any response, so that opacity decides.
     pub unseen: bool,
+}
+
+/// Results of one block.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solved {
+    /// One for each of the solver's selectors, in their order.
+    pub ranked: Vec<(BlockSelector, Ranking)>,
+    /// The paper's eigenproblem; none if it is solved elsewhere.
+    pub modes: Option<Modes>,
     /// Overlaps and responses that were not finite.
     pub repaired: usize,
+}
+
+/// The order of a block without any response: by opacity.
+pub fn by_opacity(opacity: &[f32]) -> Ranking {
+    let opacity: Vec<f64> = opacity.iter().map(|&o| f64::from(o)).collect();
+    Ranking { rank: rank(&opacity), gain: vec![0.0; opacity.len()] }
 }
 
 impl Solver {
@@ -83,37 +94,35 @@ impl Solver {
     /// Solves one block.
     ///
     /// # Panics
-    /// If the block's arrays disagree on its size.
+    /// If the block's arrays disagree on its size, or lack W.
     pub fn solve_one(&self, block: &Block<'_>) -> Solved {
-        let m = block.rows.len();
-        assert!(block.overlap.len() == m * m && block.opacity.len() == m, "a block's arrays have its size");
-        let mut repaired = 0;
-        let mut finite = |x: f32| {
-            repaired += usize::from(!x.is_finite());
-            if x.is_finite() { f64::from(x) } else { 0.0 }
-        };
-        let h: Vec<Row> = block.rows.iter().map(|row| row.map(&mut finite)).collect();
-        let mut solved = Solved {
-            ranked: Vec::with_capacity(self.selectors.len()),
-            spectrum: [0.0; CHANNELS],
-            r: 1,
-            canonical: false,
-            unseen: h.iter().flatten().all(|&x| x == 0.0),
-            repaired,
-        };
-        if solved.unseen {
-            let opacity: Vec<f64> = block.opacity.iter().map(|&o| f64::from(o)).collect();
-            let ranked = Ranking { rank: rank(&opacity), gain: vec![0.0; m] };
-            solved.ranked = vec![ranked; self.selectors.len()];
-            return solved;
+        let m = block.matrices.m;
+        assert!(
+            block.matrices.factor.len() == CHANNELS * m && block.opacity.len() == m,
+            "a block's arrays have its size"
+        );
+        let (w, repaired) = block.matrices.rows();
+        let on_host = self.eigensolver != Eigensolver::Device;
+        if w.iter().flatten().all(|&x| x == 0.0) {
+            let unseen = Modes { r: 1, participation: vec![0.0; m], unseen: true, ..Modes::default() };
+            let ranked = self.selectors.iter().map(|selector| (*selector, by_opacity(block.opacity))).collect();
+            return Solved { ranked, modes: on_host.then_some(unseen), repaired };
         }
-        let w = within_block(&h, self.eta, self.epsilon);
-        let metric = Gram::new(m, block.overlap, block.self_overlaps, self.epsilon);
-        solved.repaired += metric.repaired;
-        for selector in &self.selectors {
-            let ranked = match selector {
-                BlockSelector::Gnso => self.participation(&Factor::new(&metric, self.eigensolver), &w, &h, &mut solved),
-                BlockSelector::Ordinary => self.participation(&Factor::Identity, &w, &h, &mut solved),
+        let scales = block.matrices.scales();
+        let h: Vec<Row> = w.iter().map(|row| std::array::from_fn(|c| row[c] * scales[c])).collect();
+        let metric = Gram::from_packed(m, block.matrices.overlap, block.self_overlaps, self.epsilon);
+        let mut solved = Solved { ranked: Vec::new(), modes: None, repaired: repaired + metric.repaired };
+        let paper = on_host.then(|| solve(&metric, &w, block.matrices.density, self.eigensolver, self.tau));
+        for &selector in &self.selectors {
+            let ranking = match selector {
+                BlockSelector::Gnso => {
+                    let Some((participation, factor)) = &paper else { continue };
+                    Ranking { rank: rank(&participation.q), gain: factor.participation(&h, self.tau).q }
+                }
+                BlockSelector::Ordinary => {
+                    let q = |rows: &[Row]| Factor::Identity.participation(rows, self.tau).q;
+                    Ranking { rank: rank(&q(&w)), gain: q(&h) }
+                }
                 BlockSelector::Lowdin => {
                     let [local, gain]: [Vec<f64>; 2] =
                         lowdin(&metric, &[&w, &h]).try_into().unwrap_or_else(|_| [vec![0.0; m], vec![0.0; m]]);
@@ -122,23 +131,22 @@ impl Solver {
                 BlockSelector::Css => {
                     let weights: Vec<f64> = h.iter().map(norm).collect();
                     let picks = (self.css_share.clamp(0.0, 1.0) * m as f64).ceil() as usize;
-                    css::order(block.overlap, &weights, picks)
+                    let mut overlap = vec![0.0; m * m];
+                    unpack_symmetric(m, block.matrices.overlap, &mut overlap);
+                    css::order(&overlap, &weights, picks)
                 }
             };
-            solved.ranked.push(ranked);
+            solved.ranked.push((selector, ranking));
         }
+        solved.modes = paper.map(|(Participation { spectrum, r, q, canonical }, _)| Modes {
+            spectrum,
+            r: r as u32,
+            participation: q,
+            fallback: canonical,
+            canonical,
+            unseen: false,
+        });
         solved
-    }
-
-    /// Ranks by q of W, gains by q of H. The spectrum is the paper's if that was asked for, else the identity's.
-    fn participation(&self, factor: &Factor, w: &[Row], h: &[Row], solved: &mut Solved) -> Ranking {
-        let Participation { spectrum, r, q, canonical } = factor.participation(w, self.tau);
-        let paper = !matches!(factor, Factor::Identity);
-        if paper || solved.spectrum[0] == 0.0 {
-            (solved.spectrum, solved.r) = (spectrum, r as u32);
-        }
-        solved.canonical |= canonical;
-        Ranking { rank: rank(&q), gain: factor.participation(h, self.tau).q }
     }
 }
 
@@ -154,13 +162,17 @@ pub struct Guards {
 /// Results of all blocks, collected batch by batch.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Collected {
-    /// One ranking for each of the solver's selectors, over all Gaussians.
-    pub rankings: Vec<Ranking>,
+    /// The order of all Gaussians by each selector.
+    pub rankings: Vec<(BlockSelector, Ranking)>,
+    /// Participation of each Gaussian in its block's leading modes, n.
+    pub participation: Vec<f32>,
     /// r of each block, blocks.
     pub r: Vec<u32>,
-    /// Sum over blocks of the eight largest eigenvalues, each block's divided by its sum.
-    pub spectrum: [f64; CHANNELS],
-    /// Blocks solved by the canonical fallback.
+    /// The eight largest eigenvalues of each block as shares of their sum, blocks; zeros where it has no response.
+    pub energies: Vec<[f64; CHANNELS]>,
+    /// Blocks that the solver asked for could not factorise.
+    pub fallbacks: usize,
+    /// Blocks solved in their metric's canonical form.
     pub canonical: usize,
     /// Blocks without any response.
     pub unseen: usize,
@@ -171,33 +183,40 @@ pub struct Collected {
 }
 
 impl Collected {
-    /// Room for `blocks` under `selectors` rankings.
-    pub fn new(blocks: &Blocks, selectors: usize) -> Self {
+    /// Room for `blocks` under these selectors' rankings.
+    pub fn new(blocks: &Blocks, selectors: &[BlockSelector]) -> Self {
         let n = blocks.members.len();
+        let ranking = |s: &BlockSelector| (*s, Ranking { rank: vec![0; n], gain: vec![0.0; n] });
         Self {
-            rankings: vec![Ranking { rank: vec![0; n], gain: vec![0.0; n] }; selectors],
+            rankings: selectors.iter().map(ranking).collect(),
+            participation: vec![0.0; n],
             r: vec![1; blocks.len()],
+            energies: vec![[0.0; CHANNELS]; blocks.len()],
             guards: vec![Guards::default(); blocks.len()],
             ..Self::default()
         }
     }
 
-    /// Adds the result of block `b`. The order of calls affects only the rounding of the spectrum.
+    /// Adds the result of block `b`; the order of calls does not matter.
     pub fn take(&mut self, blocks: &Blocks, b: usize, solved: &Solved) {
-        for (ranking, ranked) in self.rankings.iter_mut().zip(&solved.ranked) {
-            for ((&i, &rank), &gain) in blocks.block(b).iter().zip(&ranked.rank).zip(&ranked.gain) {
+        let members = blocks.block(b);
+        for (selector, ranked) in &solved.ranked {
+            let Some((_, ranking)) = self.rankings.iter_mut().find(|(s, _)| s == selector) else { continue };
+            for ((&i, &rank), &gain) in members.iter().zip(&ranked.rank).zip(&ranked.gain) {
                 ranking.rank[i as usize] = rank;
                 ranking.gain[i as usize] = gain;
             }
         }
-        self.r[b] = solved.r;
-        self.guards[b] = Guards { canonical: solved.canonical, repaired: solved.repaired > 0 };
-        let total: f64 = solved.spectrum.iter().sum();
-        if total > 0.0 {
-            self.spectrum.iter_mut().zip(solved.spectrum).for_each(|(sum, l)| *sum += l / total);
-        }
-        self.canonical += usize::from(solved.canonical);
-        self.unseen += usize::from(solved.unseen);
+        self.guards[b].repaired |= solved.repaired > 0;
         self.repaired += solved.repaired;
+        let Some(modes) = &solved.modes else { return };
+        members.iter().zip(&modes.participation).for_each(|(&i, q)| self.participation[i as usize] = *q as f32);
+        self.r[b] = modes.r;
+        let total: f64 = modes.spectrum.iter().sum();
+        self.energies[b] = modes.spectrum.map(|lambda| if total > 0.0 { lambda / total } else { 0.0 });
+        self.guards[b].canonical = modes.canonical;
+        self.fallbacks += usize::from(modes.fallback);
+        self.canonical += usize::from(modes.canonical);
+        self.unseen += usize::from(modes.unseen);
     }
 }

@@ -3,7 +3,6 @@
 pub mod assemble;
 pub mod batch;
 mod lapack;
-pub mod measured;
 pub mod normalise;
 pub mod overlap;
 pub mod pairs;
@@ -15,6 +14,9 @@ pub mod select;
 pub mod study;
 
 pub use crate::response::CHANNELS;
+
+/// Number of rendering channels of a response, which come first; the others are those of optimisation.
+pub const RENDERING: usize = crate::kernels::constants::responses::RENDERING as usize;
 
 /// One Gaussian's responses, or a row of H or W made of them.
 pub type Row = [f64; CHANNELS];

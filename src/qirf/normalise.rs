@@ -1,20 +1,18 @@
-//! Normalises responses over the scene: rows of H from response descriptors.
+//! Normalises responses over the scene (Q3): rows of H from response descriptors.
 //!
 //! h = sqrt(x / median of the channel's positive values), clamped at its 99.9th percentile, so that P_ii = |H_i|^2 sums up
 //! importance. The rows contain the weights of the channels: H = [sqrt(eta) Hr, sqrt(1 - eta) Ho].
 
 use rayon::prelude::*;
 
-use super::{CHANNELS, Row};
+use super::{CHANNELS, RENDERING};
 
-/// Number of rendering channels, which come first; the others are those of optimisation.
-const RENDERING: usize = 4;
 /// Largest values are clamped at this percentile, in thousandths.
 const CLAMP_PERMILLE: usize = 999;
 
 /// Rows of H (n x 8, weighted by `eta`) from descriptors (n x 8, not negative).
 ///
-/// Values that are negative or not finite count as zero; a channel without positive values is zero everywhere.
+/// Values that are negative or not finite count as zero (see [`not_finite`]); a channel without positive values is zero everywhere.
 pub fn rows(descriptors: &[[f32; CHANNELS]], eta: f64) -> Vec<[f32; CHANNELS]> {
     let scales: Vec<(f64, f64)> = (0..CHANNELS).into_par_iter().map(|c| scale(descriptors, c)).collect();
     let eta = eta.clamp(0.0, 1.0);
@@ -29,6 +27,14 @@ pub fn rows(descriptors: &[[f32; CHANNELS]], eta: f64) -> Vec<[f32; CHANNELS]> {
     descriptors.par_iter().map(row).collect()
 }
 
+/// The first descriptor that is not finite: its Gaussian, its channel and its value.
+pub fn not_finite(descriptors: &[[f32; CHANNELS]]) -> Option<(usize, usize, f32)> {
+    let bad = |row: &[f32; CHANNELS]| row.iter().position(|x| !x.is_finite());
+    let gaussian = descriptors.par_iter().position_first(|row| bad(row).is_some())?;
+    let channel = bad(&descriptors[gaussian])?;
+    Some((gaussian, channel, descriptors[gaussian][channel]))
+}
+
 /// Median of channel `c`'s positive values, and the clamp of h; zeros if there are none.
 fn scale(descriptors: &[[f32; CHANNELS]], c: usize) -> (f64, f64) {
     let mut positive: Vec<f32> = descriptors.iter().map(|x| x[c]).filter(|x| x.is_finite() && *x > 0.0).collect();
@@ -40,21 +46,6 @@ fn scale(descriptors: &[[f32; CHANNELS]], c: usize) -> (f64, f64) {
     let at = (n * CLAMP_PERMILLE).div_ceil(1000).saturating_sub(1);
     let most = f64::from(*positive.select_nth_unstable_by(at, f32::total_cmp).1);
     (median, (most / median).sqrt())
-}
-
-/// Rows of W (m x 8) of one block from its rows of H: each group of channels is divided by the root of its trace.
-///
-/// W W^T = P = eta Hr Hr^T / (tr_r + epsilon) + (1 - eta) Ho Ho^T / (tr_o + epsilon), where Hr and Ho are without the
-/// weights that `h` holds. W compares members of this block only.
-pub fn within_block(h: &[Row], eta: f64, epsilon: f64) -> Vec<Row> {
-    let eta = eta.clamp(0.0, 1.0);
-    let trace = |channels: std::ops::Range<usize>| -> f64 {
-        h.iter().map(|row| row[channels.clone()].iter().map(|x| x * x).sum::<f64>()).sum()
-    };
-    let factor = |trace: f64, weight: f64| if weight > 0.0 { (trace / weight + epsilon).sqrt().recip() } else { 0.0 };
-    let (rendering, optimisation) = (factor(trace(0..RENDERING), eta), factor(trace(RENDERING..CHANNELS), 1.0 - eta));
-    let scaled = |row: &Row| std::array::from_fn(|c| row[c] * if c < RENDERING { rendering } else { optimisation });
-    h.iter().map(scaled).collect()
 }
 
 #[cfg(test)]
@@ -83,10 +74,11 @@ mod tests {
     }
 
     #[test]
-    fn a_block_has_trace_one() {
-        let h = vec![[0.3; CHANNELS], [0.7; CHANNELS]];
-        let w = within_block(&h, 0.75, 0.0);
-        let trace: f64 = w.iter().flatten().map(|x| x * x).sum();
-        assert!((trace - 1.0).abs() < 1e-12);
+    fn the_first_value_that_is_not_finite_is_found() {
+        let mut descriptors = vec![[1.0_f32; CHANNELS]; 10_000];
+        assert_eq!(not_finite(&descriptors), None);
+        descriptors[9_000][1] = f32::NAN;
+        descriptors[77][6] = f32::NEG_INFINITY;
+        assert_eq!(not_finite(&descriptors), Some((77, 6, f32::NEG_INFINITY)));
     }
 }

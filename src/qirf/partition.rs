@@ -28,6 +28,13 @@ pub struct Blocks {
 }
 
 impl Blocks {
+    /// Blocks with the given members.
+    pub fn of(blocks: impl IntoIterator<Item = impl AsRef<[u32]>>) -> Self {
+        let mut out = Self { members: Vec::new(), starts: vec![0] };
+        blocks.into_iter().for_each(|block| out.push(block.as_ref()));
+        out
+    }
+
     /// Number of blocks.
     pub fn len(&self) -> usize {
         self.starts.len().saturating_sub(1)

@@ -5,7 +5,7 @@ use crate::kernels::constants::blocks::ROW_SHIFT;
 use std::ops::Range;
 
 /// Largest number of members of a batch: at 64 bytes of axes each, well within what a kernel can bind.
-pub(super) const MOST_MEMBERS: usize = 1 << 19;
+pub(super) const MOST_MEMBERS: usize = 1 << 18;
 /// Largest number of members of a block: row and column of a tile's corner share a word.
 pub(super) const LARGEST_BLOCK: usize = 1 << 15;
 const _: () = assert!(LARGEST_BLOCK <= 1 << ROW_SHIFT);
@@ -37,7 +37,10 @@ pub(super) struct Arrays {
     pub axes: Buffer<[f32; 4]>,
     pub responses: Buffer<f32>,
     pub overlaps: Buffer<f32>,
+    /// W, m x 8 a block.
     pub factors: Buffer<f32>,
+    /// d of each block's two groups of channels.
+    pub divisors: Buffer<f32>,
     pub densities: Buffer<f32>,
     /// A tile's rows and columns.
     pub rows: u32,

@@ -1,4 +1,4 @@
-//! The radiance-response density matrix P = W W^T of a batch's blocks: its factor W, and P if a solver needs it.
+//! The radiance-response density matrix P = W W^T of a batch's blocks (Q5, Q6): its factor W, and P if a solver needs it.
 
 use super::plan::{Arrays, Batch};
 use crate::gpu::{Groups, Recording};
@@ -33,10 +33,12 @@ pub(super) fn record(recording: &mut Recording, arrays: &Arrays, batch: &Batch, 
             h: &arrays.responses,
             factors: &arrays.factors,
             densities: &arrays.densities,
+            divisors: &arrays.divisors,
             push: RrdmPush {
                 first: range.start as u32,
                 count: range.len() as u32,
                 first_member: batch.members.start as u32,
+                first_block: batch.blocks.start as u32,
                 eta: density.eta,
                 epsilon: density.epsilon,
             },

@@ -2,29 +2,52 @@
 //! blocks while LAPACK solves the previous batch on all cores.
 
 use super::assemble::{Assembly, Options, unpack_symmetric};
-use super::batch::{Block, Collected, Solver, self_overlap};
+use super::batch::{Block, Collected, Modes, Solved, Solver, by_opacity, self_overlap};
 use super::overlap::Metric;
-use super::participation::Eigensolver;
+use super::participation::{Eigensolver, device};
 use super::partition::{Blocks, Partition, Partitioned};
+use super::rrdm::Density;
 use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
 use super::select::detail::{self, Exponents, Inputs};
 use super::select::merge::{Functions, merge};
-use super::select::{BlockSelector, Ranking, Selector, Statistics};
-use super::{CHANNELS, measured, normalise};
+use super::select::{BlockSelector, Ranking, Selector, Statistics, rank};
+use super::{CHANNELS, normalise};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
-use crate::gpu::{Device, Result, Timings};
-use crate::response::{Responses, Wanted};
+use crate::gpu::{self, Device, Timings};
+use crate::response::{CHANNEL_NAMES, Responses, Wanted};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
+/// Reason why a model cannot be studied.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The device floor.
+    #[error(transparent)]
+    Device(#[from] gpu::Error),
+    /// A response that is not a finite number.
+    #[error("Gaussian {gaussian} has a response of {value} in channel {channel} ({}): responses must be finite", CHANNEL_NAMES[*channel])]
+    Response {
+        /// Its Gaussian.
+        gaussian: usize,
+        /// Its channel, 0 to 7.
+        channel: usize,
+        /// NaN or infinite.
+        value: f32,
+    },
+}
+
+/// Result of a study.
+pub type Result<T> = std::result::Result<T, Error>;
+
 /// Bytes of overlaps per batch, of which two are in flight: enough to keep every core busy, little besides a model.
 const BATCH_BYTES: usize = 16 << 20;
 
-/// Peak device memory of a study of `n` Gaussians and of the pass before it, which gathers `wanted`; in bytes.
-pub fn bytes(n: usize, wanted: Wanted) -> u64 {
-    let batches = Options { batch_bytes: BATCH_BYTES, ..Options::default() };
+/// Peak device memory of a study of `n` Gaussians by `solver`, and of the pass before it, which gathers `wanted`; in bytes.
+pub fn bytes(n: usize, wanted: Wanted, solver: Eigensolver) -> u64 {
+    let density = Density { full: solver == Eigensolver::Dsygvd, ..Density::default() };
+    let batches = Options { batch_bytes: BATCH_BYTES, density: Some(density), ..Options::default() };
     Assembly::bytes(n, &batches).max(wanted.bytes(n))
 }
 
@@ -61,7 +84,7 @@ pub struct Basis {
 
 impl Default for Basis {
     fn default() -> Self {
-        let Solver { eigensolver, epsilon, tau, eta, .. } = Solver::default();
+        let Solver { eigensolver, epsilon, tau, .. } = Solver::default();
         Self {
             partition: Partition::ADAPTIVE,
             overlap: Overlap::default(),
@@ -69,7 +92,7 @@ impl Default for Basis {
             solver: eigensolver,
             epsilon,
             tau,
-            eta,
+            eta: 0.75,
         }
     }
 }
@@ -79,11 +102,15 @@ impl Default for Basis {
 pub struct Seconds {
     /// Rows of H, and the partition.
     pub partition: f64,
-    /// Device: overlaps.
-    pub assemble: f64,
+    /// Device: N.
+    pub overlap: f64,
+    /// Device: W and P.
+    pub rrdm: f64,
+    /// Device: eigenproblems.
+    pub participation: f64,
     /// Host: eigenproblems and column subsets.
     pub solve: f64,
-    /// Elapsed time of both, which run concurrently.
+    /// Elapsed time of all of these, which run concurrently.
     pub wall: f64,
 }
 
@@ -93,12 +120,16 @@ pub struct Study {
     pub partitioned: Partitioned,
     /// Each selector's order.
     pub rankings: Vec<(Selector, Ranking)>,
+    /// The solver of the blocks; none if no selector needs them.
+    pub solver: Option<Eigensolver>,
     /// Results of the solved blocks; their rankings have moved to `rankings`.
     pub collected: Collected,
     /// Detail scores, n.
     pub detail: Vec<f64>,
     /// Times of the parts.
     pub seconds: Seconds,
+    /// Bytes of matrices and solutions that came back from the device.
+    pub read_back: u64,
     dilation: f32,
 }
 
@@ -126,11 +157,44 @@ pub struct Observed<'a> {
     pub responses: &'a Responses,
 }
 
+impl Seconds {
+    fn add(&mut self, timings: &Timings) {
+        self.overlap += timings.seconds("overlap");
+        self.rrdm += timings.seconds("rrdm");
+        self.participation += timings.seconds("participation");
+    }
+}
+
+/// What the solution of blocks reads.
+struct Job<'a> {
+    device: &'a Device,
+    observed: Observed<'a>,
+    basis: &'a Basis,
+    /// Rows of H, n.
+    rows: &'a [[f32; CHANNELS]],
+}
+
+impl<'a> Job<'a> {
+    /// The assembly of N, W and, for `dsygvd`, P.
+    fn assembly(&self, blocks: &Blocks, dilation: f32) -> gpu::Result<Assembly<'a>> {
+        let Basis { eta, epsilon, solver, .. } = *self.basis;
+        let density = Density { eta: eta as f32, epsilon: epsilon as f32, full: solver == Eigensolver::Dsygvd };
+        let metric = Metric { dilation, ..Metric::default() };
+        let options = Options { metric, density: Some(density), batch_bytes: BATCH_BYTES };
+        let Blocks { members, starts } = blocks;
+        Assembly::new(self.device, self.observed.resident, members, starts, self.rows, options)
+    }
+
+    fn opacity(&self, members: &[u32]) -> Vec<f32> {
+        members.iter().map(|i| self.observed.model.opacity_logits[*i as usize]).collect()
+    }
+}
+
 impl Study {
-    /// Studies a model.
+    /// Studies a model. If one of the selectors reads blocks, the paper's eigenproblem is solved for every block.
     ///
     /// # Errors
-    /// Device memory; device errors.
+    /// [`Error::Response`] for a response that is not finite; device memory; device errors.
     ///
     /// # Panics
     /// If there is not one response per Gaussian, or a selector needs scores that are missing.
@@ -143,6 +207,9 @@ impl Study {
     ) -> Result<Self> {
         let Observed { model, responses, .. } = observed;
         assert_eq!(responses.channels.len(), model.len(), "one response a Gaussian");
+        if let Some((gaussian, channel, value)) = normalise::not_finite(&responses.channels) {
+            return Err(Error::Response { gaussian, channel, value });
+        }
         let begun = Instant::now();
         let rows = normalise::rows(&responses.channels, basis.eta);
         let partitioned = basis.partition.of(&model.means);
@@ -153,9 +220,11 @@ impl Study {
             detail: detail_scores(model, responses),
             dilation,
             rankings: Vec::new(),
-            collected: Collected::new(&partitioned.blocks, of_blocks.len()),
+            solver: (!of_blocks.is_empty()).then_some(basis.solver),
+            collected: Collected::new(&partitioned.blocks, &of_blocks),
             partitioned,
             seconds,
+            read_back: 0,
         };
         if !of_blocks.is_empty() {
             study.solve(device, observed, basis, of_blocks, &rows)?;
@@ -164,57 +233,109 @@ impl Study {
         Ok(study)
     }
 
-    /// Assembles the overlaps of all blocks, and solves the blocks for each of these selectors.
+    /// Assembles the matrices of all blocks, and solves the blocks for each of these selectors.
     fn solve(
         &mut self,
         device: &Device,
-        Observed { resident, model, .. }: Observed<'_>,
+        observed: Observed<'_>,
         basis: &Basis,
         selectors: Vec<BlockSelector>,
         rows: &[[f32; CHANNELS]],
     ) -> Result<()> {
-        let solver = Solver {
+        let began = Instant::now();
+        let mut solver = Solver {
             eigensolver: basis.solver,
             epsilon: basis.epsilon,
             tau: basis.tau,
-            eta: basis.eta,
             selectors,
             ..Solver::default()
         };
-        let own = (basis.overlap == Overlap::Raw).then(|| self_overlaps(model));
-        let (mut collected, mut solve_s) = (std::mem::take(&mut self.collected), 0.0);
-        let began = Instant::now();
+        let job = Job { device, observed, basis, rows };
+        if basis.solver == Eigensolver::Device {
+            let failed = self.solve_on_device(&job)?;
+            let again =
+                Solver { eigensolver: Eigensolver::LowRank, selectors: vec![BlockSelector::Gnso], ..solver.clone() };
+            self.solve_on_host(&job, &again, &failed)?;
+            solver.selectors.retain(|s| *s != BlockSelector::Gnso);
+        }
+        if basis.solver != Eigensolver::Device || !solver.selectors.is_empty() {
+            let all: Vec<usize> = (0..self.partitioned.blocks.len()).collect();
+            self.solve_on_host(&job, &solver, &all)?;
+        }
+        self.seconds.wall = began.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Solves all blocks on the device. Returns those that it cannot factorise in float32.
+    fn solve_on_device(&mut self, job: &Job<'_>) -> Result<Vec<usize>> {
         let blocks = &self.partitioned.blocks;
-        let timings = self.overlaps(device, resident, |batch| {
+        let assembly = job.assembly(blocks, self.dilation)?;
+        let problem = device::Problem { epsilon: job.basis.epsilon as f32, tau: job.basis.tau as f32 };
+        let collected = &mut self.collected;
+        let mut failed = Vec::new();
+        let timings = assembly.solve_each(problem, |b, solution| -> Result<()> {
+            let members = blocks.block(b);
+            let wide = |values: &[f32]| values.iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
+            let unseen = members.iter().all(|i| job.rows[*i as usize] == [0.0; CHANNELS]);
+            if solution.failed && !unseen {
+                failed.push(b);
+                return Ok(());
+            }
+            let participation = wide(solution.q);
+            let ranking = if unseen {
+                by_opacity(&job.opacity(members))
+            } else {
+                Ranking { rank: rank(&participation), gain: wide(solution.gain) }
+            };
+            let spectrum = solution.lambda.map(f64::from);
+            let modes = Modes { spectrum, r: solution.r.max(1) as u32, participation, unseen, ..Modes::default() };
+            let solved = Solved { ranked: vec![(BlockSelector::Gnso, ranking)], modes: Some(modes), repaired: 0 };
+            collected.take(blocks, b, &solved);
+            Ok(())
+        })?;
+        self.seconds.add(&timings);
+        self.read_back += assembly.solutions_read_back();
+        self.collected.fallbacks += failed.len();
+        Ok(failed)
+    }
+
+    /// Assembles `chosen` blocks on the device and solves them on the host.
+    fn solve_on_host(&mut self, job: &Job<'_>, solver: &Solver, chosen: &[usize]) -> Result<()> {
+        if chosen.is_empty() {
+            return Ok(());
+        }
+        let all = &self.partitioned.blocks;
+        let blocks = Blocks::of(chosen.iter().map(|b| all.block(*b)));
+        let own = (job.basis.overlap == Overlap::Raw).then(|| self_overlaps(job.observed.model));
+        let collected = &mut self.collected;
+        let mut solve_s = 0.0;
+        let assembly = job.assembly(&blocks, self.dilation)?;
+        self.read_back += assembly.read_back();
+        let timings = assembly.for_each(|batch| -> Result<()> {
             let started = Instant::now();
-            let solved = batch.par_iter().with_max_len(1).map(|(b, overlap)| {
-                let members = blocks.block(*b);
-                let pick = |values: &[f32]| members.iter().map(|i| values[*i as usize]).collect::<Vec<_>>();
+            let batch: Vec<_> = batch.iter().collect();
+            let solved = batch.par_iter().with_max_len(1).map(|&(k, matrices)| {
+                let members = blocks.block(k);
                 let own = own.as_ref().map(|own| members.iter().map(|i| own[*i as usize]).collect::<Vec<_>>());
-                solver.solve_one(&Block {
-                    overlap: &full(members.len(), overlap),
-                    rows: &members.iter().map(|i| rows[*i as usize]).collect::<Vec<_>>(),
-                    opacity: &pick(&model.opacity_logits),
-                    self_overlaps: own.as_deref(),
-                })
+                let opacity = job.opacity(members);
+                solver.solve_one(&Block { matrices, opacity: &opacity, self_overlaps: own.as_deref() })
             });
             let solved: Vec<_> = solved.collect();
-            for ((b, _), solved) in batch.iter().zip(&solved) {
-                collected.take(blocks, *b, solved);
+            for ((k, _), solved) in batch.iter().zip(&solved) {
+                collected.take(all, chosen[*k], solved);
             }
             solve_s += started.elapsed().as_secs_f64();
+            Ok(())
         })?;
-        self.seconds.solve = solve_s;
-        self.seconds.assemble = timings.total();
-        self.seconds.wall = began.elapsed().as_secs_f64();
-        self.collected = collected;
+        self.seconds.add(&timings);
+        self.seconds.solve += solve_s;
         Ok(())
     }
 
     /// Computes each selector's order, from the solved blocks or from a score of each Gaussian alone.
     fn rank(&mut self, observed: Observed<'_>, selectors: &[Selector], rows: &[[f32; CHANNELS]], seed: u32) {
         let Observed { model, responses, .. } = observed;
-        let mut solved = std::mem::take(&mut self.collected.rankings).into_iter();
+        let mut solved = std::mem::take(&mut self.collected.rankings);
         let statistics = Statistics {
             rows,
             opacity: &model.opacity_logits,
@@ -222,10 +343,12 @@ impl Study {
             log_scales: &model.log_scales,
         };
         for &selector in selectors {
-            let blocks = &self.partitioned.blocks;
-            let alone = selector.ranking(blocks, &statistics, u64::from(seed));
-            let measured = || selector.of_measured().map(|selector| measured::ranking(selector, blocks, responses));
-            if let Some(ranking) = alone.or_else(measured).or_else(|| solved.next()) {
+            let alone = selector.ranking(&self.partitioned.blocks, &statistics, u64::from(seed));
+            let of_blocks = || {
+                let at = solved.iter().position(|(s, _)| Some(*s) == selector.of_blocks())?;
+                Some(solved.swap_remove(at).1)
+            };
+            if let Some(ranking) = alone.or_else(of_blocks) {
                 self.rankings.push((selector, ranking));
             }
         }
@@ -237,7 +360,7 @@ impl Study {
         device: &Device,
         resident: &Resident,
         mut body: impl FnMut(&[(usize, &[f32])]),
-    ) -> Result<Timings> {
+    ) -> gpu::Result<Timings> {
         let Blocks { members, starts } = &self.partitioned.blocks;
         let metric = Metric { dilation: self.dilation, ..Metric::default() };
         let options = Options { metric, density: None, batch_bytes: BATCH_BYTES };
@@ -264,7 +387,13 @@ impl Study {
     ///
     /// # Errors
     /// Device memory; device errors.
-    pub fn merge(&self, device: &Device, resident: &Resident, model: &mut Gaussians, keep: &[bool]) -> Result<Merging> {
+    pub fn merge(
+        &self,
+        device: &Device,
+        resident: &Resident,
+        model: &mut Gaussians,
+        keep: &[bool],
+    ) -> gpu::Result<Merging> {
         let own = self_overlaps(model);
         let blocks = &self.partitioned.blocks;
         let mut merging = Merging::default();

@@ -24,7 +24,6 @@ pub mod residual;
 pub mod respond;
 pub mod rrdm;
 pub mod score;
-pub mod sketch;
 pub mod smoothing;
 
 pub use frame::{Gradients, Rendered, Settings, gradients, render};

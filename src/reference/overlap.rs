@@ -1,4 +1,4 @@
-//! Normalised overlap N_ij = S_ij / sqrt(S_ii S_jj) of two Gaussians, S_ij the integral of their product.
+//! Normalised overlap (Q4) N_ij = S_ij / sqrt(S_ii S_jj) of two Gaussians, S_ij the integral of their product.
 //!
 //! With d = p_i - p_j: ln N = 3/2 ln 2 + 1/2 sum(ln s_i + ln s_j) - 1/2 ln |Si + Sj| - 1/2 d^T (Si + Sj)^-1 d.
 //! [`Form::Qr`] never forms Si + Sj: in the frame of the flatter Gaussian the 6x3 stack [diag(s_i); diag(s_j) Rj^T Ri]

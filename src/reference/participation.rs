@@ -1,9 +1,10 @@
-//! Participation of a block's members in its leading modes, by the definition: P u = lambda (N + eps I) u with P = W W^T,
-//! q_i = sum over the leading k of lambda_k u_ik^2.
+//! Participation of a block's members in its leading modes, by the definition: P u = lambda (N + eps I) u with P = W W^T (Q7),
+//! q_i = sum over the leading k of lambda_k u_ik^2 (Q8).
 //!
 //! Plainly: N + eps I = L L^T, then all m eigenpairs of L^-1 P L^-T by Jacobi rotations. No LAPACK, no use of P's low rank.
 
 use super::rrdm;
+use crate::random::uniform;
 
 /// Rotations stop when the off-diagonal part has fallen below this share of the matrix.
 const CONVERGED: f64 = 1e-30;
@@ -51,6 +52,41 @@ pub fn participation(overlap: &[f64], w: &[[f64; 8]], epsilon: f64, tau: f64) ->
         q.iter_mut().zip(u).for_each(|(q, u)| *q += lambda * u * u);
     }
     Some(Participation { spectrum, r, q })
+}
+
+/// What rounding may change of each member's participation, m, where the solver works with unit roundoff `roundoff` (2^-24 for
+/// float32): the largest change over `draws` random changes of the input of the size of the solver's backward error.
+///
+/// A Cholesky factor is exact for a matrix that differs by gamma |L| |L^T|, whose entries are at most gamma (1 + epsilon) because
+/// N's diagonal is 1; gamma grows as sqrt(m) roundoff (Higham and Mary 2019). W and its substitution differ by a few roundings.
+/// This is statistical condition estimation (Kenney and Laub 1994). `None` where N + epsilon I, so changed, is not positive
+/// definite.
+///
+/// # Panics
+/// If `overlap` does not hold m x m numbers.
+pub fn uncertainty(
+    overlap: &[f64],
+    w: &[[f64; 8]],
+    [epsilon, tau]: [f64; 2],
+    roundoff: f64,
+    draws: u64,
+) -> Option<Vec<f64>> {
+    let m = w.len();
+    let exact = participation(overlap, w, epsilon, tau)?.q;
+    let gamma = (m as f64).sqrt() * roundoff;
+    let mut most = vec![0.0_f64; m];
+    for draw in 0..draws {
+        let noise =
+            |kind: u64, i: usize, j: usize| 2.0 * uniform(&[draw, kind, i.min(j) as u64, i.max(j) as u64]) - 1.0;
+        let changed: Vec<f64> = (0..m * m).map(|k| overlap[k] + gamma * noise(0, k / m, k % m)).collect();
+        let row = |(i, row): (usize, &[f64; 8])| {
+            std::array::from_fn(|c| row[c] * (1.0 + 4.0 * roundoff * noise(1, i, m + c)))
+        };
+        let rows: Vec<[f64; 8]> = w.iter().enumerate().map(row).collect();
+        let q = participation(&changed, &rows, epsilon, tau)?.q;
+        most.iter_mut().zip(q.iter().zip(&exact)).for_each(|(most, (q, exact))| *most = most.max((q - exact).abs()));
+    }
+    Some(most)
 }
 
 /// The lower Cholesky factor in place of the lower triangle (row by row); `None` where a pivot is not positive.

@@ -1,4 +1,4 @@
-//! Projection of Gaussians to the image: view transform, EWA covariance, conic, opacity, colour, extent.
+//! Projection of Gaussians to the image (Q1): view transform, EWA covariance, conic, opacity, colour, extent.
 //!
 //! With W the view rotation, M = R(q) diag(s), V = W M and ux, uy the clamped x/z, y/z, the rows of T = J V are
 //!   t0 = fx/z (V_0 - ux V_2),   t1 = fy/z (V_1 - uy V_2),

@@ -1,4 +1,4 @@
-//! Responses of one view: eight channels of each Gaussian.
+//! Responses (Q2) of one view: eight channels of each Gaussian.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -46,8 +46,6 @@ pub fn respond(
 
 /// What a pixel blends of a Gaussian.
 pub(super) struct Sample {
-    /// Number of the tile.
-    pub tile: usize,
     /// Number of the pixel.
     pub pixel: usize,
     /// Number of the Gaussian.
@@ -81,7 +79,6 @@ pub(super) fn each_sample(params: &Params, camera: &Camera, settings: &Settings,
                     left -= weight * p.colour;
                     let behind = left * (s.alpha / (1.0 - s.alpha));
                     each(&Sample {
-                        tile: t,
                         pixel,
                         gaussian: list[k] as usize,
                         opacity: p.opacity,

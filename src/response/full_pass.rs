@@ -1,7 +1,7 @@
 //! Responses and scores from one pass over all views.
 
 use super::sums::{Rows, Sums};
-use super::{CHANNELS, Gather, ResidentResponses, ResidentScores, ResidentSketches, Responses, Score};
+use super::{CHANNELS, Gather, ResidentResponses, ResidentScores, Responses, Score};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Error, Recording, Result};
@@ -15,7 +15,6 @@ use crate::scene::camera::{self, Camera};
 pub const CHUNK: usize = 16;
 
 /// What a pass over all views gathers.
-#[expect(clippy::struct_excessive_bools, reason = "parts of a pass, each on its own")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wanted {
     /// Response channels, which need the backward pass.
@@ -24,13 +23,11 @@ pub struct Wanted {
     pub scores: bool,
     /// True if scores compare pictures with photos, where there are photos.
     pub residual: bool,
-    /// Sketches, which need the picture alone.
-    pub sketches: bool,
 }
 
 impl Wanted {
     /// Response channels alone.
-    pub const CHANNELS: Self = Self { channels: true, scores: false, residual: false, sketches: false };
+    pub const CHANNELS: Self = Self { channels: true, scores: false, residual: false };
     /// Scores alone, of the pictures as they are.
     pub const SCORES: Self = Self { channels: false, scores: true, ..Self::CHANNELS };
     /// Response channels and scores.
@@ -39,9 +36,7 @@ impl Wanted {
     /// Bytes of device memory that the results take for `gaussians` Gaussians.
     pub fn bytes(self, gaussians: usize) -> u64 {
         let of = |wanted: bool, bytes: fn(usize) -> u64| if wanted { bytes(gaussians) } else { 0 };
-        of(self.channels, ResidentResponses::bytes)
-            + of(self.scores, ResidentScores::bytes)
-            + of(self.sketches, ResidentSketches::bytes)
+        of(self.channels, ResidentResponses::bytes) + of(self.scores, ResidentScores::bytes)
     }
 
     /// What a device holds besides the Gaussians and their renderer, of which `taken` bytes are for anything else.
@@ -91,7 +86,6 @@ pub struct Views<'a, F> {
 struct Gathered {
     responses: Option<ResidentResponses>,
     scores: Option<ResidentScores>,
-    sketches: Option<ResidentSketches>,
 }
 
 impl Gathered {
@@ -99,7 +93,6 @@ impl Gathered {
         Ok(Self {
             responses: wanted.channels.then(|| ResidentResponses::zeros(device, gaussians)).transpose()?,
             scores: wanted.scores.then(|| ResidentScores::zeros(device, gaussians)).transpose()?,
-            sketches: wanted.sketches.then(|| ResidentSketches::zeros(device, gaussians)).transpose()?,
         })
     }
 
@@ -107,11 +100,10 @@ impl Gathered {
         Ok(Self {
             responses: wanted.channels.then(|| ResidentResponses::upload(device, &rows.channels)).transpose()?,
             scores: wanted.scores.then(|| ResidentScores::upload(device, &rows.scores)).transpose()?,
-            sketches: None,
         })
     }
 
-    /// Makes all but the sketches zero.
+    /// Makes all zero.
     fn clear(&self, device: &Device) -> Result<()> {
         let mut recording = Recording::new();
         if let Some(responses) = &self.responses {
@@ -124,7 +116,6 @@ impl Gathered {
         Ok(())
     }
 
-    /// All but the sketches.
     fn read(&self, device: &Device, gather: Gather) -> Result<Rows> {
         let channels = self.responses.as_ref().map(|r| r.read(device, gather)).transpose()?.unwrap_or_default();
         let scores = self.scores.as_ref().map(|s| s.values.read(device)).transpose()?.unwrap_or_default();
@@ -172,9 +163,6 @@ impl<G> Pass<'_, G> {
                 }
                 scores.record(&mut recording, renderer, model, camera, wanted.residual.then_some(*image_gradient));
             }
-            if let Some(sketches) = &gathered.sketches {
-                sketches.record(&mut recording, renderer, model, camera, v as u32);
-            }
             renderer.device().clone().run(recording)?;
             // A view whose pairs did not fit has changed nothing.
             match renderer.settle()? {
@@ -216,7 +204,7 @@ pub fn renderer(
 /// For a view and its picture, `gradient` records the gradient of a term into `image_gradient`, which has room for the largest
 /// view. It is asked for squares only if a residual is wanted. The model does not change. A model on the host goes to the device
 /// view by view, as far as the view may show it; the results are the same, bit for bit. Only scores without a residual are then
-/// gathered from parts of pictures, and there are no sketches.
+/// gathered from parts of pictures.
 ///
 /// # Errors
 /// Device memory; device errors; errors of `gradient` and of [`Views::follow`].
@@ -236,7 +224,6 @@ pub fn full_pass<'m, E: From<Error>>(
     renderer.make_room_for_responses()?;
     let mut pass = Pass { image_gradient, wanted, gather, gradient };
     let views: Vec<(usize, &Camera)> = cameras.iter().enumerate().collect();
-    let mut sketches = Vec::new();
     let model = model.into();
     let mut sums = Sums::zeros(model.len(), wanted);
     match model {
@@ -252,7 +239,6 @@ pub fn full_pass<'m, E: From<Error>>(
                 }
                 sums.add(&gathered.read(device, gather)?);
             }
-            sketches = gathered.sketches.map(|s| s.read(device)).transpose()?.unwrap_or_default();
         }
         Source::Host(model) => {
             let mut parts = Parts::new(model, most(renderer, model, cameras, wanted));
@@ -280,7 +266,7 @@ pub fn full_pass<'m, E: From<Error>>(
     renderer.free_responses();
     let Rows { channels, scores } = sums.rounded();
     let dilation = renderer.settings().dilation;
-    Ok(Responses { channels, scores, sketches, cameras: cameras.to_vec(), dilation })
+    Ok(Responses { channels, scores, cameras: cameras.to_vec(), dilation })
 }
 
 /// Gaussians of a part of a view at most.

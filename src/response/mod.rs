@@ -17,7 +17,6 @@ mod high_pass;
 mod residual;
 mod respond;
 mod score;
-mod sketch;
 mod sums;
 
 pub use full_pass::{CHUNK, Term, Views, Wanted, full_pass, renderer};
@@ -25,12 +24,23 @@ pub use high_pass::HighPass;
 pub use residual::{Target, record_residual};
 pub use respond::{Gather, KEEP, ResidentResponses};
 pub use score::{ResidentScores, Score};
-pub use sketch::{BUCKETS, ROWS, ResidentSketches, Sketch};
 
 use crate::scene::camera::Camera;
 
 /// Response channels of a Gaussian: four of rendering, then four of optimisation.
 pub const CHANNELS: usize = crate::kernels::constants::responses::CHANNELS as usize;
+
+/// Names of the channels.
+pub const CHANNEL_NAMES: [&str; CHANNELS] = [
+    "visibility",
+    "contribution",
+    "contribution times residual",
+    "opacity",
+    "gradient by mean",
+    "gradient by scale",
+    "gradient by opacity",
+    "gradient by colour",
+];
 
 /// Responses of the pictures to each Gaussian, on the host.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -39,8 +49,6 @@ pub struct Responses {
     pub channels: Vec<[f32; CHANNELS]>,
     /// Scores, n; empty if they were not asked for.
     pub scores: Vec<Score>,
-    /// Sketches, n; empty if they were not asked for.
-    pub sketches: Vec<Sketch>,
     /// Cameras of the views of the scores.
     pub cameras: Vec<Camera>,
     /// Variance in square pixels that rendering adds to every Gaussian.

@@ -2,9 +2,9 @@
 
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
-use crate::kernels::response::{Score as ScoreKernel, ScorePush, ScoreSpec, Tally, TallyPush, TallySpec};
+use crate::kernels::response::{Score as ScoreKernel, ScoreSpec, Tally, TallyPush, TallySpec};
 use crate::primitives::WORKGROUP;
-use crate::render::{Renderer, Slots};
+use crate::render::Renderer;
 use crate::scene::camera::Camera;
 use bytemuck::{Pod, Zeroable};
 
@@ -39,56 +39,6 @@ impl Score {
     /// Change of the squared error over all views if the Gaussian is removed; negative if they improve.
     pub fn removal(&self) -> f64 {
         f64::from(self.change) - 2.0 * f64::from(self.along_residual)
-    }
-}
-
-/// What a walk through the tiles sums up by slot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Of {
-    /// Scores of the picture as it is.
-    Picture,
-    /// The same, with the residual.
-    Residual,
-    /// Sketches, with the signs of view number ...
-    Sketch(u32),
-}
-
-/// The slots' three sums.
-pub(super) fn sums(slots: &Slots<'_>) -> [Buffer<[f32; 4]>; 3] {
-    [&slots.sums.position, &slots.sums.covariance, slots.sums.responses()].map(Clone::clone)
-}
-
-/// The kernel that walks through the tiles of a picture; `pictures` are the picture and its residual.
-pub(super) fn walk<'a>(
-    slots: &Slots<'a>,
-    sums: &'a [Buffer<[f32; 4]>; 3],
-    [image, residual]: [&'a Buffer<[f32; 4]>; 2],
-    of: Of,
-    subgroup: u32,
-) -> ScoreKernel<'a> {
-    ScoreKernel {
-        view: slots.view,
-        starts: slots.starts,
-        slots: slots.sorted,
-        owners: slots.owners,
-        geometry: slots.geometry,
-        shape: slots.shape,
-        colour: slots.colour,
-        image,
-        residual,
-        weights: &sums[0],
-        changes: &sums[1],
-        behinds: &sums[2],
-        push: ScorePush { number: if let Of::Sketch(number) = of { number } else { 0 } },
-        spec: ScoreSpec {
-            workgroup: subgroup,
-            tile: slots.tile,
-            stride: slots.stride,
-            pixels: slots.tile * slots.tile / subgroup,
-            stop: slots.stop,
-            residual: of == Of::Residual,
-            sketch: matches!(of, Of::Sketch(_)),
-        },
     }
 }
 
@@ -141,9 +91,29 @@ impl ResidentScores {
         residual: Option<&Buffer<[f32; 4]>>,
     ) {
         let slots = renderer.slots(camera);
-        let sums = sums(&slots);
-        let of = if residual.is_some() { Of::Residual } else { Of::Picture };
-        let score = walk(&slots, &sums, [renderer.image(), residual.unwrap_or(renderer.image())], of, self.subgroup);
+        let sums = [&slots.sums.position, &slots.sums.covariance, slots.sums.responses()].map(Clone::clone);
+        let score = ScoreKernel {
+            view: slots.view,
+            starts: slots.starts,
+            slots: slots.sorted,
+            owners: slots.owners,
+            geometry: slots.geometry,
+            shape: slots.shape,
+            colour: slots.colour,
+            image: renderer.image(),
+            residual: residual.unwrap_or(renderer.image()),
+            weights: &sums[0],
+            changes: &sums[1],
+            behinds: &sums[2],
+            spec: ScoreSpec {
+                workgroup: self.subgroup,
+                tile: slots.tile,
+                stride: slots.stride,
+                pixels: slots.tile * slots.tile / self.subgroup,
+                stop: slots.stop,
+                residual: residual.is_some(),
+            },
+        };
         let tally = Tally {
             count: &model.count.value,
             pairs: slots.pairs,

@@ -85,12 +85,10 @@ impl Responses {
         let mut first = self.clone();
         first.channels.truncate(n);
         first.scores.truncate(n);
-        first.sketches.truncate(n);
         first
     }
 
     /// The responses of a whole pass over `n` Gaussians from those of its chunks, in their order: the same bits as of one pass.
-    /// Sketches are left out.
     ///
     /// # Errors
     /// Those of the chunks.

@@ -7,8 +7,9 @@ use super::overlap::worse;
 use crate::gpu::{Device, Groups, Recording, Result};
 use crate::kernels::qirf::{Participation as Kernel, ParticipationPush, ParticipationSpec};
 use crate::qirf::CHANNELS;
-use crate::qirf::participation::{Eigensolver, Factor, Gram};
+use crate::qirf::participation::{Eigensolver, Gram, Participation, solve};
 use crate::qirf::select::rank;
+use crate::reference::rrdm;
 
 /// Share of the energy used for the embedded solutions.
 const TAU: f64 = 0.95;
@@ -49,13 +50,23 @@ fn keeps_the_best(block: &Block, kept: impl Fn(usize) -> bool, slack: f64) -> bo
     count == block.paper_topk.len() && (0..block.m).all(|i| kept(i) == best(i) || (block.q[i] - last).abs() < slack)
 }
 
+/// The block's solution by one of the host's solvers; P is the twin's.
+fn solved(block: &Block, solver: Eigensolver) -> Participation {
+    let (m, w) = (block.m, block.rows());
+    let metric = Gram::new(m, &block.n.concat(), None, block.eps);
+    let p = rrdm::p(&w);
+    let density: Vec<f32> =
+        (0..m).flat_map(|c| (c..m).map(move |r| (r, c))).map(|(r, c)| p[r * m + c] as f32).collect();
+    solve(&metric, &w, &density, solver, TAU).0
+}
+
 fn by_solver(solver: Eigensolver) -> Result<Vec<Measure>> {
     let solve = |block: &Block| {
-        let metric = Gram::new(block.m, &block.n.concat(), None, block.eps);
-        let solved = Factor::new(&metric, solver).participation(&block.rows(), TAU);
-        Ok((solved.spectrum.to_vec(), solved.r, solved.q, solved.canonical))
+        let Participation { spectrum, r, q, canonical } = solved(block, solver);
+        Ok((spectrum.to_vec(), r, q, canonical))
     };
-    against(solve, solver == Eigensolver::LowRankF32)
+    // P of dsygvd comes in float32, as the device gives it.
+    against(solve, solver != Eigensolver::LowRank)
 }
 
 pub(super) fn dsygvd(_: &Device) -> Result<Vec<Measure>> {
@@ -77,13 +88,17 @@ fn kernel(device: &Device, block: &Block) -> Result<Solution> {
     let blocks = device.upload("blocks", &[[0, m as u32, 0, 0]])?;
     let overlaps = device.upload("overlaps", &triangle)?;
     let factors = device.upload("response factors", &block.columns())?;
-    let solutions = device.buffer::<f32>("solutions", m + CHANNELS + 2)?;
+    let divisors = device.upload("divisors of responses", &[1.0, 1.0])?;
+    let modes = device.buffer::<f32>("modes of blocks", CHANNELS * m)?;
+    let solutions = device.buffer::<f32>("solutions", 2 * m + CHANNELS + 2)?;
     let (epsilon, tau) = (block.eps as f32, TAU as f32);
     let mut recording = Recording::new();
     let kernel = Kernel {
         blocks: &blocks,
         overlaps: &overlaps,
         factors: &factors,
+        divisors: &divisors,
+        modes: &modes,
         solutions: &solutions,
         push: ParticipationPush { first_block: 0, count: 1, first_member: 0, epsilon, tau },
         spec: ParticipationSpec { workgroup: device.info().subgroup_size },
@@ -92,6 +107,7 @@ fn kernel(device: &Device, block: &Block) -> Result<Solution> {
     device.run(recording)?;
     let all: Vec<f64> = solutions.read(device)?.into_iter().map(f64::from).collect();
     let (q, rest) = all.split_at(m);
+    let (_gain, rest) = rest.split_at(m);
     Ok((rest[..CHANNELS].to_vec(), rest[CHANNELS] as usize, q.to_vec(), rest[CHANNELS + 1] != 0.0))
 }
 
@@ -114,12 +130,11 @@ pub(super) fn indefinite(device: &Device) -> Result<Vec<Measure>> {
         paper_topk: Vec::new(),
         css_order: Vec::new(),
     };
-    let metric = Gram::new(3, &block.n.concat(), None, block.eps);
     // Along (1, 1) / sqrt 2 the eight equal columns have energy 16 over 2.2001; along the third axis 2 over 1.0001.
     let expected = 16.0 / 2.2001 + 2.0 / 1.0001;
     let (mut silent, mut seen) = (0, 0.0);
-    for solver in Eigensolver::ALL {
-        let solved = Factor::new(&metric, solver).participation(&block.rows(), TAU);
+    for solver in Eigensolver::HOST {
+        let solved = solved(&block, solver);
         silent += usize::from(!solved.canonical);
         seen = worse(seen, (solved.spectrum[0] / expected - 1.0).abs());
     }

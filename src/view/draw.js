@@ -12,6 +12,7 @@ const MEANINGS = {
   count: "blue none, green 15, red 255 or more",
   kept: "green kept, yellow merged into a kept one, red dropped",
   score: "each Gaussian by the share of all that score lower: blue none, red all",
+  participation: "each Gaussian by the share of all that take part less in the leading modes of their blocks: blue none, red all",
   guards: "blue seen by no view, orange canonical block, pink repaired block, cyan kept for its detail, grey none of these",
 };
 

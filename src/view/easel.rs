@@ -84,7 +84,7 @@ impl Easel {
                 let painted = paint::painted(&self.device, model, &colours)?;
                 paint::depth_picture(self.renderer.render(&painted, &camera)?)
             }
-            Picture::Blocks | Picture::Kept | Picture::Score | Picture::Guards => {
+            Picture::Blocks | Picture::Kept | Picture::Score | Picture::Participation | Picture::Guards => {
                 let painted = self.painted(sitter, wish.picture)?;
                 let image = self.renderer.render(&painted, &camera)?;
                 self.painted = sitter.fixed.then_some((wish.picture, painted));

@@ -102,6 +102,8 @@ pub fn told(picture: Picture, facts: &Diagnostics) -> Option<Vec<f32>> {
         Picture::Blocks => facts.block.iter().flat_map(|b| block_colour(*b)).collect(),
         Picture::Kept => facts.flags.iter().flat_map(fate).collect(),
         Picture::Score => shares(&facts.score).into_iter().flat_map(scale).collect(),
+        Picture::Participation if facts.participation.is_empty() => return None,
+        Picture::Participation => shares(&facts.participation).into_iter().flat_map(scale).collect(),
         Picture::Guards => facts.flags.iter().flat_map(guard).collect(),
         _ => return None,
     })
@@ -209,6 +211,14 @@ mod tests {
         assert_eq!(of(Picture::Guards), [detail, PLAIN, unseen, canonical, repaired, PLAIN]);
         let blocks = of(Picture::Blocks);
         assert!(blocks[0] == blocks[1] && blocks[3] == blocks[5] && blocks[0] != blocks[3] && blocks[2] == PLAIN);
+        let participation = vec![5.0, 4.0, 3.0, 2.0, 1.0, 0.0];
+        let solved = Diagnostics { participation, ..facts.clone() };
+        let participations = told(Picture::Participation, &solved).expect("participations");
+        assert_eq!(
+            (participations[..3].to_vec(), participations[15..].to_vec()),
+            (SCALE[4].to_vec(), SCALE[0].to_vec())
+        );
+        assert_eq!(told(Picture::Participation, &facts), None, "a prune without eigenproblems");
         let scores = of(Picture::Score);
         assert_eq!((scores[0], scores[5]), (SCALE[0], SCALE[4]));
         assert_eq!(told(Picture::Depth, &facts), None);

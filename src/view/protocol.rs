@@ -93,6 +93,8 @@ pub enum Picture {
     Kept,
     /// Scores by which the model's prune chose.
     Score,
+    /// Participation in the leading modes of the prune's blocks.
+    Participation,
     /// Guards that the model's prune called for.
     Guards,
 }

@@ -62,7 +62,7 @@ fn respond_and_assemble(device: &Device, trainer: &mut Trainer) -> Vec<u32> {
     assembly
         .for_each::<Error>(|batch| {
             for (_, block) in batch.iter() {
-                words.extend(block.overlap.iter().chain(block.factor.unwrap_or_default()).map(|v| v.to_bits()));
+                words.extend(block.overlap.iter().chain(block.factor).map(|v| v.to_bits()));
             }
             Ok(())
         })

@@ -30,11 +30,12 @@ fn the_devices_solver_agrees_with_float64() {
             for (_, block) in batch.iter() {
                 let mut square = vec![0.0; block.m * block.m];
                 unpack_symmetric(block.m, block.overlap, &mut square);
-                let factor = block.factor.expect("asked for");
-                let row = |i: usize| std::array::from_fn(|c| f64::from(factor[c * block.m + i]));
-                let w: Vec<[f64; 8]> = (0..block.m).map(row).collect();
+                let (w, scales) = (block.rows().0, block.scales());
+                let h: Vec<[f64; 8]> = w.iter().map(|row| std::array::from_fn(|c| row[c] * scales[c])).collect();
                 let (epsilon, tau) = (f64::from(problem.epsilon), f64::from(problem.tau));
-                expected.push(participation(&square, &w, epsilon, tau).expect("a positive definite metric"));
+                let twin =
+                    |rows: &[[f64; 8]]| participation(&square, rows, epsilon, tau).expect("a positive definite metric");
+                expected.push((twin(&w), twin(&h).q));
             }
             Ok(())
         })
@@ -43,17 +44,26 @@ fn the_devices_solver_agrees_with_float64() {
     let mut bits = Vec::new();
     assembly
         .solve_each::<Error>(problem, |b, s| {
-            let Twin { spectrum, r, q } = &expected[b];
+            let (Twin { spectrum, r, q }, gain) = &expected[b];
             let lambda: [f64; 8] = std::array::from_fn(|k| spectrum.get(k).copied().unwrap_or(0.0));
             assert_eq!(s.q.len(), sizes[b]);
             assert!(!s.failed, "block {b}");
             let by_lambda =
                 (0..8).map(|k| (f64::from(s.lambda[k]) - lambda[k]).abs()).fold(0.0, f64::max) / lambda[0].max(1e-30);
-            let most = q.iter().copied().fold(1e-30, f64::max);
-            let by_q = s.q.iter().zip(q).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max) / most;
-            println!("block {b} of {}: r {} ({r}), lambda {by_lambda:.1e}, q {by_q:.1e}", sizes[b], s.r);
+            let apart = |got: &[f32], expected: &[f64]| {
+                let most = expected.iter().copied().fold(1e-30, f64::max);
+                got.iter().zip(expected).map(|(a, b)| (f64::from(*a) - b).abs()).fold(0.0, f64::max) / most
+            };
+            let (by_q, by_gain) = (apart(s.q, q), apart(s.gain, gain));
+            println!(
+                "block {b} of {}: r {} ({r}), lambda {by_lambda:.1e}, q {by_q:.1e}, gain {by_gain:.1e}",
+                sizes[b], s.r
+            );
             assert_eq!(s.r, *r, "block {b}");
-            assert!(by_lambda < 1e-4 && by_q < 1e-3, "block {b}: {by_lambda:.1e}, {by_q:.1e}");
+            assert!(
+                by_lambda < 1e-4 && by_q < 1e-3 && by_gain < 1e-3,
+                "block {b}: {by_lambda:.1e}, {by_q:.1e}, {by_gain:.1e}"
+            );
             bits.extend(s.q.iter().map(|v| v.to_bits()));
             seen += 1;
             Ok(())
@@ -88,8 +98,8 @@ fn many_blocks_whatever_the_batch() {
         assembly
             .for_each::<Error>(|batch| {
                 for (_, block) in batch.iter() {
-                    let parts = [Some(block.overlap), block.factor, block.density];
-                    bits.extend(parts.into_iter().flatten().flatten().map(|v| v.to_bits()));
+                    let parts = [block.overlap, block.factor, &block.divisors, block.density];
+                    bits.extend(parts.into_iter().flatten().map(|v| v.to_bits()));
                 }
                 Ok(())
             })
@@ -148,8 +158,9 @@ fn equals_in_blocks_of_one_to_eight() {
         assembly
             .solve_each::<Error>(Problem::default(), |b, s| {
                 let told = format!("{} alike, response {response}: {s:?}", b + 1);
-                assert!(s.q.len() == b + 1 && s.q.iter().chain(&s.lambda).all(|v| v.is_finite()), "{told}");
-                assert!(!s.failed && (response > 0.0 || s.q.iter().chain(&s.lambda).all(|v| *v == 0.0)), "{told}");
+                let all = || s.q.iter().chain(s.gain).chain(&s.lambda);
+                assert!(s.q.len() == b + 1 && s.gain.len() == b + 1 && all().all(|v| v.is_finite()), "{told}");
+                assert!(!s.failed && (response > 0.0 || all().all(|v| *v == 0.0)), "{told}");
                 // m equal functions share one: their parts may differ by rounding over epsilon, 6e-8 / 1e-4.
                 let most = s.q.iter().copied().fold(0.0, f32::max);
                 assert!(s.q.iter().all(|q| most - q <= 2e-2 * most), "{told}");
@@ -230,12 +241,16 @@ fn solutions(device: &Device, blocks: &[Matrices]) -> Vec<Vec<f32>> {
     let rows = device.upload("blocks", &rows).unwrap();
     let overlaps = device.upload("overlaps", &triangles).unwrap();
     let factors = device.upload("response factors", &all_factors).unwrap();
-    let solutions = device.buffer::<f32>("solutions", (m + 10) * blocks.len()).unwrap();
+    let divisors = device.upload("divisors of responses", &vec![1.0_f32; 2 * blocks.len()]).unwrap();
+    let modes = device.buffer::<f32>("modes of blocks", all_factors.len()).unwrap();
+    let solutions = device.buffer::<f32>("solutions", (2 * m + 10) * blocks.len()).unwrap();
     let count = blocks.len() as u32;
     let kernel = Participation {
         blocks: &rows,
         overlaps: &overlaps,
         factors: &factors,
+        divisors: &divisors,
+        modes: &modes,
         solutions: &solutions,
         push: ParticipationPush { first_block: 0, count, first_member: 0, epsilon: 1e-4, tau: 0.95 },
         spec: ParticipationSpec { workgroup: device.info().subgroup_size },
@@ -243,5 +258,5 @@ fn solutions(device: &Device, blocks: &[Matrices]) -> Vec<Vec<f32>> {
     let mut recording = Recording::new();
     recording.dispatch(&kernel, Groups::Count(count));
     device.run(recording).unwrap();
-    solutions.read(device).unwrap().chunks_exact(m + 10).map(<[f32]>::to_vec).collect()
+    solutions.read(device).unwrap().chunks_exact(2 * m + 10).map(<[f32]>::to_vec).collect()
 }

@@ -6,9 +6,10 @@ use qirf_vk::metrics::Scores;
 use qirf_vk::pipeline::Output;
 use qirf_vk::pipeline::evaluate::exhibits::exhibits;
 use qirf_vk::pipeline::records::{
-    Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneRecord, PruneSeconds, RunRecord, Times,
+    Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneRecord, PruneSeconds, RankRecord, RunRecord, Times,
     TrainScores, ViewScores,
 };
+use qirf_vk::qirf::participation::Eigensolver;
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::study::Merging;
 use qirf_vk::report::plot::{Axis, Bar, Columns, Line, Lines, Mark, Scatter, Spot, bars};
@@ -40,9 +41,12 @@ fn prune(iteration: u32) -> PruneRecord {
         voxel: 0.125,
         occupancy: vec![3, 20, 80, 150, 40, 6, 1],
         kept_shares: [1, 4, 90, 120, 50, 20, 8, 4, 2, 1],
+        solver: Some(Eigensolver::LowRank),
+        spectrum_spread: [0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0],
+        effective_ranks: vec![RankRecord { rank: 2, blocks: 300, gaussians: 5000, kept: 1400 }],
         spectrum: [0.71, 0.17, 0.07, 0.03, 0.012, 0.006, 0.0019, 1e-7],
         modes: [30, 110, 100, 40, 20, 0, 0, 0],
-        guards: PruneGuards { canonical_blocks: 2, unseen_blocks: 0, repaired_values: 7 },
+        guards: PruneGuards { fallback_blocks: 3, canonical_blocks: 2, unseen_blocks: 0, repaired_values: 7 },
         pairs: None,
         merged: Some(Merging { accepted: 3, refused: 4 }),
         frames_per_second_before: Some(12.5),
@@ -205,6 +209,7 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
         "Pictures",
         "Quality over time",
         "Pruning",
+        "What the blocks say",
         "Time by stage",
         "Held-out views",
         "Protocol",
@@ -220,7 +225,7 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
     assert_eq!(html.select(".stack").len(), 4);
     assert_eq!(html.select(".stack img").len(), 15);
     assert_eq!(html.texts("button[data-side=left]"), ["ground truth", "dense", "compressed", "error"]);
-    assert_eq!(html.select("svg").len(), 2 + 5 + 2);
+    assert_eq!(html.select("svg").len(), 2 + 2 + 5 + 2);
     assert_eq!(html.select("svg line.event").len(), 2, "the prune, in time and by iterations");
     let tiles = html.texts(".tile");
     assert!(tiles.iter().any(|t| t.contains("1,400") && t.contains("5,000") && t.contains("72.0 %")), "{tiles:?}");
@@ -234,7 +239,7 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
 fn whatever_is_missing_leaves_a_sound_page() {
     let (_folder, output) = folder();
     let html = sound(&of_run(&bare(), &output));
-    assert_eq!(html.select("h2").len(), 11);
+    assert_eq!(html.select("h2").len(), 12);
     assert_eq!(html.select("img").len(), 0);
 
     let mut one = bare();
@@ -263,6 +268,7 @@ fn numbers_that_are_none_stay_out_of_drawings() {
     }
     let mut broken = prune(0);
     (broken.before, broken.after, broken.blocks, broken.voxel) = (0, 0, 0, f64::NAN);
+    broken.spectrum_spread = [f64::NAN; 8];
     (broken.occupancy, broken.spectrum, broken.modes) = (Vec::new(), [f64::NAN; 8], [0; 8]);
     broken.seconds.total = f64::NAN;
     r.prunes = vec![broken, prune(4_000_000_000), prune(100), prune(100)];
@@ -342,7 +348,8 @@ fn a_run_leaves_its_report_and_names_it() {
     let last = said.lines().last().unwrap_or_default();
     assert!(last.ends_with(&out.join("report.html").display().to_string()), "{said}");
     assert_eq!(html.select(".stack img").len(), 2 * 4, "photo, dense, compressed and error of two views");
-    assert_eq!(html.select("#pruning svg").len(), 5);
+    assert_eq!(html.select("#pruning svg").len(), 2);
+    assert_eq!(html.select("#blocks svg").len(), 5);
     assert!(html.texts("pre")[0].contains("iterations = 120"));
     #[cfg(unix)]
     works_in_a_browser(&out.join("report.html"));

@@ -71,9 +71,11 @@ fn the_light_axes_of_a_scene() {
     }
 
     // The same answer at several costs.
-    for way in ["dsygvd", "low-rank"] {
-        assert!(figure(&swept, "solver", way, "kept_jaccard") == 1.0, "{way}");
-        assert!(rung(&swept, "solver", way)["accuracy"].as_f64().unwrap() < 1e-9, "{way}");
+    assert_eq!(rung(&swept, "solver", "low-rank")["exact"], true);
+    // P comes in float32.
+    for way in ["dsygvd", "device"] {
+        assert!(figure(&swept, "solver", way, "kept_jaccard") > 0.99, "{way}");
+        assert!(rung(&swept, "solver", way)["accuracy"].as_f64().unwrap() < 1e-2, "{way}");
     }
     assert!(figure(&swept, "solver", "low-rank", "speedup_m256") > 3.0, "measurements vary widely on loaded machines");
     // QR never fails, not even on discs; the formulas that form the sum fail there.

@@ -1,10 +1,11 @@
 //! The parser of `--axis`.
 
 use super::axis::Axis;
-use super::rung::{Formula, Regularisation, Rung, Solver, Sums, culling, fraction, share, stop, sums, switch};
+use super::rung::{Formula, Regularisation, Rung, Sums, culling, eigensolver, fraction, share, stop, sums, switch};
 use crate::effects::{Choice, Effect};
 use crate::lab::compare::Arm;
 use crate::pipeline::config::Pruning;
+use crate::qirf::participation::Eigensolver;
 use crate::render::Culling;
 use crate::wording::unknown;
 
@@ -12,7 +13,7 @@ use crate::wording::unknown;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Asked {
     /// [`Axis::Solver`].
-    Solver(Vec<Rung<Solver>>),
+    Solver(Vec<Rung<Eigensolver>>),
     /// [`Axis::Overlap`].
     Overlap(Vec<Rung<Formula>>),
     /// [`Axis::Epsilon`].
@@ -60,7 +61,7 @@ impl Asked {
             rungs(names, |name| read(name).ok_or_else(|| wrong(name)))
         }
         Ok(match axis {
-            Axis::Solver => Self::Solver(known(axis, names, Solver::of)?),
+            Axis::Solver => Self::Solver(known(axis, names, eigensolver)?),
             Axis::Overlap => Self::Overlap(known(axis, names, Formula::of)?),
             Axis::Epsilon => Self::Epsilon(known(axis, names, Regularisation::of)?),
             Axis::Culling => Self::Culling(known(axis, names, culling)?),

@@ -67,7 +67,7 @@ impl Axis {
     /// Its default rungs, the most exact first; those of the effects depend on the scene and are found there.
     pub const fn rungs(self) -> &'static [&'static str] {
         match self {
-            Self::Solver => &["dsygvd", "low-rank", "low-rank-f32", "device-low-rank-f32"],
+            Self::Solver => &["dsygvd", "low-rank", "low-rank-f32", "device"],
             Self::Overlap => &["qr-f64", "qr", "cholesky", "determinant"],
             Self::Epsilon => &["1e-6", "1e-5", "1e-4", "1e-3", "1e-2", "t=0.1", "t=0.3", "t=0.5"],
             Self::Culling => &["off", "exact", "3-sigma"],

@@ -4,9 +4,10 @@ use super::Context;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::pipeline::Error;
-use crate::qirf::assemble::{Assembly, Options, unpack_symmetric};
+use crate::qirf::assemble::{Assembly, Options};
 use crate::qirf::overlap::Metric;
 use crate::qirf::partition::{Blocks, Partition};
+use crate::qirf::rrdm::Density;
 use crate::qirf::study::Basis;
 use crate::qirf::{CHANNELS, Row, normalise};
 
@@ -17,7 +18,7 @@ const SAMPLE: usize = 1 << 15;
 pub fn sampled(model: &Gaussians, partition: Partition) -> Blocks {
     let all = partition.of(&model.means).blocks;
     let step = model.len().div_ceil(SAMPLE).max(1);
-    of((0..all.len()).step_by(step).map(|b| all.block(b).to_vec()))
+    Blocks::of((0..all.len()).step_by(step).map(|b| all.block(b)))
 }
 
 /// `count` blocks of exactly `m` Gaussians: the `m` nearest to each of `count` at even steps. None if there are fewer.
@@ -32,17 +33,7 @@ pub fn of_size(model: &Gaussians, m: usize, count: usize) -> Blocks {
         members.sort_unstable();
         members
     };
-    of((0..if m <= n { count } else { 0 }).map(nearest))
-}
-
-/// Blocks with the given members.
-pub fn of(blocks: impl Iterator<Item = Vec<u32>>) -> Blocks {
-    let mut out = Blocks { members: Vec::new(), starts: vec![0] };
-    for block in blocks {
-        out.members.extend(block);
-        out.starts.push(out.members.len() as u32);
-    }
-    out
+    Blocks::of((0..if m <= n { count } else { 0 }).map(nearest))
 }
 
 /// Jaccard index of two sets: share of their union that both keep; 0 if neither keeps any.
@@ -54,10 +45,12 @@ pub fn jaccard(a: &[bool], b: &[bool]) -> f64 {
 
 /// One block's eigenproblem.
 pub struct Problem {
-    /// N, m x m, symmetric.
+    /// N's lower triangle, packed.
     pub overlap: Vec<f32>,
     /// Rows of W, m.
     pub rows: Vec<Row>,
+    /// P's lower triangle, packed.
+    pub density: Vec<f32>,
 }
 
 impl Problem {
@@ -72,7 +65,7 @@ pub fn rows(context: &Context<'_>, eta: f64) -> Vec<[f32; CHANNELS]> {
     normalise::rows(&context.subject.responses.channels, eta)
 }
 
-/// The eigenproblems of blocks, from the engine's own assembly and normalisation.
+/// The eigenproblems of blocks, as the device assembles them.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -83,17 +76,15 @@ pub fn problems(
     metric: Metric,
     basis: &Basis,
 ) -> Result<Vec<Problem>, Error> {
-    let Basis { eta, epsilon, .. } = *basis;
-    let h = rows(context, eta);
-    let options = Options { metric, ..Options::default() };
-    let assembly = Assembly::new(context.session.device, resident, &blocks.members, &blocks.starts, &[], options)?;
+    let density = Density { eta: basis.eta as f32, epsilon: basis.epsilon as f32, full: true };
+    let options = Options { metric, density: Some(density), ..Options::default() };
+    let h = rows(context, basis.eta);
+    let assembly = Assembly::new(context.session.device, resident, &blocks.members, &blocks.starts, &h, options)?;
     let mut out = Vec::with_capacity(blocks.len());
     assembly.for_each(|batch| -> Result<(), Error> {
-        for (b, matrices) in batch.iter() {
-            let mut overlap = vec![0.0; matrices.m * matrices.m];
-            unpack_symmetric(matrices.m, matrices.overlap, &mut overlap);
-            let own: Vec<Row> = blocks.block(b).iter().map(|i| h[*i as usize].map(f64::from)).collect();
-            out.push(Problem { overlap, rows: normalise::within_block(&own, eta, epsilon) });
+        for (_, matrices) in batch.iter() {
+            let (overlap, density) = (matrices.overlap.to_vec(), matrices.density.to_vec());
+            out.push(Problem { overlap, rows: matrices.rows().0, density });
         }
         Ok(())
     })?;

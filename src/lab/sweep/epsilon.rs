@@ -10,6 +10,7 @@ use crate::gaussians::resident::Resident;
 use crate::pipeline::Error;
 use crate::qirf::overlap::Metric as Overlaps;
 use crate::qirf::participation::Gram;
+use crate::qirf::partition::Blocks;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
 use crate::qirf::study::{Basis, Observed, Study, dilation};
@@ -48,10 +49,10 @@ fn kept(study: &Study) -> Vec<bool> {
 fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Result<(f64, f64), Error> {
     let model = &context.subject.model;
     let sampled = blocks::sampled(model, basis.partition);
-    let some = blocks::of(sampled.iter().step_by(sampled.len().div_ceil(CONDITIONED).max(1)).map(<[u32]>::to_vec));
+    let some = Blocks::of(sampled.iter().step_by(sampled.len().div_ceil(CONDITIONED).max(1)));
     let metric = Overlaps { dilation: dilation(model, basis.dilate), ..Overlaps::default() };
     let problems = blocks::problems(context, resident, &some, metric, basis)?;
-    let condition = |p: &blocks::Problem| Gram::new(p.len(), &p.overlap, None, basis.epsilon).condition();
+    let condition = |p: &blocks::Problem| Gram::from_packed(p.len(), &p.overlap, None, basis.epsilon).condition();
     let mut all: Vec<f64> = problems.par_iter().filter_map(condition).collect();
     all.sort_by(f64::total_cmp);
     Ok((all.get(all.len() / 2).copied().unwrap_or(1.0), all.last().copied().unwrap_or(1.0)))

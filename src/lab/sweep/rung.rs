@@ -15,22 +15,6 @@ pub struct Rung<T> {
     pub value: T,
 }
 
-/// A rung of the solver axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Solver {
-    /// One of the host's solvers.
-    Host(Eigensolver),
-    /// The device's solver.
-    Device,
-}
-
-impl Solver {
-    pub(super) fn of(name: &str) -> Option<Self> {
-        let host = Eigensolver::ALL.into_iter().find(|solver| solver.to_string() == name).map(Self::Host);
-        host.or((name == "device-low-rank-f32").then_some(Self::Device))
-    }
-}
-
 /// A rung of the overlap axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Formula {
@@ -96,6 +80,11 @@ pub(super) fn stop(name: &str) -> Option<f32> {
         return Some(Settings::default().stop);
     }
     name.parse().ok().filter(|v| (0.0..1.0).contains(v))
+}
+
+/// An eigensolver.
+pub(super) fn eigensolver(name: &str) -> Option<Eigensolver> {
+    Eigensolver::ALL.into_iter().find(|solver| solver.to_string() == name)
 }
 
 /// A kind of gradient sums.

@@ -114,6 +114,7 @@ impl Views {
             photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
             masked: opened.scene.has_masks(),
             wanted: config.compression.selector.reads(),
+            solver: config.compression.basis.solver,
             style: config.style,
             trained: trained(config, model),
         }
@@ -133,6 +134,7 @@ impl Views {
             photos: vec![4 * u64::from(size[0]) * u64::from(size[1]); cameras.views as usize],
             masked: false,
             wanted: config.compression.selector.reads(),
+            solver: config.compression.basis.solver,
             style: config.style,
             trained: trained(config, model),
         };

@@ -1,5 +1,6 @@
 //! How and when a model is pruned.
 
+use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
@@ -46,7 +47,7 @@ impl Compression {
             budget: Budget::PerBlock,
             merge: false,
             keep: Keep::Paper { kappa: 0.22 },
-            basis: Basis { partition: Partition::PAPER, ..Basis::default() },
+            basis: Basis { partition: Partition::PAPER, solver: Eigensolver::Dsygvd, ..Basis::default() },
             ..Self::default()
         }
     }

@@ -4,8 +4,10 @@
 use super::pruning::{Compression, Pruning};
 use super::run::RunConfig;
 use crate::gaussians::MAX_SH_DEGREE;
+use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::budget::Keep;
+use crate::qirf::study::Overlap;
 use crate::render::Style;
 use crate::train::schedule::Schedule;
 use std::fmt::Display;
@@ -135,13 +137,15 @@ fn compression(c: &Compression) -> Result<(), String> {
     }
     within("prune.compression.detail", c.detail, &SHARE)?;
     let b = &c.basis;
-    for (field, value, range) in [
-        ("dilate", b.dilate, &WEIGHT),
-        ("epsilon", b.epsilon, &WEIGHT),
-        ("tau", b.tau, &SHARE),
-        ("eta", b.eta, &WEIGHT),
-    ] {
+    for (field, value, range) in
+        [("dilate", b.dilate, &WEIGHT), ("epsilon", b.epsilon, &WEIGHT), ("tau", b.tau, &SHARE), ("eta", b.eta, &SHARE)]
+    {
         within(&format!("prune.compression.basis.{field}"), value, range)?;
+    }
+    if (b.solver, b.overlap) == (Eigensolver::Device, Overlap::Raw) {
+        return Err("prune.compression.basis.overlap = \"raw\": the solver \"device\" takes normalised overlaps alone; write another \
+                    solver, such as \"low-rank\""
+            .to_owned());
     }
     let field = "prune.compression.basis.partition";
     match b.partition {

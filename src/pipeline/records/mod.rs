@@ -5,7 +5,7 @@ mod prune;
 mod run;
 
 pub use compress::{CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, Truth, ViewStages};
-pub use prune::{AttritionRecord, PruneGuards, PruneRecord, PruneSeconds};
+pub use prune::{AttritionRecord, PruneGuards, PruneRecord, PruneSeconds, RankRecord};
 pub use run::{
     Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores, ViewScores, infinite_for_nulls,
 };

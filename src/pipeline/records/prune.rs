@@ -2,6 +2,7 @@
 
 use crate::qirf::CHANNELS;
 use crate::qirf::pairs::PairCounts;
+use crate::qirf::participation::Eigensolver;
 use crate::qirf::select::Selector;
 use crate::qirf::study::Merging;
 use serde::{Deserialize, Serialize};
@@ -31,11 +32,20 @@ pub struct PruneRecord {
     pub occupancy: Vec<usize>,
     /// Number of blocks of which less than 1/10, less than 2/10, ..., up to all was kept.
     pub kept_shares: [usize; 10],
+    /// Solver of the blocks' eigenproblems; null if none was solved.
+    #[serde(default)]
+    pub solver: Option<Eigensolver>,
     /// Mean over blocks of the eight largest eigenvalues, as shares of their sum in each block; zeros if none was
     /// solved.
     pub spectrum: [f64; CHANNELS],
+    /// Standard deviation of these shares over the blocks.
+    #[serde(default)]
+    pub spectrum_spread: [f64; CHANNELS],
     /// Number of blocks with 1 to 8 eigenvalues that reach the threshold; zeros if none was solved.
     pub modes: [usize; CHANNELS],
+    /// Blocks by their effective rank, rounded to 1 to 8; empty if none was solved.
+    #[serde(default)]
+    pub effective_ranks: Vec<RankRecord>,
     /// Repairs.
     pub guards: PruneGuards,
     /// Blocks in which dropped Gaussians were merged into kept ones; null without merging.
@@ -46,6 +56,20 @@ pub struct PruneRecord {
     pub frames_per_second_before: Option<f64>,
     /// Seconds.
     pub seconds: PruneSeconds,
+}
+
+/// Blocks of one effective rank: exp(-sum p ln p) over the shares p of a block's eigenvalues, rounded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RankRecord {
+    /// The rank, 1 to 8.
+    pub rank: usize,
+    /// Number of blocks.
+    pub blocks: usize,
+    /// Gaussians of these blocks.
+    pub gaussians: usize,
+    /// Gaussians of these blocks that were kept.
+    pub kept: usize,
 }
 
 /// Attrition before a prune.
@@ -74,6 +98,9 @@ impl PruneRecord {
 /// Repairs of a prune.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PruneGuards {
+    /// Blocks that the solver asked for could not factorise: solved by the next one that can.
+    #[serde(default)]
+    pub fallback_blocks: usize,
     /// Blocks whose metric was not positive definite: solved in its canonical form.
     pub canonical_blocks: usize,
     /// Blocks without any response: ranked by opacity.
@@ -89,9 +116,16 @@ pub struct PruneSeconds {
     pub responses: f64,
     /// Normalisation and partition.
     pub partition: f64,
-    /// Device: overlaps.
-    pub assemble: f64,
-    /// Host: blocks solved.
+    /// Device: overlaps N.
+    #[serde(default)]
+    pub overlap: f64,
+    /// Device: W and P.
+    #[serde(default)]
+    pub rrdm: f64,
+    /// Device: eigenproblems.
+    #[serde(default)]
+    pub participation: f64,
+    /// Host: eigenproblems and column subsets.
     pub solve: f64,
     /// Assembly and solution, in parallel.
     pub assemble_and_solve: f64,

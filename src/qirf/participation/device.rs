@@ -8,7 +8,7 @@ use crate::qirf::CHANNELS;
 use crate::qirf::assemble::Assembly;
 use crate::qirf::plan::Batch;
 
-/// Numbers of a block's solution besides its participations.
+/// Numbers of a block's solution besides those of its members.
 const EXTRA: usize = participation::EXTRA as usize;
 
 /// Parameters of the eigenproblem, besides its matrices.
@@ -29,8 +29,10 @@ impl Default for Problem {
 /// One block's solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution<'a> {
-    /// Participation of each member; zero if the solver failed.
+    /// Participation of each member, by W; zero if the solver failed.
     pub q: &'a [f32],
+    /// The same by H, which compares members of different blocks.
+    pub gain: &'a [f32],
     /// Eigenvalues, descending; those that are negative by rounding are 0.
     pub lambda: [f32; CHANNELS],
     /// The fewest eigenvalues that reach tau.
@@ -39,7 +41,17 @@ pub struct Solution<'a> {
     pub failed: bool,
 }
 
+/// Floats of a batch's solutions.
+fn floats(batch: &Batch) -> usize {
+    2 * batch.members.len() + EXTRA * batch.blocks.len()
+}
+
 impl Assembly<'_> {
+    /// Bytes of solutions that come back to the host, all batches together.
+    pub fn solutions_read_back(&self) -> u64 {
+        self.batches().iter().map(|b| 4 * floats(b) as u64).sum()
+    }
+
     /// Assembles and solves every batch on the device, and calls `body` with the number and the solution of each block, in
     /// order, while the device works on the next batch. Returns the device times.
     ///
@@ -54,9 +66,9 @@ impl Assembly<'_> {
         mut body: impl FnMut(usize, Solution<'_>) -> Result<(), E>,
     ) -> Result<Timings, E> {
         assert!(self.options.density.is_some(), "the eigenproblem needs W");
-        let floats = |b: &Batch| b.members.len() + EXTRA * b.blocks.len();
         let most = self.batches().iter().map(floats).max().unwrap_or(0);
         let solutions = self.device.buffer("solutions", most)?;
+        let modes = self.device.buffer("modes of blocks", self.arrays.factors.len())?;
         let submit = |batch: &Batch, readback: &mut Readback<f32>| {
             let mut recording = Recording::new();
             self.record(&mut recording, batch);
@@ -64,6 +76,8 @@ impl Assembly<'_> {
                 blocks: &self.arrays.blocks,
                 overlaps: &self.arrays.overlaps,
                 factors: &self.arrays.factors,
+                divisors: &self.arrays.divisors,
+                modes: &modes,
                 solutions: &solutions,
                 push: ParticipationPush {
                     first_block: batch.blocks.start as u32,
@@ -82,11 +96,13 @@ impl Assembly<'_> {
             let mut rest = values;
             for b in batch.blocks.clone() {
                 let m = (self.starts[b + 1] - self.starts[b]) as usize;
-                let (own, others) = rest.split_at(m + EXTRA);
+                let (own, others) = rest.split_at(2 * m + EXTRA);
                 rest = others;
-                let (q, extra) = own.split_at(m);
+                let (q, own) = own.split_at(m);
+                let (gain, extra) = own.split_at(m);
                 let lambda = std::array::from_fn(|k| extra[k]);
-                let solution = Solution { q, lambda, r: extra[CHANNELS] as usize, failed: extra[CHANNELS + 1] != 0.0 };
+                let (r, failed) = (extra[CHANNELS] as usize, extra[CHANNELS + 1] != 0.0);
+                let solution = Solution { q, gain, lambda, r, failed };
                 body(b, solution)?;
             }
             Ok(())

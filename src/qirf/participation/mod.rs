@@ -1,11 +1,12 @@
-//! The generalized eigenproblem of one block: P u = lambda (N + eps I) u with P = W W^T of rank at most 8, and the
-//! participation q_i = sum over the leading r of lambda_k u_ik^2.
+//! The generalized eigenproblem of one block (Q7): P u = lambda (N + eps I) u with P = W W^T of rank at most 8, and the
+//! participation (Q8) q_i = sum over the leading r of lambda_k u_ik^2.
 //!
 //! With N + eps I = L L^T and B = L^-1 W, the 8x8 problem B^T B y = lambda y has the same eigenvalues and
 //! u_k = L^-T B y_k / sqrt(lambda_k), so lambda_k u_ik^2 = (L^-T B y_k)_i^2: never divide by sqrt(lambda).
 
 pub mod device;
 
+use super::assemble::{unpack_lower, unpack_symmetric};
 use super::lapack::{self, Real};
 use super::{CHANNELS, Row};
 use serde::{Deserialize, Serialize};
@@ -14,22 +15,27 @@ use std::fmt;
 /// Slack of the energy's comparison with tau, so that float32 and float64 agree on a sum that hits it exactly.
 const ENERGY_SLACK: f64 = 1e-6;
 
-/// Solver of the eigenproblem: the same solution at three costs.
+/// Solver of the eigenproblem: the same solution at different costs. A block that a solver cannot factorise goes to the next
+/// one that can: from the device to `LowRank`, from there to the metric's canonical form.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Eigensolver {
-    /// LAPACK's full generalized eigensolver in float64, as the paper does.
+    /// LAPACK's full generalized eigensolver in float64, as the paper does; it reads P.
     Dsygvd,
-    /// Cholesky and an 8x8 eigenproblem in float64.
+    /// Cholesky and an 8x8 eigenproblem in float64, from W.
     #[default]
     LowRank,
     /// The same in float32; the 8x8 part stays float64.
     LowRankF32,
+    /// All of it in float32 on the device, from which only participations and eigenvalues come back ([`device`]).
+    Device,
 }
 
 impl Eigensolver {
     /// All solvers, the slowest first.
-    pub const ALL: [Self; 3] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32];
+    pub const ALL: [Self; 4] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32, Self::Device];
+    /// Those that run LAPACK on the host.
+    pub const HOST: [Self; 3] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32];
 }
 
 impl fmt::Display for Eigensolver {
@@ -38,6 +44,7 @@ impl fmt::Display for Eigensolver {
             Self::Dsygvd => "dsygvd",
             Self::LowRank => "low-rank",
             Self::LowRankF32 => "low-rank-f32",
+            Self::Device => "device",
         })
     }
 }
@@ -76,6 +83,16 @@ impl Gram {
         }
         (0..m).for_each(|i| values[i * m + i] += epsilon);
         Self { m, values, epsilon, repaired }
+    }
+
+    /// As [`Gram::new`], from the packed lower triangle of N.
+    ///
+    /// # Panics
+    /// If `packed` does not hold m (m + 1) / 2 numbers.
+    pub fn from_packed(m: usize, packed: &[f32], self_overlaps: Option<&[f64]>, epsilon: f64) -> Self {
+        let mut overlap = vec![0.0; m * m];
+        unpack_symmetric(m, packed, &mut overlap);
+        Self::new(m, &overlap, self_overlaps, epsilon)
     }
 
     /// Number of Gaussians in the block.
@@ -133,8 +150,6 @@ pub struct Participation {
 pub enum Factor {
     /// The metric is the identity.
     Identity,
-    /// For [`Eigensolver::Dsygvd`], which factors anew each time.
-    Full(Gram),
     /// Lower Cholesky factor, m x m, float64.
     Cholesky(Vec<f64>),
     /// Lower Cholesky factor, m x m, float32.
@@ -144,31 +159,23 @@ pub enum Factor {
 }
 
 impl Factor {
-    /// Factors `metric` by `solver`, falling back to its canonical form.
+    /// Factors `metric`, in float32 for [`Eigensolver::LowRankF32`] and else in float64; falls back to its canonical form.
     pub fn new(metric: &Gram, solver: Eigensolver) -> Self {
         let m = metric.m;
         if m == 0 {
             return Self::Identity;
         }
-        match solver {
-            Eigensolver::Dsygvd => return Self::Full(metric.clone()),
-            Eigensolver::LowRank => {
-                let mut l = metric.values.clone();
-                if f64::potrf(m, &mut l) {
-                    return Self::Cholesky(l);
-                }
+        if solver == Eigensolver::LowRankF32 {
+            let mut l: Vec<f32> = metric.values.iter().map(|&v| v as f32).collect();
+            if f32::potrf(m, &mut l) {
+                return Self::CholeskyF32(l);
             }
-            Eigensolver::LowRankF32 => {
-                let mut l: Vec<f32> = metric.values.iter().map(|&v| v as f32).collect();
-                if f32::potrf(m, &mut l) {
-                    return Self::CholeskyF32(l);
-                }
+        } else {
+            let mut l = metric.values.clone();
+            if f64::potrf(m, &mut l) {
+                return Self::Cholesky(l);
             }
         }
-        Self::fallback(metric)
-    }
-
-    fn fallback(metric: &Gram) -> Self {
         // Without convergence nothing is known of the metric: the identity ranks by the responses themselves.
         metric.canonical(metric.epsilon).map_or(Self::Identity, Self::Canonical)
     }
@@ -184,12 +191,26 @@ impl Factor {
             Self::Cholesky(l) => cholesky(l, w, tau),
             Self::CholeskyF32(l) => cholesky(l, w, tau),
             Self::Canonical(basis) => canonical(basis, w, tau),
-            Self::Full(metric) => match full(metric, w, tau) {
-                Some(solved) => solved,
-                None => Self::fallback(metric).participation(w, tau),
-            },
         }
     }
+}
+
+/// Solves a block by LAPACK: `w` are the rows of W (m x 8), `density` is the packed lower triangle of P, which only
+/// [`Eigensolver::Dsygvd`] reads. Returns the metric's factor, too.
+///
+/// # Panics
+/// If `dsygvd` gets no P.
+pub fn solve(metric: &Gram, w: &[Row], density: &[f32], solver: Eigensolver, tau: f64) -> (Participation, Factor) {
+    let seen = w.iter().flatten().any(|&x| x != 0.0);
+    if solver == Eigensolver::Dsygvd
+        && seen
+        && density.iter().all(|p| p.is_finite())
+        && let Some(solved) = generalized(metric, density, tau)
+    {
+        return solved;
+    }
+    let factor = Factor::new(metric, solver);
+    (factor.participation(w, tau), factor)
 }
 
 /// Norm of row i of (N + eps I)^(-1/2) W for each member, for each of the matrices in `w`: the Löwdin scores.
@@ -302,16 +323,18 @@ fn low_rank<T: Real>(b: &[T], p: usize, tau: f64, canonical: bool, back: impl Fn
     Participation { spectrum, r, q, canonical }
 }
 
-fn full(metric: &Gram, w: &[Row], tau: f64) -> Option<Participation> {
-    let m = w.len();
-    let mut p: Vec<f64> =
-        w.iter().flat_map(|a| w.iter().map(move |b| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>())).collect();
+/// P u = lambda (N + eps I) u as it stands, and the Cholesky factor that it leaves; `None` where that fails.
+fn generalized(metric: &Gram, density: &[f32], tau: f64) -> Option<(Participation, Factor)> {
+    let m = metric.m;
+    assert_eq!(density.len(), m * (m + 1) / 2, "P of {m} members");
+    let mut p = vec![0.0; m * m];
+    unpack_lower(m, density, &mut p);
     let mut b = metric.values.clone();
     let ascending = lapack::sygvd(m, &mut p, &mut b)?;
     let descending: Vec<f64> = ascending.iter().rev().map(|l| l.max(0.0)).collect();
     // P has rank at most 8: further eigenvalues are rounding.
     let known = &descending[..m.min(CHANNELS)];
-    let r = leading(known, descending.iter().sum(), tau);
+    let r = leading(known, known.iter().sum(), tau);
     let mut spectrum = [0.0; CHANNELS];
     spectrum[..known.len()].copy_from_slice(known);
     let mut q = vec![0.0; m];
@@ -319,5 +342,5 @@ fn full(metric: &Gram, w: &[Row], tau: f64) -> Option<Participation> {
         let u = &p[(m - 1 - k) * m..][..m];
         q.iter_mut().zip(u).for_each(|(q, x)| *q += lambda * x * x);
     }
-    Some(Participation { spectrum, r, q, canonical: false })
+    Some((Participation { spectrum, r, q, canonical: false }, Factor::Cholesky(b)))
 }

@@ -1,4 +1,4 @@
-//! Greedy column subset: repeatedly keep the function that explains most of the weighted rest, and subtract what it explains.
+//! Greedy column subset (Q9): repeatedly keep the function that explains most of the weighted rest, and subtract what it explains.
 //!
 //! R := N; pick argmax_i g_i / R_ii over R_ii > 1e-4, g_i = sum_j w_j^2 R_ji^2; R -= R_i R_i^T / R_ii. R is never
 //! formed: R = N - C C^T with one column of C a pick, and with c that column and t = w^2 c

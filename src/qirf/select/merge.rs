@@ -1,4 +1,4 @@
-//! Merging: dropped functions are projected onto the kept ones of their block, if that makes the local error smaller.
+//! Merging (Q10): dropped functions are projected onto the kept ones of their block, if that makes the local error smaller.
 //!
 //! A Gaussian's function is alpha c phi; with phi of unit norm its coefficient is alpha c sqrt(S_ii), and the squared
 //! error of coefficients e is e^T N e. X = (N_AA + 1e-3 I)^-1 N_AD acts on unit-norm functions; alpha scales the

@@ -10,7 +10,7 @@ mod selector;
 
 use rayon::prelude::*;
 
-pub use selector::{BlockSelector, MeasuredSelector, Selector, Statistics};
+pub use selector::{BlockSelector, Selector, Statistics};
 
 use super::partition::Blocks;
 

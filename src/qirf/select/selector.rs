@@ -31,17 +31,6 @@ pub enum BlockSelector {
     Css,
 }
 
-/// Selectors that rank by what a block's Gaussians do in pictures ([`crate::qirf::measured`]).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MeasuredSelector {
-    /// Participation in the eigenproblem of the changes, with the weights as the metric.
-    Gnso,
-    /// Greedy column subset of the changes.
-    Css,
-    /// Backward elimination by the changes.
-    Elimination,
-}
-
 /// A rule that orders Gaussians, the first to keep first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -71,19 +60,13 @@ pub enum Selector {
     Removal,
     /// Squared change of the pictures if it alone is removed, whatever the photos show (`GaussianPOP`).
     Change,
-    /// [`Selector::Gnso`] by measured changes and weights.
-    GnsoMeasured,
-    /// [`Selector::Css`] by measured changes.
-    CssMeasured,
-    /// Backward elimination: one by one, what changes the pictures least after those that went before.
-    Elimination,
     /// Pairs of neighbours become one Gaussian where the pictures show the least of it ([`crate::qirf::pairs`]).
     Pairs,
 }
 
 impl Selector {
     /// All selectors with their names on the command line.
-    pub const NAMES: [(Self, &'static str); 16] = [
+    pub const NAMES: [(Self, &'static str); 13] = [
         (Self::Gnso, "gnso"),
         (Self::Ordinary, "ordinary"),
         (Self::Lowdin, "lowdin"),
@@ -96,9 +79,6 @@ impl Selector {
         (Self::Lightgaussian, "lightgaussian"),
         (Self::Removal, "removal"),
         (Self::Change, "change"),
-        (Self::GnsoMeasured, "gnso-measured"),
-        (Self::CssMeasured, "css-measured"),
-        (Self::Elimination, "elimination"),
         (Self::Pairs, "pairs"),
     ];
 
@@ -113,24 +93,11 @@ impl Selector {
         }
     }
 
-    /// The selector of measured blocks, if it is one.
-    pub fn of_measured(self) -> Option<MeasuredSelector> {
-        match self {
-            Self::GnsoMeasured => Some(MeasuredSelector::Gnso),
-            Self::CssMeasured => Some(MeasuredSelector::Css),
-            Self::Elimination => Some(MeasuredSelector::Elimination),
-            _ => None,
-        }
-    }
-
     /// What it reads of a pass over the training views. The detail safeguard beside every selector but `pairs` reads channels.
     pub fn reads(self) -> Wanted {
         match self {
             Self::Contribution | Self::Radsplat | Self::Lightgaussian | Self::Change => Wanted::BOTH,
             Self::Removal => Wanted { residual: true, ..Wanted::BOTH },
-            Self::GnsoMeasured | Self::CssMeasured | Self::Elimination => {
-                Wanted { residual: true, sketches: true, ..Wanted::BOTH }
-            }
             Self::Pairs => Wanted::SCORES,
             _ => Wanted::CHANNELS,
         }
@@ -143,14 +110,7 @@ impl Selector {
     pub fn score(self, statistics: &Statistics<'_>, seed: u64) -> Option<Vec<f64>> {
         let by = |score: fn(&Score) -> f64| Some(statistics.scores.iter().map(score).collect());
         match self {
-            Self::Gnso
-            | Self::Ordinary
-            | Self::Lowdin
-            | Self::Css
-            | Self::GnsoMeasured
-            | Self::CssMeasured
-            | Self::Elimination
-            | Self::Pairs => None,
+            Self::Gnso | Self::Ordinary | Self::Lowdin | Self::Css | Self::Pairs => None,
             Self::Importance => Some(statistics.rows.par_iter().map(importance).collect()),
             Self::Contribution => by(|s| s.contribution.into()),
             Self::Opacity => Some(statistics.opacity.iter().map(|&x| x.into()).collect()),

@@ -1,5 +1,6 @@
 //! `report.html` of a run: its sections in order.
 
+mod blocks;
 mod details;
 mod pictures;
 mod pruning;
@@ -21,6 +22,7 @@ pub fn page(results: &RunRecord, stacks: &[Stack], config: &str) -> String {
         Section::new("pictures", "Pictures", pictures::body(results, stacks)),
         Section::new("quality", "Quality over time", quality::body(results)),
         Section::new("pruning", "Pruning", pruning::body(results)),
+        Section::new("blocks", "What the blocks say", blocks::body(&results.prunes)),
         Section::new("time", "Time by stage", time::body(results)),
         Section::new("views", "Held-out views", details::views(results)),
         Section::new("protocol", "Protocol", details::protocol(results)),

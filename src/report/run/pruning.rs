@@ -64,19 +64,12 @@ fn one(prune: &PruneRecord) -> Markup {
     }
     html! {
         (facts(&known))
-        (side_by_side(&[occupancy(prune), kept_shares(prune), spectrum(prune), modes(prune), times(&prune.seconds)]))
+        (side_by_side(&[kept_shares(prune), times(&prune.seconds)]))
     }
 }
 
 fn number(v: f64) -> String {
     short(v)
-}
-
-fn occupancy(prune: &PruneRecord) -> Markup {
-    let name = |bin: usize| (1_usize << bin.min(40)).to_string();
-    let bins: Vec<(String, f64)> = prune.occupancy.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
-    let (x, y) = ("Gaussians in a block: from this number up to the next", Axis::from_zero("blocks"));
-    Columns { title: "Block occupancy", x, y, bins: &bins, text: number }.draw()
 }
 
 fn kept_shares(prune: &PruneRecord) -> Markup {
@@ -86,36 +79,11 @@ fn kept_shares(prune: &PruneRecord) -> Markup {
     Columns { title: "Share kept", x, y, bins: &bins, text: number }.draw()
 }
 
-fn spectrum(prune: &PruneRecord) -> Markup {
-    if prune.spectrum.iter().all(|l| *l == 0.0) {
-        return html! { figure class="plot" { figcaption { "Eigenvalue spectrum" } (unsolved()) } };
-    }
-    let bins: Vec<(String, f64)> = prune.spectrum.iter().enumerate().map(|(k, l)| ((k + 1).to_string(), *l)).collect();
-    let title = "Eigenvalue spectrum, mean over blocks";
-    let (x, y) = ("eigenvalue, largest first", Axis::log("share of the block's sum"));
-    let text = |l: f64| if l >= 0.001 { percent(l, 1.0) } else { short(l) };
-    Columns { title, x, y, bins: &bins, text }.draw()
-}
-
-fn modes(prune: &PruneRecord) -> Markup {
-    if prune.modes.iter().all(|n| *n == 0) {
-        return html! { figure class="plot" { figcaption { "Modes" } (unsolved()) } };
-    }
-    let bins: Vec<(String, f64)> =
-        prune.modes.iter().enumerate().map(|(k, n)| ((k + 1).to_string(), *n as f64)).collect();
-    let (x, y) = ("eigenvalues that reach the energy threshold", Axis::from_zero("blocks"));
-    Columns { title: "Modes", x, y, bins: &bins, text: number }.draw()
-}
-
-fn unsolved() -> Markup {
-    absent("This selector does not solve an eigenproblem.")
-}
-
 fn times(s: &PruneSeconds) -> Markup {
     let named = [
         ("responses", s.responses),
         ("partition", s.partition),
-        ("overlaps and solution", s.assemble_and_solve),
+        ("blocks, on device and host", s.assemble_and_solve),
         ("selection", s.select),
         ("merging and compaction", s.merge),
     ];

@@ -60,7 +60,7 @@ fn counts_are_exact() {
     let device = device();
     let mut trained = trainer(&device, options());
     train(&mut trained, 60);
-    let responses = trained.responses(Wanted { residual: true, sketches: true, ..Wanted::BOTH }).unwrap();
+    let responses = trained.responses(Wanted { residual: true, ..Wanted::BOTH }).unwrap();
     let model = trained.download().unwrap();
     let selectors: Vec<Selector> = Selector::NAMES.iter().map(|(s, _)| *s).filter(|s| *s != Selector::Pairs).collect();
     let resident = trained.model();

@@ -1,15 +1,14 @@
 //! The solvers agree; fallbacks; batches.
 
+use super::Made;
 use proptest::prelude::*;
 use qirf_vk::qirf::batch::{Block, Collected, Solver};
-use qirf_vk::qirf::normalise::within_block;
-use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram, lowdin};
+use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram, lowdin, solve};
 use qirf_vk::qirf::select::{BlockSelector, css, rank};
 use qirf_vk::qirf::{CHANNELS, Row};
 use qirf_vk::random::uniform;
 use qirf_vk::reference::overlap::{Primitive, block as overlaps};
 use qirf_vk::reference::participation::participation;
-use qirf_vk::reference::rrdm;
 
 /// Overlaps of m random Gaussians in a box with `density` of them per unit of volume.
 fn random_block(m: usize, density: f64, seed: u64) -> (Vec<f32>, Vec<[f32; CHANNELS]>) {
@@ -36,19 +35,25 @@ proptest! {
     #[test]
     fn the_solvers_agree(m in 1..90_usize, density in 0.05..20.0_f64, seed in any::<u64>()) {
         let (n, rows) = random_block(m, density, seed);
-        let metric = Gram::new(m, &n, None, 1e-4);
-        let w = within_block(&wide(&rows), 0.75, 1e-4);
-        let [full, low, single] = Eigensolver::ALL.map(|solver| Factor::new(&metric, solver).participation(&w, 0.95));
-        let most = full.q.iter().copied().fold(0.0, f64::max);
+        let made = Made::new(&n, &rows);
+        let [full, low, single] = Eigensolver::HOST.map(|solver| made.solved(solver));
+        // P comes in float32: its rounding, at most 2^-24 of its trace, grows by the metric's condition. N's diagonal is 1, so
+        // that the condition bounds the inverse, too.
+        let condition = Gram::new(m, &n, None, 1e-4).condition().unwrap();
+        let trace: f64 = made.matrices().rows().0.iter().flatten().map(|x| x * x).sum();
+        let allowed = 0.5_f64.powi(22) * trace * condition;
         for k in 0..CHANNELS {
-            prop_assert!((full.spectrum[k] - low.spectrum[k]).abs() <= 1e-10 * full.spectrum[0]);
-            prop_assert!((single.spectrum[k] - low.spectrum[k]).abs() <= 2e-2 * full.spectrum[0]);
+            prop_assert!((full.spectrum[k] - low.spectrum[k]).abs() <= allowed);
+            prop_assert!((single.spectrum[k] - low.spectrum[k]).abs() <= 2e-2 * low.spectrum[0]);
         }
-        prop_assert_eq!(full.r, low.r);
+        let gap = low.spectrum[low.r - 1] - low.spectrum.get(low.r).copied().unwrap_or(0.0);
+        let share = |r: usize| low.spectrum[..r].iter().sum::<f64>() / low.spectrum.iter().sum::<f64>();
+        let near = (share(low.r) - 0.95).min(0.95 - share(low.r - 1)) * trace <= 16.0 * allowed;
+        prop_assert!(full.r == low.r || near);
+        let q_allowed = condition * allowed * (1.0 + 2.0 * low.spectrum[0] / gap);
         for (a, b) in full.q.iter().zip(&low.q) {
-            prop_assert!((a - b).abs() <= 1e-9 * most);
+            prop_assert!(near || (a - b).abs() <= q_allowed, "{a} and {b}, {q_allowed:.1e} allowed");
         }
-        prop_assert_eq!(rank(&full.q), rank(&low.q));
         // u^T (N + eps I) u = 1 holds the sum: q of all eight weighs the metric's inverse by P.
         prop_assert!(low.r <= CHANNELS.min(m));
     }
@@ -58,13 +63,12 @@ proptest! {
 fn every_solver_agrees_with_the_twin() {
     for (m, density, seed) in [(1, 1.0, 1), (5, 0.1, 2), (24, 20.0, 3), (60, 3.0, 4), (90, 0.5, 5)] {
         let (n, rows) = random_block(m, density, seed);
-        let gram = Gram::new(m, &n, None, 1e-4);
-        let w = within_block(&wide(&rows), 0.75, 1e-4);
+        let made = Made::new(&n, &rows);
         let overlaps: Vec<f64> = n.iter().map(|&x| f64::from(x)).collect();
-        let twin = participation(&overlaps, &w, 1e-4, 0.95).expect("a positive definite metric");
+        let twin = participation(&overlaps, &made.matrices().rows().0, 1e-4, 0.95).expect("a positive definite metric");
         let most = twin.q.iter().copied().fold(0.0, f64::max);
-        for (solver, allowed) in Eigensolver::ALL.into_iter().zip([1e-8, 1e-8, 2e-2]) {
-            let solved = Factor::new(&gram, solver).participation(&w, 0.95);
+        for (solver, allowed) in Eigensolver::HOST.into_iter().zip([2e-4, 1e-8, 2e-2]) {
+            let solved = made.solved(solver);
             assert!(solver == Eigensolver::LowRankF32 || solved.r == twin.r, "{solver}, {m} members");
             for (got, expected) in solved.spectrum.iter().zip(&twin.spectrum) {
                 assert!(
@@ -75,7 +79,7 @@ fn every_solver_agrees_with_the_twin() {
             for (got, expected) in solved.q.iter().zip(&twin.q) {
                 assert!(
                     solver == Eigensolver::LowRankF32 || (got - expected).abs() <= allowed * most,
-                    "{solver}, {m} members"
+                    "{solver}, {m} members: {got}, {expected} of {most}"
                 );
             }
         }
@@ -86,29 +90,12 @@ fn every_solver_agrees_with_the_twin() {
 fn float32_keeps_the_same_set_of_separate_functions() {
     for seed in 0..20 {
         let (n, rows) = random_block(64, 0.3, seed);
-        let metric = Gram::new(64, &n, None, 1e-4);
-        let w = within_block(&wide(&rows), 0.75, 1e-4);
-        let [full, _, single] = Eigensolver::ALL.map(|solver| Factor::new(&metric, solver).participation(&w, 0.95));
+        let made = Made::new(&n, &rows);
+        let [full, _, single] = Eigensolver::HOST.map(|solver| made.solved(solver));
         let kept = |q: &[f64]| rank(q).iter().map(|&place| place < 18).collect::<Vec<_>>();
         let differing = kept(&full.q).iter().zip(kept(&single.q)).filter(|(a, b)| **a != *b).count();
         assert!(differing <= 2, "{differing} of block {seed}"); // at most one near tie changes sides
     }
-}
-
-#[test]
-fn w_is_that_of_the_twin() {
-    let (_, rows) = random_block(30, 1.0, 5);
-    let bare = wide(&rows);
-    let eta = 0.75_f64;
-    let weight = |c: usize| if c < 4 { eta.sqrt() } else { (1.0 - eta).sqrt() };
-    let h: Vec<Row> = bare.iter().map(|row| std::array::from_fn(|c| row[c] * weight(c))).collect();
-    let (w, twin) = (within_block(&h, eta, 1e-4), rrdm::w(&bare, eta, 1e-4));
-    for (a, b) in w.iter().flatten().zip(twin.iter().flatten()) {
-        assert!((a - b).abs() < 1e-14);
-    }
-    let p = rrdm::p(&w);
-    let trace: f64 = (0..30).map(|i| p[i * 30 + i]).sum();
-    assert!((trace - 1.0).abs() < 1e-4);
 }
 
 #[test]
@@ -117,8 +104,9 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
     let n = [1.0, 1.2, 0.0, 1.2, 1.0, 0.0, 0.0, 0.0, 1.0];
     let metric = Gram::new(3, &n, None, 1e-4);
     let w: Vec<Row> = vec![[1.0; CHANNELS], [1.0; CHANNELS], [0.5; CHANNELS]];
-    for solver in Eigensolver::ALL {
-        let solved = Factor::new(&metric, solver).participation(&w, 0.95);
+    let p = [8.0, 8.0, 4.0, 8.0, 4.0, 2.0];
+    for solver in Eigensolver::HOST {
+        let solved = solve(&metric, &w, &p, solver, 0.95).0;
         assert!(solved.canonical, "{solver}");
         // Along (1, 1)/sqrt 2: lambda = 16 / 2.2001; along e_3: 8/4 / 1.0001; their sum is of rank one, 8 columns alike.
         let expected = 16.0 / 2.2001 + 2.0 / 1.0001;
@@ -131,8 +119,8 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
 #[test]
 fn a_metric_without_any_positive_eigenvalue_still_answers() {
     let metric = Gram::new(2, &[-1.0, 0.0, 0.0, -2.0], None, 1e-4);
-    for solver in Eigensolver::ALL {
-        let solved = Factor::new(&metric, solver).participation(&[[1.0; CHANNELS]; 2], 0.95);
+    for solver in Eigensolver::HOST {
+        let solved = solve(&metric, &[[1.0; CHANNELS]; 2], &[8.0; 3], solver, 0.95).0;
         assert_eq!((solved.q, solved.r, solved.canonical), (vec![0.0; 2], 1, true));
     }
     assert_eq!(lowdin(&metric, &[&[[1.0; CHANNELS]; 2]]), [[0.0; 2]]);
@@ -193,21 +181,22 @@ fn a_batch_gives_what_its_blocks_give_and_damage_is_counted() {
     let mut made: Vec<_> = sizes.iter().zip(0..).map(|(&m, seed)| random_block(m, 1.0, seed)).collect();
     made[3].0[1] = f32::NAN;
     made[3].0[40] = f32::NAN;
-    made[3].1[5][2] = f32::INFINITY;
     made[4].1.fill([0.0; CHANNELS]);
     let opacity = [0.1_f32, 0.9, 0.5];
     let opacities: Vec<Vec<f32>> = sizes.iter().map(|&m| (0..m).map(|i| opacity[i % 3]).collect()).collect();
+    let mut made: Vec<Made> = made.iter().map(|(overlap, rows)| Made::new(overlap, rows)).collect();
+    made[3].factor[5] = f32::INFINITY;
     let batch: Vec<Block> = made
         .iter()
         .zip(&opacities)
-        .map(|((overlap, rows), opacity)| Block { overlap, rows, opacity, self_overlaps: None })
+        .map(|(made, opacity)| Block { matrices: made.matrices(), opacity, self_overlaps: None })
         .collect();
     let solved = solver.solve(&batch);
     let blocks = super::blocks(&sizes);
-    let mut all = Collected::new(&blocks, 4);
+    let mut all = Collected::new(&blocks, &solver.selectors);
     for (b, (solved, block)) in solved.iter().zip(&batch).enumerate() {
         assert_eq!(*solved, solver.solve_one(block));
-        for ranked in &solved.ranked {
+        for (_, ranked) in &solved.ranked {
             let mut places = ranked.rank.clone();
             places.sort_unstable();
             assert_eq!(places, (0..sizes[b] as u32).collect::<Vec<_>>());
@@ -215,44 +204,19 @@ fn a_batch_gives_what_its_blocks_give_and_damage_is_counted() {
         }
         all.take(&blocks, b, solved);
     }
+    // N is symmetric: its broken entry stands twice.
     assert_eq!((all.unseen, all.repaired, all.rankings.len(), all.r.len()), (1, 3, 4, 5));
+    assert!(all.participation.iter().all(|q| q.is_finite() && *q >= 0.0));
     // Without any response opacity decides.
-    assert_eq!(solved[4].ranked[0].rank, [2, 0, 1]);
+    assert_eq!(solved[4].ranked[0].1.rank, [2, 0, 1]);
 }
 
 #[test]
 fn the_literal_raw_overlap_drowns_in_epsilon() {
     let (n, rows) = random_block(20, 3.0, 1);
     let own = vec![1e-9; 20];
-    let w = within_block(&wide(&rows), 0.75, 1e-4);
+    let w = Made::new(&n, &rows).matrices().rows().0;
     let raw = Factor::new(&Gram::new(20, &n, Some(&own), 1e-4), Eigensolver::LowRank).participation(&w, 0.95);
     let ordinary = Factor::Identity.participation(&w, 0.95);
     assert_eq!(rank(&raw.q), rank(&ordinary.q));
-}
-
-#[test]
-#[ignore = "a timing"]
-fn microseconds_a_block() {
-    for m in [64, 256, 1024] {
-        let (n, rows) = random_block(m, 0.5, 1);
-        let w = within_block(&wide(&rows), 0.75, 1e-4);
-        let repeats = if m == 1024 { 3 } else { 20 };
-        let time = |name: &str, work: &dyn Fn()| {
-            let best = (0..repeats).map(|_| {
-                let start = std::time::Instant::now();
-                work();
-                start.elapsed()
-            });
-            println!("m = {m}: {name} {:?}", best.min().unwrap());
-        };
-        time("metric", &|| drop(Gram::new(m, &n, None, 1e-4)));
-        let metric = Gram::new(m, &n, None, 1e-4);
-        for solver in Eigensolver::ALL {
-            time(&solver.to_string(), &|| drop(Factor::new(&metric, solver).participation(&w, 0.95)));
-        }
-        time("lowdin", &|| drop(lowdin(&metric, &[&w])));
-        let weights: Vec<f64> = w.iter().map(|row| row.iter().map(|x| x * x).sum::<f64>().sqrt()).collect();
-        time("css 0.28", &|| drop(css::order(&n, &weights, m * 28 / 100)));
-        time("css 0.5", &|| drop(css::order(&n, &weights, m / 2)));
-    }
 }

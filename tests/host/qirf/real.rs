@@ -1,23 +1,22 @@
 //! Blocks of a real model, with random responses: the solvers agree, and their times are printed.
 
+use super::Made;
 use crate::support::shared;
 use std::time::{Duration, Instant};
 
 use qirf_vk::gaussians::formats;
+use qirf_vk::qirf::CHANNELS;
 use qirf_vk::qirf::batch::{Block, Collected, Solver};
-use qirf_vk::qirf::normalise::{rows, within_block};
-use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram};
+use qirf_vk::qirf::normalise::rows;
+use qirf_vk::qirf::participation::Eigensolver;
 use qirf_vk::qirf::partition::Partition;
 use qirf_vk::qirf::select::BlockSelector;
 use qirf_vk::qirf::select::budget::{Budget, Keep, choose};
 use qirf_vk::qirf::select::rank;
-use qirf_vk::qirf::{CHANNELS, Row};
 use qirf_vk::random::uniform;
 use qirf_vk::reference::overlap::{Primitive, block as overlaps};
 use rayon::prelude::*;
 
-const EPSILON: f64 = 1e-4;
-const TAU: f64 = 0.95;
 const ETA: f64 = 0.75;
 
 /// Responses over four orders of magnitude, a tenth of them zero.
@@ -52,36 +51,30 @@ fn a_thousand_real_blocks() {
         overlaps(&primitives).into_iter().map(|x| x as f32).collect()
     };
     let all: Vec<Vec<f32>> = (0..blocks.len()).into_par_iter().map(overlap).collect();
-    let gathered: Vec<Vec<[f32; CHANNELS]>> =
-        blocks.iter().map(|members| members.iter().map(|&i| h[i as usize]).collect()).collect();
+    let gathered = |members: &[u32]| members.iter().map(|&i| h[i as usize]).collect::<Vec<_>>();
+    let made: Vec<Made> = blocks.iter().zip(&all).map(|(members, n)| Made::new(n, &gathered(members))).collect();
 
     let differs = |b: usize| {
         let m = blocks.block(b).len();
-        let wide: Vec<Row> = gathered[b].iter().map(|row| row.map(f64::from)).collect();
-        let w = within_block(&wide, ETA, EPSILON);
-        let metric = Gram::new(m, &all[b], None, EPSILON);
-        let [full, low, single] = Eigensolver::ALL.map(|solver| Factor::new(&metric, solver).participation(&w, TAU));
+        let [full, low, single] = Eigensolver::HOST.map(|solver| made[b].solved(solver));
         for (x, y) in full.spectrum.iter().zip(&low.spectrum) {
-            assert!((x - y).abs() <= 1e-10 * full.spectrum[0].max(f64::MIN_POSITIVE), "block {b}: {x} and {y}");
+            assert!((x - y).abs() <= 1e-4 * low.spectrum[0].max(f64::MIN_POSITIVE), "block {b}: {x} and {y}");
         }
-        assert_eq!(full.r, low.r, "block {b}");
         let k = (m * 28).div_ceil(100);
         let kept = |q: &[f64]| rank(q).iter().map(|&place| (place as usize) < k).collect::<Vec<_>>();
-        assert_eq!(kept(&full.q), kept(&low.q), "block {b}");
         assert!(!low.canonical && !single.canonical, "block {b}");
-        usize::from(kept(&single.q) != kept(&low.q))
+        [&full, &single].map(|other| usize::from(kept(&other.q) != kept(&low.q)))
     };
-    let differing: usize = (0..1000).into_par_iter().map(differs).sum();
-    println!("sets in float32 differ in {differing} of 1000 blocks");
-    assert!(differing <= 50);
+    let differing: Vec<[usize; 2]> = (0..1000).into_par_iter().map(differs).collect();
+    let [full, single] = [0, 1].map(|k| differing.iter().map(|d| d[k]).sum::<usize>());
+    println!("of 1000 blocks' sets, {full} differ with P in float32, {single} with the metric in float32");
+    assert!(full <= 5 && single <= 50);
 
-    let batch: Vec<Block> = all
+    let batch: Vec<Block> = made
         .iter()
-        .zip(&gathered)
         .zip(blocks.iter())
-        .map(|((overlap, rows), members)| Block {
-            overlap,
-            rows,
+        .map(|(made, members)| Block {
+            matrices: made.matrices(),
             opacity: &model.opacity_logits[..members.len()],
             self_overlaps: None,
         })
@@ -91,10 +84,10 @@ fn a_thousand_real_blocks() {
         let start = Instant::now();
         let solved = solver.solve(&batch);
         let took: Duration = start.elapsed();
-        let mut collected = Collected::new(blocks, 1);
+        let mut collected = Collected::new(blocks, &solver.selectors);
         solved.iter().enumerate().for_each(|(b, solved)| collected.take(blocks, b, solved));
         let start = Instant::now();
-        let choice = choose(blocks, &collected.rankings[0], &collected.r, Budget::Hybrid, Keep::Share(0.28), None);
+        let choice = choose(blocks, &collected.rankings[0].1, &collected.r, Budget::Hybrid, Keep::Share(0.28), None);
         println!("{selector:?}: solved in {took:?}, chosen in {:?}", start.elapsed());
         assert_eq!(choice.kept(), (0.28 * model.len() as f64).round() as usize);
     }

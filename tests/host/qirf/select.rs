@@ -1,5 +1,6 @@
 //! Budgets, ties, the safeguard, selectors of single Gaussians, merging.
 
+use super::Made;
 use proptest::prelude::*;
 use qirf_vk::qirf::CHANNELS;
 use qirf_vk::qirf::batch::{Block, Collected, Solver};
@@ -70,12 +71,14 @@ fn equals_are_ranked_by_index_in_blocks_of_any_size() {
         for (across, response) in [(0.0, 1.0), (0.0, 0.0), (0.5, 1.0), (0.5, 0.0)] {
             let overlap: Vec<f32> = (0..m * m).map(|k| if k % (m + 1) == 0 { 1.0 } else { across }).collect();
             let (rows, opacity) = (vec![[response; CHANNELS]; m], vec![0.5; m]);
-            let block = Block { overlap: &overlap, rows: &rows, opacity: &opacity, self_overlaps: None };
+            let made = Made::new(&overlap, &rows);
+            let block = Block { matrices: made.matrices(), opacity: &opacity, self_overlaps: None };
             let solved = solver.solve_one(&block);
             assert_eq!(solved, solver.solve_one(&block), "once more");
-            assert_eq!((solved.unseen, solved.canonical), (response == 0.0, false));
-            assert!(solved.r == 1 && solved.spectrum.iter().all(|l| l.is_finite()));
-            for (ranked, selector) in solved.ranked.iter().zip(&solver.selectors) {
+            let modes = solved.modes.as_ref().expect("the host solves");
+            assert_eq!((modes.unseen, modes.canonical, modes.fallback), (response == 0.0, false, false));
+            assert!(modes.r == 1 && modes.spectrum.iter().all(|l| l.is_finite()));
+            for (selector, ranked) in &solved.ranked {
                 let told = format!("{selector:?}, {m} of overlap {across}, response {response}");
                 // After the column subset picks the first of overlapping equals, the others are still equal: by index.
                 assert_eq!(ranked.rank, (0..m as u32).collect::<Vec<_>>(), "{told}");
@@ -92,14 +95,16 @@ fn a_metric_that_is_not_positive_definite_is_counted() {
     let sound = [1.0, 0.3, 0.3, 1.0];
     let broken = [1.0, 1.2, 1.2, 1.0];
     let rows = [[1.0_f32; CHANNELS], [0.5; CHANNELS]];
-    let block = |overlap| Block { overlap, rows: &rows, opacity: &[0.5, 0.5], self_overlaps: None };
+    let made = [sound, broken, sound].map(|overlap| Made::new(&overlap, &rows));
+    let batch =
+        made.each_ref().map(|made| Block { matrices: made.matrices(), opacity: &[0.5, 0.5], self_overlaps: None });
     let blocks = super::blocks(&[2, 2, 2]);
-    let mut all = Collected::new(&blocks, 1);
-    for (b, solved) in solver.solve(&[block(&sound), block(&broken), block(&sound)]).iter().enumerate() {
+    let mut all = Collected::new(&blocks, &solver.selectors);
+    for (b, solved) in solver.solve(&batch).iter().enumerate() {
         all.take(&blocks, b, solved);
     }
-    assert_eq!((all.canonical, all.repaired, all.unseen), (1, 0, 0));
-    assert!(all.spectrum.iter().all(|l| l.is_finite()) && all.r == [1, 1, 1]);
+    assert_eq!((all.fallbacks, all.canonical, all.repaired, all.unseen), (1, 1, 0, 0));
+    assert!(all.energies.iter().flatten().all(|l| l.is_finite()) && all.r == [1, 1, 1]);
 }
 
 #[test]
@@ -188,7 +193,7 @@ fn selectors_of_single_gaussians() {
     for (selector, name) in Selector::NAMES {
         assert_eq!(name.parse::<Selector>().unwrap(), selector);
         assert_eq!(selector.to_string(), name);
-        let of_more = selector.of_blocks().is_some() || selector.of_measured().is_some() || selector == Selector::Pairs;
+        let of_more = selector.of_blocks().is_some() || selector == Selector::Pairs;
         assert_eq!(!of_more, order(selector).is_some());
     }
     assert!("gsno".parse::<Selector>().unwrap_err().contains("gnso"));

@@ -168,6 +168,7 @@ fn colours_mean_what_the_page_says() {
         block: vec![0, 0, 1, 1, NO_BLOCK, 2],
         score: vec![0.0, 1.0, 2.0, 3.0, 4.0, 100.0],
         flags: vec![KEPT | DETAIL, MERGED, UNSEEN, KEPT | CANONICAL, REPAIRED, KEPT],
+        participation: vec![0.5, 0.4, 0.3, 0.2, 0.1, 0.0],
     };
     let file = folder.path().join("row.safetensors");
     facts.write(&file, &model).unwrap();

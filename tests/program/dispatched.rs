@@ -1,0 +1,64 @@
+//! Which command dispatches which kernel: the last row of the equations in docs/engine.md, held against what commands do.
+
+use super::run::{command, scene, works};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// The code spans of a table's cell.
+fn spans(cell: &str) -> Vec<String> {
+    cell.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
+/// Kernels of the table and the commands that dispatch them.
+fn documented() -> Vec<(String, Vec<String>)> {
+    let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/engine.md")).unwrap();
+    let row = |name: &str| -> Vec<Vec<String>> {
+        let line = text.lines().find(|l| l.starts_with(&format!("| {name} |"))).unwrap_or_else(|| panic!("row {name}"));
+        line.trim_matches('|').split('|').skip(1).map(spans).collect()
+    };
+    let (kernels, commands) = (row("kernel"), row("dispatched by"));
+    assert_eq!(kernels.len(), commands.len());
+    let name = |path: &String| Some(path.strip_prefix("glsl/")?.strip_suffix(".comp")?.to_owned());
+    kernels
+        .iter()
+        .zip(commands)
+        .flat_map(|(kernels, commands)| kernels.iter().filter_map(name).map(move |k| (k, commands.clone())))
+        .collect()
+}
+
+/// Kernels that a command dispatches: a pipeline is made at its first dispatch, and told of.
+fn dispatched(scene: &Path, out: &Path, options: &str) -> BTreeSet<String> {
+    let more: Vec<&str> = options.split(' ').filter(|o| !o.is_empty()).chain(["-v", "-v"]).collect();
+    let output = works(&mut command(scene, out, &more));
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    text.lines().filter_map(|line| line.split_once("pipeline ")?.1.split(' ').next().map(str::to_owned)).collect()
+}
+
+#[test]
+fn the_equations_kernels_are_dispatched_by_the_commands_that_the_documentation_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let documented = documented();
+    let all: BTreeSet<&String> = documented.iter().flat_map(|(_, commands)| commands).collect();
+    for needed in ["run", "run --preset paper"] {
+        assert!(all.iter().any(|c| *c == needed), "docs/engine.md names `{needed}`");
+    }
+    let by_command: BTreeMap<&String, BTreeSet<String>> = all
+        .into_iter()
+        .enumerate()
+        .map(|(k, command)| {
+            let options = command.strip_prefix("run").unwrap_or_else(|| panic!("{command}: not `run`"));
+            (command, dispatched(&scene, &folder.path().join(k.to_string()), options.trim()))
+        })
+        .collect();
+    assert!(documented.len() >= 5, "{documented:?}");
+    for (kernel, commands) in &documented {
+        assert!(!commands.is_empty(), "{kernel}: no command is named");
+        for command in commands {
+            let seen = &by_command[command];
+            assert!(seen.contains(kernel), "`{command}` does not dispatch {kernel}, but: {seen:?}");
+        }
+    }
+    // The default run solves on the host; what it does not dispatch is not claimed.
+    assert!(!by_command[&"run".to_owned()].contains("qirf/participation"));
+}
