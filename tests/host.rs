@@ -4,11 +4,11 @@ mod support;
 
 mod host {
     mod architecture;
-    mod cloak;
     mod effects;
     mod figures;
     mod formats;
     mod initialise;
+    mod learnt_mask;
     mod metrics;
     mod naive;
     mod qirf;

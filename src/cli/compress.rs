@@ -13,6 +13,7 @@ use crate::gaussians::formats;
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::Error;
 use crate::pipeline::compress::{self, Input};
+use crate::pipeline::config::no_methods;
 use crate::pipeline::records::{CompressRecord, StageScores, Truth};
 use crate::pipeline::{Output, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
@@ -76,8 +77,14 @@ impl Arguments {
         let mut watcher = Show::new(console);
         watcher.record(self.diagnostics.as_deref().map(Recorder::of_file));
         let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
-        let session =
-            Session { device: &device, networks: &Networks::default(), host_bytes, scratch, watcher: &watcher };
+        let session = Session {
+            device: &device,
+            networks: &Networks::default(),
+            host_bytes,
+            scratch,
+            watcher: &watcher,
+            methods: no_methods,
+        };
         let config = self.options.configuration(style, self.fine_tune)?;
         let subject = || view::of_compression(&config, &input.model, &self.output, console);
         let subject = self.watched.view.then(subject).transpose()?;

@@ -11,6 +11,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::Error;
+use crate::pipeline::config::no_methods;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::records::{RunRecord, ViewScores};
 use crate::pipeline::{Output, RunConfig, Selection, Session, host_bytes};
@@ -102,7 +103,14 @@ impl Arguments {
         let output = self.output.as_deref().map(Output::new).transpose()?;
         let watcher = Show::new(console);
         let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
-        let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
+        let session = Session {
+            device: &device,
+            networks: &networks,
+            host_bytes,
+            scratch,
+            watcher: &watcher,
+            methods: no_methods,
+        };
         let record = eval::eval(&session, &self.model, &loaded.gaussians, &evaluation, output.as_ref())?;
         tell_of_missing(&networks, console);
         self.report(console, &record)
@@ -126,7 +134,14 @@ impl Arguments {
         let device = global.open_with(self.memory_budget)?;
         let watcher = Show::new(console);
         let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
-        let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
+        let session = Session {
+            device: &device,
+            networks: &networks,
+            host_bytes,
+            scratch,
+            watcher: &watcher,
+            methods: no_methods,
+        };
         let background = self.background.unwrap_or([0.0; 3]);
         let held_out = eval::against(&session, [(&model.0, model.1), (&original.0, original.1)], background)?;
         tell_of_missing(&networks, console);

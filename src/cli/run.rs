@@ -9,6 +9,7 @@ use super::show::Show;
 use super::training::Training;
 use super::view::{self, Watched};
 use super::{Global, tell_of_missing};
+use crate::lab::methods::make;
 use crate::pipeline::Error;
 use crate::pipeline::output::same_place;
 use crate::pipeline::records::RunRecord;
@@ -102,7 +103,8 @@ impl Arguments {
         let networks = self.resources.networks()?;
         let device = self.resources.device(global)?;
         let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
-        let session = Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher };
+        let session =
+            Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher, methods: make };
         let subject = self.watched.view.then(|| view::of_run(&config, &self.output, console)).transpose()?;
         let record = self
             .watched

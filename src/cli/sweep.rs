@@ -9,6 +9,7 @@ use super::training::Training;
 use super::values::{self, Up};
 use super::{Global, tell_of_missing};
 use crate::gaussians::formats::Loaded;
+use crate::lab::methods::make;
 use crate::lab::sweep::records::figure;
 use crate::lab::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
 use crate::metrics::Networks;
@@ -101,8 +102,14 @@ impl Arguments {
         Output::new(&self.output)?;
         let watcher = Show::new(console);
         let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
-        let session =
-            Session { device: &device, networks: &Networks::default(), host_bytes, scratch, watcher: &watcher };
+        let session = Session {
+            device: &device,
+            networks: &Networks::default(),
+            host_bytes,
+            scratch,
+            watcher: &watcher,
+            methods: make,
+        };
         let (described, mut axes) = self.light(&session, console, &asked)?;
         if asked.iter().any(|a| a.axis().heavy()) {
             let networks = self.resources.networks()?;

@@ -142,8 +142,9 @@ impl Training {
             exposure: false,
             max_gaussians: self.max_gaussians as usize,
             checkpoint_every: self.checkpoint_every,
-            schedule: self.course(),
+            schedule: self.schedule(),
             prune: None,
+            method: None,
             effects: self.overrides(),
             tuning: None,
         };
@@ -171,7 +172,7 @@ impl Training {
         Ok(config)
     }
 
-    fn course(&self) -> Schedule {
+    fn schedule(&self) -> Schedule {
         let preset = self.preset.schedule(self.iterations);
         let growth = match self.grow_to {
             None => preset.growth,

@@ -16,8 +16,8 @@ use crate::gaussians::formats;
 use crate::pipeline::Error;
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
-use crate::train::learnt_masks::MasksCut;
 use crate::train::loss::Weights;
+use crate::train::method::Cut;
 use crate::train::{Options, Trainer};
 use std::ops::Range;
 use std::time::Instant;
@@ -44,6 +44,7 @@ impl<'a> ActiveRun<'a> {
         let Setup { session, prepared, .. } = setup;
         let device = session.device;
         let settings = config.style.over(prepared.background);
+        let method = session.method(config)?;
         let options = |gaussians: usize| Options {
             schedule: config.schedule.clone(),
             settings,
@@ -55,6 +56,7 @@ impl<'a> ActiveRun<'a> {
             exposure: config.exposure.then(|| setup.exposures.clone()),
             weights: Weights::default(),
             averaged: averaged(config),
+            method: method.clone(),
             pairs: pairs::few(session.device, gaussians),
         };
         let views = prepared.train.clone();
@@ -112,10 +114,11 @@ impl<'a> ActiveRun<'a> {
             watcher.training(&progress, last);
             watcher.look(&self.trainer);
             let at = progress.iteration;
-            if let Some(cut) = self.trainer.masks_cut().filter(|cut| at > now && cut.iteration == at) {
-                let MasksCut { before, shown, after, .. } = cut;
-                let note =
-                    format!("after iteration {at}: {after} of {before} Gaussians kept; masks would have kept {shown}");
+            if let Some(cut) = self.trainer.cut().filter(|cut| at > now && cut.iteration == at) {
+                let Cut { before, shown, after, .. } = cut;
+                let note = format!(
+                    "after iteration {at}: {after} of {before} Gaussians kept; the method would have kept {shown}"
+                );
                 watcher.note(&note);
             }
             let recorded = self.notes.curve.last().is_some_and(|p| p.iteration == at);
@@ -137,7 +140,7 @@ impl<'a> ActiveRun<'a> {
     fn due(&self, prunes: &[u32]) -> bool {
         let now = self.trainer.iteration();
         match self.trainer.attrition() {
-            Some(contest) => contest.over(now, self.trainer.trained()),
+            Some(attrition) => attrition.over(now, self.trainer.trained()),
             None => prunes.get(self.notes.prunes.len()).is_some_and(|at| *at <= now),
         }
     }
@@ -184,8 +187,8 @@ impl<'a> ActiveRun<'a> {
     fn prune(&mut self, steps: usize) -> Result<(), Error> {
         let Some(pruning) = &self.config.prune else { return Ok(()) };
         let Setup { session, prepared, .. } = self.setup;
-        let contest = self.trainer.attrition().copied();
-        if self.notes.prunes.is_empty() && contest.is_none() {
+        let attrition = self.trainer.attrition().copied();
+        if self.notes.prunes.is_empty() && attrition.is_none() {
             exhibits::dense(&mut self.evaluator, self.trainer.model(), prepared, &self.output.renders())?;
             if let Some(attrition) = pruning.attrition {
                 self.trainer.begin_attrition(attrition, pruning.survivors(self.trainer.trained()))?;
@@ -195,12 +198,12 @@ impl<'a> ActiveRun<'a> {
         }
         let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
         let next = || pruning.keep(self.notes.prunes.len(), steps, self.trainer.trained());
-        let keep = contest.map_or_else(next, |c| Keep::Count(c.survivors));
+        let keep = attrition.map_or_else(next, |c| Keep::Count(c.survivors));
         let request = PruneRequest { compression: &pruning.compression, keep, seed: self.config.seed };
         let follow = |model: &_, facts: &_| session.watcher.pruned(model, self.config.style.mode(), facts);
         let mut pruned = prune_followed(session.device, &mut self.trainer, pruning.responses, &request, follow)?;
         pruned.frames_per_second_before = frames;
-        pruned.attrition = contest.map(|c| AttritionRecord { from: c.from, before: c.before });
+        pruned.attrition = attrition.map(|c| AttritionRecord { from: c.from, before: c.before });
         self.trainer.end_attrition();
         if pruning.rewarm && self.notes.prunes.len() + 1 >= steps {
             self.trainer.rewarm()?;
@@ -289,7 +292,7 @@ impl<'a> ActiveRun<'a> {
                 stages_s: trainer.timings().iter().map(|(name, seconds, _)| (name, seconds)).collect(),
             },
             prunes: notes.prunes,
-            masks: trainer.masks_cut(),
+            cut: trainer.cut(),
             curve: notes.curve,
             effects: effects::timed(setup.decisions.clone(), trainer.timings()),
             memory: setup.session.memory(setup.estimated_bytes),

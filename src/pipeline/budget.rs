@@ -6,6 +6,7 @@ use super::evaluate::Evaluator;
 use super::host_memory;
 use super::pairs;
 use super::prepare::{Opened, Prepared};
+use super::session::Session;
 use super::start::Start;
 use super::virtual_views;
 use crate::effects::Effect;
@@ -34,8 +35,9 @@ const HOST_PIXEL: u64 = 32;
 /// ones, or with the largest number allowed if that is less.
 ///
 /// # Errors
-/// [`Error::Memory`] if the device allows less.
-pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Start) -> Result<u64, Error> {
+/// [`Error::Memory`] if the device allows less; those of [`Session::method`].
+pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start: &Start) -> Result<u64, Error> {
+    let (device, method) = (session.device, session.method(config)?);
     let schedule = &config.schedule;
     let grows = (1..=schedule.iterations).any(|i| schedule.densifies(i));
     // Points are thinned to the limit, a model is not; an interrupted run has noted its initial number.
@@ -68,7 +70,7 @@ pub fn for_run(device: &Device, config: &RunConfig, opened: &Opened, start: &Sta
             degree,
             exposure,
             masked,
-            learnt_masks: schedule.learnt_masks.is_some(),
+            method: method.clone(),
             style,
             halves,
             grows,
@@ -157,7 +159,7 @@ impl Fixed<'_> {
             degree,
             exposure: config.exposure,
             masked,
-            learnt_masks: config.schedule.learnt_masks.is_some(),
+            method: None,
             style: config.style,
             halves: config.schedule.halves(1),
             grows,
@@ -287,7 +289,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
         degree,
         exposure: false,
         masked,
-        learnt_masks: false,
+        method: None,
         style: Style { antialias: true, ..style },
         halves: false,
         grows: false,

@@ -1,12 +1,16 @@
 //! The context of every job besides its own configuration.
 
+use super::config::{Methods, RunConfig, no_methods};
+use super::error::Error;
 use super::host_memory::physical;
 use super::records::Memory;
 use super::watcher::{Silent, Watcher};
 use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::scene::PhotoMemory;
+use crate::train::method::Method;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Assumed host memory in bytes, if the system does not report it.
 const HOST: u64 = 8 << 30;
@@ -25,12 +29,22 @@ pub struct Session<'a> {
     pub scratch: Option<&'a Path>,
     /// Follows the job, and may end it.
     pub watcher: &'a (dyn Watcher + Sync),
+    /// Makes the methods that configurations may name.
+    pub methods: Methods,
 }
 
 impl<'a> Session<'a> {
-    /// A session that prints nothing, whose photos may take a quarter of the host's memory.
+    /// A session that prints nothing and knows no methods, whose photos may take a quarter of the host's memory.
     pub fn new(device: &'a Device, networks: &'a Networks) -> Self {
-        Self { device, networks, host_bytes: host_bytes(None), scratch: None, watcher: &Silent }
+        Self { device, networks, host_bytes: host_bytes(None), scratch: None, watcher: &Silent, methods: no_methods }
+    }
+
+    /// The method that trains a configuration's model, if it names one.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a name or a setting that is unknown or wrong; device memory.
+    pub fn method(&self, config: &RunConfig) -> Result<Option<Arc<dyn Method>>, Error> {
+        config.method.as_ref().map(|method| (self.methods)(method, self.device)).transpose()
     }
 
     /// The memory limit of decoded photos, and the folder of the temporary file for the rest: the session's own, else

@@ -57,7 +57,7 @@ impl<'a> Setup<'a> {
             Start::of(config, opened.scene.points.len(), pixels)
         };
         let start = checkpoint.map_or_else(fresh, |checkpoint| Ok(Start::Resumed(Box::new(checkpoint))))?;
-        let estimated_bytes = budget::for_run(device, config, &opened, &start)?;
+        let estimated_bytes = budget::for_run(session, config, &opened, &start)?;
         let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
         let (decisions, gains) = effects::decide(&prepared, config)?;
         watcher.note(&effects::summary(&decisions));

@@ -4,15 +4,15 @@
 
 pub mod adam;
 pub mod bin;
-pub mod cloak;
 pub mod densify;
-pub mod explore;
 pub mod exposure;
 pub mod frame;
 pub mod halve;
 pub mod high_pass;
+pub mod learnt_mask;
 pub mod loss;
 pub mod mask;
+pub mod mcmc;
 pub mod overlap;
 pub mod params;
 pub mod participation;

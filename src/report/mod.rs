@@ -11,7 +11,7 @@ pub mod slider;
 
 use crate::pipeline::Error;
 use crate::pipeline::Output;
-pub use run::masks;
+pub use run::cut;
 
 use crate::pipeline::records::RunRecord;
 

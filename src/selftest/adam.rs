@@ -10,8 +10,9 @@ use crate::gaussians::Gaussians;
 use crate::gpu::{Device, Recording, Result};
 use crate::reference::{self, Params};
 use crate::render::{Backward, Renderer, Settings};
-use crate::train::Trainee;
-use crate::train::adam::{self, Rates};
+use crate::train::TrainingModel;
+use crate::train::adam;
+use crate::train::rates::{Rates, Step};
 
 const RATES: Rates = Rates {
     means: 1e-3,
@@ -36,29 +37,29 @@ struct Stepped {
 
 fn steps(device: &Device, by_image: &[[f32; 4]], with_gradients: bool) -> Result<Stepped> {
     let (model, camera) = (model(), camera(48, 48));
-    let trainee = Trainee::new(device, &model)?;
+    let training = TrainingModel::new(device, &model)?;
     let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), [48, 48], 1 << 13)?;
-    renderer.render(&trainee.model, &camera)?;
-    let apart = adam::zeros(device, &trainee.model)?;
+    renderer.render(&training.model, &camera)?;
+    let apart = adam::zeros(device, &training.model)?;
     let by_image = device.upload("image gradient", by_image)?;
     let mut skipped = 0;
     let mut gradients = Vec::new();
     for k in 1..=STEPS {
         let mut recording = Recording::new();
         renderer.reset_backward_counts(&mut recording);
-        renderer.record(&mut recording, &trainee.model, &camera);
-        renderer.record_backward(&mut recording, &trainee.model, &camera, &by_image, Backward::default());
+        renderer.record(&mut recording, &training.model, &camera);
+        renderer.record_backward(&mut recording, &training.model, &camera, &by_image, Backward::default());
         if with_gradients {
-            adam::record_gradients(&mut recording, &renderer, &trainee.model, &apart);
+            adam::record_gradients(&mut recording, &renderer, &training.model, &apart);
         }
-        adam::record(&mut recording, &renderer, &trainee, adam::Step::new(k, RATES));
+        adam::record(&mut recording, &renderer, &training, Step::new(k, RATES));
         device.run(recording)?;
         skipped += renderer.backward_counts()?.skipped_rows;
         if with_gradients {
             gradients.push(super::backward::first_moments(device, &apart, model.degree())?);
         }
     }
-    Ok(Stepped { params: Params::from(&trainee.model.download(device)?), skipped, gradients })
+    Ok(Stepped { params: Params::from(&training.model.download(device)?), skipped, gradients })
 }
 
 /// Compares every parameter after five steps with Adam in float64 on the device's gradients, in units of the allowed

@@ -11,7 +11,7 @@ use crate::random::Random;
 use crate::reference::{self, Params};
 use crate::render::{Backward, Image, Renderer, Settings, Style};
 use crate::scene::camera::Camera;
-use crate::train::Trainee;
+use crate::train::TrainingModel;
 use crate::train::adam::{Moments, record_gradients};
 use glam::DVec3;
 
@@ -50,19 +50,19 @@ pub fn there_and_back(
     settings: Settings,
     weights: &[[f32; 4]],
 ) -> Result<Drawn> {
-    let trainee = Trainee::new(device, model)?;
+    let training = TrainingModel::new(device, model)?;
     let size = [camera.width, camera.height];
     let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12)?;
-    let image = renderer.render(&trainee.model, camera)?; // also makes room for the pairs
+    let image = renderer.render(&training.model, camera)?; // also makes room for the pairs
     let by_image = device.upload("image gradient", weights)?;
     let mut recording = Recording::new();
-    renderer.record(&mut recording, &trainee.model, camera);
-    let backward = Backward { growth: Some(&trainee.growth), ..Backward::default() };
-    renderer.record_backward(&mut recording, &trainee.model, camera, &by_image, backward);
-    record_gradients(&mut recording, &renderer, &trainee.model, &trainee.moments);
+    renderer.record(&mut recording, &training.model, camera);
+    let backward = Backward { growth: Some(&training.growth), ..Backward::default() };
+    renderer.record_backward(&mut recording, &training.model, camera, &by_image, backward);
+    record_gradients(&mut recording, &renderer, &training.model, &training.moments);
     device.run(recording)?;
     let skipped = renderer.backward_counts()?.skipped_rows;
-    Ok(Drawn { image, gradients: first_moments(device, &trainee.moments, model.degree())?, skipped })
+    Ok(Drawn { image, gradients: first_moments(device, &training.moments, model.degree())?, skipped })
 }
 
 /// The twin's gradients for the same picture.

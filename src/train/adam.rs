@@ -1,13 +1,13 @@
 //! Adam, attribute by attribute or all at once, from the rows of gradients that the backward pass leaves.
 
-use super::trainee::Trainee;
-
 pub use super::moments::{Moments, zeros};
+use super::rates::{Rates, Step};
+use super::training_model::TrainingModel;
+
 use crate::gaussians::Attributes;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::constants::adam::NO_BAND;
-use crate::kernels::constants::adam::float64::{BETA1, BETA2};
 use crate::kernels::constants::adam_step::{GRADIENT, UPDATE};
 use crate::kernels::constants::gradient_row::{ROW_LOG_SCALE, ROW_LOGIT, ROW_MEAN, ROW_ROTATION};
 use crate::kernels::train::{Adam, AdamAll, AdamAllPush, AdamAllSpec, AdamPush, AdamSpec};
@@ -16,38 +16,6 @@ use crate::render::Renderer;
 
 /// The profiler's scope.
 pub const STAGE: &str = "adam";
-
-/// Learning rates of one step, in units of the stored parameters.
-pub type Rates = Attributes<f32>;
-
-/// What attrition adds to the gradient of every opacity logit: see [`crate::reference::adam::pressed`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pressure {
-    /// Added to each gradient, in units of the loss per logit.
-    pub pressure: f32,
-    /// Least value of 1 - opacity, by which the pressure is divided.
-    pub least_through: f32,
-}
-
-/// A step of Adam.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
-    /// Its number; the first is 1.
-    pub number: u32,
-    /// Learning rates.
-    pub rates: Rates,
-    /// Pressure on opacities, if there is any.
-    pub pressure: Option<Pressure>,
-    /// Decays of the first and second moments.
-    pub decays: [f64; 2],
-}
-
-impl Step {
-    /// A step without pressure, with the reference's decays.
-    pub fn new(number: u32, rates: Rates) -> Self {
-        Self { number, rates, pressure: None, decays: [BETA1, BETA2] }
-    }
-}
 
 /// The offset of each attribute's gradients in a row, and its SH band. The gradients of a band are those of the colour,
 /// times the basis.
@@ -72,9 +40,9 @@ enum Outcome {
 ///
 /// Nothing changes if the picture's pairs did not fit. A Gaussian with a non-finite gradient stays unchanged, and so does the
 /// model's tail.
-pub fn record(recording: &mut Recording, renderer: &Renderer, trainee: &Trainee, step: Step) {
-    let Trainee { model, moments, .. } = trainee;
-    let rows = Rows { model, count: trainee.count(), len: trainee.trained() };
+pub fn record(recording: &mut Recording, renderer: &Renderer, training: &TrainingModel, step: Step) {
+    let TrainingModel { model, moments, .. } = training;
+    let rows = Rows { model, count: training.count(), len: training.trained() };
     recording.scope(STAGE, |r| dispatch(r, renderer, &rows, moments, Outcome::Stepped(step)));
 }
 

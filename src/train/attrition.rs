@@ -3,7 +3,7 @@
 //! iterations the faintest go, and a controller makes the pressure such that the last of the survivors would fade as the
 //! time runs out.
 
-use super::adam::Pressure;
+use super::rates::Pressure;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -48,7 +48,7 @@ impl Default for Attrition {
 /// The attrition of a run, under way or over.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Contest {
+pub struct AttritionState {
     /// How it goes.
     pub settings: Attrition,
     /// Gaussians at its start.
@@ -82,7 +82,7 @@ fn greatest(logits: &[f32], count: usize) -> f64 {
     *opacities.select_nth_unstable_by(count - 1, |a, b| b.total_cmp(a)).1
 }
 
-impl Contest {
+impl AttritionState {
     /// Begins after iteration `from` of `length`. `logits` are all opacity logits and `moments` their moments, of which the second
     /// decay by `decay` an iteration.
     pub fn new(
@@ -180,9 +180,9 @@ mod tests {
         (opacity / (1.0 - opacity)).ln() as f32
     }
 
-    fn contest(survivors: usize, opacities: &[f64], moments: &[[f32; 2]]) -> Contest {
+    fn attrition(survivors: usize, opacities: &[f64], moments: &[[f32; 2]]) -> AttritionState {
         let logits: Vec<f32> = opacities.iter().map(|o| logit(*o)).collect();
-        Contest::new(Attrition::default(), survivors, [500, 1000], &logits, (moments, BETA2))
+        AttritionState::new(Attrition::default(), survivors, [500, 1000], &logits, (moments, BETA2))
     }
 
     /// The pressure at the start moves an opacity by ten logits until the end: Adam's steps are the rate, times the gradient
@@ -190,20 +190,20 @@ mod tests {
     #[test]
     fn it_begins_with_the_usual_gradient() {
         let moments = [0.0, 4e-6, 1e-6, 9e-6].map(|v| [1.0, v * (1.0 - BETA2.powf(500.0)) as f32]);
-        let c = contest(2, &[0.9, 0.5, 0.2, 0.1], &moments);
+        let c = attrition(2, &[0.9, 0.5, 0.2, 0.1], &moments);
         assert_eq!((c.before, c.survivors, c.from, c.last), (4, 2, 500, 750));
         assert!((c.marginal - 0.4).abs() < 1e-6);
         let steps = 0.1 * 250.0;
         assert!((f64::from(c.pressure) / (2e-3 * 10.0 / steps) - 1.0).abs() < 1e-5, "{}", c.pressure);
         assert!([500, 550, 501].map(|i| c.pressure(i).unwrap().least_through) == [0.05, 1.0, 0.05]);
         // No gradient anywhere: still a pressure.
-        assert!(contest(2, &[0.9; 3], &[[0.0; 2]; 3]).pressure > 0.0);
-        assert!(contest(2, &[0.9; 3], &[[0.0, f32::NAN]; 3]).pressure > 0.0);
+        assert!(attrition(2, &[0.9; 3], &[[0.0; 2]; 3]).pressure > 0.0);
+        assert!(attrition(2, &[0.9; 3], &[[0.0, f32::NAN]; 3]).pressure > 0.0);
     }
 
     #[test]
     fn it_acts_until_the_survivors_are_left_or_the_time_is_over() {
-        let mut c = contest(100, &[0.5; 300], &[]);
+        let mut c = attrition(100, &[0.5; 300], &[]);
         assert_eq!((501..=520).filter(|i| c.acts(*i)).collect::<Vec<_>>(), [504, 508, 512, 516, 520]);
         assert!(!c.acts(500));
         assert_eq!([105, 106].map(|n| c.over(600, n)), [true, false]);
@@ -215,9 +215,9 @@ mod tests {
 
     #[test]
     fn the_pressure_follows_the_marginal_opacity() {
-        let mut c = contest(2, &[0.9, 0.5, 0.2], &[]);
+        let mut c = attrition(2, &[0.9, 0.5, 0.2], &[]);
         let begun = c.pressure;
-        let after = |c: &mut Contest, iteration: u32, marginal: f64| {
+        let after = |c: &mut AttritionState, iteration: u32, marginal: f64| {
             c.judge(iteration, &[0.9, marginal, 0.01].map(logit));
             (f64::from(c.pressure / begun) * 100.0).round()
         };
@@ -230,8 +230,8 @@ mod tests {
 
     #[test]
     fn the_faint_go_but_never_too_many() {
-        let mut c = contest(2, &[0.5; 5], &[]);
-        let stays = |c: &mut Contest, logits: &[f32]| c.judge(504, logits);
+        let mut c = attrition(2, &[0.5; 5], &[]);
+        let stays = |c: &mut AttritionState, logits: &[f32]| c.judge(504, logits);
         assert_eq!(stays(&mut c, &[0.9, 0.004, 0.3, 0.006, 0.0].map(logit)), [0, 2, 3]);
         assert_eq!(stays(&mut c, &[f32::NAN, 1.0, f32::INFINITY, -f32::NAN, f32::NEG_INFINITY]), [1, 2]);
         // All faint: the first of equal ones stay.
@@ -240,7 +240,7 @@ mod tests {
         assert_eq!(stays(&mut c, &[f32::NAN, -9.0, f32::NAN]), [1], "what is no number never stays");
         assert_eq!(stays(&mut c, &[]), [0; 0]);
         // More survivors than Gaussians.
-        let mut all = contest(9, &[0.5; 5], &[]);
+        let mut all = attrition(9, &[0.5; 5], &[]);
         assert!(all.marginal == 0.0 && all.over(500, 5));
         assert_eq!(stays(&mut all, &[-9.0; 5]).len(), 5);
     }

@@ -1,9 +1,8 @@
 //! Density control on the device: clone, split, prune, and the opacity reset.
 
-use super::cloak::Masks;
 use super::growth::Growth;
 use super::schedule::Schedule;
-use super::trainee::Trainee;
+use super::training_model::{Array, TrainingModel};
 use crate::gaussians::Attributes;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::constants::density::{CLONE, KEPT};
@@ -32,19 +31,19 @@ pub struct Step {
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
     let choice = 3 * words(n) + Count::bytes() + Scan::bytes(device, n as u32) + 2 * words(after);
-    choice + Trainee::bytes(after, 0, degree)
+    choice + TrainingModel::bytes(after, 0, degree)
 }
 
 /// Clones, splits and prunes the Gaussians of a model in training, without its tail. Returns their new number.
 ///
 /// # Errors
 /// Device memory; device errors. The model is then unchanged.
-pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step: Step) -> Result<usize> {
-    let choice = Choice::new(device, trainee, schedule, step)?;
+pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedule, step: Step) -> Result<usize> {
+    let choice = Choice::new(device, training, schedule, step)?;
     let after = choice.after;
-    let rows = Rows::room(device, after, trainee)?;
+    let rows = Rows::room(device, after, training)?;
     let mut recording = Recording::new();
-    let count = trainee.count();
+    let count = training.count();
     let kernel = Sources {
         count: &count.value,
         copies: &choice.copies,
@@ -55,7 +54,7 @@ pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step
         spec: SourcesSpec { workgroup: WORKGROUP },
     };
     recording.dispatch(&kernel, count.groups(WORKGROUP));
-    let successor = rows.gather(device, &mut recording, trainee)?;
+    let successor = rows.gather(device, &mut recording, training)?;
     let (count, parameters) = (successor.count(), &successor.model.parameters);
     let kernel = Split {
         count: &count.value,
@@ -69,7 +68,7 @@ pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step
     };
     recording.dispatch(&kernel, count.groups(WORKGROUP));
     device.run(recording)?;
-    *trainee = successor;
+    *training = successor;
     Ok(after)
 }
 
@@ -77,8 +76,8 @@ pub fn densify(device: &Device, trainee: &mut Trainee, schedule: &Schedule, step
 ///
 /// # Errors
 /// Device memory; device errors. The model is then unchanged.
-pub fn compact(device: &Device, trainee: &mut Trainee, kept: &[u32]) -> Result<()> {
-    replace(device, trainee, kept, &vec![false; kept.len()])
+pub fn compact(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> Result<()> {
+    replace(device, training, kept, &vec![false; kept.len()])
 }
 
 /// Takes every trained row from the one in `sources`, with its moments unless it is `fresh`: then they are zero. The tail stays, and
@@ -86,22 +85,22 @@ pub fn compact(device: &Device, trainee: &mut Trainee, kept: &[u32]) -> Result<(
 ///
 /// # Errors
 /// Device memory; device errors. The model is then unchanged.
-pub(super) fn replace(device: &Device, trainee: &mut Trainee, sources: &[u32], fresh: &[bool]) -> Result<()> {
-    let mut rows = Rows::of(device, sources.to_vec(), trainee)?;
+pub fn replace(device: &Device, training: &mut TrainingModel, sources: &[u32], fresh: &[bool]) -> Result<()> {
+    let mut rows = Rows::of(device, sources.to_vec(), training)?;
     let mut kinds: Vec<u32> = fresh.iter().map(|fresh| if *fresh { CLONE } else { KEPT }).collect();
     kinds.resize(rows.sources.len(), KEPT);
     rows.kinds = device.upload("kinds", &kinds)?;
     let mut recording = Recording::new();
-    let successor = rows.gather(device, &mut recording, trainee)?;
+    let successor = rows.gather(device, &mut recording, training)?;
     device.run(recording)?;
-    *trainee = successor;
+    *training = successor;
     Ok(())
 }
 
 /// Records the opacity reset, which limits every Gaussian's opacity to `opacity`.
-pub fn reset_opacity(recording: &mut Recording, trainee: &Trainee, opacity: f64) {
-    let Trainee { model, moments, .. } = trainee;
-    let count = trainee.count();
+pub fn reset_opacity(recording: &mut Recording, training: &TrainingModel, opacity: f64) {
+    let TrainingModel { model, moments, .. } = training;
+    let count = training.count();
     let kernel = ResetOpacity {
         count: &count.value,
         logits: &model.parameters.opacity_logits,
@@ -127,8 +126,8 @@ struct Choice {
 impl Choice {
     /// Grows every Gaussian whose gradient reaches the schedule's threshold, or, if that makes too many, those with the largest
     /// gradients.
-    fn new(device: &Device, trainee: &Trainee, schedule: &Schedule, step: Step) -> Result<Self> {
-        let n = trainee.trained();
+    fn new(device: &Device, training: &TrainingModel, schedule: &Schedule, step: Step) -> Result<Self> {
+        let n = training.trained();
         let choice = Self {
             copies: device.buffer("copies", n)?,
             splits: device.buffer("splits", n)?,
@@ -136,19 +135,19 @@ impl Choice {
             after: 0,
         };
         match schedule.growth {
-            Some(plan) => choice.planned(device, trainee, schedule, step, plan),
-            None => choice.unplanned(device, trainee, schedule, step),
+            Some(plan) => choice.planned(device, training, schedule, step, plan),
+            None => choice.unplanned(device, training, schedule, step),
         }
     }
 
     /// All grow whose gradient reaches the threshold, or a higher one under which there is room for them.
-    fn unplanned(mut self, device: &Device, trainee: &Trainee, schedule: &Schedule, step: Step) -> Result<Self> {
-        let n = trainee.trained();
+    fn unplanned(mut self, device: &Device, training: &TrainingModel, schedule: &Schedule, step: Step) -> Result<Self> {
+        let n = training.trained();
         let mut threshold = if n < step.most { schedule.densify_gradient as f32 } else { f32::MAX };
         loop {
             let mut recording = Recording::new();
-            self.decide(&mut recording, trainee, step.limits(schedule, threshold));
-            self.count(device, trainee, recording)?;
+            self.decide(&mut recording, training, step.limits(schedule, threshold));
+            self.count(device, training, recording)?;
             if self.after <= step.most.max(n) {
                 return Ok(self);
             }
@@ -161,30 +160,30 @@ impl Choice {
     fn planned(
         mut self,
         device: &Device,
-        trainee: &Trainee,
+        training: &TrainingModel,
         schedule: &Schedule,
         step: Step,
         plan: Growth,
     ) -> Result<Self> {
         let mut recording = Recording::new();
-        self.decide(&mut recording, trainee, step.limits(schedule, f32::MAX));
+        self.decide(&mut recording, training, step.limits(schedule, f32::MAX));
         device.run(recording)?;
         let mut copies = self.copies.read(device)?;
         let stay = copies.iter().filter(|c| **c > 0).count();
         let count = plan.planned(schedule, step.iteration).min(step.most).saturating_sub(stay);
-        let (mut growth, key) = (trainee.growth.read(device)?, [step.seed, step.iteration]);
+        let (mut growth, key) = (training.growth.read(device)?, [step.seed, step.iteration]);
         growth.truncate(copies.len());
         let halved = plan.choose(&growth, count, key, |i| copies[i] > 0);
         copies.iter_mut().zip(&halved).for_each(|(c, halved)| *c += u32::from(*halved));
         self.copies.write(device, &copies)?;
         self.splits.write(device, &halved.iter().map(|halved| u32::from(*halved)).collect::<Vec<_>>())?;
-        self.count(device, trainee, Recording::new())?;
+        self.count(device, training, Recording::new())?;
         Ok(self)
     }
 
-    fn decide(&self, recording: &mut Recording, trainee: &Trainee, push: DensifyPush) {
-        let Trainee { model, growth, .. } = trainee;
-        let count = trainee.count();
+    fn decide(&self, recording: &mut Recording, training: &TrainingModel, push: DensifyPush) {
+        let TrainingModel { model, growth, .. } = training;
+        let count = training.count();
         let kernel = Densify {
             count: &count.value,
             growth,
@@ -201,10 +200,10 @@ impl Choice {
     }
 
     /// Finds the first successor of each, and their number.
-    fn count(&mut self, device: &Device, trainee: &Trainee, mut recording: Recording) -> Result<()> {
-        let count = trainee.count();
+    fn count(&mut self, device: &Device, training: &TrainingModel, mut recording: Recording) -> Result<()> {
+        let count = training.count();
         let total = Count::new(device, "new Gaussians", u32::MAX, &[])?;
-        let scan = Scan::new(device, trainee.trained() as u32)?;
+        let scan = Scan::new(device, training.trained() as u32)?;
         scan.record(&mut recording, count, (&self.copies).into(), &self.offsets, Some(&total));
         device.run(recording)?;
         self.after = total.value.read(device)?[0] as usize;
@@ -235,7 +234,7 @@ struct Rows {
 
 impl Rows {
     /// Room for the rows of `after` Gaussians, which are to be filled, and the tail's.
-    fn room(device: &Device, after: usize, old: &Trainee) -> Result<Self> {
+    fn room(device: &Device, after: usize, old: &TrainingModel) -> Result<Self> {
         if old.tail() > 0 {
             return Self::of(device, vec![0; after], old);
         }
@@ -243,7 +242,7 @@ impl Rows {
     }
 
     /// These rows of the old model, kept, and the tail's.
-    fn of(device: &Device, mut sources: Vec<u32>, old: &Trainee) -> Result<Self> {
+    fn of(device: &Device, mut sources: Vec<u32>, old: &TrainingModel) -> Result<Self> {
         sources.extend(old.trained() as u32..old.model.len as u32);
         let kinds = device.buffer("kinds", sources.len())?;
         let mut recording = Recording::new();
@@ -252,11 +251,13 @@ impl Rows {
         Ok(Self { sources: device.upload("sources", &sources)?, kinds })
     }
 
-    /// Records the gathering of a new model from the old one, masks included. Moments of new Gaussians, and growth, are zero.
-    fn gather(&self, device: &Device, recording: &mut Recording, old: &Trainee) -> Result<Trainee> {
+    /// Records the gathering of a new model from the old one, a method's arrays included. Moments of new Gaussians, and growth, are zero.
+    fn gather(&self, device: &Device, recording: &mut Recording, old: &TrainingModel) -> Result<TrainingModel> {
         let degree = old.model.degree;
-        let mut new = Trainee::room(device, self.sources.len(), old.tail(), degree)?;
-        let masks = old.masks.as_ref().map(|_| Masks::room(device, new.trained())).transpose()?;
+        let mut new = TrainingModel::room(device, self.sources.len(), old.tail(), degree)?;
+        for array in &old.arrays {
+            new.arrays.push(Array::room(device, array.kind, new.trained())?);
+        }
         recording.fill(&new.growth, 0);
         let mut gather = |count: &Count, source: &Buffer<f32>, target: &Buffer<f32>, width: usize, fresh: bool| {
             let kernel = GatherRows {
@@ -277,11 +278,9 @@ impl Rows {
         for (width, (source, target)) in widths.zip(old.moments.each_ref().zip(new.moments.each_ref())).up_to(degree) {
             gather(new.count(), &source.cast(), &target.cast(), 2 * width, true);
         }
-        if let (Some(old), Some(masks)) = (&old.masks, &masks) {
-            gather(new.count(), &old.scores, &masks.scores, 1, false);
-            gather(new.count(), &old.moments.cast(), &masks.moments.cast(), 2, true);
+        for (old, array) in old.arrays.iter().zip(&new.arrays) {
+            gather(new.count(), &old.values, &array.values, array.kind.width, array.kind.restarts);
         }
-        new.masks = masks;
         Ok(new)
     }
 }

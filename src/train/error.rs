@@ -23,6 +23,12 @@ pub enum Error {
         /// Photos to train on.
         photos: usize,
     },
+    /// A checkpoint whose arrays of a method are not those that the method has.
+    #[error("the checkpoint's arrays are not those of the method {method}")]
+    Method {
+        /// The method's name.
+        method: &'static str,
+    },
     /// The cameras leave no place for random points.
     #[error(
         "only {found} of {asked} random points found a place in {tries} tries, {near:.1} or more before {cameras} cameras that see it"

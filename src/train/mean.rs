@@ -4,7 +4,6 @@
 
 use super::error::Result;
 use super::schedule::Schedule;
-use super::trainer::Trainer;
 use crate::gaussians::{Gaussians, resident::Resident};
 use crate::gpu::Device;
 use rayon::iter::{IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator};
@@ -28,7 +27,7 @@ impl Mean {
     ///
     /// # Errors
     /// Device errors; memory for staging.
-    fn with(mean: Option<Self>, device: &Device, model: &Resident) -> Result<Self> {
+    pub(super) fn with(mean: Option<Self>, device: &Device, model: &Resident) -> Result<Self> {
         let Some(Self { model: mut mean, iterates }) = mean else {
             return Ok(Self { model: model.download(device)?, iterates: 1 });
         };
@@ -52,27 +51,6 @@ impl Schedule {
         let (from, last) = (f64::from(self.iterations) * self.mean_from, self.iterations);
         let every = ((f64::from(last) - from) / f64::from(ITERATES)).ceil().max(1.0) as u32;
         iteration <= last && f64::from(iteration) > from && (last - iteration).is_multiple_of(every)
-    }
-}
-
-impl Trainer {
-    /// Takes the model into the mean if that is due after iteration `iteration`. After the last, the mean becomes the model.
-    pub(super) fn average(&mut self, iteration: u32) -> Result<()> {
-        let schedule = &self.options.schedule;
-        if !schedule.averages_iterates(iteration) {
-            return Ok(());
-        }
-        let mean = Mean::with(self.trainee.mean.take(), &self.device, &self.trainee.model)?;
-        if iteration < schedule.iterations {
-            self.trainee.mean = Some(mean);
-        } else if mean.iterates > 1 {
-            let parameters = self.trainee.model.parameters.each_ref().zip(mean.model.attributes());
-            parameters.try_map(|(buffer, values)| match values {
-                [] => Ok(()),
-                _ => buffer.write(&self.device, values),
-            })?;
-        }
-        Ok(())
     }
 }
 

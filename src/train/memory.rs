@@ -1,6 +1,5 @@
 //! Estimate of the device memory that a training run will need.
 
-use super::cloak::Masks;
 use super::density;
 use super::device_photos::DevicePhotos;
 use super::exposure::Exposure;
@@ -8,12 +7,14 @@ use super::halve::Halve;
 use super::look::Look;
 use super::loss::Loss;
 use super::mask::Mask;
+use super::method::Method;
 use super::smoothing::Smoothing;
-use super::trainee::Trainee;
 use super::trainer::Trainer;
+use super::training_model::{Array, TrainingModel};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Device, staging_bytes};
 use crate::render::{Purpose, Renderer, Style, Uses};
+use std::sync::Arc;
 
 /// Inputs of the memory estimate of a run.
 #[derive(Clone, Debug)]
@@ -35,8 +36,8 @@ pub struct TrainerNeeds {
     pub exposure: bool,
     /// True if photos have masks.
     pub masked: bool,
-    /// True if Gaussians learn masks: they take memory, and the cut by them holds two models at once.
-    pub learnt_masks: bool,
+    /// The run's method, if any: its arrays take memory, and it may hold two models at once.
+    pub method: Option<Arc<dyn Method>>,
     /// Effects that pictures are rendered with.
     pub style: Style,
     /// True if the run begins with pictures of half their size.
@@ -52,8 +53,9 @@ impl Trainer {
     pub fn bytes(device: &Device, needs: &TrainerNeeds) -> u64 {
         let &TrainerNeeds { gaussians, tail, pairs, size, degree, grows, .. } = needs;
         let n = gaussians + tail;
-        let masks = if needs.learnt_masks { Masks::bytes(gaussians) } else { 0 };
-        let model = Trainee::bytes(n, tail, degree) + masks;
+        let method = needs.method.as_deref();
+        let arrays = method.map_or(0, |method| Array::bytes(method.arrays(), gaussians));
+        let model = TrainingModel::bytes(n, tail, degree) + arrays;
         let uses = Uses { purpose: Purpose::Training, responses: false, style: needs.style };
         let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
         let pictures =
@@ -63,7 +65,7 @@ impl Trainer {
         let pictures = pictures + exposures + if needs.masked { Mask::bytes(pixels) } else { 0 };
         let pictures = pictures + if needs.halves { Halve::bytes(size) } else { 0 };
         let pictures = pictures + if needs.style.antialias { Smoothing::bytes(needs.photos.len()) } else { 0 };
-        let copied = if grows || needs.learnt_masks { density::bytes(device, n, n, degree) + masks } else { 0 };
+        let copied = if grows || method.is_some() { density::bytes(device, n, n, degree) + arrays } else { 0 };
         let growth = if grows { copied.max(renderer) } else { copied };
         // Downloads stage one array at a time; the widest are moments, twice as wide as their parameters.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;

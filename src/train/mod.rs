@@ -3,39 +3,36 @@
 pub mod adam;
 pub mod attrition;
 pub mod checkpoint;
-pub mod cloak;
-pub mod course;
 pub mod density;
 pub mod device_photos;
 mod error;
-pub mod explore;
 pub mod exposure;
 pub mod growth;
 pub mod halve;
 pub mod initialise;
-mod keep;
-pub mod learnt_masks;
 mod look;
 pub mod loss;
 pub mod mask;
 pub mod mean;
 mod memory;
+pub mod method;
 mod moments;
 mod objective;
 mod options;
-pub mod relocation;
+pub mod rates;
 mod respond;
 pub mod schedule;
 pub mod smoothing;
-mod trainee;
+pub mod state;
 mod trainer;
+mod training_model;
 
 pub use error::{Error, Result};
 pub use memory::TrainerNeeds;
 pub use options::{Exposures, Options};
 pub use respond::{PhotoNeeds, bytes as responses_bytes, responses};
-pub use trainee::Trainee;
 pub use trainer::{Progress, Trainer};
+pub use training_model::{Array, ArrayKind, TrainingModel};
 
 use crate::render;
 

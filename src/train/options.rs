@@ -1,10 +1,12 @@
 //! Options of a run besides its photos and model.
 
 use super::loss::Weights;
+use super::method::Method;
 use super::schedule::Schedule;
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::render::Settings;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Where the exposures of photos come from.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,7 +31,7 @@ impl Exposures {
 /// Options of a run besides its photos and model.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// The course of the run.
+    /// The schedule of the run.
     pub schedule: Schedule,
     /// Image formation.
     pub settings: Settings,
@@ -51,12 +53,14 @@ pub struct Options {
     pub weights: Weights,
     /// Iterations, after the last density step, whose responses are averaged for [`super::Trainer::averages`]; may be empty.
     pub averaged: Range<u32>,
+    /// A method of another paper that the run is trained by, if any.
+    pub method: Option<Arc<dyn Method>>,
     /// Initial capacity in (tile, Gaussian) pairs; results do not depend on it.
     pub pairs: u32,
 }
 
 impl Default for Options {
-    /// The 3DGS reference's course of 30,000 iterations over a black background.
+    /// The 3DGS reference's schedule of 30,000 iterations over a black background.
     fn default() -> Self {
         Self {
             schedule: Schedule::default(),
@@ -69,6 +73,7 @@ impl Default for Options {
             exposure: None,
             weights: Weights::default(),
             averaged: 0..0,
+            method: None,
             pairs: 1 << 18,
         }
     }

@@ -127,7 +127,7 @@ impl Trainer {
     where
         E: From<gpu::Error> + From<super::Error>,
     {
-        let (model, photos) = (Source::Device(&self.trainee.model), &self.photos);
+        let (model, photos) = (Source::Device(&self.training.model), &self.photos);
         let compared = Compared { photos, device_photos: &mut self.device_photos, objective: &self.objective };
         pass(&mut self.renderer, model, compared, wanted, (follow, None))
     }

@@ -1,13 +1,11 @@
-//! The course of a run by iteration: milestones scale with the length of the run, intervals do not.
+//! The schedule of a run by iteration: milestones scale with the length of the run, intervals do not.
 
-use super::adam::Rates;
 use super::growth::Growth;
-use super::learnt_masks::LearntMasks;
-use super::relocation::Relocation;
+use super::rates::Rates;
 use crate::kernels::constants::adam::float64::{BETA1, BETA2};
 use serde::{Deserialize, Serialize};
 
-/// The course of a run, as written to `config.toml`.
+/// The schedule of a run, as written to `config.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Schedule {
@@ -57,12 +55,6 @@ pub struct Schedule {
     /// Growth to a planned number; without it, all Gaussians grow whose gradient reaches the threshold.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub growth: Option<Growth>,
-    /// Growth by relocation, in place of density control and opacity resets; the plan says how many there are.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub relocation: Option<Relocation>,
-    /// Masks that are learnt with the model, and the number of Gaussians that they leave.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub learnt_masks: Option<LearntMasks>,
 }
 
 impl Default for Schedule {
@@ -91,8 +83,6 @@ impl Default for Schedule {
             half_until: 0.0,
             mean_from: 1.0,
             growth: None,
-            relocation: None,
-            learnt_masks: None,
         }
     }
 }
@@ -104,7 +94,7 @@ pub const MEAN_FROM: f64 = 0.95;
 const REFERENCE: f64 = 30_000.0;
 
 impl Schedule {
-    /// A course on which the model hardly moves, so that every iteration does the same work: for measurements.
+    /// A schedule on which the model hardly moves, so that every iteration does the same work: for measurements.
     pub fn still() -> Self {
         let (never, still) = (u32::MAX, 1e-30);
         Self {
@@ -122,7 +112,7 @@ impl Schedule {
         }
     }
 
-    /// The reference's course in `iterations`, the first part at a quarter of the pixels. In shorter runs positions, shapes
+    /// The reference's schedule in `iterations`, the first part at a quarter of the pixels. In shorter runs positions, shapes
     /// and higher SH bands have higher rates: with the published ones they do not converge in so few steps.
     pub fn of(iterations: u32) -> Self {
         let shorter = (REFERENCE / f64::from(iterations.max(1))).max(1.0);
@@ -162,7 +152,7 @@ impl Schedule {
         }
     }
 
-    /// The course for a block that `views` of a scene's `all` views show. Its iterations stand for several of the whole course: it has
+    /// The schedule for a block that `views` of a scene's `all` views show. Its iterations stand for several of the whole schedule: it has
     /// fewer of them, in all and between density steps and opacity resets. Learning rates are multiplied by the root of the views'
     /// ratio, and decays of Adam's moments are taken to the power of it: Adam divides by the root of the mean square of gradients,
     /// to which views that do not show a Gaussian add zeros; a block leaves most of those views out, so that its steps would be
@@ -221,8 +211,7 @@ impl Schedule {
 
     /// Returns true if density control acts after iteration `iteration`.
     pub fn densifies(&self, iteration: u32) -> bool {
-        self.relocation.is_none()
-            && iteration > self.at(self.densify_from)
+        iteration > self.at(self.densify_from)
             && iteration < self.at(self.densify_until)
             && iteration.is_multiple_of(self.growth.map_or(self.densify_every, |g| g.every(self)))
     }
@@ -235,9 +224,7 @@ impl Schedule {
 
     /// Returns true if opacities are reset after iteration `iteration`.
     pub fn resets_opacity(&self, iteration: u32) -> bool {
-        self.relocation.is_none()
-            && iteration.is_multiple_of(self.opacity_reset_every)
-            && iteration < self.at(self.densify_until)
+        iteration.is_multiple_of(self.opacity_reset_every) && iteration < self.at(self.densify_until)
     }
 }
 

@@ -11,7 +11,7 @@ use qirf_vk::kernels::constants::blending::TRANSMITTANCE_STOP;
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings, Style};
 use qirf_vk::scene::camera::Camera;
-use qirf_vk::train::Trainee;
+use qirf_vk::train::TrainingModel;
 use qirf_vk::train::adam::record_gradients;
 
 /// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, as the device computes them.
@@ -36,29 +36,29 @@ fn gradients_and_growth(
     weights: &[[f32; 4]],
     backward: Backward<'_>,
 ) -> (Params, Vec<[f32; 2]>) {
-    let trainee = Trainee::new(device, model).unwrap();
+    let training = TrainingModel::new(device, model).unwrap();
     let size = [camera.width, camera.height];
     let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12).unwrap();
     let image_gradient = device.upload("image gradient", weights).unwrap();
     loop {
-        renderer.draw(&trainee.model, camera).unwrap(); // so that the pairs have room
+        renderer.draw(&training.model, camera).unwrap(); // so that the pairs have room
         let pairs = renderer.pairs().unwrap();
         if !renderer.make_room_for_pairs(pairs).unwrap() {
             break;
         }
     }
     let mut recording = Recording::new();
-    renderer.record(&mut recording, &trainee.model, camera);
-    let backward = Backward { growth: Some(&trainee.growth), ..backward };
-    renderer.record_backward(&mut recording, &trainee.model, camera, &image_gradient, backward);
-    record_gradients(&mut recording, &renderer, &trainee.model, &trainee.moments);
+    renderer.record(&mut recording, &training.model, camera);
+    let backward = Backward { growth: Some(&training.growth), ..backward };
+    renderer.record_backward(&mut recording, &training.model, camera, &image_gradient, backward);
+    record_gradients(&mut recording, &renderer, &training.model, &training.moments);
     device.run(recording).unwrap();
     assert_eq!(renderer.backward_counts().unwrap(), BackwardCounts { skipped_rows: 0, passes: 1 });
     let first = |buffer: &qirf_vk::gpu::Buffer<[f32; 2]>| -> Vec<f64> {
         buffer.read(device).unwrap().iter().map(|m| f64::from(m[0])).collect()
     };
-    let gradients = Params::of_attributes(trainee.moments.each_ref().map(first), model.sh.len());
-    (gradients, trainee.growth.read(device).unwrap())
+    let gradients = Params::of_attributes(training.moments.each_ref().map(first), model.sh.len());
+    (gradients, training.growth.read(device).unwrap())
 }
 
 fn compare(name: &str, got: &mut Params, expected: &mut Params, allowed: f64) {

@@ -2,14 +2,14 @@
 
 pub mod adam;
 mod attrition;
-mod cloak;
 mod crop;
 pub mod density;
-mod explore;
 mod growth;
 mod halve;
+mod learnt_mask;
 mod loss;
 mod mask;
+mod mcmc;
 mod mean;
 mod memory;
 mod prune;

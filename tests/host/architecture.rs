@@ -57,8 +57,8 @@ const STEPS: &[(&str, &str)] = &[
     ("train/reset_opacity", "train/densify"),
     ("train/sources", "train/densify"),
     ("train/split", "train/densify"),
-    ("train/cloak_slope", "train/cloak"),
-    ("train/cloak_step", "train/cloak"),
+    ("lab/learnt_mask_adam", "lab/learnt_mask"),
+    ("lab/learnt_mask_gradient", "lab/learnt_mask"),
 ];
 
 /// Places that a stage lacks, and why.
@@ -83,13 +83,13 @@ const EXEMPT: &[(&str, Place, &str)] = &[
     ("train/densify", Place::Host, "train/density.rs strings its steps together"),
     ("train/densify", Place::Label, "every hundredth iteration, between submissions that are timed"),
     ("train/densify", Place::Bench, "every hundredth iteration"),
-    ("train/explore", Place::Bench, "two dispatches, in runs that grow by relocation"),
     ("train/halve", Place::Bench, "one dispatch, in the iterations that see half the photo"),
     ("train/mask", Place::Bench, "row masks of the group effects: the effect's own name"),
     ("train/mask", Place::Label, "masks, the effect's own name"),
     ("train/smoothing", Place::Bench, "every 16th iteration, where anti-aliasing is on"),
     ("train/smoothing", Place::Label, "antialias, the effect that calls for it"),
-    ("train/cloak", Place::Bench, "two or three dispatches, in runs with learnt masks"),
+    ("lab/learnt_mask", Place::Bench, "two or three dispatches, in runs with learnt masks"),
+    ("lab/mcmc", Place::Bench, "two dispatches, in runs that grow by relocation"),
 ];
 
 /// Rooms whose shaders are no stage: they probe and measure the device itself.
@@ -219,8 +219,8 @@ impl House {
         let rendered = qirf_vk::render::STAGES.iter().chain(&qirf_vk::render::BACKWARD_STAGES);
         match place {
             Place::Host => {
-                let names = [format!("src/{room}/{stage}.rs"), format!("src/{room}/{stage}/mod.rs")];
-                self.sources.iter().any(|p| names.contains(p))
+                let (room, names) = (format!("src/{room}/"), [format!("/{stage}.rs"), format!("/{stage}/mod.rs")]);
+                self.sources.iter().any(|p| p.starts_with(&room) && names.iter().any(|name| p.ends_with(name)))
             }
             Place::Twin => self.sources.contains(&format!("src/reference/{stage}.rs")),
             Place::Test => self.tests.iter().any(|(path, text)| {

@@ -35,8 +35,8 @@ fn stopped_in_the_midst_it_ends_with_the_same_bytes() {
     write(&scene, &options, &|_| ()).unwrap();
     let device = Device::open(&DeviceOptions::default()).unwrap();
     let trained = |config: &RunConfig, name: &str, watcher: &(dyn Watcher + Sync)| {
-        let session =
-            Session { device: &device, networks: &Networks::default(), host_bytes: u64::MAX, scratch: None, watcher };
+        let networks = Networks::default();
+        let session = Session { host_bytes: u64::MAX, watcher, ..Session::new(&device, &networks) };
         run::run(&session, config, &Output::new(&folder.path().join(name)).unwrap(), true)
     };
     let mut pruning = Pruning::default();

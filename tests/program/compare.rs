@@ -32,14 +32,14 @@ fn methods_end_at_equal_counts() {
     assert_eq!(selectors(0), [("change", 80), ("change", 107)]);
     assert!(selectors(1).len() == 1 && selectors(1)[0].0 == "opacity" && (2..5).all(|arm| selectors(arm).is_empty()));
     for arm in &arms[3..] {
-        let cut = &arm["masks"];
+        let cut = &arm["cut"];
         let number = |field: &str| cut[field].as_u64().unwrap();
         assert_eq!((number("iteration"), number("after")), (120, kept), "{arm}");
         assert!(number("before") >= number("after") && number("shown") <= number("before"), "{cut}");
     }
-    assert!(arms[..3].iter().all(|arm| arm.get("masks").is_none()));
+    assert!(arms[..3].iter().all(|arm| arm.get("cut").is_none()));
     let page = std::fs::read_to_string(out.join("compare.html")).unwrap();
-    assert_eq!(page.matches("learnt masks would have kept").count(), 2);
+    assert_eq!(page.matches("the method would have kept").count(), 2);
 
     // An arm's configuration reproduces it, also where nothing, or only later, is pruned.
     for arm in ["pop", "mcmc", "maskgaussian"] {

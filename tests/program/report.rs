@@ -16,7 +16,7 @@ use qirf_vk::report::plot::{Axis, Bar, Columns, Line, Lines, Mark, Scatter, Spot
 use qirf_vk::report::{of_run, page};
 use qirf_vk::scene::{Names, Skipped};
 use qirf_vk::synth::{SynthOptions, write};
-use qirf_vk::train::learnt_masks::MasksCut;
+use qirf_vk::train::method::Cut;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
@@ -118,7 +118,7 @@ fn rich() -> RunRecord {
         frames_per_second: Some(31.0),
         model_bytes: 345_678,
         prunes: vec![prune(400)],
-        masks: None,
+        cut: None,
         curve: (1..=8).map(point).collect(),
         time: Times {
             total_s: 30.0,
@@ -248,8 +248,8 @@ fn whatever_is_missing_leaves_a_sound_page() {
     one.curve = vec![CurvePoint { iteration: 1, seconds: 0.0, psnr: 20.0, gaussians: 0 }];
     assert!(sound(&of_run(&one, &output)).texts(".tile").iter().any(|t| t.contains('∞')));
 
-    one.masks = Some(MasksCut { iteration: 1500, before: 5000, shown: 1800, after: 1400 });
-    let told = "After iteration 1,500, learnt masks would have kept 1,800 of 5,000 Gaussians; 1,400 were kept.";
+    one.cut = Some(Cut { iteration: 1500, before: 5000, shown: 1800, after: 1400 });
+    let told = "After iteration 1,500, the method would have kept 1,800 of 5,000 Gaussians; 1,400 were kept.";
     assert_eq!(sound(&of_run(&one, &output)).texts("#pruning p"), [told]);
 
     // A file that is not a picture, among the pictures of a run.

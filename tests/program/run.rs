@@ -221,8 +221,8 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
     let mut results = Vec::new();
     let elsewhere = folder.path().join("nowhere");
     for (name, host_bytes) in [("memory", u64::MAX), ("file", 0)] {
-        let session =
-            Session { device: &device, networks: &Networks::default(), host_bytes, scratch: None, watcher: &Silent };
+        let networks = Networks::default();
+        let session = Session { host_bytes, ..Session::new(&device, &networks) };
         let opened = prepare::open(&config.selection()).unwrap();
         let prepared = opened.load(PhotoMemory { bytes: host_bytes, folder: folder.path() }, &Silent).unwrap();
         assert!(prepared.views().all(|v| matches!(v.pixels, Pixels::Filed { .. }) == (host_bytes == 0)));

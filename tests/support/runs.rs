@@ -23,6 +23,7 @@ pub fn config(scene: &Path, iterations: u32) -> RunConfig {
         checkpoint_every: 0,
         schedule: Preset::Quick.schedule(Some(iterations)),
         prune: None,
+        method: None,
         effects: Overrides::default(),
         tuning: None,
     }

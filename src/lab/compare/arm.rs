@@ -1,11 +1,11 @@
 //! The arms of a comparison: ways to continue from the prune point, or to train from the beginning.
 
+use crate::lab::methods::learnt_mask::{LearntMasks, MaskMethod};
+use crate::lab::methods::mcmc::Mcmc;
 use crate::pipeline::config::{Compression, Pruning, RunConfig};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
 use crate::train::growth::Growth;
-use crate::train::learnt_masks::{LearntMasks, Method};
-use crate::train::relocation::Relocation;
 use crate::train::schedule::Schedule;
 use crate::wording::unknown;
 
@@ -176,13 +176,13 @@ const NAMED: [Named; 9] = [
     Named {
         name: "compact3dgs",
         about: "trained from the beginning with learnt masks, which are a threshold's",
-        base: Base::NotPruned(|keep| Grown::Masked(Method::Compact3dgs, keep)),
+        base: Base::NotPruned(|keep| Grown::Masked(MaskMethod::Compact3dgs, keep)),
         takes: &[Suffix::Share],
     },
     Named {
         name: "maskgaussian",
         about: "the same, with masks that are drawn at random",
-        base: Base::NotPruned(|keep| Grown::Masked(Method::MaskGaussian, keep)),
+        base: Base::NotPruned(|keep| Grown::Masked(MaskMethod::MaskGaussian, keep)),
         takes: &[Suffix::Share],
     },
 ];
@@ -212,7 +212,7 @@ pub enum Grown {
     /// From the beginning to that number by relocation, as in 3DGS-MCMC; it is not pruned.
     Relocating(Keep),
     /// From the beginning as the other arms, with learnt masks that leave that number; it is not pruned otherwise.
-    Masked(Method, Keep),
+    Masked(MaskMethod, Keep),
 }
 
 /// One way to reach a model.
@@ -349,19 +349,19 @@ impl Arm {
                 Some(Growth { gaussians: Some(keep.count(gaussians)), ..plan.unwrap_or_default() })
             }
         };
-        let relocation = matches!(self.grown, Grown::Relocating(_)).then(Relocation::default);
-        let learnt_masks = match self.grown {
+        let method = match self.grown {
+            Grown::Relocating(_) => Some(Mcmc::default().config()),
             Grown::Masked(method, keep) => {
-                Some(LearntMasks::of(method, keep.count(gaussians), shared.schedule.iterations))
+                Some(LearntMasks::of(method, keep.count(gaussians), shared.schedule.iterations).config())
             }
-            _ => None,
+            _ => shared.method.clone(),
         };
-        let schedule = Schedule { growth, relocation, learnt_masks, ..shared.schedule.clone() };
+        let schedule = Schedule { growth, ..shared.schedule.clone() };
         // Initial points are thinned to the largest number allowed.
         let thinned = matches!(self.grown, Grown::To(_) | Grown::Relocating(_));
         let most = growth.filter(|_| thinned).and_then(|g| g.gaussians);
         let max_gaussians = most.map_or(shared.max_gaussians, |most| most.min(shared.max_gaussians));
-        RunConfig { prune, schedule, max_gaussians, checkpoint_every: 0, ..shared.clone() }
+        RunConfig { prune, schedule, method, max_gaussians, checkpoint_every: 0, ..shared.clone() }
     }
 }
 
@@ -402,11 +402,11 @@ mod tests {
         assert_eq!(process("mcmc@0.5", &default), (0, false, false, Some(Some(50))));
         assert_eq!(process("compact3dgs", &default), (0, false, false, Some(None)));
         let masked = |text: &str| Arm::parse(text, &default).unwrap().configuration(&shared, 100);
-        let masks = masked("maskgaussian@0.5").schedule.learnt_masks.unwrap();
-        assert_eq!((masks.method, masks.survivors, masks.until), (Method::MaskGaussian, 50, 0.75));
+        let masks = LearntMasks::read(&masked("maskgaussian@0.5").method.unwrap()).unwrap();
+        assert_eq!((masks.method, masks.survivors, masks.until), (MaskMethod::MaskGaussian, 50, 0.75));
         assert_eq!(masked("compact3dgs").max_gaussians, shared.max_gaussians);
         let mcmc = Arm::parse("mcmc", &default).unwrap().configuration(&shared, 100);
-        assert!(mcmc.schedule.relocation.is_some() && mcmc.max_gaussians == 28 && shared.schedule.relocation.is_none());
+        assert!(mcmc.method == Some(Mcmc::default().config()) && mcmc.max_gaussians == 28 && shared.method.is_none());
     }
 
     #[test]

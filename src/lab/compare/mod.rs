@@ -168,7 +168,7 @@ fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecor
         seconds: run.time.train_s,
         psnr_pruned,
         prunes: run.prunes,
-        masks: run.masks,
+        cut: run.cut,
         views: run.views,
     }
 }

@@ -2,8 +2,8 @@
 
 use super::{Arm, ArmRecord, CompareRecord};
 use crate::pipeline::evaluate::exhibits::exhibits;
+use crate::report::cut;
 use crate::report::format::{bytes, count, decimals, percent, seconds};
-use crate::report::masks;
 use crate::report::page::{self, Column, Section, absent, side_by_side, table};
 use crate::report::picture::{data_uri, read};
 use crate::report::plot::{Axis, Bar, Scatter, Spot, bars};
@@ -78,8 +78,8 @@ fn figures(compared: &CompareRecord) -> Markup {
     };
     html! {
         (table(&columns, &compared.arms.iter().map(row).collect::<Vec<_>>(), None))
-        @for (name, cut) in compared.arms.iter().filter_map(|a| Some((&a.name, a.masks.as_ref()?))) {
-            p { (name) ": " (masks(cut)) }
+        @for (name, done) in compared.arms.iter().filter_map(|a| Some((&a.name, a.cut.as_ref()?))) {
+            p { (name) ": " (cut(done)) }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::gpu::TunedDevice;
 use crate::pipeline::records::{PruneRecord, ViewScores};
-use crate::train::learnt_masks::MasksCut;
+use crate::train::method::Cut;
 use serde::{Deserialize, Serialize};
 
 /// Results of one arm.
@@ -36,9 +36,9 @@ pub struct ArmRecord {
     pub psnr_pruned: Option<f64>,
     /// Its prunes.
     pub prunes: Vec<PruneRecord>,
-    /// The cut at the end of its learnt masks; absent without them.
+    /// The cut that its method ended with; absent without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub masks: Option<MasksCut>,
+    pub cut: Option<Cut>,
     /// Scores by view.
     pub views: Vec<ViewScores>,
 }

@@ -14,10 +14,11 @@ use crate::render::{AtomicSums, Backward, Image, Renderer};
 use crate::response::Target;
 use crate::scene::camera::{self, Camera};
 use crate::scene::{FourthByte, Photo};
-use crate::train::adam::{self, Rates, Step};
+use crate::train::adam;
 use crate::train::loss::{self, Loss, Weights};
+use crate::train::rates::{Rates, Step};
 use crate::train::schedule::Schedule;
-use crate::train::{self, STAGES, Trainee};
+use crate::train::{self, STAGES, TrainingModel};
 use std::time::Instant;
 
 /// Number of times that each rung's gradients are computed.
@@ -60,7 +61,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Records the forward and backward pass of view `v` up to gradient rows.
-    fn there_and_back(&self, way: &Way, Trainee { model, growth, .. }: &Trainee, v: usize) -> Recording {
+    fn there_and_back(&self, way: &Way, TrainingModel { model, growth, .. }: &TrainingModel, v: usize) -> Recording {
         let subject = self.context.subject;
         let camera = &subject.views[v].camera;
         let mut recording = Recording::new();
@@ -78,37 +79,37 @@ impl<'a> Bench<'a> {
     }
 
     /// Runs one iteration on view `v` and returns its time.
-    fn step(&self, way: &Way, trainee: &Trainee, v: usize, step: Step) -> Result<Sample, Error> {
-        let mut recording = self.there_and_back(way, trainee, v);
-        adam::record(&mut recording, &self.renderer, trainee, step);
+    fn step(&self, way: &Way, training: &TrainingModel, v: usize, step: Step) -> Result<Sample, Error> {
+        let mut recording = self.there_and_back(way, training, v);
+        adam::record(&mut recording, &self.renderer, training, step);
         let started = Instant::now();
         let timings = self.context.session.device.run(recording)?;
         Ok(Sample::of(self.context.session.device, &timings, &STAGES, started))
     }
 
     /// All gradients from view 0, one attribute after the other.
-    fn gradients(&self, way: &Way, trainee: &Trainee) -> Result<Vec<f32>, Error> {
-        let mut recording = self.there_and_back(way, trainee, 0);
-        adam::record_gradients(&mut recording, &self.renderer, &trainee.model, &trainee.moments);
+    fn gradients(&self, way: &Way, training: &TrainingModel) -> Result<Vec<f32>, Error> {
+        let mut recording = self.there_and_back(way, training, 0);
+        adam::record_gradients(&mut recording, &self.renderer, &training.model, &training.moments);
         self.context.session.device.run(recording)?;
-        let moments = trainee.moments.each_ref().try_map(|moments| moments.read(self.context.session.device))?;
+        let moments = training.moments.each_ref().try_map(|moments| moments.read(self.context.session.device))?;
         Ok(moments.into_array().into_iter().flatten().map(|[first, _]| first).collect())
     }
 
     /// A short training; returns a picture of its result.
     fn trained(&self, way: &Way) -> Result<Image, Error> {
         let (device, subject) = (self.context.session.device, self.context.subject);
-        let trainee = Trainee::new(device, &subject.model)?;
+        let training = TrainingModel::new(device, &subject.model)?;
         let schedule = Schedule::default();
         for step in 1..=STEPS {
             let v = step as usize % subject.views.len();
-            self.step(way, &trainee, v, Step::new(step, schedule.rates(step, 1.0)))?;
+            self.step(way, &training, v, Step::new(step, schedule.rates(step, 1.0)))?;
             self.context.session.watcher.unless_stopped()?;
         }
         let camera = &subject.views[0].camera;
-        let (n, Camera { width, height, .. }) = (trainee.model.len, camera);
+        let (n, Camera { width, height, .. }) = (training.model.len, camera);
         let mut renderer = Renderer::new(device, subject.settings, n, *width, *height)?;
-        Ok(renderer.render(&trainee.model, camera)?)
+        Ok(renderer.render(&training.model, camera)?)
     }
 }
 
@@ -125,18 +126,18 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord, Error> {
     let (device, subject) = (context.session.device, context.subject);
-    let trainee = Trainee::new(device, &subject.model)?;
+    let training = TrainingModel::new(device, &subject.model)?;
     let supported = AtomicSums::are_supported(device);
     let mut ways = Vec::new();
     for Rung { name, value } in rungs {
         let sums = match value {
             Sums::Ordered => None,
             Sums::Atomics if !supported => continue,
-            Sums::Atomics => Some(AtomicSums::new(device, trainee.model.len)?),
+            Sums::Atomics => Some(AtomicSums::new(device, training.model.len)?),
         };
         ways.push(Way { name: name.clone(), sums });
     }
-    let bench = Bench::new(context, &trainee.model)?;
+    let bench = Bench::new(context, &training.model)?;
     let mut axis = AxisRecord::new(
         Axis::Gradients,
         "How a Gaussian's gradients are added up",
@@ -146,13 +147,13 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord
             "ms an iteration",
         ],
     );
-    let ordered = bench.gradients(&Way { name: String::new(), sums: None }, &trainee)?;
+    let ordered = bench.gradients(&Way { name: String::new(), sums: None }, &training)?;
     let still = Step::new(1, Rates::default());
     for way in &ways {
-        let first = bench.gradients(way, &trainee)?;
+        let first = bench.gradients(way, &training)?;
         let (mut far, mut differing) = (0.0_f64, 0);
         for _ in 1..RUNS {
-            let (f, n) = apart(&first, &bench.gradients(way, &trainee)?);
+            let (f, n) = apart(&first, &bench.gradients(way, &training)?);
             (far, differing) = (far.max(f), differing.max(n));
         }
         let (one, other) = (bench.trained(way)?, bench.trained(way)?);
@@ -167,7 +168,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord
     }
     let timed =
         interleaved(ways.len(), context.seconds, 2 * subject.views.len(), context.session.watcher, |k, round| {
-            bench.step(&ways[k], &trainee, round % subject.views.len(), still)
+            bench.step(&ways[k], &training, round % subject.views.len(), still)
         })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
     tell(&mut axis, supported);

@@ -85,6 +85,7 @@ fn options(device: &Device, (gaussians, degree): (usize, usize), views: &Views, 
         exposure: views.exposures.clone(),
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,
+        method: None,
         pairs: pairs::few(device, gaussians),
     }
 }

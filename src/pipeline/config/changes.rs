@@ -37,8 +37,8 @@ impl RunConfig {
         // The scene's and the run's own keys come before those of tables.
         keys.sort_unstable_by_key(|key| (key.contains('.'), *key));
         keys.dedup();
-        for (head, rest) in [("prune", "prune."), ("schedule.iterations", "schedule.")] {
-            // Without pruning its choices are void, and the schedule's milestones and rates follow from its length.
+        for (head, rest) in [("prune", "prune."), ("method.name", "method."), ("schedule.iterations", "schedule.")] {
+            // Without pruning its choices are void, another method has other settings, and the schedule's milestones and rates follow from its length.
             if keys.iter().any(|key| *key == head) {
                 keys.retain(|key| *key == head || !key.starts_with(rest));
             }

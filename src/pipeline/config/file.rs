@@ -7,7 +7,7 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// Keys of the file and names of its tables.
-const KEYS: [&str; 19] = [
+const KEYS: [&str; 20] = [
     "scene",
     "images",
     "resolution",
@@ -25,6 +25,7 @@ const KEYS: [&str; 19] = [
     "checkpoint_every",
     "schedule",
     "prune",
+    "method",
     "effects",
     "tuning",
 ];
@@ -87,7 +88,7 @@ mod tests {
     use super::*;
     use crate::effects::Overrides;
     use crate::gpu::{DeviceClass, Tuning};
-    use crate::pipeline::config::Preset;
+    use crate::pipeline::config::{MethodConfig, Preset};
     use crate::render::Style;
 
     fn config() -> RunConfig {
@@ -131,6 +132,7 @@ mod tests {
             resolution: Some("/2".into()),
             init_count: Some(10),
             effects: Preset::Paper.effects(),
+            method: Some(MethodConfig::new("mcmc", &toml::toml! { dead = 0.005 })),
             tuning: Some(Tuning::new(DeviceClass::Cpu, 8, 1024)),
             style: Style { dilation: Some(0.3), ..Style::default() },
             ..config()

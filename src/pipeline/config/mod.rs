@@ -2,9 +2,11 @@
 
 mod changes;
 mod file;
+mod method;
 mod pruning;
 pub mod ranges;
 mod run;
 
+pub use method::{MethodConfig, Methods, no_methods};
 pub use pruning::{Compression, Pruning, ResponseSource};
 pub use run::{Init, Preset, RunConfig, Selection};

@@ -21,12 +21,16 @@ pub const MOST_GAUSSIANS: usize = 100_000_000;
 const BLOCK: RangeInclusive<usize> = 16..=8000;
 /// Learning rates, weights, gradients and scales.
 const POSITIVE: RangeInclusive<f64> = 1e-30..=1e6;
-const SHARE: RangeInclusive<f64> = 0.0..=1.0;
+/// Shares.
+pub const SHARE: RangeInclusive<f64> = 0.0..=1.0;
 /// Numbers of 0 or more.
-const WEIGHT: RangeInclusive<f64> = 0.0..=1e6;
+pub const WEIGHT: RangeInclusive<f64> = 0.0..=1e6;
 
 /// Refuses a value outside its range, and NaN.
-fn within<T: Copy + PartialOrd + Display>(field: &str, value: T, range: &RangeInclusive<T>) -> Result<(), String> {
+///
+/// # Errors
+/// The field, its value, and its range.
+pub fn within<T: Copy + PartialOrd + Display>(field: &str, value: T, range: &RangeInclusive<T>) -> Result<(), String> {
     if range.contains(&value) {
         return Ok(());
     }
@@ -94,19 +98,6 @@ fn schedule(s: &Schedule) -> Result<(), String> {
         within("schedule.growth.gaussians", gaussians, &(1..=MOST_GAUSSIANS))?;
         within("schedule.growth.steps", g.steps, &(1..=MOST_ITERATIONS))?;
     }
-    if let Some(r) = &s.relocation {
-        within("schedule.relocation.until", r.until, &(0.0..=1000.0))?;
-        within("schedule.relocation.dead", r.dead, &SHARE)?;
-        for (field, value) in [("noise", r.noise), ("opacity", r.opacity), ("scale", r.scale)] {
-            within(&format!("schedule.relocation.{field}"), value, &WEIGHT)?;
-        }
-    }
-    if let Some(m) = &s.learnt_masks {
-        within("schedule.learnt_masks.survivors", m.survivors, &(1..=MOST_GAUSSIANS))?;
-        within("schedule.learnt_masks.until", m.until, &SHARE)?;
-        within("schedule.learnt_masks.rate", m.rate, &WEIGHT)?;
-        within("schedule.learnt_masks.weight", m.weight, &WEIGHT)?;
-    }
     Ok(())
 }
 
@@ -165,8 +156,6 @@ fn compression(c: &Compression) -> Result<(), String> {
 mod tests {
     use super::*;
     use crate::pipeline::config::Preset;
-    use crate::train::learnt_masks::{LearntMasks, Method};
-    use crate::train::relocation::Relocation;
 
     #[test]
     fn every_preset_passes() {
@@ -197,10 +186,6 @@ mod tests {
         assert!(with(&|c| c.prune.iter_mut().for_each(|p| p.compression.basis.partition = partition)).contains("8000"));
         assert!(with(&|c| c.schedule.iterations = 0).contains("schedule.iterations = 0: write a number from 1"));
         assert!(with(&|c| c.schedule.position_rate = -1.0).contains("position_rate = -1"));
-        let shaken = Some(Relocation { noise: f64::NAN, ..Relocation::default() });
-        assert!(with(&|c| c.schedule.relocation = shaken).contains("schedule.relocation.noise = NaN"));
-        let masks = LearntMasks { until: 1.5, ..LearntMasks::of(Method::Compact3dgs, 9, 100) };
-        assert!(with(&|c| c.schedule.learnt_masks = Some(masks)).contains("schedule.learnt_masks.until = 1.5"));
         assert!(with(&|c| c.max_gaussians = usize::MAX).contains("max_gaussians"));
         assert!(with(&|c| c.sh_degree = 4).contains("from 0 to 3"));
         assert!(with(&|c| c.background = Some([0.0, f32::NAN, 0.0])).contains("background = NaN"));

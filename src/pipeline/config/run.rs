@@ -1,5 +1,6 @@
 //! A run's configuration: the contents of `config.toml`, which reproduce the run.
 
+use super::method::MethodConfig;
 use super::pruning::Pruning;
 use crate::effects::{Choice, Effect, Overrides};
 use crate::gpu::Tuning;
@@ -115,6 +116,9 @@ pub struct RunConfig {
     /// When and how it prunes; never if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prune: Option<Pruning>,
+    /// The method of another paper that trains the model; only arms of `compare` have one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub method: Option<MethodConfig>,
     /// The user's decisions on effects; the scene decides on all others.
     #[serde(default, skip_serializing_if = "Overrides::is_empty")]
     pub effects: Overrides,
@@ -190,6 +194,7 @@ impl RunConfig {
             checkpoint_every: 50,
             schedule: preset.schedule(None),
             prune: None,
+            method: None,
             effects: preset.effects(),
             tuning: None,
         }

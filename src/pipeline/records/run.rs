@@ -5,7 +5,7 @@ use crate::effects::Decision;
 use crate::gpu::TunedDevice;
 use crate::metrics::Scores;
 use crate::scene::Skipped;
-use crate::train::learnt_masks::MasksCut;
+use crate::train::method::Cut;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 
@@ -39,9 +39,9 @@ pub struct RunRecord {
     pub model_bytes: u64,
     /// Each prune, in order; empty if nothing was pruned.
     pub prunes: Vec<PruneRecord>,
-    /// The cut at the end of learnt masks; absent without them.
+    /// The cut that a method ended with; absent without one.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub masks: Option<MasksCut>,
+    pub cut: Option<Cut>,
     /// Quality against time, evaluation excluded.
     pub curve: Vec<CurvePoint>,
     /// Seconds.

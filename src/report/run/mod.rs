@@ -9,7 +9,7 @@ mod summary;
 mod time;
 
 pub use pictures::stacks;
-pub use pruning::masks;
+pub use pruning::cut;
 
 use super::page::{self, Section};
 use super::slider::Stack;

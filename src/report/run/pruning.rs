@@ -5,14 +5,14 @@ use crate::qirf::select::Selector;
 use crate::report::format::{count, decimals, percent, seconds, short};
 use crate::report::page::{absent, facts, side_by_side};
 use crate::report::plot::{Axis, Bar, Columns, bars};
-use crate::train::learnt_masks::MasksCut;
+use crate::train::method::Cut;
 use maud::{Markup, html};
 
-/// The cut at the end of learnt masks, in a sentence.
-pub fn masks(cut: &MasksCut) -> String {
-    let MasksCut { iteration, before, shown, after } = *cut;
+/// The cut that a method ended with, in a sentence.
+pub fn cut(cut: &Cut) -> String {
+    let Cut { iteration, before, shown, after } = *cut;
     format!(
-        "After iteration {}, learnt masks would have kept {} of {} Gaussians; {} were kept.",
+        "After iteration {}, the method would have kept {} of {} Gaussians; {} were kept.",
         count(iteration as usize),
         count(shown),
         count(before),
@@ -21,8 +21,8 @@ pub fn masks(cut: &MasksCut) -> String {
 }
 
 pub fn body(results: &RunRecord) -> Markup {
-    if let (Some(cut), true) = (&results.masks, results.prunes.is_empty()) {
-        return html! { p { (masks(cut)) } };
+    if let (Some(done), true) = (&results.cut, results.prunes.is_empty()) {
+        return html! { p { (cut(done)) } };
     }
     if results.prunes.is_empty() {
         return absent("The model was not pruned.");

@@ -13,8 +13,11 @@ const HALF: f64 = 0.5;
 
 /// Refuses runs that cannot be divided.
 pub(super) fn check(config: &RunConfig) -> Result<(), Error> {
-    let Some(pruning) = &config.prune else { return Ok(()) };
     let refused = |what: &str| Err(Error::Usage(format!("a run in blocks cannot {what}")));
+    if config.method.is_some() {
+        return refused("train by a method of another paper ([method] in config.toml)");
+    }
+    let Some(pruning) = &config.prune else { return Ok(()) };
     match pruning.iterations(config.schedule.iterations).len() {
         0 | 1 if pruning.responses == ResponseSource::Average => refused("average responses (--preset paper)"),
         0 | 1 => Ok(()),

@@ -3,7 +3,8 @@
 use crate::gaussians::{Attributes, Gaussians};
 use crate::shard::kd_tree::Cells;
 use crate::train::checkpoint::Snapshot;
-use crate::train::course::Course;
+use crate::train::state::TrainState;
+use std::collections::BTreeMap;
 use std::collections::HashMap;
 use std::ops::Range;
 
@@ -37,9 +38,9 @@ pub(super) fn beginning(model: Gaussians, tail: usize) -> Snapshot {
         growth: vec![0.0; 2 * model.len()],
         responses: Default::default(),
         exposures: Default::default(),
-        masks: Default::default(),
+        arrays: BTreeMap::new(),
         mean: None,
-        course: Course::default(),
+        state: TrainState::default(),
         notes: HashMap::new(),
         model,
     }
@@ -50,7 +51,7 @@ fn trained(snapshot: &Snapshot) -> Range<usize> {
     0..snapshot.model.len() - snapshot.tail
 }
 
-/// These rows of a state with their moments. The tail, exposures and learnt masks go, growth and averaged responses restart.
+/// These rows of a state with their moments. The tail, exposures and a method's arrays go, growth and averaged responses restart.
 ///
 /// # Panics
 /// If a row is of the tail.
@@ -66,7 +67,7 @@ pub(super) fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
         growth: vec![0.0; 2 * rows.len()],
         responses: Default::default(),
         exposures: Default::default(),
-        masks: Default::default(),
+        arrays: BTreeMap::new(),
         mean: None,
         notes: snapshot.notes.clone(),
         ..*snapshot

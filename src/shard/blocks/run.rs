@@ -313,8 +313,7 @@ impl BlockRun {
 
     /// The number of Gaussians that the run grows to in one piece, if it has a plan.
     fn planned(&self) -> Option<usize> {
-        let growth = self.config.schedule.growth.filter(|_| self.config.schedule.relocation.is_none())?;
-        growth.gaussians.map(|n| n.min(self.config.max_gaussians))
+        self.config.schedule.growth?.gaussians.map(|n| n.min(self.config.max_gaussians))
     }
 
     /// The choice as a compression of the joined blocks by the run's photos.

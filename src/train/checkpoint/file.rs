@@ -5,9 +5,9 @@ use super::Snapshot;
 use crate::gaussians::formats::{crc32, write_atomically};
 use crate::gaussians::{Attributes, Error, Gaussians};
 use crate::response::CHANNELS;
-use crate::train::course::Course;
 use crate::train::exposure;
 use crate::train::mean::Mean;
+use crate::train::state::TrainState;
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::{BTreeMap, HashMap};
@@ -21,6 +21,8 @@ const ITERATION: &str = "iteration";
 const SKIPPED_ROWS: &str = "skipped_rows";
 /// The note that holds the events of the run as JSON, if there were any.
 const COURSE: &str = "course";
+/// Begins the names of a method's arrays.
+const METHOD: &str = "method.";
 /// The note that holds the number of Gaussians that never change, if there are any.
 const TAIL: &str = "tail";
 /// The note that holds the number of iterates in the mean, if one is taken.
@@ -79,17 +81,16 @@ impl Snapshot {
                 add(format!("{name}.mean"), values);
             }
         }
-        if !self.masks.0.is_empty() {
-            add("masks".to_owned(), &self.masks.0);
-            add("masks.moments".to_owned(), &self.masks.1);
+        for (name, values) in &self.arrays {
+            add(format!("{METHOD}{name}"), values);
         }
         let stored = |what: String| Error::Inconsistent { what: format!("the checkpoint cannot be stored: {what}") };
         let mut notes = self.notes.clone();
         notes.insert(ITERATION.into(), self.iteration.to_string());
         notes.insert(SKIPPED_ROWS.into(), self.skipped_rows.to_string());
-        if self.course != Course::default() {
-            let course = serde_json::to_string(&self.course);
-            notes.insert(COURSE.into(), course.map_err(|e| stored(e.to_string()))?);
+        if self.state != TrainState::default() {
+            let state = serde_json::to_string(&self.state);
+            notes.insert(COURSE.into(), state.map_err(|e| stored(e.to_string()))?);
         }
         if let Some(Mean { iterates, .. }) = &self.mean {
             notes.insert(ITERATES.into(), iterates.to_string());
@@ -149,14 +150,10 @@ impl Snapshot {
         if exposures.0.len() % exposure::SIZE != 0 || exposures.1.len() != 2 * exposures.0.len() {
             return Err(stored.bad("exposures", "their lengths do not agree"));
         }
-        let masks = if stored.has("masks") {
-            (stored.rows("masks", trained, 1)?, stored.rows("masks.moments", trained, 2)?)
-        } else {
-            Default::default()
-        };
-        let course = match stored.notes.get(COURSE) {
+        let arrays = stored.arrays(trained)?;
+        let state = match stored.notes.get(COURSE) {
             Some(text) => serde_json::from_str(text).map_err(|e| stored.bad(COURSE, &e.to_string()))?,
-            None => Course::default(),
+            None => TrainState::default(),
         };
         stored.check()?;
         Ok(Self {
@@ -168,9 +165,9 @@ impl Snapshot {
             tail,
             responses,
             exposures,
-            masks,
+            arrays,
             mean,
-            course,
+            state,
             notes: stored.notes,
         })
     }
@@ -222,6 +219,20 @@ impl<'a> Stored<'a> {
             values if values.len() == rows * width => Ok(values),
             _ => Err(self.bad(name, &format!("its length is not that of {rows} rows of {width}"))),
         }
+    }
+
+    /// The arrays of a method, each of whole rows for `n` Gaussians.
+    fn arrays(&self, n: usize) -> Result<BTreeMap<String, Vec<f32>>, Error> {
+        let mut arrays = BTreeMap::new();
+        for tensor in self.file.names() {
+            let Some(name) = tensor.strip_prefix(METHOD) else { continue };
+            let values = self.floats(tensor)?;
+            if values.is_empty() != (n == 0) || values.len().checked_rem(n).unwrap_or(0) != 0 {
+                return Err(self.bad(tensor, &format!("its length is not that of {n} rows")));
+            }
+            arrays.insert(name.to_owned(), values);
+        }
+        Ok(arrays)
     }
 
     /// Refuses a file that is not the one that was written: a run resumed from a flipped bit would end with a different model, and

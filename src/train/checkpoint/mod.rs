@@ -1,19 +1,18 @@
 //! The whole state of a run: model, moments, growth, responses, exposures, iteration.
 
-use super::cloak::Masks;
-use super::course::Course;
 use super::error::Result;
 use super::exposure::{self, Exposure};
 use super::mean::Mean;
 use super::options::{Exposures, Options};
-use super::trainee::{Tail, Trainee};
+use super::state::TrainState;
 use super::trainer::Trainer;
+use super::training_model::{Array, Tail, TrainingModel};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
 use crate::gpu::{self, Buffer, Device};
 use crate::response::ResidentResponses;
 use crate::scene::Photo;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 mod file;
 
@@ -32,18 +31,18 @@ pub struct Snapshot {
     pub tail: usize,
     /// Moments of each attribute, first and second interleaved; empty for bands that the model lacks.
     pub moments: Attributes<Vec<f32>>,
-    /// [`Trainee::growth`]: two numbers per Gaussian.
+    /// [`TrainingModel::growth`]: two numbers per Gaussian.
     pub growth: Vec<f32>,
     /// Averaged responses, eight per Gaussian, and the iteration that last showed each Gaussian; empty if there are none.
     pub responses: (Vec<f32>, Vec<u32>),
     /// Exposures, twelve numbers per photo, and their moments, first and second interleaved; empty if there are none.
     pub exposures: (Vec<f32>, Vec<f32>),
-    /// Scores of learnt masks, and their moments, first and second interleaved; empty if there are none.
-    pub masks: (Vec<f32>, Vec<f32>),
+    /// A method's arrays by name; see [`super::ArrayKind`].
+    pub arrays: BTreeMap<String, Vec<f32>>,
     /// The mean of iterates, while one is taken.
     pub mean: Option<Mean>,
     /// Events of the run so far.
-    pub course: Course,
+    pub state: TrainState,
     /// Text by name that the caller stores along, such as its configuration.
     pub notes: HashMap<String, String>,
 }
@@ -55,12 +54,12 @@ impl Trainer {
     /// Device errors.
     pub fn snapshot(&self) -> Result<Snapshot> {
         let read = |buffer: &Buffer<[f32; 2]>| buffer.cast::<f32>().read(&self.device);
-        let Trainee { moments, growth, .. } = &self.trainee;
+        let TrainingModel { moments, growth, .. } = &self.training;
         Ok(Snapshot {
             iteration: self.iteration,
             skipped_rows: self.skipped_rows,
             model: self.download()?,
-            tail: self.trainee.tail(),
+            tail: self.training.tail(),
             moments: moments.each_ref().try_map(read)?,
             growth: read(growth)?,
             responses: match &self.responses {
@@ -71,12 +70,12 @@ impl Trainer {
                 Some(e) => (e.affine.read(&self.device)?, read(&e.moments)?),
                 None => Default::default(),
             },
-            masks: match &self.trainee.masks {
-                Some(m) => (m.scores.read(&self.device)?, read(&m.moments)?),
-                None => Default::default(),
+            arrays: {
+                let read = |array: &Array| Ok((array.kind.name.to_owned(), array.values.read(&self.device)?));
+                self.training.arrays.iter().map(read).collect::<Result<_>>()?
             },
-            mean: self.trainee.mean.clone(),
-            course: self.course,
+            mean: self.training.mean.clone(),
+            state: self.state,
             notes: HashMap::new(),
         })
     }
@@ -92,22 +91,28 @@ impl Trainer {
         extent: f64,
         mut options: Options,
     ) -> Result<Self> {
-        // They end once.
-        options.schedule.learnt_masks.take_if(|_| snapshot.course.masks.is_some());
-        let (scores, moments_of_scores) = &snapshot.masks;
-        let masks = || Masks::with(device, scores, moments_of_scores);
+        // A method ends once.
+        options.method.take_if(|_| snapshot.state.cut.is_some());
+        let kinds = options.method.as_ref().map(|method| method.arrays()).unwrap_or_default();
+        let trained = snapshot.model.len() - snapshot.tail;
+        let mut arrays = Vec::new();
+        for kind in kinds {
+            let values = snapshot.arrays.get(kind.name).filter(|values| values.len() == kind.width * trained);
+            let method = options.method.as_ref().map_or("", |method| method.name());
+            arrays.push(Array::with(device, *kind, values.ok_or(super::Error::Method { method })?)?);
+        }
         let upload =
             |name: &str, values: &[f32]| -> gpu::Result<Buffer<[f32; 2]>> { Ok(device.upload(name, values)?.cast()) };
         let moments = Attributes::NAMES.zip(snapshot.moments.each_ref());
-        let trainee = Trainee {
+        let training = TrainingModel {
             moments: moments.try_map(|(name, values)| upload(&format!("{name}.moments"), values))?,
             model: Resident::upload(device, &snapshot.model)?,
             growth: upload("growth", &snapshot.growth)?,
-            masks: (!scores.is_empty()).then(masks).transpose()?,
+            arrays,
             mean: snapshot.mean.clone(),
             tail: Tail::new(device, snapshot.model.len(), snapshot.tail)?,
         };
-        let mut trainer = Self::assemble(device, trainee, photos, extent, options)?;
+        let mut trainer = Self::assemble(device, training, photos, extent, options)?;
         let (values, seen) = &snapshot.responses;
         if !seen.is_empty() {
             let (values, seen) = (device.upload("responses", values)?, device.upload("responses' iterations", seen)?);
@@ -124,7 +129,7 @@ impl Trainer {
         }
         trainer.iteration = snapshot.iteration;
         trainer.skipped_rows = snapshot.skipped_rows;
-        trainer.course = snapshot.course;
+        trainer.state = snapshot.state;
         Ok(trainer)
     }
 }

@@ -124,6 +124,7 @@ fn options(config: &RunConfig, exposure: bool) -> Options {
         exposure: exposure.then(|| Exposures::Learnt(Vec::new())),
         weights: Weights::default(),
         averaged: 0..0,
+        method: None,
         pairs: 1 << 14,
     }
 }

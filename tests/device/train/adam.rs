@@ -8,15 +8,16 @@ use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
-use qirf_vk::train::Trainee;
+use qirf_vk::train::TrainingModel;
 use qirf_vk::train::adam::{self, Moments};
+use qirf_vk::train::rates::Step;
 use qirf_vk::train::schedule::Schedule;
 
 /// A model trained with a fixed gradient of the picture.
 pub(crate) struct Bench {
     device: Device,
     pub(crate) renderer: Renderer,
-    pub(crate) trainee: Trainee,
+    pub(crate) training: TrainingModel,
     camera: Camera,
     by_image: Buffer<[f32; 4]>,
 }
@@ -28,7 +29,7 @@ impl Bench {
         Self {
             device: device.clone(),
             renderer,
-            trainee: Trainee::new(device, model).unwrap(),
+            training: TrainingModel::new(device, model).unwrap(),
             camera: camera.clone(),
             by_image: device.upload("image gradient", by_image).unwrap(),
         }
@@ -36,25 +37,25 @@ impl Bench {
 
     pub(crate) fn there_and_back(&self, growth: Option<&Buffer<[f32; 2]>>) -> Recording {
         let mut recording = Recording::new();
-        self.renderer.record(&mut recording, &self.trainee.model, &self.camera);
+        self.renderer.record(&mut recording, &self.training.model, &self.camera);
         let backward = Backward { growth, ..Backward::default() };
-        self.renderer.record_backward(&mut recording, &self.trainee.model, &self.camera, &self.by_image, backward);
+        self.renderer.record_backward(&mut recording, &self.training.model, &self.camera, &self.by_image, backward);
         recording
     }
 
-    pub(crate) fn take(&self, step: adam::Step) {
-        let mut recording = self.there_and_back(Some(&self.trainee.growth));
-        adam::record(&mut recording, &self.renderer, &self.trainee, step);
+    pub(crate) fn take(&self, step: Step) {
+        let mut recording = self.there_and_back(Some(&self.training.growth));
+        adam::record(&mut recording, &self.renderer, &self.training, step);
         self.device.run(recording).unwrap();
     }
 
     /// Gradients by the current parameters.
     pub(crate) fn gradients(&self) -> Params {
-        let apart = adam::zeros(&self.device, &self.trainee.model).unwrap();
+        let apart = adam::zeros(&self.device, &self.training.model).unwrap();
         let mut recording = self.there_and_back(None);
-        adam::record_gradients(&mut recording, &self.renderer, &self.trainee.model, &apart);
+        adam::record_gradients(&mut recording, &self.renderer, &self.training.model, &apart);
         self.device.run(recording).unwrap();
-        let mut out = Params::from(&self.trainee.model.download(&self.device).unwrap());
+        let mut out = Params::from(&self.training.model.download(&self.device).unwrap());
         for ((_, into), moments) in out.groups_mut().into_iter().zip(moments(&apart, &self.device, 3)) {
             into.iter_mut().zip(moments).for_each(|(g, m)| *g = f64::from(m[0]));
         }
@@ -62,7 +63,7 @@ impl Bench {
     }
 
     fn params(&self) -> Params {
-        Params::from(&self.trainee.model.download(&self.device).unwrap())
+        Params::from(&self.training.model.download(&self.device).unwrap())
     }
 }
 
@@ -85,7 +86,7 @@ impl Twin {
     }
 
     /// One step; a Gaussian with any gradient that is not finite stays unchanged. Returns the number of such Gaussians.
-    fn step(&mut self, gradients: &mut Params, step: adam::Step) -> usize {
+    fn step(&mut self, gradients: &mut Params, step: Step) -> usize {
         let n = self.params.len();
         let rates = step.rates.into_array();
         let gradients = gradients.groups_mut();
@@ -113,9 +114,9 @@ impl Twin {
 }
 
 /// Step number `number`; the decays are the reference's to the power `forgetting`.
-fn step(number: u32, forgetting: f64) -> adam::Step {
+fn step(number: u32, forgetting: f64) -> Step {
     let schedule = Schedule { iterations: 40, position_rate: 5e-3, forgetting, ..Schedule::default() };
-    adam::Step { decays: schedule.decays(), ..adam::Step::new(number, schedule.rates(number, 1.7)) }
+    Step { decays: schedule.decays(), ..Step::new(number, schedule.rates(number, 1.7)) }
 }
 
 pub(crate) fn weights(count: usize, seed: u64) -> Vec<[f32; 4]> {
@@ -157,7 +158,7 @@ fn ten_steps(forgetting: f64) {
     }
     assert!(moved > 500, "only {moved} elements moved");
     // First moments to 1e-6 of the attribute's norm, second to 1e-4 (square roots halve it).
-    let got = moments(&bench.trainee.moments, &device, 3);
+    let got = moments(&bench.training.moments, &device, 3);
     for (which, allowed) in [(0, 2e-6), (1, 1e-4)] {
         let of = if which == 0 { &mut twin.first } else { &mut twin.second };
         for ((name, right), got) in of.groups_mut().into_iter().zip(&got) {
@@ -238,8 +239,8 @@ pub fn gradients_not_finite(device: &Device) {
         }
         (
             bench.params(),
-            moments(&bench.trainee.moments, device, 3),
-            bench.trainee.growth.read(device).unwrap(),
+            moments(&bench.training.moments, device, 3),
+            bench.training.growth.read(device).unwrap(),
             bench.renderer.backward_counts().unwrap(),
         )
     };

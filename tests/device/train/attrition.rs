@@ -6,8 +6,8 @@ use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::reference::adam::{BETA1, BETA2, adam, pressed};
-use qirf_vk::train::adam::{Pressure, Rates, Step};
 use qirf_vk::train::attrition::Attrition;
+use qirf_vk::train::rates::{Pressure, Rates, Step};
 use qirf_vk::train::{Options, Trainer};
 
 /// Three steps under pressure move opacities as the twin's do, and nothing else.
@@ -35,7 +35,7 @@ fn pressure_moves_opacities_alone() {
                 }
                 bench.take(Step { pressure, ..Step::new(step, rates) });
             }
-            let got = bench.trainee.model.download(&device).unwrap();
+            let got = bench.training.model.download(&device).unwrap();
             for (i, (logit, ..)) in twin.iter().enumerate() {
                 let (got, right) = (f64::from(got.opacity_logits[i]), logit[0]);
                 assert!((got - right).abs() < 3e-5 + 1e-6 * right.abs(), "{i}: {got} for {right} under {pressure:?}");
@@ -94,7 +94,7 @@ fn it_resumes_to_the_same_bytes() {
     let mut first = trainer(&device, contested());
     contest(&mut first, 60, Some(BEGUN + 18));
     let snapshot = first.snapshot().unwrap();
-    let before = snapshot.course.attrition.unwrap().before;
+    let before = snapshot.state.attrition.unwrap().before;
     assert!(before > first.len() && first.len() > left && left >= 60, "{before} > {} > {left}", first.len());
     let mut second = resumed(&device, &snapshot, contested());
     assert!(second.attrition() == first.attrition() && second.attrition().is_some());
@@ -102,7 +102,7 @@ fn it_resumes_to_the_same_bytes() {
 
     // A checkpoint after the end still knows that rates were re-warmed.
     let done = resumed(&device, &whole.snapshot().unwrap(), contested()).snapshot().unwrap();
-    assert!(done.course == whole.snapshot().unwrap().course && done.course.rewarmed.is_some());
+    assert!(done.state == whole.snapshot().unwrap().state && done.state.rewarmed.is_some());
     finish(&device);
 }
 

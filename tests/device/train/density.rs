@@ -6,7 +6,7 @@ use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::reference::densify::{Kind, Thresholds};
 use qirf_vk::reference::{self, Params};
-use qirf_vk::train::Trainee;
+use qirf_vk::train::TrainingModel;
 use qirf_vk::train::density::{Step, densify, reset_opacity};
 use qirf_vk::train::schedule::Schedule;
 
@@ -44,18 +44,18 @@ pub(crate) fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
 }
 
 /// A model in training, whose moments are all different and not zero.
-pub(crate) fn held(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> Trainee {
-    let trainee = Trainee::new(device, model).unwrap();
-    for (a, buffer) in attributes(&trainee).into_iter().enumerate() {
+pub(crate) fn held(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> TrainingModel {
+    let training = TrainingModel::new(device, model).unwrap();
+    for (a, buffer) in attributes(&training).into_iter().enumerate() {
         let values: Vec<[f32; 2]> = (0..buffer.len()).map(|k| [(a + 1) as f32, 1.0 + k as f32]).collect();
         buffer.write(device, &values).unwrap();
     }
-    trainee.growth.write(device, growth).unwrap();
-    trainee
+    training.growth.write(device, growth).unwrap();
+    training
 }
 
-fn attributes(trainee: &Trainee) -> Vec<&Buffer<[f32; 2]>> {
-    trainee.moments.each_ref().up_to(1).collect()
+fn attributes(training: &TrainingModel) -> Vec<&Buffer<[f32; 2]>> {
+    training.moments.each_ref().up_to(1).collect()
 }
 
 /// Attributes row by row, as bits: NaN equals itself.

@@ -8,7 +8,7 @@ use qirf_vk::gpu::Recording;
 use qirf_vk::reference::densify::lengthwise;
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, Renderer, Settings};
-use qirf_vk::train::Trainee;
+use qirf_vk::train::TrainingModel;
 use qirf_vk::train::density::{Step, densify};
 use qirf_vk::train::growth::Growth;
 use qirf_vk::train::schedule::Schedule;
@@ -25,19 +25,19 @@ fn gradients_as_the_twin_adds_them_up() {
         weights.iter().map(|w| ([w[0], w[1], w[2]].map(f64::from), f64::from(w[3]))).unzip();
     let settings = reference::Settings { tile: device.tuning().tile, ..reference::Settings::default() };
     let twin = reference::frame::gradients(&Params::from(&model), &camera, &settings, &colour, Some(&alpha));
-    let trainee = Trainee::new(&device, &model).unwrap();
+    let training = TrainingModel::new(&device, &model).unwrap();
     let mut renderer = Renderer::for_training(&device, Settings::default(), model.len(), [45, 37], 1 << 13).unwrap();
-    renderer.render(&trainee.model, &camera).unwrap();
+    renderer.render(&training.model, &camera).unwrap();
     let by_image = device.upload("image gradient", &weights).unwrap();
     let mut larger = 0;
     for absolute in [false, true] {
-        trainee.growth.write(&device, &vec![[0.0; 2]; model.len()]).unwrap();
+        training.growth.write(&device, &vec![[0.0; 2]; model.len()]).unwrap();
         let mut recording = Recording::new();
-        renderer.record(&mut recording, &trainee.model, &camera);
-        let backward = Backward { growth: Some(&trainee.growth), absolute, ..Backward::default() };
-        renderer.record_backward(&mut recording, &trainee.model, &camera, &by_image, backward);
+        renderer.record(&mut recording, &training.model, &camera);
+        let backward = Backward { growth: Some(&training.growth), absolute, ..Backward::default() };
+        renderer.record_backward(&mut recording, &training.model, &camera, &by_image, backward);
         device.run(recording).unwrap();
-        for (i, [got, views]) in trainee.growth.read(&device).unwrap().into_iter().enumerate() {
+        for (i, [got, views]) in training.growth.read(&device).unwrap().into_iter().enumerate() {
             let signed = twin.mean2d_ndc[i][0].hypot(twin.mean2d_ndc[i][1]);
             let pull = (twin.sums[i].pull.x * 22.5).hypot(twin.sums[i].pull.y * 18.5);
             let right = if absolute { pull } else { signed };

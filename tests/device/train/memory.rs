@@ -5,14 +5,16 @@ use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Device;
+use qirf_vk::lab::methods::learnt_mask::{LearntMask, LearntMasks, MaskMethod};
 use qirf_vk::render::{Purpose, Renderer, Settings, Style, Uses};
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::device_photos::DevicePhotos;
-use qirf_vk::train::learnt_masks::{LearntMasks, Method};
 use qirf_vk::train::loss::{Loss, Weights};
+use qirf_vk::train::method::Method;
 use qirf_vk::train::schedule::Schedule;
-use qirf_vk::train::{Options, Trainee, Trainer, TrainerNeeds};
+use qirf_vk::train::{Options, Trainer, TrainerNeeds, TrainingModel};
+use std::sync::Arc;
 
 fn model(n: usize, degree: usize) -> Gaussians {
     let at = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
@@ -43,7 +45,7 @@ fn owners_know_their_bytes() {
         for degree in [0, 1, 3] {
             let (d, m) = (&device, model(n, degree));
             assert_eq!(taken(&|| Box::new(Resident::upload(d, &m).unwrap())), Resident::bytes(n, degree));
-            assert_eq!(taken(&|| Box::new(Trainee::new(d, &m).unwrap())), Trainee::bytes(n, 0, degree));
+            assert_eq!(taken(&|| Box::new(TrainingModel::new(d, &m).unwrap())), TrainingModel::bytes(n, 0, degree));
         }
         for size @ [w, h] in [[1, 1], [33, 20], [100, 257]] {
             for pairs in [1, 5000, 1 << 18] {
@@ -71,7 +73,7 @@ fn owners_know_their_bytes() {
 }
 
 /// Peak memory of a run, as a share of its estimate.
-fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Method>) -> f64 {
+fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<MaskMethod>) -> f64 {
     let size @ [w, h] = [200, 150];
     let views: Vec<Photo> = (0..4).map(|_| view(w, h)).collect();
     let photos = views.iter().map(|v| v.pixels.len() as u64).collect();
@@ -84,9 +86,11 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Me
         densify_gradient: 0.0,
         degree_every: 0.1,
         half_until: 0.3,
-        learnt_masks: masks.map(|method| LearntMasks::of(method, n / 2, 60)),
         ..Schedule::default()
     };
+    let method = masks.map(|method| -> Arc<dyn Method> {
+        Arc::new(LearntMask::new(device, LearntMasks::of(method, n / 2, 60)).unwrap())
+    });
     let options = Options {
         schedule,
         settings: Settings::default(),
@@ -98,6 +102,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Me
         exposure: None,
         weights: Weights::default(),
         averaged: 0..0,
+        method: method.clone(),
         pairs,
     };
     let first = if grows { n / 4 } else { n };
@@ -116,7 +121,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Me
         degree,
         exposure: false,
         masked: false,
-        learnt_masks: masks.is_some(),
+        method,
         style: Style::default(),
         halves: true,
         grows,
@@ -135,7 +140,7 @@ fn a_run_of_fixed_size_takes_what_was_expected() {
         let share = share(&new_device(), n, degree, false, None);
         assert!((0.9..=1.0).contains(&share), "{share}");
     }
-    let share = share(&new_device(), 30_000, 0, false, Some(Method::MaskGaussian));
+    let share = share(&new_device(), 30_000, 0, false, Some(MaskMethod::MaskGaussian));
     assert!((0.7..=1.0).contains(&share), "with learnt masks, which leave half: {share}");
 }
 

@@ -72,6 +72,7 @@ pub(crate) fn options() -> Options {
         exposure: None,
         weights: Weights::default(),
         averaged: 0..0,
+        method: None,
         pairs: 1 << 16,
     }
 }

@@ -8,8 +8,8 @@ use qirf_vk::gaussians::formats::{self, Loaded};
 use qirf_vk::pipeline::RunConfig;
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
 use qirf_vk::train::checkpoint::Snapshot;
-use qirf_vk::train::course::Course;
 use qirf_vk::train::mean::Mean;
+use qirf_vk::train::state::TrainState;
 use std::fs;
 use std::io::Write;
 use std::path::Path;
@@ -222,7 +222,7 @@ exposure = "off"
 fn checkpoint() -> Vec<u8> {
     let model = make::model(5, 1);
     let snapshot = Snapshot {
-        course: Course::default(),
+        state: TrainState::default(),
         iteration: 7,
         skipped_rows: 0,
         tail: 0,
@@ -230,7 +230,7 @@ fn checkpoint() -> Vec<u8> {
         growth: vec![0.25; 10],
         responses: (vec![1.0; 40], vec![3; 5]),
         exposures: (vec![1.0; 24], vec![0.0; 48]),
-        masks: (vec![1.0; 5], vec![0.0; 10]),
+        arrays: [("scores".to_owned(), vec![1.0; 5]), ("scores.moments".to_owned(), vec![0.0; 10])].into(),
         mean: Some(Mean { model: make::model(5, 1), iterates: 3 }),
         notes: [("config".to_owned(), "seed = 1".to_owned())].into(),
         model,

@@ -1,5 +1,5 @@
-// Growth by relocation (3DGS as MCMC, Kheradmand et al. 2024). Before Adam, PULL adds the slopes of the mean opacity and of the mean
-// scale to the rows of gradients. After it, SHAKE moves faint Gaussians at random, in proportion to their own covariance, so
+// Growth by relocation (3DGS as MCMC, Kheradmand et al. 2024). Before Adam, REGULARISE adds the slopes of the mean opacity and of the mean
+// scale to the rows of gradients. After it, NOISE moves faint Gaussians at random, in proportion to their own covariance, so
 // that they explore; opaque ones stay.
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -11,15 +11,15 @@
 #include "lib/gradient_row.glsl"
 
 /// Phase: slopes of opacities and scales are added to gradients.
-const uint PULL = 0;
+const uint REGULARISE = 0;
 /// Phase: faint Gaussians move.
-const uint SHAKE = 1;
+const uint NOISE = 1;
 /// Noise falls with the opacity as a logistic function of this steepness ...
 const float STEEPNESS = 100.0;
 /// ... and is half at this opacity: 1 - 0.995.
-const float HALF_SHAKEN = 0.005;
+const float HALF_MOVED = 0.005;
 
-layout(constant_id = 2) const uint PHASE = PULL;
+layout(constant_id = 2) const uint PHASE = REGULARISE;
 
 layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -32,9 +32,9 @@ layout(push_constant) uniform Push {
     uint pair_limit;
     uint seed;
     uint iteration;
-    float opacity; // PULL: weight of the sum of opacities
-    float scale;   // PULL: weight of the sum of scales
-    float noise;   // SHAKE: factor of the noise, per world unit
+    float opacity; // REGULARISE: weight of the sum of opacities
+    float scale;   // REGULARISE: weight of the sum of scales
+    float noise;   // NOISE: factor of the noise, per world unit
 };
 
 void main() {
@@ -43,7 +43,7 @@ void main() {
     if (pairs[1] > pair_limit || i >= count[0]) return;
     float shown = 1 / (1 + exp(-logits[i]));
     vec3 scales = exp(vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]));
-    if (PHASE == PULL) {
+    if (PHASE == REGULARISE) {
         uint row = i * ROW;
         rows[row + ROW_LOGIT] += opacity * shown * (1 - shown);
         [[unroll]] for (uint c = 0; c < 3; c++) rows[row + ROW_LOG_SCALE + c] += scale * scales[c];
@@ -54,7 +54,7 @@ void main() {
     float norm;
     if (nan(logits[i]) || !finite(scales) || !rotation_of(rotations[i], rotation, unit, norm)) return;
     vec3 draw = vec3(normals(uvec4(seed, iteration, i, 2)), normals(uvec4(seed, iteration, i, 3)).x);
-    float share = 1 / (1 + exp(STEEPNESS * (shown - HALF_SHAKEN)));
+    float share = 1 / (1 + exp(STEEPNESS * (shown - HALF_MOVED)));
     vec3 step = noise * share * (rotation * (scales * scales * (draw * rotation)));
     if (!finite(step)) return;
     [[unroll]] for (uint c = 0; c < 3; c++) means[3 * i + c] += step[c];

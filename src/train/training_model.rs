@@ -1,6 +1,5 @@
 //! A model in training, with everything that is stored per Gaussian.
 
-use super::cloak::Masks;
 use super::mean::Mean;
 use super::moments::{self, Moments};
 use crate::gaussians::resident::Resident;
@@ -9,7 +8,7 @@ use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::primitives::{Count, Scan};
 
 /// A model in training, which density control replaces and a checkpoint stores.
-pub struct Trainee {
+pub struct TrainingModel {
     /// The model; its last rows may be a tail that is drawn and never changes.
     pub model: Resident,
     /// Moments of Adam, of the rows before the tail.
@@ -17,11 +16,56 @@ pub struct Trainee {
     /// n x (sum of the norms of the gradients by the 2D mean, in NDC units; number of views that saw it), which density
     /// control reads.
     pub growth: Buffer<[f32; 2]>,
-    /// Learnt masks of the rows before the tail, while there are any.
-    pub masks: Option<Masks>,
+    /// A method's arrays of the rows before the tail, while there are any.
+    pub arrays: Vec<Array>,
     /// The mean of iterates, while one is taken.
     pub mean: Option<Mean>,
     pub(super) tail: Option<Tail>,
+}
+
+/// An array of a method: so many numbers for each trained Gaussian, which follow it through density control and prunes, and are
+/// stored in checkpoints under the array's name.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArrayKind {
+    /// Its name; see [`TrainingModel::array`].
+    pub name: &'static str,
+    /// Numbers per Gaussian.
+    pub width: usize,
+    /// All of its numbers before the first iteration.
+    pub first: f32,
+    /// True if a new Gaussian begins with zeros; else with the numbers of the one that it comes from.
+    pub restarts: bool,
+}
+
+/// An array of a method on the device.
+pub struct Array {
+    /// What it is.
+    pub kind: ArrayKind,
+    /// n x `kind.width` numbers.
+    pub values: Buffer<f32>,
+}
+
+impl Array {
+    /// Bytes of arrays of so many numbers per Gaussian for `n` Gaussians.
+    pub fn bytes(kinds: &[ArrayKind], n: usize) -> u64 {
+        kinds.iter().map(|kind| Buffer::<f32>::bytes_of(n * kind.width)).sum()
+    }
+
+    /// Arrays for `n` Gaussians; their content is undefined.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn room(device: &Device, kind: ArrayKind, n: usize) -> Result<Self> {
+        Ok(Self { kind, values: device.buffer(kind.name, n * kind.width)? })
+    }
+
+    /// An array with these numbers.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn with(device: &Device, kind: ArrayKind, values: &[f32]) -> Result<Self> {
+        Ok(Self { kind, values: device.upload(kind.name, values)? })
+    }
 }
 
 /// The rows at the end of a model that no step, density control, reset or prune touches.
@@ -32,7 +76,7 @@ pub(super) struct Tail {
 }
 
 impl Tail {
-    /// None if there are no `rows` among those of a model of `n` Gaussians.
+    /// `None` if `rows` is 0; else the last `rows` of `n` Gaussians.
     ///
     /// # Panics
     /// If it is longer than the model.
@@ -43,7 +87,7 @@ impl Tail {
     }
 }
 
-impl Trainee {
+impl TrainingModel {
     /// Bytes of a model in training of `n` Gaussians, the last `tail` of which have no moments.
     pub fn bytes(n: usize, tail: usize, degree: usize) -> u64 {
         let of = Buffer::<[f32; 2]>::bytes_of;
@@ -62,7 +106,7 @@ impl Trainee {
         let parameters = widths.try_map(|(name, width)| device.buffer(name, n * width))?;
         let moments = widths.try_map(|(name, width)| device.buffer(&format!("{name}.moments"), trained * width))?;
         let model = Resident::new(device, parameters, degree, n)?;
-        Ok(Self { model, moments, growth: device.buffer("growth", n)?, masks: None, mean: None, tail })
+        Ok(Self { model, moments, growth: device.buffer("growth", n)?, arrays: Vec::new(), mean: None, tail })
     }
 
     /// A model before its first iteration: moments and growth are zero.
@@ -73,7 +117,7 @@ impl Trainee {
         Self::with_tail(device, model, 0)
     }
 
-    /// As [`Trainee::new`], of a model whose last `tail` rows are drawn and never change.
+    /// As [`TrainingModel::new`], of a model whose last `tail` rows are drawn and never change.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -86,7 +130,12 @@ impl Trainee {
         let trained = model.len - tail.as_ref().map_or(0, |tail| tail.rows);
         let moments = moments::zeros_of(device, trained, model.degree)?;
         let growth = device.upload("growth", &vec![[0.0; 2]; model.len])?;
-        Ok(Self { model, moments, growth, masks: None, mean: None, tail })
+        Ok(Self { model, moments, growth, arrays: Vec::new(), mean: None, tail })
+    }
+
+    /// The array of a method by its name.
+    pub fn array(&self, name: &str) -> Option<&Buffer<f32>> {
+        self.arrays.iter().find(|array| array.kind.name == name).map(|array| &array.values)
     }
 
     /// Number of rows that never change, at the model's end.

@@ -7,14 +7,14 @@ use crate::support::{device, finish};
 use glam::DVec3;
 use qirf_vk::gpu::Recording;
 use qirf_vk::kernels::constants::gradient_row::{ROW, ROW_LOG_SCALE, ROW_LOGIT};
+use qirf_vk::lab::methods::mcmc::Mcmc;
 use qirf_vk::reference;
-use qirf_vk::train::explore;
 use qirf_vk::train::growth::Growth;
-use qirf_vk::train::relocation::Relocation;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Trainer};
+use std::sync::Arc;
 
-const SETTINGS: Relocation = Relocation { until: 0.8, dead: 0.005, noise: 3.0, opacity: 40.0, scale: 70.0 };
+const SETTINGS: Mcmc = Mcmc { until: 0.8, dead: 0.005, noise: 3.0, opacity: 40.0, scale: 70.0 };
 
 /// Rows gain the slopes, and means move, as the twin says: to 1e-5 of the size of each; whatever the shape.
 #[test]
@@ -38,10 +38,10 @@ fn slopes_and_noise_as_the_twin_has_them() {
     device.run(bench.there_and_back(None)).unwrap();
     let before = rows(&bench);
     let mut recording = Recording::new();
-    explore::pull(&mut recording, &bench.renderer, &bench.trainee, &SETTINGS);
-    explore::shake(&mut recording, &bench.renderer, &bench.trainee, &SETTINGS, 0.25, [5, 77]);
+    SETTINGS.regularise(&mut recording, &bench.renderer, &bench.training);
+    SETTINGS.noise(&mut recording, &bench.renderer, &bench.training, 0.25, [5, 77]);
     device.run(recording).unwrap();
-    let (after, moved) = (rows(&bench), bench.trainee.model.download(&device).unwrap());
+    let (after, moved) = (rows(&bench), bench.training.model.download(&device).unwrap());
     assert_eq!(moved.means[..hard], model.means[..hard], "what cannot be shaken stays");
 
     let wide = |v: [f32; 3]| v.map(f64::from);
@@ -49,7 +49,7 @@ fn slopes_and_noise_as_the_twin_has_them() {
     for i in hard..n {
         let (logit, scales) = (f64::from(model.opacity_logits[i]), wide(model.log_scales[i]));
         let (logit_slope, scale_slopes) =
-            reference::explore::pull(logit, scales, SETTINGS.opacity / weight, SETTINGS.scale / (3.0 * weight));
+            reference::mcmc::regularise(logit, scales, SETTINGS.opacity / weight, SETTINGS.scale / (3.0 * weight));
         let check = |at: u32, slope: f64| {
             let at = i * ROW as usize + at as usize;
             let room = 1e-5 * slope.abs() + 2e-7 * f64::from(before[at].abs());
@@ -57,7 +57,7 @@ fn slopes_and_noise_as_the_twin_has_them() {
         };
         worst[0] = worst[0].max(check(ROW_LOGIT, logit_slope));
         (0..3).for_each(|c| worst[1] = worst[1].max(check(ROW_LOG_SCALE + c, scale_slopes[c as usize])));
-        let step = reference::explore::shake(logit, scales, model.rotations[i].map(f64::from), 0.75, [5, 77, i as u32]);
+        let step = reference::mcmc::noise(logit, scales, model.rotations[i].map(f64::from), 0.75, [5, 77, i as u32]);
         let (from, to) = (DVec3::from(wide(model.means[i])), DVec3::from(wide(moved.means[i])));
         // Roundings of the mean, of the opacity (100 times as large in the exponent), and of needles' short axes.
         let largest = scales.iter().fold(f64::MIN, |m, s| m.max(*s)).exp();
@@ -78,12 +78,12 @@ fn relocating_runs_end_with_the_same_bytes() {
     let c = capture();
     let planned = c.start.len() * 3 / 2;
     let growth = Some(Growth { gaussians: Some(planned), ..Growth::default() });
-    let schedule = Schedule { iterations: 120, growth, relocation: Some(SETTINGS), ..options().schedule };
-    let with = |options: Options| Options { schedule: schedule.clone(), ..options };
+    let schedule = Schedule { iterations: 120, growth, ..options().schedule };
+    let with = |options: Options| Options { schedule: schedule.clone(), method: Some(Arc::new(SETTINGS)), ..options };
     let trainer = |options: Options| Trainer::new(&device, &c.start, c.train.clone(), c.extent, with(options)).unwrap();
     let mut whole = trainer(options());
     let kernels = whole.recording().unwrap().kernels();
-    assert_eq!(kernels.iter().filter(|k| **k == "train/explore").count(), 2);
+    assert_eq!(kernels.iter().filter(|k| **k == "lab/mcmc").count(), 2);
     train(&mut whole, 120);
     assert_eq!(whole.len(), planned);
     let whole = bits(&whole.download().unwrap());

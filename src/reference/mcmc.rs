@@ -6,18 +6,18 @@ use glam::DVec3;
 
 /// What is added to the gradients by the logit and by the log-scales: those of `opacity` times the opacity and of `scale` times
 /// the sum of the scales.
-pub fn pull(logit: f64, log_scales: [f64; 3], opacity: f64, scale: f64) -> (f64, [f64; 3]) {
+pub fn regularise(logit: f64, log_scales: [f64; 3], opacity: f64, scale: f64) -> (f64, [f64; 3]) {
     let shown = sigmoid(logit);
     (opacity * shown * (1.0 - shown), log_scales.map(|s| scale * s.exp()))
 }
 
-/// The random step of Gaussian `row`: `noise` times its covariance times a normal vector, times a logistic function of
+/// The random step of Gaussian `row`: `factor` times its covariance times a normal vector, times a logistic function of
 /// its opacity, which is 1/2 at 0.005 and falls to nothing within some hundredths. None where a value is not finite.
-pub fn shake(
+pub fn noise(
     logit: f64,
     log_scales: [f64; 3],
     stored: [f64; 4],
-    noise: f64,
+    factor: f64,
     [seed, iteration, row]: [u32; 3],
 ) -> DVec3 {
     let length = stored.iter().map(|q| q * q).sum::<f64>().sqrt();
@@ -25,5 +25,5 @@ pub fn shake(
     let [x, y] = normals([seed, iteration, row, 2]);
     let draw = DVec3::new(x, y, normals([seed, iteration, row, 3])[0]);
     let variances = DVec3::from(log_scales.map(|s| (2.0 * s).exp()));
-    noise * sigmoid(-100.0 * (sigmoid(logit) - 0.005)) * (turn * (variances * (turn.transpose() * draw)))
+    factor * sigmoid(-100.0 * (sigmoid(logit) - 0.005)) * (turn * (variances * (turn.transpose() * draw)))
 }

@@ -2,20 +2,31 @@
 //! a dead Gaussian moves to a live one and shares its place, so that the picture changes little. The fair alternative to
 //! pruning a larger model.
 
-use super::density::replace;
-use super::error::Result;
-use super::schedule::Schedule;
-use super::trainer::Trainer;
+use crate::gpu::Recording;
+use crate::kernels::constants::mcmc::{NOISE, REGULARISE};
+use crate::kernels::lab::{Mcmc as Kernel, McmcPush as Push, McmcSpec as Spec};
+use crate::pipeline::config::MethodConfig;
+use crate::pipeline::config::ranges::{SHARE, WEIGHT, within};
+use crate::primitives::WORKGROUP;
 use crate::random;
+use crate::render::Renderer;
+use crate::train::density::replace;
+use crate::train::method::{Changed, Iteration, Method, Pause};
+use crate::train::schedule::Schedule;
+use crate::train::{Result, TrainingModel};
 use serde::{Deserialize, Serialize};
+
+/// Its name in `config.toml`, and the profiler's scope.
+pub const NAME: &str = "mcmc";
 
 /// Most Gaussians that share a place: the paper's limit.
 const MOST_COPIES: usize = 51;
 
-/// Growth by relocation, as written to `config.toml`. The values are the paper's.
+/// Growth by relocation, as written to `config.toml`; the plan of growth says how many Gaussians there are. The values are the
+/// paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Relocation {
+pub struct Mcmc {
     /// Share of the run after which nothing moves to another place any more.
     pub until: f64,
     /// Opacity at which a Gaussian is dead.
@@ -28,7 +39,7 @@ pub struct Relocation {
     pub scale: f64,
 }
 
-impl Default for Relocation {
+impl Default for Mcmc {
     fn default() -> Self {
         Self { until: 25.0 / 30.0, dead: 0.005, noise: 5e5, opacity: 0.01, scale: 0.01 }
     }
@@ -58,7 +69,7 @@ pub struct Moves {
     pub copies: Vec<usize>,
 }
 
-impl Relocation {
+impl Mcmc {
     /// Moves dead Gaussians to live ones, and adds others until there are `count`. Chances are in proportion to opacities, given
     /// as logits. Without live Gaussians nothing moves.
     pub fn choose(&self, logits: &[f32], count: usize, key: [u32; 2]) -> Moves {
@@ -91,33 +102,103 @@ impl Relocation {
     }
 }
 
-impl Schedule {
-    /// Returns true if Gaussians are relocated after iteration `iteration`.
-    pub fn relocates(&self, iteration: u32) -> bool {
-        let (from, _) = self.growing();
-        let last = |r: Relocation| (f64::from(self.iterations) * r.until).round() as u32;
-        let every = self.growth.map_or(self.densify_every, |g| g.every(self));
-        self.relocation.is_some_and(|r| iteration > from && iteration < last(r) && iteration.is_multiple_of(every))
+impl Mcmc {
+    /// Reads it from a configuration.
+    ///
+    /// # Errors
+    /// A sentence that names the number that is wrong.
+    pub fn read(config: &MethodConfig) -> std::result::Result<Self, String> {
+        let read: Self = config.read()?;
+        within("method.until", read.until, &(0.0..=1000.0))?;
+        within("method.dead", read.dead, &SHARE)?;
+        for (field, value) in [("noise", read.noise), ("opacity", read.opacity), ("scale", read.scale)] {
+            within(&format!("method.{field}"), value, &WEIGHT)?;
+        }
+        Ok(read)
+    }
+
+    /// Its configuration.
+    pub fn config(&self) -> MethodConfig {
+        MethodConfig::new(NAME, self)
+    }
+
+    /// Records the slopes of opacities and scales into the rows of [`Renderer::record_backward`], before Adam.
+    pub fn regularise(&self, recording: &mut Recording, renderer: &Renderer, model: &TrainingModel) {
+        let n = model.trained().max(1) as f64;
+        let push =
+            Push { opacity: (self.opacity / n) as f32, scale: (self.scale / (3.0 * n)) as f32, ..Push::default() };
+        record(recording, renderer, model, REGULARISE, push);
+    }
+
+    /// Records the random steps of faint Gaussians, after Adam. `rate` is the positions' learning rate; `key` the run's seed and
+    /// the iteration.
+    pub fn noise(
+        &self,
+        recording: &mut Recording,
+        renderer: &Renderer,
+        model: &TrainingModel,
+        rate: f32,
+        [seed, iteration]: [u32; 2],
+    ) {
+        let noise = (self.noise * f64::from(rate)) as f32;
+        record(recording, renderer, model, NOISE, Push { seed, iteration, noise, ..Push::default() });
     }
 }
 
-impl Trainer {
-    /// Moves the dead and adds as many as planned, if that is due after iteration `iteration`.
-    pub(super) fn relocate(&mut self, iteration: u32) -> Result<()> {
-        let schedule = &self.options.schedule;
-        let Some(settings) = schedule.relocation.filter(|_| schedule.relocates(iteration)) else { return Ok(()) };
-        let parameters = &self.trainee.model.parameters;
-        let (mut logits, mut scales) =
-            (parameters.opacity_logits.read(&self.device)?, parameters.log_scales.read(&self.device)?);
+fn record(recording: &mut Recording, renderer: &Renderer, training: &TrainingModel, phase: u32, push: Push) {
+    let (model, rows) = (&training.model, renderer.gradient_rows());
+    let kernel = Kernel {
+        pairs: rows.pairs,
+        count: &training.count().value,
+        logits: &model.parameters.opacity_logits,
+        log_scales: &model.parameters.log_scales,
+        rotations: &model.quaternions(),
+        rows: rows.values,
+        means: &model.parameters.means,
+        push: Push { pair_limit: rows.limit, ..push },
+        spec: Spec { workgroup: WORKGROUP, phase },
+    };
+    recording.scope(NAME, |r| r.dispatch(&kernel, training.count().groups(WORKGROUP)));
+}
+
+impl Method for Mcmc {
+    fn name(&self) -> &'static str {
+        NAME
+    }
+
+    fn replaces_density_control(&self) -> bool {
+        true
+    }
+
+    fn acts(&self, schedule: &Schedule, iteration: u32) -> bool {
+        let (from, _) = schedule.growing();
+        let last = (f64::from(schedule.iterations) * self.until).round() as u32;
+        let every = schedule.growth.map_or(schedule.densify_every, |g| g.every(schedule));
+        iteration > from && iteration < last && iteration.is_multiple_of(every)
+    }
+
+    fn before_adam(&self, recording: &mut Recording, now: &Iteration<'_>) {
+        self.regularise(recording, now.renderer, now.model);
+    }
+
+    fn after_adam(&self, recording: &mut Recording, now: &Iteration<'_>) {
+        self.noise(recording, now.renderer, now.model, now.rates.means, now.key);
+    }
+
+    /// Moves the dead, and adds as many as planned.
+    fn between(&self, pause: &mut Pause<'_>) -> Result<Changed> {
+        let Pause { device, model, schedule, key, most } = pause;
+        let parameters = &model.model.parameters;
+        let (mut logits, mut scales) = (parameters.opacity_logits.read(device)?, parameters.log_scales.read(device)?);
         // The tail stays as it is.
-        logits.truncate(self.trainee.trained());
+        logits.truncate(model.trained());
         scales.truncate(3 * logits.len());
-        let planned = schedule.growth.map_or(0, |plan| plan.planned(schedule, iteration)).min(self.options.most);
-        let Moves { sources, copies } = settings.choose(&logits, planned, [self.options.seed, iteration]);
+        let planned = schedule.growth.map_or(0, |plan| plan.planned(schedule, key[1])).min(*most);
+        let Moves { sources, copies } = self.choose(&logits, planned, *key);
         for (i, copies) in copies.iter().enumerate().filter(|(_, copies)| **copies > 1) {
             let was = 1.0 / (1.0 + (-f64::from(logits[i])).exp());
             let (each, factor) = shared(was.min(1.0 - 1e-6), (*copies).min(MOST_COPIES));
-            let each = each.max(settings.dead);
+            let each = each.max(self.dead);
             logits[i] = (each / (1.0 - each)).ln() as f32;
             (0..3).for_each(|c| scales[3 * i + c] += factor.ln() as f32);
         }
@@ -125,13 +206,11 @@ impl Trainer {
         let from = |row: &u32| *row as usize;
         let logits: Vec<f32> = sources.iter().map(|row| logits[from(row)]).collect();
         let scales: Vec<f32> = sources.iter().flat_map(|row| scales[3 * from(row)..][..3].to_vec()).collect();
-        replace(&self.device, &mut self.trainee, &sources, &moved)?;
-        let parameters = &self.trainee.model.parameters;
-        parameters.opacity_logits.write(&self.device, &logits)?;
-        parameters.log_scales.write(&self.device, &scales)?;
-        self.responses = None;
-        self.renderer.make_room_for_gaussians(self.trainee.model.len)?;
-        Ok(())
+        replace(device, model, &sources, &moved)?;
+        let parameters = &model.model.parameters;
+        parameters.opacity_logits.write(device, &logits)?;
+        parameters.log_scales.write(device, &scales)?;
+        Ok(Changed { rows: true, cut: None })
     }
 }
 
@@ -175,9 +254,9 @@ mod tests {
             })
             .chain([f32::NAN])
             .collect();
-        let moves = Relocation::default().choose(&logits, 6001, [1, 2]);
-        assert_eq!(moves, Relocation::default().choose(&logits, 6001, [1, 2]));
-        assert_ne!(moves, Relocation::default().choose(&logits, 6001, [1, 3]));
+        let moves = Mcmc::default().choose(&logits, 6001, [1, 2]);
+        assert_eq!(moves, Mcmc::default().choose(&logits, 6001, [1, 2]));
+        assert_ne!(moves, Mcmc::default().choose(&logits, 6001, [1, 3]));
         assert_eq!((moves.sources.len(), moves.copies.iter().sum::<usize>()), (6001, 6001));
         assert!((0..4001).all(|i| (moves.copies[i] == 0) == (i % 4 == 0)));
         assert!(moves.sources.iter().all(|from| from % 4 != 0));
@@ -189,18 +268,17 @@ mod tests {
 
     #[test]
     fn nothing_to_move() {
-        let all_dead = Relocation::default().choose(&[-20.0, f32::NAN], 9, [1, 2]);
+        let all_dead = Mcmc::default().choose(&[-20.0, f32::NAN], 9, [1, 2]);
         assert_eq!((all_dead.sources, all_dead.copies), (vec![0, 1], vec![1, 1]));
-        assert!(Relocation::default().choose(&[], 9, [1, 2]).sources.is_empty());
-        let full = Relocation::default().choose(&[1.0; 5], 3, [1, 2]);
+        assert!(Mcmc::default().choose(&[], 9, [1, 2]).sources.is_empty());
+        let full = Mcmc::default().choose(&[1.0; 5], 3, [1, 2]);
         assert_eq!((full.sources, full.copies), (vec![0, 1, 2, 3, 4], vec![1; 5]));
     }
 
     #[test]
-    fn relocation_goes_on_after_growth() {
-        let schedule = Schedule { relocation: Some(Relocation::default()), ..Schedule::of(3000) };
-        let at: Vec<u32> = (1..=3000).filter(|i| schedule.relocates(*i)).collect();
+    fn relocation_continues_after_growth() {
+        let schedule = Schedule::of(3000);
+        let at: Vec<u32> = (1..=3000).filter(|i| Mcmc::default().acts(&schedule, *i)).collect();
         assert_eq!((at[0], *at.last().unwrap(), at.len()), (100, 2400, 24));
-        assert!(!Schedule::of(3000).relocates(100));
     }
 }

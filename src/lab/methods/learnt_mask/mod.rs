@@ -3,13 +3,19 @@
 //! are masked; those go at density steps and, after these, at intervals. No method takes a number: at the end of a window the model
 //! is cut to it by the scores.
 
-use super::density::compact;
-use super::error::Result;
-use super::schedule::Schedule;
-use super::trainer::Trainer;
+mod device;
+
+pub use device::{LearntMask, Masked};
+
 use crate::kernels::constants::learnt_mask::LEAST_SCORE;
+use crate::pipeline::config::MethodConfig;
+use crate::pipeline::config::ranges::{MOST_GAUSSIANS, SHARE, WEIGHT, within};
 use crate::random;
+use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
+
+/// Its name in `config.toml`, and the profiler's scope.
+pub const NAME: &str = "learnt mask";
 
 /// Length of the run that the published rate is meant for, the rate itself, and the power by which shorter runs have a higher rate
 /// and weight.
@@ -21,10 +27,10 @@ const DRAWS: i32 = 10;
 /// Salt of the numbers that decide on that.
 const SALT: u64 = 0x6d61_736b;
 
-/// Method that learns the masks.
+/// How masks are learnt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Method {
+pub enum MaskMethod {
     /// Compact3DGS: the sigmoid of the score, rounded: 0 up to 0.01.
     Compact3dgs,
     /// `MaskGaussian`: drawn anew in every iteration, 1 with the sigmoid of the score as its chance. The score is the difference of
@@ -32,9 +38,9 @@ pub enum Method {
     MaskGaussian,
 }
 
-impl Method {
+impl MaskMethod {
     /// Score before the first iteration.
-    pub fn first_score(self) -> f32 {
+    pub const fn first_score(self) -> f32 {
         match self {
             Self::Compact3dgs => 1.0,
             Self::MaskGaussian => 9.0,
@@ -69,7 +75,7 @@ impl Method {
 #[serde(deny_unknown_fields)]
 pub struct LearntMasks {
     /// Method that learns them.
-    pub method: Method,
+    pub method: MaskMethod,
     /// Gaussians that are left at the end of the window; never fewer before.
     pub survivors: usize,
     /// Share of the run at which the window ends.
@@ -80,22 +86,8 @@ pub struct LearntMasks {
     pub weight: f64,
 }
 
-/// Result of the cut at the end of the window.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MasksCut {
-    /// Number of iterations done before it.
-    pub iteration: u32,
-    /// Gaussians before it.
-    pub before: usize,
-    /// Of these, those that the masks would have kept.
-    pub shown: usize,
-    /// Gaussians kept.
-    pub after: usize,
-}
-
 /// The `count` rows with the greatest scores, rising; of equal ones the first.
-fn greatest(scores: &[f32], count: usize) -> Vec<u32> {
+pub(super) fn greatest(scores: &[f32], count: usize) -> Vec<u32> {
     let mut rows: Vec<u32> = (0..scores.len() as u32).collect();
     // Stable. What is no number goes first.
     let rank = |i: &u32| Some(scores[*i as usize]).filter(|s| !s.is_nan()).unwrap_or(f32::NEG_INFINITY);
@@ -107,7 +99,7 @@ fn greatest(scores: &[f32], count: usize) -> Vec<u32> {
 
 impl LearntMasks {
     /// Masks of a run of this length, which are to leave this number of Gaussians.
-    pub fn of(method: Method, survivors: usize, iterations: u32) -> Self {
+    pub fn of(method: MaskMethod, survivors: usize, iterations: u32) -> Self {
         let (length, rate, power) = REFERENCE;
         let shorter = (length / f64::from(iterations.max(1))).max(1.0).powf(power);
         Self { method, survivors, until: 0.75, rate: rate * shorter, weight: method.weight() * shorter }
@@ -137,54 +129,37 @@ impl LearntMasks {
         let stay: Vec<u32> = (0..scores.len() as u32).filter(stays).collect();
         if stay.len() < self.survivors { greatest(scores, self.survivors) } else { stay }
     }
-}
 
-impl Schedule {
-    /// The iteration after which masks end, if there are any: the first at least, the last at most.
-    pub fn masks_until(&self) -> Option<u32> {
-        let last =
-            |m: LearntMasks| ((f64::from(self.iterations) * m.until).round() as u32).clamp(1, self.iterations.max(1));
-        self.learnt_masks.map(last)
+    /// The iteration after which masks end: the first at least, the last at most.
+    pub fn last(&self, schedule: &Schedule) -> u32 {
+        let last = (f64::from(schedule.iterations) * self.until).round() as u32;
+        last.clamp(1, schedule.iterations.max(1))
     }
 
     /// Returns true if masked Gaussians go after iteration `iteration`.
-    pub fn thins(&self, iteration: u32) -> bool {
-        let every = ((f64::from(self.iterations) * BETWEEN).round() as u32).max(1);
-        let later = iteration >= self.growing().1 && iteration.is_multiple_of(every);
-        self.masks_until().is_some_and(|last| {
-            iteration == last || iteration < last && (later || self.densifies(iteration) || self.relocates(iteration))
-        })
-    }
-}
-
-impl Trainer {
-    /// Removes masked Gaussians, or cuts the model to the survivors and ends the masks, if that is due after iteration `iteration`.
-    pub(super) fn thin(&mut self, iteration: u32) -> Result<()> {
-        let schedule = &self.options.schedule;
-        let settings = schedule.learnt_masks.filter(|_| schedule.thins(iteration));
-        let (Some(settings), Some(masks)) = (settings, &self.trainee.masks) else { return Ok(()) };
-        let (scores, over) = (masks.scores.read(&self.device)?, schedule.masks_until() == Some(iteration));
-        let stay = if over {
-            greatest(&scores, settings.survivors)
-        } else {
-            settings.judge(&scores, [self.options.seed, iteration])
-        };
-        let (before, shown) = (scores.len(), settings.shown(&scores));
-        tracing::debug!("after iteration {iteration}: masks show {shown} of {before} Gaussians");
-        if stay.len() < before {
-            compact(&self.device, &mut self.trainee, &stay)?;
-            self.responses = None;
-        }
-        if over {
-            self.trainee.masks = None;
-            self.course.masks = Some(MasksCut { iteration, before, shown, after: stay.len() });
-        }
-        Ok(())
+    pub fn thins(&self, schedule: &Schedule, iteration: u32) -> bool {
+        let every = ((f64::from(schedule.iterations) * BETWEEN).round() as u32).max(1);
+        let later = iteration >= schedule.growing().1 && iteration.is_multiple_of(every);
+        let last = self.last(schedule);
+        iteration == last || iteration < last && (later || schedule.densifies(iteration))
     }
 
-    /// The cut at the end of learnt masks, once it is done.
-    pub fn masks_cut(&self) -> Option<MasksCut> {
-        self.course.masks
+    /// Reads it from a configuration.
+    ///
+    /// # Errors
+    /// A sentence that names the number that is wrong.
+    pub fn read(config: &MethodConfig) -> Result<Self, String> {
+        let read: Self = config.read()?;
+        within("method.survivors", read.survivors, &(1..=MOST_GAUSSIANS))?;
+        within("method.until", read.until, &SHARE)?;
+        within("method.rate", read.rate, &WEIGHT)?;
+        within("method.weight", read.weight, &WEIGHT)?;
+        Ok(read)
+    }
+
+    /// Their configuration.
+    pub fn config(&self) -> MethodConfig {
+        MethodConfig::new(NAME, self)
     }
 }
 
@@ -194,7 +169,7 @@ mod tests {
 
     #[test]
     fn the_masked_go_but_never_too_many() {
-        let compact = |survivors| LearntMasks::of(Method::Compact3dgs, survivors, 1000);
+        let compact = |survivors| LearntMasks::of(MaskMethod::Compact3dgs, survivors, 1000);
         let scores = [1.0, -4.6, -4.59, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -5.0];
         assert_eq!(compact(2).judge(&scores, [1, 2]), [0, 2, 4]);
         assert_eq!(compact(4).judge(&scores, [1, 2]), [0, 1, 2, 4], "topped up by the score");
@@ -206,7 +181,7 @@ mod tests {
     /// A share of (1 - P)^10 goes at once; draws depend on seed and iteration.
     #[test]
     fn those_that_ten_draws_mask_go() {
-        let masks = LearntMasks::of(Method::MaskGaussian, 1, 1000);
+        let masks = LearntMasks::of(MaskMethod::MaskGaussian, 1, 1000);
         let chance = 0.1_f64;
         let scores = vec![(chance / (1.0 - chance)).ln() as f32; 10_000];
         let stay = masks.judge(&scores, [1, 2]);
@@ -222,22 +197,20 @@ mod tests {
 
     #[test]
     fn masks_of_short_runs_move_faster() {
-        let rate = |iterations| LearntMasks::of(Method::Compact3dgs, 1, iterations).rate;
+        let rate = |iterations| LearntMasks::of(MaskMethod::Compact3dgs, 1, iterations).rate;
         assert!(rate(30_000) == 0.01 && rate(60_000) == 0.01 && (rate(1000) / 0.1081 - 1.0).abs() < 1e-3);
-        assert!(LearntMasks::of(Method::MaskGaussian, 1, 0).step_rate().is_finite());
-        assert_eq!(LearntMasks::of(Method::MaskGaussian, 1, 30_000).step_rate(), 0.02);
+        assert!(LearntMasks::of(MaskMethod::MaskGaussian, 1, 0).step_rate().is_finite());
+        assert_eq!(LearntMasks::of(MaskMethod::MaskGaussian, 1, 30_000).step_rate(), 0.02);
     }
 
     /// Every density step, and each thirtieth of the run after them, up to the end of the window.
     #[test]
     fn when_the_masked_go() {
-        let masks = LearntMasks::of(Method::Compact3dgs, 1, 3000);
-        let schedule = Schedule { learnt_masks: Some(masks), ..Schedule::of(3000) };
-        let at: Vec<u32> = (1..=3000).filter(|i| schedule.thins(*i)).collect();
-        assert_eq!((at[0], at.len(), schedule.masks_until()), (100, 23, Some(2250)));
+        let masks = LearntMasks::of(MaskMethod::Compact3dgs, 1, 3000);
+        let schedule = Schedule::of(3000);
+        let at: Vec<u32> = (1..=3000).filter(|i| masks.thins(&schedule, *i)).collect();
+        assert_eq!((at[0], at.len(), masks.last(&schedule)), (100, 23, 2250));
         assert_eq!(at[14..], [1500, 1600, 1700, 1800, 1900, 2000, 2100, 2200, 2250]);
-        assert!(!Schedule::of(3000).thins(100) && Schedule::of(3000).masks_until().is_none());
-        let short = Schedule { learnt_masks: Some(LearntMasks { until: 0.0, ..masks }), ..Schedule::of(0) };
-        assert_eq!(short.masks_until(), Some(1));
+        assert_eq!(LearntMasks { until: 0.0, ..masks }.last(&Schedule::of(0)), 1);
     }
 }

@@ -8,27 +8,29 @@ use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::kernels::constants::gradient_row::{ROW, ROW_GOOD, ROW_LOG_SCALE, ROW_LOGIT};
+use qirf_vk::lab::methods::learnt_mask::{LearntMask, LearntMasks, MaskMethod, Masked};
 use qirf_vk::reference::rasterise_backward::ImageGradient;
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::checkpoint::Snapshot;
-use qirf_vk::train::cloak::{Cloaked, Masks};
-use qirf_vk::train::learnt_masks::{LearntMasks, Method};
+use qirf_vk::train::method::Method;
 use qirf_vk::train::schedule::Schedule;
-use qirf_vk::train::{Options, Trainee, Trainer};
+use qirf_vk::train::{Array, Options, Trainer, TrainingModel};
+use std::sync::Arc;
 
 const SIZE: [u32; 2] = [45, 37];
-const METHODS: [Method; 2] = [Method::Compact3dgs, Method::MaskGaussian];
+const METHODS: [MaskMethod; 2] = [MaskMethod::Compact3dgs, MaskMethod::MaskGaussian];
 
 /// A model with masks, and a fixed gradient of its picture.
 struct Bench {
     device: Device,
     renderer: Renderer,
-    trainee: Trainee,
+    training: TrainingModel,
     camera: Camera,
     by_image: Buffer<[f32; 4]>,
     settings: LearntMasks,
+    shown: Buffer<u32>,
 }
 
 impl Bench {
@@ -36,39 +38,41 @@ impl Bench {
         device: &Device,
         settings: Settings,
         model: &Gaussians,
-        (scores, method): (&[f32], Method),
+        (scores, method): (&[f32], MaskMethod),
         by_image: &[[f32; 4]],
     ) -> Self {
         let camera = small_camera(SIZE[0], SIZE[1]);
-        let mut trainee = Trainee::new(device, model).unwrap();
-        trainee.masks = Some(Masks::with(device, scores, &vec![0.0; 2 * scores.len()]).unwrap());
+        let mut training = TrainingModel::new(device, model).unwrap();
+        let [of_scores, of_moments] = *LearntMask::arrays(method);
+        training.arrays = vec![
+            Array::with(device, of_scores, scores).unwrap(),
+            Array::with(device, of_moments, &vec![0.0; 2 * scores.len()]).unwrap(),
+        ];
         Self {
             renderer: Renderer::for_training(device, settings, model.len(), SIZE, 1 << 14).unwrap(),
-            trainee,
+            training,
             camera,
             by_image: device.upload("image gradient", by_image).unwrap(),
             settings: LearntMasks { weight: 30.0, rate: 0.1, ..LearntMasks::of(method, 1, 1000) },
+            shown: device.upload("shown", &[0]).unwrap(),
             device: device.clone(),
         }
     }
 
-    fn masks(&self) -> &Masks {
-        self.trainee.masks.as_ref().unwrap()
-    }
-
-    fn cloaked(&self) -> Cloaked<'_> {
-        let Self { renderer, trainee, camera, settings, .. } = self;
-        Cloaked { renderer, camera, trainee, masks: self.masks(), settings, key: [5, 77] }
+    fn masked(&self) -> Masked<'_> {
+        let Self { renderer, training: model, camera, settings, shown, .. } = self;
+        let [scores, moments] = [0, 1].map(|k| &model.arrays[k].values);
+        Masked { renderer, camera, model, scores, moments, shown, settings, key: [5, 77] }
     }
 
     /// The picture, and its backward pass with the slopes by masks.
     fn there_and_back(&self) {
-        let (mut recording, model) = (Recording::new(), &self.trainee.model);
+        let (mut recording, model) = (Recording::new(), &self.training.model);
         self.renderer.record_lists(&mut recording, model, &self.camera);
-        self.cloaked().hide(&mut recording);
+        self.masked().hide(&mut recording);
         self.renderer.record_blending(&mut recording, &self.camera);
         self.renderer.record_backward(&mut recording, model, &self.camera, &self.by_image, Backward::default());
-        self.cloaked().slopes(&mut recording, &self.by_image, false);
+        self.masked().gradients(&mut recording, &self.by_image, false);
         self.device.run(recording).unwrap();
     }
 
@@ -87,7 +91,7 @@ impl Bench {
         let (first, counts) =
             (slots.first_slots.read(&self.device).unwrap(), slots.tile_counts.read(&self.device).unwrap());
         let of = |i: usize| sums[first[i] as usize..][..counts[i] as usize].iter().map(|s| f64::from(*s)).sum();
-        (0..self.trainee.model.len).map(|i| if counts[i] > 0 { of(i) } else { 0.0 }).collect()
+        (0..self.training.model.len).map(|i| if counts[i] > 0 { of(i) } else { 0.0 }).collect()
     }
 }
 
@@ -101,7 +105,7 @@ fn thirds(n: usize) -> Vec<f32> {
 }
 
 fn shown(scores: &[f32]) -> Vec<bool> {
-    scores.iter().map(|s| reference::cloak::shows(f64::from(*s), None)).collect()
+    scores.iter().map(|s| reference::learnt_mask::shows(f64::from(*s), None)).collect()
 }
 
 /// The picture has the bits of one of a model without the masked, and these have no gradients.
@@ -110,7 +114,7 @@ fn the_masked_are_not_drawn() {
     let (model, device) = (model(), device());
     let scores = thirds(model.len());
     let settings = Settings { background: [0.3, 0.1, 0.7], ..Settings::default() };
-    let bench = Bench::new(&device, settings, &model, (&scores, Method::Compact3dgs), &weights(45 * 37, 8));
+    let bench = Bench::new(&device, settings, &model, (&scores, MaskMethod::Compact3dgs), &weights(45 * 37, 8));
     bench.there_and_back();
     let shown = shown(&scores);
     let kept: Vec<usize> = (0..model.len()).filter(|i| shown[*i]).collect();
@@ -119,7 +123,7 @@ fn the_masked_are_not_drawn() {
     let whole = renderer.render(&Resident::upload(&device, &model).unwrap(), &bench.camera).unwrap().pixels;
     let picture = renderer.render(&alone, &bench.camera).unwrap().pixels;
     assert!(bench.picture() == picture && whole != picture);
-    assert_eq!(bench.masks().shown.read(&device).unwrap(), [kept.len() as u32]);
+    assert_eq!(bench.masked().shown.read(&device).unwrap(), [kept.len() as u32]);
     let rows = bench.rows();
     let moved = |i: usize| rows[i * ROW as usize..][..=ROW_LOGIT as usize].iter().any(|g| *g != 0.0);
     assert!((0..model.len()).all(|i| shown[i] || !moved(i)) && kept.iter().filter(|i| moved(**i)).count() > 10);
@@ -137,7 +141,7 @@ fn slopes_as_the_twin_has_them() {
     let every = |one: f32| vec![one; model.len()];
     for (name, scores) in [("a third", thirds(model.len())), ("none", every(1.0)), ("all", every(-9.0))] {
         let settings = Settings { background, stop: 0.0, ..Settings::default() };
-        let bench = Bench::new(&device, settings, &model, (&scores, Method::Compact3dgs), &by_image);
+        let bench = Bench::new(&device, settings, &model, (&scores, MaskMethod::Compact3dgs), &by_image);
         bench.there_and_back();
         let twin = reference::Settings {
             background: background.map(f64::from),
@@ -146,7 +150,7 @@ fn slopes_as_the_twin_has_them() {
         };
         let rendered = reference::render(&Params::from(&model), &bench.camera, &twin);
         let gradient = ImageGradient { colour: &colour, alpha: Some(&alpha) };
-        let right = reference::cloak::slopes(&rendered, &shown(&scores), &bench.camera, &twin, gradient);
+        let right = reference::learnt_mask::gradients(&rendered, &shown(&scores), &bench.camera, &twin, gradient);
         let largest = right.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
         let got = bench.slopes();
         let worst = got.iter().zip(&right).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs())) / largest;
@@ -176,14 +180,14 @@ fn steps_as_the_twin_has_them() {
         let bench = Bench::new(&device, Settings::default(), &model, (&scores, method), &weights(45 * 37, 8));
         bench.there_and_back();
         let mut recording = Recording::new();
-        bench.cloaked().step(&mut recording);
+        bench.masked().step(&mut recording);
         bench.device.run(recording).unwrap();
-        let random = |i: usize| method.samples().then(|| reference::cloak::logistic([5, 77, i as u32]));
-        let shown = (0..n).filter(|i| reference::cloak::shows(f64::from(scores[*i]), random(*i))).count();
-        assert_eq!(bench.masks().shown.read(&bench.device).unwrap(), [shown as u32]);
+        let random = |i: usize| method.samples().then(|| reference::learnt_mask::logistic([5, 77, i as u32]));
+        let shown = (0..n).filter(|i| reference::learnt_mask::shows(f64::from(scores[*i]), random(*i))).count();
+        assert_eq!(bench.masked().shown.read(&bench.device).unwrap(), [shown as u32]);
         let (rows, slopes) = (bench.rows(), bench.slopes());
-        let after = bench.masks().scores.read(&bench.device).unwrap();
-        let moments = bench.masks().moments.read(&bench.device).unwrap();
+        let after = bench.masked().scores.read(&bench.device).unwrap();
+        let moments = bench.masked().moments.cast::<[f32; 2]>().read(&bench.device).unwrap();
         let mut moved = 0;
         for i in 0..n {
             let at = |k: u32| f64::from(rows[i * ROW as usize + k as usize]);
@@ -192,7 +196,7 @@ fn steps_as_the_twin_has_them() {
             let slope = if method.samples() { slopes[i] } else { whole };
             let score = f64::from(scores[i]);
             let means = [shown as f64 / n as f64, n as f64];
-            let gradient = reference::cloak::by_score(slope, score, random(i), bench.settings.weight, means);
+            let gradient = reference::learnt_mask::by_score(slope, score, random(i), bench.settings.weight, means);
             let (mut value, mut m, mut v) = ([score], [0.0], [0.0]);
             let how = (77, bench.settings.step_rate(), [reference::adam::BETA1, reference::adam::BETA2]);
             reference::adam::adam(&mut value, &[gradient], [&mut m, &mut v], how);
@@ -223,17 +227,21 @@ fn what_is_not_finite_stays_where_it_is() {
             let bench = Bench::new(&device, Settings::default(), &model, (&scores, method), &by_image);
             bench.there_and_back();
             let mut recording = Recording::new();
-            bench.cloaked().step(&mut recording);
+            bench.masked().step(&mut recording);
             bench.device.run(recording).unwrap();
-            let masks = bench.masks();
+            let masks = bench.masked();
             let good: Vec<bool> = bench.rows().chunks_exact(ROW as usize).map(|r| r[ROW_GOOD as usize] > 0.0).collect();
-            (good, masks.scores.read(&bench.device).unwrap(), masks.moments.read(&bench.device).unwrap())
+            (
+                good,
+                masks.scores.read(&bench.device).unwrap(),
+                masks.moments.cast::<[f32; 2]>().read(&bench.device).unwrap(),
+            )
         };
         let ((_, right, _), (good, got, moments)) = (run(0.5), run(spoilt));
         let bad = (0..model.len()).filter(|i| !good[*i]).count();
         assert!(bad > 0 && bad < model.len() / 2, "{bad}");
         for i in (0..model.len()).filter(|i| *i != 7) {
-            if good[i] && method == Method::Compact3dgs {
+            if good[i] && method == MaskMethod::Compact3dgs {
                 assert_eq!(got[i], right[i], "{method:?} {spoilt}: {i}");
             }
             assert!(got[i].is_finite() && moments[i].iter().all(|m| m.is_finite()), "{method:?} {spoilt}: {i}");
@@ -244,9 +252,10 @@ fn what_is_not_finite_stays_where_it_is() {
     finish(&device);
 }
 
-fn masked(method: Method, survivors: usize) -> LearntMasks {
+fn masked(device: &Device, method: MaskMethod, survivors: usize) -> Arc<dyn Method> {
     // So much weight that most are masked within the hundred iterations.
-    LearntMasks { weight: 0.15, rate: 0.3, ..LearntMasks::of(method, survivors, 110) }
+    let settings = LearntMasks { weight: 0.15, rate: 0.3, ..LearntMasks::of(method, survivors, 110) };
+    Arc::new(LearntMask::new(device, settings).unwrap())
 }
 
 /// Runs with masks end with exactly the survivors, and with the same bytes: with little room for pairs, or interrupted before the
@@ -257,18 +266,17 @@ fn masked_runs_end_with_the_same_bytes() {
     let survivors = c.start.len() / 3;
     let folder = tempfile::tempdir().unwrap();
     for method in METHODS {
-        let schedule = Schedule { learnt_masks: Some(masked(method, survivors)), ..options().schedule };
-        let with = |options: Options| Options { schedule: schedule.clone(), ..options };
+        let with = |options: Options| Options { method: Some(masked(&device, method, survivors)), ..options };
         let trainer =
             |options: Options| Trainer::new(&device, &c.start, c.train.clone(), c.extent, with(options)).unwrap();
         let mut whole = trainer(options());
         let kernels = |t: &mut Trainer| {
             let all = t.recording().unwrap().kernels();
-            all.iter().filter(|k| k.starts_with("train/cloak")).count()
+            all.iter().filter(|k| k.starts_with("lab/learnt_mask")).count()
         };
         assert_eq!(kernels(&mut whole), if method.samples() { 3 } else { 2 });
         train(&mut whole, 110);
-        let cut = whole.masks_cut().unwrap();
+        let cut = whole.cut().unwrap();
         println!("{method:?}: {} at first, {cut:?}", c.start.len());
         assert_eq!((whole.len(), cut.after, cut.iteration, kernels(&mut whole)), (survivors, survivors, 83, 0));
         assert!(cut.before < c.start.len() || cut.shown < cut.before, "{cut:?}");
@@ -283,16 +291,16 @@ fn masked_runs_end_with_the_same_bytes() {
             let (snapshot, file) = (first.snapshot().unwrap(), folder.path().join("checkpoint"));
             snapshot.write(&file).unwrap();
             let read = Snapshot::read(&file).unwrap();
-            assert!(read.masks == snapshot.masks && read.course == snapshot.course);
-            assert_eq!(read.masks.0.is_empty(), at >= 83);
+            assert!(read.arrays == snapshot.arrays && read.state == snapshot.state);
+            assert_eq!(read.arrays.is_empty(), at >= 83);
             let mut second = Trainer::resume(&device, &read, c.train.clone(), c.extent, with(options())).unwrap();
             train(&mut second, 110);
             assert!(bits(&second.download().unwrap()) == whole, "resumed at {at}");
-            assert_eq!(second.masks_cut(), Some(cut));
+            assert_eq!(second.cut(), Some(cut));
         }
     }
     let mut plain = Trainer::new(&device, &c.start, c.train.clone(), c.extent, options()).unwrap();
-    assert!(plain.recording().unwrap().kernels().iter().all(|k| !k.starts_with("train/cloak")));
+    assert!(plain.recording().unwrap().kernels().iter().all(|k| !k.starts_with("lab/learnt_mask")));
     finish(&device);
 }
 
@@ -304,16 +312,11 @@ fn nothing_to_mask() {
         [0, 5].into_iter().flat_map(|n| METHODS.map(|m| (c.start.select(&(0..n).collect::<Vec<_>>()), m)))
     {
         let never = c.start.len() as u32;
-        let schedule = Schedule {
-            learnt_masks: Some(masked(method, 50)),
-            densify_every: never,
-            prune_opacity: 0.0,
-            ..options().schedule
-        };
-        let options = Options { schedule, ..options() };
+        let schedule = Schedule { densify_every: never, prune_opacity: 0.0, ..options().schedule };
+        let options = Options { schedule, method: Some(masked(&device, method, 50)), ..options() };
         let mut trainer = Trainer::new(&device, &start, c.train.clone(), c.extent, options).unwrap();
         train(&mut trainer, 110);
-        assert_eq!((trainer.len(), trainer.masks_cut().unwrap().after), (start.len(), start.len()));
+        assert_eq!((trainer.len(), trainer.cut().unwrap().after), (start.len(), start.len()));
     }
     finish(&device);
 }

@@ -4,7 +4,7 @@ use crate::support::Random;
 use crate::support::synthetic::{random_scene, small_camera};
 use glam::DVec3;
 use qirf_vk::reference::rasterise_backward::ImageGradient;
-use qirf_vk::reference::{Params, Settings, cloak, gradients, render};
+use qirf_vk::reference::{Params, Settings, gradients, learnt_mask, render};
 use qirf_vk::scene::camera::Camera;
 
 const SIZE: [u32; 2] = [45, 37];
@@ -49,7 +49,7 @@ fn masks_of_scales_and_opacity() {
             loss(&p, &camera, &smooth())
         };
         let quotient = (masked(1.0 + h) - masked(1.0 - h)) / (2.0 * h);
-        let slope = cloak::slope_of_scales_and_opacity(&gradients, params.opacity_logits[i], i);
+        let slope = learnt_mask::gradient_of_scales_and_opacity(&gradients, params.opacity_logits[i], i);
         assert!((slope - quotient).abs() < 1e-6 * (1.0 + quotient.abs()), "{i}: {slope}, quotient {quotient}");
     }
 }
@@ -63,7 +63,7 @@ fn masks_of_alpha() {
     let (by_colour, by_alpha) = weights();
     let gradient = ImageGradient { colour: &by_colour, alpha: Some(&by_alpha) };
     let shown: Vec<bool> = (0..params.len()).map(|i| i % 3 > 0).collect();
-    let slopes = cloak::slopes(&render(&params, &camera, &settings), &shown, &camera, &settings, gradient);
+    let slopes = learnt_mask::gradients(&render(&params, &camera, &settings), &shown, &camera, &settings, gradient);
 
     // Shown with an opacity so small that nothing is left of it.
     let opacity = |i: usize, factor: f64| factor / (1.0 + (-params.opacity_logits[i]).exp());
@@ -94,9 +94,11 @@ fn masks_of_alpha() {
 #[test]
 fn random_masks_follow_their_chance() {
     for (score, chance) in [(9.0, 0.999_88), (1.0, 0.731), (-2.0, 0.1192), (-20.0, 0.0)] {
-        let shown = (0..40_000).filter(|i| cloak::shows(score, Some(cloak::logistic([3, i / 200, i % 200])))).count();
+        let shown = (0..40_000)
+            .filter(|i| learnt_mask::shows(score, Some(learnt_mask::logistic([3, i / 200, i % 200]))))
+            .count();
         let deviation = (40_000.0 * chance * (1.0 - chance) + 1.0_f64).sqrt();
         assert!((shown as f64 - 40_000.0 * chance).abs() < 5.0 * deviation, "{score}: {shown}");
     }
-    assert!(cloak::shows(-4.595, None) && !cloak::shows(-4.5952, None));
+    assert!(learnt_mask::shows(-4.595, None) && !learnt_mask::shows(-4.5952, None));
 }

@@ -1,21 +1,9 @@
 //! The training loop. All of an iteration, from projection to Adam, runs on the device without waiting for the host. Every
 //! few iterations the host checks, grows buffers that were too small, and repeats the iterations that did not count.
 
-use super::adam;
-use super::cloak::{Cloaked, Masks};
-use super::course::Course;
-use super::density::{self, Step, densify};
-use super::device_photos::{DevicePhotos, UNDER_WAY};
-use super::error::{Error, Result};
-use super::explore;
-use super::exposure;
-use super::halve::{self, Halve};
-use super::look::Look;
-use super::loss::Loss;
-use super::objective::{Current, Objective};
-use super::options::{Exposures, Options};
-use super::smoothing::Smoothing;
-use super::trainee::Trainee;
+mod attrition;
+mod keep;
+
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Device, Recording, Ticket, Timings};
@@ -24,7 +12,22 @@ use crate::render::{Backward, Renderer, Settings};
 use crate::response::{Gather, ResidentResponses};
 use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
+use crate::train::adam;
+use crate::train::density::{self, Step, densify};
+use crate::train::device_photos::{DevicePhotos, UNDER_WAY};
+use crate::train::error::{Error, Result};
+use crate::train::exposure;
+use crate::train::halve::{self, Halve};
+use crate::train::look::Look;
+use crate::train::loss::Loss;
+use crate::train::method::{Cut, Iteration, Method, Pause};
+use crate::train::objective::{Current, Objective};
+use crate::train::options::{Exposures, Options};
+use crate::train::smoothing::Smoothing;
+use crate::train::state::TrainState;
+use crate::train::training_model::{Array, TrainingModel};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Iterations between two checks by the host.
 const LOOK_EVERY: u32 = 16;
@@ -44,23 +47,23 @@ pub struct Progress {
 
 /// A model in training.
 pub struct Trainer {
-    pub(super) device: Device,
-    pub(super) options: Options,
-    pub(super) trainee: Trainee,
+    pub(in crate::train) device: Device,
+    pub(in crate::train) options: Options,
+    pub(in crate::train) training: TrainingModel,
     /// Averaged responses, while there are any.
-    pub(super) responses: Option<ResidentResponses>,
-    pub(super) iteration: u32,
+    pub(in crate::train) responses: Option<ResidentResponses>,
+    pub(in crate::train) iteration: u32,
     /// Events so far.
-    pub(super) course: Course,
+    pub(in crate::train) state: TrainState,
     /// Rows skipped for gradients that were not finite, so far.
-    pub(super) skipped_rows: u64,
+    pub(in crate::train) skipped_rows: u64,
     last_loss: f32,
-    pub(super) photos: Vec<Photo>,
-    pub(super) device_photos: DevicePhotos,
+    pub(in crate::train) photos: Vec<Photo>,
+    pub(in crate::train) device_photos: DevicePhotos,
     extent: f64,
     cameras: [f32; 3],
-    pub(super) renderer: Renderer,
-    pub(super) objective: Objective,
+    pub(in crate::train) renderer: Renderer,
+    pub(in crate::train) objective: Objective,
     /// Memory for a photo at half its size, if the run begins with those.
     half: Option<Halve>,
     /// Keeps Gaussians from becoming too thin; only with anti-aliasing.
@@ -79,14 +82,14 @@ impl Trainer {
     /// # Panics
     /// If the tail of the options is longer than the model.
     pub fn new(device: &Device, model: &Gaussians, photos: Vec<Photo>, extent: f64, options: Options) -> Result<Self> {
-        let trainee = Trainee::with_tail(device, model, options.tail)?;
-        Self::assemble(device, trainee, photos, extent, options)
+        let training = TrainingModel::with_tail(device, model, options.tail)?;
+        Self::assemble(device, training, photos, extent, options)
     }
 
     /// A run on this model, before any iteration.
-    pub(super) fn assemble(
+    pub(in crate::train) fn assemble(
         device: &Device,
-        mut trainee: Trainee,
+        mut training: TrainingModel,
         photos: Vec<Photo>,
         extent: f64,
         mut options: Options,
@@ -98,11 +101,14 @@ impl Trainer {
         let schedule = &mut options.schedule;
         schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
         let size = camera::largest(photos.iter().map(|p| &p.camera));
-        if let Some(masks) = schedule.learnt_masks.filter(|_| trainee.masks.is_none()) {
-            trainee.masks = Some(Masks::new(device, trainee.trained(), masks.method)?);
+        if training.arrays.is_empty() {
+            for kind in options.method.as_ref().map(|method| method.arrays()).unwrap_or_default() {
+                let values = vec![kind.first; training.trained() * kind.width];
+                training.arrays.push(Array::with(device, *kind, &values)?);
+            }
         }
         let renderer =
-            Renderer::for_training(device, options.settings, trainee.model.len * 5 / 4, size, options.pairs)?;
+            Renderer::for_training(device, options.settings, training.model.len * 5 / 4, size, options.pairs)?;
         // Photos first: their staging memory is free again before the loss allocates its pictures.
         let device_photos = DevicePhotos::new(device, &photos)?;
         let objective = Objective::new(device, &photos, size, &options)?;
@@ -118,10 +124,10 @@ impl Trainer {
             device_photos,
             objective,
             device: device.clone(),
-            trainee,
+            training,
             responses: None,
             iteration: 0,
-            course: Course::default(),
+            state: TrainState::default(),
             skipped_rows: 0,
             last_loss: f32::NAN,
             photos,
@@ -141,12 +147,12 @@ impl Trainer {
 
     /// Current number of Gaussians.
     pub fn len(&self) -> usize {
-        self.trainee.model.len
+        self.training.model.len
     }
 
     /// Number of Gaussians that are trained: those before [`Options::tail`].
     pub fn trained(&self) -> usize {
-        self.trainee.trained()
+        self.training.trained()
     }
 
     /// Returns true if no Gaussian is left.
@@ -156,12 +162,12 @@ impl Trainer {
 
     /// The model in device memory.
     pub fn model(&self) -> &Resident {
-        &self.trainee.model
+        &self.training.model
     }
 
     /// The model in device memory; everything else is freed.
     pub fn into_model(self) -> Resident {
-        self.trainee.model
+        self.training.model
     }
 
     /// Device time of each stage so far.
@@ -191,7 +197,7 @@ impl Trainer {
             self.renderer.make_room_for_responses()?;
         }
         if averages && self.responses.is_none() {
-            self.responses = Some(ResidentResponses::zeros(&self.device, self.trainee.model.len)?);
+            self.responses = Some(ResidentResponses::zeros(&self.device, self.training.model.len)?);
         }
         let last = self.boundary(until);
         let mut flight: VecDeque<Ticket> = VecDeque::new();
@@ -220,7 +226,7 @@ impl Trainer {
 
         self.skipped_rows += u64::from(seen.counts.skipped_rows);
         // Without Gaussians no kernel runs that would count passes.
-        self.iteration = if self.trainee.model.len == 0 { last } else { first + seen.counts.passes };
+        self.iteration = if self.training.model.len == 0 { last } else { first + seen.counts.passes };
         if self.renderer.make_room_for_pairs(seen.pairs)? {
             tracing::debug!("{} pairs did not fit: iterations from {} are repeated", seen.pairs, self.iteration + 1);
         }
@@ -235,7 +241,7 @@ impl Trainer {
     }
 
     fn progress(&self) -> Progress {
-        Progress { iteration: self.iteration, loss: self.last_loss, gaussians: self.trainee.model.len }
+        Progress { iteration: self.iteration, loss: self.last_loss, gaussians: self.training.model.len }
     }
 
     /// The settings that pictures of the model are drawn with.
@@ -248,16 +254,15 @@ impl Trainer {
     /// # Errors
     /// Device errors.
     pub fn download(&self) -> Result<Gaussians> {
-        Ok(self.trainee.model.download(&self.device)?)
+        Ok(self.training.model.download(&self.device)?)
     }
 
     /// The last iteration that may run before the host must check.
     fn boundary(&self, until: u32) -> u32 {
         let schedule = &self.options.schedule;
-        let grows = |i: u32| {
-            schedule.densifies(i) || schedule.relocates(i) || schedule.resets_opacity(i) || self.wants_degree(i + 1)
-        };
-        let fades = |i: u32| schedule.thins(i) || self.attrition().is_some_and(|a| a.acts(i));
+        let grows = |i: u32| self.densifies(i) || self.resets_opacity(i) || self.wants_degree(i + 1);
+        let method = |i: u32| self.method().is_some_and(|m| m.acts(schedule, i));
+        let fades = |i: u32| method(i) || self.attrition().is_some_and(|a| a.acts(i));
         let acts = |i: u32| grows(i) || fades(i) || schedule.averages_iterates(i) || self.smoothing_after(i).is_some();
         let averages = |i: u32| self.options.averaged.start == i + 1 && !self.options.averaged.is_empty();
         (self.iteration + 1..=until.min(self.iteration + LOOK_EVERY))
@@ -265,14 +270,32 @@ impl Trainer {
             .unwrap_or_else(|| until.min(self.iteration + LOOK_EVERY))
     }
 
+    /// The method, until it is over.
+    fn method(&self) -> Option<&Arc<dyn Method>> {
+        self.options.method.as_ref()
+    }
+
+    /// Returns true if a method takes the place of density control.
+    fn grows_otherwise(&self) -> bool {
+        self.method().is_some_and(|method| method.replaces_density_control())
+    }
+
+    fn densifies(&self, iteration: u32) -> bool {
+        !self.grows_otherwise() && self.options.schedule.densifies(iteration)
+    }
+
+    fn resets_opacity(&self, iteration: u32) -> bool {
+        !self.grows_otherwise() && self.options.schedule.resets_opacity(iteration)
+    }
+
     fn wants_degree(&self, iteration: u32) -> bool {
-        self.options.schedule.degree(iteration, self.options.degree.min(MAX_SH_DEGREE)) > self.trainee.model.degree
+        self.options.schedule.degree(iteration, self.options.degree.min(MAX_SH_DEGREE)) > self.training.model.degree
     }
 
     /// Allocates the arrays of an SH band when the run first uses it.
     fn raise_degree(&mut self, iteration: u32) -> Result<()> {
         while self.wants_degree(iteration) {
-            self.trainee.raise_degree(&self.device)?;
+            self.training.raise_degree(&self.device)?;
         }
         Ok(())
     }
@@ -311,16 +334,27 @@ impl Trainer {
         let (next, at) = (self.view_of(iteration + 1), self.view_of(iteration));
         let halved = self.halved(at, iteration);
         let mut photo = self.device_photos.get(recording, &self.photos, at, next)?;
-        let (options, model) = (&self.options, &self.trainee.model);
+        let (options, model) = (&self.options, &self.training.model);
         let mut camera = &self.photos[at].camera;
         if let (Some(half), Some(halved)) = (&self.half, &halved) {
             half.record(recording, photo, [camera.width, camera.height]);
             (photo, camera) = (&half.photo, halved);
         }
         self.renderer.record_lists(recording, model, camera);
-        let cloaked = Cloaked::of(&self.renderer, &self.trainee, options, camera, iteration);
-        if let Some(cloaked) = &cloaked {
-            cloaked.hide(recording);
+        let responses = self.responses.as_ref().filter(|_| options.averaged.contains(&iteration));
+        let (renderer, gradient) = (&self.renderer, &self.objective.loss.gradient);
+        let adam_step = self.state.step(&options.schedule, iteration, self.extent);
+        let now = Iteration {
+            renderer,
+            camera,
+            model: &self.training,
+            key: [options.seed, iteration],
+            image_gradient: gradient,
+            colours: responses.is_some(),
+            rates: adam_step.rates,
+        };
+        if let Some(method) = &options.method {
+            method.before_blending(recording, &now);
         }
         self.renderer.record_blending(recording, camera);
         let slots = self.renderer.slots(camera);
@@ -337,11 +371,10 @@ impl Trainer {
         let current = Current::new(at, photo, camera);
         let (objective, rendered) = (&self.objective, self.renderer.image());
         let seen = objective.record(recording, rendered, current, with_value, step);
-        let responses = self.responses.as_ref().filter(|_| options.averaged.contains(&iteration));
         if responses.is_some() {
             objective.record_residual(recording, seen, current);
         }
-        let growth = options.schedule.gathers(iteration).then_some(&self.trainee.growth);
+        let growth = options.schedule.gathers(iteration).then_some(&self.training.growth);
         let absolute = options.schedule.growth.is_some_and(|g| g.absolute);
         let backward = Backward {
             residual: responses.is_some(),
@@ -349,19 +382,13 @@ impl Trainer {
             absolute: growth.is_some() && absolute,
             ..Backward::default()
         };
-        let (renderer, gradient) = (&self.renderer, &objective.loss.gradient);
         renderer.record_backward(recording, model, camera, gradient, backward);
-        if let Some(cloaked) = &cloaked {
-            cloaked.learn(recording, gradient, responses.is_some());
+        if let Some(method) = &options.method {
+            method.before_adam(recording, &now);
         }
-        let step = self.course.step(&options.schedule, iteration, self.extent);
-        if let Some(relocation) = &options.schedule.relocation {
-            explore::pull(recording, renderer, &self.trainee, relocation);
-        }
-        adam::record(recording, renderer, &self.trainee, step);
-        if let Some(relocation) = &options.schedule.relocation {
-            let key = [options.seed, iteration];
-            explore::shake(recording, renderer, &self.trainee, relocation, step.rates.means, key);
+        adam::record(recording, renderer, &self.training, adam_step);
+        if let Some(method) = &options.method {
+            method.after_adam(recording, &now);
         }
         if let Some(responses) = responses {
             responses.record(recording, renderer, model, camera, Gather::Average { iteration });
@@ -369,32 +396,57 @@ impl Trainer {
         Ok(())
     }
 
-    /// Density control or relocation, opacity reset, removal of the masked, attrition, the mean of iterates and smoothing, if they are
-    /// due after this iteration.
+    /// Density control, opacity reset, a method's own work, attrition, the mean of iterates and smoothing, if they are due after this
+    /// iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
-        let schedule = &self.options.schedule;
-        if schedule.densifies(iteration) {
+        if self.densifies(iteration) {
+            let schedule = &self.options.schedule;
             let (seed, most) = (self.options.seed, self.options.most);
             let step = Step { iteration, seed, extent: self.extent, cameras: self.cameras, most };
-            densify(&self.device, &mut self.trainee, schedule, step)?;
+            densify(&self.device, &mut self.training, schedule, step)?;
             self.responses = None;
-            self.renderer.make_room_for_gaussians(self.trainee.model.len)?;
+            self.renderer.make_room_for_gaussians(self.training.model.len)?;
         }
-        if schedule.resets_opacity(iteration) {
+        if self.resets_opacity(iteration) {
             let mut recording = Recording::new();
-            density::reset_opacity(&mut recording, &self.trainee, RESET_OPACITY);
+            density::reset_opacity(&mut recording, &self.training, RESET_OPACITY);
             self.device.run(recording)?;
-            self.trainee.mean = None;
+            self.training.mean = None;
         }
-        self.relocate(iteration)?;
-        self.thin(iteration)?;
+        self.follow_method(iteration)?;
         self.attrite(iteration)?;
         self.average(iteration)?;
         if let Some(smoothing) = self.smoothing_after(iteration) {
             let mut recording = Recording::new();
-            smoothing.record(&mut recording, &self.trainee.model, self.trainee.count());
+            smoothing.record(&mut recording, &self.training.model, self.training.count());
             self.timings.merge(&self.device.submit(recording)?.wait()?);
         }
         Ok(())
+    }
+
+    /// What the method does between two iterations, if that is due after this one.
+    fn follow_method(&mut self, iteration: u32) -> Result<()> {
+        let schedule = &self.options.schedule;
+        let Some(method) = self.method().filter(|method| method.acts(schedule, iteration)).cloned() else {
+            return Ok(());
+        };
+        let (key, most) = ([self.options.seed, iteration], self.options.most);
+        let mut pause = Pause { device: &self.device, model: &mut self.training, schedule, key, most };
+        let changed = method.between(&mut pause)?;
+        if changed.rows {
+            self.responses = None;
+            self.renderer.make_room_for_gaussians(self.training.model.len)?;
+        }
+        if changed.cut.is_some() {
+            self.state.cut = changed.cut;
+            self.options.method = None;
+            self.training.arrays.clear();
+        }
+        Ok(())
+    }
+
+    /// The cut that a method ended with, once it is done.
+    pub fn cut(&self) -> Option<Cut> {
+        self.state.cut
     }
 }

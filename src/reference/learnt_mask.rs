@@ -22,14 +22,14 @@ pub fn shows(score: f64, random: Option<f64>) -> bool {
 
 /// Gradient by the mask of Gaussian `i` at 1, where the mask multiplies its scales and its opacity, from the gradients by its
 /// parameters: d(M s)/dM = s and d(M o)/dM = o.
-pub fn slope_of_scales_and_opacity(gradients: &Gradients, logit: f64, i: usize) -> f64 {
+pub fn gradient_of_scales_and_opacity(gradients: &Gradients, logit: f64, i: usize) -> f64 {
     let by_scales: f64 = gradients.params.log_scales[i].iter().sum();
     by_scales + gradients.params.opacity_logits[i] / sigmoid(-logit)
 }
 
 /// Gradient by the mask of every Gaussian, where a mask multiplies alpha. A picture is linear in each mask alone, so that the slope
 /// is the difference between the pictures with the Gaussian and without it. Stops make this untrue: they must be off.
-pub fn slopes(
+pub fn gradients(
     rendered: &Rendered,
     shown: &[bool],
     camera: &Camera,

@@ -1,0 +1,62 @@
+//! Pruning a model in training by a keep mask, fine-tuning, and the mean of iterates.
+
+use super::Trainer;
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
+use crate::train::density::compact;
+use crate::train::error::Result;
+use crate::train::loss::Weights;
+use crate::train::mean::Mean;
+
+impl Trainer {
+    /// Removes the trained Gaussians that `keep` does not mark; the others keep their moments. If `merged` is given (of as many
+    /// Gaussians as there are now), parameters are taken from it.
+    ///
+    /// # Errors
+    /// Device memory; device errors. The run is then unchanged.
+    ///
+    /// # Panics
+    /// If `keep` does not hold one mark per trained Gaussian.
+    pub fn keep(&mut self, keep: &[bool], merged: Option<&Gaussians>) -> Result<()> {
+        assert_eq!(keep.len(), self.training.trained(), "one mark a Gaussian");
+        let kept: Vec<u32> = (0..keep.len() as u32).filter(|i| keep[*i as usize]).collect();
+        let merged = match merged {
+            None => None,
+            Some(model) => {
+                let tail = self.training.trained()..self.training.model.len;
+                let kept: Vec<usize> = kept.iter().map(|i| *i as usize).chain(tail).collect();
+                Some(Resident::upload(&self.device, &model.select(&kept))?)
+            }
+        };
+        compact(&self.device, &mut self.training, &kept)?;
+        if let Some(merged) = merged {
+            self.training.model.parameters = merged.parameters;
+        }
+        self.responses = None;
+        Ok(())
+    }
+
+    /// Changes the weights of the loss.
+    pub fn fine_tune(&mut self, weights: Weights) {
+        self.objective.weights = weights;
+    }
+
+    /// Takes the model into the mean if that is due after iteration `iteration`. After the last, the mean becomes the model.
+    pub(super) fn average(&mut self, iteration: u32) -> Result<()> {
+        let schedule = &self.options.schedule;
+        if !schedule.averages_iterates(iteration) {
+            return Ok(());
+        }
+        let mean = Mean::with(self.training.mean.take(), &self.device, &self.training.model)?;
+        if iteration < schedule.iterations {
+            self.training.mean = Some(mean);
+        } else if mean.iterates > 1 {
+            let parameters = self.training.model.parameters.each_ref().zip(mean.model.attributes());
+            parameters.try_map(|(buffer, values)| match values {
+                [] => Ok(()),
+                _ => buffer.write(&self.device, values),
+            })?;
+        }
+        Ok(())
+    }
+}
