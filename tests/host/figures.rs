@@ -55,8 +55,8 @@ fn part<'a>(parts: &'a generator::Parts, name: &str) -> &'a str {
 
 #[test]
 fn the_pages_here_take_their_figures() {
-    let [page, readme, plots] = all_of(&recorded()).expect("figures");
-    for (file, parts) in [("docs/performance.md", &page), ("README.md", &readme)] {
+    let [page, exactness, plots] = all_of(&recorded()).expect("figures");
+    for (file, parts) in [("docs/performance.md", &page), ("docs/sweep.md", &exactness)] {
         let text = read(&Path::new(env!("CARGO_MANIFEST_DIR")).join(file));
         let filled = fill(file, &text, parts).expect("markers");
         assert_eq!(fill(file, &filled, parts).unwrap(), filled, "{file}: filling twice changes nothing");

@@ -43,8 +43,8 @@ fn main() -> ExitCode {
 }
 
 fn measured(criterion: &Path, sweep: &Path, origin: &Origin) -> Result<Vec<File>, String> {
-    let [page, readme, plots] = made(&Bench::read(criterion)?, &Sweep::read(sweep)?, origin)?;
-    let mut files = vec![filled("docs/performance.md", &page)?, filled("README.md", &readme)?];
+    let [page, sweep_page, plots] = made(&Bench::read(criterion)?, &Sweep::read(sweep)?, origin)?;
+    let mut files = vec![filled("docs/performance.md", &page)?, filled("docs/sweep.md", &sweep_page)?];
     let folder = Path::new("docs/figures");
     files.extend(plots.into_iter().map(|(name, text)| (folder.join(name), text.into_bytes())));
     Ok(files)

@@ -1,5 +1,5 @@
-//! The generated figures of `docs/performance.md` and README.md: tables and plots from the output of the benchmarks and
-//! a sweep, and renders from a comparison: the work of `make figures`. The tables of `docs/results.md`: that of `make results`.
+//! The generated figures of `docs/performance.md`, `docs/sweep.md` and README.md: tables and plots from the output of the
+//! benchmarks and a sweep, and renders from a comparison: the work of `make figures`. The tables of `docs/results.md`: that of `make results`.
 
 mod bound;
 mod effects;
@@ -30,7 +30,7 @@ pub struct Origin {
 /// Generated parts of a page, by the names of their markers.
 pub type Parts = Vec<(&'static str, String)>;
 
-/// Tables and plots: parts of `docs/performance.md`, parts of README.md, and files of plots by name.
+/// Tables and plots: parts of `docs/performance.md`, parts of `docs/sweep.md`, and files of plots by name.
 ///
 /// # Errors
 /// A measurement that is missing.
@@ -46,7 +46,7 @@ pub fn made(bench: &Bench, sweep: &Sweep, origin: &Origin) -> Result<[Parts; 3],
         ("kernels", kernels::kernels(bench)?),
         ("sweep", sweep.table()),
     ];
-    let readme = vec![("exactness", sweep.exactness(origin))];
+    let exactness = vec![("exactness", sweep.exactness(origin))];
     let plots = vec![
         ("exactness.svg", sweep.plot(&["gradients", "overlap", "solver", "culling"], 2)),
         ("sweep.svg", sweep.plot(&["epsilon", "stop"], 2)),
@@ -54,5 +54,5 @@ pub fn made(bench: &Bench, sweep: &Sweep, origin: &Origin) -> Result<[Parts; 3],
         ("cost.svg", pictures::cost_plot(bench)?),
         ("iteration.svg", pictures::iteration_plot(bench)?),
     ];
-    Ok([page, readme, plots])
+    Ok([page, exactness, plots])
 }

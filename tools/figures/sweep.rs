@@ -106,8 +106,8 @@ impl Sweep {
         let rows = [self.gradients(), self.overlaps(), self.solver(), self.culling()];
         let rows: Vec<Vec<String>> = rows.into_iter().flatten().map(Vec::from).collect();
         format!(
-            "Measured on the demo scene; {}, {} threads, commit {} ([full tables](docs/performance.md#sweep)).\n\n{}\n\
-             ![Accuracy against time on four axes](docs/figures/exactness.svg)\n",
+            "Measured on the demo scene; {}, {} threads, commit {} ([full tables](performance.md#sweep)).\n\n{}\n\
+             ![Accuracy against time on four axes](figures/exactness.svg)\n",
             text(&self.0["device"]["name"]),
             self.0["host_threads"],
             origin.commit,
