@@ -141,7 +141,7 @@ figures-written:
 	cargo run --release --locked --quiet --features figures --bin figures -- measured "$(FIGURES)/criterion" "$(FIGURES)/sweep/sweep.json" \
 		"$$(git describe --always --dirty 2>/dev/null || echo unknown)" "make figures"
 
-# Interrupted, it goes on where it stopped. SEEDS=1 ITERATIONS=2000 make results is a shorter look.
+# Interrupted, it resumes where it stopped. SEEDS=1 ITERATIONS=2000 make results is a shorter look.
 RESULTS ?= target/results
 results: ## train and compare every scene with three seeds, then rewrite the tables of README.md and docs/results.md (hours)
 	cargo build --release --locked --features figures --bins

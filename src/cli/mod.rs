@@ -190,7 +190,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Says which scores are left out for want of weights, and how to get them; to be called once there are scores.
+/// Reports scores skipped because their weights are missing, and how to get those; to be called once there are scores.
 fn tell_of_missing(networks: &Networks, console: &Console) {
     if let Some(note) = networks.note() {
         console.note(format_args!("{note}: run {} once", lpips_weights().display()));

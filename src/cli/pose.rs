@@ -15,7 +15,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk pose photos -o scene --matching exhaustive
 
 The folder then holds images/ and sparse/0, as COLMAP's scenes do, and pose/log.txt. After an interruption, the same command \
-goes on where it stopped. `qirf-vk run INPUT -o DIR` does the same into DIR/scene, and trains the scene.";
+resumes where it stopped. `qirf-vk run INPUT -o DIR` does the same into DIR/scene, and trains the scene.";
 
 /// Estimate the camera poses of photos or of a video, with COLMAP or OpenMVG-rs
 #[derive(Debug, clap::Args)]

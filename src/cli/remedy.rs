@@ -25,7 +25,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
              another device with --device",
         ),
         Error::NoProgram(programs) => Some(install(programs)),
-        Error::Program { .. } => plain("give the same command again to go on; if it fails again, read the log"),
+        Error::Program { .. } => plain("run the same command again to resume; if it fails again, read the log"),
         Error::FewPoses { .. } => plain(
             "take at least 20 photos while you walk around the scene, each sharp, at one zoom, and showing two thirds of the \
              one before; scenes need texture. `--matching exhaustive` compares more pairs",
@@ -39,7 +39,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::OtherRun { folder, .. } => {
             let config = quoted(&folder.join("config.toml"));
             Some(format!(
-                "give the options it had (`--config {config}` gives `run` all of them), or another folder with -o"
+                "use the original options (`--config {config}` gives `run` all of them), or another folder with -o"
             ))
         }
         Error::Unfinished(checkpoint) => {

@@ -54,7 +54,7 @@ struct Work {
     /// Limit on device memory, such as 2G or 800M; it changes no byte of the results [default: the device's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
     memory_budget: Option<u64>,
-    /// Accept a device that computes other bits than the one that planned; the results may then differ from those of one device
+    /// Accept a device whose results are not bit-identical to those of the one that planned; the results may then differ from those of one device
     #[arg(long)]
     mixed: bool,
 }

@@ -154,7 +154,7 @@ pub(super) fn named<T: DeserializeOwned + Clone + Send + Sync + 'static>(what: &
     Names { listed, read, what }
 }
 
-/// The reason why a text is none of a type's variants.
+/// The error for a value that matches no variant.
 #[derive(Debug)]
 enum Fault {
     /// These are its variants.

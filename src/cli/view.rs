@@ -35,7 +35,7 @@ const EXAMPLES: &str = "Examples:
 Open the printed address in a browser. To look from another machine, run the viewer with --port 8080, and there \
 `ssh -L 8080:127.0.0.1:8080 SERVER`.";
 
-/// Wait for a wish, after which Ctrl-C is looked for.
+/// Timeout for a request before Ctrl-C is checked.
 const PATIENCE: Duration = Duration::from_millis(100);
 
 /// Look at a model, a run or a capture in a browser.

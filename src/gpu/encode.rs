@@ -18,7 +18,7 @@ pub(super) struct Scope {
     pub end: u32,
 }
 
-/// Writes commands into a frame's command buffer, which is in its initial state; whoever submits it keeps alive what it uses.
+/// Writes commands into a frame's command buffer, which is in its initial state; the submitter must keep the referenced resources alive.
 pub(super) struct Encoder<'a> {
     context: &'a Context,
     frame: &'a Frame,

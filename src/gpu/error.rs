@@ -24,7 +24,7 @@ pub enum Error {
         /// The names of the devices present.
         there: String,
     },
-    /// A text that is no address of a device.
+    /// Not a device address.
     #[error("{0}")]
     Address(String),
     /// Other processes hold all devices.

@@ -216,7 +216,7 @@ impl Hazards {
         self.doubted = true;
     }
 
-    /// Forgets a buffer that is no more.
+    /// Removes a freed buffer.
     pub fn forget(&mut self, buffer: u64) {
         self.pending.remove(&buffer);
     }

@@ -73,7 +73,7 @@ impl<'a> ActiveRun<'a> {
             let none = Notes { config: config_text, curve: Vec::new(), prunes: Vec::new(), seconds: 0.0, initial };
             (trainer, none)
         };
-        // It grows to what it draws, if it draws anything: blocks are not evaluated.
+        // Starts empty and grows on demand; runs in blocks never use it.
         let mut evaluator = Evaluator::new(device, settings, 1, prepared.views())?;
         evaluator.compare_as(config.exposure);
         let mut run = Self { setup, config, output, trainer, evaluator, notes };

@@ -187,8 +187,8 @@ pub enum Error {
         /// The photo's name.
         photo: String,
     },
-    /// A device that computes other bits than the one that a job was planned on.
-    #[error("this device computes other bits ({here}) than the one that the job was planned on ({planned})")]
+    /// A device whose results differ in their bits from those of the device that a job was planned on.
+    #[error("results on this device (fingerprint {here}) are not bit-identical to those of the plan's device ({planned})")]
     OtherDevice {
         /// Fingerprint of the plan's device.
         planned: String,
@@ -198,8 +198,8 @@ pub enum Error {
     /// Neither photos nor a video.
     #[error("{} holds no photos (jpg, png, webp), and is no video (mp4, mov, mkv, webm, avi)", .0.display())]
     NothingToPose(PathBuf),
-    /// A folder for poses that holds something else.
-    #[error("{} holds something else than poses that this program estimated", .0.display())]
+    /// A folder for poses that `pose` did not write.
+    #[error("{} is not an output folder of `qirf-vk pose`", .0.display())]
     NotOurs(PathBuf),
     /// The user pressed Ctrl-C.
     #[error("interrupted; what was finished is kept")]

@@ -98,7 +98,7 @@ impl<'a> Setup<'a> {
 }
 
 /// The device with the tuning that a run is to have: with `resume` that of the run in `output`, else the configuration's.
-/// One that does not fit the device is told of, and the device's own is used.
+/// A tuning that does not fit is reported and replaced by the device's own.
 ///
 /// # Errors
 /// A `config.toml` that cannot be read.

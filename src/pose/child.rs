@@ -31,7 +31,7 @@ pub(super) struct Grey {
     pub pixels: Vec<u8>,
 }
 
-/// What a program writes to its standard output.
+/// Use of a program's standard output.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Output {
     Text,

@@ -12,7 +12,7 @@ use std::path::{Component, Path, PathBuf};
 const RECORD: &str = "pose.json";
 const MADE_BY: &str = "qirf-vk pose";
 
-/// What tells photos from others: if nothing of it changes, neither do the poses.
+/// The key that identifies a set of photos: while it is the same, the poses stay valid.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Key {
     /// Name, size and time of the last change of every file.
@@ -181,7 +181,7 @@ impl Folder {
         self.work().join("database.db")
     }
 
-    /// What the programs printed.
+    /// The output of the programs.
     pub fn log(&self) -> PathBuf {
         self.work().join("log.txt")
     }

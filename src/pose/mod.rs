@@ -66,7 +66,7 @@ pub struct Options {
     pub frames: usize,
 }
 
-/// What was found.
+/// The result.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Posed {
     /// Photos.
@@ -77,7 +77,7 @@ pub struct Posed {
     pub others: Vec<(PathBuf, usize)>,
     /// Photos in no part.
     pub nowhere: Names,
-    /// What makes the poses doubtful.
+    /// Reasons to doubt the poses.
     pub warnings: Vec<String>,
 }
 
@@ -99,7 +99,7 @@ impl Posed {
 
 /// Estimates the poses of the photos in a folder and its subfolders, or of frames of a video, and writes the folder `scene`: photos in
 /// `images`, poses in `sparse/0`. Poses of the same photos and options that are there already are not estimated again;
-/// an interrupted job goes on where it stopped.
+/// an interrupted job resumes where it stopped.
 ///
 /// # Errors
 /// [`Error::NoProgram`]; [`Error::Usage`] for subfolders with OpenMVG-rs; [`Error::Program`] for one that fails; [`Error::FewPoses`]; [`Error::NotOurs`] for a folder

@@ -74,7 +74,7 @@ fn put(model: &Path, place: &Path) -> Result<(), Error> {
     moved.map_err(|source| Error::Write { path: place.to_owned(), source })
 }
 
-/// What makes these poses doubtful.
+/// Reasons to doubt these poses.
 fn doubts(scene: &Scene, photos: usize) -> Vec<String> {
     let mut doubts = Vec::new();
     if (scene.views.len() as f64) < SHARES.1 * photos as f64 {

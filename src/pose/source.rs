@@ -35,7 +35,7 @@ impl Source {
         Self::Photos { folder: input.to_owned(), tree: PhotoTree::of(input) }
     }
 
-    /// What tells these photos from others.
+    /// The key that identifies these photos.
     ///
     /// # Errors
     /// A file that cannot be read.
@@ -59,7 +59,7 @@ impl Source {
         matches!(self, Self::Photos { tree, .. } if tree.names.iter().any(|name| name.contains('/')))
     }
 
-    /// How many photos are in which folders, and which folders were left out; none if one folder holds all.
+    /// The number of photos by folder, and the folders left out; none if one folder holds all.
     pub fn told(&self) -> Option<String> {
         let Self::Photos { folder, tree } = self else { return None };
         if !self.is_nested() && tree.left_out.is_empty() {

@@ -85,7 +85,7 @@ fn timing(log: &Path, watcher: &dyn Watcher) -> Result<[&'static str; 2], Error>
     Ok(if renamed { ["-fps_mode", "passthrough"] } else { ["-vsync", "passthrough"] })
 }
 
-/// What ffprobe says of a video.
+/// ffprobe's facts about a video.
 struct Facts {
     /// Frames per second.
     rate: f64,

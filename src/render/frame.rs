@@ -45,7 +45,7 @@ pub enum Purpose {
 /// The features that a renderer needs memory for.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Uses {
-    /// What it is for.
+    /// The uses it was allocated for.
     pub purpose: Purpose,
     /// True if slots also have sums for responses and scores.
     pub responses: bool,

@@ -32,7 +32,7 @@ pub struct Image {
     pub pixels: Vec<[f32; 4]>,
 }
 
-/// What became of a picture whose number of pairs was not known before.
+/// Outcome of rendering with an unknown pair count.
 #[derive(Debug)]
 pub enum Settled {
     /// They did fit.
@@ -131,7 +131,7 @@ impl Renderer {
         self.launch.settings.background = background;
     }
 
-    /// What it is for.
+    /// The uses this renderer was allocated for.
     pub fn uses(&self) -> Uses {
         self.uses
     }

@@ -43,7 +43,7 @@ pub enum Error {
         model: String,
     },
     /// The folder holds photos, but no camera poses.
-    #[error("{images} holds {photos} photos, but {root} says nowhere where they were taken from")]
+    #[error("{images} has {photos} photos, but {root} has no camera poses")]
     NoPoses {
         /// The folder given.
         root: PathBuf,

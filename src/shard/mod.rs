@@ -31,12 +31,12 @@ pub struct Shard {
     files: Files,
 }
 
-/// How far a task is.
+/// State of a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
     /// Its files are there and whole.
     Done,
-    /// A process is at it.
+    /// Another process is running it.
     Running,
     /// Its files are not there.
     Missing,
@@ -74,7 +74,7 @@ impl Shard {
         self.files.listed.iter().map(|listed| listed.task)
     }
 
-    /// Refuses a device that computes other bits than the one that made the plan; `mixed` lets it pass.
+    /// Refuses a device whose results are not bit-identical to those of the plan's device, unless `mixed` is true.
     ///
     /// # Errors
     /// [`Error::OtherDevice`].

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// What makes a plan this program's.
+/// The format and version that mark a plan as this program's.
 const MADE_BY: &str = "qirf-vk shard";
 
 /// The plan of a job in tasks. How many processes do them appears nowhere: the results do not depend on it.

@@ -1,4 +1,5 @@
-//! One client's conversation: its wishes go to the lobby, pictures come back, encoded here and not where they are drawn.
+//! The connection of one client: its requests go to the queue, and pictures come back, which are encoded here and not where they
+//! are drawn.
 
 use super::lobby::{Lobby, Outgoing};
 use super::protocol::{Encoding, Header, Message};

@@ -13,7 +13,7 @@ use crate::scene::Photo;
 use crate::scene::camera::Camera;
 use std::time::Instant;
 
-/// What a wish is drawn from.
+/// The inputs of a picture.
 #[derive(Clone, Copy)]
 pub struct Sitter<'a> {
     /// The model.
@@ -32,7 +32,7 @@ pub struct Sitter<'a> {
 
 /// A finished picture.
 pub struct Drawn {
-    /// What precedes it on its way to the client.
+    /// The header that precedes it on its way to the client.
     pub header: Header,
     /// The picture.
     pub image: Image,
@@ -150,7 +150,7 @@ impl Easel {
         Ok(model.parameters.means.cast::<[f32; 3]>().read(&self.device)?)
     }
 
-    /// What an error picture compares `rendered` with: the photo at a photo's camera, whose mask then hides parts of both,
+    /// The reference that an error picture compares `rendered` with: the photo at a photo's camera, whose mask then hides parts of both,
     /// else the other model.
     fn truth(
         &mut self,

@@ -1,4 +1,4 @@
-//! Who may look: the holder of the printed address.
+//! Access control: only the holder of the printed address may connect.
 //!
 //! Every user of a shared machine can reach its loopback ports, and any page of any site can send requests there. So a request
 //! needs the token of the address, exchanged for a cookie that other sites cannot use; its `Host` must be this machine's own

@@ -28,7 +28,7 @@ const MOST_CREDIT: f64 = 0.25;
 const PACE: u32 = 2;
 /// Time between two reports of progress.
 const NEWS: Duration = Duration::from_millis(400);
-/// Wait for a wish or a control while the run is paused.
+/// Timeout for a request or a control while the run is paused.
 const PAUSED: Duration = Duration::from_millis(50);
 
 /// A watcher that lets pages look at the run, beside another one.
@@ -125,7 +125,7 @@ impl<'a> Live<'a> {
             None => Easel::new(self.device, *trainer.settings(), trainer.len()),
         };
         let lobby = self.server.lobby();
-        // No picture is worth a run: it goes on, and meets a lost device by itself. Its memory comes first, too.
+        // Viewer errors never stop training; the training loop reports a lost device itself, and its memory comes first.
         match made.and_then(|mut easel| easel.draw(&self.subject, sitter, &wish).map(|drawn| (easel, drawn))) {
             Ok((easel, drawn)) => {
                 state.easel = Some(easel);

@@ -16,7 +16,7 @@ pub const MOST_CLIENTS: usize = 4;
 /// Largest number of frames that a client was sent and has not shown.
 pub const MOST_IN_FLIGHT: u32 = 2;
 
-/// What a client is sent.
+/// A message to a client.
 pub enum Outgoing {
     /// A picture, encoded by the client's thread.
     Frame(Header, Arc<Image>),
@@ -40,7 +40,7 @@ struct Guests {
     controls: Vec<Control>,
 }
 
-/// Where clients and the thread that draws meet.
+/// Request queue between clients and the render thread.
 #[derive(Default)]
 pub struct Lobby {
     guests: Mutex<Guests>,

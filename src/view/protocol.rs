@@ -1,4 +1,4 @@
-//! What a page and the program say to each other over the WebSocket.
+//! The messages between a page and the program over the WebSocket.
 //!
 //! A page sends JSON: wishes, acknowledgements and controls. The program answers with binary frames, 32 bytes of
 //! [`Header`] before an encoded picture, and with JSON that tells how a run is doing.
@@ -168,7 +168,7 @@ impl Figure {
     }
 }
 
-/// What precedes a picture: 32 bytes, numbers in little-endian order.
+/// The header of a picture: 32 bytes, numbers in little-endian order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Header {
     /// Encoding.

@@ -27,7 +27,7 @@ const SCRIPTS: [(&str, &str); 3] = [
 ];
 const STYLE: &str = include_str!("page.css");
 
-/// Where a server listens, and what it allows.
+/// The address that a server listens on, and its limits.
 #[derive(Clone, Copy, Debug)]
 pub struct ServerOptions {
     /// Address to bind.
@@ -38,7 +38,7 @@ pub struct ServerOptions {
     pub control: bool,
 }
 
-/// What every connection needs.
+/// State shared by all connections.
 struct Site {
     guard: Guard,
     lobby: Arc<Lobby>,
@@ -87,7 +87,7 @@ impl Server {
         format!("http://{address}{}", self.site.guard.entrance())
     }
 
-    /// Where clients wait.
+    /// The request queue.
     pub fn lobby(&self) -> &Lobby {
         &self.site.lobby
     }

@@ -1,4 +1,4 @@
-//! What is looked at: models, and the capture that they were made from.
+//! The subject of a viewer: models, and the capture that they were made from.
 
 use crate::gaussians::Gaussians;
 use crate::pipeline::Error;
@@ -24,7 +24,7 @@ pub struct Model {
     pub name: String,
     /// The Gaussians.
     pub gaussians: Gaussians,
-    /// How they have to be drawn.
+    /// The style that they have to be drawn with.
     pub style: Style,
     /// Diagnostics of a prune of them.
     pub facts: Option<Diagnostics>,
@@ -35,9 +35,9 @@ pub struct Model {
 pub enum Job {
     /// They are shown.
     Show,
-    /// One is trained by a run, which can be resumed.
+    /// A model in training by a run, which can be resumed.
     Run,
-    /// One is trained after a prune, without checkpoints.
+    /// A model in training after a prune, without checkpoints.
     Compression,
 }
 
@@ -51,7 +51,7 @@ pub struct Subject {
     pub models: Vec<Model>,
     /// Colour behind the Gaussians.
     pub background: [f32; 3],
-    /// Where the first model lies; none where there is a capture.
+    /// Position and size of the first model; none where there is a capture.
     pub outline: Option<Outline>,
     /// Photos and their cameras.
     pub capture: Option<Capture>,

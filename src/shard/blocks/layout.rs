@@ -1,4 +1,4 @@
-//! How a scene is divided into blocks: their cells, and the parts of photos that each trains on.
+//! The layout of a scene in blocks: their cells, and the parts of photos that each trains on.
 
 use super::members::Members;
 use super::seen::{Seen, Shown};
@@ -26,7 +26,7 @@ pub struct Crop {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Block {
-    /// What it trains on, in the order of the photos.
+    /// The parts of photos that it trains on, in the order of the photos.
     pub crops: Vec<Crop>,
     /// Share of all that is painted in the photos which Gaussians in its grown cell paint: 0..=1.
     pub painted: f64,
@@ -36,7 +36,7 @@ pub struct Block {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Layout {
-    /// Who owns which place.
+    /// The cells, which own all places.
     pub cells: Cells,
     /// One block for each cell.
     pub blocks: Vec<Block>,

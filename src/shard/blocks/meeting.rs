@@ -1,4 +1,4 @@
-//! The Gaussians of all blocks where they meet, and those that a block goes on with.
+//! Synchronises the blocks: all Gaussians, and the rows each block trains next.
 
 use super::layout::{Block, GROWN, Layout};
 use super::members::{select, with_margin};

@@ -74,14 +74,14 @@ pub(super) fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
     }
 }
 
-/// What a block hands on before the first meeting: the trained rows that its cell owns, in their order. A row that lies in a
+/// The rows that a block hands on before the first meeting: the trained ones that its cell owns, in their order. A row that lies in a
 /// neighbour's cell is the neighbour's to hand on.
 pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
     let rows: Vec<usize> = trained(snapshot).filter(|i| cells.owner(snapshot.model.means[*i]) == cell).collect();
     select(snapshot, &rows)
 }
 
-/// What a block hands on after a meeting: its trained rows without the last `margin`, wherever they lie.
+/// The rows that a block hands on after a meeting: its trained ones without the last `margin`, wherever they lie.
 pub(super) fn own(snapshot: &Snapshot, margin: usize) -> Snapshot {
     select(snapshot, &(0..trained(snapshot).end - margin).collect::<Vec<_>>())
 }
@@ -177,7 +177,7 @@ mod tests {
         assert_eq!(handed, (0..200).collect::<Vec<_>>());
     }
 
-    /// What is trained along behind a block's rows has its own moments, and is not handed on.
+    /// A margin that is trained behind a block's rows has its own moments, and is not handed on.
     #[test]
     fn a_margin_comes_and_goes() {
         let (state, neighbour) = (snapshot(model(20, 1), 0), snapshot(model(30, 1), 0));

@@ -36,7 +36,7 @@ use std::collections::HashSet;
 /// Largest sides of photos from which the coarse model takes them at half and at a quarter of their size.
 const LARGE: [u32; 2] = [256, 1024];
 
-/// What the sides of photos are divided by for the coarse model.
+/// Divisors of the sides of photos for the coarse model.
 fn divisor(largest: [u32; 2]) -> u32 {
     1 << LARGE.iter().filter(|least| largest.iter().max() >= Some(*least)).count()
 }
@@ -187,7 +187,7 @@ impl BlockRun {
             Ok(beginning(first, 0))
         };
         let until = meetings(&setup.config)[0];
-        let (snapshot, _) = goes_on(&mut setup, (coarse, &members.trained, before), (until, None), output)?;
+        let (snapshot, _) = train_block(&mut setup, (coarse, &members.trained, before), (until, None), output)?;
         Ok(owned(&snapshot, &layout.cells, b))
     }
 
@@ -207,7 +207,7 @@ impl BlockRun {
         stages::evidence(session, collected, &config, (chunk, &self.photos, exposures))
     }
 
-    /// How many Gaussians of each block a choice among all of them keeps, by the responses of all chunks in their order.
+    /// The number of Gaussians of each block that a choice among all of them keeps, by the responses of all chunks in their order.
     ///
     /// # Errors
     /// As of a compression; those of the chunks.
@@ -250,7 +250,7 @@ impl BlockRun {
         let trained: Vec<usize> = meeting.rows(b).chain(margin.iter().copied()).collect();
         setup.take_share(meeting.collected, &trained, layout.of_nothing())?;
         let before = |_: &Setup<'_>| meeting.with(came, b, &margin);
-        let (snapshot, prune) = goes_on(&mut setup, (meeting.collected, &trained, before), (until, None), output)?;
+        let (snapshot, prune) = train_block(&mut setup, (meeting.collected, &trained, before), (until, None), output)?;
         Ok(Tuned { state: own(&snapshot, margin.len()), copies: 0, prune })
     }
 
@@ -307,7 +307,7 @@ impl BlockRun {
         let config = of_block(&self.config, (block, b), self.photos.len());
         let until = until(&config);
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
-        let (snapshot, prune) = goes_on(&mut setup, (scene, rows, |_: &_| before()), (until, prune), output)?;
+        let (snapshot, prune) = train_block(&mut setup, (scene, rows, |_: &_| before()), (until, prune), output)?;
         Ok(Tuned { state: own(&snapshot, 0), copies: rows.len() - meeting.rows(b).len(), prune })
     }
 
@@ -330,9 +330,9 @@ impl BlockRun {
     }
 }
 
-/// Trains a block until an iteration, behind the scene's Gaussians other than `trained`; `before` gives the state that it goes on from, if
-/// there is no checkpoint. With the state comes its prune, if it has had one.
-fn goes_on<'a>(
+/// Trains a block to iteration `until` with all other Gaussians of the scene frozen, resuming from the checkpoint or from the state
+/// that `before` gives. Returns its state and its prune, if it has had one.
+fn train_block<'a>(
     setup: &mut Setup<'a>,
     (scene, trained, before): (&Gaussians, &[usize], impl FnOnce(&Setup<'a>) -> Result<Snapshot, Error>),
     (until, prune): (u32, Option<&PruneRecord>),

@@ -1,4 +1,4 @@
-//! What views show of each block of a model.
+//! Visibility of each block in each view.
 
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
@@ -22,7 +22,7 @@ const STRAYS: f64 = 0.005;
 /// Standard deviations of a Gaussian that count as painted.
 const WIDTH: f64 = 3.0;
 
-/// What a view shows of a block.
+/// Visibility of a block in a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shown {
     /// Sum of T alpha of the block's Gaussians over the picture's pixels.
@@ -75,7 +75,7 @@ pub fn seen(
     Ok(rows)
 }
 
-/// What one view shows of each block, by the scores of its picture of so many pixels.
+/// Visibility of each block in one view, by the scores of its picture of so many pixels.
 fn of_view(
     model: &Gaussians,
     scores: &[Score],

@@ -1,7 +1,7 @@
 //! Each block's share of the error in pixels that several blocks paint.
 //!
-//! All blocks train at once, each behind the others as they were. Where several paint a pixel, and each makes good all of its error, they
-//! overshoot together. A block therefore trains towards the picture as it was, plus its share of the difference to the photo, which is the
+//! All blocks train at once, each behind the others as they were. If every block corrected a shared pixel's whole error, the
+//! sum would overshoot. A block therefore trains towards the picture as it was, plus its share of the difference to the photo, which is the
 //! share of the picture that the Gaussians it trains have painted. To first order, the shares of all blocks add up to the photo, and in a
 //! margin that two blocks train, each makes good the whole error: its copies of the other's Gaussians go when the blocks meet.
 
@@ -99,7 +99,7 @@ mod tests {
         Image { width: 4, height: 1, pixels: vec![pixel; 4] }
     }
 
-    /// What `share` of a photo is to be painted, in bytes of red, green, blue and the fourth.
+    /// The picture that a block with this `share` trains towards, in bytes of red, green, blue and the fourth.
     fn mixed(fourth_byte: FourthByte, share: f32, map: Option<&[f32]>) -> [u8; 4] {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, 4, 1);
         let mut photo = Photo { camera, pixels: [200, 100, 0, 51].repeat(4).into(), fourth_byte };

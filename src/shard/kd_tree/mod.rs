@@ -116,7 +116,7 @@ pub struct Grown<'a> {
     cell: usize,
     /// The cell's own, lower and upper.
     faces: ([f64; 3], [f64; 3]),
-    /// What it gains beyond each face of an axis.
+    /// Margin beyond each face of an axis.
     margins: [f64; 3],
 }
 
@@ -134,7 +134,7 @@ impl Grown<'_> {
         (0..3).all(inside)
     }
 
-    /// How deep a position lies in it, from 0 at the grown faces over 1/2 at the cell's own to 1 as far within these. Cells of
+    /// Depth of a position inside it, from 0 at the grown faces over 1/2 at the cell's own to 1 as far within these. Cells of
     /// different sides may have different depths at their common face. What a cell owns has at least 1/2, also where its sides
     /// have no length.
     pub fn depth(&self, position: [f32; 3]) -> f64 {
@@ -173,7 +173,7 @@ mod tests {
         (0..n).map(|_| one()).collect()
     }
 
-    /// Whether the faces of a cell say that a position is in it.
+    /// Returns true if a position lies within the faces of a cell.
     fn within(cells: &Cells, cell: usize, position: [f32; 3]) -> bool {
         let place = cells.contraction.of(position);
         let (low, high) = cells.faces(cell);
