@@ -188,7 +188,9 @@ pub enum Error {
         photo: String,
     },
     /// A device whose results differ in their bits from those of the device that a job was planned on.
-    #[error("results on this device (fingerprint {here}) are not bit-identical to those of the plan's device ({planned})")]
+    #[error(
+        "results on this device (fingerprint {here}) are not bit-identical to those of the plan's device ({planned})"
+    )]
     OtherDevice {
         /// Fingerprint of the plan's device.
         planned: String,

@@ -3,6 +3,7 @@
 
 mod attrition;
 mod keep;
+mod method;
 
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
@@ -20,14 +21,13 @@ use crate::train::exposure;
 use crate::train::halve::{self, Halve};
 use crate::train::look::Look;
 use crate::train::loss::Loss;
-use crate::train::method::{Cut, Iteration, Method, Pause};
+use crate::train::method::Iteration;
 use crate::train::objective::{Current, Objective};
 use crate::train::options::{Exposures, Options};
 use crate::train::smoothing::Smoothing;
 use crate::train::state::TrainState;
 use crate::train::training_model::{Array, TrainingModel};
 use std::collections::VecDeque;
-use std::sync::Arc;
 
 /// Iterations between two checks by the host.
 const LOOK_EVERY: u32 = 16;
@@ -270,24 +270,6 @@ impl Trainer {
             .unwrap_or_else(|| until.min(self.iteration + LOOK_EVERY))
     }
 
-    /// The method, until it is over.
-    fn method(&self) -> Option<&Arc<dyn Method>> {
-        self.options.method.as_ref()
-    }
-
-    /// Returns true if a method takes the place of density control.
-    fn grows_otherwise(&self) -> bool {
-        self.method().is_some_and(|method| method.replaces_density_control())
-    }
-
-    fn densifies(&self, iteration: u32) -> bool {
-        !self.grows_otherwise() && self.options.schedule.densifies(iteration)
-    }
-
-    fn resets_opacity(&self, iteration: u32) -> bool {
-        !self.grows_otherwise() && self.options.schedule.resets_opacity(iteration)
-    }
-
     fn wants_degree(&self, iteration: u32) -> bool {
         self.options.schedule.degree(iteration, self.options.degree.min(MAX_SH_DEGREE)) > self.training.model.degree
     }
@@ -422,31 +404,5 @@ impl Trainer {
             self.timings.merge(&self.device.submit(recording)?.wait()?);
         }
         Ok(())
-    }
-
-    /// What the method does between two iterations, if that is due after this one.
-    fn follow_method(&mut self, iteration: u32) -> Result<()> {
-        let schedule = &self.options.schedule;
-        let Some(method) = self.method().filter(|method| method.acts(schedule, iteration)).cloned() else {
-            return Ok(());
-        };
-        let (key, most) = ([self.options.seed, iteration], self.options.most);
-        let mut pause = Pause { device: &self.device, model: &mut self.training, schedule, key, most };
-        let changed = method.between(&mut pause)?;
-        if changed.rows {
-            self.responses = None;
-            self.renderer.make_room_for_gaussians(self.training.model.len)?;
-        }
-        if changed.cut.is_some() {
-            self.state.cut = changed.cut;
-            self.options.method = None;
-            self.training.arrays.clear();
-        }
-        Ok(())
-    }
-
-    /// The cut that a method ended with, once it is done.
-    pub fn cut(&self) -> Option<Cut> {
-        self.state.cut
     }
 }
