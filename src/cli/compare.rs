@@ -168,7 +168,7 @@ mod tests {
             ABLATION,
             PAPER_TABLES,
             "default,paper,gns,pop,dense,dense+thresholds,grown,mcmc,compact3dgs,maskgaussian@0.5",
-            "css-measured-detail@0.1,gnso-detail,pairs+rewarm",
+            "css-detail@0.1,gnso-detail,pairs+rewarm",
         ] {
             assert!(arms(list).is_ok(), "{list}");
         }

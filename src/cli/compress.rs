@@ -17,6 +17,7 @@ use crate::pipeline::config::no_methods;
 use crate::pipeline::records::{CompressRecord, StageScores, Truth};
 use crate::pipeline::{Output, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
+use crate::report::of_compression;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -40,7 +41,7 @@ pub(super) struct Arguments {
     /// Iterations of training after the prune, on the photos or on the original's pictures
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     fine_tune: u32,
-    /// Write the figures as JSON to this file
+    /// Write the figures to this file: as JSON, or as a page if its name ends in .html
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Write what became of each Gaussian, its score and its block to this file, for `qirf-vk view MODEL --diagnostics FILE`; its
@@ -93,7 +94,9 @@ impl Arguments {
             .during(&session, console, subject, |session| compress::compress(session, input, &config, &self.output))?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
-            Output::text(path, &format!("{json:#}\n"))?;
+            let page = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("html"));
+            let text = if page { of_compression(&figures) } else { format!("{json:#}\n") };
+            Output::text(path, &text)?;
         }
         if self.json { console.json(&json) } else { report(console, &figures) }
     }

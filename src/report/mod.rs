@@ -2,6 +2,7 @@
 //!
 //! Pages are built from [`page`] (shell, tables), [`plot`] and [`slider`]. `maud` escapes every text.
 
+mod compression;
 pub mod format;
 pub mod page;
 pub mod picture;
@@ -13,7 +14,7 @@ use crate::pipeline::Error;
 use crate::pipeline::Output;
 pub use run::cut;
 
-use crate::pipeline::records::RunRecord;
+use crate::pipeline::records::{CompressRecord, RunRecord};
 
 /// Writes `report.html` of a run into its folder, from its results and the folder's pictures and `config.toml`; missing
 /// ones are left out.
@@ -22,6 +23,11 @@ use crate::pipeline::records::RunRecord;
 /// [`Error::Write`].
 pub fn write(results: &RunRecord, output: &Output) -> Result<(), Error> {
     Output::text(&output.report(), &of_run(results, output))
+}
+
+/// The page of a compression.
+pub fn of_compression(record: &CompressRecord) -> String {
+    compression::page(record)
 }
 
 /// The page of a run.

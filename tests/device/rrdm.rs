@@ -5,10 +5,14 @@ use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Device, Error};
 use qirf_vk::qirf::assemble::{Assembly, BlockMatrices, Options, unpack_lower, unpack_symmetric};
+use qirf_vk::qirf::participation::Eigensolver;
 use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::rrdm::Density;
+use qirf_vk::qirf::select::Selector;
+use qirf_vk::qirf::study::{Basis, Observed, Study};
 use qirf_vk::reference::participation::{participation, uncertainty};
 use qirf_vk::reference::rrdm;
+use qirf_vk::response::Responses;
 
 /// Unit roundoff of float32, and the smallest normal number.
 const U: f64 = 0.5 / (1 << 23) as f64;
@@ -232,4 +236,68 @@ pub fn solved_hard_cases(device: &Device) {
         }
     }
     finish(device);
+}
+
+/// A study of exact copies and of Gaussians apart: whatever the solver and epsilon, the ranks of a block are a permutation, all
+/// numbers are finite, and a block that a solver cannot factorise is solved by the next and counted.
+#[test]
+fn every_solver_answers_for_every_block() {
+    let device = device();
+    for (copies, epsilon) in [(false, 0.0), (true, 1e-4), (true, 1e-12)] {
+        let (gaussians, _) = apart_or_copies(copies);
+        let model = model(&gaussians);
+        let resident = Resident::upload(&device, &model).unwrap();
+        let channels = Rows::Random.of(&[0, gaussians.len() as u32]);
+        let responses = Responses { channels, ..Responses::default() };
+        let observed = Observed { resident: &resident, model: &model, responses: &responses };
+        for solver in Eigensolver::ALL {
+            let basis = Basis { solver, epsilon, ..Basis::default() };
+            let study = Study::new(&device, observed, &basis, &[Selector::Gnso, Selector::Css], 1).unwrap();
+            let told = format!("copies {copies}, epsilon {epsilon}, {solver}");
+            let collected = &study.collected;
+            assert_eq!(study.solver, Some(solver));
+            assert!(collected.participation.iter().all(|q| q.is_finite() && *q >= 0.0), "{told}");
+            for (selector, ranking) in &study.rankings {
+                assert!(ranking.gain.iter().all(|g| g.is_finite()), "{told}, {selector}");
+                for members in study.partitioned.blocks.iter() {
+                    let mut ranks: Vec<u32> = members.iter().map(|i| ranking.rank[*i as usize]).collect();
+                    ranks.sort_unstable();
+                    assert!(ranks.iter().copied().eq(0..members.len() as u32), "{told}, {selector}");
+                }
+            }
+            let single = matches!(solver, Eigensolver::Device | Eigensolver::LowRankF32);
+            let blocks = study.partitioned.blocks.len();
+            println!(
+                "{told}: {} of {blocks} blocks fell back, {} to canonical form",
+                collected.fallbacks, collected.canonical
+            );
+            // In float32 1 + 1e-12 is 1, and the second of two copies has no pivot left.
+            let expected = if copies && epsilon < 1e-6 && single { blocks } else { 0 };
+            assert_eq!(collected.fallbacks, expected, "{told}");
+            let canonical = if solver == Eigensolver::Device { 0 } else { expected };
+            assert_eq!(
+                collected.canonical, canonical,
+                "{told}: the device's blocks go to float64, which factorises them"
+            );
+        }
+    }
+    finish(&device);
+}
+
+#[test]
+fn responses_that_are_not_finite_are_refused_by_their_gaussian() {
+    let device = device();
+    let (gaussians, _) = apart_or_copies(false);
+    let model = model(&gaussians);
+    let resident = Resident::upload(&device, &model).unwrap();
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut channels = Rows::Random.of(&[0, gaussians.len() as u32]);
+        (channels[77][5], channels[200][0]) = (bad, bad);
+        let responses = Responses { channels, ..Responses::default() };
+        let observed = Observed { resident: &resident, model: &model, responses: &responses };
+        let refused = Study::new(&device, observed, &Basis::default(), &[Selector::Css], 1).err().expect("refused");
+        let text = refused.to_string();
+        assert!(text.contains("Gaussian 77 ") && text.contains("channel 5 (gradient by scale)"), "{text}");
+    }
+    finish(&device);
 }

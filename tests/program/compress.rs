@@ -1,5 +1,6 @@
 //! `qirf-vk compress`: kept Gaussians, written files, and refusals.
 
+use super::html::parse;
 use crate::support::{device, finish};
 use qirf_vk::gaussians::{Gaussians, formats};
 use qirf_vk::metrics::Networks;
@@ -111,7 +112,13 @@ fn the_kept_are_the_originals_and_as_many_as_asked_for() {
     let originals: HashSet<_> = rows(&formats::read(&model).unwrap().gaussians).into_iter().collect();
     assert!(kept.len() == 123 && rows(&kept).iter().all(|row| originals.contains(row)));
 
-    let said = compressed(&model, &again, &[&["--views", "16", "--size", "64x64"], &exact[..]].concat());
+    let page = folder.path().join("report.html");
+    let more = ["--views", "16", "--size", "64x64", "--report", page.to_str().unwrap()];
+    let said = compressed(&model, &again, &[&more, &exact[..]].concat());
+    let html = parse(&std::fs::read_to_string(&page).unwrap()).unwrap();
+    assert_eq!(html.texts("h2"), ["Summary", "Held-out views", "Pruning", "What the blocks say"]);
+    assert!(html.texts("#blocks dd").contains(&"low-rank"), "{:?}", html.texts("#blocks dd"));
+    assert!(html.texts(".tile").iter().any(|t| t.contains("123") && t.contains("Gaussians")));
     let views = printed["views"].as_array().unwrap().iter().map(|view| view["pruned"]["psnr"].as_f64().unwrap());
     let worst = format!("(worst view {:.2} dB)", views.reduce(f64::min).unwrap());
     let said = String::from_utf8_lossy(&said.stdout).into_owned();

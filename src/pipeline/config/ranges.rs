@@ -181,6 +181,11 @@ mod tests {
         assert!(pruned(|p| p.at = vec![f64::NAN]).contains("prune.at"));
         assert!(pruned(|p| p.compression.keep = Keep::Share(0.0)).contains("keep.share"));
         assert!(pruned(|p| p.compression.basis.tau = f64::INFINITY).contains("tau = inf"));
+        assert!(pruned(|p| p.compression.basis.eta = 1.5).contains("basis.eta = 1.5: write a number from 0 to 1"));
+        assert!(pruned(|p| p.compression.basis.eta = -0.1).contains("basis.eta = -0.1"));
+        let raw =
+            pruned(|p| (p.compression.basis.solver, p.compression.basis.overlap) = (Eigensolver::Device, Overlap::Raw));
+        assert!(raw.contains("overlap = \"raw\"") && raw.contains("low-rank"), "{raw}");
         let most = 1_000_000;
         let partition = Partition::Adaptive { mean: 48, least: 8, most };
         assert!(with(&|c| c.prune.iter_mut().for_each(|p| p.compression.basis.partition = partition)).contains("8000"));

@@ -1,9 +1,9 @@
 //! `report.html` of a run: its sections in order.
 
-mod blocks;
+pub(super) mod blocks;
 mod details;
 mod pictures;
-mod pruning;
+pub(super) mod pruning;
 mod quality;
 mod summary;
 mod time;

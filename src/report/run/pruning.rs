@@ -37,7 +37,8 @@ pub fn body(results: &RunRecord) -> Markup {
     }
 }
 
-fn one(prune: &PruneRecord) -> Markup {
+/// A prune's counts and times.
+pub fn one(prune: &PruneRecord) -> Markup {
     let selector = Selector::NAMES.iter().find(|(s, _)| *s == prune.selector).map_or("", |(_, name)| name);
     let removed = prune.before.saturating_sub(prune.after);
     let mut known = vec![

@@ -1,0 +1,75 @@
+//! The page of a compression: its figures, the held-out views, and what the blocks say.
+
+use super::format::{NONE, bytes, count, decimals, percent, seconds};
+use super::page::{self, Column, Section, Tile, absent, table, tiles};
+use super::run::{blocks, pruning};
+use crate::metrics::Scores;
+use crate::pipeline::records::{CompressRecord, StageScores, Truth};
+use maud::Markup;
+use std::slice::from_ref;
+
+/// A stage's name and its scores.
+type Stage = (&'static str, fn(&StageScores) -> &Option<Scores>);
+
+const STAGES: [Stage; 3] = [("before", |s| &s.before), ("pruned", |s| &s.pruned), ("fine-tuned", |s| &s.fine_tuned)];
+
+/// The whole page.
+pub fn page(record: &CompressRecord) -> String {
+    let sections = [
+        Section::new("summary", "Summary", summary(record)),
+        Section::new("views", "Held-out views", views(record)),
+        Section::new("pruning", "Pruning", pruning::one(&record.prune)),
+        Section::new("blocks", "What the blocks say", blocks::body(from_ref(&record.prune))),
+    ];
+    let truth = match record.protocol.truth {
+        Truth::Photos => "photos",
+        Truth::OwnPictures => "the original's own pictures",
+    };
+    let [w, h] = record.protocol.image_size;
+    let subtitle = format!(
+        "qirf-vk {} on {}; {} views for the choice, {} held out, up to {w} × {h} pixels, against {truth}",
+        record.version, record.device.info.name, record.protocol.train_views, record.protocol.test_views
+    );
+    page::page("Compression report", &subtitle, &sections)
+}
+
+fn decibels(scores: Option<&Scores>) -> String {
+    match scores {
+        Some(Scores { psnr: Some(psnr), .. }) => format!("{} dB", decimals(*psnr, 2)),
+        Some(_) => "∞".to_owned(),
+        None => NONE.to_owned(),
+    }
+}
+
+fn summary(record: &CompressRecord) -> Markup {
+    let CompressRecord { input, output, test, time, .. } = record;
+    let last = STAGES.iter().rev().find(|(_, of)| of(test).is_some());
+    let (stage, scores) = last.map_or(("no view was held out", None), |(name, of)| (*name, of(test).as_ref()));
+    let tile = |label, value: String, note: String| Tile { label, value, note };
+    let removed = input.gaussians.saturating_sub(output.gaussians);
+    tiles(&[
+        tile("PSNR", decibels(scores), stage.to_owned()),
+        tile("SSIM", decimals(scores.map(|s| s.ssim), 4), stage.to_owned()),
+        tile(
+            "Gaussians",
+            count(output.gaussians),
+            format!("of {}: {} removed", count(input.gaussians), percent(removed as f64, input.gaussians as f64)),
+        ),
+        tile("File", bytes(output.bytes), format!("of {}", bytes(input.bytes))),
+        tile("Time", seconds(time.total_s), format!("responses {}", seconds(time.responses_s))),
+        tile("Device", record.device.info.name.clone(), record.device.info.driver.clone()),
+    ])
+}
+
+fn views(record: &CompressRecord) -> Markup {
+    if record.views.is_empty() {
+        return absent("No view was held out.");
+    }
+    let row = |name: &str, scores: &StageScores| -> Vec<String> {
+        std::iter::once(name.to_owned()).chain(STAGES.iter().map(|(_, of)| decibels(of(scores).as_ref()))).collect()
+    };
+    let rows: Vec<Vec<String>> = record.views.iter().map(|view| row(&view.name, &view.scores)).collect();
+    let columns: Vec<Column<'_>> =
+        std::iter::once(Column::Text("view")).chain(STAGES.iter().map(|(name, _)| Column::Number(name))).collect();
+    table(&columns, &rows, Some(&row("mean", &record.test)))
+}
