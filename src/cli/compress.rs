@@ -35,7 +35,7 @@ Without photos, pictures of the model itself, from all around it, tell which Gau
 pub(super) struct Arguments {
     /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
     model: PathBuf,
-    /// Model to write: .ply, .spz or .sog
+    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Iterations of training after the prune, on the photos or on the original's pictures

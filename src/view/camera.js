@@ -86,6 +86,13 @@ export class Camera {
     this.position = add(this.position, scaled(step, this.distance));
   }
 
+  /** Looks at a point, round which it then turns. */
+  face(point) {
+    const way = less(point, this.position);
+    this.distance = Math.max(length(way), 1e-6);
+    this.rotation = looking(way, this.up);
+  }
+
   /** Puts the horizon level. */
   level() { if (length(cross(this.forward, this.up)) > 1e-3) this.rotation = looking(this.forward, this.up); }
 

@@ -4,6 +4,7 @@
 //! waits in the lobby; whoever owns the device takes it from there and draws it ([`Studio`], and [`Live`] for a run). Moving pictures are JPEG and
 //! may leave Gaussians out; still pictures are the very PNG files that `qirf-vk render` writes.
 
+pub mod alone;
 mod client;
 mod easel;
 mod guard;

@@ -1,6 +1,9 @@
 //! Model files: readers, writers, hostile input, and the shared models if they are available.
 
+mod gltf;
 mod readers;
 mod shared;
+mod strangers;
 mod tags;
+mod usd;
 mod writers;

@@ -2,6 +2,7 @@
 
 mod commands;
 mod kernels;
+mod pages;
 mod refusals;
 mod render;
 mod tags;

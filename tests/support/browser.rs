@@ -52,6 +52,7 @@ impl Browser {
                 "--headless=new",
                 "--no-sandbox",
                 "--disable-gpu",
+                "--enable-unsafe-swiftshader",
                 "--remote-debugging-port=0",
                 "--window-size=1000,700",
             ])

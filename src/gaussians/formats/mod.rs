@@ -1,12 +1,15 @@
 //! Readers and writers of model files.
 //!
 //! Read: standard 3DGS PLY, PlayCanvas compressed PLY, SPZ 1 to 4, antimatter15 `.splat`, mkkellogg `.ksplat`, SOG 1
-//! and 2 (folder or bundle). Written: PLY, SPZ and SOG. Every reader sees one slice of bytes, checks counts against its
+//! and 2 (folder or bundle), glTF, USD. Written: PLY, compressed PLY, SPZ, SOG, GLB and USD. Every reader sees one slice of bytes, checks counts against its
 //! length before it allocates, and never panics.
 
+mod axes;
 mod bytes;
 mod fault;
+mod gltf;
 mod ksplat;
+mod linear;
 mod output;
 mod ply;
 mod render_mode;
@@ -14,6 +17,8 @@ mod repairs;
 mod sog;
 mod splat;
 mod spz;
+mod turn;
+mod usd;
 
 use std::fmt;
 use std::fs;
@@ -44,6 +49,10 @@ pub enum Format {
     Ksplat,
     /// PlayCanvas SOG, versions 1 and 2: `meta.json` with WebP textures, in a folder or zipped.
     Sog,
+    /// glTF 2.0 with `KHR_gaussian_splatting`: `.glb`, or `.gltf` with its files.
+    Gltf,
+    /// OpenUSD's `ParticleField3DGaussianSplat`: text, `.usda`, or zipped, `.usdz`.
+    Usd,
 }
 
 impl fmt::Display for Format {
@@ -55,6 +64,8 @@ impl fmt::Display for Format {
             Self::Splat => "splat",
             Self::Ksplat => "ksplat",
             Self::Sog => "SOG",
+            Self::Gltf => "glTF",
+            Self::Usd => "USD",
         })
     }
 }
@@ -101,7 +112,7 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
         return sog::read_folder(folder).map(finish).map_err(|fault| fault.at(path));
     }
     let bytes = fs::read(path).map_err(io)?;
-    read_bytes(&bytes, path)
+    read_with(&bytes, path, Some(path.parent().unwrap_or(Path::new(""))))
 }
 
 /// Reads a model from a whole file's bytes; `name` appears in messages and gives the format if the content does not.
@@ -109,21 +120,34 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
 /// # Errors
 /// Those of [`read`].
 pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
+    read_with(bytes, name, None)
+}
+
+/// As [`read_bytes`]; `folder` holds the files that a `.gltf` may name.
+fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded, Error> {
     let extension = name.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let parsed = match bytes {
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => ply::read(bytes),
         [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => spz::read(bytes),
+        [b'P', b'K', 3 | 5, 4 | 6, ..] if extension == "usdz" => usd::read_package(bytes),
         [b'P', b'K', 3 | 5, 4 | 6, ..] => sog::read_bundle(bytes),
+        [b'#', b'u', b's', b'd', b'a', ..] => usd::read(bytes),
+        [b'P', b'X', b'R', b'-', b'U', b'S', b'D', b'C', ..] => Err(usd::binary()),
+        [b'g', b'l', b'T', b'F', ..] => gltf::read(bytes, folder),
         [] => Err(fault::malformed("byte 0", "the file is empty; fetch or export it again")),
         _ => match extension.as_str() {
             "ply" => Err(fault::malformed("header", "a PLY file begins with a line `ply`, this one does not; check the file")),
             "spz" => Err(fault::malformed("header", "neither gzip nor NGSP at byte 0 as SPZ needs; check the file")),
             "sog" => Err(fault::malformed("header", "a bundled SOG is a zip archive, this is not; check the file")),
+            "glb" => Err(fault::malformed("header", "a GLB file begins with `glTF`, this one does not; check the file")),
+            "usda" | "usd" => Err(fault::malformed("header", "a USD text begins with `#usda`, this does not; check the file")),
+            "usdz" => Err(fault::malformed("header", "a USDZ file is a zip archive, this is not; check the file")),
+            "gltf" => gltf::read(bytes, folder),
             "splat" => splat::read(bytes),
             "ksplat" => ksplat::read(bytes),
             _ => Err(Fault::Unsupported(
-                "not a model file that this program knows; give a .ply, .spz, .splat, .ksplat or .sog file, or a folder \
-                 with a SOG meta.json"
+                "not a model file that this program knows; give a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda \
+                 or .usdz file, or a folder with a SOG meta.json"
                     .into(),
             )),
         },
@@ -139,37 +163,101 @@ fn finish(parsed: Parsed) -> Loaded {
     Loaded { gaussians, format, mode: tag.mode, doubt: tag.doubt, repairs }
 }
 
+/// What a file is written as, by its name.
+#[derive(Clone, Copy)]
+enum Written {
+    Ply,
+    CompressedPly,
+    Spz,
+    Sog,
+    Glb,
+    Usda,
+    Usdz,
+}
+
+impl Written {
+    fn of(path: &Path) -> Result<Self, Error> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+        Ok(match extension.as_str() {
+            "ply" if name.ends_with(".compressed.ply") => Self::CompressedPly,
+            "ply" => Self::Ply,
+            "spz" => Self::Spz,
+            "sog" => Self::Sog,
+            "glb" => Self::Glb,
+            "usda" => Self::Usda,
+            "usdz" => Self::Usdz,
+            _ => {
+                return Err(Error::Unsupported {
+                    path: path.to_owned(),
+                    what:
+                        "models are written as .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz; give the output \
+                           one of these extensions"
+                            .into(),
+                });
+            }
+        })
+    }
+}
+
+/// The version of a written SPZ; both store the same values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SpzVersion {
+    /// gzip round everything: for readers of before 2026.
+    Three,
+    /// zstd by attribute.
+    #[default]
+    Four,
+}
+
 /// Refuses a `path` whose extension no writer knows, before any work is done for it.
 ///
 /// # Errors
 /// [`Error::Unsupported`].
 pub fn check_output(path: &Path) -> Result<(), Error> {
-    match path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase().as_str() {
-        "ply" | "spz" | "sog" => Ok(()),
-        _ => Err(Error::Unsupported {
-            path: path.to_owned(),
-            what: "models are written as .ply, .spz or .sog; give the output one of these extensions".into(),
-        }),
-    }
+    Written::of(path).map(drop)
 }
 
-/// Writes `gaussians` to `path` in the format of its extension: `.ply` (bit-exact), `.spz` or `.sog` (both quantised),
-/// completely or not at all; with the tag of `mode`. SOG does not keep the order of the Gaussians.
+/// Writes `gaussians` to `path` in the format of its extension: `.ply` (bit-exact), `.glb`, `.usda` or
+/// `.usdz` (exact but for rounding exponentials and unit quaternions), `.spz` (version 4), `.sog` or `.compressed.ply` (quantised), completely or not at all; with the tag of
+/// `mode`. SOG and compressed PLY do not keep the order of the Gaussians.
 ///
 /// Call [`refuse_overwrite`] first where the model came from a file.
 ///
 /// # Errors
-/// [`Error::Unsupported`] for another extension or for what SPZ or SOG cannot hold, [`Error::Inconsistent`],
+/// [`Error::Unsupported`] for another extension or for what the format cannot hold, [`Error::Inconsistent`],
 /// [`Error::Io`].
 pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(), Error> {
+    write_version(path, gaussians, mode, SpzVersion::default())
+}
+
+/// As [`write`], with the version of SPZ.
+///
+/// # Errors
+/// Those of [`write`].
+pub fn write_version(path: &Path, gaussians: &Gaussians, mode: RenderMode, spz: SpzVersion) -> Result<(), Error> {
     gaussians.validate()?;
-    check_output(path)?;
-    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let pack = match extension.as_str() {
-        "spz" => spz::pack,
-        "sog" => sog::pack,
-        _ => return write_atomically(path, |out| ply::write(out, gaussians, mode)),
+    let packed = match Written::of(path)? {
+        Written::Ply => return write_atomically(path, |out| ply::write(out, gaussians, mode)),
+        Written::CompressedPly => return write_atomically(path, |out| ply::write_compressed(out, gaussians, mode)),
+        Written::Glb => {
+            let body = gltf::write(gaussians, mode).map_err(|fault| fault.at(path))?;
+            return write_atomically(path, body);
+        }
+        Written::Usda => return write_atomically(path, |out| usd::write(out, gaussians, mode)),
+        Written::Usdz => usd::package(gaussians, mode),
+        Written::Spz => spz::pack(gaussians, mode, spz),
+        Written::Sog => sog::pack(gaussians, mode),
     };
-    let packed = pack(gaussians, mode).map_err(|fault| fault.at(path))?;
+    let packed = packed.map_err(|fault| fault.at(path))?;
     write_atomically(path, |out| out.write_all(&packed))
+}
+
+/// The bytes of an SPZ file; `name` stands in messages.
+///
+/// # Errors
+/// [`Error::Unsupported`] for what SPZ cannot hold, [`Error::Inconsistent`].
+pub fn spz(gaussians: &Gaussians, mode: RenderMode, version: SpzVersion, name: &Path) -> Result<Vec<u8>, Error> {
+    gaussians.validate()?;
+    spz::pack(gaussians, mode, version).map_err(|fault| fault.at(name))
 }

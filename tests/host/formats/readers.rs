@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use qirf_vk::gaussians::formats::{self, Format, Loaded};
 use qirf_vk::gaussians::{Error, Gaussians};
 
+use crate::support::files::gltf::{self, Layout};
 use crate::support::files::make::{self, Encoding};
 
 pub fn read(bytes: &[u8], name: &str) -> Result<Loaded, Error> {
@@ -165,6 +166,16 @@ fn compressed_ply_unpacks_by_its_chunks() {
 }
 
 #[test]
+fn halves_in_a_ply_are_exact() {
+    let m = read(&make::half_ply(2), "m.ply").unwrap().gaussians;
+    let value = |k: usize| 1.0 + k as f32 / 1024.0;
+    assert_eq!((m.means[1], m.rotations[0][3]), ([value(14), value(15), value(16)], value(6)));
+    assert_eq!((m.opacity_logits[0], m.sh[0][5]), (value(10), value(27)));
+    let text = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float16 x\nend_header\n0.1\n";
+    assert!(message(text, "m.ply").contains("no property"));
+}
+
+#[test]
 fn spz_versions_systems_and_halves() {
     let decoded = [2, 3, 4].map(|version| read(&make::spz(5, version, 3, false), "m.spz").unwrap());
     assert!(decoded.iter().all(|loaded| loaded.gaussians.means == decoded[0].gaussians.means));
@@ -289,6 +300,14 @@ fn valid() -> Vec<(&'static str, Vec<u8>)> {
     ];
     files.extend((1..=4).map(|version| ("h.spz", make::spz(6, version, 2, false))));
     files.push(("i.spz", make::spz(6, 3, 3, true)));
+    files.extend(
+        [Layout::Planar, Layout::Interleaved, Layout::Sparse].map(|layout| ("k.glb", gltf::glb(&model, layout))),
+    );
+    files.push(("l.gltf", gltf::gltf(&model, Layout::Quantised, None).0));
+    files.push(("m.glb", gltf::glb_of_spz(&make::spz(6, 3, 1, true), true)));
+    files.push(("n.usda", make::usda(3)));
+    files.push(("o.usdz", make::usdz(3)));
+    files.push(("p.ply", make::half_ply(3)));
     files.extend((0..3).map(|level| ("j.ksplat", make::ksplat(6, level, 2))));
     files
 }
@@ -302,7 +321,8 @@ fn truncation_at_any_byte_is_refused_or_salvaged_but_never_panics() {
                 // Only a file without a count of its own, or one that lacks an unneeded last line of text, may still be
                 // read.
                 loaded.gaussians.validate().unwrap();
-                assert!(name == "e.splat" || name == "c.ply" && end + 5 >= bytes.len(), "{name} cut at {end}");
+                let needless = matches!(name, "c.ply" | "n.usda") && end + 5 >= bytes.len();
+                assert!(name == "e.splat" || needless, "{name} cut at {end}");
             }
         }
     }
@@ -358,8 +378,8 @@ proptest! {
 
     #[test]
     fn noise_never_panics(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
-        for magic in [&b""[..], b"ply\n", b"\x1f\x8b\x08\0", b"NGSP\x03\0\0\0", b"NGSP\x04\0\0\0", b"PK\x03\x04"] {
-            for name in ["a.ply", "a.splat", "a.ksplat", "a"] {
+        for magic in [&b""[..], b"ply\n", b"\x1f\x8b\x08\0", b"NGSP\x03\0\0\0", b"NGSP\x04\0\0\0", b"PK\x03\x04", b"glTF\x02\0\0\0", b"#usda"] {
+            for name in ["a.ply", "a.splat", "a.ksplat", "a.gltf", "a.usdz", "a"] {
                 let _ = read(&[magic, &bytes].concat(), name);
             }
         }

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use qirf_vk::gaussians::formats::{self, RenderMode};
+use qirf_vk::gaussians::formats::{self, RenderMode, SpzVersion};
 
 use super::readers::read;
 use crate::support::files::make::{self, Encoding};
@@ -17,7 +17,7 @@ fn commented(ply: &[u8], comments: &[u8]) -> Vec<u8> {
 fn written_tags_are_read_back_from_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let model = make::model(300, 1);
-    for name in ["a.ply", "a.spz", "a.sog"] {
+    for name in ["a.ply", "a.spz", "a.sog", "a.glb", "a.usda", "a.compressed.ply"] {
         let path = folder.path().join(name);
         let mut written = Vec::new();
         for mode in [RenderMode::AntiAliased, RenderMode::Plain] {
@@ -39,10 +39,12 @@ fn written_tags_are_read_back_from_every_format() {
     }
     let path = folder.path().join(spz);
     formats::write(&path, &model, RenderMode::AntiAliased).unwrap();
+    assert_eq!(fs::read(&path).unwrap()[14], 1, "flags of version 4");
+    formats::write_version(&path, &model, RenderMode::AntiAliased, SpzVersion::Three).unwrap();
     let mut plain = Vec::new();
     let packed = fs::read(&path).unwrap();
     std::io::Read::read_to_end(&mut flate2::read::GzDecoder::new(&packed[..]), &mut plain).unwrap();
-    assert_eq!(plain[14], 1, "flags");
+    assert_eq!(plain[14], 1, "flags of version 3");
 }
 
 #[test]

@@ -72,8 +72,13 @@ fn spz_round_trip_stays_within_its_steps() {
     let path = folder.path().join("a.spz");
     for degree in 0..=3 {
         let model = make::model(2000, degree);
+        formats::write_version(&path, &model, formats::RenderMode::Plain, formats::SpzVersion::Three).unwrap();
+        let three = formats::read(&path).unwrap();
+        assert_eq!(&fs::read(&path).unwrap()[..2], b"\x1f\x8b");
         formats::write(&path, &model, formats::RenderMode::Plain).unwrap();
-        let back = formats::read(&path).unwrap().gaussians;
+        assert_eq!(&fs::read(&path).unwrap()[..5], b"NGSP\x04");
+        assert_eq!(formats::read(&path).unwrap(), three, "both versions store the same values");
+        let back = three.gaussians;
         assert_within_spz(&model, &back, 2f32.powi(-12));
         // A second round trip changes nothing beyond rounding: no drift.
         formats::write(&path, &back, formats::RenderMode::Plain).unwrap();
@@ -108,7 +113,7 @@ fn spz_fits_tiny_and_wide_models_and_refuses_what_it_would_ruin() {
 }
 
 /// Rows of a model, nearest first: SOG does not keep their order.
-fn matched(a: &Gaussians, b: &Gaussians) -> Vec<(usize, usize)> {
+pub fn matched(a: &Gaussians, b: &Gaussians) -> Vec<(usize, usize)> {
     let distance = |i: usize, j: usize| (0..3).map(|k| (a.means[i][k] - b.means[j][k]).abs()).fold(0.0, f32::max);
     (0..a.len())
         .map(|i| (i, (0..b.len()).min_by(|j, k| distance(i, *j).total_cmp(&distance(i, *k))).unwrap()))
@@ -162,6 +167,44 @@ fn sog_round_trip_stays_within_its_steps() {
     }
 }
 
+/// Steps within chunks of 256 neighbours: a chunk of random ones spans 1.5 units and all scales.
+#[test]
+fn compressed_ply_round_trip_stays_within_its_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.compressed.ply");
+    for degree in 0..=3 {
+        let mut model = make::model(1000, degree);
+        model.sh.iter_mut().skip(1).flatten().enumerate().for_each(|(i, c)| *c *= (i % 5) as f32);
+        formats::write(&path, &model, formats::RenderMode::AntiAliased).unwrap();
+        let loaded = formats::read(&path).unwrap();
+        assert_eq!((loaded.format, loaded.mode), (formats::Format::CompressedPly, formats::RenderMode::AntiAliased));
+        let back = loaded.gaussians;
+        assert_eq!((back.len(), back.degree()), (1000, degree));
+        let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
+        for (i, j) in matched(&model, &back) {
+            for k in 0..3 {
+                assert!((model.means[i][k] - back.means[j][k]).abs() < 6.0 / 2046.0, "mean {i}");
+                assert!((model.log_scales[i][k] - back.log_scales[j][k]).abs() < 0.51 * 4.0 / 1023.0, "scale {i}");
+                assert!((model.sh[0][3 * i + k] - back.sh[0][3 * j + k]).abs() < 0.51 * 1.8 / 255.0, "colour {i}");
+            }
+            assert!((sigmoid(model.opacity_logits[i]) - sigmoid(back.opacity_logits[j])).abs() <= 0.5 / 255.0 + 1e-5);
+            // Half a step of sqrt(2)/1023 in three components, their effect on the fourth, and twice that as an angle.
+            assert!(angle(model.rotations[i], back.rotations[j]) < 0.0066, "rotation {i}");
+            for l in 1..=degree {
+                let width = Gaussians::band_width(l);
+                for k in 0..width {
+                    let (x, y) = (model.sh[l][i * width + k], back.sh[l][j * width + k]);
+                    assert!((x - y).abs() <= 4.01 / 256.0, "band {l} of {i}: {x} {y}");
+                }
+            }
+        }
+        // Chunk by chunk it is packed to the same words again.
+        let first = fs::read(&path).unwrap();
+        formats::write(&path, &model, formats::RenderMode::AntiAliased).unwrap();
+        assert!(fs::read(&path).unwrap() == first);
+    }
+}
+
 #[test]
 fn sog_refuses_what_it_would_ruin() {
     let folder = tempfile::tempdir().unwrap();
@@ -183,11 +226,11 @@ fn odd_values_are_written_without_panic() {
     model.log_scales[4] = [f32::NEG_INFINITY, f32::INFINITY, f32::NAN];
     model.sh[2][7] = f32::NAN;
     model.sh[1][3] = 1e30;
-    for name in ["a.ply", "a.spz", "a.sog"] {
+    for name in ["a.ply", "a.compressed.ply", "a.spz", "a.sog", "a.glb", "a.usda", "a.usdz"] {
         formats::write(&folder.path().join(name), &model, formats::RenderMode::Plain).unwrap();
     }
     for empty in [Gaussians::default(), Gaussians::zeroed(0, 3)] {
-        for name in ["e.ply", "e.spz", "e.sog"] {
+        for name in ["e.ply", "e.compressed.ply", "e.spz", "e.sog", "e.glb", "e.usda", "e.usdz"] {
             formats::write(&folder.path().join(name), &empty, formats::RenderMode::Plain).unwrap();
             assert!(formats::read(&folder.path().join(name)).unwrap().gaussians.is_empty());
         }

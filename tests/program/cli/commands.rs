@@ -18,7 +18,7 @@ fn models_are_converted_and_never_over_themselves() {
     let before = sandbox.content();
     sandbox.fails(2, &["convert", "model.ply", "model.ply"], &["model.ply", "another name"]);
     sandbox.fails(2, &["convert", "model.ply", "./scene/../model.ply"], &["another name"]);
-    sandbox.fails(2, &["convert", "model.ply", "model.obj"], &["model.obj", ".ply, .spz or .sog"]);
+    sandbox.fails(2, &["convert", "model.ply", "model.obj"], &["model.obj", ".ply, .compressed.ply, .spz"]);
     sandbox.fails(2, &["convert", "model.ply", "scene"], &["scene", "folder"]);
     sandbox.fails(3, &["convert", "absent.ply", "out.ply"], &["absent.ply", "check"]);
     sandbox.fails(5, &["convert", "model.ply", "absent/out.ply"], &["absent"]);

@@ -1,5 +1,6 @@
 //! One good file of every input format, with its reader, and the conditions on everything that the reader accepts.
 
+use super::gltf::{self, Layout};
 use super::make::{self, Encoding};
 use super::writers::{Model, picture, row, transforms, write};
 use image::ImageEncoder;
@@ -23,6 +24,8 @@ pub enum Reader {
     Gzipped,
     /// A file of the SOG folder.
     SogPart,
+    /// A `.gltf` or its buffer, beside each other.
+    GltfPart,
     /// A file of a scene's folder.
     Scene,
     /// The same, a PNG whose checksums are corrected after the damage.
@@ -69,6 +72,15 @@ fn models() -> Vec<Input> {
         ("one.sog", make::sog(50, 1)),
         ("two.sog", make::sog(50, 2)),
         ("gzip.spz", make::spz(6, 3, 3, true)),
+        ("halves.ply", make::half_ply(6)),
+        ("planar.glb", gltf::glb(&model, Layout::Planar)),
+        ("interleaved.glb", gltf::glb(&model, Layout::Interleaved)),
+        ("sparse.glb", gltf::glb(&model, Layout::Sparse)),
+        ("quantised.glb", gltf::glb(&model, Layout::Quantised)),
+        ("spz.glb", gltf::glb_of_spz(&make::spz(6, 2, 1, true), false)),
+        ("data.gltf", gltf::gltf(&model, Layout::Planar, None).0),
+        ("a.usda", make::usda(4)),
+        ("a.usdz", make::usdz(4)),
     ];
     all.extend(
         [(1, "1.spz"), (2, "2.spz"), (3, "3.spz"), (4, "4.spz")].map(|(v, name)| (name, make::spz(6, v, 2, false))),
@@ -76,6 +88,9 @@ fn models() -> Vec<Input> {
     all.extend([(0, "0.ksplat"), (1, "1.ksplat"), (2, "2.ksplat")].map(|(l, name)| (name, make::ksplat(6, l, 2))));
     let mut all: Vec<Input> = all.into_iter().map(|(name, bytes)| lone(name, Reader::Model, bytes)).collect();
     all.push(Input { name: "inside gzip.spz".into(), ..lone("gzip.spz", Reader::Gzipped, make::spz(6, 3, 2, false)) });
+    let (json, binary) = gltf::gltf(&model, Layout::Planar, Some("m.bin"));
+    let parts = [("m.gltf", json), ("m.bin", binary)];
+    all.extend(["m.gltf", "m.bin"].map(|damaged| among("gltf", damaged, Reader::GltfPart, &parts)));
     for version in [1, 2] {
         let files = make::sog_files(50, version);
         for damaged in ["meta.json", "means_u.webp", "shN_centroids.webp"] {
@@ -262,6 +277,12 @@ impl Input {
             Reader::SogPart => {
                 fs::write(&path, bytes).unwrap();
                 model(usize::MAX, formats::read(folder), folder)
+            }
+            Reader::GltfPart => {
+                fs::write(&path, bytes).unwrap();
+                let all = fs::metadata(folder.join("m.gltf")).unwrap().len()
+                    + fs::metadata(folder.join("m.bin")).unwrap().len();
+                model(all as usize, formats::read(&folder.join("m.gltf")), folder)
             }
             Reader::Scene => {
                 fs::write(&path, bytes).unwrap();

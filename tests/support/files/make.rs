@@ -161,6 +161,49 @@ pub fn compressed_ply(n: usize, word: u32, with_sh: bool) -> Vec<u8> {
     out
 }
 
+/// A PLY of `n` Gaussians of degree 0 in halves.
+pub fn half_ply(n: usize) -> Vec<u8> {
+    let names = [
+        "x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1", "scale_2", "opacity", "f_dc_0",
+        "f_dc_1", "f_dc_2",
+    ];
+    let mut out = format!("ply\nformat binary_little_endian 1.0\nelement vertex {n}\n").into_bytes();
+    for name in names {
+        out.extend(format!("property half {name}\n").bytes());
+    }
+    out.extend(b"end_header\n");
+    // 1, 1 + 1/1024, ...: exact in halves.
+    (0..n * names.len()).for_each(|k| out.extend((0x3c00 + k as u16).to_le_bytes()));
+    out
+}
+
+/// A USD text layer of `n` Gaussians of degree 1.
+pub fn usda(n: usize) -> Vec<u8> {
+    let list = |element: &dyn Fn(usize) -> String| (0..n).map(element).collect::<Vec<_>>().join(", ");
+    let sh = |i: usize| (0..4).map(|k| format!("({k}, {i}, 0.5)")).collect::<Vec<_>>().join(",");
+    format!(
+        "#usda 1.0\n(\n    upAxis = \"Z\"\n)\ndef Xform \"a\"\n{{\n    def ParticleField3DGaussianSplat \"s\" (\n        customData = {{ \
+         string SplatRenderMode = \"mip\" }}\n    )\n    {{\n        point3f[] positions = [{}]\n        quatf[] orientations = [{}]\n        \
+         float3[] scales = [{}]\n        float[] opacities = [{}]\n        uniform int radiance:sphericalHarmonicsDegree = 1\n        float3[] \
+         radiance:sphericalHarmonicsCoefficients = [{}]\n    }}\n}}\n",
+        list(&|i| format!("({i}, 1.5, -2e1)")),
+        list(&|_| "(0.5, -0.5, 0.5, 0.5)".into()),
+        list(&|i| format!("(1, 0.{}, 3)", i + 1)),
+        list(&|i| format!("0.{}", i + 1)),
+        list(&sh),
+    )
+    .into_bytes()
+}
+
+/// The same in a package.
+pub fn usdz(n: usize) -> Vec<u8> {
+    let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
+    let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    archive.start_file("a.usda", options.with_alignment(64)).unwrap();
+    archive.write_all(&usda(n)).unwrap();
+    archive.finish().unwrap().into_inner()
+}
+
 /// The attributes of SPZ, `n` rows each of arbitrary but valid bytes.
 fn spz_streams(n: usize, version: u32, degree: usize) -> [Vec<u8>; 6] {
     let widths =

@@ -13,7 +13,14 @@ use super::super::fault::{Fault, malformed};
 use super::standard::{gather, rest_bands, rest_slots};
 use super::table::{Slot, Table};
 
-const CHUNK: usize = 256;
+/// Gaussians of a chunk.
+pub(super) const CHUNK: usize = 256;
+/// What a chunk has limits of, by axis; properties are `min_` and `max_` of each.
+pub(super) const LIMITS: [[&str; 3]; 3] = [["x", "y", "z"], ["scale_x", "scale_y", "scale_z"], ["r", "g", "b"]];
+/// Properties of a vertex.
+pub(super) const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
+/// Width of the range of SH coefficients, of which 0 is the middle.
+pub(super) const SH_RANGE: f32 = 8.0;
 
 /// Limits of a chunk: least and greatest of position, log-scale and colour.
 struct Limits {
@@ -24,10 +31,8 @@ struct Limits {
 
 /// Unpacks the vertex table by the chunk table; `sh` holds bands 1 and up.
 pub(super) fn gaussians(chunk: &Table, vertex: &Table, sh: Option<&Table>) -> Result<Gaussians, Fault> {
-    let position = vertex.packed("packed_position")?;
-    let rotation = vertex.packed("packed_rotation")?;
-    let scale = vertex.packed("packed_scale")?;
-    let colour = vertex.packed("packed_color")?;
+    let [position, rotation, scale, colour] = PACKED.map(|name| vertex.packed(name));
+    let (position, rotation, scale, colour) = (position?, rotation?, scale?, colour?);
     let n = vertex.len();
     let limits = limits(chunk)?;
     if limits.len() < n.div_ceil(CHUNK) {
@@ -68,12 +73,12 @@ pub(super) fn gaussians(chunk: &Table, vertex: &Table, sh: Option<&Table>) -> Re
 }
 
 fn limits(chunk: &Table) -> Result<Vec<Limits>, Fault> {
-    let triple = |prefix: &str, axes: [&str; 3]| -> Result<Vec<Slot>, Fault> {
-        axes.iter().map(|axis| chunk.slot(&format!("{prefix}_{axis}"))).collect()
+    let triple = |end: &str, axes: [&str; 3]| -> Result<Vec<Slot>, Fault> {
+        axes.iter().map(|axis| chunk.slot(&format!("{end}_{axis}"))).collect()
     };
-    let (xyz, rgb) = (["x", "y", "z"], ["r", "g", "b"]);
+    let [xyz, sizes, rgb] = LIMITS;
     let position = [triple("min", xyz)?, triple("max", xyz)?];
-    let scale = [triple("min_scale", xyz)?, triple("max_scale", xyz)?];
+    let scale = [triple("min", sizes)?, triple("max", sizes)?];
     // Early writers had no colour limits: colours span [0, 1] there.
     let colour = match chunk.find("min_r") {
         Some(_) => Some([triple("min", rgb)?, triple("max", rgb)?]),
@@ -113,5 +118,5 @@ fn unpack_sh(byte: f32) -> f32 {
         255.0 => 1.0,
         _ => (byte + 0.5) / 256.0,
     };
-    (t - 0.5) * 8.0
+    (t - 0.5) * SH_RANGE
 }

@@ -22,6 +22,7 @@ pub(super) enum Kind {
     U16,
     I32,
     U32,
+    F16,
     F32,
     F64,
 }
@@ -35,6 +36,7 @@ impl Kind {
             "ushort" | "uint16" => Self::U16,
             "int" | "int32" => Self::I32,
             "uint" | "uint32" => Self::U32,
+            "half" | "float16" => Self::F16,
             "float" | "float32" => Self::F32,
             "double" | "float64" => Self::F64,
             _ => return None,
@@ -45,7 +47,7 @@ impl Kind {
     pub(super) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
+            Self::I16 | Self::U16 | Self::F16 => 2,
             Self::I32 | Self::U32 | Self::F32 => 4,
             Self::F64 => 8,
         }
@@ -53,7 +55,7 @@ impl Kind {
 
     /// True if values have no fraction.
     pub(super) fn is_integer(self) -> bool {
-        !matches!(self, Self::F32 | Self::F64)
+        !matches!(self, Self::F16 | Self::F32 | Self::F64)
     }
 }
 

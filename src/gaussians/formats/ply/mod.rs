@@ -1,7 +1,8 @@
-//! PLY: the standard 3DGS layout, read and written, and PlayCanvas' compressed layout, read.
+//! PLY: the standard 3DGS layout and PlayCanvas' compressed layout, read and written.
 
 mod compressed;
 mod header;
+mod pack;
 mod standard;
 mod table;
 mod write;
@@ -9,6 +10,7 @@ mod write;
 use super::fault::{Fault, malformed};
 use super::{Format, Parsed};
 use header::Header;
+pub(super) use pack::write as write_compressed;
 pub(super) use write::write;
 
 /// Reads a whole PLY file of either layout; elements that neither knows are skipped.

@@ -14,14 +14,14 @@ use std::io::Read;
 use flate2::bufread::GzDecoder;
 use rayon::prelude::*;
 
+use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
 use super::super::bytes::{field, from_smallest_three, half, logit_of_byte, u32_at, u64_at};
 use super::super::fault::{Fault, malformed};
 use super::super::{Format, Gaussians, Parsed, Tag};
-use super::{COLOUR_SCALE, FLAG_ANTIALIASED, MAGIC, RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
+use super::{COLOUR_SCALE, FLAG_ANTIALIASED, HEADER, MAGIC};
 use crate::gaussians::MAX_SH_DEGREE;
 
 const LEGACY_HEADER: usize = 16;
-const HEADER: usize = 32;
 const NAMES: [&str; 6] = ["positions", "alphas", "colours", "scales", "rotations", "SH"];
 const AGAIN: &str = "fetch or export the file again";
 
@@ -41,10 +41,12 @@ struct Header {
     antialiased: bool,
     extended: bool,
     streams: usize,
+    /// The axes, unless an extension names others.
+    usual: u32,
 }
 
 impl Header {
-    fn parse(bytes: &[u8]) -> Result<Self, Fault> {
+    fn parse(bytes: &[u8], usual: u32) -> Result<Self, Fault> {
         let (Some(MAGIC), Some(version), Some(n), Some([degree, fractional_bits, flags, streams])) =
             (u32_at(bytes, 0), u32_at(bytes, 4), u32_at(bytes, 8), field(bytes, 12))
         else {
@@ -74,6 +76,7 @@ impl Header {
             antialiased: flags & FLAG_ANTIALIASED != 0,
             extended: flags & FLAG_EXTENSIONS != 0,
             streams: usize::from(streams),
+            usual,
         })
     }
 
@@ -98,10 +101,15 @@ impl Header {
 
 /// Reads a whole SPZ file of any version.
 pub(in super::super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
+    read_in(bytes, RIGHT_UP_BACK)
+}
+
+/// As [`read`], but in the axes `usual` unless the file names its own.
+pub(in super::super) fn read_in(bytes: &[u8], usual: u32) -> Result<Parsed, Fault> {
     if bytes.starts_with(&[0x1f, 0x8b]) {
-        return read_gzip(bytes);
+        return read_gzip(bytes, usual);
     }
-    let header = Header::parse(bytes)?;
+    let header = Header::parse(bytes, usual)?;
     if header.version < 4 {
         header.body(bytes.len())?;
         return read_legacy(&header, bytes, "");
@@ -109,7 +117,7 @@ pub(in super::super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
     read_streams(&header, bytes)
 }
 
-fn read_gzip(bytes: &[u8]) -> Result<Parsed, Fault> {
+fn read_gzip(bytes: &[u8], usual: u32) -> Result<Parsed, Fault> {
     let mut decoder = GzDecoder::new(bytes);
     let mut plain = Vec::new();
     let damaged = |count: usize, error: &std::io::Error| {
@@ -121,7 +129,7 @@ fn read_gzip(bytes: &[u8]) -> Result<Parsed, Fault> {
     if let Err(error) = decoder.by_ref().take(LEGACY_HEADER as u64).read_to_end(&mut plain) {
         return Err(damaged(plain.len(), &error));
     }
-    let header = Header::parse(&plain)?;
+    let header = Header::parse(&plain, usual)?;
     let body = header.body(bytes.len())? as u64;
     // Reading past the attributes to the end makes the decoder verify the checksum.
     match decoder.take(body + MAX_TAIL).read_to_end(&mut plain) {
@@ -150,7 +158,8 @@ fn read_legacy(header: &Header, plain: &[u8], hint: &str) -> Result<Parsed, Faul
             )
         })?;
     }
-    let (system, trailing) = if header.extended { (stored_system(rest)?, 0) } else { (RIGHT_UP_BACK, rest.len()) };
+    let (system, trailing) =
+        if header.extended { (stored_system(rest, header.usual)?, 0) } else { (header.usual, rest.len()) };
     Ok(decode(header, &streams, system, trailing as u64))
 }
 
@@ -159,7 +168,7 @@ fn read_streams(header: &Header, bytes: &[u8]) -> Result<Parsed, Fault> {
     header.body(bytes.len())?;
     let table = u32_at(bytes, 16).ok_or_else(|| cut("header".into()))? as usize;
     let extensions = bytes.get(HEADER..table).ok_or_else(|| cut(format!("table of streams at byte {table}")))?;
-    let system = if header.extended { stored_system(extensions)? } else { RIGHT_UP_BACK };
+    let system = if header.extended { stored_system(extensions, header.usual)? } else { header.usual };
 
     let sizes = header.widths().map(|width| width * header.n);
     let needed: Vec<usize> = (0..6).filter(|&i| sizes[i] > 0).collect();
@@ -218,8 +227,8 @@ fn read_streams(header: &Header, bytes: &[u8]) -> Result<Parsed, Fault> {
     Ok(decode(header, &streams, system, (bytes.len() - at) as u64))
 }
 
-/// The coordinate system that an extension record (type, length: u32; payload) states, or the default.
-fn stored_system(mut records: &[u8]) -> Result<u32, Fault> {
+/// The coordinate system that an extension record (type, length: u32; payload) states, or the usual one.
+fn stored_system(mut records: &[u8], usual: u32) -> Result<u32, Fault> {
     while let (Some(kind), Some(length)) = (u32_at(records, 0), u32_at(records, 4)) {
         let Some(payload) = records.get(8..).and_then(|rest| rest.get(..length as usize)) else { break };
         match u32_at(payload, 0) {
@@ -233,7 +242,7 @@ fn stored_system(mut records: &[u8]) -> Result<u32, Fault> {
         }
         records = &records[8 + payload.len()..];
     }
-    Ok(RIGHT_UP_BACK)
+    Ok(usual)
 }
 
 /// Decodes the six attributes, each of exactly `n` rows.

@@ -1,0 +1,95 @@
+//! Systems of axes, and models turned from one into another.
+
+use super::Gaussians;
+
+/// Right-up-back: SPZ, OpenGL.
+pub(super) const RIGHT_UP_BACK: u32 = 4;
+/// Right-down-front: 3DGS PLY, COLMAP, and so our model.
+pub(super) const RIGHT_DOWN_FRONT: u32 = 6;
+/// Left-up-front: glTF.
+pub(super) const LEFT_UP_FRONT: u32 = 7;
+
+/// Mirrors the axes in which two coordinate systems of the unrotated family (1..=8) differ.
+///
+/// Numbers are those of SPZ's extension: the number minus one has one bit per axis. Quaternions and SH follow from the
+/// parity of x, y, z in each component.
+pub(super) fn convert(model: &mut Gaussians, from: u32, to: u32) {
+    let differ = from.wrapping_sub(1) ^ to.wrapping_sub(1);
+    let [x, y, z] = [0, 1, 2].map(|axis| if differ >> axis & 1 == 1 { -1.0f32 } else { 1.0 });
+    if [x, y, z] == [1.0; 3] {
+        return;
+    }
+    let sh: [&[f32]; 4] = [&[1.0], &[y, z, x], &[x * y, y * z, 1.0, x * z, 1.0], &[y, x * y * z, y, z, x, z, x]];
+    for mean in &mut model.means {
+        *mean = [mean[0] * x, mean[1] * y, mean[2] * z];
+    }
+    for q in &mut model.rotations {
+        *q = [q[0], q[1] * y * z, q[2] * x * z, q[3] * x * y];
+    }
+    for (band, signs) in model.sh.iter_mut().zip(sh) {
+        for (coefficient, sign) in band.chunks_exact_mut(3).zip(signs.iter().cycle()) {
+            for value in coefficient {
+                *value *= sign;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The basis function of each coefficient without its constant factor, as a polynomial of a direction.
+    fn basis(l: usize, [x, y, z]: [f32; 3]) -> Vec<f32> {
+        let (xx, yy, zz) = (x * x, y * y, z * z);
+        match l {
+            0 => vec![1.0],
+            1 => vec![y, z, x],
+            2 => vec![x * y, y * z, 2.0 * zz - xx - yy, x * z, xx - yy],
+            _ => vec![
+                y * (3.0 * xx - yy),
+                x * y * z,
+                y * (4.0 * zz - xx - yy),
+                z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+                x * (4.0 * zz - xx - yy),
+                z * (xx - yy),
+                x * (xx - 3.0 * yy),
+            ],
+        }
+    }
+
+    #[test]
+    fn a_mirrored_model_looks_the_same_from_the_mirrored_side() {
+        let mut model = Gaussians::zeroed(2, 3);
+        for (i, value) in model.sh.iter_mut().flatten().enumerate() {
+            *value = (i as f32 * 0.7).sin();
+        }
+        for to in 1..=8u32 {
+            let differ = (RIGHT_UP_BACK - 1) ^ (to - 1);
+            let turn = |v: [f32; 3]| [0, 1, 2].map(|a: usize| if differ >> a & 1 == 1 { -v[a] } else { v[a] });
+            let mut turned = model.clone();
+            turned.means[1] = [1.0, 2.0, 3.0];
+            convert(&mut turned, RIGHT_UP_BACK, to);
+            assert_eq!(turned.means[1], turn([1.0, 2.0, 3.0]));
+            let colour = |m: &Gaussians, l: usize, direction| -> f32 {
+                let red = m.sh[l].iter().skip(Gaussians::band_width(l)).step_by(3);
+                red.zip(basis(l, direction)).map(|(c, b)| c * b).sum()
+            };
+            for l in 0..=3 {
+                for direction in [[0.36, 0.48, 0.8f32], [-0.6, 0.64, 0.48]] {
+                    assert_eq!(colour(&model, l, direction), colour(&turned, l, turn(direction)), "band {l} to {to}");
+                }
+            }
+            convert(&mut turned, to, RIGHT_UP_BACK);
+            assert_eq!(turned.sh, model.sh);
+        }
+    }
+
+    #[test]
+    fn a_turn_about_x_turns_the_quaternion_with_it() {
+        let mut model = Gaussians::zeroed(1, 0);
+        model.rotations[0] = [0.5, 0.1, 0.2, 0.3];
+        convert(&mut model, RIGHT_UP_BACK, RIGHT_DOWN_FRONT);
+        assert_eq!(model.rotations[0], [0.5, 0.1, -0.2, -0.3]);
+    }
+}

@@ -1,0 +1,186 @@
+//! Accessors as floats: any component type, normalised or not, interleaved, sparse.
+
+use rayon::prelude::*;
+
+use super::super::bytes::field;
+use super::super::fault::{Fault, malformed};
+use super::AGAIN;
+use super::container::Store;
+use super::document::{Accessor, Place, Shape};
+
+/// A type of numbers in a buffer.
+#[derive(Clone, Copy)]
+enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl Component {
+    fn parse(code: u32) -> Option<Self> {
+        Some(match code {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5125 => Self::U32,
+            5126 => Self::F32,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+
+    /// The value at the beginning of `bytes`, and the greatest one of its type.
+    fn value(self, bytes: &[u8]) -> (f32, f32) {
+        fn of<const N: usize>(bytes: &[u8]) -> [u8; N] {
+            field(bytes, 0).unwrap_or([0; N])
+        }
+        match self {
+            Self::I8 => (f32::from(i8::from_le_bytes(of(bytes))), 127.0),
+            Self::U8 => (f32::from(u8::from_le_bytes(of(bytes))), 255.0),
+            Self::I16 => (f32::from(i16::from_le_bytes(of(bytes))), 32767.0),
+            Self::U16 => (f32::from(u16::from_le_bytes(of(bytes))), 65535.0),
+            Self::U32 => (u32::from_le_bytes(of(bytes)) as f32, u32::MAX as f32),
+            Self::F32 => (f32::from_le_bytes(of(bytes)), 1.0),
+        }
+    }
+
+    /// The value, in [-1, 1] if it is `normalized`.
+    fn float(self, bytes: &[u8], normalized: bool) -> f32 {
+        let (value, greatest) = self.value(bytes);
+        if normalized && !matches!(self, Self::F32) { (value / greatest).max(-1.0) } else { value }
+    }
+}
+
+/// Numbers of one element.
+fn width(shape: Shape) -> usize {
+    match shape {
+        Shape::Scalar => 1,
+        Shape::Vec2 => 2,
+        Shape::Vec3 => 3,
+        Shape::Vec4 => 4,
+        Shape::Matrix => 16,
+    }
+}
+
+/// Elements of one shape in the bytes of a view.
+struct Rows<'a> {
+    bytes: &'a [u8],
+    stride: usize,
+    component: Component,
+    normalized: bool,
+}
+
+impl Rows<'_> {
+    fn read(&self, i: usize, out: &mut [f32]) {
+        let size = self.component.size();
+        for (k, out) in out.iter_mut().enumerate() {
+            *out = self.component.float(&self.bytes[i * self.stride + k * size..], self.normalized);
+        }
+    }
+}
+
+impl Store<'_> {
+    fn accessor(&self, index: usize) -> Result<&Accessor, Fault> {
+        let accessor = self.document.accessors.get(index);
+        accessor.ok_or_else(|| malformed(format!("accessor {index}"), format!("is not there; {AGAIN}")))
+    }
+
+    /// The number of elements of an accessor that has data: one without any may claim as many as it likes.
+    pub(super) fn count(&self, index: usize) -> Result<usize, Fault> {
+        let accessor = self.accessor(index)?;
+        let Some(view) = accessor.buffer_view else {
+            return Err(malformed(format!("accessor {index}"), format!("has no data; {AGAIN}")));
+        };
+        self.rows(index, view, accessor.byte_offset, accessor.count)?;
+        Ok(accessor.count)
+    }
+
+    /// All values of an accessor of `n` elements with `columns` numbers each, row-major; zeros where it has no data.
+    pub(super) fn floats(&self, index: usize, columns: usize, n: usize) -> Result<Vec<f32>, Fault> {
+        let accessor = self.accessor(index)?;
+        let record = || format!("accessor {index}");
+        if width(accessor.shape) != columns || accessor.count != n {
+            let (is, count) = (width(accessor.shape), accessor.count);
+            return Err(malformed(
+                record(),
+                format!("{count} elements of {is} numbers, {n} of {columns} expected; {AGAIN}"),
+            ));
+        }
+        let rows = match accessor.buffer_view {
+            Some(view) => Some(self.rows(index, view, accessor.byte_offset, n)?),
+            None => None,
+        };
+        let mut out = vec![0.0; n * columns];
+        if let Some(rows) = rows {
+            out.par_chunks_exact_mut(columns).enumerate().for_each(|(i, out)| rows.read(i, out));
+        }
+        if let Some(sparse) = &accessor.sparse {
+            if sparse.count > n {
+                return Err(malformed(record(), format!("{} values replaced of {n}; {AGAIN}", sparse.count)));
+            }
+            let places = self.packed(index, &sparse.indices, sparse.indices.component_type, 1, sparse.count)?;
+            let values = self.rows(index, sparse.values.buffer_view, sparse.values.byte_offset, sparse.count)?;
+            for k in 0..sparse.count {
+                let at = match places.component {
+                    Component::U32 => u32::from_le_bytes(field(places.bytes, 4 * k).unwrap_or_default()) as usize,
+                    component => component.value(&places.bytes[k * places.stride..]).0 as usize,
+                };
+                let row = out.chunks_exact_mut(columns).nth(at);
+                let row = row.ok_or_else(|| malformed(record(), format!("replaces element {at} of {n}; {AGAIN}")))?;
+                values.read(k, row);
+            }
+        }
+        Ok(out)
+    }
+
+    /// `n` elements of an accessor's type in a view, from `offset` on.
+    fn rows(&self, index: usize, view: usize, offset: usize, n: usize) -> Result<Rows<'_>, Fault> {
+        let accessor = self.accessor(index)?;
+        let place = Place { buffer_view: view, byte_offset: offset, component_type: None };
+        let mut rows = self.packed(index, &place, Some(accessor.component_type), width(accessor.shape), n)?;
+        rows.normalized = accessor.normalized;
+        Ok(rows)
+    }
+
+    /// `n` elements of `columns` numbers of the type `code` at a place, whose view says how far apart they are.
+    fn packed(
+        &self,
+        index: usize,
+        place: &Place,
+        code: Option<u32>,
+        columns: usize,
+        n: usize,
+    ) -> Result<Rows<'_>, Fault> {
+        let record = || format!("accessor {index}");
+        let component = code.and_then(Component::parse);
+        let component =
+            component.ok_or_else(|| malformed(record(), format!("component type {code:?} does not exist; {AGAIN}")))?;
+        let (view, bytes) = self.view(place.buffer_view)?;
+        let element = component.size() * columns;
+        let stride = view.byte_stride.unwrap_or(element);
+        let need = n.checked_sub(1).map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(element));
+        let bytes = bytes.get(place.byte_offset..).filter(|rest| need.is_some_and(|need| need <= rest.len()));
+        match bytes {
+            Some(bytes) if stride >= element => Ok(Rows { bytes, stride, component, normalized: false }),
+            Some(_) => Err(malformed(record(), format!("elements of {element} bytes, {stride} apart; {AGAIN}"))),
+            None => Err(malformed(
+                record(),
+                format!(
+                    "{n} elements of {element} bytes reach beyond the end of bufferView {}; {AGAIN}",
+                    place.buffer_view
+                ),
+            )),
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! The JSON of a glTF file, as far as splats need it; everything else is passed over.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::Deref;
+
+use serde::Deserialize;
+use serde::de::{self, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
+
+use super::super::fault::{Fault, malformed};
+use super::{AGAIN, TAG};
+
+/// Most entries of a list: a short `{}` in the file is a long record in memory.
+const MOST: usize = 1 << 16;
+
+/// A list of at most [`MOST`] entries.
+#[derive(Debug)]
+pub(super) struct List<T>(Vec<T>);
+
+impl<T> Default for List<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<T> Deref for List<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        &self.0
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Entries<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for Entries<T> {
+            type Value = List<T>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<List<T>, A::Error> {
+                let mut list = Vec::new();
+                while let Some(entry) = entries.next_element()? {
+                    if list.len() == MOST {
+                        return Err(de::Error::custom(format_args!("a list of more than {MOST} entries")));
+                    }
+                    list.push(entry);
+                }
+                Ok(List(list))
+            }
+        }
+        deserializer.deserialize_seq(Entries(PhantomData))
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Document<'a> {
+    #[serde(borrow)]
+    pub asset: Asset<'a>,
+    #[serde(default, rename = "extensionsUsed")]
+    pub used: List<Cow<'a, str>>,
+    #[serde(default)]
+    pub buffers: List<Buffer<'a>>,
+    #[serde(default)]
+    pub buffer_views: List<View>,
+    #[serde(default)]
+    pub accessors: List<Accessor>,
+    #[serde(default)]
+    pub meshes: List<Mesh<'a>>,
+    #[serde(default)]
+    pub nodes: List<Node>,
+    #[serde(default)]
+    pub scenes: List<Scene>,
+    pub scene: Option<usize>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Asset<'a> {
+    pub version: Cow<'a, str>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Buffer<'a> {
+    pub uri: Option<Cow<'a, str>>,
+    pub byte_length: usize,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct View {
+    pub buffer: usize,
+    #[serde(default)]
+    pub byte_offset: usize,
+    pub byte_length: usize,
+    pub byte_stride: Option<usize>,
+    #[serde(default)]
+    pub extensions: Compressions,
+}
+
+/// Extensions of a buffer view that change what its bytes mean.
+#[derive(Debug, Default, Deserialize)]
+pub(super) struct Compressions {
+    #[serde(alias = "KHR_meshopt_compression", rename = "EXT_meshopt_compression")]
+    pub meshopt: Option<IgnoredAny>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Accessor {
+    pub buffer_view: Option<usize>,
+    #[serde(default)]
+    pub byte_offset: usize,
+    pub component_type: u32,
+    #[serde(default)]
+    pub normalized: bool,
+    pub count: usize,
+    #[serde(rename = "type")]
+    pub shape: Shape,
+    pub sparse: Option<Sparse>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "UPPERCASE")]
+pub(super) enum Shape {
+    Scalar,
+    Vec2,
+    Vec3,
+    Vec4,
+    #[serde(other)]
+    Matrix,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Sparse {
+    pub count: usize,
+    pub indices: Place,
+    pub values: Place,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Place {
+    pub buffer_view: usize,
+    #[serde(default)]
+    pub byte_offset: usize,
+    pub component_type: Option<u32>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Mesh<'a> {
+    #[serde(borrow, default)]
+    pub primitives: List<Primitive<'a>>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Primitive<'a> {
+    #[serde(borrow, default)]
+    pub attributes: BTreeMap<Cow<'a, str>, usize>,
+    #[serde(borrow, default)]
+    pub extensions: Extensions<'a>,
+    #[serde(default)]
+    pub extras: Extras,
+}
+
+#[derive(Debug, Default, Deserialize)]
+pub(super) struct Extensions<'a> {
+    #[serde(borrow, rename = "KHR_gaussian_splatting")]
+    pub splats: Option<Splats<'a>>,
+    /// An early draft's name.
+    #[serde(rename = "KHR_spz_gaussian_splats_compression")]
+    pub spz: Option<Packed>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Splats<'a> {
+    #[serde(borrow)]
+    pub kernel: Option<Cow<'a, str>>,
+    #[serde(borrow)]
+    pub color_space: Option<Cow<'a, str>>,
+    #[serde(default)]
+    pub extensions: Packings,
+}
+
+#[derive(Debug, Default, Deserialize)]
+pub(super) struct Packings {
+    #[serde(rename = "KHR_gaussian_splatting_compression_spz_2", alias = "KHR_gaussian_splatting_compression_spz")]
+    pub spz: Option<Packed>,
+}
+
+/// A file of another format in a buffer view.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Packed {
+    pub buffer_view: usize,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Node {
+    pub mesh: Option<usize>,
+    #[serde(default)]
+    pub children: Vec<usize>,
+    pub matrix: Option<[f64; 16]>,
+    pub translation: Option<[f64; 3]>,
+    pub rotation: Option<[f64; 4]>,
+    pub scale: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Scene {
+    #[serde(default)]
+    pub nodes: Vec<usize>,
+}
+
+/// What we look for in `extras`, which may hold anything.
+#[derive(Debug, Default)]
+pub(super) struct Extras {
+    pub mode: Option<String>,
+}
+
+impl<'de> Deserialize<'de> for Extras {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Anything;
+        /// One of JSON's simple values.
+        macro_rules! passed_over {
+            ($($visit:ident: $kind:ty),*) => {
+                $(fn $visit<E: de::Error>(self, _: $kind) -> Result<Extras, E> {
+                    Ok(Extras::default())
+                })*
+            };
+        }
+        impl<'de> Visitor<'de> for Anything {
+            type Value = Extras;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("anything")
+            }
+
+            passed_over!(visit_bool: bool, visit_i64: i64, visit_u64: u64, visit_f64: f64, visit_str: &str);
+
+            fn visit_unit<E: de::Error>(self) -> Result<Extras, E> {
+                Ok(Extras::default())
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Extras, A::Error> {
+                while entries.next_element::<IgnoredAny>()?.is_some() {}
+                Ok(Extras::default())
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<Extras, A::Error> {
+                let mut extras = Extras::default();
+                while let Some(key) = entries.next_key::<Cow<'de, str>>()? {
+                    if key == TAG {
+                        let value: serde_json::Value = entries.next_value()?;
+                        extras.mode = Some(value.as_str().map_or_else(|| value.to_string(), str::to_owned));
+                    } else {
+                        entries.next_value::<IgnoredAny>()?;
+                    }
+                }
+                Ok(extras)
+            }
+        }
+        deserializer.deserialize_any(Anything)
+    }
+}
+
+/// Parses the JSON.
+pub(super) fn parse(json: &[u8]) -> Result<Document<'_>, Fault> {
+    let document: Document =
+        serde_json::from_slice(json).map_err(|error| malformed("JSON", format!("{error}; {AGAIN}")))?;
+    if !document.asset.version.starts_with("2.") {
+        let version: String = document.asset.version.chars().take(20).flat_map(char::escape_debug).collect();
+        return Err(Fault::Unsupported(format!("glTF version {version}; version 2 is read, export it as that")));
+    }
+    Ok(document)
+}

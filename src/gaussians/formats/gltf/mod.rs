@@ -1,0 +1,62 @@
+//! glTF 2.0 with `KHR_gaussian_splatting`: `.glb`, or `.gltf` with the files that it names.
+//!
+//! A splat is a point of a primitive of mode 0: `POSITION`, and, with the extension's name as prefix, `ROTATION` (x, y,
+//! z, w, unit), `SCALE` (linear), `OPACITY` (0 to 1) and `SH_DEGREE_l_COEF_k` (red, green, blue; k = m + l; the constants
+//! and signs of 3DGS). Axes are left-up-front, ours turned by 180 degrees about z. The extension knows neither dilation nor
+//! anti-aliasing: the tag lies in the primitive's `extras`. Facts: github.com/KhronosGroup/glTF at 77b44be7.
+
+mod accessor;
+mod container;
+mod document;
+mod place;
+mod splats;
+mod write;
+
+use std::path::Path;
+
+use super::fault::{Fault, malformed};
+use super::{Format, Gaussians, Parsed};
+pub(super) use write::write;
+
+/// Name of the extension, and prefix of its attributes.
+const EXTENSION: &str = "KHR_gaussian_splatting";
+/// Key of the tag in a primitive's `extras`; values are those of PLY's comment.
+const TAG: &str = "SplatRenderMode";
+const AGAIN: &str = "fetch or export the file again";
+
+/// Reads a whole `.glb` or `.gltf`; `folder` is where the files lie that it names, if they may be read.
+pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault> {
+    let parts = container::parts(bytes)?;
+    let document = document::parse(parts.json)?;
+    let store = container::load(&document, parts.binary, folder)?;
+    let mut model = Gaussians::zeroed(0, 0);
+    let mut tag = super::Tag::default();
+    let mut found = false;
+    for placed in place::meshes(&document)? {
+        for (k, primitive) in document.meshes[placed.mesh].primitives.iter().enumerate() {
+            let record = format!("mesh {}, primitive {k}", placed.mesh);
+            let Some(mut part) = splats::read(&store, primitive, &record, &mut tag)? else { continue };
+            // As many as the bytes allow: a small file may place a mesh many times.
+            if model.len() + part.len() > store.bytes {
+                return Err(malformed(
+                    record,
+                    format!("placed too often for a file of {} bytes; {AGAIN}", store.bytes),
+                ));
+            }
+            placed.apply(&mut part)?;
+            if found {
+                model.append(&part);
+            } else {
+                model = part;
+            }
+            found = true;
+        }
+    }
+    if !found && !document.used.iter().any(|name| name == EXTENSION) {
+        return Err(Fault::Unsupported(format!(
+            "no primitive with {EXTENSION}: this glTF holds meshes or points, no Gaussians; give another file"
+        )));
+    }
+    super::axes::convert(&mut model, super::axes::LEFT_UP_FRONT, super::axes::RIGHT_DOWN_FRONT);
+    Ok(Parsed { gaussians: model, format: Format::Gltf, tag, trailing_bytes: parts.trailing })
+}

@@ -1,0 +1,89 @@
+//! Where nodes place meshes.
+
+use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
+
+use super::super::Gaussians;
+use super::super::fault::{Fault, malformed};
+use super::super::turn::similarity;
+use super::AGAIN;
+use super::document::{Document, Node};
+
+/// A mesh, and the map from its axes to the scene's.
+pub(super) struct Placed {
+    pub mesh: usize,
+    node: usize,
+    map: DAffine3,
+}
+
+/// The meshes of the file's scene; all meshes of a file without nodes.
+pub(super) fn meshes(document: &Document) -> Result<Vec<Placed>, Fault> {
+    if document.nodes.is_empty() {
+        let all = 0..document.meshes.len();
+        return Ok(all.map(|mesh| Placed { mesh, node: 0, map: DAffine3::IDENTITY }).collect());
+    }
+    let fault = |node: usize, what: &str| malformed(format!("node {node}"), format!("{what}; {AGAIN}"));
+    let mut children = vec![false; document.nodes.len()];
+    for (i, node) in document.nodes.iter().enumerate() {
+        for &child in &node.children {
+            *children.get_mut(child).ok_or_else(|| fault(i, "has a child that is not there"))? = true;
+        }
+    }
+    let scene = document.scenes.get(document.scene.unwrap_or(0));
+    let roots = scene.map_or_else(|| (0..children.len()).filter(|&i| !children[i]).collect(), |s| s.nodes.clone());
+    let mut open: Vec<(usize, DAffine3)> = roots.into_iter().rev().map(|root| (root, DAffine3::IDENTITY)).collect();
+    let mut seen = vec![false; document.nodes.len()];
+    let mut placed = Vec::new();
+    while let Some((i, above)) = open.pop() {
+        let node = document.nodes.get(i).ok_or_else(|| fault(i, "is not there"))?;
+        if std::mem::replace(&mut seen[i], true) {
+            return Err(fault(i, "has several parents"));
+        }
+        let map = above * local(node);
+        if !map.is_finite() {
+            return Err(fault(i, "its place is not finite"));
+        }
+        if let Some(mesh) = node.mesh {
+            if mesh >= document.meshes.len() {
+                return Err(fault(i, "its mesh is not there"));
+            }
+            placed.push(Placed { mesh, node: i, map });
+        }
+        open.extend(node.children.iter().rev().map(|&child| (child, map)));
+    }
+    Ok(placed)
+}
+
+/// A node's own map.
+fn local(node: &Node) -> DAffine3 {
+    if let Some(columns) = &node.matrix {
+        return DAffine3::from_mat4(DMat4::from_cols_array(columns));
+    }
+    let rotation = DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
+    // A zero quaternion becomes NaN, which is refused.
+    let rotation = if rotation == DQuat::IDENTITY { rotation } else { rotation * rotation.length().recip() };
+    let (scale, translation) = (node.scale.unwrap_or([1.0; 3]), node.translation.unwrap_or([0.0; 3]));
+    DAffine3::from_scale_rotation_translation(DVec3::from(scale), rotation, DVec3::from(translation))
+}
+
+/// Largest deviation of a matrix from a turn times a number.
+const EVEN: f64 = 1e-4;
+
+impl Placed {
+    /// Moves Gaussians to their place.
+    pub(super) fn apply(&self, model: &mut Gaussians) -> Result<(), Fault> {
+        if self.map == DAffine3::IDENTITY {
+            return Ok(());
+        }
+        let size = self.map.matrix3.determinant().cbrt();
+        let turn = self.map.matrix3 * size.recip();
+        let even = (turn.transpose() * turn).abs_diff_eq(DMat3::IDENTITY, EVEN);
+        if !even || size <= 0.0 {
+            return Err(Fault::Unsupported(format!(
+                "node {} is scaled by different factors along its axes, or mirrored; apply its transform in the program that made it",
+                self.node
+            )));
+        }
+        similarity(model, size, DQuat::from_mat3(&turn).normalize(), self.map.translation);
+        Ok(())
+    }
+}

@@ -1,0 +1,90 @@
+//! A primitive as Gaussians, in the axes of the file.
+
+use super::super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert};
+use super::super::fault::{Fault, malformed};
+use super::super::linear::{log_scale, logit};
+use super::super::{Gaussians, Tag, spz};
+use super::container::Store;
+use super::document::Primitive;
+use super::{AGAIN, EXTENSION, TAG};
+use crate::gaussians::MAX_SH_DEGREE;
+
+/// The Gaussians of a primitive; none if it has no splats.
+pub(super) fn read(
+    store: &Store,
+    primitive: &Primitive,
+    record: &str,
+    tag: &mut Tag,
+) -> Result<Option<Gaussians>, Fault> {
+    let extensions = &primitive.extensions;
+    let packed = extensions.splats.as_ref().map_or(&extensions.spz, |splats| &splats.extensions.spz);
+    if let Some(packed) = packed {
+        let (_, bytes) = store.view(packed.buffer_view)?;
+        let parsed = spz::read_in(bytes, LEFT_UP_FRONT)?;
+        *tag = parsed.tag;
+        let mut model = parsed.gaussians;
+        convert(&mut model, RIGHT_DOWN_FRONT, LEFT_UP_FRONT);
+        return Ok(Some(model));
+    }
+    let Some(splats) = &extensions.splats else { return Ok(None) };
+    if let Some(mode) = &primitive.extras.mode {
+        tag.comment(&[&format!("{TAG}:"), mode]);
+    }
+    let shown = |text: &str| -> String { text.chars().take(40).flat_map(char::escape_debug).collect() };
+    match splats.color_space.as_deref() {
+        None | Some("srgb_rec709_display") => {}
+        Some(other) => tag.doubt = Some(format!("its colours are {}; they are drawn as sRGB", shown(other))),
+    }
+    if let Some(other) = splats.kernel.as_deref().filter(|kernel| *kernel != "ellipse") {
+        tag.doubt = Some(format!("its kernel is {}; it is drawn as Gaussians", shown(other)));
+    }
+    attributes(store, primitive, record).map(Some)
+}
+
+fn attributes(store: &Store, primitive: &Primitive, record: &str) -> Result<Gaussians, Fault> {
+    let find = |name: &str| primitive.attributes.get(name).copied();
+    let need = |name: &str| {
+        find(name).ok_or_else(|| malformed(record, format!("no attribute `{name}`, which {EXTENSION} needs; {AGAIN}")))
+    };
+    let own = |name: &str| need(&format!("{EXTENSION}:{name}"));
+    let position = need("POSITION")?;
+    let n = store.count(position)?;
+    let means = store.floats(position, 3, n)?.as_chunks().0.to_vec();
+    let rotations = store.floats(own("ROTATION")?, 4, n)?;
+    let scales: Vec<f32> = store.floats(own("SCALE")?, 3, n)?.into_iter().map(log_scale).collect();
+    let opacities = store.floats(own("OPACITY")?, 1, n)?;
+
+    let mut sh = Vec::new();
+    for l in 0..=MAX_SH_DEGREE {
+        let coefficient = |k: usize| find(&format!("{EXTENSION}:SH_DEGREE_{l}_COEF_{k}"));
+        let there = (0..=2 * l).filter(|&k| coefficient(k).is_some()).count();
+        if there == 0 && l > 0 {
+            break;
+        }
+        let mut band = vec![0.0; n * Gaussians::band_width(l)];
+        for k in 0..=2 * l {
+            let accessor = coefficient(k).ok_or_else(|| {
+                let what =
+                    format!("SH degree {l} has {there} of {} coefficients, k = {k} is not there; {AGAIN}", 2 * l + 1);
+                malformed(record, what)
+            })?;
+            let values = store.floats(accessor, 3, n)?;
+            for (row, value) in band.chunks_exact_mut(Gaussians::band_width(l)).zip(values.chunks_exact(3)) {
+                row[3 * k..3 * k + 3].copy_from_slice(value);
+            }
+        }
+        sh.push(band);
+    }
+    let further = format!("{EXTENSION}:SH_DEGREE_{}_COEF_0", sh.len());
+    let skipped = (sh.len()..=MAX_SH_DEGREE).any(|l| find(&format!("{EXTENSION}:SH_DEGREE_{l}_COEF_0")).is_some());
+    if skipped {
+        return Err(malformed(record, format!("SH of a higher degree without `{further}`; {AGAIN}")));
+    }
+    Ok(Gaussians {
+        means,
+        log_scales: scales.as_chunks().0.to_vec(),
+        rotations: rotations.chunks_exact(4).map(|q| [q[3], q[0], q[1], q[2]]).collect(),
+        opacity_logits: opacities.iter().map(|&p| logit(p)).collect(),
+        sh,
+    })
+}

@@ -1,0 +1,44 @@
+//! USDZ: a zip archive without compression, whose first file is the layer, each file at a multiple of 64 bytes.
+
+use std::io::{Cursor, Read};
+
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipArchive, ZipWriter};
+
+use super::super::{Gaussians, RenderMode};
+use super::{AGAIN, Fault, Parsed, binary, malformed, read, write};
+
+/// Multiple at which the bytes of each file begin.
+const ALIGNMENT: u16 = 64;
+
+/// A package of one text layer.
+pub(in super::super) fn package(model: &Gaussians, mode: RenderMode) -> Result<Vec<u8>, Fault> {
+    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).with_alignment(ALIGNMENT);
+    let failed = |error: &dyn std::fmt::Display| Fault::Unsupported(format!("cannot be packed ({error}); write .usda"));
+    archive.start_file("splat.usda", options).map_err(|error| failed(&error))?;
+    write(&mut archive, model, mode).map_err(|error| failed(&error))?;
+    Ok(archive.finish().map_err(|error| failed(&error))?.into_inner())
+}
+
+/// Reads a package's first layer.
+pub(in super::super) fn read_package(bytes: &[u8]) -> Result<Parsed, Fault> {
+    let damaged = |what: String| malformed("zip archive", format!("{what}; {AGAIN}"));
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| damaged(error.to_string()))?;
+    let mut layer = Vec::new();
+    {
+        let entry = archive.by_index(0).map_err(|error| damaged(error.to_string()))?;
+        if entry.compression() != CompressionMethod::Stored {
+            return Err(damaged("its first file is compressed, which USDZ forbids".into()));
+        }
+        // Stored files cannot be longer than the archive.
+        entry.take(bytes.len() as u64).read_to_end(&mut layer).map_err(|error| damaged(error.to_string()))?;
+    }
+    if layer.starts_with(b"PXR-USDC") {
+        return Err(binary());
+    }
+    if !layer.starts_with(b"#usda") {
+        return Err(damaged("its first file is no USD layer".into()));
+    }
+    read(&layer)
+}

@@ -1,0 +1,87 @@
+//! Writing a USD text layer: one prim, Y up.
+
+use std::io::{self, Write};
+
+use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
+use super::super::{Gaussians, RenderMode, linear};
+use super::{PRIM, TAG};
+
+/// Standard deviations of a Gaussian within its prim's extent.
+const REACH: f32 = 3.0;
+
+/// Writes a whole layer; floats keep their bits.
+pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians, mode: RenderMode) -> io::Result<()> {
+    let mut model = model.clone();
+    convert(&mut model, RIGHT_DOWN_FRONT, RIGHT_UP_BACK);
+    writeln!(out, "#usda 1.0\n(\n    defaultPrim = \"Splat\"\n    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n")?;
+    writeln!(out, "def {PRIM} \"Splat\"")?;
+    if mode.antialiased() {
+        writeln!(out, "(\n    customData = {{\n        string {TAG} = \"mip\"\n    }}\n)")?;
+    }
+    writeln!(
+        out,
+        "{{\n    uniform token projectionModeHint = \"perspective\"\n    uniform token sortingModeHint = \"zDepth\""
+    )?;
+    let n = model.len();
+    let degree = model.degree();
+    let extent = extent(&model);
+    list(out, "float3[] extent", 2, |i| Some(extent[i]))?;
+    list(out, "point3f[] positions", n, |i| Some(model.means[i]))?;
+    list(out, "quatf[] orientations", n, |i| Some(linear::unit(model.rotations[i])))?;
+    list(out, "float3[] scales", n, |i| Some(model.log_scales[i].map(linear::scale)))?;
+    list(out, "float[] opacities", n, |i| Some([linear::opacity(model.opacity_logits[i])]))?;
+    writeln!(out, "    uniform int radiance:sphericalHarmonicsDegree = {degree}")?;
+    let per_gaussian = (degree + 1).pow(2);
+    list(out, "float3[] radiance:sphericalHarmonicsCoefficients", n * per_gaussian, |at| {
+        let (i, k) = (at / per_gaussian, at % per_gaussian);
+        let l = k.isqrt();
+        model.sh[l][i * Gaussians::band_width(l) + 3 * (k - l * l)..].first_chunk::<3>().copied()
+    })?;
+    writeln!(out, "}}")
+}
+
+/// Writes an array of numbers or tuples.
+fn list<const N: usize>(
+    out: &mut dyn Write,
+    name: &str,
+    n: usize,
+    element: impl Fn(usize) -> Option<[f32; N]>,
+) -> io::Result<()> {
+    write!(out, "    {name} = [")?;
+    for i in 0..n {
+        let numbers = element(i).unwrap_or([0.0; N]).map(number);
+        let joined = numbers.join(", ");
+        let gap = if i == 0 { "" } else { ", " };
+        if N == 1 { write!(out, "{gap}{joined}")? } else { write!(out, "{gap}({joined})")? }
+    }
+    writeln!(out, "]")
+}
+
+/// The shortest text that is read back to the same bits.
+fn number(value: f32) -> String {
+    let magnitude = value.abs();
+    if !value.is_finite() {
+        return (if value.is_nan() {
+            "nan"
+        } else if value > 0.0 {
+            "inf"
+        } else {
+            "-inf"
+        })
+        .into();
+    }
+    if magnitude == 0.0 || (1e-4..1e7).contains(&magnitude) { format!("{value}") } else { format!("{value:e}") }
+}
+
+/// Least and greatest corner of a box round all Gaussians.
+fn extent(model: &Gaussians) -> [[f32; 3]; 2] {
+    let mut corners = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    for (mean, scales) in model.means.iter().zip(&model.log_scales) {
+        let reach = REACH * scales.iter().fold(0.0, |most: f32, s| most.max(linear::scale(*s)));
+        for k in 0..3 {
+            corners[0][k] = corners[0][k].min(mean[k] - reach);
+            corners[1][k] = corners[1][k].max(mean[k] + reach);
+        }
+    }
+    if model.is_empty() { [[0.0; 3]; 2] } else { corners }
+}

@@ -1,0 +1,130 @@
+//! A page that holds a model and draws it by itself: no network, no program beside it.
+//!
+//! The model lies in the page as SPZ 3, whose bytes the vertex shader unpacks; a worker sorts by depth; quads are blended back to
+//! front. Projection, colour, dilation and anti-aliasing are those of `glsl/render/project.comp`.
+
+use crate::gaussians::formats::{self, RenderMode, SpzVersion};
+use crate::gaussians::outline::outline;
+use crate::gaussians::{Error, Gaussians};
+use crate::render::Style;
+use crate::scene::camera::Camera;
+use crate::scene::orbit::{Look, UP};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use glam::{DQuat, DVec3};
+use serde_json::{Value, json};
+use std::path::Path;
+
+const PAGE: &str = include_str!("page.html");
+/// The script's parts, in order; what they import from each other is in one page.
+const SCRIPTS: [&str; 2] = [include_str!("../camera.js"), include_str!("viewer.js")];
+/// Shapes of windows for which the framing is worked out, width by height.
+const SHAPES: [f64; 8] = [0.45, 0.6, 0.8, 1.0, 1.35, 1.8, 2.4, 3.5];
+
+/// What a page shows besides its model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PageOptions {
+    /// The title, shown above the picture.
+    pub title: String,
+    /// Red, green and blue behind the Gaussians, 0 to 1.
+    pub background: [f32; 3],
+    /// World direction that is up.
+    pub up: DVec3,
+    /// The camera to begin with; by default one from which the whole model is seen.
+    pub start: Option<Camera>,
+}
+
+impl Default for PageOptions {
+    fn default() -> Self {
+        Self { title: String::new(), background: [0.0; 3], up: UP, start: None }
+    }
+}
+
+/// The page of a model; `name` stands in messages.
+///
+/// # Errors
+/// [`Error::Unsupported`] if SPZ cannot hold the model, [`Error::Inconsistent`].
+pub fn page(model: &Gaussians, mode: RenderMode, options: &PageOptions, name: &Path) -> Result<String, Error> {
+    let packed = formats::spz(model, mode, SpzVersion::Three, name)?;
+    let script: Vec<&str> =
+        SCRIPTS.iter().flat_map(|part| part.lines()).filter(|l| !l.starts_with("import ")).collect();
+    let script =
+        script.iter().map(|line| line.strip_prefix("export ").unwrap_or(line)).collect::<Vec<_>>().join("\n") + "\n";
+    Ok([
+        ("{title}", escaped(&options.title).as_str()),
+        ("{style}", include_str!("page.css")),
+        ("{scene}", &scene(model, mode, options).to_string().replace('<', "\\u003c")),
+        ("{worker}", include_str!("worker.js")),
+        ("{vertex}", include_str!("splat.vert")),
+        ("{fragment}", include_str!("splat.frag")),
+        ("{script}", &script),
+        ("{model}", &STANDARD.encode(packed)),
+    ]
+    .iter()
+    .fold(PAGE.to_owned(), |page, (mark, text)| page.replace(mark, text)))
+}
+
+/// Text within an element or a quoted attribute.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// What the script needs to know.
+fn scene(model: &Gaussians, mode: RenderMode, options: &PageOptions) -> Value {
+    let settings = Style::of(mode).over(options.background);
+    let up = options.up.normalize();
+    let outline = outline(model, up);
+    let look = |aspect: f64| Look { size: ((1000.0 * aspect) as u32, 1000), ..Look::default() };
+    let framings: Vec<[f64; 3]> = SHAPES
+        .iter()
+        .map(|&aspect| {
+            let framing = outline.framing(&look(aspect));
+            [aspect, framing.height, framing.distance]
+        })
+        .collect();
+    let start = options.start.as_ref().map(|camera| {
+        let turn = DQuat::from_mat3(&camera.rotation.transpose());
+        json!({
+            "position": camera.centre().to_array(),
+            "rotation": [turn.w, turn.x, turn.y, turn.z],
+            "fov": 2.0 * (0.5 * f64::from(camera.height) / camera.focal.y).atan(),
+        })
+    });
+    let Look { fov, elevation, .. } = look(1.0);
+    // Level from the middle to the first camera of an orbit.
+    let eye = outline.camera(0.0, &look(1.0)).centre() - outline.centre;
+    let front = eye.reject_from(up).try_normalize().unwrap_or_else(|| up.any_orthonormal_vector());
+    json!({
+        "centre": outline.centre.to_array(),
+        "up": up.to_array(),
+        "front": front.to_array(),
+        "fov": fov,
+        "elevation": elevation,
+        "framings": framings,
+        "start": start,
+        "background": options.background,
+        "dilation": settings.dilation,
+        "antialiased": mode.antialiased(),
+        "made": concat!("packed by qirf-vk ", env!("CARGO_PKG_VERSION")),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn script_and_style_are_small_and_nothing_is_left_to_fill_in() {
+        let options = PageOptions { title: "<b> & \"c\"</script>".into(), ..PageOptions::default() };
+        let mut model = Gaussians::zeroed(3, 1);
+        model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+        let page = page(&model, RenderMode::AntiAliased, &options, Path::new("m.html")).unwrap();
+        assert!(page.len() < 60_000, "{} bytes; 120 kB are allowed", page.len());
+        assert!(page.contains("<title>&lt;b&gt; &amp; &quot;c&quot;&lt;/script&gt;</title>"));
+        for left in ["{title}", "{style}", "{scene}", "{worker}", "{vertex}", "{fragment}", "{script}", "{model}"] {
+            assert!(!page.contains(left), "{left}");
+        }
+        assert!(!page.contains("\nimport ") && !page.contains("\nexport ") && !page.contains("://"));
+        assert!(page.contains("\"dilation\":0.1") && page.contains("\"antialiased\":true"));
+    }
+}

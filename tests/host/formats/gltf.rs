@@ -1,0 +1,226 @@
+//! glTF: other programs' layouts, places of nodes, our own files, and hostile ones.
+
+use std::fs;
+
+use qirf_vk::gaussians::Gaussians;
+use qirf_vk::gaussians::formats::{self, Format, RenderMode};
+use serde_json::{Value, json};
+
+use super::readers::read;
+use super::writers::angle;
+use crate::support::files::gltf::{Layout, bundle, glb, glb_changed, glb_of_spz, gltf};
+use crate::support::files::make;
+
+/// Asserts equality but for the rounding of exponentials, and for steps of integers where there are.
+#[track_caller]
+fn assert_near(a: &Gaussians, b: &Gaussians, steps: f32) {
+    assert_eq!((a.len(), a.degree(), &a.means, &a.sh), (b.len(), b.degree(), &b.means, &b.sh));
+    for i in 0..a.len() {
+        for k in 0..3 {
+            let (s, t) = (a.log_scales[i][k], b.log_scales[i][k]);
+            assert!((s - t).abs() < 1e-6, "scale {i}: {s} {t}");
+        }
+        let (p, q) = (a.opacity_logits[i], b.opacity_logits[i]);
+        assert!((p - q).abs() < 2e-5 + 255.0 * steps, "opacity {i}: {p} {q}");
+        assert!(angle(a.rotations[i], b.rotations[i]) < 1e-6 + f64::from(8.0 * steps), "rotation {i}");
+    }
+}
+
+#[test]
+fn layouts_of_other_programs_give_one_model() {
+    for degree in 0..=3 {
+        let mut model = make::model(40, degree);
+        for layout in [Layout::Planar, Layout::Interleaved, Layout::Sparse] {
+            let loaded = read(&glb(&model, layout), "m.glb").unwrap();
+            assert_eq!((loaded.format, loaded.mode, loaded.repairs.any()), (Format::Gltf, RenderMode::Plain, false));
+            assert_near(&model, &loaded.gaussians, 0.0);
+            let (json, _) = gltf(&model, layout, None);
+            assert_eq!(read(&json, "m.gltf").unwrap().gaussians, loaded.gaussians);
+        }
+        // Scales that are whole numbers, opacities of whole 255ths: exact in integers.
+        model.log_scales.iter_mut().flatten().enumerate().for_each(|(i, s)| *s = (1.0 + i as f32).ln());
+        model.opacity_logits.iter_mut().enumerate().for_each(|(i, o)| *o = ((i + 5) as f32 / (250 - i) as f32).ln());
+        let loaded = read(&glb(&model, Layout::Quantised), "m.glb").unwrap();
+        assert_near(&model, &loaded.gaussians, 0.5 / 32767.0);
+    }
+}
+
+#[test]
+fn a_written_glb_is_read_back_to_the_last_bit_of_exponentials() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.glb");
+    for degree in 0..=3 {
+        let model = make::model(5000, degree);
+        for mode in [RenderMode::AntiAliased, RenderMode::Plain] {
+            formats::write(&path, &model, mode).unwrap();
+            let loaded = formats::read(&path).unwrap();
+            assert_eq!((loaded.mode, &loaded.doubt, loaded.repairs.any()), (mode, &None, false));
+            assert_near(&model, &loaded.gaussians, 0.0);
+            let first = fs::read(&path).unwrap();
+            formats::write(&path, &loaded.gaussians, mode).unwrap();
+            let again = formats::read(&path).unwrap().gaussians;
+            assert_near(&loaded.gaussians, &again, 0.0);
+            assert_eq!(first.len(), fs::read(&path).unwrap().len());
+        }
+    }
+    // The document as the specification wants it.
+    let bytes = fs::read(&path).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let json: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    let primitive = &json["meshes"][0]["primitives"][0];
+    assert_eq!(
+        (&primitive["mode"], &primitive["extensions"]["KHR_gaussian_splatting"]["kernel"]),
+        (&json!(0), &json!("ellipse"))
+    );
+    assert_eq!(primitive["attributes"].as_object().unwrap().len(), 5 + 16);
+    assert!(json["accessors"][0]["min"][0].as_f64().unwrap() < -2.9 && (bytes.len() % 4, length % 4) == (0, 0));
+}
+
+#[test]
+fn buffers_in_files_beside_it_are_read_and_others_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = make::model(9, 1);
+    let (json, binary) = gltf(&model, Layout::Planar, Some("the%20data.bin"));
+    let path = folder.path().join("m.gltf");
+    fs::write(&path, &json).unwrap();
+    assert!(formats::read(&path).unwrap_err().to_string().contains("the data.bin"));
+    fs::write(folder.path().join("the data.bin"), &binary).unwrap();
+    assert_near(&model, &formats::read(&path).unwrap().gaussians, 0.0);
+    assert!(read(&json, "m.gltf").unwrap_err().to_string().contains("by its path"));
+    fs::write(folder.path().join("the data.bin"), &binary[..binary.len() - 1]).unwrap();
+    assert!(formats::read(&path).unwrap_err().to_string().contains("bytes from"));
+    for uri in ["/etc/passwd", "../x.bin", "https://example.org/x.bin", "a/../../x.bin", ""] {
+        fs::write(&path, gltf(&model, Layout::Planar, Some(uri)).0).unwrap();
+        let said = formats::read(&path).unwrap_err().to_string();
+        assert!(said.contains("not in the folder"), "{uri}: {said}");
+    }
+}
+
+#[test]
+fn nodes_move_turn_and_scale() {
+    let model = make::model(12, 3);
+    let as_is = read(&glb(&model, Layout::Planar), "m.glb").unwrap().gaussians;
+    let placed = |node: Value| {
+        let bytes = glb_changed(&model, Layout::Planar, |d| {
+            for (key, value) in node.as_object().unwrap() {
+                d["nodes"][0][key] = value.clone();
+            }
+        });
+        read(&bytes, "m.glb").map(|loaded| loaded.gaussians)
+    };
+    let moved = placed(json!({ "translation": [1, 2, 3], "scale": [2, 2, 2] })).unwrap();
+    for i in 0..12 {
+        // glTF's x and y point the other way.
+        let [x, y, z] = as_is.means[i];
+        let expected = [2.0 * x - 1.0, 2.0 * y - 2.0, 2.0 * z + 3.0];
+        assert!((0..3).all(|k| (moved.means[i][k] - expected[k]).abs() < 1e-6));
+        assert!((moved.log_scales[i][0] - as_is.log_scales[i][0] - 2f32.ln()).abs() < 1e-6);
+    }
+    assert_eq!(moved.sh, as_is.sh);
+    // Half a turn about z, as quaternion and as matrix: the axes of the file are then ours.
+    let half =
+        [json!({ "rotation": [0, 0, 1, 0] }), json!({ "matrix": [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] })];
+    for node in half {
+        let turned = placed(node).unwrap();
+        for i in 0..12 {
+            let [x, y, z] = as_is.means[i];
+            assert!((0..3).all(|k| (turned.means[i][k] - [-x, -y, z][k]).abs() < 1e-6));
+            assert!((turned.sh[1][9 * i] + as_is.sh[1][9 * i]).abs() < 1e-6, "m = -1 changes its sign");
+            assert!((turned.sh[3][21 * i + 9] - as_is.sh[3][21 * i + 9]).abs() < 1e-6, "m = 0 does not");
+        }
+    }
+    for (node, said) in [
+        (json!({ "scale": [1, 2, 1] }), "different factors"),
+        (json!({ "scale": [-1, -1, -1] }), "mirrored"),
+        (json!({ "rotation": [0, 0, 0, 0] }), "not finite"),
+        (json!({ "children": [0] }), "several parents"),
+        (json!({ "children": [1, 1] }), "several parents"),
+        (json!({ "children": [7] }), "not there"),
+        (json!({ "mesh": 3 }), "not there"),
+    ] {
+        let fault = placed(node.clone()).unwrap_err().to_string();
+        assert!(fault.contains(said), "{node}: {fault}");
+    }
+}
+
+#[test]
+fn an_spz_inside_is_read_in_the_axes_of_gltf() {
+    for version in [2, 3] {
+        let file = make::spz(5, version, 3, true);
+        let alone = read(&file, "m.spz").unwrap().gaussians;
+        for early in [false, true] {
+            let inside = read(&glb_of_spz(&file, early), "m.glb").unwrap();
+            assert_eq!(inside.format, Format::Gltf);
+            for (a, b) in alone.means.iter().zip(&inside.gaussians.means) {
+                // From right-up-back to ours, and from left-up-front: half a turn about y between them.
+                assert_eq!([-a[0], a[1], -a[2]], *b);
+            }
+            assert_eq!(alone.log_scales, inside.gaussians.log_scales);
+        }
+    }
+}
+
+#[test]
+fn tags_and_what_is_not_known_are_told() {
+    let model = make::model(3, 0);
+    let with = |change: fn(&mut Value)| {
+        let bytes = glb_changed(&model, Layout::Planar, |d| change(&mut d["meshes"][0]["primitives"][0]));
+        read(&bytes, "m.glb").unwrap()
+    };
+    assert_eq!(with(|p| p["extras"] = json!({ "SplatRenderMode": "mip" })).mode, RenderMode::AntiAliased);
+    for extras in
+        [|p: &mut Value| p["extras"] = json!(7), |p: &mut Value| p["extras"] = json!([["SplatRenderMode", 1]])]
+    {
+        assert_eq!((with(extras).mode, with(extras).doubt), (RenderMode::Plain, None));
+    }
+    let doubt = with(|p| p["extras"] = json!({ "SplatRenderMode": { "a": 1 } })).doubt.unwrap();
+    assert!(doubt.contains("not understood"), "{doubt}");
+    let linear = with(|p| p["extensions"]["KHR_gaussian_splatting"]["colorSpace"] = json!("lin_rec709_display"));
+    assert!(linear.doubt.unwrap().contains("lin_rec709_display"));
+}
+
+#[test]
+fn hostile_documents_are_refused() {
+    let model = make::model(6, 1);
+    let refused = |what: &str, change: &dyn Fn(&mut Value)| {
+        let said = read(&glb_changed(&model, Layout::Planar, change), "m.glb").unwrap_err().to_string();
+        assert!(said.contains(what), "{what}: {said}");
+    };
+    refused("beyond the end", &|d| d["accessors"][0]["count"] = 7.into());
+    refused("beyond the end", &|d| d["accessors"][0]["count"] = json!(u64::MAX));
+    refused("beyond the end", &|d| d["accessors"][0]["byteOffset"] = json!(u64::MAX));
+    refused("apart", &|d| d["bufferViews"][0]["byteStride"] = 0.into());
+    refused("of a buffer of", &|d| d["bufferViews"][0]["byteLength"] = json!(u64::MAX));
+    refused("is not there", &|d| d["bufferViews"][0]["buffer"] = 1.into());
+    refused("has no data", &|d| drop(d["accessors"][0].as_object_mut().unwrap().remove("bufferView")));
+    refused("elements of", &|d| d["accessors"][1]["count"] = 5.into());
+    refused("elements of", &|d| d["accessors"][1]["type"] = "VEC3".into());
+    refused("does not exist", &|d| d["accessors"][1]["componentType"] = 5130.into());
+    refused("no attribute", &|d| {
+        drop(
+            d["meshes"][0]["primitives"][0]["attributes"]
+                .as_object_mut()
+                .unwrap()
+                .remove("KHR_gaussian_splatting:SCALE"),
+        );
+    });
+    refused("2 of 3 coefficients", &|d| {
+        let attributes = d["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap();
+        attributes.remove("KHR_gaussian_splatting:SH_DEGREE_1_COEF_1");
+    });
+    refused("meshopt", &|d| d["bufferViews"][0]["extensions"] = json!({ "EXT_meshopt_compression": {} }));
+    refused("version 1.0", &|d| d["asset"]["version"] = "1.0".into());
+    refused("more than 65536 entries", &|d| d["nodes"] = vec![json!({}); 65_537].into());
+    // One mesh placed as often as the file is long is too often.
+    refused("placed too often", &|d| {
+        d["nodes"] = vec![json!({ "mesh": 0 }); 5000].into();
+        d["scenes"] = json!([{ "nodes": (0..5000).collect::<Vec<_>>() }]);
+    });
+    let plain =
+        bundle(&json!({ "asset": { "version": "2.0" }, "meshes": [{ "primitives": [{ "attributes": {} }] }] }), &[]);
+    assert!(read(&plain, "m.glb").unwrap_err().to_string().contains("holds meshes or points"));
+    let good = glb(&model, Layout::Planar);
+    for end in (0..good.len()).step_by(7) {
+        assert!(read(&good[..end], "m.glb").is_err(), "cut at {end}");
+    }
+}

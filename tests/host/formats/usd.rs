@@ -1,0 +1,137 @@
+//! USD: our own layers and packages, those of other programs, and hostile ones.
+
+use std::fs;
+use std::io::Write;
+
+use qirf_vk::gaussians::Gaussians;
+use qirf_vk::gaussians::formats::{self, Format, RenderMode};
+
+use super::readers::read;
+use super::writers::angle;
+use crate::support::files::make;
+
+#[test]
+fn layers_and_packages_are_read_back_to_the_last_bit_of_exponentials() {
+    let folder = tempfile::tempdir().unwrap();
+    for degree in 0..=3 {
+        let mut model = make::model(700, degree);
+        model.means[3] = [1e-9, -3e8, -0.0];
+        for name in ["m.usda", "m.usdz"] {
+            let path = folder.path().join(name);
+            for mode in [RenderMode::AntiAliased, RenderMode::Plain] {
+                formats::write(&path, &model, mode).unwrap();
+                let loaded = formats::read(&path).unwrap();
+                assert_eq!((loaded.format, loaded.mode, &loaded.doubt), (Format::Usd, mode, &None));
+                let m = loaded.gaussians;
+                assert_eq!((&m.means, &m.sh), (&model.means, &model.sh), "{name}");
+                for i in 0..model.len() {
+                    assert!((0..3).all(|k| (m.log_scales[i][k] - model.log_scales[i][k]).abs() < 1e-6));
+                    assert!((m.opacity_logits[i] - model.opacity_logits[i]).abs() < 2e-5);
+                    assert!(angle(m.rotations[i], model.rotations[i]) < 1e-6);
+                }
+            }
+        }
+    }
+    // A package's file is stored, and begins at a multiple of 64 bytes.
+    let bytes = fs::read(folder.path().join("m.usdz")).unwrap();
+    let start = bytes.windows(6).position(|w| w == b"#usda ").unwrap();
+    assert_eq!(start % 64, 0);
+}
+
+/// A layer as other programs write them: nesting, metadata, comments, an `over`, halves, two prims.
+const OTHER: &str = r#"#usda 1.0
+(
+    """A layer ( with brackets { and quotes"""
+    upAxis = "Z"
+    customLayerData = { dictionary a = { string b = "}" } }
+)
+# a comment ( [ {
+def Xform "World" (
+    prepend apiSchemas = ["A", "B"]
+    customData = { string SplatRenderMode = "mip" }
+)
+{
+    uniform token[] xformOpOrder = []
+    float x.timeSamples = { 0: 1, 1: (2) }
+    def ParticleField3DGaussianSplat "one"
+    {
+        custom string note = "def ParticleField3DGaussianSplat { ["
+        point3h[] positionsh = [(1, 2, 3)]
+        quath[] orientationsh = [(1, 0, 0, 0)]
+        half3[] scalesh = [(1, 2.5e0, .5)]; half[] opacitiesh = [0.5]
+        rel material:binding = </World/Looks>
+        uniform int radiance:sphericalHarmonicsDegree = 0
+        half3[] radiance:sphericalHarmonicsCoefficientsh = [(0.1, 0.2, 0.3)] (
+            interpolation = "vertex"
+        )
+    }
+    over "other" { point3f[] positions = [(9, 9, 9)] }
+    def "untyped" { }
+    def ParticleField3DGaussianSplat "two" { float3[] scales = [(1, 1, 1), (1,1,1)]
+        float[] opacities = [0, 1]
+        point3f[] positions = [(0, 0, 1), (0, 0, 2)]
+        quatf[] orientations = [(1, 0, 0, 0), (0, 1, 0, 0)]
+        int radiance:sphericalHarmonicsDegree = 1
+        float3[] radiance:sphericalHarmonicsCoefficients = [(1,1,1),(0,0,0),(7,7,7),(0,0,0),(1,1,1),(0,0,0),(0,0,0),(0,0,0)]
+    }
+}
+"#;
+
+#[test]
+fn layers_of_other_programs_are_read() {
+    let loaded = read(OTHER.as_bytes(), "m.usda").unwrap();
+    let m: Gaussians = loaded.gaussians;
+    assert_eq!((m.len(), m.degree(), loaded.mode), (3, 1, RenderMode::AntiAliased));
+    // Z up: our y points down, our z forward.
+    let near = |a: [f32; 3], b: [f32; 3]| (0..3).all(|k| (a[k] - b[k]).abs() < 1e-6);
+    assert!(near(m.means[0], [1.0, -3.0, 2.0]) && near(m.means[2], [0.0, -2.0, 0.0]), "{:?}", m.means);
+    assert!(near(m.log_scales[0], [0.0, 2.5f32.ln(), 0.5f32.ln()]));
+    assert_eq!((m.sh[0][1], loaded.repairs.clamped_opacities), (0.2, 2));
+    // Brighter above: the coefficient of z becomes that of -y, which has a sign of its own.
+    let row = &m.sh[1][9..18];
+    assert!((row[0] - 7.0).abs() < 1e-5 && row[3].abs() < 1e-5, "{row:?}");
+}
+
+#[test]
+fn hostile_layers_are_refused() {
+    let said = |text: &str, name: &str| read(text.as_bytes(), name).unwrap_err().to_string();
+    for (from, to, what) in [
+        ("positionsh = [(1, 2, 3)]", "positionsh = [(1, 2)]", "numbers of"),
+        ("positionsh = [(1, 2, 3)]", "positionsh = [(1, 2, x)]", "no number"),
+        ("positionsh = [(1, 2, 3)]", "positionsh.timeSamples = { 0: [(1, 2, 3)] }", "no positions"),
+        ("scalesh", "otherh", "no scales"),
+        ("opacitiesh = [0.5]", "opacitiesh = [0.5, 0.5]", "2 numbers of opacities"),
+        ("Degree = 1", "Degree = 4", "SH degree 4"),
+        ("Degree = 1", "Degree = 2", "numbers of SH"),
+        ("Order = []", "Order = [\"xformOp:scale\"]", "has a transform"),
+        ("ParticleField3DGaussianSplat \"", "Mesh \"", "holds no Gaussians"),
+    ] {
+        let fault = said(&OTHER.replace(from, to), "m.usda");
+        assert!(fault.contains(what), "{to}: {fault}");
+    }
+    assert!(said(&format!("#usda 1.0\n{}", "def A \"b\" {".repeat(2000)), "m.usda").contains("too deeply"));
+    assert!(said(&format!("#usda 1.0\n({}", "[".repeat(100_000)), "m.usda").contains("ends within"));
+    assert!(said("#usda 1.0\n}", "m.usda").contains("not opened"));
+    assert!(said("PXR-USDC\0\0", "m.usdc").contains("usdcat"));
+    assert!(said("solid", "m.usda").contains("begins with `#usda`"));
+    for end in (0..OTHER.len() - 2).step_by(3) {
+        let cut = OTHER.as_bytes().get(..end).unwrap();
+        if let Ok(loaded) = read(cut, "m.usda") {
+            panic!("cut at {end}: {} Gaussians", loaded.gaussians.len());
+        }
+    }
+}
+
+#[test]
+fn packages_with_compressed_files_are_refused() {
+    for method in [zip::CompressionMethod::Deflated, zip::CompressionMethod::Stored] {
+        let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        let options = zip::write::SimpleFileOptions::default().compression_method(method);
+        archive.start_file("../../a.usda", options).unwrap();
+        archive.write_all(OTHER.as_bytes()).unwrap();
+        let bytes = archive.finish().unwrap().into_inner();
+        // Names are never used as paths.
+        assert_eq!(read(&bytes, "m.usdz").is_ok(), method == zip::CompressionMethod::Stored);
+    }
+    assert!(read(b"PK\x03\x04", "m.usdz").is_err());
+}
