@@ -5,7 +5,7 @@ use super::iteration::{options, scene, train};
 use super::{device, facts, group};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::render::Style;
-use qirf_vk::scene::{FourthByte, Photo};
+use qirf_vk::scene::{AlphaRole, Photo};
 use qirf_vk::train::{Exposures, Options, Trainer};
 use std::time::Duration;
 
@@ -13,25 +13,25 @@ use std::time::Duration;
 const TURN: u32 = 2;
 
 /// The rows: the effects that are on in each, and the meaning of the photo's fourth byte.
-fn arms() -> Vec<(&'static str, Options, FourthByte)> {
+fn arms() -> Vec<(&'static str, Options, AlphaRole)> {
     let style = |antialias, depth_order| Style { antialias, depth_order, ..Style::default() }.over([0.0; 3]);
-    let opaque = FourthByte::Opaque;
+    let opaque = AlphaRole::Opaque;
     vec![
         ("all off, again", options(0), opaque),
         ("view_dependence, degree 1", options(1), opaque),
         ("view_dependence, degree 3", options(3), opaque),
         ("exposure", Options { exposure: Some(Exposures::Learnt(Vec::new())), ..options(0) }, opaque),
         ("antialias", Options { settings: style(true, false), ..options(0) }, opaque),
-        ("transparency", options(0), FourthByte::Alpha),
-        ("masks", options(0), FourthByte::Mask),
+        ("transparency", options(0), AlphaRole::Alpha),
+        ("masks", options(0), AlphaRole::Mask),
         ("depth_order", Options { settings: style(false, true), ..options(0) }, opaque),
     ]
 }
 
 /// A trainer after compilation and warm-up.
-fn trainer(options: Options, fourth_byte: FourthByte) -> Trainer {
+fn trainer(options: Options, alpha_role: AlphaRole) -> Trainer {
     let (model, _, photo) = scene(options.degree);
-    let photo = Photo { fourth_byte, ..photo };
+    let photo = Photo { alpha_role, ..photo };
     let mut trainer = Trainer::new(device(), &model, vec![photo], 1.0, options).unwrap();
     train(&mut trainer, 16);
     trainer
@@ -40,9 +40,9 @@ fn trainer(options: Options, fourth_byte: FourthByte) -> Trainer {
 /// Distortion is not among them: photos are resampled when they are loaded, which does not affect iterations.
 pub fn effects(criterion: &mut Criterion) {
     let mut group = group(criterion, "effects");
-    let mut off = trainer(options(0), FourthByte::Opaque);
-    for (order, (name, options, fourth_byte)) in arms().into_iter().enumerate() {
-        let mut on = trainer(options, fourth_byte);
+    let mut off = trainer(options(0), AlphaRole::Opaque);
+    for (order, (name, options, alpha_role)) in arms().into_iter().enumerate() {
+        let mut on = trainer(options, alpha_role);
         let mut ratios = Vec::new();
         group.bench_function(BenchmarkId::new(name, "10k"), |b| {
             b.iter_custom(|iterations| {

@@ -5,7 +5,7 @@ use super::{device, group, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gpu::{Recording, Timings};
 use qirf_vk::response::Target;
-use qirf_vk::scene::FourthByte;
+use qirf_vk::scene::AlphaRole;
 use qirf_vk::train::loss::{Loss, Weights};
 use std::time::{Duration, Instant};
 
@@ -21,8 +21,8 @@ pub fn loss(criterion: &mut Criterion) {
         let photo: Vec<u32> = (0..pixels).map(|i| noise(i + 77) | 0xff00_0000).collect();
         let (image, photo) = (device.upload("image", &image).unwrap(), device.upload("photo", &photo).unwrap());
         let loss = Loss::new(device, width, height).unwrap();
-        let (size, fourth_byte) = ([width, height], FourthByte::Opaque);
-        let target = Target { photo: &photo, size, fourth_byte, background: [0.0; 3] };
+        let (size, alpha_role) = ([width, height], AlphaRole::Opaque);
+        let target = Target { photo: &photo, size, alpha_role, background: [0.0; 3] };
         let once = || -> Timings {
             let mut recording = Recording::new();
             recording.scope("loss", |r| {

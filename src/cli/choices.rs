@@ -3,7 +3,7 @@
 
 use super::values;
 use crate::pipeline::Error;
-use crate::pipeline::config::Compression;
+use crate::pipeline::config::PruneRule;
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
@@ -61,7 +61,7 @@ impl Choices {
     ///
     /// # Errors
     /// [`Error::Usage`] for options that the selector does not read.
-    pub fn over(&self, mut preset: Compression) -> Result<Compression, Error> {
+    pub fn over(&self, mut preset: PruneRule) -> Result<PruneRule, Error> {
         fn set<T: Copy>(to: &mut T, given: Option<T>) {
             *to = given.unwrap_or(*to);
         }

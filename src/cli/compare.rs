@@ -9,7 +9,7 @@ use super::{Global, tell_of_missing};
 use crate::lab::compare::{Arm, CompareRecord, arms_help, compare, compare_seeds, of_seeds, write_page};
 use crate::lab::methods::make;
 use crate::pipeline::Error;
-use crate::pipeline::config::{Compression, Pruning};
+use crate::pipeline::config::{PruneRule, Pruning};
 use crate::pipeline::{Output, RunConfig, Session, earlier};
 use crate::qirf::select::budget::Keep;
 use std::path::PathBuf;
@@ -89,9 +89,9 @@ impl Arguments {
         // the model grows.
         let keep = match pruning.compression.keep {
             count @ Keep::Count(_) => count,
-            _ => Compression::default().keep,
+            _ => PruneRule::default().keep,
         };
-        let compression = Compression { keep, ..Compression::default() };
+        let compression = PruneRule { keep, ..PruneRule::default() };
         let config =
             self.training.configuration(self.scene.clone(), console)?.pruned(Pruning { compression, ..pruning });
         self.check_earlier(&config)?;

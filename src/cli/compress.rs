@@ -1,7 +1,7 @@
 //! `qirf-vk compress MODEL -o OUT`.
 
 use super::Global;
-use super::compression::Options;
+use super::compression::CompressArgs;
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
 use super::inspect::read_model;
@@ -52,7 +52,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    options: Options,
+    options: CompressArgs,
     /// Limit on device memory, such as 2G or 800M [default: the device's]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, help_heading = "Rendering")]
     memory_budget: Option<u64>,

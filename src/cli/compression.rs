@@ -1,4 +1,4 @@
-//! Options of a compression, for `compress` and `shard plan`.
+//! CompressArgs of a compression, for `compress` and `shard plan`.
 
 use super::choices::Choices;
 use super::style;
@@ -7,7 +7,7 @@ use crate::effects::Overrides;
 use crate::pipeline::Error;
 use crate::pipeline::Selection;
 use crate::pipeline::compress::{CompressConfig, ViewSource};
-use crate::pipeline::config::Compression;
+use crate::pipeline::config::PruneRule;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Budget;
@@ -16,7 +16,7 @@ use std::path::PathBuf;
 
 /// Choice of Gaussians, views that judge it, and rendering.
 #[derive(Debug, clap::Args)]
-pub(super) struct Options {
+pub(super) struct CompressArgs {
     /// Preset of the options under this heading
     #[arg(long, value_name = "standard|paper", default_value = "standard", value_parser = values::one_of::<Preset>("a preset"), help_heading = "Compression")]
     preset: Preset,
@@ -62,7 +62,7 @@ enum Preset {
     Paper,
 }
 
-impl Options {
+impl CompressArgs {
     /// The configuration of a compression in this style, with `fine_tune` iterations of training afterwards.
     pub fn configuration(&self, style: Style, fine_tune: u32) -> Result<CompressConfig, Error> {
         let preset = match self.preset {
@@ -70,9 +70,9 @@ impl Options {
                 let selector = self.choices.selector.unwrap_or(Selector::Pairs);
                 // Without training afterwards, what each block loses stays lost: every block keeps its share.
                 let budget = if fine_tune == 0 { Budget::PerBlock } else { Budget::default() };
-                Compression { selector, budget, ..Compression::default() }
+                PruneRule { selector, budget, ..PruneRule::default() }
             }
-            Preset::Paper => Compression::paper(),
+            Preset::Paper => PruneRule::paper(),
         };
         let default = VirtualCameras::default();
         let views = match &self.scene {

@@ -2,7 +2,7 @@
 
 use super::Global;
 use super::choices::Choices;
-use super::compression::Options;
+use super::compression::CompressArgs;
 use super::console::Console;
 use super::inspect::read_model;
 use super::show::Show;
@@ -15,7 +15,7 @@ use crate::pipeline::Error;
 use crate::pipeline::{Session, host_bytes};
 use crate::selftest;
 use crate::shard::blocks::BlockRun;
-use crate::shard::{Compression, Job, Plan, Shard};
+use crate::shard::{CompressPlan, Job, Plan, Shard};
 use crate::wording::counted;
 use std::path::PathBuf;
 
@@ -34,7 +34,7 @@ pub(super) struct OfModel {
     #[command(flatten)]
     place: Place,
     #[command(flatten)]
-    options: Options,
+    options: CompressArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -89,7 +89,7 @@ impl OfModel {
         let loaded = read_model(&self.model, console)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
         let config = self.options.configuration(style, 0)?;
-        let job = Compression::plan(session, &self.model, &loaded.gaussians, config)?;
+        let job = CompressPlan::plan(session, &self.model, &loaded.gaussians, config)?;
         Ok(Job::Compression(Box::new(job)))
     }
 }

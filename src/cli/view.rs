@@ -17,7 +17,7 @@ use crate::render::Style;
 use crate::scene::{OpenOptions, Resize, Scene};
 use crate::train::initialise::{Seed, from_points};
 use crate::view::subject::{Capture, Job, Model};
-use crate::view::{Live, Server, ServerOptions, Studio, Subject};
+use crate::view::{Live, Server, ServerOptions, StaticView, Subject};
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::{Path, PathBuf};
@@ -140,20 +140,20 @@ impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let subject = Arc::new(self.subject(console)?);
         let device = global.open()?;
-        let mut studio = Studio::new(&device, &subject)?;
+        let mut static_view = StaticView::new(&device, &subject)?;
         self.address.warn(console);
         let watch = Watch::begin();
         let server = Server::start(&self.address.options(), Arc::clone(&subject), &device.info().name)?;
         console.print(server.url())?;
         console.note("Ctrl-C ends the viewer");
-        let lobby = server.lobby();
+        let requests = server.requests();
         while !watch.pressed() {
-            let Some((client, wish)) = lobby.next_wish(PATIENCE) else { continue };
-            match studio.draw(&wish) {
-                Ok(drawn) => lobby.deliver(client, drawn.header, Arc::new(drawn.image)),
-                // A wish that cannot be fulfilled is the page's affair; a lost device ends the viewer.
+            let Some((client, request)) = requests.next_request(PATIENCE) else { continue };
+            match static_view.draw(&request) {
+                Ok(drawn) => requests.deliver(client, drawn.header, Arc::new(drawn.image)),
+                // A request that cannot be fulfilled is the page's affair; a lost device ends the viewer.
                 Err(Error::Device(e)) if !e.is_resources() => return Err(e.into()),
-                Err(e) => lobby.refuse(client, &wish, &e),
+                Err(e) => requests.refuse(client, &request, &e),
             }
         }
         Ok(())

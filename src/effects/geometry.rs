@@ -5,7 +5,7 @@ use super::effect::Effect;
 use super::quantile::quantile;
 use super::training_set::TrainingSet;
 use crate::scene::lens::VISIBLE_DISPLACEMENT;
-use crate::scene::{FourthByte, SceneKind, View};
+use crate::scene::{AlphaRole, SceneKind, View};
 use crate::wording::counted;
 use glam::DVec3;
 use std::collections::BTreeSet;
@@ -100,11 +100,11 @@ pub fn distortion(set: &TrainingSet<'_>) -> Decision {
 }
 
 /// The number of photos in which a fourth byte of this meaning hides something, and the share of all pixels hidden.
-fn hidden(set: &TrainingSet<'_>, by: FourthByte) -> (usize, f64) {
+fn hidden(set: &TrainingSet<'_>, by: AlphaRole) -> (usize, f64) {
     let (mut photos, mut missing, mut pixels) = (0, 0.0, 0_usize);
     for photo in set.photos {
         pixels += photo.pixels.len() / 4;
-        if photo.fourth_byte == by {
+        if photo.alpha_role == by {
             let own: f64 = photo.pixels.iter().skip(3).step_by(4).map(|a| 1.0 - f64::from(*a) / 255.0).sum();
             photos += usize::from(own > 0.0);
             missing += own;
@@ -115,7 +115,7 @@ fn hidden(set: &TrainingSet<'_>, by: FourthByte) -> (usize, f64) {
 
 /// Transparency: reads the photos' alpha.
 pub fn transparency(set: &TrainingSet<'_>) -> Decision {
-    let (photos, share) = hidden(set, FourthByte::Alpha);
+    let (photos, share) = hidden(set, AlphaRole::Alpha);
     let evidence = match photos {
         0 => "no photo has a transparent pixel".to_owned(),
         1 => format!("1 photo has transparent pixels, {:.1} % of all pixels", 100.0 * share),
@@ -128,7 +128,7 @@ pub fn transparency(set: &TrainingSet<'_>) -> Decision {
 /// Masks: measures the share of pixels that they hide.
 pub fn masks(set: &TrainingSet<'_>) -> Decision {
     let listed = set.views().filter(|v| v.mask.is_some()).count();
-    let (photos, share) = hidden(set, FourthByte::Mask);
+    let (photos, share) = hidden(set, AlphaRole::Mask);
     let evidence = match (listed, photos) {
         (0, _) => "no photo has a mask".to_owned(),
         (n, 0) => format!("masks of {}, which hide nothing or are not used", counted(n, "photo")),

@@ -1,7 +1,7 @@
 //! Input of the detectors: the scene, and small copies of its training photos.
 
 use crate::scene::camera::Camera;
-use crate::scene::{FourthByte, Photo, Scene, View};
+use crate::scene::{AlphaRole, Photo, Scene, View};
 use glam::{DVec2, DVec3};
 use std::io;
 
@@ -35,7 +35,7 @@ pub struct Thumbnail {
     /// Width x height x RGBA, 8 bits each, colours not multiplied by the fourth byte.
     pub pixels: Vec<u8>,
     /// Meaning of the fourth byte of each pixel.
-    pub fourth_byte: FourthByte,
+    pub alpha_role: AlphaRole,
 }
 
 impl Thumbnail {
@@ -70,7 +70,7 @@ impl Thumbnail {
         let Camera { focal, principal, .. } = photo.camera;
         let camera =
             Camera { focal: focal / scale, principal: principal / scale, width, height, ..photo.camera.clone() };
-        Ok(Self { camera, pixels, fourth_byte: photo.fourth_byte })
+        Ok(Self { camera, pixels, alpha_role: photo.alpha_role })
     }
 
     /// The colour at a world point, interpolated between the four nearest pixels, and the range of brightness of the nearest

@@ -1,12 +1,12 @@
 //! A run in progress: training, prunes, checkpoints, and final results. `run` drives one, `compare` several from one
 //! checkpoint.
 
-use super::checkpoint::{Checkpoint, Notes};
+use super::checkpoint::{Checkpoint, RunNotes};
 use super::config::{ResponseSource, RunConfig};
 use super::effects;
 use super::evaluate::{Evaluator, exhibits, mean, protocol};
 use super::output::Output;
-use super::pairs;
+use super::pair_capacity;
 use super::prune::{PruneRequest, prune_followed};
 use super::records::{AttritionRecord, Counts, CurvePoint, Guards, Protocol, PruneRecord, RunRecord, Times};
 use super::session::Session;
@@ -32,7 +32,7 @@ pub struct ActiveRun<'a> {
     output: &'a Output,
     trainer: Trainer,
     evaluator: Evaluator,
-    notes: Notes,
+    notes: RunNotes,
 }
 
 impl<'a> ActiveRun<'a> {
@@ -57,7 +57,7 @@ impl<'a> ActiveRun<'a> {
             weights: Weights::default(),
             averaged: averaged(config),
             method: method.clone(),
-            pairs: pairs::few(session.device, gaussians),
+            pairs: pair_capacity::initial(session.device, gaussians),
         };
         let views = prepared.train.clone();
         let config_text = config.written()?;
@@ -65,12 +65,12 @@ impl<'a> ActiveRun<'a> {
             let Checkpoint { snapshot, notes } = *checkpoint;
             let options = options(snapshot.model.len());
             let trainer = Trainer::resume(device, &snapshot, views, prepared.extent, options)?;
-            (trainer, Notes { config: config_text, ..notes })
+            (trainer, RunNotes { config: config_text, ..notes })
         } else {
             let model = initialise(config, prepared, start)?;
             let initial = model.len();
             let trainer = Trainer::new(device, &model, views, prepared.extent, options(initial))?;
-            let none = Notes { config: config_text, curve: Vec::new(), prunes: Vec::new(), seconds: 0.0, initial };
+            let none = RunNotes { config: config_text, curve: Vec::new(), prunes: Vec::new(), seconds: 0.0, initial };
             (trainer, none)
         };
         // Starts empty and grows on demand; runs in blocks never use it.

@@ -1,10 +1,10 @@
 //! Checks that a job fits the device's memory, before its work starts.
 
-use super::config::{Compression, Init, RunConfig};
+use super::config::{Init, PruneRule, RunConfig};
 use super::effects;
 use super::evaluate::Evaluator;
 use super::host_memory;
-use super::pairs;
+use super::pair_capacity;
 use super::prepare::{Opened, Prepared};
 use super::session::Session;
 use super::start::Start;
@@ -58,7 +58,7 @@ pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start
         // Which effects the scene calls for is not known yet.
         let exposure = config.effects.allow(Effect::Exposure);
         let masked = opened.scene.has_masks();
-        let pairs = pairs::room(device, gaussians);
+        let pairs = pair_capacity::estimate(device, gaussians);
         let pruning = config.prune.as_ref().map_or(0, |p| studied(gaussians, &p.compression));
         let (style, halves) = (effects::style(|effect| config.effects.allow(effect)), schedule.halves(1));
         let trainer = TrainerNeeds {
@@ -153,7 +153,7 @@ impl Fixed<'_> {
         let needs = TrainerNeeds {
             gaussians,
             tail,
-            pairs: pairs::room(device, gaussians + tail),
+            pairs: pair_capacity::estimate(device, gaussians + tail),
             size,
             photos: self.photos.clone(),
             degree,
@@ -230,7 +230,7 @@ pub fn for_pictures(device: &Device, model: &Gaussians, size: [u32; 2], style: S
 }
 
 /// Device memory of the study of `gaussians` Gaussians that a prune needs, and of the pass before it; in bytes.
-fn studied(gaussians: usize, compression: &Compression) -> u64 {
+fn studied(gaussians: usize, compression: &PruneRule) -> u64 {
     study::bytes(gaussians, compression.selector.reads(), compression.basis.solver)
 }
 
@@ -264,7 +264,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
     let (gaussians, degree) = (model.len(), model.degree());
     let staged = |bytes: u64| bytes + staging_bytes(bytes);
     let resident = staged(Resident::bytes(gaussians, degree));
-    let pairs = pairs::most(device, gaussians);
+    let pairs = pair_capacity::device_max(device, gaussians);
     let evaluates = resident + Evaluator::bytes(device, gaussians, size, style);
     let passes = if own_pictures {
         virtual_views::bytes(device, gaussians, (size, pairs), style, wanted)
@@ -283,7 +283,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
     let trainer = TrainerNeeds {
         gaussians: trained,
         tail: 0,
-        pairs: pairs::most(device, trained),
+        pairs: pair_capacity::device_max(device, trained),
         size,
         photos,
         degree,

@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// The state of a run besides the trainer's.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Notes {
+pub struct RunNotes {
     /// The text of its `config.toml`.
     pub config: String,
     /// Quality against time so far.
@@ -24,7 +24,7 @@ pub struct Notes {
     pub initial: usize,
 }
 
-impl Notes {
+impl RunNotes {
     /// Text by name: `config` unchanged, all else as JSON.
     fn to_text(&self) -> serde_json::Result<HashMap<String, String>> {
         Ok([
@@ -65,7 +65,7 @@ pub struct Checkpoint {
     /// The trainer's state; its notes are [`Checkpoint::notes`] as text.
     pub snapshot: Snapshot,
     /// The run's own notes.
-    pub notes: Notes,
+    pub notes: RunNotes,
 }
 
 impl Checkpoint {
@@ -73,7 +73,7 @@ impl Checkpoint {
     ///
     /// # Errors
     /// [`Error::Encode`].
-    pub fn new(mut snapshot: Snapshot, notes: Notes) -> Result<Self, Error> {
+    pub fn new(mut snapshot: Snapshot, notes: RunNotes) -> Result<Self, Error> {
         snapshot.notes.extend(notes.to_text().map_err(|e| Error::encoding("the checkpoint's notes", e))?);
         Ok(Self { snapshot, notes })
     }
@@ -85,7 +85,7 @@ impl Checkpoint {
     pub fn read(path: &Path) -> Result<Self, Error> {
         let snapshot = Snapshot::read(path)?;
         let notes =
-            Notes::from_text(&snapshot.notes).map_err(|what| Error::Checkpoint { path: path.to_owned(), what })?;
+            RunNotes::from_text(&snapshot.notes).map_err(|what| Error::Checkpoint { path: path.to_owned(), what })?;
         Ok(Self { snapshot, notes })
     }
 
@@ -125,10 +125,10 @@ mod tests {
 
     #[test]
     fn notes_of_the_old_form_are_read_and_written_notes_come_back() {
-        let notes = Notes::from_text(&text()).unwrap();
+        let notes = RunNotes::from_text(&text()).unwrap();
         assert_eq!((notes.initial, notes.seconds, notes.prunes[0].after), (900, 3.0, 655));
         assert_eq!(notes.curve[0].psnr, f64::INFINITY, "JSON has no infinity");
-        assert_eq!(Notes::from_text(&notes.to_text().unwrap()), Ok(notes));
+        assert_eq!(RunNotes::from_text(&notes.to_text().unwrap()), Ok(notes));
     }
 
     #[test]
@@ -137,7 +137,7 @@ mod tests {
             let mut notes = text();
             notes.remove(name);
             notes.extend(new.map(|new| (name.to_owned(), new.to_owned())));
-            Notes::from_text(&notes).expect_err("must be refused")
+            RunNotes::from_text(&notes).expect_err("must be refused")
         };
         for name in ["config", "curve", "prunes", "seconds", "initial"] {
             assert!(with(name, None).contains(&format!("'{name}' is missing")));

@@ -2,12 +2,12 @@
 
 use super::budget;
 use super::config::Selection;
+use super::draw_source::DrawSource;
 use super::evaluate::{Assessment, Evaluator, HeldOut, protocol};
 use super::output::Output;
 use super::prepare::{Prepared, open, refuse_photo_folders};
 use super::records::{RunRecord, Times};
 use super::session::Session;
-use super::shown::Shown;
 use super::virtual_views::{ALL, OwnPictures, VirtualCameras};
 use crate::gaussians::Gaussians;
 use crate::pipeline::Error;
@@ -55,7 +55,7 @@ pub fn eval(
     let load_s = begun.elapsed().as_secs_f64();
 
     let evaluating = Instant::now();
-    let shown = Shown::new(session, model, place.whole)?;
+    let shown = DrawSource::new(session, model, place.whole)?;
     let renders = output.map(Output::renders);
     let (mut assessment, mut evaluator) = assess(session, shown.source(), evaluation, (&prepared, renders.as_deref()))?;
     assessment.held_out.warn(watcher);
@@ -92,7 +92,7 @@ pub fn part(
     let opened = open(selection)?.only(&[held_out, trained].concat())?;
     let place = budget::for_pictures(session.device, model, opened.size(), *style)?;
     let prepared = opened.load(session.photo_memory(&std::env::temp_dir()), session.watcher)?.holding_out(held_out);
-    let shown = Shown::new(session, model, place.whole)?;
+    let shown = DrawSource::new(session, model, place.whole)?;
     Ok(assess(session, shown.source(), evaluation, (&prepared, None))?.0)
 }
 
@@ -130,10 +130,10 @@ pub fn against(
     let size = camera::largest(&cameras);
     let place = |model, style| budget::for_pictures(device, model, size, style).map(|place| place.whole);
     let test = {
-        let original = Shown::new(session, original, place(original, original_style)?)?;
+        let original = DrawSource::new(session, original, place(original, original_style)?)?;
         OwnPictures::draw(session, original.source(), cameras, settings, (false, ALL))?.test
     };
-    let shown = Shown::new(session, model, place(model, style)?)?;
+    let shown = DrawSource::new(session, model, place(model, style)?)?;
     let settings = Settings { near: settings.near, ..style.over(background) };
     let mut evaluator = Evaluator::of(device, settings, shown.source(), test.iter().map(|(_, view)| view))?;
     let held_out = evaluator.held_out(shown.source(), &test, None, networks, &mut |done| {

@@ -5,7 +5,7 @@ use super::watcher::Watcher;
 use crate::effects::Effect;
 use crate::pipeline::Error;
 use crate::scene::camera::Camera;
-use crate::scene::{FourthByte, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene};
+use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
@@ -171,10 +171,10 @@ impl Opened {
         let train = split.train.iter().map(|i| photos[*i].clone()).collect();
         let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), photos[*i].clone())).collect();
         let extent = scene.extent(&split.train);
-        let usual = match FourthByte::of(&photos) {
+        let usual = match AlphaRole::of(&photos) {
             // Blender scenes are usually trained and scored on white.
-            FourthByte::Alpha => [1.0; 3],
-            FourthByte::Opaque | FourthByte::Mask => [0.0; 3],
+            AlphaRole::Alpha => [1.0; 3],
+            AlphaRole::Opaque | AlphaRole::Mask => [0.0; 3],
         };
         let background = selection.background.unwrap_or(usual);
         Ok(Prepared { scene, train, test, extent, background })

@@ -1,6 +1,6 @@
 //! One prune of a model: responses, study of its blocks, selection, merge, and compaction of a model in training.
 
-use super::config::{Compression, ResponseSource};
+use super::config::{PruneRule, ResponseSource};
 use super::diagnostics::Diagnostics;
 use super::records::{PruneGuards, PruneRecord, PruneSeconds, RankRecord};
 use crate::gaussians::Gaussians;
@@ -21,7 +21,7 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug)]
 pub struct PruneRequest<'a> {
     /// Choice of Gaussians.
-    pub compression: &'a Compression,
+    pub compression: &'a PruneRule,
     /// Number or share to keep, in place of the compression's own.
     pub keep: Keep,
     /// Key of all random numbers.

@@ -3,7 +3,7 @@
 use super::evaluate::pictures::{self, Format};
 use super::prepare::refuse_photo_folders;
 use super::session::Session;
-use super::{budget, shown::Shown};
+use super::{budget, draw_source::DrawSource};
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::pipeline::Error;
@@ -105,7 +105,7 @@ pub fn render(
     }
     let size = camera::largest(shots.iter().map(|s| &s.camera));
     let place = budget::for_pictures(session.device, &model, size, config.settings.style)?;
-    let shown = Shown::new(session, &model, place.whole)?;
+    let shown = DrawSource::new(session, &model, place.whole)?;
     let mut painter = Painter::of(session.device, config.settings, shown.source(), size)?;
     let begun = Instant::now();
     let mut draw_s = 0.0;

@@ -2,7 +2,7 @@
 
 use super::evaluate::pictures::byte;
 use super::evaluate::rgb;
-use super::pairs;
+use super::pair_capacity;
 use super::session::Session;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
@@ -155,7 +155,8 @@ pub fn responses<'m>(
     };
     let wanted = Wanted { residual: false, ..wanted };
     let size = camera::largest(cameras);
-    let mut renderer = response::renderer(device, settings, model, (size, pairs::few(device, model.len())), wanted)?;
+    let mut renderer =
+        response::renderer(device, settings, model, (size, pair_capacity::initial(device, model.len())), wanted)?;
     let pixels = wanted.gradient_pixels(size);
     let gradient = device.buffer("image gradient", pixels)?;
     let high_pass = HighPass::new(device, pixels)?;

@@ -4,7 +4,7 @@ use crate::gpu::{Buffer, Groups, Recording};
 use crate::kernels::constants::photo;
 use crate::kernels::response::{Residual, ResidualPush, ResidualSpec};
 use crate::primitives::WORKGROUP;
-use crate::scene::FourthByte;
+use crate::scene::AlphaRole;
 
 /// The photo that a picture is compared with.
 #[derive(Clone, Copy)]
@@ -14,7 +14,7 @@ pub struct Target<'a> {
     /// Width and height in pixels.
     pub size: [u32; 2],
     /// Meaning of the photo's fourth byte.
-    pub fourth_byte: FourthByte,
+    pub alpha_role: AlphaRole,
     /// Colour that shows through the photo where its fourth byte is below 255.
     pub background: [f32; 3],
 }
@@ -26,8 +26,8 @@ pub fn record_residual(
     target: Target<'_>,
     gradient: &Buffer<[f32; 4]>,
 ) {
-    let Target { photo, size: [width, height], fourth_byte, background: [r, g, b] } = target;
-    let alpha = if fourth_byte.shows_background() { photo::OPACITY } else { photo::OPAQUE };
+    let Target { photo, size: [width, height], alpha_role, background: [r, g, b] } = target;
+    let alpha = if alpha_role.shows_background() { photo::OPACITY } else { photo::OPAQUE };
     let pixels = width * height;
     let kernel = Residual {
         image: &image.cast(),

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::error::Error;
-use super::photo::{FourthByte, Photo};
+use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
 use super::resample::{Raster, area_average, undistort};
 use super::view::{Resize, View};
@@ -80,16 +80,16 @@ pub fn load_photos(
         // A damaged photo fails alone; a full disk ends everything.
         Ok(match decoded {
             Ok(decoded) => {
-                let (fourth_byte, pixels) = decoded.settle(options.alpha, masked);
-                Ok(Photo { camera, pixels: store.put(at, pixels)?, fourth_byte })
+                let (alpha_role, pixels) = decoded.settle(options.alpha, masked);
+                Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role })
             }
             Err(damaged) => Err(damaged),
         })
     };
     let mut photos: Vec<Result<Photo, Error>> =
         views.par_iter().zip(cameras).enumerate().map(load).collect::<Result<_, Error>>()?;
-    let fourth_byte = FourthByte::of(photos.iter().flatten());
-    photos.iter_mut().flatten().for_each(|photo| photo.fourth_byte = fourth_byte);
+    let alpha_role = AlphaRole::of(photos.iter().flatten());
+    photos.iter_mut().flatten().for_each(|photo| photo.alpha_role = alpha_role);
     Ok(photos)
 }
 
@@ -139,19 +139,19 @@ struct Decoded {
 impl Decoded {
     /// The pixels and the meaning of their fourth byte: the mask if `masked` (255 throughout without one); otherwise
     /// alpha if `alpha` is set and some pixel is not opaque; otherwise 255.
-    fn settle(self, alpha: bool, masked: bool) -> (FourthByte, Vec<u8>) {
+    fn settle(self, alpha: bool, masked: bool) -> (AlphaRole, Vec<u8>) {
         let Self { mut pixels, has_alpha, mask } = self;
         let fourth = |pixels: &mut [u8], byte: &dyn Fn(usize) -> u8| {
             pixels.iter_mut().skip(3).step_by(4).enumerate().for_each(|(i, fourth)| *fourth = byte(i));
         };
         if masked {
             fourth(&mut pixels, &|i| mask.as_ref().and_then(|m| m.get(i).copied()).unwrap_or(255));
-            return (FourthByte::Mask, pixels);
+            return (AlphaRole::Mask, pixels);
         }
         if has_alpha && !alpha {
             fourth(&mut pixels, &|_| 255);
         }
-        (if has_alpha && alpha { FourthByte::Alpha } else { FourthByte::Opaque }, pixels)
+        (if has_alpha && alpha { AlphaRole::Alpha } else { AlphaRole::Opaque }, pixels)
     }
 }
 

@@ -26,7 +26,7 @@ use serde::Serialize;
 pub use decode::{LoadOptions, PhotoMemory, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
-pub use photo::{FourthByte, Photo};
+pub use photo::{AlphaRole, Photo};
 pub use pixels::{PhotoFile, Pixels};
 pub use readers::{PhotoTree, mask_of, photo_folder, photo_names};
 pub use skipped::{Names, Skipped};

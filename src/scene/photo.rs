@@ -9,7 +9,7 @@ use super::pixels::Pixels;
 
 /// Meaning of the fourth byte of a photo's pixels; the same for all photos of a capture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum FourthByte {
+pub enum AlphaRole {
     /// None: the byte is 255 throughout.
     #[default]
     Opaque,
@@ -19,10 +19,10 @@ pub enum FourthByte {
     Mask,
 }
 
-impl FourthByte {
+impl AlphaRole {
     /// The meaning that kernels must handle for these photos together: mask if any has one, else alpha, else none.
     pub fn of<'a>(photos: impl IntoIterator<Item = &'a Photo>) -> Self {
-        photos.into_iter().map(|photo| photo.fourth_byte).max().unwrap_or_default()
+        photos.into_iter().map(|photo| photo.alpha_role).max().unwrap_or_default()
     }
 
     /// True if this byte can let the background show through: as opacity, or where a mask hides the photo.
@@ -39,13 +39,13 @@ pub struct Photo {
     /// Width x height x RGBA, 8 bits each, rows from the top; colours are not multiplied by the fourth byte.
     pub pixels: Pixels,
     /// Meaning of the fourth byte of each pixel.
-    pub fourth_byte: FourthByte,
+    pub alpha_role: AlphaRole,
 }
 
 impl Photo {
     /// A photo without transparent or masked parts.
     pub fn opaque(camera: Camera, pixels: impl Into<Pixels>) -> Self {
-        Self { camera, pixels: pixels.into(), fourth_byte: FourthByte::Opaque }
+        Self { camera, pixels: pixels.into(), alpha_role: AlphaRole::Opaque }
     }
 
     /// The part of `size` pixels from `corner` on, in memory. In training it counts as much as it does within the whole photo: see
@@ -62,7 +62,7 @@ impl Photo {
         let (row, pixels) = (4 * self.camera.width as usize, self.pixels.read()?);
         let rows = pixels.chunks_exact(row.max(1)).skip(y).take(height);
         let part: Vec<u8> = rows.flat_map(|row| &row[4 * x..4 * (x + width)]).copied().collect();
-        Ok(Self { camera, pixels: part.into(), fourth_byte: self.fourth_byte })
+        Ok(Self { camera, pixels: part.into(), alpha_role: self.alpha_role })
     }
 
     /// Colour of a pixel in [0, 1], over black.
@@ -89,9 +89,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let filed = PhotoFile::new(folder.path()).unwrap().put(0, &bytes).unwrap();
         for pixels in [Pixels::from(bytes.clone()), filed] {
-            let photo = Photo { camera: camera.clone(), pixels, fourth_byte: FourthByte::Mask };
+            let photo = Photo { camera: camera.clone(), pixels, alpha_role: AlphaRole::Mask };
             let part = photo.part([2, 1], [4, 3]).unwrap();
-            assert_eq!((part.camera.width, part.camera.height, part.fourth_byte), (4, 3, FourthByte::Mask));
+            assert_eq!((part.camera.width, part.camera.height, part.alpha_role), (4, 3, AlphaRole::Mask));
             assert_eq!(part.camera.whole(), Whole { size: [7, 5], corner: [2, 1] });
             assert_eq!(part.camera.share(), 12.0 / 35.0);
             for (x, y) in [(0, 0), (3, 0), (1, 2), (3, 2)] {

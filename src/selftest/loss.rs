@@ -7,7 +7,7 @@ use crate::gpu::{Device, Recording, Result};
 use crate::random::Random;
 use crate::reference;
 use crate::response::Target;
-use crate::scene::FourthByte;
+use crate::scene::AlphaRole;
 use crate::train::loss::{Loss, Weights};
 
 struct Case {
@@ -39,7 +39,7 @@ impl Case {
         let (loss, size, weights) =
             (Loss::new(device, self.width, self.height)?, [self.width, self.height], Weights::default());
         let mut recording = Recording::new();
-        let target = Target { photo: &photo, size, fourth_byte: FourthByte::Opaque, background: [0.0; 3] };
+        let target = Target { photo: &photo, size, alpha_role: AlphaRole::Opaque, background: [0.0; 3] };
         loss.record(&mut recording, &image, target, weights);
         loss.record_value(&mut recording, size);
         device.run(recording)?;

@@ -21,7 +21,7 @@ const REPORT: Task = Task::whole(Stage::Report);
 /// All that the results of a compression depend on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Compression {
+pub struct CompressPlan {
     /// The model.
     pub model: PathBuf,
     /// CRC-32 of its bytes; 0 for a folder.
@@ -46,7 +46,7 @@ struct Chosen {
     prune: PruneRecord,
 }
 
-impl Compression {
+impl CompressPlan {
     /// Plans the compression of the model that `path` holds.
     ///
     /// # Errors

@@ -11,7 +11,7 @@ mod sealed;
 mod task;
 mod training;
 
-pub use compression::Compression;
+pub use compression::CompressPlan;
 pub use plan::{Job, Plan};
 pub use task::{Listed, Stage, Task};
 

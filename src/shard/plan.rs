@@ -1,6 +1,6 @@
 //! The plan of a divided job: all that its results depend on, and the list of its tasks.
 
-use super::compression::Compression;
+use super::compression::CompressPlan;
 use super::files::Files;
 use super::task::{Listed, Task};
 use crate::gaussians::formats::crc32;
@@ -36,7 +36,7 @@ pub struct Plan {
 #[serde(rename_all = "kebab-case")]
 pub enum Job {
     /// The compression of a model.
-    Compression(Box<Compression>),
+    Compression(Box<CompressPlan>),
     /// A run in blocks.
     Run(Box<BlockRun>),
 }

@@ -10,7 +10,7 @@ use crate::pipeline::evaluate::Assessment;
 use crate::pipeline::records::PruneRecord;
 use crate::pipeline::session::Session;
 use crate::response::CHUNK;
-use crate::shard::blocks::{BlockRun, Layout, Meeting, Tuned, copies, joined};
+use crate::shard::blocks::{BlockRun, BlockState, Layout, Meeting, copies, joined};
 use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -73,8 +73,8 @@ struct Ended {
 }
 
 impl Ended {
-    fn of(block: &Tuned) -> Self {
-        let Tuned { state, copies, prune } = block;
+    fn of(block: &BlockState) -> Self {
+        let BlockState { state, copies, prune } = block;
         Self { gaussians: state.model.len() - copies, prune: prune.clone(), skipped_rows: state.skipped_rows }
     }
 }
@@ -251,7 +251,8 @@ impl BlockRun {
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
         let met = Met::read(files, FIRST)?;
         let came = |b: usize| files.state(Task::part(Stage::Dense, b));
-        let Tuned { state, prune, .. } = self.tune(session, (&layout, b, quota), (&met.meeting(), &came), &output)?;
+        let BlockState { state, prune, .. } =
+            self.tune(session, (&layout, b, quota), (&met.meeting(), &came), &output)?;
         Ok(vec![files.state_bytes(task, state)?, files.seal(task, &Pruned { prune })?])
     }
 
@@ -271,7 +272,7 @@ impl BlockRun {
         let (blended, Joined { .. }) = files.model(THIRD)?;
         let own = Task::part(Stage::Settle, b);
         let (state, Ended { gaussians, prune, .. }) = (files.state(own)?, files.sealed(own)?);
-        let settled = Tuned { copies: state.model.len() - gaussians, state, prune };
+        let settled = BlockState { copies: state.model.len() - gaussians, state, prune };
         let finished = self.finish(session, (&layout, b), (&met.meeting(), &blended, settled), &output)?;
         files.with_model(task, &finished.state.model, self.config.style.mode(), Ended::of(&finished))
     }

@@ -11,7 +11,7 @@ use super::{
 
 /// Material of a solid.
 #[derive(Clone, Debug)]
-pub(super) struct Look {
+pub(super) struct Surface {
     pub paint: Paint,
     pub gloss: Option<Gloss>,
     /// About a pixel wide in the default photos.
@@ -39,7 +39,7 @@ impl Ground {
 /// A scene without floor and sky.
 pub(super) struct Place {
     pub solids: Vec<Solid>,
-    pub looks: Vec<Look>,
+    pub surfaces: Vec<Surface>,
     pub bvh: Bvh,
     /// Indices of the solids that are large enough to darken their surroundings.
     pub shading: Vec<u32>,
@@ -50,28 +50,28 @@ pub(super) struct Place {
 /// The polish of everything else if every surface reflects.
 const VARNISH: Gloss = Gloss { f0: 0.08, shininess: 60.0 };
 
-/// Solids and looks of a scene under construction.
+/// Solids and surfaces of a scene under construction.
 pub(super) struct Builder {
     pub solids: Vec<Solid>,
-    pub looks: Vec<Look>,
+    pub surfaces: Vec<Surface>,
 }
 
 impl Builder {
     pub fn put(&mut self, solid: Solid, paint: Paint) {
         self.solids.push(solid);
-        self.looks.push(Look { paint, gloss: None, thin: false });
+        self.surfaces.push(Surface { paint, gloss: None, thin: false });
     }
 
     pub fn thin(&mut self, solid: Solid, colour: u32) {
         self.solids.push(solid);
-        self.looks.push(Look { paint: Paint::Plain(rgb(colour)), gloss: None, thin: true });
+        self.surfaces.push(Surface { paint: Paint::Plain(rgb(colour)), gloss: None, thin: true });
     }
 }
 
 impl Place {
     /// The scene that the options ask for.
     pub fn new(options: &SynthOptions) -> Self {
-        let mut b = Builder { solids: Vec::new(), looks: Vec::new() };
+        let mut b = Builder { solids: Vec::new(), surfaces: Vec::new() };
         let ground = match options.kind {
             Kind::Plaza => {
                 plaza::build(&mut b, options.seed);
@@ -81,9 +81,9 @@ impl Place {
         };
         let mut floor_gloss = None;
         if options.has(Effect::Matte) {
-            b.looks.iter_mut().for_each(|look| look.gloss = None);
+            b.surfaces.iter_mut().for_each(|look| look.gloss = None);
         } else if options.has(Effect::Glossy) {
-            b.looks.iter_mut().for_each(|look| look.gloss = look.gloss.or(Some(VARNISH)));
+            b.surfaces.iter_mut().for_each(|look| look.gloss = look.gloss.or(Some(VARNISH)));
             floor_gloss = Some(VARNISH);
         }
         let large = |i: &u32| {
@@ -91,6 +91,6 @@ impl Place {
             (high - low).min_element() > 0.23
         };
         let shading = (0..b.solids.len() as u32).filter(large).collect();
-        Self { bvh: Bvh::new(&b.solids), solids: b.solids, looks: b.looks, shading, floor_gloss, ground }
+        Self { bvh: Bvh::new(&b.solids), solids: b.solids, surfaces: b.surfaces, shading, floor_gloss, ground }
     }
 }

@@ -8,7 +8,7 @@ use super::{
     geometry::Solid,
     materials::{Gloss, Paint},
     noise::{pick, rgb},
-    place::{Builder, Look},
+    place::{Builder, Surface},
     random::{Random, Stream},
 };
 
@@ -31,7 +31,7 @@ fn glossy_sphere(b: &mut Builder) {
     b.put(Solid::Cylinder { base: Vec3::Z * 0.12, radius: 0.46, height: 0.24 }, Paint::Bands(0xd8cfbd, 0x8c8377, 0.06));
     let sphere = Solid::Sphere { centre: Vec3::new(0.0, 0.0, 0.97), radius: 0.63 };
     b.solids.push(sphere);
-    b.looks.push(Look { paint: Paint::Plain(rgb(0x8e1f2f)), gloss: Some(ENAMEL), thin: false });
+    b.surfaces.push(Surface { paint: Paint::Plain(rgb(0x8e1f2f)), gloss: Some(ENAMEL), thin: false });
 }
 
 /// Brick wall, crates, the sign, the large balls.
@@ -51,7 +51,7 @@ fn buildings(b: &mut Builder) {
     let axes = Mat3::from_rotation_z(14f32.to_radians()) * Mat3::from_rotation_x(-0.12);
     let centre = Vec3::new(-0.25, 1.6, 0.85);
     b.solids.push(Solid::Block { centre, half, axes });
-    b.looks.push(Look { paint: Paint::Sign(half), gloss: None, thin: false });
+    b.surfaces.push(Surface { paint: Paint::Sign(half), gloss: None, thin: false });
     for side in [-0.4, 0.4] {
         // The heads lie inside the board, so that they hide no letter.
         let head = centre + axes * Vec3::new(side, 0.0, 0.0);

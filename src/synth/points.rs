@@ -82,7 +82,7 @@ fn sees(place: &Place, view: &View, p: Vec3, thing: Thing) -> Option<DVec2> {
     if thing != Thing::Sky && -normal.dot(ray.direction) < 0.08 {
         return None;
     }
-    let thin = matches!(thing, Thing::Solid(i) if place.looks[i as usize].thin);
+    let thin = matches!(thing, Thing::Solid(i) if place.surfaces[i as usize].thin);
     let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
     let clear = |(x, y): (f64, f64)| world.hit(&view.ray(pixel + DVec2::new(x, y) * CLEARANCE)).1 == thing;
     (thin || corners.into_iter().all(clear)).then_some(pixel)

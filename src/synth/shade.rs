@@ -195,7 +195,7 @@ impl World<'_> {
             paint.albedo(solid.local(p), local_normal)
         };
         let albedo = match thing {
-            Thing::Solid(i) => painted(&self.place.solids[i as usize], self.place.looks[i as usize].paint),
+            Thing::Solid(i) => painted(&self.place.solids[i as usize], self.place.surfaces[i as usize].paint),
             Thing::Mover(i) => painted(&self.mover[i as usize].0, self.mover[i as usize].1),
             Thing::Floor => match self.place.ground.kind {
                 Kind::Plaza => materials::floor(p),
@@ -208,7 +208,7 @@ impl World<'_> {
 
     fn gloss(&self, thing: Thing) -> Option<Gloss> {
         match thing {
-            Thing::Solid(i) => self.place.looks[i as usize].gloss,
+            Thing::Solid(i) => self.place.surfaces[i as usize].gloss,
             Thing::Floor => self.place.floor_gloss,
             Thing::Mover(_) | Thing::Sky => None,
         }

@@ -120,7 +120,7 @@ impl Loss {
     pub fn record(&self, recording: &mut Recording, image: &Buffer<[f32; 4]>, target: Target<'_>, weights: Weights) {
         let share = 1.0 / (3.0 * target.size[0] as f32 * target.size[1] as f32);
         let weights = Weights { l1: weights.l1 * share, ssim: weights.ssim * share, l2: weights.l2 * share };
-        let alpha = if target.fourth_byte.shows_background() { photo::OPACITY } else { photo::OPAQUE };
+        let alpha = if target.alpha_role.shows_background() { photo::OPACITY } else { photo::OPAQUE };
         let job = Job { image, target, weights, alpha };
         match self.shape {
             Shape::Runs(rounds) => self.runs(recording, &job, rounds),

@@ -4,7 +4,7 @@ use super::density;
 use super::device_photos::DevicePhotos;
 use super::exposure::Exposure;
 use super::halve::Halve;
-use super::look::Look;
+use super::host_check::HostCheck;
 use super::loss::Loss;
 use super::mask::Mask;
 use super::method::Method;
@@ -72,6 +72,6 @@ impl Trainer {
         let responding = Renderer::bytes(device, n * 5 / 4, size, pairs, Uses { responses: true, ..uses }) - renderer;
         let pruning = if needs.pruning > 0 { needs.pruning + responding } else { 0 };
         let passing = growth.max(pruning).max(staging_bytes(widest));
-        model + renderer + pictures + Look::BYTES + passing
+        model + renderer + pictures + HostCheck::BYTES + passing
     }
 }

@@ -8,7 +8,7 @@ use super::options::{Exposures, Options};
 use crate::gpu::{Buffer, Device, Recording};
 use crate::response::{Target, record_residual};
 use crate::scene::camera::Camera;
-use crate::scene::{FourthByte, Photo};
+use crate::scene::{AlphaRole, Photo};
 
 /// The photo that a picture is rendered for.
 #[derive(Clone, Copy)]
@@ -35,7 +35,7 @@ pub(super) struct Objective {
     pub loss: Loss,
     /// Weights of the loss.
     pub weights: Weights,
-    fourth_byte: FourthByte,
+    alpha_role: AlphaRole,
     background: [f32; 3],
     /// Exposures of the photos, if they have any.
     pub exposure: Option<Exposure>,
@@ -48,12 +48,12 @@ impl Objective {
     pub fn new(device: &Device, photos: &[Photo], [width, height]: [u32; 2], options: &Options) -> Result<Self> {
         let pixels = width as usize * height as usize;
         let background = options.settings.background;
-        let fourth_byte = FourthByte::of(photos);
-        let masked = fourth_byte == FourthByte::Mask;
+        let alpha_role = AlphaRole::of(photos);
+        let masked = alpha_role == AlphaRole::Mask;
         Ok(Self {
             loss: Loss::new(device, width, height)?,
             weights: options.weights,
-            fourth_byte,
+            alpha_role,
             background,
             exposure: options
                 .exposure
@@ -130,6 +130,6 @@ impl Objective {
     }
 
     fn target<'a>(&self, Current { pixels: photo, size, .. }: Current<'a>) -> Target<'a> {
-        Target { photo, size, fourth_byte: self.fourth_byte, background: self.background }
+        Target { photo, size, alpha_role: self.alpha_role, background: self.background }
     }
 }

@@ -1,8 +1,8 @@
 //! The connection of one client: its requests go to the queue, and pictures come back, which are encoded here and not where they
 //! are drawn.
 
-use super::lobby::{Lobby, Outgoing};
 use super::protocol::{Encoding, Header, Message};
+use super::requests::{Outgoing, Requests};
 use super::subject::jpeg;
 use crate::pipeline::Error;
 use crate::pipeline::evaluate::pictures::{byte, write_png};
@@ -31,7 +31,7 @@ const MEANWHILE: [io::ErrorKind; 3] = [io::ErrorKind::WouldBlock, io::ErrorKind:
 const QUALITY: u8 = 80;
 
 /// Converses until one side ends it.
-pub fn converse(stream: TcpStream, rest: Vec<u8>, lobby: &Lobby, control: bool) {
+pub fn converse(stream: TcpStream, rest: Vec<u8>, requests: &Requests, control: bool) {
     let config = WebSocketConfig::default()
         .max_message_size(Some(MOST_MESSAGE))
         .max_frame_size(Some(MOST_MESSAGE))
@@ -40,13 +40,13 @@ pub fn converse(stream: TcpStream, rest: Vec<u8>, lobby: &Lobby, control: bool) 
     let _ = stream.set_write_timeout(Some(STALLED));
     let mut socket = WebSocket::from_partially_read(stream, rest, Role::Server, Some(config));
     let (sender, outbox) = channel();
-    let Some(id) = lobby.enter(sender) else {
+    let Some(id) = requests.enter(sender) else {
         end(&mut socket, CloseCode::Again, "four pages look already; close one of them");
         return;
     };
-    let talk = Talk { lobby, id, control, outbox };
+    let talk = Talk { requests, id, control, outbox };
     let (code, reason) = talk.run(&mut socket);
-    lobby.leave(id);
+    requests.leave(id);
     end(&mut socket, code, reason);
 }
 
@@ -56,7 +56,7 @@ fn end(socket: &mut WebSocket<TcpStream>, code: CloseCode, reason: &'static str)
 }
 
 struct Talk<'a> {
-    lobby: &'a Lobby,
+    requests: &'a Requests,
     id: u64,
     control: bool,
     outbox: Receiver<Outgoing>,
@@ -69,7 +69,7 @@ impl Talk<'_> {
         let mut second = (Instant::now(), 0);
         let (mut heard, mut asked) = (Instant::now(), Instant::now());
         loop {
-            let wanted = PACES[usize::from(!self.lobby.awaits(self.id))];
+            let wanted = PACES[usize::from(!self.requests.awaits(self.id))];
             if pace != Some(wanted) {
                 pace = Some(wanted);
                 let _ = socket.get_ref().set_read_timeout(pace);
@@ -117,7 +117,7 @@ impl Talk<'_> {
                     Err(TryRecvError::Disconnected) => return (CloseCode::Normal, ""),
                 }
             }
-            if self.lobby.closed() {
+            if self.requests.closed() {
                 return (CloseCode::Away, "qirf-vk has ended");
             }
         }
@@ -125,9 +125,9 @@ impl Talk<'_> {
 
     fn hear(&self, text: &str) -> Result<(), &'static str> {
         match serde_json::from_str(text) {
-            Ok(Message::Wish(wish)) => self.lobby.wish(self.id, wish),
-            Ok(Message::Shown(_)) => self.lobby.shown(self.id),
-            Ok(Message::Control(control)) if self.control => self.lobby.control(control),
+            Ok(Message::Request(request)) => self.requests.request(self.id, request),
+            Ok(Message::Shown(_)) => self.requests.shown(self.id),
+            Ok(Message::Control(control)) if self.control => self.requests.control(control),
             Ok(Message::Control(_)) => return Err("this viewer steers nothing"),
             Err(_) => return Err("this message is not of this version; load the page again"),
         }

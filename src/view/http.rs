@@ -13,7 +13,7 @@ pub const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A request's head.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Request {
+pub struct HttpRequest {
     /// Path, without the query.
     pub path: String,
     /// Query, without `?`.
@@ -57,7 +57,7 @@ impl Status {
 ///
 /// # Errors
 /// The status to answer with; none if the client is gone.
-pub fn read(stream: &mut TcpStream) -> Result<Request, Option<Status>> {
+pub fn read(stream: &mut TcpStream) -> Result<HttpRequest, Option<Status>> {
     let deadline = Instant::now() + PATIENCE;
     let mut head = Vec::with_capacity(1024);
     loop {
@@ -84,7 +84,7 @@ pub fn read(stream: &mut TcpStream) -> Result<Request, Option<Status>> {
 }
 
 /// Parses a head; none while it is incomplete.
-fn parse(bytes: &[u8]) -> Result<Option<Request>, Status> {
+fn parse(bytes: &[u8]) -> Result<Option<HttpRequest>, Status> {
     let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
     let mut parsed = httparse::Request::new(&mut headers);
     let end = match parsed.parse(bytes) {
@@ -100,8 +100,12 @@ fn parse(bytes: &[u8]) -> Result<Option<Request>, Status> {
     let text = |value: &[u8]| std::str::from_utf8(value).map(str::to_owned).map_err(|_| Status::BAD);
     let (path, query) =
         parsed.path.unwrap_or_default().split_once('?').unwrap_or((parsed.path.unwrap_or_default(), ""));
-    let mut request =
-        Request { path: path.to_owned(), query: query.to_owned(), rest: bytes[end..].to_vec(), ..Request::default() };
+    let mut request = HttpRequest {
+        path: path.to_owned(),
+        query: query.to_owned(),
+        rest: bytes[end..].to_vec(),
+        ..HttpRequest::default()
+    };
     for header in parsed.headers.iter() {
         match header.name.to_ascii_lowercase().as_str() {
             "host" => request.host = text(header.value)?,

@@ -3,7 +3,7 @@
 //! The model is only read, on the thread and the queue that train it, so that a run's bytes do not depend on who watches.
 //! Without a page, a look costs one atomic load.
 
-use super::easel::{Easel, Sitter};
+use super::painter::{PaintInput, Painter};
 use super::protocol::Control;
 use super::server::Server;
 use super::subject::{Job, Subject};
@@ -41,7 +41,7 @@ pub struct Live<'a> {
 }
 
 struct State {
-    easel: Option<Easel>,
+    painter: Option<Painter>,
     /// Seconds that pictures may take now.
     credit: f64,
     share: f64,
@@ -63,7 +63,7 @@ impl<'a> Live<'a> {
         subject: Arc<Subject>,
     ) -> Self {
         let state = State {
-            easel: None,
+            painter: None,
             credit: 0.0,
             share: SHARE,
             looked: Instant::now(),
@@ -83,7 +83,7 @@ impl<'a> Live<'a> {
 
     /// Notes what pages asked for; false if that is nothing.
     fn hear(&self, state: &mut State) -> bool {
-        let controls = self.server.lobby().controls();
+        let controls = self.server.requests().controls();
         for control in &controls {
             match control {
                 Control::Pause => state.paused = true,
@@ -111,27 +111,27 @@ impl<'a> Live<'a> {
             "iteration": trainer.iteration(), "until": state.until, "gaussians": trainer.len(), "loss": loss,
             "paused": state.paused, "share": state.share,
         });
-        self.server.lobby().tell(&news.to_string());
+        self.server.requests().tell(&news.to_string());
     }
 
-    /// Draws the next wish; false if there is none.
+    /// Draws the next request; false if there is none.
     fn draw(&self, state: &mut State, trainer: &Trainer, patience: Duration) -> bool {
-        let Some((client, wish)) = self.server.lobby().next_wish(patience) else { return false };
+        let Some((client, request)) = self.server.requests().next_request(patience) else { return false };
         let begun = Instant::now();
         let (whole, iteration) = (trainer.model(), trainer.iteration());
-        let sitter = Sitter { whole, reduced: None, other: None, facts: None, fixed: false, iteration };
-        let made = match state.easel.take() {
-            Some(easel) => Ok(easel),
-            None => Easel::new(self.device, *trainer.settings(), trainer.len()),
+        let input = PaintInput { whole, reduced: None, other: None, facts: None, fixed: false, iteration };
+        let made = match state.painter.take() {
+            Some(painter) => Ok(painter),
+            None => Painter::new(self.device, *trainer.settings(), trainer.len()),
         };
-        let lobby = self.server.lobby();
+        let requests = self.server.requests();
         // Viewer errors never stop training; the training loop reports a lost device itself, and its memory comes first.
-        match made.and_then(|mut easel| easel.draw(&self.subject, sitter, &wish).map(|drawn| (easel, drawn))) {
-            Ok((easel, drawn)) => {
-                state.easel = Some(easel);
-                lobby.deliver(client, drawn.header, Arc::new(drawn.image));
+        match made.and_then(|mut painter| painter.draw(&self.subject, input, &request).map(|drawn| (painter, drawn))) {
+            Ok((painter, drawn)) => {
+                state.painter = Some(painter);
+                requests.deliver(client, drawn.header, Arc::new(drawn.image));
             }
-            Err(e) => lobby.refuse(client, &wish, &e),
+            Err(e) => requests.refuse(client, &request, &e),
         }
         state.credit -= begun.elapsed().as_secs_f64();
         true
@@ -150,13 +150,13 @@ impl Watcher for Live<'_> {
     }
 
     fn look(&self, trainer: &Trainer) {
-        let lobby = self.server.lobby();
-        if lobby.present() == 0 {
+        let requests = self.server.requests();
+        if requests.present() == 0 {
             let mut state = self.state();
             self.hear(&mut state); // the last words of a page that left
             // Whoever paused a run and left does not halt it for ever.
             (state.paused, state.share, state.credit) = (false, SHARE, 0.0);
-            (state.looked, state.easel) = (Instant::now(), None);
+            (state.looked, state.painter) = (Instant::now(), None);
             return;
         }
         let mut state = self.state();
@@ -164,7 +164,7 @@ impl Watcher for Live<'_> {
         state.credit = (state.credit + earned).min(MOST_CREDIT);
         self.converse(&mut state, trainer);
         while state.credit > 0.0 && self.draw(&mut state, trainer, Duration::ZERO) {}
-        while state.paused && !state.stop && !state.checkpoint && !self.beside.stop() && lobby.present() > 0 {
+        while state.paused && !state.stop && !state.checkpoint && !self.beside.stop() && requests.present() > 0 {
             self.draw(&mut state, trainer, PAUSED);
             self.converse(&mut state, trainer);
             state.credit = 0.0;
@@ -173,12 +173,12 @@ impl Watcher for Live<'_> {
     }
 
     fn pace(&self) -> u32 {
-        let lobby = self.server.lobby();
-        if lobby.present() == 0 {
+        let requests = self.server.requests();
+        if requests.present() == 0 {
             return self.beside.pace();
         }
         let state = self.state();
-        match (state.paused, state.credit >= 0.0 && lobby.waiting()) {
+        match (state.paused, state.credit >= 0.0 && requests.waiting()) {
             (true, _) => 1,
             (_, true) => PACE,
             _ => self.beside.pace(),
@@ -207,7 +207,7 @@ impl Watcher for Live<'_> {
 
     fn note(&self, line: &str) {
         self.beside.note(line);
-        self.server.lobby().tell(&json!({ "note": line }).to_string());
+        self.server.requests().tell(&json!({ "note": line }).to_string());
     }
 
     fn stop(&self) -> bool {

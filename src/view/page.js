@@ -14,7 +14,7 @@ const picture = $("picture"), photo = $("photo"), lines = $("lines"), stage = $(
 
 const state = {
   scene: null, camera: null, photo: -1, model: 0, kind: "colour",
-  sent: 0, received: 0, wish: null, otherAsked: 0, changed: false, lastChange: 0, stillAsked: true, other: null, shown: null,
+  sent: 0, received: 0, request: null, otherAsked: 0, changed: false, lastChange: 0, stillAsked: true, other: null, shown: null,
   keys: new Set(), pointers: new Map(), socket: null, wait: BACK_OFF[0], times: [],
 };
 globalThis.viewer = state;
@@ -36,21 +36,21 @@ function send(still, model) {
   if (state.socket?.readyState !== WebSocket.OPEN || !state.camera) return;
   const { position, rotation, fov } = state.camera;
   const grey = $("background").value;
-  const wish = {
+  const request = {
     number: ++state.sent, size: size(), picture: state.kind, model, degree: Number($("degree").value), still,
     camera: state.photo >= 0 ? { photo: state.photo } : { pose: { position, rotation, fov } },
     background: grey === "" ? null : [Number(grey), Number(grey), Number(grey)],
   };
-  state.wish = wish;
-  state.socket.send(JSON.stringify({ wish }));
+  state.request = request;
+  state.socket.send(JSON.stringify({ request }));
 }
 
 /** Asks for the last picture again, of the other model. */
 function sendOther() {
   if (state.socket?.readyState !== WebSocket.OPEN) return;
-  const wish = { ...state.wish, number: ++state.sent, model: 1 - state.model };
-  state.otherAsked = wish.number;
-  state.socket.send(JSON.stringify({ wish }));
+  const request = { ...state.request, number: ++state.sent, model: 1 - state.model };
+  state.otherAsked = request.number;
+  state.socket.send(JSON.stringify({ request }));
 }
 
 /** Notes that the next picture differs. `leave`: the camera has left the photo. */
@@ -65,7 +65,7 @@ function change(leave = false) {
 function tick(now) {
   steer(now);
   const waiting = state.received < state.sent;
-  // With two models, pictures come in turns: a wish must not replace the other model's.
+  // With two models, pictures come in turns: a request must not replace the other model's.
   if (state.changed && !(twoModels() && waiting)) {
     state.changed = false;
     send(false, state.model);

@@ -1,6 +1,6 @@
 //! The messages between a page and the program over the WebSocket.
 //!
-//! A page sends JSON: wishes, acknowledgements and controls. The program answers with binary frames, 32 bytes of
+//! A page sends JSON: requests, acknowledgements and controls. The program answers with binary frames, 32 bytes of
 //! [`Header`] before an encoded picture, and with JSON that tells how a run is doing.
 
 use crate::scene::camera::Camera;
@@ -9,15 +9,15 @@ use serde::{Deserialize, Serialize};
 
 /// Largest number of pixels of a picture.
 pub const MOST_PIXELS: u64 = 8 << 20;
-/// Field of view that a wish may have, in radians.
+/// Field of view that a request may have, in radians.
 const FIELDS: std::ops::RangeInclusive<f64> = 0.01..=3.0;
 
 /// A message of the page.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Message {
-    /// Draw this; it replaces an earlier wish that was not drawn yet.
-    Wish(Wish),
+    /// Draw this; it replaces an earlier request that was not drawn yet.
+    Request(Request),
     /// The frame of this number has been shown.
     Shown(u32),
     /// Steer the run.
@@ -27,11 +27,11 @@ pub enum Message {
 /// A picture to draw.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Wish {
-    /// Number of the wish, which its frame repeats.
+pub struct Request {
+    /// Number of the request, which its frame repeats.
     pub number: u32,
     /// Camera.
-    pub camera: Eye,
+    pub camera: RequestCamera,
     /// Width and height in pixels.
     pub size: [u32; 2],
     /// Content.
@@ -58,8 +58,8 @@ fn all_degrees() -> usize {
 /// A camera.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub enum Eye {
-    /// That of a photo of the capture, by its number, at the working size; the wish's size does not matter.
+pub enum RequestCamera {
+    /// That of a photo of the capture, by its number, at the working size; the request's size does not matter.
     Photo(usize),
     /// A free one.
     Pose {
@@ -115,7 +115,7 @@ pub enum Control {
     Share(f64),
 }
 
-impl Eye {
+impl RequestCamera {
     /// The camera of a free pose.
     ///
     /// # Errors
@@ -177,7 +177,7 @@ pub struct Header {
     pub reduced: bool,
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Number of the wish.
+    /// Number of the request.
     pub number: u32,
     /// Milliseconds to draw it.
     pub draw_ms: f32,
@@ -265,13 +265,16 @@ mod tests {
 
     #[test]
     fn messages_are_read_as_the_page_writes_them() {
-        let text = r#"{"wish":{"number":3,"camera":{"pose":{"position":[0,0,-2],"rotation":[1,0,0,0],"fov":0.7}},"size":[64,48],"picture":"depth"}}"#;
-        let Ok(Message::Wish(wish)) = serde_json::from_str(text) else { panic!("{text}") };
-        assert_eq!((wish.number, wish.picture, wish.model, wish.degree, wish.still), (3, Picture::Depth, 0, 3, false));
+        let text = r#"{"request":{"number":3,"camera":{"pose":{"position":[0,0,-2],"rotation":[1,0,0,0],"fov":0.7}},"size":[64,48],"picture":"depth"}}"#;
+        let Ok(Message::Request(request)) = serde_json::from_str(text) else { panic!("{text}") };
+        assert_eq!(
+            (request.number, request.picture, request.model, request.degree, request.still),
+            (3, Picture::Depth, 0, 3, false)
+        );
         for text in [r#"{"shown":4}"#, r#"{"control":"pause"}"#] {
             assert!(serde_json::from_str::<Message>(text).is_ok(), "{text}");
         }
-        for text in ["", "{}", r#"{"wish":{}}"#, r#"{"control":"format"}"#, r#"{"shown":-1}"#] {
+        for text in ["", "{}", r#"{"request":{}}"#, r#"{"control":"format"}"#, r#"{"shown":-1}"#] {
             assert!(serde_json::from_str::<Message>(text).is_err(), "{text}");
         }
     }
@@ -281,14 +284,14 @@ mod tests {
         let (eye, target) = (DVec3::new(1.0, -2.0, 3.0), DVec3::new(0.5, 0.0, -1.0));
         let wanted = Camera::look_at(eye, target, DVec3::NEG_Y, 0.9, 64, 48);
         let q = DQuat::from_mat3(&wanted.rotation.transpose());
-        let camera = Eye::free(eye.to_array(), [q.w, q.x, q.y, q.z], 0.9, [64, 48]).unwrap();
+        let camera = RequestCamera::free(eye.to_array(), [q.w, q.x, q.y, q.z], 0.9, [64, 48]).unwrap();
         assert!((camera.translation - wanted.translation).length() < 1e-12);
         assert_eq!((camera.focal, camera.principal, camera.width), (wanted.focal, wanted.principal, 64));
         let one = [1.0, 0.0, 0.0, 0.0];
         for (position, rotation, fov) in
             [([f64::NAN; 3], one, 0.9), ([0.0; 3], [0.0; 4], 0.9), ([0.0; 3], one, 0.0), ([0.0; 3], one, f64::INFINITY)]
         {
-            assert!(Eye::free(position, rotation, fov, [64, 48]).is_err());
+            assert!(RequestCamera::free(position, rotation, fov, [64, 48]).is_err());
         }
     }
 }

@@ -2,8 +2,8 @@
 
 use super::client::converse;
 use super::guard::{Asked, Guard, Verdict};
-use super::http::{self, Request, Status};
-use super::lobby::Lobby;
+use super::http::{self, HttpRequest, Status};
+use super::requests::Requests;
 use super::subject::{Job, Subject};
 use crate::pipeline::Error;
 use std::io::Write;
@@ -41,7 +41,7 @@ pub struct ServerOptions {
 /// State shared by all connections.
 struct Site {
     guard: Guard,
-    lobby: Arc<Lobby>,
+    requests: Arc<Requests>,
     subject: Arc<Subject>,
     description: String,
     control: bool,
@@ -69,7 +69,7 @@ impl Server {
         let description = subject.description(device, control).to_string();
         let site = Arc::new(Site {
             guard: Guard::new(options.host, address.port()).map_err(refused)?,
-            lobby: Arc::new(Lobby::default()),
+            requests: Arc::new(Requests::default()),
             subject,
             description,
             control,
@@ -88,14 +88,14 @@ impl Server {
     }
 
     /// The request queue.
-    pub fn lobby(&self) -> &Lobby {
-        &self.site.lobby
+    pub fn requests(&self) -> &Requests {
+        &self.site.requests
     }
 }
 
 impl Drop for Server {
     fn drop(&mut self) {
-        self.site.lobby.close();
+        self.site.requests.close();
         // Wakes the listener, which then ends.
         let here = match self.address.ip() {
             ip if ip.is_unspecified() => SocketAddr::new(IpAddr::from([127, 0, 0, 1]), self.address.port()),
@@ -104,7 +104,7 @@ impl Drop for Server {
         let _ = TcpStream::connect_timeout(&here, Duration::from_millis(200));
         // Pages are told, unless one does not listen.
         let begun = Instant::now();
-        while self.site.lobby.present() > 0 && begun.elapsed() < FAREWELL {
+        while self.site.requests.present() > 0 && begun.elapsed() < FAREWELL {
             std::thread::sleep(Duration::from_millis(2));
         }
     }
@@ -119,7 +119,7 @@ fn own_address() -> Option<IpAddr> {
 
 fn accept(listener: &TcpListener, site: &Arc<Site>) {
     for stream in listener.incoming() {
-        if site.lobby.closed() {
+        if site.requests.closed() {
             return;
         }
         let Ok(mut stream) = stream else { continue };
@@ -161,7 +161,7 @@ impl Site {
         }
     }
 
-    fn answer(&self, mut stream: TcpStream, request: Request) {
+    fn answer(&self, mut stream: TcpStream, request: HttpRequest) {
         let stream_ref = &mut stream;
         match request.path.as_str() {
             "/" => http::answer(stream_ref, Status::OK, "text/html; charset=utf-8", "", PAGE.as_bytes()),
@@ -198,7 +198,7 @@ impl Site {
             "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {accept}\r\n\r\n"
         );
         if stream.write_all(head.as_bytes()).is_ok() {
-            converse(stream, rest, &self.lobby, self.control);
+            converse(stream, rest, &self.requests, self.control);
         }
     }
 }

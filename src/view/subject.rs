@@ -9,7 +9,7 @@ use crate::pipeline::render::near_limit;
 use crate::render::Style;
 use crate::scene::camera::Camera;
 use crate::scene::orbit::{Look, Outline};
-use crate::scene::{FourthByte, LoadOptions, Photo, Resize, Scene, Split, load_photos};
+use crate::scene::{AlphaRole, LoadOptions, Photo, Resize, Scene, Split, load_photos};
 use glam::{DQuat, DVec3};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use serde_json::{Value, json};
@@ -88,7 +88,7 @@ impl Capture {
 
     /// The background that photos are usually drawn on: white where they have alpha, as in Blender's scenes, else black.
     pub fn background(&self) -> [f32; 3] {
-        let alpha = self.photo(0).is_ok_and(|photo| photo.fourth_byte == FourthByte::Alpha);
+        let alpha = self.photo(0).is_ok_and(|photo| photo.alpha_role == AlphaRole::Alpha);
         if alpha { [1.0; 3] } else { [0.0; 3] }
     }
 

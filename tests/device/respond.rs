@@ -12,7 +12,7 @@ use qirf_vk::response::{
     Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Score, Target, Term, Views, Wanted, full_pass,
     record_residual,
 };
-use qirf_vk::scene::FourthByte;
+use qirf_vk::scene::AlphaRole;
 use qirf_vk::scene::camera::Camera;
 
 const SIZE: [u32; 2] = [45, 37];
@@ -197,12 +197,12 @@ fn high_pass_and_residual_are_their_twins() {
         let photo: Vec<u32> = (0..n).map(|_| (r.unit() * f64::from(u32::MAX)) as u32).collect();
         let photos = device.upload("photo", &photo).unwrap();
         let background = [0.2_f32, 0.5, 0.9];
-        for fourth_byte in [FourthByte::Opaque, FourthByte::Alpha] {
+        for alpha_role in [AlphaRole::Opaque, AlphaRole::Alpha] {
             let mut recording = Recording::new();
-            let target = Target { photo: &photos, size: [w, h], fourth_byte, background };
+            let target = Target { photo: &photos, size: [w, h], alpha_role, background };
             record_residual(&mut recording, &picture, target, &gradient);
             device.run(recording).unwrap();
-            let behind = fourth_byte.shows_background().then_some(background.map(f64::from));
+            let behind = alpha_role.shows_background().then_some(background.map(f64::from));
             let expected = reference::residual::residual(&wide, &photo, behind);
             for ((after, before), expected) in gradient.read(&device).unwrap().iter().zip(&got).zip(expected) {
                 assert_eq!(after[..3], before[..3]);

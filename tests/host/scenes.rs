@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use crate::support::files::writers::{Model, picture, row, transforms, write};
 use glam::{DVec2, DVec3};
 use qirf_vk::scene::lens::LensModel;
-use qirf_vk::scene::{Error, FourthByte, LoadOptions, OpenOptions, Resize, Role, Scene, SceneKind, Split};
+use qirf_vk::scene::{AlphaRole, Error, LoadOptions, OpenOptions, Resize, Role, Scene, SceneKind, Split};
 
 fn open(root: &Path) -> Result<Scene, Error> {
     Scene::open(root, &OpenOptions::default())
@@ -137,7 +137,7 @@ fn transforms_find_other_photo_folders_and_masks() {
     let masks: Vec<_> = opened.views.iter().map(|v| v.mask.clone().unwrap()).collect();
     assert_eq!(masks, [scene.path().join("own.png"), scene.path().join("masks/b.png")]);
     let photo = opened.views[0].load_photo(Resize::Full).unwrap();
-    assert_eq!((photo.fourth_byte, photo.pixels.len()), (FourthByte::Mask, 4 * 32 * 24));
+    assert_eq!((photo.alpha_role, photo.pixels.len()), (AlphaRole::Mask, 4 * 32 * 24));
     // A file in the folder that is not part of the scene is not taken for the scene.
     says(&message(open(&scene.path().join("own.png"))), &["holds no scene"]);
 }
@@ -221,7 +221,7 @@ fn photos_load_at_the_size_of_their_camera() {
     for resize in [Resize::Full, Resize::Width(10), Resize::Width(900), Resize::Divide(5), Resize::Divide(1000)] {
         let (photo, camera) = (view.load_photo(resize).unwrap(), view.camera_at(resize));
         assert_eq!(photo.pixels.len(), 4 * (camera.width * camera.height) as usize);
-        assert_eq!((photo.camera, photo.fourth_byte), (camera, FourthByte::Mask));
+        assert_eq!((photo.camera, photo.alpha_role), (camera, AlphaRole::Mask));
     }
     assert_eq!(view.camera_at(Resize::Width(10)).height, 8); // 7.5 rounds up
     let half = view.load_photo(Resize::Divide(2)).unwrap();
@@ -263,7 +263,7 @@ fn transparency_is_noticed() {
         .save(&path)
         .unwrap();
     let photo = open(scene.path()).unwrap().views[0].load_photo(Resize::Width(1)).unwrap();
-    assert_eq!(photo.fourth_byte, FourthByte::Alpha);
+    assert_eq!(photo.alpha_role, AlphaRole::Alpha);
     assert_eq!(*photo.pixels.read().unwrap(), [200, 10, 10, 128]);
 }
 

@@ -5,7 +5,7 @@ use crate::support::{device, finish};
 use qirf_vk::gaussians::{Gaussians, formats};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
-use qirf_vk::pipeline::config::Compression;
+use qirf_vk::pipeline::config::PruneRule;
 use qirf_vk::pipeline::virtual_views::VirtualCameras;
 use qirf_vk::pipeline::{Error, Session, Watcher};
 use qirf_vk::qirf::select::Selector;
@@ -328,7 +328,7 @@ fn interrupted(selector: Selector) {
     let device = device();
     let path = folder.path().join("model.ply");
     let config = CompressConfig {
-        compression: Compression { selector, keep: Keep::Count(90), ..Compression::default() },
+        compression: PruneRule { selector, keep: Keep::Count(90), ..PruneRule::default() },
         views: ViewSource::OwnPictures {
             cameras: VirtualCameras { views: 8, size: (40, 40), up: UP },
             background: [0.0; 3],

@@ -7,7 +7,7 @@ use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::Error;
 use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
-use qirf_vk::pipeline::config::{Compression, Pruning};
+use qirf_vk::pipeline::config::{PruneRule, Pruning};
 use qirf_vk::pipeline::virtual_views::VirtualCameras;
 use qirf_vk::pipeline::{Output, Preset, RunConfig, Session, Watcher, run};
 use qirf_vk::qirf::select::budget::Keep;
@@ -100,7 +100,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         let input = Input { path: &path, model: gaussians, read_s: 0.0 };
         let cameras = VirtualCameras { views: 6, size: (40, 30), up: qirf_vk::scene::orbit::UP };
         let compressing = CompressConfig {
-            compression: Compression { keep: Keep::Share(0.5), ..Compression::default() },
+            compression: PruneRule { keep: Keep::Share(0.5), ..PruneRule::default() },
             views: ViewSource::OwnPictures { cameras, background: [0.0; 3] },
             style: Style::default(),
             fine_tune: 20,

@@ -12,7 +12,7 @@ mod speed;
 use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::synth::{SynthOptions, write};
 use qirf_vk::view::protocol::Figure;
-use session::{Viewer, pose, wish};
+use session::{Viewer, pose, request};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -71,7 +71,7 @@ fn a_still_picture_is_the_file_that_render_writes() {
     assert_eq!((cameras.len(), description["models"][0]["name"].as_str()), (5, Some("model.ply")));
     let mut socket = viewer.socket();
     for (n, camera) in cameras.iter().enumerate() {
-        let (header, bytes) = socket.picture(&wish(n as u32, &format!(r#"{{"photo":{n}}}"#), r#""still":true"#));
+        let (header, bytes) = socket.picture(&request(n as u32, &format!(r#"{{"photo":{n}}}"#), r#""still":true"#));
         let file = out.path().join(camera["name"].as_str().unwrap()).with_extension("png");
         assert_eq!(bytes, fs::read(file).unwrap(), "photo {n}");
         assert_eq!((header.number, header.size, header.reduced), (n as u32, [64, 48], false));
@@ -86,7 +86,7 @@ fn every_kind_of_picture_is_drawn() {
     let mut seen = Vec::new();
     for (n, kind) in ["colour", "depth", "alpha", "blocks", "error", "count"].into_iter().enumerate() {
         let still = format!(r#""picture":"{kind}","still":true"#);
-        let (header, bytes) = socket.picture(&wish(n as u32, r#"{"photo":1}"#, &still));
+        let (header, bytes) = socket.picture(&request(n as u32, r#"{"photo":1}"#, &still));
         let picture = image::load_from_memory(&bytes).unwrap().into_rgb8();
         assert_eq!(matches!(header.figure, Figure::Psnr(_)), kind == "error");
         assert_eq!(matches!(header.figure, Figure::Blended(_)), kind == "count");
@@ -94,7 +94,7 @@ fn every_kind_of_picture_is_drawn() {
         assert!(!seen.contains(&bytes), "{kind} looks like another");
         seen.push(bytes);
         // Moving colours are a JPEG of nearly the same; false colours stay lossless.
-        let (_, moving) = socket.picture(&wish(100 + n as u32, r#"{"photo":1}"#, &format!(r#""picture":"{kind}""#)));
+        let (_, moving) = socket.picture(&request(100 + n as u32, r#"{"photo":1}"#, &format!(r#""picture":"{kind}""#)));
         assert_eq!(moving[..2] == [0xff, 0xd8], kind == "colour");
         let moving = image::load_from_memory(&moving).unwrap().into_rgb8();
         let apart: f64 = picture.iter().zip(moving.iter()).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
@@ -125,7 +125,7 @@ fn the_newest_wish_wins_and_two_frames_are_in_flight_at_most() {
         499 => frames[1].0.number,
         _ => socket.frame().unwrap().0.number,
     };
-    assert_eq!(last, 499, "the last wish is fulfilled");
+    assert_eq!(last, 499, "the last request is fulfilled");
 }
 
 #[test]

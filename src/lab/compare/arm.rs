@@ -2,7 +2,7 @@
 
 use crate::lab::methods::learnt_mask::{LearntMasks, MaskMethod};
 use crate::lab::methods::mcmc::Mcmc;
-use crate::pipeline::config::{Compression, Pruning, RunConfig};
+use crate::pipeline::config::{PruneRule, Pruning, RunConfig};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
 use crate::train::growth::Growth;
@@ -221,7 +221,7 @@ pub struct Arm {
     /// Its name, as given on the command line.
     pub name: String,
     /// Its choice of Gaussians; none if it is not pruned.
-    pub compression: Option<Compression>,
+    pub compression: Option<PruneRule>,
     /// True if attrition goes before it.
     pub attrition: bool,
     /// True if rates are re-warmed after it.
@@ -261,14 +261,14 @@ impl Arm {
                 let (attrition, rewarm) = (given.attrition.is_some() && !suffixes.has(Suffix::Twice), given.rewarm);
                 Self { attrition, rewarm, ..Self::pruned(given.compression.clone()) }
             }
-            Some(Base::Paper) => Self::pruned(Compression::paper()),
+            Some(Base::Paper) => Self::pruned(PruneRule::paper()),
             None => {
                 let selector = name.parse::<Selector>().map_err(|_| {
                     let selectors = Selector::NAMES.into_iter().map(|(_, name)| name);
                     unknown(name, "an arm", NAMED.into_iter().map(|row| row.name).chain(selectors))
                 })?;
                 let given = given.compression.clone();
-                Self::pruned(Compression { selector, budget: Budget::PerBlock, merge: false, ..given })
+                Self::pruned(PruneRule { selector, budget: Budget::PerBlock, merge: false, ..given })
             }
         };
         arm.take(&suffixes);
@@ -282,7 +282,7 @@ impl Arm {
         Self { name: String::new(), compression: None, attrition: false, rewarm: false, twice: None, grown }
     }
 
-    fn pruned(compression: Compression) -> Self {
+    fn pruned(compression: PruneRule) -> Self {
         Self { compression: Some(compression), ..Self::not_pruned(Grown::Together) }
     }
 
@@ -411,7 +411,7 @@ mod tests {
 
     #[test]
     fn arms_by_name() {
-        let given = Compression { merge: true, ..Compression::default() };
+        let given = PruneRule { merge: true, ..PruneRule::default() };
         let process = Pruning { compression: given.clone(), ..Pruning::default() };
         let arm = |text: &str| Arm::parse(text, &process).unwrap().compression;
         assert_eq!(arm("dense"), None);

@@ -9,11 +9,11 @@ use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
 use crate::pipeline::Error;
-use crate::pipeline::pairs;
+use crate::pipeline::pair_capacity;
 use crate::render::{AtomicSums, Backward, Image, Renderer};
 use crate::response::Target;
 use crate::scene::camera::{self, Camera};
-use crate::scene::{FourthByte, Photo};
+use crate::scene::{AlphaRole, Photo};
 use crate::train::adam;
 use crate::train::loss::{self, Loss, Weights};
 use crate::train::rates::{Rates, Step};
@@ -44,7 +44,7 @@ impl<'a> Bench<'a> {
     fn new(context: &'a Context<'a>, model: &Resident) -> Result<Self, Error> {
         let (device, views) = (context.session.device, &context.subject.views);
         let size @ [width, height] = camera::largest(views.iter().map(|v| &v.camera));
-        let pairs = pairs::few(device, model.len);
+        let pairs = pair_capacity::initial(device, model.len);
         let mut renderer = Renderer::for_training(device, context.subject.settings, model.len, size, pairs)?;
         let mut photos = Vec::new();
         for (k, view) in views.iter().enumerate() {
@@ -70,8 +70,8 @@ impl<'a> Bench<'a> {
         let (size, settings) = ([camera.width, camera.height], &subject.settings);
         recording.scope(loss::STAGE, |r| {
             let (image, photo) = (self.renderer.image(), &self.photos[v]);
-            let (fourth_byte, background) = (FourthByte::of(&subject.views), settings.background);
-            self.loss.record(r, image, Target { photo, size, fourth_byte, background }, Weights::default());
+            let (alpha_role, background) = (AlphaRole::of(&subject.views), settings.background);
+            self.loss.record(r, image, Target { photo, size, alpha_role, background }, Weights::default());
         });
         let backward = Backward { atomics: way.sums.as_ref(), growth: Some(growth), ..Backward::default() };
         self.renderer.record_backward(&mut recording, model, camera, &self.loss.gradient, backward);

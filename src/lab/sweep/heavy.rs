@@ -9,7 +9,7 @@ use super::timing::{Spread, Timed};
 use crate::effects::{Choice, Decision, Effect, Trigger};
 use crate::lab::compare::{Arm, ArmRecord, CompareRecord, compare};
 use crate::pipeline::Error;
-use crate::pipeline::config::{Compression, Pruning};
+use crate::pipeline::config::{PruneRule, Pruning};
 use crate::pipeline::records::RunRecord;
 use crate::pipeline::run::run;
 use crate::pipeline::{Output, Preset, RunConfig, Session};
@@ -65,7 +65,7 @@ pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord
             arms.push(Arm::parse(&name, training.pruning).map_err(Error::Usage)?);
         }
     }
-    let pruning = Pruning { compression: Compression::default(), ..training.pruning.clone() };
+    let pruning = Pruning { compression: PruneRule::default(), ..training.pruning.clone() };
     let shared = training.config.clone().pruned(pruning);
     let compared = compare(&training.session, &shared, &arms, &training.folder.join("fork"), false)?;
     Ok(asked.iter().map(|asked| of_arms(asked.axis(), &arms_of(asked, given.keep), &compared)).collect())

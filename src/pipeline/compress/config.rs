@@ -1,6 +1,6 @@
 //! Configuration of a compression.
 
-use crate::pipeline::config::{Compression, Selection};
+use crate::pipeline::config::{PruneRule, Selection};
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
 use serde::{Deserialize, Serialize};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub struct CompressConfig {
     /// Choice of Gaussians.
-    pub compression: Compression,
+    pub compression: PruneRule,
     /// Views that the model is scored on.
     pub views: ViewSource,
     /// Style of rendering: the one that the model was trained with.

@@ -6,10 +6,10 @@ use crate::gaussians::Gaussians;
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::Error;
 use crate::pipeline::budget;
+use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::evaluate::Evaluator;
 use crate::pipeline::records::Truth;
 use crate::pipeline::session::Session;
-use crate::pipeline::shown::Shown;
 use crate::render::Source;
 use crate::scene::camera;
 use std::time::Instant;
@@ -36,7 +36,7 @@ impl<'a> Scoring<'a> {
         let Views { test, settings, .. } = self.views;
         let size = camera::largest(test.iter().map(|(_, view)| &view.camera));
         let place = budget::for_pictures(self.session.device, model, size, settings.style)?;
-        self.scores(Shown::new(self.session, model, place.whole)?.source())
+        self.scores(DrawSource::new(self.session, model, place.whole)?.source())
     }
 
     /// The scores of a model in each held-out view.

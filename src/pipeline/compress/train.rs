@@ -6,7 +6,7 @@ use crate::gaussians::Gaussians;
 use crate::gpu::Device;
 use crate::pipeline::Error;
 use crate::pipeline::config::Pruning;
-use crate::pipeline::pairs;
+use crate::pipeline::pair_capacity;
 use crate::pipeline::records::Truth;
 use crate::pipeline::session::Session;
 use crate::pipeline::virtual_views;
@@ -86,6 +86,6 @@ fn options(device: &Device, (gaussians, degree): (usize, usize), views: &Views, 
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,
         method: None,
-        pairs: pairs::few(device, gaussians),
+        pairs: pair_capacity::initial(device, gaussians),
     }
 }

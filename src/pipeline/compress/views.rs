@@ -6,10 +6,10 @@ use crate::metrics::Scores;
 use crate::pipeline::Error;
 use crate::pipeline::budget::{self, CompressNeeds};
 use crate::pipeline::config::Selection;
+use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::prepare::{Opened, Prepared, open};
 use crate::pipeline::records::{CompressProtocol, StageScores, Truth, ViewStages};
 use crate::pipeline::session::Session;
-use crate::pipeline::shown::Shown;
 use crate::pipeline::virtual_views::{OwnPictures, VirtualCameras};
 use crate::qirf::select::budget::Keep;
 use crate::render::Settings;
@@ -43,7 +43,7 @@ impl Views {
         model: &'m Gaussians,
         config: &CompressConfig,
         held_out: Range<usize>,
-    ) -> Result<(Self, Shown<'m>), Error> {
+    ) -> Result<(Self, DrawSource<'m>), Error> {
         match &config.views {
             ViewSource::Photos(selection) => {
                 let (mut views, shown) = Self::of_photos(session, model, open(selection)?, config)?;
@@ -66,7 +66,7 @@ impl Views {
         model: &'m Gaussians,
         (selection, names): (&Selection, &[String]),
         config: &CompressConfig,
-    ) -> Result<(Self, Shown<'m>), Error> {
+    ) -> Result<(Self, DrawSource<'m>), Error> {
         Self::of_photos(session, model, open(selection)?.only(names)?, config)
     }
 
@@ -75,13 +75,13 @@ impl Views {
         model: &'m Gaussians,
         opened: Opened,
         config: &CompressConfig,
-    ) -> Result<(Self, Shown<'m>), Error> {
+    ) -> Result<(Self, DrawSource<'m>), Error> {
         let place = budget::for_compress(session.device, model, Self::needs(&opened, model, config))?;
         let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
         let settings = config.style.over(prepared.background);
         let names = prepared.names_to_train();
         let Prepared { train, test, extent, .. } = prepared;
-        let shown = Shown::new(session, model, place.whole)?;
+        let shown = DrawSource::new(session, model, place.whole)?;
         let (truth, estimated_bytes) = (Truth::Photos, place.bytes);
         Ok((Self { truth, train, names, test, extent, settings, exposures: None, estimated_bytes }, shown))
     }
@@ -95,7 +95,7 @@ impl Views {
         session: &Session<'_>,
         model: &'m Gaussians,
         (config, names): (&CompressConfig, &[String]),
-    ) -> Result<(Vec<Camera>, Settings, Shown<'m>), Error> {
+    ) -> Result<(Vec<Camera>, Settings, DrawSource<'m>), Error> {
         let ViewSource::Photos(selection) = &config.views else {
             let (views, shown) = Self::load(session, model, config, 0..0)?;
             return Ok((views.train.into_iter().map(|view| view.camera).collect(), views.settings, shown));
@@ -103,7 +103,7 @@ impl Views {
         let opened = open(selection)?.only(names)?;
         let place = budget::for_compress(session.device, model, Self::needs(&opened, model, config))?;
         let settings = config.style.over(selection.background.unwrap_or_default());
-        Ok((opened.cameras(), settings, Shown::new(session, model, place.whole)?))
+        Ok((opened.cameras(), settings, DrawSource::new(session, model, place.whole)?))
     }
 
     /// Memory needs of a compression by these photos.
@@ -126,7 +126,7 @@ impl Views {
         (cameras, background): (&VirtualCameras, [f32; 3]),
         config: &CompressConfig,
         held_out: Range<usize>,
-    ) -> Result<(Self, Shown<'m>), Error> {
+    ) -> Result<(Self, DrawSource<'m>), Error> {
         let size = [cameras.size.0, cameras.size.1];
         let needs = CompressNeeds {
             size,
@@ -140,7 +140,7 @@ impl Views {
         };
         let place = budget::for_compress(session.device, model, needs)?;
         let (cameras, settings) = cameras.views(model, background, config.style);
-        let shown = Shown::new(session, model, place.whole)?;
+        let shown = DrawSource::new(session, model, place.whole)?;
         let drawn = (config.fine_tune > 0, held_out);
         let OwnPictures { train, test } = OwnPictures::draw(session, shown.source(), cameras, settings, drawn)?;
         let extent = camera::extent(train.iter().map(|v| &v.camera));

@@ -8,5 +8,5 @@ pub mod ranges;
 mod run;
 
 pub use method::{MethodConfig, Methods, no_methods};
-pub use pruning::{Compression, Pruning, ResponseSource};
+pub use pruning::{PruneRule, Pruning, ResponseSource};
 pub use run::{Init, Preset, RunConfig, Selection};

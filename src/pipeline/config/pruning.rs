@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 /// Choice of Gaussians.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Compression {
+pub struct PruneRule {
     /// Selector that ranks them.
     pub selector: Selector,
     /// Division of the count among blocks.
@@ -26,7 +26,7 @@ pub struct Compression {
     pub basis: Basis,
 }
 
-impl Default for Compression {
+impl Default for PruneRule {
     fn default() -> Self {
         Self {
             selector: Selector::Css,
@@ -39,7 +39,7 @@ impl Default for Compression {
     }
 }
 
-impl Compression {
+impl PruneRule {
     /// Every choice as in the paper.
     pub fn paper() -> Self {
         Self {
@@ -86,7 +86,7 @@ pub struct Pruning {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub rewarm: bool,
     /// Choice of Gaussians.
-    pub compression: Compression,
+    pub compression: PruneRule,
 }
 
 impl Pruning {
@@ -104,7 +104,7 @@ impl Default for Pruning {
             l2_from: None,
             attrition: Some(Attrition::default()),
             rewarm: true,
-            compression: Compression::default(),
+            compression: PruneRule::default(),
         }
     }
 }
@@ -112,7 +112,7 @@ impl Default for Pruning {
 impl Pruning {
     /// Every choice as in the paper.
     pub fn paper() -> Self {
-        Self { responses: ResponseSource::Average, compression: Compression::paper(), ..Self::at_once() }
+        Self { responses: ResponseSource::Average, compression: PruneRule::paper(), ..Self::at_once() }
     }
 
     /// One prune at half the run, without attrition.

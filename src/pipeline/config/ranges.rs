@@ -1,7 +1,7 @@
 //! Ranges of the numbers in a `config.toml`: the same as on the command line, and finite. A file that was edited or
 //! damaged is refused with the name of the field, before any work.
 
-use super::pruning::{Compression, Pruning};
+use super::pruning::{PruneRule, Pruning};
 use super::run::RunConfig;
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::qirf::participation::Eigensolver;
@@ -120,7 +120,7 @@ fn pruning(p: &Pruning) -> Result<(), String> {
     compression(&p.compression)
 }
 
-fn compression(c: &Compression) -> Result<(), String> {
+fn compression(c: &PruneRule) -> Result<(), String> {
     match c.keep {
         Keep::Paper { kappa } => within("prune.compression.keep.paper.kappa", kappa, &SHARE)?,
         Keep::Share(share) => within("prune.compression.keep.share", share, &(f64::MIN_POSITIVE..=1.0))?,

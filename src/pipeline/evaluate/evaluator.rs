@@ -8,9 +8,9 @@ use crate::metrics::{self, Networks, Scores};
 use crate::pipeline::Error;
 use crate::pipeline::prepare::Prepared;
 use crate::pipeline::records::ViewScores;
-use crate::pipeline::{Watcher, pairs};
+use crate::pipeline::{Watcher, pair_capacity};
 use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
-use crate::scene::{FourthByte, Photo, camera};
+use crate::scene::{AlphaRole, Photo, camera};
 use crate::train;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -41,7 +41,7 @@ pub fn truth(view: &Photo, background: [f32; 3]) -> Result<Vec<f32>, Error> {
 /// # Errors
 /// A photo in a file that cannot be read.
 pub fn hide(rendered: &mut [f32], view: &Photo, background: [f32; 3]) -> Result<(), Error> {
-    if view.fourth_byte == FourthByte::Mask {
+    if view.alpha_role == AlphaRole::Mask {
         let bytes = view.pixels.read().map_err(train::Error::Photos)?;
         for (x, p) in rendered.chunks_exact_mut(3).zip(bytes.chunks_exact(4)) {
             let counts = f32::from(p[3]) / 255.0;
@@ -142,7 +142,8 @@ impl Evaluator {
     pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], style: Style) -> u64 {
         let uses = Uses { style, ..Uses::default() };
         let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
-        Renderer::bytes(device, gaussians, size, pairs::room(device, gaussians), uses) + staging_bytes(picture)
+        Renderer::bytes(device, gaussians, size, pair_capacity::estimate(device, gaussians), uses)
+            + staging_bytes(picture)
     }
 
     /// Renders a view.

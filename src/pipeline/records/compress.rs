@@ -4,7 +4,7 @@ use super::prune::PruneRecord;
 use super::run::Memory;
 use crate::gpu::TunedDevice;
 use crate::metrics::{Scores, mean};
-use crate::pipeline::config::Compression;
+use crate::pipeline::config::PruneRule;
 use crate::render::Style;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -57,7 +57,7 @@ pub struct CompressProtocol {
     /// Key of all random numbers.
     pub seed: u32,
     /// Choice of Gaussians.
-    pub compression: Compression,
+    pub compression: PruneRule,
 }
 
 /// Ground truth of the scores.

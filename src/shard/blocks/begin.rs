@@ -4,7 +4,7 @@ use super::layout::Block;
 use super::run::BlockRun;
 use crate::gaussians::Gaussians;
 use crate::pipeline::Error;
-use crate::pipeline::checkpoint::{Checkpoint, Notes};
+use crate::pipeline::checkpoint::{Checkpoint, RunNotes};
 use crate::pipeline::config::RunConfig;
 use crate::pipeline::prepare::Prepared;
 use crate::pipeline::records::PruneRecord;
@@ -84,7 +84,8 @@ impl Setup<'_> {
         } else {
             let snapshot = begin(self)?;
             let initial = snapshot.model.len() - snapshot.tail;
-            let notes = Notes { config: self.config.written()?, initial, prunes: prunes.to_vec(), ..Notes::default() };
+            let notes =
+                RunNotes { config: self.config.written()?, initial, prunes: prunes.to_vec(), ..RunNotes::default() };
             Checkpoint { snapshot, notes }
         };
         self.estimated_bytes = budget::for_block(device, &self.config, &self.prepared, &checkpoint.snapshot)?;

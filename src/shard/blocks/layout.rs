@@ -1,7 +1,7 @@
 //! The layout of a scene in blocks: their cells, and the parts of photos that each trains on.
 
 use super::members::Members;
-use super::seen::{Seen, Shown};
+use super::seen::{BlockVisibility, Seen};
 use crate::gaussians::Gaussians;
 use crate::scene::camera::Camera;
 use crate::shard::kd_tree::Cells;
@@ -82,7 +82,7 @@ impl Layout {
 /// The parts of photos that train the block of a cell.
 fn crops(cells: &Cells, cell: usize, cameras: &[Camera], seen: &Seen) -> Vec<Crop> {
     let grown = cells.grown(cell, GROWN);
-    let crop = |(view, (camera, shown)): (usize, (&Camera, &Vec<Shown>))| {
+    let crop = |(view, (camera, shown)): (usize, (&Camera, &Vec<BlockVisibility>))| {
         let centre = camera.centre().as_vec3().to_array();
         let shown = shown[cell];
         let (corner, size) = shown.part?;
@@ -106,8 +106,8 @@ mod tests {
         let around = Contraction::around([DVec3::splat(-2.0), DVec3::splat(2.0)]);
         let cells = Cells::new(around, &model.means, &[1.0; 4], 2);
         let camera = Camera::look_at(DVec3::new(0.0, 0.0, -9.0), DVec3::ZERO, DVec3::NEG_Y, 1.0, 64, 32);
-        let shows = |share| Shown { share, part: Some(([16, 0], [32, 16])) };
-        let none = Shown::default();
+        let shows = |share| BlockVisibility { share, part: Some(([16, 0], [32, 16])) };
+        let none = BlockVisibility::default();
         let seen = vec![vec![shows(0.5), none], vec![shows(0.3), shows(0.4)], vec![none, shows(0.001)]];
         let cameras = [camera.clone(), camera.clone(), camera];
         let mut layout = Layout::new(cells, &model, &[1.0, 3.0, 2.0, 2.0], &cameras, &seen);

@@ -16,5 +16,5 @@ pub use blend::{Copies, copies};
 pub use layout::{Block, Crop, GROWN, Layout};
 pub use meeting::Meeting;
 pub use members::{Members, joined, owned, with_tail};
-pub use run::{BlockRun, Tuned};
-pub use seen::{Seen, Shown, seen};
+pub use run::{BlockRun, BlockState};
+pub use seen::{BlockVisibility, Seen, seen};

@@ -60,7 +60,7 @@ pub struct BlockRun {
 }
 
 /// A block after a meeting.
-pub struct Tuned {
+pub struct BlockState {
     /// Its Gaussians with their moments; after the second meeting its copies of its neighbours' follow.
     pub state: Snapshot,
     /// Number of these copies.
@@ -236,9 +236,9 @@ impl BlockRun {
         (layout, b, quota): (&Layout, usize, Option<usize>),
         (meeting, came): (&Meeting<'_>, Came<'_>),
         output: &Output,
-    ) -> Result<Tuned, Error> {
+    ) -> Result<BlockState, Error> {
         let Some(block) = meeting.trains(layout, b) else {
-            return Ok(Tuned { state: came(b)?, copies: 0, prune: None });
+            return Ok(BlockState { state: came(b)?, copies: 0, prune: None });
         };
         let mut config = of_block(&self.config, (block, b), self.photos.len());
         if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
@@ -251,7 +251,7 @@ impl BlockRun {
         setup.take_share(meeting.collected, &trained, layout.of_nothing())?;
         let before = |_: &Setup<'_>| meeting.with(came, b, &margin);
         let (snapshot, prune) = train_block(&mut setup, (meeting.collected, &trained, before), (until, None), output)?;
-        Ok(Tuned { state: own(&snapshot, margin.len()), copies: 0, prune })
+        Ok(BlockState { state: own(&snapshot, margin.len()), copies: 0, prune })
     }
 
     /// Block number `b` from the second meeting to the third, after what it did as its prune. It trains Gaussians of others that lie in the
@@ -266,7 +266,7 @@ impl BlockRun {
         (layout, b): (&Layout, usize),
         (meeting, came, prune): (&Meeting<'_>, Came<'_>, Option<&PruneRecord>),
         output: &Output,
-    ) -> Result<Tuned, Error> {
+    ) -> Result<BlockState, Error> {
         let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| meetings(config)[2]);
         let before = || meeting.with(came, b, &rows[meeting.rows(b).len()..]);
         let scene = (meeting.collected, &rows[..], before);
@@ -282,11 +282,11 @@ impl BlockRun {
         &self,
         session: &Session<'_>,
         (layout, b): (&Layout, usize),
-        (meeting, blended, settled): (&Meeting<'_>, &Gaussians, Tuned),
+        (meeting, blended, settled): (&Meeting<'_>, &Gaussians, BlockState),
         output: &Output,
-    ) -> Result<Tuned, Error> {
+    ) -> Result<BlockState, Error> {
         let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| config.schedule.iterations);
-        let Tuned { state, prune, .. } = settled;
+        let BlockState { state, prune, .. } = settled;
         let before = || Ok(Snapshot { model: blended.select(&rows), ..state });
         let scene = (blended, &rows[..], before);
         self.along_with_margin(session, (layout, b, meeting), scene, (until, prune.as_ref()), output)
@@ -300,15 +300,15 @@ impl BlockRun {
         (scene, rows, before): (&Gaussians, &[usize], impl FnOnce() -> Result<Snapshot, Error>),
         (until, prune): (impl FnOnce(&RunConfig) -> u32, Option<&PruneRecord>),
         output: &Output,
-    ) -> Result<Tuned, Error> {
+    ) -> Result<BlockState, Error> {
         let Some(block) = meeting.trains(layout, b) else {
-            return Ok(Tuned { state: before()?, copies: 0, prune: prune.cloned() });
+            return Ok(BlockState { state: before()?, copies: 0, prune: prune.cloned() });
         };
         let config = of_block(&self.config, (block, b), self.photos.len());
         let until = until(&config);
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
         let (snapshot, prune) = train_block(&mut setup, (scene, rows, |_: &_| before()), (until, prune), output)?;
-        Ok(Tuned { state: own(&snapshot, 0), copies: rows.len() - meeting.rows(b).len(), prune })
+        Ok(BlockState { state: own(&snapshot, 0), copies: rows.len() - meeting.rows(b).len(), prune })
     }
 
     /// The number of Gaussians that the run grows to in one piece, if it has a plan.

@@ -3,7 +3,7 @@
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::pipeline::Error;
-use crate::pipeline::pairs;
+use crate::pipeline::pair_capacity;
 use crate::pipeline::session::Session;
 use crate::render::{Renderer, Settings};
 use crate::response::{Score, Views, Wanted, full_pass};
@@ -24,14 +24,14 @@ const WIDTH: f64 = 3.0;
 
 /// Visibility of a block in a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Shown {
+pub struct BlockVisibility {
     /// Sum of T alpha of the block's Gaussians over the picture's pixels.
     pub share: f64,
     /// The part of the picture that holds it, with a margin: upper left corner and size in pixels; none if it shows nothing.
     pub part: Option<([u32; 2], [u32; 2])>,
 }
 
-impl Shown {
+impl BlockVisibility {
     /// True if the view is one to train the block with; `inside` says that it was taken in the block's grown cell.
     pub fn trains(&self, inside: bool) -> bool {
         self.part.is_some() && self.share >= if inside { LEAST_INSIDE } else { LEAST }
@@ -39,7 +39,7 @@ impl Shown {
 }
 
 /// By view, what it shows of each block.
-pub type Seen = Vec<Vec<Shown>>;
+pub type Seen = Vec<Vec<BlockVisibility>>;
 
 /// Draws `model` from each camera, at the size of the second list, and adds up what its blocks paint. `owners` names the block of
 /// each Gaussian, of `blocks`.
@@ -60,7 +60,7 @@ pub fn seen(
     let Session { device, watcher, .. } = *session;
     let resident = Resident::upload(device, model)?;
     let size = camera::largest(small);
-    let pairs = pairs::few(device, model.len());
+    let pairs = pair_capacity::initial(device, model.len());
     let mut renderer = Renderer::for_scores(device, settings, model.len(), size, pairs)?;
     let gradient = device.buffer("image gradient", 1)?;
     let mut rows = Vec::with_capacity(cameras.len());
@@ -81,7 +81,7 @@ fn of_view(
     scores: &[Score],
     (owners, blocks): (&[u32], usize),
     (camera, pixels): (&Camera, u64),
-) -> Vec<Shown> {
+) -> Vec<BlockVisibility> {
     let mut painted: Vec<Vec<Painted>> = vec![Vec::new(); blocks];
     for (i, score) in scores.iter().enumerate().filter(|(_, score)| score.contribution > 0.0) {
         let Some(of_block) = painted.get_mut(owners[i] as usize) else { continue };
@@ -89,7 +89,7 @@ fn of_view(
     }
     let shown = |of_block: &Vec<Painted>| {
         let sum: f64 = of_block.iter().map(|p| p.weight).sum();
-        Shown { share: sum / pixels as f64, part: part(of_block, sum, camera) }
+        BlockVisibility { share: sum / pixels as f64, part: part(of_block, sum, camera) }
     };
     painted.iter().map(shown).collect()
 }
@@ -188,7 +188,7 @@ mod tests {
         model.means[1] = [f32::NAN; 3];
         assert_eq!(
             of_view(&model, &scores, (&owners, 1), (&camera, camera.pixels()))[0],
-            Shown::default(),
+            BlockVisibility::default(),
             "what is not finite paints nothing"
         );
     }

@@ -10,7 +10,7 @@ use crate::kernels::constants::sh::float64::SH_C0;
 use crate::pipeline::Error;
 use crate::pipeline::setup::Setup;
 use crate::render::{Image, Painter, Source};
-use crate::scene::{FourthByte, Photo, camera};
+use crate::scene::{AlphaRole, Photo, camera};
 use crate::train::{self, Exposures, exposure};
 use std::io;
 
@@ -23,7 +23,7 @@ fn mix(photo: &mut Photo, share: &Image, before: &Image, map: Option<&[f32]>, ba
     let mut bytes = photo.pixels.read()?.into_owned();
     for ((pixel, share), before) in bytes.chunks_exact_mut(4).zip(&share.pixels).zip(&before.pixels) {
         let share = share[0].clamp(0.0, 1.0);
-        let opacity = if photo.fourth_byte == FourthByte::Alpha { f32::from(pixel[3]) / 255.0 } else { 1.0 };
+        let opacity = if photo.alpha_role == AlphaRole::Alpha { f32::from(pixel[3]) / 255.0 } else { 1.0 };
         for c in 0..3 {
             let exposed = map.map_or(before[c], |map| {
                 map[4 * c..4 * c + 3].iter().zip(before).map(|(m, v)| m * v).sum::<f32>() + map[4 * c + 3]
@@ -31,12 +31,12 @@ fn mix(photo: &mut Photo, share: &Image, before: &Image, map: Option<&[f32]>, ba
             let taken = f32::from(pixel[c]) * opacity + 255.0 * background[c] * (1.0 - opacity);
             pixel[c] = (share * taken + (1.0 - share) * 255.0 * exposed).round().clamp(0.0, 255.0) as u8;
         }
-        if photo.fourth_byte == FourthByte::Alpha {
+        if photo.alpha_role == AlphaRole::Alpha {
             pixel[3] = 255;
         }
     }
-    if photo.fourth_byte == FourthByte::Alpha {
-        photo.fourth_byte = FourthByte::Opaque;
+    if photo.alpha_role == AlphaRole::Alpha {
+        photo.alpha_role = AlphaRole::Opaque;
     }
     photo.pixels = bytes.into();
     Ok(())
@@ -100,36 +100,36 @@ mod tests {
     }
 
     /// The picture that a block with this `share` trains towards, in bytes of red, green, blue and the fourth.
-    fn mixed(fourth_byte: FourthByte, share: f32, map: Option<&[f32]>) -> [u8; 4] {
+    fn mixed(alpha_role: AlphaRole, share: f32, map: Option<&[f32]>) -> [u8; 4] {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, 4, 1);
-        let mut photo = Photo { camera, pixels: [200, 100, 0, 51].repeat(4).into(), fourth_byte };
+        let mut photo = Photo { camera, pixels: [200, 100, 0, 51].repeat(4).into(), alpha_role };
         mix(&mut photo, &image([share; 4]), &image([0.4, 0.2, 0.8, 1.0]), map, [1.0, 0.0, 0.0]).unwrap();
         let bytes = photo.pixels.read().unwrap();
         assert!(bytes.chunks_exact(4).all(|pixel| pixel == &bytes[..4]));
-        assert_eq!(photo.fourth_byte == FourthByte::Mask, fourth_byte == FourthByte::Mask);
+        assert_eq!(photo.alpha_role == AlphaRole::Mask, alpha_role == AlphaRole::Mask);
         [bytes[0], bytes[1], bytes[2], bytes[3]]
     }
 
     #[test]
     fn the_shares_of_all_blocks_make_good_the_whole_error() {
         let before = [102, 51, 204];
-        for (fourth_byte, photo) in [(FourthByte::Opaque, [200, 100, 0]), (FourthByte::Alpha, [244, 20, 0])] {
-            assert_eq!(mixed(fourth_byte, 1.0, None)[..3], photo);
-            assert_eq!(mixed(fourth_byte, 0.0, None)[..3], before.map(|byte| byte as u8));
-            let parts = [0.2, 0.3, 0.5].map(|share| mixed(fourth_byte, share, None));
+        for (alpha_role, photo) in [(AlphaRole::Opaque, [200, 100, 0]), (AlphaRole::Alpha, [244, 20, 0])] {
+            assert_eq!(mixed(alpha_role, 1.0, None)[..3], photo);
+            assert_eq!(mixed(alpha_role, 0.0, None)[..3], before.map(|byte| byte as u8));
+            let parts = [0.2, 0.3, 0.5].map(|share| mixed(alpha_role, share, None));
             for c in 0..3 {
                 let sum: i32 = parts.iter().map(|part| i32::from(part[c]) - before[c]).sum();
                 assert!((sum - (i32::from(photo[c]) - before[c])).abs() <= 2, "{sum} of channel {c}");
             }
         }
         // Masks stay. Transparent photos become opaque: they are drawn over the background.
-        assert_eq!([FourthByte::Mask, FourthByte::Alpha].map(|byte| mixed(byte, 0.5, None)[3]), [51, 255]);
+        assert_eq!([AlphaRole::Mask, AlphaRole::Alpha].map(|byte| mixed(byte, 0.5, None)[3]), [51, 255]);
     }
 
     #[test]
     fn pictures_are_exposed_before_they_are_mixed() {
         let map = [0.5, 0.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0];
-        assert_eq!(mixed(FourthByte::Opaque, 0.0, Some(&map))[..3], [77, 51, 51]);
+        assert_eq!(mixed(AlphaRole::Opaque, 0.0, Some(&map))[..3], [77, 51, 51]);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crate::train::device_photos::{DevicePhotos, UNDER_WAY};
 use crate::train::error::{Error, Result};
 use crate::train::exposure;
 use crate::train::halve::{self, Halve};
-use crate::train::look::Look;
+use crate::train::host_check::HostCheck;
 use crate::train::loss::Loss;
 use crate::train::method::Iteration;
 use crate::train::objective::{Current, Objective};
@@ -69,7 +69,7 @@ pub struct Trainer {
     /// Keeps Gaussians from becoming too thin; only with anti-aliasing.
     smoothing: Option<Smoothing>,
     order: (u32, Vec<usize>),
-    look: Look,
+    host_check: HostCheck,
     timings: Timings,
 }
 
@@ -135,7 +135,7 @@ impl Trainer {
             renderer,
             options,
             order: (u32::MAX, Vec::new()),
-            look: Look::new(device)?,
+            host_check: HostCheck::new(device)?,
             timings: Timings::default(),
         })
     }
@@ -209,19 +209,19 @@ impl Trainer {
             }
             let mut recording = Recording::new();
             if iteration == first + 1 {
-                Look::begin(&mut recording, &self.renderer);
+                HostCheck::begin(&mut recording, &self.renderer);
             }
             self.record(&mut recording, iteration, iteration == last)?;
             if iteration < last {
                 flight.push_back(self.device.submit(recording)?);
             } else {
-                self.look.submit(&self.device, recording, &self.renderer, &self.objective.loss)?;
+                self.host_check.submit(&self.device, recording, &self.renderer, &self.objective.loss)?;
             }
         }
         for ticket in flight {
             self.timings.merge(&ticket.wait()?);
         }
-        let seen = self.look.wait()?;
+        let seen = self.host_check.wait()?;
         self.timings.merge(&seen.timings);
 
         self.skipped_rows += u64::from(seen.counts.skipped_rows);

@@ -7,7 +7,7 @@ use qirf_vk::pipeline::effects;
 use qirf_vk::pipeline::{RunConfig, Silent, prepare};
 use qirf_vk::reference::exposure as twin;
 use qirf_vk::render::Settings;
-use qirf_vk::scene::{FourthByte, PhotoMemory};
+use qirf_vk::scene::{AlphaRole, PhotoMemory};
 use qirf_vk::synth::{self, SynthOptions, write};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::exposure::{Exposure, PULL, Rendered, SIZE, Step};
@@ -103,8 +103,8 @@ fn capture(folder: &Path, effects: &[synth::Effect], views: usize, width: u32) {
 fn trainer(device: &Device, scene: &Path, exposure: bool, masked: bool) -> Trainer {
     let config = config(scene, 60);
     let mut prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
-    let fourth_byte = if masked { FourthByte::Mask } else { FourthByte::Opaque };
-    prepared.train.iter_mut().for_each(|photo| photo.fourth_byte = fourth_byte);
+    let alpha_role = if masked { AlphaRole::Mask } else { AlphaRole::Opaque };
+    prepared.train.iter_mut().for_each(|photo| photo.alpha_role = alpha_role);
     let colour = |c: [u8; 3]| glam::DVec3::from(c.map(f64::from)) / 255.0;
     let seeds: Vec<_> =
         prepared.scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p.colour) }).collect();

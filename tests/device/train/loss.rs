@@ -4,7 +4,7 @@ use crate::support::{Random, device, finish, golden, relative};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::reference;
 use qirf_vk::response::Target;
-use qirf_vk::scene::FourthByte;
+use qirf_vk::scene::AlphaRole;
 use qirf_vk::train::loss::{Loss, Weights};
 
 struct Case {
@@ -12,7 +12,7 @@ struct Case {
     size: [u32; 2],
     image: Vec<[f32; 4]>,
     photo: Vec<[u8; 4]>,
-    fourth_byte: FourthByte,
+    alpha_role: AlphaRole,
     background: [f32; 3],
     weights: Weights,
 }
@@ -25,7 +25,7 @@ fn expected(case: &Case) -> (f64, Vec<[f64; 3]>) {
         .photo
         .iter()
         .map(|p| {
-            let opacity = if case.fourth_byte.shows_background() { f64::from(p[3]) / 255.0 } else { 1.0 };
+            let opacity = if case.alpha_role.shows_background() { f64::from(p[3]) / 255.0 } else { 1.0 };
             std::array::from_fn(|c| f64::from(p[c]) / 255.0 * opacity + f64::from(case.background[c]) * (1.0 - opacity))
         })
         .collect();
@@ -49,8 +49,8 @@ fn computed(device: &Device, scratch: &Loss, case: &Case) -> (f32, Vec<[f32; 4]>
     let words: Vec<u32> = case.photo.iter().map(|p| u32::from_le_bytes(*p)).collect();
     let photo = device.upload("photo", &words).unwrap();
     let mut recording = Recording::new();
-    let Case { size, fourth_byte, background, .. } = *case;
-    let target = Target { photo: &photo, size, fourth_byte, background };
+    let Case { size, alpha_role, background, .. } = *case;
+    let target = Target { photo: &photo, size, alpha_role, background };
     scratch.record(&mut recording, &image, target, case.weights);
     scratch.record_value(&mut recording, case.size);
     device.run(recording).unwrap();
@@ -92,7 +92,7 @@ fn the_golden_loss() {
         size: golden.size,
         image: golden.rendered.iter().map(|p| [p[0] as f32, p[1] as f32, p[2] as f32, 1.0]).collect(),
         photo: golden.truth.iter().map(|p| [p[0], p[1], p[2], 255]).collect(),
-        fourth_byte: FourthByte::Opaque,
+        alpha_role: AlphaRole::Opaque,
         background: BLACK,
         weights: Weights { l1: (1.0 - golden.ssim_weight) as f32, ssim: golden.ssim_weight as f32, l2: 0.0 },
     };
@@ -117,11 +117,11 @@ fn noise_of_any_size() {
             Weights { l1: 0.0, ssim: 1.0, l2: 0.0 },
             Weights { l1: 0.0, ssim: 0.0, l2: 1.0 },
         ] {
-            let [opaque, alpha] = [FourthByte::Opaque, FourthByte::Alpha];
-            for (fourth_byte, background) in [(opaque, [0.3, 0.6, 0.9]), (alpha, [0.3, 0.6, 0.9]), (alpha, [1.0; 3])] {
+            let [opaque, alpha] = [AlphaRole::Opaque, AlphaRole::Alpha];
+            for (alpha_role, background) in [(opaque, [0.3, 0.6, 0.9]), (alpha, [0.3, 0.6, 0.9]), (alpha, [1.0; 3])] {
                 let (image, photo) = noise(size, n as u64);
-                let name = format!("{size:?} {weights:?} {fourth_byte:?}");
-                let case = Case { name, size, image, photo, fourth_byte, background, weights };
+                let name = format!("{size:?} {weights:?} {alpha_role:?}");
+                let case = Case { name, size, image, photo, alpha_role, background, weights };
                 let (value, gradient) = errors(&device, &scratch, &case);
                 worst = (worst.0.max(value), worst.1.max(gradient));
                 assert!(value < 1e-5 && gradient < 1e-4, "{}: value {value:.1e}, gradient {gradient:.1e}", case.name);
@@ -146,7 +146,7 @@ fn smooth_pictures() {
             (0..45 * 37).map(|n| [0; 4].map(|_| (at(n) + r.within(-apart, apart)) as f32)).collect();
         let name = format!("smooth at {base}");
         let weights = Weights::default();
-        let case = Case { name, size, image, photo, fourth_byte: FourthByte::Opaque, background: BLACK, weights };
+        let case = Case { name, size, image, photo, alpha_role: AlphaRole::Opaque, background: BLACK, weights };
         let (value, gradient) = errors(&device, &scratch, &case);
         println!("{}: value {value:.1e}, gradient {gradient:.1e}", case.name);
         assert!(value < 1e-4 && gradient < 1e-4, "{}: value {value:.1e}, gradient {gradient:.1e}", case.name);
@@ -162,7 +162,7 @@ fn a_picture_of_a_million_columns() {
     let scratch = Loss::new(&device, size[0], size[1]).unwrap();
     let (image, photo) = noise(size, 12);
     let (name, weights) = ("a million columns".into(), Weights::default());
-    let case = Case { name, size, image, photo, fourth_byte: FourthByte::Opaque, background: BLACK, weights };
+    let case = Case { name, size, image, photo, alpha_role: AlphaRole::Opaque, background: BLACK, weights };
     let (value, gradient) = errors(&device, &scratch, &case);
     println!("value {value:.1e}, gradient {gradient:.1e}");
     assert!(value < 1e-5 && gradient < 1e-4, "value {value:.1e}, gradient {gradient:.1e}");
@@ -184,7 +184,7 @@ fn flat_and_saturated_pictures() {
                 size,
                 image,
                 photo,
-                fourth_byte: FourthByte::Opaque,
+                alpha_role: AlphaRole::Opaque,
                 background: BLACK,
                 weights: WITH_SQUARES,
             };
@@ -210,7 +210,7 @@ fn glaring_pictures_stay_finite() {
             }
             let weights = Weights { l1: 0.0, ssim: 1.0, l2: 0.0 };
             let name = format!("{glare}, flat {flat}");
-            let case = Case { name, size, image, photo, fourth_byte: FourthByte::Opaque, background: BLACK, weights };
+            let case = Case { name, size, image, photo, alpha_role: AlphaRole::Opaque, background: BLACK, weights };
             let (value, gradient) = computed(&device, &scratch, &case);
             assert!(gradient.as_flattened().iter().all(|g| g.is_finite()), "{}", case.name);
             // 1 - SSIM lies in [0, 2].
@@ -226,7 +226,7 @@ fn glaring_pictures_stay_finite() {
         let (image, photo) = (vec![[glare; 4]; 33], vec![[y; 4]; 33]);
         let weights = Weights { l1: 0.0, ssim: 1.0, l2: 0.0 };
         let name = format!("{glare} everywhere");
-        let case = Case { name, size, image, photo, fourth_byte: FourthByte::Opaque, background: BLACK, weights };
+        let case = Case { name, size, image, photo, alpha_role: AlphaRole::Opaque, background: BLACK, weights };
         let (value, gradient) = computed(&device, &scratch, &case);
         let steepest = gradient.as_flattened().iter().fold(0_f32, |m, g| m.max(g.abs()));
         assert!((0.5..1.001).contains(&value) && steepest < 1e-2, "{}: {value}, {steepest:.1e}", case.name);

@@ -2,7 +2,7 @@
 
 use super::runs::{bits, options, resumed, train, trainer};
 use crate::support::{device, finish};
-use qirf_vk::pipeline::config::Compression;
+use qirf_vk::pipeline::config::PruneRule;
 use qirf_vk::pipeline::prune::{PruneRequest, prune_by};
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};
@@ -97,7 +97,7 @@ fn pairs_train_on() {
         let before = trainer.download().unwrap();
         let responses = trainer.responses(Wanted::SCORES).unwrap();
         assert!(responses.channels.is_empty());
-        let compression = Compression { selector: Selector::Pairs, ..Compression::default() };
+        let compression = PruneRule { selector: Selector::Pairs, ..PruneRule::default() };
         let third = before.len() / 3;
         let request = PruneRequest { compression: &compression, keep: Keep::Count(third), seed: 1 };
         let pruned = prune_by(&device, &mut trainer, &responses, &request, |_, _| Ok(())).unwrap();
@@ -133,7 +133,7 @@ fn averages_survive_a_checkpoint() {
         assert!(responses.channels.iter().flatten().any(|v| *v > 0.0));
         // The paper's voxel of 0.03 would make every Gaussian here a block of its own.
         let basis = Basis::default();
-        let compression = Compression { basis, ..Compression::paper() };
+        let compression = PruneRule { basis, ..PruneRule::paper() };
         let request = PruneRequest { compression: &compression, keep: Keep::Paper { kappa: 0.22 }, seed: 1 };
         let pruned = prune_by(&device, trainer, &responses, &request, |_, _| Ok(())).unwrap();
         assert!(pruned.after < pruned.before / 2 && pruned.after == trainer.len(), "{pruned:?}");

@@ -5,7 +5,7 @@ use crate::support::{device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Attributes, Gaussians};
 use qirf_vk::gpu::Device;
-use qirf_vk::pipeline::config::{Compression, ResponseSource};
+use qirf_vk::pipeline::config::{PruneRule, ResponseSource};
 use qirf_vk::pipeline::prune::{PruneRequest, prune};
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::render::{Renderer, Settings, Style};
@@ -130,7 +130,7 @@ fn prunes_choose_beside_the_tail() {
         let mut trainer = trainer(&device, plain);
         train(&mut trainer, 20);
         let trained = trainer.trained();
-        let compression = Compression { merge, ..Compression::default() };
+        let compression = PruneRule { merge, ..PruneRule::default() };
         let request = PruneRequest { compression: &compression, keep: Keep::Count(trained / 3), seed: 1 };
         let record = prune(&device, &mut trainer, ResponseSource::FullPass, &request).unwrap();
         assert_eq!((record.before, record.after, trainer.trained()), (trained, trained / 3, trained / 3));

@@ -4,7 +4,7 @@ use crate::support::shared;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use qirf_vk::scene::{FourthByte, LoadOptions, OpenOptions, Photo, Resize, Scene};
+use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, Resize, Scene};
 
 fn open(part: &str) -> Option<Scene> {
     Some(Scene::open(&shared(part)?, &OpenOptions::default()).unwrap())
@@ -77,8 +77,8 @@ fn fox() {
     let photos =
         scene.load_photos(&LoadOptions { resize: Resize::Width(144), ..LoadOptions::default() }, &|_| {}).unwrap();
     println!("fox: 50 photos at 144 x 256 in {:.2} s", start.elapsed().as_secs_f64());
-    let kind = |p: &Photo| (p.camera.width, p.camera.height, p.fourth_byte);
-    assert!(photos.iter().all(|p| kind(p) == (144, 256, FourthByte::Opaque)));
+    let kind = |p: &Photo| (p.camera.width, p.camera.height, p.alpha_role);
+    assert!(photos.iter().all(|p| kind(p) == (144, 256, AlphaRole::Opaque)));
     if let Ok(folder) = std::env::var("QIRF_TEST_OUT") {
         let full = scene.views[0].load_photo(Resize::Full).unwrap();
         for (name, photo) in [("fox-144.png", &photos[0]), ("fox-full.png", &full)] {
@@ -97,7 +97,7 @@ fn chair() {
     assert_eq!((split.train.len(), split.test.len()), (100, 25));
     println!("chair: extent {:.4}", scene.extent(&split.train));
     let photo = scene.views[3].load_photo(Resize::Width(200)).unwrap();
-    assert_eq!(photo.fourth_byte, FourthByte::Alpha);
+    assert_eq!(photo.alpha_role, AlphaRole::Alpha);
     assert_eq!((photo.camera.width, photo.camera.height), (200, 200));
     assert!((scene.views[0].camera.focal.x - 1111.111).abs() < 1e-2);
 }

@@ -1,7 +1,7 @@
 //! Training that is watched: its bytes are its own, and a page can hold and end it.
 
 use super::beside;
-use super::session::{Socket, Viewer, wish};
+use super::session::{Socket, Viewer, request};
 use crate::program::faults::harness::{content, end, program, run, undisturbed};
 use serde_json::Value;
 use std::path::Path;
@@ -11,11 +11,11 @@ fn watched(out: &Path) -> Viewer {
     Viewer::of(run(out, &["--view"]))
 }
 
-/// A wish from a camera of the scene that has turned by some steps.
+/// A request from a camera of the scene that has turned by some steps.
 pub fn turned(step: u32, still: bool) -> String {
     let (sin, cos) = (0.05 * f64::from(step)).sin_cos();
     let camera = format!(r#"{{"pose":{{"position":[0,-1,-6],"rotation":[{cos},0,{sin},0],"fov":0.9}}}}"#);
-    wish(step, &camera, &format!(r#""still":{still}"#))
+    request(step, &camera, &format!(r#""still":{still}"#))
 }
 
 /// Waits for news of the run that are as wanted.
@@ -81,7 +81,7 @@ pub fn orbited(socket: &mut Socket) -> Vec<u32> {
     iterations
 }
 
-/// A page that wishes for pictures and reads none: it is sent two, and the run takes no notice.
+/// A page that requests pictures and reads none: it is sent two, and the run takes no notice.
 #[test]
 fn a_page_that_stops_reading_holds_nothing_up() {
     let out = tempfile::tempdir().unwrap();

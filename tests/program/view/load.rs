@@ -1,4 +1,4 @@
-//! What a viewer bears: bursts of wishes, pages that come and go, pages that do nothing.
+//! What a viewer bears: bursts of requests, pages that come and go, pages that do nothing.
 
 use super::session::pose;
 use super::viewer;
@@ -33,10 +33,10 @@ fn the_last_of_a_burst_is_shown_soon() {
         socket.send(r#"{"shown":0}"#);
     }
     assert!(sent.elapsed() < Duration::from_secs(3), "the last picture took {:?}", sent.elapsed());
-    // What was drawn before the last wish came, and the last one.
-    assert!(under_way <= 3, "{under_way} pictures came after the last wish");
+    // What was drawn before the last request came, and the last one.
+    assert!(under_way <= 3, "{under_way} pictures came after the last request");
     assert!(frames >= 5, "{frames} pictures in {:?}", begun.elapsed());
-    println!("{frames} pictures of 500 wishes, the last {:?} after its wish", sent.elapsed());
+    println!("{frames} pictures of 500 requests, the last {:?} after its request", sent.elapsed());
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn a_page_that_rests_is_sent_nothing_and_costs_little() {
     socket.picture(&pose(r#""still":true"#, 2));
     let (before, begun) = (viewer.processor_seconds(), Instant::now());
     assert!(before > 0.0, "the system tells no times");
-    assert!(socket.frame_within(Duration::from_secs(3)).is_none(), "a picture that nobody wished for");
+    assert!(socket.frame_within(Duration::from_secs(3)).is_none(), "a picture that nobody requested");
     let share = (viewer.processor_seconds() - before) / begun.elapsed().as_secs_f64();
     assert!(share < 0.02, "{:.1} % of a core while nothing happens", 100.0 * share);
     println!("{:.2} % of a core while nothing happens", 100.0 * share);

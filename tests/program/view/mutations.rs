@@ -1,7 +1,7 @@
 //! 10,000 damaged requests and frames, made from fixed seeds: each is answered or refused in time, none lets a stranger in, and
 //! the viewer still serves and draws afterwards.
 
-use super::session::{Viewer, pose, wish};
+use super::session::{Viewer, pose, request};
 use super::viewer;
 use crate::support::Random;
 use std::collections::BTreeMap;
@@ -151,10 +151,10 @@ fn strangers(viewer: &Viewer, random: &mut Random) {
 
 /// Frames damaged as bytes: kinds, lengths, masks and fragments that no page sends.
 fn frames(viewer: &Viewer, random: &mut Random) {
-    let wish = pose("", 1);
-    let (first, second) = wish.as_bytes().split_at(40);
+    let request = pose("", 1);
+    let (first, second) = request.as_bytes().split_at(40);
     let whole = [
-        frame(0x81, wish.as_bytes()),
+        frame(0x81, request.as_bytes()),
         frame(0x81, br#"{"shown":0}"#),
         [frame(0x01, first), frame(0x89, b"ping"), frame(0x80, second)].concat(),
         frame(0x82, &[1, 2, 3]),
@@ -174,7 +174,7 @@ fn frames(viewer: &Viewer, random: &mut Random) {
 
 /// Whole frames whose text is damaged.
 fn messages(viewer: &Viewer, random: &mut Random) {
-    let photo = wish(3, r#"{"photo":4}"#, r#""model":0,"degree":2"#);
+    let photo = request(3, r#"{"photo":4}"#, r#""model":0,"degree":2"#);
     let texts = [pose(r#""still":true,"picture":"depth""#, 1), photo, r#"{"shown":1}"#.into()];
     let damaged = (0..MESSAGES).map(|n| frame(0x81, &mutate(random, texts[n % texts.len()].as_bytes(), usize::MAX)));
     let answers = conversations(viewer, damaged);

@@ -5,7 +5,7 @@ use super::{beside, rendered, viewer};
 use crate::support::browser::Browser;
 use serde_json::{Value, json};
 
-/// The still picture that belongs to the last wish is on the canvas.
+/// The still picture that belongs to the last request is on the canvas.
 const RESTED: &str = "viewer.frame?.lossless && viewer.stillAsked && viewer.received === viewer.sent";
 /// Red, green, blue of every pixel of the canvas.
 const PIXELS: &str = "(() => { const { width: w, height: h } = document.getElementById('picture'); \

@@ -1,6 +1,6 @@
 //! Pictures that tell how a model is drawn, and what a prune did with it.
 
-use super::session::{Viewer, wish};
+use super::session::{Viewer, request};
 use super::{beside, scene};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::resident::Resident;
@@ -105,7 +105,7 @@ fn pictures_of_counts_and_of_a_prune_are_what_their_functions_draw() {
     for (n, kind) in ["count", "blocks", "kept", "score", "guards"].into_iter().enumerate() {
         for still in [true, false] {
             let more = format!(r#""picture":"{kind}","still":{still}"#);
-            let (header, bytes) = socket.picture(&wish(n as u32, r#"{"photo":1}"#, &more));
+            let (header, bytes) = socket.picture(&request(n as u32, r#"{"photo":1}"#, &more));
             let camera = views[1].camera.clone();
             let (image, figure) = if kind == "count" {
                 let counts = renderer.count_blended(&resident, &camera).unwrap();
@@ -133,10 +133,11 @@ fn pictures_of_counts_and_of_a_prune_are_what_their_functions_draw() {
     // Blocks without the file are those of the default partition, and the others are refused.
     let viewer = super::viewer(&[]);
     let mut socket = viewer.socket();
-    let blocks = socket.picture(&wish(1, r#"{"photo":1}"#, r#""picture":"blocks","still":true"#)).1;
+    let blocks = socket.picture(&request(1, r#"{"photo":1}"#, r#""picture":"blocks","still":true"#)).1;
     assert_eq!(blocks, seen[1], "css chose from the default partition");
     for kind in ["kept", "score", "guards"] {
-        let said = socket.frame_or_refusal(&wish(2, r#"{"photo":1}"#, &format!(r#""picture":"{kind}""#))).unwrap_err();
+        let said =
+            socket.frame_or_refusal(&request(2, r#"{"photo":1}"#, &format!(r#""picture":"{kind}""#))).unwrap_err();
         assert!(said.contains("--diagnostics FILE"), "{said}");
     }
     drop((resident, renderer));
@@ -177,7 +178,7 @@ fn colours_mean_what_the_page_says() {
     let mut colours = |kind: &str| -> Vec<[f64; 3]> {
         let camera = r#"{"pose":{"position":[0,0,-6],"rotation":[1,0,0,0],"fov":0.9}}"#;
         let more = format!(r#""picture":"{kind}","still":true"#);
-        let bytes = socket.picture(&wish(1, camera, &more).replace("[64,48]", "[320,240]")).1;
+        let bytes = socket.picture(&request(1, camera, &more).replace("[64,48]", "[320,240]")).1;
         let picture = image::load_from_memory(&bytes).unwrap().into_rgb8();
         let focal = 120.0 / 0.45_f64.tan();
         let x = |i: usize| (160.0 + focal * f64::from(model.means[i][0]) / 6.0) as u32;

@@ -1,6 +1,6 @@
 //! What a viewer refuses: strangers, other sites, bad requests and messages, a fifth page.
 
-use super::session::{Viewer, pose, wish};
+use super::session::{Viewer, pose, request};
 use super::{beside, viewer};
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -62,7 +62,7 @@ fn a_request_that_never_ends_is_closed() {
 }
 
 #[test]
-fn bad_messages_end_the_conversation_and_bad_wishes_do_not() {
+fn bad_messages_end_the_conversation_and_bad_requests_do_not() {
     let viewer = viewer(&[]);
     for (message, why) in [
         ("{".to_owned(), "not of this version"),
@@ -76,10 +76,10 @@ fn bad_messages_end_the_conversation_and_bad_wishes_do_not() {
     }
     let mut socket = viewer.socket();
     for (text, why) in [
-        (wish(1, r#"{"photo":7}"#, ""), "no photo 7"),
+        (request(1, r#"{"photo":7}"#, ""), "no photo 7"),
         (pose(r#""model":3"#, 2), "no model 3"),
         (pose(r#""picture":"error""#, 3), "a second model"),
-        (wish(4, r#"{"pose":{"position":[0,0,0],"rotation":[0,0,0,0],"fov":1}}"#, ""), "the camera"),
+        (request(4, r#"{"pose":{"position":[0,0,0],"rotation":[0,0,0,0],"fov":1}}"#, ""), "the camera"),
         (pose("", 5).replace("[64,48]", "[60000,60000]"), "pixels"),
         (pose("", 6).replace("[64,48]", "[0,48]"), "pixels"),
     ] {

@@ -205,9 +205,9 @@ impl Socket {
     }
 
     /// Wishes for a picture, waits for it and acknowledges it.
-    pub fn picture(&mut self, wish: &str) -> (Header, Vec<u8>) {
-        self.send(wish);
-        let frame = self.frame().unwrap_or_else(|e| panic!("{wish}: {e}"));
+    pub fn picture(&mut self, request: &str) -> (Header, Vec<u8>) {
+        self.send(request);
+        let frame = self.frame().unwrap_or_else(|e| panic!("{request}: {e}"));
         self.send(r#"{"shown":0}"#);
         frame
     }
@@ -218,8 +218,8 @@ impl Socket {
     }
 
     /// As [`Socket::picture`], but returns the server's reason for ending the conversation.
-    pub fn frame_or_refusal(&mut self, wish: &str) -> Result<(Header, Vec<u8>), String> {
-        self.try_send(wish).map_err(|e| e.to_string())?;
+    pub fn frame_or_refusal(&mut self, request: &str) -> Result<(Header, Vec<u8>), String> {
+        self.try_send(request).map_err(|e| e.to_string())?;
         self.frame()
     }
 
@@ -235,13 +235,13 @@ impl Socket {
     }
 }
 
-/// A wish from a camera.
-pub fn wish(number: u32, camera: &str, more: &str) -> String {
+/// A request from a camera.
+pub fn request(number: u32, camera: &str, more: &str) -> String {
     let comma = if more.is_empty() { "" } else { "," };
-    format!(r#"{{"wish":{{"number":{number},"camera":{camera},"size":[64,48]{comma}{more}}}}}"#)
+    format!(r#"{{"request":{{"number":{number},"camera":{camera},"size":[64,48]{comma}{more}}}}}"#)
 }
 
-/// A wish from a free camera among the scene's.
+/// A request from a free camera among the scene's.
 pub fn pose(more: &str, number: u32) -> String {
-    wish(number, r#"{"pose":{"position":[0,-1,-6],"rotation":[1,0,0,0],"fov":0.9}}"#, more)
+    request(number, r#"{"pose":{"position":[0,-1,-6],"rotation":[1,0,0,0],"fov":0.9}}"#, more)
 }

@@ -1,7 +1,7 @@
 //! How fast pictures come, and what it costs a run to be watched: `make viewer-speed` prints the tables of docs/viewer.md.
 
 use super::live::{orbited, turned};
-use super::session::{Socket, Viewer, wish};
+use super::session::{Socket, Viewer, request};
 use crate::support::browser::Browser;
 use crate::support::shared;
 use qirf_vk::synth::{SynthOptions, write};
@@ -15,14 +15,14 @@ const MOVES: u32 = 200;
 /// Size of pictures.
 const SIZE: &str = "[640,360]";
 
-/// A wish from a circle about the start.
+/// A request from a circle about the start.
 fn move_to(step: u32, start: &serde_json::Value, still: bool) -> String {
     let [position, rotation] = ["position", "rotation"].map(|key| &start[key]);
     let mut eye: Vec<f64> = position.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
     eye[0] += 0.002 * f64::from(step) * eye[2].abs();
     let camera =
         format!(r#"{{"pose":{{"position":{},"rotation":{rotation},"fov":{}}}}}"#, serde_json::json!(eye), start["fov"]);
-    wish(step, &camera, &format!(r#""still":{still}"#)).replace("[64,48]", SIZE)
+    request(step, &camera, &format!(r#""still":{still}"#)).replace("[64,48]", SIZE)
 }
 
 #[test]
@@ -41,7 +41,7 @@ fn pictures_a_second() {
         for step in 0..20 {
             socket.picture(&move_to(step, start, false));
         }
-        // One at a time: how long a picture takes from the wish to its bytes.
+        // One at a time: how long a picture takes from the request to its bytes.
         let mut waits: Vec<Duration> = (0..MOVES)
             .map(|step| {
                 let begun = Instant::now();
@@ -50,7 +50,7 @@ fn pictures_a_second() {
             })
             .collect();
         waits.sort();
-        // Two under way, as a page has them. A wish that is not drawn yet may be replaced by the next one.
+        // Two under way, as a page has them. A request that is not drawn yet may be replaced by the next one.
         let begun = Instant::now();
         let (mut bytes, mut reduced, mut frames, mut step) = (0, 0, 0_u32, 1);
         socket.send(&move_to(0, start, false));

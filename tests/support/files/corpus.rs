@@ -123,7 +123,7 @@ const CLOUD: &str = "property float x\nproperty float y\nproperty float z\nprope
 fn json() -> Vec<Input> {
     let ngp = r#""camera_angle_x": 0.7, "camera_angle_y": 0.6, "fl_x": 50.5, "fl_y": 50.1, "k1": 0.01, "k2": -0.02,
         "p1": 0.001, "p2": 0, "cx": 31.5, "cy": 24.2, "w": 64, "h": 48, "aabb_scale": 4, "scale": 0.33"#;
-    let studio = r#""camera_model": "OPENCV_FISHEYE", "fl_x": 50.5, "w": 64, "h": 48, "k1": 0.01, "k4": 0.001,
+    let nerfstudio = r#""camera_model": "OPENCV_FISHEYE", "fl_x": 50.5, "w": 64, "h": 48, "k1": 0.01, "k4": 0.001,
         "ply_file_path": "points.ply", "train_filenames": ["a.png", "b.png"], "test_filenames": ["c.png"],
         "applied_transform": [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]]"#;
     let blender = r#""camera_angle_x": 0.69, "w": 64, "h": 48"#;
@@ -131,7 +131,7 @@ fn json() -> Vec<Input> {
     let ascii = [head("ascii"), b"1 2 3 4 5 6\n1 2 3 4 5 6\n-1e3 2 3 4 5 6\n".to_vec()].concat();
     let binary = [head("binary_little_endian"), b"0123456789abcde".repeat(3)].concat();
     let names = ["a.png", "b.png", "c.png"];
-    let with = |cloud: &[u8]| vec![("transforms.json", transforms(studio, &names)), ("points.ply", cloud.to_vec())];
+    let with = |cloud: &[u8]| vec![("transforms.json", transforms(nerfstudio, &names)), ("points.ply", cloud.to_vec())];
     vec![
         among(
             "blender",

@@ -1,7 +1,7 @@
-//! Draws wishes for models that do not change.
+//! Draws requests models that do not change.
 
-use super::easel::{Drawn, Easel, Sitter};
-use super::protocol::{Picture, Wish};
+use super::painter::{Drawn, PaintInput, Painter};
+use super::protocol::{Picture, Request};
 use super::subject::{Model, Subject};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
@@ -19,9 +19,9 @@ const SLOW_MS: f32 = 45.0;
 const FAST_MS: f32 = 40.0;
 
 /// A model on the device.
-struct Shown {
+struct ViewerModel {
     /// Draws it in its own style.
-    easel: Easel,
+    painter: Painter,
     whole: Resident,
     /// Its most visible quarter, for moving pictures on slow devices.
     reduced: Option<Resident>,
@@ -30,9 +30,9 @@ struct Shown {
 }
 
 /// The device's side of the viewer.
-pub struct Studio<'a> {
+pub struct StaticView<'a> {
     subject: &'a Subject,
-    shown: Vec<Shown>,
+    shown: Vec<ViewerModel>,
 }
 
 /// The Gaussians of the largest product of opacity and area, one in [`REDUCED`], in their order.
@@ -53,14 +53,14 @@ fn most_visible(model: &Gaussians) -> Gaussians {
     model.select(&order)
 }
 
-impl<'a> Studio<'a> {
-    /// A studio with all models of the subject on the device.
+impl<'a> StaticView<'a> {
+    /// A static_view with all models of the subject on the device.
     ///
     /// # Errors
     /// Device memory; device errors.
     pub fn new(device: &Device, subject: &'a Subject) -> Result<Self, Error> {
         let near = subject.near();
-        let shown = |shown: &Model| -> Result<Shown, Error> {
+        let shown = |shown: &Model| -> Result<ViewerModel, Error> {
             let usual = shown.style.over(subject.background);
             let settings = Settings { near: usual.near.min(near), ..usual };
             let mut model = shown.gaussians.clone();
@@ -69,30 +69,32 @@ impl<'a> Studio<'a> {
             let whole = Resident::upload(device, &model)?;
             let reduced = (model.len() >= LEAST_REDUCED).then(|| most_visible(&model));
             let reduced = reduced.map(|m| Resident::upload(device, &m)).transpose()?;
-            Ok(Shown { easel: Easel::new(device, settings, model.len())?, whole, reduced, reduce: false })
+            Ok(ViewerModel { painter: Painter::new(device, settings, model.len())?, whole, reduced, reduce: false })
         };
         let shown = subject.models.iter().map(shown).collect::<Result<_, _>>()?;
         Ok(Self { subject, shown })
     }
 
-    /// Draws a wish.
+    /// Draws a request.
     ///
     /// # Errors
-    /// [`Error::Usage`] for wishes that cannot be fulfilled; device errors.
-    pub fn draw(&mut self, wish: &Wish) -> Result<Drawn, Error> {
-        let other = (0..self.shown.len()).find(|m| *m != wish.model).filter(|_| wish.picture == Picture::Error);
-        let other =
-            other.map(|m| &mut self.shown[m]).map(|o| o.easel.colours(self.subject, &o.whole, wish)).transpose()?;
-        let (Some(Shown { easel, whole, reduced, reduce }), Some(model)) =
-            (self.shown.get_mut(wish.model), self.subject.models.get(wish.model))
+    /// [`Error::Usage`] for requests that cannot be fulfilled; device errors.
+    pub fn draw(&mut self, request: &Request) -> Result<Drawn, Error> {
+        let other = (0..self.shown.len()).find(|m| *m != request.model).filter(|_| request.picture == Picture::Error);
+        let other = other
+            .map(|m| &mut self.shown[m])
+            .map(|o| o.painter.colours(self.subject, &o.whole, request))
+            .transpose()?;
+        let (Some(ViewerModel { painter, whole, reduced, reduce }), Some(model)) =
+            (self.shown.get_mut(request.model), self.subject.models.get(request.model))
         else {
-            return Err(Error::Usage(format!("there is no model {}", wish.model)));
+            return Err(Error::Usage(format!("there is no model {}", request.model)));
         };
-        let reduced = reduced.as_ref().filter(|_| *reduce && !wish.still);
+        let reduced = reduced.as_ref().filter(|_| *reduce && !request.still);
         let facts = model.facts.as_ref();
-        let sitter = Sitter { whole, reduced, other: other.as_deref(), facts, fixed: true, iteration: 0 };
-        let drawn = easel.draw(self.subject, sitter, wish)?;
-        if !wish.still && wish.picture == Picture::Colour {
+        let input = PaintInput { whole, reduced, other: other.as_deref(), facts, fixed: true, iteration: 0 };
+        let drawn = painter.draw(self.subject, input, request)?;
+        if !request.still && request.picture == Picture::Colour {
             let ms = drawn.header.draw_ms;
             *reduce = if drawn.header.reduced { ms * REDUCED as f32 > FAST_MS } else { ms > SLOW_MS };
         }

@@ -10,13 +10,13 @@ const COUNTERS: usize = Counters::WORDS;
 const SUMS: usize = 4;
 
 /// Host memory for the results of a look.
-pub(super) struct Look {
+pub(super) struct HostCheck {
     readback: Readback<u32>,
 }
 
 /// Results of a look.
 pub(super) struct Seen {
-    /// Counters of the backward passes since [`Look::begin`].
+    /// Counters of the backward passes since [`HostCheck::begin`].
     pub counts: BackwardCounts,
     /// Largest number of pairs that a picture needed since then.
     pub pairs: u32,
@@ -26,8 +26,8 @@ pub(super) struct Seen {
     pub timings: Timings,
 }
 
-impl Look {
-    /// Bytes of [`Look::new`].
+impl HostCheck {
+    /// Bytes of [`HostCheck::new`].
     pub const BYTES: u64 = Buffer::<u32>::bytes_of(COUNTERS + SUMS);
 
     pub fn new(device: &Device) -> Result<Self> {

@@ -1,7 +1,7 @@
-//! Draws one wish with a model on the device, whoever owns that model.
+//! Draws one request with a model on the device, whoever owns that model.
 
 use super::paint;
-use super::protocol::{Encoding, Eye, Figure, Header, MOST_PIXELS, Picture, Wish};
+use super::protocol::{Encoding, Figure, Header, MOST_PIXELS, Picture, Request, RequestCamera};
 use super::subject::{Capture, Subject};
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
@@ -15,7 +15,7 @@ use std::time::Instant;
 
 /// The inputs of a picture.
 #[derive(Clone, Copy)]
-pub struct Sitter<'a> {
+pub struct PaintInput<'a> {
     /// The model.
     pub whole: &'a Resident,
     /// Its most visible part, which replaces it in this picture's colours.
@@ -38,8 +38,8 @@ pub struct Drawn {
     pub image: Image,
 }
 
-/// A renderer, and what it remembers from wish to wish.
-pub struct Easel {
+/// A renderer, and what it remembers from request to request.
+pub struct Painter {
     device: Device,
     renderer: Renderer,
     /// The photo compared with last.
@@ -48,8 +48,8 @@ pub struct Easel {
     painted: Option<(Picture, Resident)>,
 }
 
-impl Easel {
-    /// An easel for models of up to `gaussians`; it grows with pictures and models.
+impl Painter {
+    /// An painter for models of up to `gaussians`; it grows with pictures and models.
     ///
     /// # Errors
     /// Device memory.
@@ -58,24 +58,24 @@ impl Easel {
         Ok(Self { device: device.clone(), renderer, photo: None, painted: None })
     }
 
-    /// Draws a wish.
+    /// Draws a request.
     ///
     /// # Errors
-    /// [`Error::Usage`] for wishes that cannot be fulfilled; device errors.
-    pub fn draw(&mut self, subject: &Subject, sitter: Sitter<'_>, wish: &Wish) -> Result<Drawn, Error> {
-        let camera = camera(wish, subject.capture.as_ref())?;
+    /// [`Error::Usage`] for requests that cannot be fulfilled; device errors.
+    pub fn draw(&mut self, subject: &Subject, input: PaintInput<'_>, request: &Request) -> Result<Drawn, Error> {
+        let camera = camera(request, subject.capture.as_ref())?;
         let begun = Instant::now();
-        self.renderer.set_background(match wish.picture {
-            Picture::Colour => wish.background.unwrap_or(subject.background),
+        self.renderer.set_background(match request.picture {
+            Picture::Colour => request.background.unwrap_or(subject.background),
             Picture::Error => subject.background,
             _ => [0.0; 3],
         });
-        let reduced = sitter.reduced.filter(|_| wish.picture == Picture::Colour);
-        let model = reduced.unwrap_or(sitter.whole);
+        let reduced = input.reduced.filter(|_| request.picture == Picture::Colour);
+        let model = reduced.unwrap_or(input.whole);
         let mut figure = Figure::None;
-        let image = match wish.picture {
-            Picture::Colour if wish.degree < model.degree => {
-                self.renderer.render(&paint::of_degree(&self.device, model, wish.degree)?, &camera)?
+        let image = match request.picture {
+            Picture::Colour if request.degree < model.degree => {
+                self.renderer.render(&paint::of_degree(&self.device, model, request.degree)?, &camera)?
             }
             Picture::Colour => self.renderer.render(model, &camera)?,
             Picture::Alpha => paint::alpha_picture(self.renderer.render(model, &camera)?),
@@ -85,9 +85,9 @@ impl Easel {
                 paint::depth_picture(self.renderer.render(&painted, &camera)?)
             }
             Picture::Blocks | Picture::Kept | Picture::Score | Picture::Participation | Picture::Guards => {
-                let painted = self.painted(sitter, wish.picture)?;
+                let painted = self.painted(input, request.picture)?;
                 let image = self.renderer.render(&painted, &camera)?;
-                self.painted = sitter.fixed.then_some((wish.picture, painted));
+                self.painted = input.fixed.then_some((request.picture, painted));
                 image
             }
             Picture::Count => {
@@ -99,7 +99,7 @@ impl Easel {
             Picture::Error => {
                 let image = self.renderer.render(model, &camera)?;
                 let mut rendered = rgb(&image);
-                let truth = self.truth(subject, sitter, wish, &mut rendered)?;
+                let truth = self.truth(subject, input, request, &mut rendered)?;
                 let (picture, db) = paint::error_picture(image, &rendered, &truth);
                 figure = Figure::Psnr(db);
                 picture
@@ -107,12 +107,12 @@ impl Easel {
         };
         let header = Header {
             // The false colours of other pictures mean numbers: JPEG would change them.
-            encoding: if wish.still || wish.picture != Picture::Colour { Encoding::Png } else { Encoding::Jpeg },
+            encoding: if request.still || request.picture != Picture::Colour { Encoding::Png } else { Encoding::Jpeg },
             reduced: reduced.is_some(),
             size: [image.width, image.height],
-            number: wish.number,
+            number: request.number,
             draw_ms: begun.elapsed().as_secs_f32() * 1e3,
-            iteration: sitter.iteration,
+            iteration: input.iteration,
             gaussians: model.len as u32,
             figure,
         };
@@ -122,28 +122,28 @@ impl Easel {
     /// Red, green, blue of each pixel of the model's picture.
     ///
     /// # Errors
-    /// As [`Easel::draw`].
-    pub fn colours(&mut self, subject: &Subject, model: &Resident, wish: &Wish) -> Result<Vec<f32>, Error> {
+    /// As [`Painter::draw`].
+    pub fn colours(&mut self, subject: &Subject, model: &Resident, request: &Request) -> Result<Vec<f32>, Error> {
         self.renderer.set_background(subject.background);
-        let image = self.renderer.render(model, &camera(wish, subject.capture.as_ref())?)?;
+        let image = self.renderer.render(model, &camera(request, subject.capture.as_ref())?)?;
         Ok(image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect())
     }
 
     /// The model in colours that do not depend on the camera.
-    fn painted(&mut self, sitter: Sitter<'_>, picture: Picture) -> Result<Resident, Error> {
+    fn painted(&mut self, input: PaintInput<'_>, picture: Picture) -> Result<Resident, Error> {
         match self.painted.take() {
-            Some((of, painted)) if of == picture && sitter.fixed => return Ok(painted),
+            Some((of, painted)) if of == picture && input.fixed => return Ok(painted),
             _ => {}
         }
-        let colours = match sitter.facts.and_then(|facts| paint::told(picture, facts)) {
+        let colours = match input.facts.and_then(|facts| paint::told(picture, facts)) {
             Some(colours) => colours,
-            None if picture == Picture::Blocks => paint::blocks(&self.means(sitter.whole)?),
+            None if picture == Picture::Blocks => paint::blocks(&self.means(input.whole)?),
             None => {
                 let why = "this picture is of a prune: `qirf-vk view MODEL --diagnostics FILE`";
                 return Err(Error::Usage(why.into()));
             }
         };
-        paint::painted(&self.device, sitter.whole, &colours)
+        paint::painted(&self.device, input.whole, &colours)
     }
 
     fn means(&self, model: &Resident) -> Result<Vec<[f32; 3]>, Error> {
@@ -155,13 +155,13 @@ impl Easel {
     fn truth(
         &mut self,
         subject: &Subject,
-        sitter: Sitter<'_>,
-        wish: &Wish,
+        input: PaintInput<'_>,
+        request: &Request,
         rendered: &mut [f32],
     ) -> Result<Vec<f32>, Error> {
-        let (Eye::Photo(n), Some(capture)) = (wish.camera, &subject.capture) else {
+        let (RequestCamera::Photo(n), Some(capture)) = (request.camera, &subject.capture) else {
             let why = "an error picture needs the camera of a photo, or a second model";
-            return sitter.other.map(<[f32]>::to_vec).ok_or_else(|| Error::Usage(why.into()));
+            return input.other.map(<[f32]>::to_vec).ok_or_else(|| Error::Usage(why.into()));
         };
         let photo = match self.photo.take() {
             Some((at, photo)) if at == n => photo,
@@ -174,19 +174,19 @@ impl Easel {
     }
 }
 
-/// The camera of a wish.
-fn camera(wish: &Wish, capture: Option<&Capture>) -> Result<Camera, Error> {
-    match wish.camera {
-        Eye::Photo(n) => {
+/// The camera of a request.
+fn camera(request: &Request, capture: Option<&Capture>) -> Result<Camera, Error> {
+    match request.camera {
+        RequestCamera::Photo(n) => {
             let camera = capture.and_then(|c| c.camera(n));
             camera.ok_or_else(|| Error::Usage(format!("there is no photo {n}")))
         }
-        Eye::Pose { position, rotation, fov } => {
-            let [width, height] = wish.size;
+        RequestCamera::Pose { position, rotation, fov } => {
+            let [width, height] = request.size;
             if width == 0 || height == 0 || u64::from(width) * u64::from(height) > MOST_PIXELS {
                 return Err(Error::Usage(format!("a picture has 1 to {MOST_PIXELS} pixels")));
             }
-            Eye::free(position, rotation, fov, wish.size).map_err(Error::Usage)
+            RequestCamera::free(position, rotation, fov, request.size).map_err(Error::Usage)
         }
     }
 }

@@ -7,12 +7,12 @@ use crate::pipeline::Error;
 use crate::render::Source;
 
 /// A model, and its copy on the device if that holds it.
-pub struct Shown<'a> {
+pub struct DrawSource<'a> {
     model: &'a Gaussians,
     resident: Option<Resident>,
 }
 
-impl<'a> Shown<'a> {
+impl<'a> DrawSource<'a> {
     /// Uploads a model if the device holds it whole; else says that pictures are drawn in parts.
     ///
     /// # Errors
