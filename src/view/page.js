@@ -295,7 +295,7 @@ function listen() {
     else if (key === "home") home();
     else if (key === "l") { state.camera.level(); change(true); }
     else if (key === "h") $("panel").hidden = !$("panel").hidden;
-    else if (key >= "1" && key <= String($("kind").options.length)) { $("kind").selectedIndex = Number(key) - 1; kind(); }
+    else if (/^[1-9]$/.test(key) && Number(key) <= $("kind").options.length) { $("kind").selectedIndex = Number(key) - 1; kind(); }
     else { state.keys.add(key); return; }
     event.preventDefault();
   });

@@ -23,7 +23,7 @@ fn kernels(environment: &[(&str, &Path)]) -> Vec<Value> {
 fn every_kernel_of_a_run_is_compiled_and_none_runs() {
     // A submission would answer that the device is lost.
     let kernels = kernels(&[("QIRF_DEVICE_FAULT", Path::new("submit:1:lost"))]);
-    assert!(kernels.len() > 33, "{}", kernels.len());
+    assert!(kernels.len() >= 32, "{}", kernels.len());
 }
 
 /// The manifest of Mesa's driver of AMD's GPUs, where the loader looks for it.

@@ -309,14 +309,14 @@ fn what_cannot_be_posed_is_refused_and_changes_nothing() {
     pose("fake", "other").with(3, &["holds no photos"]);
     pose("absent", "other").with(3, &["absent"]);
     let before = content(&stage.path("photos"));
-    pose("photos", "photos").with(2, &["holds something else", "-o"]);
+    pose("photos", "photos").with(2, &["is not an output folder", "-o"]);
     assert_eq!(content(&stage.path("photos")), before);
     // A record that names files elsewhere is not this program's, and removes none.
     fs::create_dir(stage.path("trap")).unwrap();
     let record = r#"{"made_by":"qirf-vk pose","key":{"files":[],"frames":null},"backend":"auto","matching":"auto",
         "photos":["../../walk.mp4"],"features":0,"matched":null,"posed":null}"#;
     fs::write(stage.path("trap/pose.json"), record).unwrap();
-    pose("photos", "trap").with(2, &["holds something else"]);
+    pose("photos", "trap").with(2, &["is not an output folder"]);
     assert!(stage.path("walk.mp4").is_file());
     // Folders of photos are told the command.
     end(&mut stage.program(&["inspect", "photos"])).with(3, &["qirf-vk pose photos -o SCENE"]);

@@ -109,7 +109,7 @@ fn photos_that_are_gone_leave_no_folder_and_links_are_not_followed() {
     let record = fs::read_to_string(stage.path("scene/pose.json")).unwrap();
     for name in ["roll/../../../photos/roll/100CANON/IMG_0000.png", "/IMG_0000.png", ""] {
         fs::write(stage.path("scene/pose.json"), record.replace(&renamed[0], name)).unwrap();
-        end(&mut stage.pose(&["--matching", "sequential"])).with(2, &["holds something else"]);
+        end(&mut stage.pose(&["--matching", "sequential"])).with(2, &["is not an output folder"]);
     }
 }
 
