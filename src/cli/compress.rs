@@ -33,7 +33,7 @@ Without photos, pictures of the model itself, from all around it, tell which Gau
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
+    /// Model: a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz file, or a SOG folder
     model: PathBuf,
     /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz
     #[arg(short, long, value_name = "OUT")]

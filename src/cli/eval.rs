@@ -32,7 +32,7 @@ both are equal, PSNR is infinite, and the table says so.";
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
+    /// Model: a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz file, or a SOG folder
     model: PathBuf,
     /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
     scene: Option<PathBuf>,

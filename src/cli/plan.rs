@@ -29,7 +29,7 @@ pub(super) enum Planned {
 
 #[derive(Debug, clap::Args)]
 pub(super) struct OfModel {
-    /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
+    /// Model: a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz file, or a SOG folder
     model: PathBuf,
     #[command(flatten)]
     place: Place,

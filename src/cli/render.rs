@@ -28,7 +28,7 @@ const EXAMPLES: &str = "Examples:
 #[command(after_help = EXAMPLES)]
 #[command(group = ArgGroup::new("cameras").required(true).args(["scene", "orbit"]))]
 pub(super) struct Arguments {
-    /// Model: a .ply, .spz, .splat, .ksplat or .sog file, or a SOG folder
+    /// Model: a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz file, or a SOG folder
     model: PathBuf,
     /// Scene whose cameras are used: a COLMAP, Blender, instant-ngp or nerfstudio folder; its photos may be absent
     #[arg(long, value_name = "SCENE", help_heading = "Cameras")]

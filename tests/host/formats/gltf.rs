@@ -216,6 +216,12 @@ fn hostile_documents_are_refused() {
         d["nodes"] = vec![json!({ "mesh": 0 }); 5000].into();
         d["scenes"] = json!([{ "nodes": (0..5000).collect::<Vec<_>>() }]);
     });
+    refused("more than 65536 primitives", &|d| {
+        let primitive = d["meshes"][0]["primitives"][0].clone();
+        d["meshes"][0]["primitives"] = [vec![json!({}); 20_000], vec![primitive]].concat().into();
+        d["nodes"] = vec![json!({ "mesh": 0 }); 20_000].into();
+        d["scenes"] = json!([{ "nodes": (0..20_000).collect::<Vec<_>>() }]);
+    });
     let plain =
         bundle(&json!({ "asset": { "version": "2.0" }, "meshes": [{ "primitives": [{ "attributes": {} }] }] }), &[]);
     assert!(read(&plain, "m.glb").unwrap_err().to_string().contains("holds meshes or points"));

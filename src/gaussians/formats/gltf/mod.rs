@@ -22,6 +22,8 @@ pub(super) use write::write;
 const EXTENSION: &str = "KHR_gaussian_splatting";
 /// Key of the tag in a primitive's `extras`; values are those of PLY's comment.
 const TAG: &str = "SplatRenderMode";
+/// Most primitives that nodes may place: a short file may place a long list many times.
+const MOST_PLACED: usize = 1 << 16;
 const AGAIN: &str = "fetch or export the file again";
 
 /// Reads a whole `.glb` or `.gltf`; `folder` is where the files lie that it names, if they may be read.
@@ -31,8 +33,15 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
     let store = container::load(&document, parts.binary, folder)?;
     let mut model = Gaussians::zeroed(0, 0);
     let mut tag = super::Tag::default();
-    let mut found = false;
+    let (mut found, mut visits) = (false, 0);
     for placed in place::meshes(&document)? {
+        visits += document.meshes[placed.mesh].primitives.len();
+        if visits > MOST_PLACED {
+            return Err(malformed(
+                format!("mesh {}", placed.mesh),
+                format!("more than {MOST_PLACED} primitives placed; {AGAIN}"),
+            ));
+        }
         for (k, primitive) in document.meshes[placed.mesh].primitives.iter().enumerate() {
             let record = format!("mesh {}, primitive {k}", placed.mesh);
             let Some(mut part) = splats::read(&store, primitive, &record, &mut tag)? else { continue };
