@@ -231,10 +231,10 @@ pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(),
     write_version(path, gaussians, mode, SpzVersion::default())
 }
 
-/// As [`write`], with the version of SPZ.
+/// As [`write()`], with the version of SPZ.
 ///
 /// # Errors
-/// Those of [`write`].
+/// Those of [`write()`].
 pub fn write_version(path: &Path, gaussians: &Gaussians, mode: RenderMode, spz: SpzVersion) -> Result<(), Error> {
     gaussians.validate()?;
     let packed = match Written::of(path)? {
