@@ -12,6 +12,7 @@ mod ksplat;
 mod linear;
 mod output;
 mod ply;
+mod precision;
 mod render_mode;
 mod repairs;
 mod sog;
@@ -19,6 +20,7 @@ mod splat;
 mod spz;
 mod turn;
 mod usd;
+mod weight;
 
 use std::fmt;
 use std::fs;
@@ -29,6 +31,7 @@ use serde::Serialize;
 use super::{Error, Gaussians};
 use fault::Fault;
 pub use output::{crc32, refuse_overwrite, remove_leftovers, write_atomically};
+pub use precision::{Precision, SogPrecision, SpzPrecision, finest, ladder, usual};
 pub use render_mode::RenderMode;
 use render_mode::Tag;
 pub use repairs::{LOG_SCALE_FLOOR, OPACITY_LOGIT_LIMIT, Repairs};
@@ -125,7 +128,7 @@ pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
 
 /// As [`read_bytes`]; `folder` holds the files that a `.gltf` may name.
 fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded, Error> {
-    let extension = name.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let extension = extension(name);
     let parsed = match bytes {
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => ply::read(bytes),
         [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => spz::read(bytes),
@@ -163,6 +166,11 @@ fn finish(parsed: Parsed) -> Loaded {
     Loaded { gaussians, format, mode: tag.mode, doubt: tag.doubt, repairs }
 }
 
+/// The extension of a name, in small letters.
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
+}
+
 /// What a file is written as, by its name.
 #[derive(Clone, Copy)]
 enum Written {
@@ -178,8 +186,7 @@ enum Written {
 impl Written {
     fn of(path: &Path) -> Result<Self, Error> {
         let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        Ok(match extension.as_str() {
+        Ok(match extension(path).as_str() {
             "ply" if name.ends_with(".compressed.ply") => Self::CompressedPly,
             "ply" => Self::Ply,
             "spz" => Self::Spz,
@@ -219,8 +226,8 @@ pub fn check_output(path: &Path) -> Result<(), Error> {
 }
 
 /// Writes `gaussians` to `path` in the format of its extension: `.ply` (bit-exact), `.glb`, `.usda` or
-/// `.usdz` (exact but for rounding exponentials and unit quaternions), `.spz` (version 4), `.sog` or `.compressed.ply` (quantised), completely or not at all; with the tag of
-/// `mode`. SOG and compressed PLY do not keep the order of the Gaussians.
+/// `.usdz` (exact but for rounding exponentials and unit quaternions), `.spz` (version 4), `.sog` or `.compressed.ply` (quantised as [`usual`]), completely or not
+/// at all; with the tag of `mode`. SOG and compressed PLY do not keep the order of the Gaussians, SOG not that of their axes either.
 ///
 /// Call [`refuse_overwrite`] first where the model came from a file.
 ///
@@ -239,18 +246,44 @@ pub fn write_version(path: &Path, gaussians: &Gaussians, mode: RenderMode, spz: 
     gaussians.validate()?;
     let packed = match Written::of(path)? {
         Written::Ply => return write_atomically(path, |out| ply::write(out, gaussians, mode)),
-        Written::CompressedPly => return write_atomically(path, |out| ply::write_compressed(out, gaussians, mode)),
+        Written::CompressedPly => {
+            return write_atomically(path, |out| ply::write_compressed(out, gaussians, mode));
+        }
         Written::Glb => {
             let body = gltf::write(gaussians, mode).map_err(|fault| fault.at(path))?;
             return write_atomically(path, body);
         }
         Written::Usda => return write_atomically(path, |out| usd::write(out, gaussians, mode)),
-        Written::Usdz => usd::package(gaussians, mode),
-        Written::Spz => spz::pack(gaussians, mode, spz),
-        Written::Sog => sog::pack(gaussians, mode),
+        Written::Spz => self::spz(gaussians, mode, spz, path)?,
+        Written::Usdz | Written::Sog => encode(path, gaussians, mode, &usual(path, gaussians))?,
     };
-    let packed = packed.map_err(|fault| fault.at(path))?;
     write_atomically(path, |out| out.write_all(&packed))
+}
+
+/// The bytes of a file in the format of its extension, which stores values as finely as `precision` says; if that is another format's,
+/// as finely as the format allows.
+///
+/// # Errors
+/// [`Error::Unsupported`] for another extension or for what the format cannot hold, [`Error::Inconsistent`].
+pub fn encode(path: &Path, gaussians: &Gaussians, mode: RenderMode, precision: &Precision) -> Result<Vec<u8>, Error> {
+    gaussians.validate()?;
+    let io = |source| Error::Io { path: path.to_owned(), source };
+    let mut bytes = Vec::new();
+    let packed = match Written::of(path)? {
+        Written::Ply => return ply::write(&mut bytes, gaussians, mode).map(|()| bytes).map_err(io),
+        Written::CompressedPly => {
+            return ply::write_compressed(&mut bytes, gaussians, mode).map(|()| bytes).map_err(io);
+        }
+        Written::Glb => {
+            let body = gltf::write(gaussians, mode).map_err(|fault| fault.at(path))?;
+            return body(&mut bytes).map(|()| bytes).map_err(io);
+        }
+        Written::Usda => return usd::write(&mut bytes, gaussians, mode).map(|()| bytes).map_err(io),
+        Written::Usdz => usd::package(gaussians, mode),
+        Written::Spz => spz::pack(gaussians, mode, (SpzVersion::default(), precision.of_spz())),
+        Written::Sog => sog::pack(gaussians, mode, &precision.of_sog()),
+    };
+    packed.map_err(|fault| fault.at(path))
 }
 
 /// The bytes of an SPZ file; `name` stands in messages.
@@ -259,5 +292,6 @@ pub fn write_version(path: &Path, gaussians: &Gaussians, mode: RenderMode, spz: 
 /// [`Error::Unsupported`] for what SPZ cannot hold, [`Error::Inconsistent`].
 pub fn spz(gaussians: &Gaussians, mode: RenderMode, version: SpzVersion, name: &Path) -> Result<Vec<u8>, Error> {
     gaussians.validate()?;
-    spz::pack(gaussians, mode, version).map_err(|fault| fault.at(name))
+    let usual = usual(Path::new("model.spz"), gaussians).of_spz();
+    spz::pack(gaussians, mode, (version, usual)).map_err(|fault| fault.at(name))
 }

@@ -6,10 +6,13 @@
 //! (version 2) or between limits (version 1). SH: labels into a palette of 64 entries a row
 //! (developer.playcanvas.com, github.com/playcanvas/splat-transform).
 
-mod codebook;
+mod book;
+mod means;
 mod pack;
 mod palette;
+mod turn;
 mod unpack;
+mod webp;
 
 pub(super) use pack::pack;
 pub(super) use unpack::{read_bundle, read_folder};

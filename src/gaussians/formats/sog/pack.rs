@@ -4,61 +4,68 @@
 
 use std::io::{Cursor, Write};
 
-use image::codecs::webp::WebPEncoder;
-use image::{ExtendedColorType, ImageEncoder};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use super::super::bytes::to_smallest_three;
 use super::super::fault::Fault;
-use super::super::{Gaussians, RenderMode};
-use super::codebook::Codebook;
+use super::super::weight::weight;
+use super::super::{Gaussians, RenderMode, SogPrecision};
+use super::book::Book;
+use super::means::Means;
+use super::turn::least_turn;
+use super::webp::Texture;
 use super::{ENTRIES_A_ROW, GREATEST, palette};
 
 /// Labels have 16 bits.
-const MOST_LEVELS: u32 = 16;
-
-/// One texture: its name, width in texels, and RGBA.
-struct Texture {
-    name: &'static str,
-    width: usize,
-    texels: Vec<[u8; 4]>,
-}
+const MOST_ENTRIES: usize = 1 << 16;
+/// Least log of a Gaussian's axis less that of its longest: 1/1000, which no picture tells from less.
+const THINNEST: f32 = -6.9;
+/// Least weight of a Gaussian in the palette, as a share of the mean.
+const LEAST_WEIGHT: f64 = 1e-3;
 
 /// Packs a consistent model; fails where its means do not fit 16 bits finely enough.
-pub(in super::super) fn pack(model: &Gaussians, mode: RenderMode) -> Result<Vec<u8>, Fault> {
-    let [mins, maxs] = limits(model);
-    refuse_coarse_means(model, mins, maxs)?;
-    let order = z_order(model, mins, maxs);
+pub(in super::super) fn pack(model: &Gaussians, mode: RenderMode, precision: &SogPrecision) -> Result<Vec<u8>, Fault> {
+    let means = Means::new(model, precision.mean)?;
+    let order = means.order(model);
+    let turned: Vec<([f64; 4], [f32; 3])> = order
+        .par_iter()
+        .map(|i| least_turn(model.rotations[*i as usize], thickened(model.log_scales[*i as usize])))
+        .collect();
     let by_gaussian = |name: &'static str, texel: &(dyn Fn(usize) -> [u8; 4] + Sync)| Texture {
         name,
         width: width(order.len()),
-        texels: order.par_iter().map(|i| texel(*i as usize)).collect(),
+        texels: (0..order.len()).into_par_iter().map(texel).collect(),
     };
-    let mean = |i: usize| [0, 1, 2].map(|axis| fixed(model.means[i][axis], mins[axis], maxs[axis]).to_le_bytes());
-    let finite = |values: &[f32]| Codebook::fit(values.iter().copied().filter(|v| v.is_finite()).collect());
-    let (scales, colours) =
-        (finite(model.log_scales.as_flattened()), finite(model.sh.first().map_or(&[][..], Vec::as_slice)));
+    let mean = |k: usize| means.bytes(model.means[order[k] as usize]);
+    let scales = Book::equal(turned.iter().flat_map(|(_, scales)| *scales), precision.scale);
+    let colours = Book::dense(model.sh.iter().take(1).flatten().copied(), precision.colour);
+    let [mins, maxs] = means.limits();
     let mut textures = vec![
-        by_gaussian("means_l.webp", &|i| {
-            let [x, y, z] = mean(i);
+        by_gaussian("means_l.webp", &|k| {
+            let [x, y, z] = mean(k);
             [x[0], y[0], z[0], 255]
         }),
-        by_gaussian("means_u.webp", &|i| {
-            let [x, y, z] = mean(i);
+        by_gaussian("means_u.webp", &|k| {
+            let [x, y, z] = mean(k);
             [x[1], y[1], z[1], 255]
         }),
-        by_gaussian("quats.webp", &|i| smallest_three(model.rotations[i])),
-        by_gaussian("scales.webp", &|i| {
-            let [x, y, z] = model.log_scales[i].map(|s| scales.byte(s));
+        by_gaussian("quats.webp", &|k| {
+            let [_, x, y, z] = turned[k].0;
+            let [x, y, z] =
+                [x, y, z].map(|v| level(v * std::f64::consts::FRAC_1_SQRT_2 + 0.5, precision.rotation_levels));
+            [x, y, z, GREATEST]
+        }),
+        by_gaussian("scales.webp", &|k| {
+            let [x, y, z] = turned[k].1.map(|s| scales.byte(s));
             [x, y, z, 255]
         }),
-        by_gaussian("sh0.webp", &|i| {
+        by_gaussian("sh0.webp", &|k| {
+            let i = order[k] as usize;
             let [r, g, b] = [0, 1, 2].map(|c| colours.byte(model.sh[0][3 * i + c]));
-            let opacity = 1.0 / (1.0 + (-model.opacity_logits[i]).exp());
-            [r, g, b, (opacity * 255.0).round() as u8]
+            let opacity = 1.0 / (1.0 + f64::from(-model.opacity_logits[i]).exp());
+            [r, g, b, level(opacity, precision.opacity_levels)]
         }),
     ];
     let mut meta = json!({
@@ -66,15 +73,15 @@ pub(in super::super) fn pack(model: &Gaussians, mode: RenderMode) -> Result<Vec<
         "asset": { "generator": concat!("qirf-vk ", env!("CARGO_PKG_VERSION")) },
         "count": model.len(),
         "means": { "mins": mins, "maxs": maxs, "files": ["means_l.webp", "means_u.webp"] },
-        "scales": { "codebook": scales.0.as_slice(), "files": ["scales.webp"] },
+        "scales": { "codebook": scales.values(), "files": ["scales.webp"] },
         "quats": { "files": ["quats.webp"] },
-        "sh0": { "codebook": colours.0.as_slice(), "files": ["sh0.webp"] },
+        "sh0": { "codebook": colours.values(), "files": ["sh0.webp"] },
     });
     if mode.antialiased() {
         meta["model"] = json!("antialiased");
     }
     if model.degree() > 0 && !model.is_empty() {
-        let (rest, labels, entry) = rest_bands(model, &order);
+        let (rest, labels, entry) = rest_bands(model, &order, precision);
         textures.extend([rest, labels]);
         meta["shN"] = entry;
     }
@@ -86,72 +93,20 @@ fn width(gaussians: usize) -> usize {
     ((gaussians as f64).sqrt() / 4.0).ceil().max(1.0) as usize * 4
 }
 
-/// ln(1 + |x|) with the sign of x.
-fn logarithm(x: f32) -> f64 {
-    f64::from(x).abs().ln_1p().copysign(f64::from(x))
+/// A share of 0 to 1 as one of `levels` bytes from 0 to 255.
+fn level(share: f64, levels: u16) -> u8 {
+    let most = f64::from(levels - 1);
+    ((share * most).round().clamp(0.0, most) * (255.0 / most)).round() as u8
 }
 
-/// Least and greatest [`logarithm`] of the means by axis.
-fn limits(model: &Gaussians) -> [[f64; 3]; 2] {
-    let fold = |axis: usize, start: f64, pick: fn(f64, f64) -> f64| {
-        let of_all = model.means.iter().map(|m| logarithm(m[axis])).filter(|v| v.is_finite()).fold(start, pick);
-        if of_all.is_finite() { of_all } else { 0.0 }
-    };
-    [[0, 1, 2].map(|a| fold(a, f64::INFINITY, f64::min)), [0, 1, 2].map(|a| fold(a, f64::NEG_INFINITY, f64::max))]
-}
-
-/// A coordinate in 16 bits between limits.
-fn fixed(x: f32, min: f64, max: f64) -> u16 {
-    let range = if max > min { max - min } else { 1.0 };
-    ((logarithm(x) - min) / range * 65535.0).round().clamp(0.0, 65535.0) as u16
-}
-
-/// Refuses a model whose median Gaussian would move by more than its size.
-fn refuse_coarse_means(model: &Gaussians, mins: [f64; 3], maxs: [f64; 3]) -> Result<(), Fault> {
-    let mut moves: Vec<f64> = (0..model.len())
-        .map(|i| {
-            let step = (0..3)
-                .map(|a| (maxs[a] - mins[a]) / 65535.0 * (1.0 + f64::from(model.means[i][a]).abs()))
-                .fold(0.0, f64::max);
-            let size = model.log_scales[i].iter().fold(f32::MIN, |a, s| a.max(*s));
-            0.5 * step / f64::from(size).exp()
-        })
-        .collect();
-    if moves.is_empty() {
-        return Ok(());
-    }
-    let middle = moves.len() / 2;
-    let median = *moves.select_nth_unstable_by(middle, f64::total_cmp).1;
-    if median > 1.0 {
-        return Err(Fault::Unsupported(format!(
-            "SOG's 16 bits would move the median Gaussian by {median:.1} of its size; remove far Gaussians or write .ply"
-        )));
-    }
-    Ok(())
-}
-
-/// Gaussians along a Z-order curve of 10 bits an axis.
-fn z_order(model: &Gaussians, mins: [f64; 3], maxs: [f64; 3]) -> Vec<u32> {
-    let spread = |word: u16| (0..10).fold(0_u32, |key, bit| key | u32::from(word >> (6 + bit) & 1) << (3 * bit));
-    let key = |i: &u32| {
-        let [x, y, z] = [0, 1, 2].map(|a| spread(fixed(model.means[*i as usize][a], mins[a], maxs[a])));
-        (x | y << 1 | z << 2, *i)
-    };
-    let mut order: Vec<u32> = (0..model.len() as u32).collect();
-    order.par_sort_by_cached_key(key);
-    order
-}
-
-/// A rotation's texel; zero becomes the identity.
-fn smallest_three(q: [f32; 4]) -> [u8; 4] {
-    let (smaller, greatest) = to_smallest_three(q, 0);
-    let [a, b, c] =
-        smaller.map(|v| ((v * std::f64::consts::SQRT_2 * 0.5 + 0.5) * 255.0).round().clamp(0.0, 255.0) as u8);
-    [a, b, c, GREATEST + greatest as u8]
+/// Scales of which none is less than 1/1000 of the greatest.
+fn thickened(scales: [f32; 3]) -> [f32; 3] {
+    let least = scales.iter().fold(f32::MIN, |a, s| a.max(*s)) + THINNEST;
+    scales.map(|s| s.max(least))
 }
 
 /// Bands 1 and up: the palette's texture, the labels' texture and their entry of `meta.json`.
-fn rest_bands(model: &Gaussians, order: &[u32]) -> (Texture, Texture, Value) {
+fn rest_bands(model: &Gaussians, order: &[u32], precision: &SogPrecision) -> (Texture, Texture, Value) {
     let per_entry = (model.degree() + 1).pow(2) - 1;
     let numbers = 3 * per_entry;
     let mut vectors = vec![0.0_f32; model.len() * numbers];
@@ -163,10 +118,10 @@ fn rest_bands(model: &Gaussians, order: &[u32]) -> (Texture, Texture, Value) {
             start += w;
         }
     });
-    let levels = model.len().ilog2().min(MOST_LEVELS);
-    let palette = palette::fit(&vectors, numbers, levels);
-    let codebook = Codebook::fit(palette.values.iter().copied().filter(|v| v.is_finite()).collect());
-    let texel = |rgb: &[f32]| [codebook.byte(rgb[0]), codebook.byte(rgb[1]), codebook.byte(rgb[2]), 255];
+    let entries = (model.len() as f64 * precision.palette).ceil().clamp(1.0, MOST_ENTRIES as f64) as usize;
+    let palette = palette::fit(&vectors, &weights(model, order), numbers, entries);
+    let book = Book::dense(palette.values.iter().copied(), precision.sh);
+    let texel = |rgb: &[f32]| [book.byte(rgb[0]), book.byte(rgb[1]), book.byte(rgb[2]), 255];
     let centroids = Texture {
         name: "shN_centroids.webp",
         width: ENTRIES_A_ROW * per_entry,
@@ -181,15 +136,26 @@ fn rest_bands(model: &Gaussians, order: &[u32]) -> (Texture, Texture, Value) {
     let entry = json!({
         "count": palette.values.len() / numbers,
         "bands": model.degree(),
-        "codebook": codebook.0.as_slice(),
+        "codebook": book.values(),
         "files": ["shN_centroids.webp", "shN_labels.webp"],
     });
     (centroids, labels, entry)
 }
 
+/// How much each Gaussian counts in the palette, in this order.
+fn weights(model: &Gaussians, order: &[u32]) -> Vec<f32> {
+    let weights: Vec<f64> = order.iter().map(|i| weight(model, *i as usize)).collect();
+    let mean = weights.iter().sum::<f64>() / weights.len() as f64;
+    if mean > 0.0 {
+        weights.iter().map(|w| (w / mean).max(LEAST_WEIGHT) as f32).collect()
+    } else {
+        vec![1.0; weights.len()]
+    }
+}
+
 fn bundle(meta: &Value, textures: Vec<Texture>) -> Result<Vec<u8>, String> {
     let webps: Vec<(&str, Vec<u8>)> =
-        textures.into_par_iter().map(|t| Ok((t.name, webp(t)?))).collect::<Result<_, String>>()?;
+        textures.into_par_iter().map(|t| Ok((t.name, t.encode()?))).collect::<Result<_, String>>()?;
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     // WebP does not shrink further, and readers may seek in uncompressed entries.
     let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
@@ -202,14 +168,4 @@ fn bundle(meta: &Value, textures: Vec<Texture>) -> Result<Vec<u8>, String> {
         add(name, content)?;
     }
     archive.finish().map(Cursor::into_inner).map_err(|e| e.to_string())
-}
-
-fn webp(mut texture: Texture) -> Result<Vec<u8>, String> {
-    let height = texture.texels.len().div_ceil(texture.width).max(1);
-    texture.texels.resize(texture.width * height, [0, 0, 0, 255]);
-    let mut bytes = Vec::new();
-    WebPEncoder::new_lossless(&mut bytes)
-        .write_image(texture.texels.as_flattened(), texture.width as u32, height as u32, ExtendedColorType::Rgba8)
-        .map_err(|error| error.to_string())?;
-    Ok(bytes)
 }

@@ -1,14 +1,17 @@
-//! A palette of vectors: cells are halved along their widest axis until there are enough, then refined by Lloyd's
-//! algorithm among neighbours.
+//! A palette of vectors by k-means.
 //!
-//! An exhaustive search over 2^16 entries of 45 numbers takes minutes a round. Here a vector is compared with the
-//! entries of its own branch only, so that a round costs n x BRANCH distances.
+//! Cells are halved along their widest axis, the one with the greatest error first, until there are as many as entries; then entries
+//! and vectors are matched anew a few times. A vector is compared with the entries of the few groups whose centres are nearest,
+//! not with all: 2^16 entries of 45 numbers would take minutes.
 
 use rayon::prelude::*;
+use std::collections::BinaryHeap;
 
-const ROUNDS: usize = 4;
-/// Entries of a branch.
-const BRANCH: usize = 64;
+const ROUNDS: usize = 2;
+/// Groups whose entries a vector is compared with.
+const NEAREST: usize = 3;
+/// Least share of a cell that a half gets.
+const LEAST_HALF: usize = 16;
 
 /// Entries, and the entry of each vector.
 pub(super) struct Palette {
@@ -18,112 +21,206 @@ pub(super) struct Palette {
     pub labels: Vec<u32>,
 }
 
-/// At most `2^levels` entries for the rows of `vectors`, `width` numbers each, all finite.
-pub(super) fn fit(vectors: &[f32], width: usize, levels: u32) -> Palette {
+/// Vectors with weights.
+struct Cloud<'a> {
+    vectors: &'a [f32],
+    weights: &'a [f32],
+    width: usize,
+}
+
+/// A cell of vectors: a range of the order, its error, and where it is halved.
+struct Cell {
+    start: usize,
+    end: usize,
+    group: u32,
+    /// Axis, and number of vectors before the border.
+    halves: (usize, f32),
+}
+
+/// At most `entries` entries for the rows of `vectors`, `width` numbers each, all finite. `weights` say how much each row counts.
+pub(super) fn fit(vectors: &[f32], weights: &[f32], width: usize, entries: usize) -> Palette {
     let n = vectors.len() / width;
-    let mut order: Vec<u32> = (0..n as u32).collect();
-    let mut cells: Vec<_> = std::iter::once(0..n).collect();
-    // Branches first: cells stay contiguous in `order`, so that a branch is a run of them.
-    for _ in 0..levels {
-        let mut parts: Vec<&mut [u32]> = Vec::with_capacity(cells.len());
-        let mut rest = order.as_mut_slice();
-        for cell in &cells {
-            let (part, after) = rest.split_at_mut(cell.len());
-            parts.push(part);
-            rest = after;
-        }
-        parts.into_par_iter().for_each(|part| halve(vectors, width, part));
-        cells = cells
-            .into_iter()
-            .flat_map(|cell| {
-                let middle = cell.start + cell.len() / 2;
-                [cell.start..middle, middle..cell.end]
-            })
-            .filter(|cell| !cell.is_empty())
-            .collect();
-    }
-    let mut values = vec![0.0; cells.len() * width];
+    let cloud = Cloud { vectors, weights, width };
+    let (order, mut cells) = cloud.cells(n, entries);
+    // Groups are runs of entries.
+    cells.sort_by_key(|cell| (cell.group, cell.start));
     let mut labels = vec![0; n];
-    let branches: Vec<(Vec<u32>, &mut [f32])> = cells
-        .chunks(BRANCH)
-        .zip(values.chunks_mut(BRANCH * width))
-        .map(|(cells, values)| (order[cells[0].start..cells[cells.len() - 1].end].to_vec(), values))
-        .collect();
-    let settled: Vec<(Vec<u32>, Vec<u32>)> = branches
-        .into_par_iter()
-        .zip(cells.par_chunks(BRANCH))
-        .map(|((members, values), cells)| {
-            let first = cells[0].start;
-            let begun = cells.iter().enumerate().flat_map(|(e, cell)| std::iter::repeat_n(e as u32, cell.len()));
-            let mut own: Vec<u32> = begun.collect();
-            debug_assert_eq!(own.len() + first, cells[cells.len() - 1].end);
-            means(vectors, width, &members, &own, values);
-            for _ in 0..ROUNDS {
-                for (label, i) in own.iter_mut().zip(&members) {
-                    *label = nearest(row(vectors, width, *i), values, width);
-                }
-                means(vectors, width, &members, &own, values);
+    for (entry, cell) in cells.iter().enumerate() {
+        order[cell.start..cell.end].iter().for_each(|i| labels[*i as usize] = entry as u32);
+    }
+    let mut starts: Vec<usize> = (1..cells.len()).filter(|e| cells[*e].group != cells[e - 1].group).collect();
+    starts.insert(0, 0);
+    starts.push(cells.len());
+    let mut values = vec![0.0; cells.len() * width];
+    cloud.means(&labels, &mut values);
+    let exact = cells.len() < entries || cells.len() == n;
+    let rounds = if exact { 0 } else { ROUNDS };
+    for _ in 0..rounds {
+        let search = Search::new(&values, width, &starts);
+        let moved = |(vector, label): (&[f32], &u32)| search.nearest(vector, *label);
+        labels = vectors.par_chunks_exact(width).zip(&labels).map(moved).collect();
+        cloud.means(&labels, &mut values);
+    }
+    without_unused(Palette { values, labels }, width)
+}
+
+/// Removes entries that no vector has.
+fn without_unused(palette: Palette, width: usize) -> Palette {
+    let mut number = vec![u32::MAX; palette.values.len() / width];
+    palette.labels.iter().for_each(|label| number[*label as usize] = 0);
+    let mut values = Vec::with_capacity(palette.values.len());
+    let mut used = 0;
+    for (number, value) in number.iter_mut().zip(palette.values.chunks_exact(width)).filter(|(n, _)| **n == 0) {
+        *number = used;
+        used += 1;
+        values.extend_from_slice(value);
+    }
+    Palette { values, labels: palette.labels.into_iter().map(|label| number[label as usize]).collect() }
+}
+
+impl Cloud<'_> {
+    fn row(&self, i: u32) -> &[f32] {
+        &self.vectors[i as usize * self.width..][..self.width]
+    }
+
+    /// Halves cells until there are `entries`; the order of the vectors, and the cells in it.
+    fn cells(&self, n: usize, entries: usize) -> (Vec<u32>, Vec<Cell>) {
+        let mut order: Vec<u32> = (0..n as u32).collect();
+        let mut cells = vec![Cell { start: 0, end: n, group: 0, halves: (0, 0.0) }];
+        let mut queue = BinaryHeap::new();
+        queue.extend(self.measure(&order, &mut cells[0]).map(|error| (error, std::cmp::Reverse(0_usize))));
+        let groups = (entries as f64).sqrt().ceil() as usize;
+        while cells.len() < entries {
+            // Without errors, every vector has an entry of its own.
+            let Some((_, std::cmp::Reverse(k))) = queue.pop() else { break };
+            let middle = self.halve(&mut order, &cells[k]);
+            let group = if cells.len() < groups { cells.len() as u32 } else { cells[k].group };
+            let mut second = Cell { start: middle, end: cells[k].end, group, halves: (0, 0.0) };
+            cells[k].end = middle;
+            let number = cells.len();
+            let errors = rayon::join(|| self.measure(&order, &mut cells[k]), || self.measure(&order, &mut second));
+            queue.extend(errors.0.map(|error| (error, std::cmp::Reverse(k))));
+            queue.extend(errors.1.map(|error| (error, std::cmp::Reverse(number))));
+            cells.push(second);
+        }
+        (order, cells)
+    }
+
+    /// Bits of the error of a cell, which order like it; none if its vectors are alike. Notes where to halve it.
+    fn measure(&self, order: &[u32], cell: &mut Cell) -> Option<u64> {
+        let mut sums = vec![[0.0_f64; 2]; self.width];
+        let mut weight = 0.0;
+        for &i in &order[cell.start..cell.end] {
+            let w = f64::from(self.weights[i as usize]);
+            weight += w;
+            for (sum, x) in sums.iter_mut().zip(self.row(i)) {
+                let x = f64::from(*x);
+                *sum = [sum[0] + w * x, sum[1] + w * x * x];
             }
-            (members, own)
-        })
-        .collect();
-    for (b, (members, own)) in settled.into_iter().enumerate() {
-        for (i, label) in members.into_iter().zip(own) {
-            labels[i as usize] = (b * BRANCH) as u32 + label;
         }
+        let variance = |[sum, squares]: [f64; 2]| (squares - sum * sum / weight).max(0.0);
+        let errors: Vec<f64> = sums.iter().map(|s| variance(*s)).collect();
+        let axis = (0..self.width).max_by(|a, b| errors[*a].total_cmp(&errors[*b]))?;
+        cell.halves = (axis, (sums[axis][0] / weight) as f32);
+        let error: f64 = errors.iter().sum();
+        (cell.end - cell.start > 1 && error > 0.0).then_some(error.to_bits())
     }
-    Palette { values, labels }
-}
 
-fn row(vectors: &[f32], width: usize, i: u32) -> &[f32] {
-    &vectors[i as usize * width..][..width]
-}
-
-/// Orders a cell so that its lower half along the axis of greatest variance comes first.
-fn halve(vectors: &[f32], width: usize, cell: &mut [u32]) {
-    if cell.len() < 2 {
-        return;
+    /// Orders a cell so that what lies below its border comes first, and returns where the rest begins.
+    fn halve(&self, order: &mut [u32], cell: &Cell) -> usize {
+        let (axis, border) = cell.halves;
+        let members = &mut order[cell.start..cell.end];
+        let at = |i: u32| self.vectors[i as usize * self.width + axis];
+        let below = members.iter().filter(|i| at(**i) <= border).count();
+        let least = (members.len() / LEAST_HALF).max(1);
+        let middle = below.clamp(least, members.len() - least);
+        members.select_nth_unstable_by(middle, |a, b| at(*a).total_cmp(&at(*b)).then(a.cmp(b)));
+        cell.start + middle
     }
-    let mut sums = vec![[0.0_f64; 2]; width];
-    for i in cell.iter() {
-        for (sum, x) in sums.iter_mut().zip(row(vectors, width, *i)) {
-            let x = f64::from(*x);
-            *sum = [sum[0] + x, sum[1] + x * x];
+
+    /// Each entry becomes the weighted mean of its vectors; an entry without vectors stays.
+    fn means(&self, labels: &[u32], values: &mut [f32]) {
+        let mut sums = vec![0.0_f64; values.len()];
+        let mut weights = vec![0.0_f64; values.len() / self.width];
+        for (i, label) in labels.iter().enumerate() {
+            let w = f64::from(self.weights[i]);
+            weights[*label as usize] += w;
+            let sum = &mut sums[*label as usize * self.width..][..self.width];
+            sum.iter_mut().zip(self.row(i as u32)).for_each(|(s, x)| *s += w * f64::from(*x));
         }
-    }
-    let variance = |[sum, squares]: [f64; 2]| squares - sum * sum / cell.len() as f64;
-    let axis = (0..width).max_by(|a, b| variance(sums[*a]).total_cmp(&variance(sums[*b]))).unwrap_or(0);
-    let at = |i: u32| vectors[i as usize * width + axis];
-    let middle = cell.len() / 2;
-    cell.select_nth_unstable_by(middle, |a, b| at(*a).total_cmp(&at(*b)).then(a.cmp(b)));
-}
-
-/// Each entry becomes the mean of its vectors; an entry without vectors stays.
-fn means(vectors: &[f32], width: usize, members: &[u32], own: &[u32], values: &mut [f32]) {
-    let entries = values.len() / width;
-    let mut sums = vec![0.0_f64; values.len()];
-    let mut counts = vec![0_u32; entries];
-    for (i, entry) in members.iter().zip(own) {
-        counts[*entry as usize] += 1;
-        let sum = &mut sums[*entry as usize * width..][..width];
-        sum.iter_mut().zip(row(vectors, width, *i)).for_each(|(s, x)| *s += f64::from(*x));
-    }
-    for ((value, sum), count) in values.chunks_mut(width).zip(sums.chunks(width)).zip(counts) {
-        if count > 0 {
-            value.iter_mut().zip(sum).for_each(|(v, s)| *v = (s / f64::from(count)) as f32);
+        for ((value, sum), weight) in values.chunks_mut(self.width).zip(sums.chunks(self.width)).zip(weights) {
+            if weight > 0.0 {
+                value.iter_mut().zip(sum).for_each(|(v, s)| *v = (s / weight) as f32);
+            }
         }
     }
 }
 
-fn nearest(vector: &[f32], values: &[f32], width: usize) -> u32 {
-    let mut best = (f32::INFINITY, 0);
-    for (e, value) in values.chunks_exact(width).enumerate() {
-        let distance = vector.iter().zip(value).map(|(a, b)| (a - b) * (a - b)).sum();
-        if distance < best.0 {
-            best = (distance, e as u32);
+/// Entries in groups, with the groups' centres; each list by axis, so that distances to many are computed at once.
+struct Search {
+    width: usize,
+    starts: Vec<usize>,
+    centres: Vec<f32>,
+    groups: Vec<Vec<f32>>,
+}
+
+impl Search {
+    fn new(values: &[f32], width: usize, starts: &[usize]) -> Self {
+        let by_axis = |rows: &[f32]| -> Vec<f32> {
+            (0..width).flat_map(|axis| rows.iter().skip(axis).step_by(width).copied()).collect()
+        };
+        let of = |bounds: &[usize]| &values[bounds[0] * width..bounds[1] * width];
+        let centres: Vec<f32> = starts
+            .windows(2)
+            .flat_map(|bounds| {
+                let rows = of(bounds);
+                let count = (bounds[1] - bounds[0]) as f32;
+                (0..width).map(move |axis| rows.iter().skip(axis).step_by(width).sum::<f32>() / count)
+            })
+            .collect();
+        let groups = starts.windows(2).map(|bounds| by_axis(of(bounds))).collect();
+        Self { width, starts: starts.to_vec(), centres: by_axis(&centres), groups }
+    }
+
+    /// Squared distances of a vector to a list of entries by axis.
+    fn distances(&self, vector: &[f32], list: &[f32], out: &mut Vec<f32>) {
+        let count = list.len() / self.width;
+        out.clear();
+        out.resize(count, 0.0);
+        for (x, values) in vector.iter().zip(list.chunks_exact(count)) {
+            for (sum, value) in out.iter_mut().zip(values) {
+                *sum += (x - value) * (x - value);
+            }
         }
     }
-    best.1
+
+    /// The nearest entry in the groups that are nearest, or the entry that the vector has, if none is nearer.
+    fn nearest(&self, vector: &[f32], own: u32) -> u32 {
+        let mut distances = Vec::new();
+        self.distances(vector, &self.centres, &mut distances);
+        let own_group = self.starts.partition_point(|start| *start <= own as usize) - 1;
+        distances[own_group] = 0.0;
+        let mut near = [(f32::INFINITY, 0); NEAREST];
+        for (group, distance) in distances.iter().enumerate() {
+            if *distance < near[NEAREST - 1].0 {
+                let at = near.partition_point(|(known, _)| known <= distance);
+                near[at..].rotate_right(1);
+                near[at] = (*distance, group);
+            }
+        }
+        let mut best = (f32::INFINITY, own);
+        for (_, group) in near.iter().filter(|(distance, _)| distance.is_finite()) {
+            let start = self.starts[*group] as u32;
+            self.distances(vector, &self.groups[*group], &mut distances);
+            for (entry, distance) in (start..).zip(&distances) {
+                // The first of equally near ones, but for its own.
+                if *distance < best.0 || (*distance == best.0 && entry == own) {
+                    best = (*distance, entry);
+                }
+            }
+        }
+        best.1
+    }
 }
 
 #[cfg(test)]
@@ -133,7 +230,7 @@ mod tests {
     #[test]
     fn as_many_entries_as_vectors_lose_nothing() {
         let vectors: Vec<f32> = (0..300).map(|i| ((i * 37) % 101) as f32).collect();
-        let palette = fit(&vectors, 3, 7);
+        let palette = fit(&vectors, &[1.0; 100], 3, 100);
         for (i, label) in palette.labels.iter().enumerate() {
             assert_eq!(palette.values[*label as usize * 3..][..3], vectors[i * 3..][..3]);
         }

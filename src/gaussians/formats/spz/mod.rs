@@ -7,7 +7,7 @@
 mod pack;
 mod unpack;
 
-pub(super) use pack::pack;
+pub(super) use pack::{pack, usual};
 pub(super) use unpack::{read, read_in};
 
 /// Flag of the header: the model is anti-aliased.
