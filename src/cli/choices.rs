@@ -57,6 +57,11 @@ pub(super) struct Choices {
 }
 
 impl Choices {
+    /// True if a share or a number of Gaussians is given.
+    pub fn counts(&self) -> bool {
+        self.keep.is_some() || self.target_count.is_some()
+    }
+
     /// The preset with the given options in place of its own.
     ///
     /// # Errors

@@ -12,9 +12,10 @@ use super::view::{self, Watched};
 use crate::gaussians::formats;
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::Error;
+use crate::pipeline::compress::aim::Aim;
 use crate::pipeline::compress::{self, Input};
 use crate::pipeline::config::no_methods;
-use crate::pipeline::records::{CompressRecord, StageScores, Truth};
+use crate::pipeline::records::{AimRecord, CompressRecord, ModelFile, StageScores, Truth};
 use crate::pipeline::{Output, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
 use crate::report::of_compression;
@@ -24,6 +25,8 @@ use std::time::Instant;
 const EXAMPLES: &str = "Examples:
   qirf-vk compress flowers.ply -o small.spz
   qirf-vk compress flowers.ply -o small.ply --target-count 20000 --fine-tune 500
+  qirf-vk compress flowers.ply -o small.sog --size 500kB
+  qirf-vk compress flowers.ply -o small.sog --psnr 35
   qirf-vk compress model.ply -o small.ply --scene capture --resolution /4 --fine-tune 3000
   qirf-vk compress model.ply -o small.ply --selector importance --budget global --json
 
@@ -69,6 +72,7 @@ impl Arguments {
         if self.watched.view && self.fine_tune == 0 {
             return Err(Error::Usage("--view shows the training after the prune; add --fine-tune N".to_owned()));
         }
+        let aim = self.options.aim()?;
         let reading = Instant::now();
         let loaded = read_model(&self.model, console)?;
         let read_s = reading.elapsed().as_secs_f64();
@@ -89,9 +93,9 @@ impl Arguments {
         let config = self.options.configuration(style, self.fine_tune)?;
         let subject = || view::of_compression(&config, &input.model, &self.output, console);
         let subject = self.watched.view.then(subject).transpose()?;
-        let figures = self
-            .watched
-            .during(&session, console, subject, |session| compress::compress(session, input, &config, &self.output))?;
+        let figures = self.watched.during(&session, console, subject, |session| {
+            compress::compress_to(session, input, (&config, aim), &self.output)
+        })?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
             let page = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("html"));
@@ -122,6 +126,20 @@ impl Arguments {
     }
 }
 
+/// Says where the model has less than was asked.
+fn shortfall(console: &Console, aim: &AimRecord, output: &ModelFile) {
+    match aim.aim {
+        Aim::Bytes(size) if 20 * output.bytes < 19 * size => console.note(format_args!(
+            "no file of this model in this format needs {size} bytes: the whole model, as finely as the format allows, has {}",
+            output.bytes
+        )),
+        Aim::Psnr(wanted) if aim.chosen.psnr.is_some_and(|psnr| psnr < wanted - 0.1) => console.note(format_args!(
+            "no file in this format reaches {wanted} dB: this one, of the whole model, is the finest"
+        )),
+        _ => {}
+    }
+}
+
 fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
     let CompressRecord { input, output, time, test, views, protocol, prune, .. } = figures;
     let how = match &prune.pairs {
@@ -139,6 +157,10 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
         after / 1e6,
         before / 1e6
     ))?;
+    if let Some(aim) = &figures.aim {
+        console.print(compress::fit::line(aim, output.bytes, output.gaussians))?;
+        shortfall(console, aim, output);
+    }
     let truth = match protocol.truth {
         Truth::Photos => "photos",
         Truth::OwnPictures => "the original's pictures",

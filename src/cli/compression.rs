@@ -2,10 +2,11 @@
 
 use super::choices::Choices;
 use super::style;
-use super::values::{self, Up};
+use super::values::{self, Size, Up};
 use crate::effects::Overrides;
 use crate::pipeline::Error;
 use crate::pipeline::Selection;
+use crate::pipeline::compress::aim::Aim;
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::config::PruneRule;
 use crate::pipeline::virtual_views::VirtualCameras;
@@ -28,9 +29,13 @@ pub(super) struct CompressArgs {
     /// Number of virtual cameras around the model; every eighth is held out for the scores [default: 48]
     #[arg(long, value_name = "N", help_heading = "Without photos", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     views: Option<u32>,
-    /// Picture size of virtual cameras [default: 400x400]
-    #[arg(long, value_name = "WxH", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::size)]
-    size: Option<(u32, u32)>,
+    /// Size of the file, such as 5MB, 800kB or 4.5MiB: the best picture in so many bytes. WxH instead is the picture size of virtual
+    /// cameras [default: 400x400]
+    #[arg(long, value_name = "BYTES|WxH", action = clap::ArgAction::Append, value_parser = values::size_of_file_or_pictures)]
+    size: Vec<Size>,
+    /// PSNR in dB against the original's pictures or the photos held out: the fewest bytes for it
+    #[arg(long, value_name = "DB", value_parser = values::psnr, conflicts_with_all = ["keep", "target_count"])]
+    psnr: Option<f64>,
     /// Up direction: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
@@ -63,6 +68,37 @@ enum Preset {
 }
 
 impl CompressArgs {
+    /// What is asked of the file, if anything.
+    pub fn aim(&self) -> Result<Option<Aim>, Error> {
+        let mut files =
+            self.size.iter().filter_map(|size| if let Size::File(bytes) = size { Some(*bytes) } else { None });
+        let aim = match (files.next(), files.next(), self.psnr) {
+            (Some(_), Some(_), _) => return Err(Error::Usage("give one --size of the file".to_owned())),
+            (Some(_), _, Some(_)) => {
+                return Err(Error::Usage("--size and --psnr ask for two files; give one of them".to_owned()));
+            }
+            (bytes, _, psnr) => bytes.map(Aim::Bytes).or(psnr.map(Aim::Psnr)),
+        };
+        if aim.is_some() && self.choices.counts() {
+            let what = "--size finds how many Gaussians to keep; leave out --keep and --target-count";
+            return Err(Error::Usage(what.to_owned()));
+        }
+        Ok(aim)
+    }
+
+    /// The picture size of virtual cameras, if given.
+    fn pictures(&self) -> Result<Option<(u32, u32)>, Error> {
+        let of = |size: &Size| if let Size::Pictures(w, h) = size { Some((*w, *h)) } else { None };
+        let mut pictures = self.size.iter().filter_map(of);
+        match (pictures.next(), pictures.next()) {
+            (_, Some(_)) => Err(Error::Usage("give one --size of pictures".to_owned())),
+            (Some(_), _) if self.scene.is_some() => {
+                Err(Error::Usage("--size WxH is for virtual cameras; a scene's photos have --resolution".to_owned()))
+            }
+            (size, _) => Ok(size),
+        }
+    }
+
     /// The configuration of a compression in this style, with `fine_tune` iterations of training afterwards.
     pub fn configuration(&self, style: Style, fine_tune: u32) -> Result<CompressConfig, Error> {
         let preset = match self.preset {
@@ -74,6 +110,7 @@ impl CompressArgs {
             }
             Preset::Paper => PruneRule::paper(),
         };
+        let pictures = self.pictures()?;
         let default = VirtualCameras::default();
         let views = match &self.scene {
             Some(scene) => ViewSource::Photos(Selection {
@@ -87,7 +124,7 @@ impl CompressArgs {
             None => ViewSource::OwnPictures {
                 cameras: VirtualCameras {
                     views: self.views.unwrap_or(default.views),
-                    size: self.size.unwrap_or(default.size),
+                    size: pictures.unwrap_or(default.size),
                     up: self.up.unwrap_or(Up::Auto).direction(),
                 },
                 background: self.background.unwrap_or([0.0; 3]),

@@ -88,6 +88,10 @@ impl OfModel {
     fn job(&self, session: &Session<'_>, console: &Console) -> Result<Job, Error> {
         let loaded = read_model(&self.model, console)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
+        if self.options.aim()?.is_some() {
+            let what = "--size of a file and --psnr are for `qirf-vk compress`; a plan has --keep or --target-count";
+            return Err(Error::Usage(what.to_owned()));
+        }
         let config = self.options.configuration(style, 0)?;
         let job = CompressPlan::plan(session, &self.model, &loaded.gaussians, config)?;
         Ok(Job::Compression(Box::new(job)))

@@ -24,13 +24,15 @@ pub(super) struct Show<'a> {
     responses: OnceLock<ProgressBar>,
     scores: OnceLock<ProgressBar>,
     pictures: OnceLock<ProgressBar>,
+    files: OnceLock<ProgressBar>,
 }
 
 impl<'a> Show<'a> {
     /// Shows a job, and starts to watch for Ctrl-C.
     pub fn new(console: &'a Console) -> Self {
-        let [poses, photos, training, responses, scores, pictures] = Default::default();
-        Self { console, watch: Watch::begin(), recorder: None, poses, photos, training, responses, scores, pictures }
+        let [poses, photos, training, responses, scores, pictures, files] = Default::default();
+        let (watch, recorder) = (Watch::begin(), None);
+        Self { console, watch, recorder, poses, photos, training, responses, scores, pictures, files }
     }
 
     /// Also writes what prunes knew and decided.
@@ -87,6 +89,15 @@ impl Watcher for Show<'_> {
 
     fn rendering(&self, done: usize, total: usize) {
         self.step(&self.pictures, "rendering", done, total);
+    }
+
+    fn trying(&self, done: usize, total: usize) {
+        let bar = self.files.get_or_init(|| self.console.bar(total as u64, "files"));
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+        if (done, total) == (1, 1) {
+            bar.finish_and_clear();
+        }
     }
 
     fn note(&self, line: &str) {

@@ -53,6 +53,49 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     parsed.ok_or_else(|| "write a number of bytes, such as 2G, 800M or 1000000".to_owned())
 }
 
+/// A size: that of pictures, or that of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Size {
+    /// Width and height in pixels.
+    Pictures(u32, u32),
+    /// Bytes.
+    File(u64),
+}
+
+/// `5MB`, `800kB`, `2.5MiB`, or `640x480` for pictures.
+pub(super) fn size_of_file_or_pictures(text: &str) -> Result<Size, String> {
+    let is_file = text.to_ascii_lowercase().ends_with('b');
+    match size(text) {
+        Ok((width, height)) if !is_file => Ok(Size::Pictures(width, height)),
+        Err(fault) if text.contains(['x', 'X']) && !is_file => Err(fault),
+        _ => file_size(text).map(Size::File),
+    }
+}
+
+/// `5MB`: a number and a unit, of 1000 (kB, MB, GB) or 1024 (KiB, MiB, GiB), or `B`.
+pub(super) fn file_size(text: &str) -> Result<u64, String> {
+    let at = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let (number, unit) = text.split_at(at);
+    let unit = match unit.to_ascii_lowercase().as_str() {
+        "b" => 1.0,
+        "kb" => 1e3,
+        "mb" => 1e6,
+        "gb" => 1e9,
+        "kib" => 1024.0,
+        "mib" => 1048576.0,
+        "gib" => 1073741824.0,
+        _ => return Err("write a size with its unit, such as 5MB, 800kB or 4.5MiB".to_owned()),
+    };
+    let bytes = number.trim().parse::<f64>().ok().map(|n| (n * unit).floor()).filter(|b| *b >= 1.0 && *b < 1e15);
+    bytes.map(|b| b as u64).ok_or_else(|| "write a size above 0, such as 5MB, 800kB or 4.5MiB".to_owned())
+}
+
+/// PSNR in dB, 5 to 100.
+pub(super) fn psnr(text: &str) -> Result<f64, String> {
+    let number = text.trim_end_matches("dB").trim_end().parse::<f64>().ok().filter(|v| (5.0..=100.0).contains(v));
+    number.ok_or_else(|| "write a PSNR in dB from 5 to 100, such as 35".to_owned())
+}
+
 /// The number of Gaussians that a run grows to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum GrowTo {
@@ -296,6 +339,14 @@ mod tests {
         for bad in ["", "G", "0", "-1", "1.5G", "99999999999G", "1T"] {
             assert!(bytes(bad).is_err(), "{bad}");
         }
+        assert_eq!((file_size("5MB"), file_size("1.5kB"), file_size("2 MiB")), (Ok(5_000_000), Ok(1500), Ok(2 << 20)));
+        assert_eq!(size_of_file_or_pictures("640x480"), Ok(Size::Pictures(640, 480)));
+        assert_eq!(size_of_file_or_pictures("12kb"), Ok(Size::File(12_000)));
+        for bad in ["5", "0", "0MB", "-1MB", "1TB", "MB", "", "nanMB", "infMB", "1e30GB", "5 apples", "0x7", "0x1B"] {
+            assert!(size_of_file_or_pictures(bad).is_err(), "{bad}");
+        }
+        assert_eq!(psnr("35"), Ok(35.0));
+        assert!(psnr("nan").is_err() && psnr("4").is_err() && psnr("101").is_err() && psnr("-35").is_err());
         for bad in ["", "1,1", "1,1,1,1", "2,0,0", "nan,0,0", "red"] {
             assert!(colour(bad).is_err(), "{bad}");
         }

@@ -8,7 +8,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::pipeline::Error;
 use crate::qirf::CHANNELS;
-use crate::qirf::pairs;
+use crate::qirf::pairs::{self, Pairs};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Choice, Keep};
 use crate::qirf::study::{Observed, Study};
@@ -185,12 +185,16 @@ pub fn plan(
 /// The plan of merging pairs, which needs neither blocks nor a budget.
 fn pairs(model: &Gaussians, responses: &Responses, keep: Keep, begun: Instant) -> PrunePlan {
     let Responses { scores, cameras, dilation, .. } = responses;
-    let merged = pairs::merge(model, scores, cameras, *dilation, keep.count(model.len()));
+    of_pairs(pairs::merge(model, scores, cameras, *dilation, keep.count(model.len())), responses, begun)
+}
+
+/// The plan of pairs that were merged since `begun`.
+pub fn of_pairs(merged: Pairs, responses: &Responses, begun: Instant) -> PrunePlan {
     let after = merged.keep.iter().filter(|k| **k).count();
     let seconds = begun.elapsed().as_secs_f64();
     let record = PruneRecord {
         selector: Selector::Pairs,
-        before: model.len(),
+        before: merged.keep.len(),
         after,
         pairs: Some(merged.counts),
         seconds: PruneSeconds { merge: seconds, total: seconds, ..PruneSeconds::default() },

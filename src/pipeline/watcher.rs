@@ -35,6 +35,8 @@ pub trait Watcher {
     }
     /// Held-out views scored so far, and their total.
     fn evaluating(&self, _done: usize, _total: usize) {}
+    /// Files tried so far in a search for one of a wanted size or PSNR, and about how many there will be.
+    fn trying(&self, _done: usize, _total: usize) {}
     /// Pictures written so far, and their total.
     fn rendering(&self, _done: usize, _total: usize) {}
     /// A line for the user.

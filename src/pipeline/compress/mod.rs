@@ -1,6 +1,8 @@
 //! `qirf-vk compress`: from an existing model to a smaller one.
 
+pub mod aim;
 mod config;
+pub mod fit;
 mod scoring;
 pub mod stages;
 mod train;
@@ -14,8 +16,11 @@ use super::records::{CompressRecord, CompressTimes, ModelFile, StageScores, Trut
 use super::session::Session;
 use super::virtual_views::ALL;
 use crate::gaussians::{Gaussians, formats};
+use crate::metrics;
 use crate::pipeline::Error;
 use crate::qirf::select::budget::Keep;
+use aim::Aim;
+use fit::{Fitted, Judge};
 use scoring::Scoring;
 use std::path::Path;
 use std::time::Instant;
@@ -41,6 +46,19 @@ pub fn compress(
     config: &CompressConfig,
     output: &Path,
 ) -> Result<CompressRecord, Error> {
+    compress_to(session, input, (config, None), output)
+}
+
+/// As [`compress`]; with an aim, the number of Gaussians and the format's settings are those of the best file that meets it.
+///
+/// # Errors
+/// As of [`compress`]; [`Error::Usage`] for a size that even one Gaussian exceeds.
+pub fn compress_to(
+    session: &Session<'_>,
+    input: Input<'_>,
+    (config, aim): (&CompressConfig, Option<Aim>),
+    output: &Path,
+) -> Result<CompressRecord, Error> {
     let begun = Instant::now();
     let Session { device, watcher, .. } = *session;
     let Input { path, model, read_s } = input;
@@ -57,8 +75,19 @@ pub fn compress(
     let responses = train::respond(session, shown.source(), model.degree(), (&views, None), config)?;
     time.responses_s = seconds(responding);
 
+    // Pictures decide how finely a model is worth storing as SOG.
+    let is_sog = output.extension().is_some_and(|e| e.eq_ignore_ascii_case("sog"));
+    let by_held_out = !matches!(aim, Some(Aim::Bytes(_)));
+    let judge =
+        (aim.is_some() || is_sog).then(|| Judge::new(session, &views, shown.source(), by_held_out)).transpose()?;
     let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
-    let plan = prune::plan(device, shown.source(), &model, &responses, &request)?;
+    let (plan, fitted) = match aim.zip(judge.as_ref()) {
+        None => (prune::plan(device, shown.source(), &model, &responses, &request)?, None),
+        Some((aim, judge)) => {
+            let Fitted { plan, bytes, precision, record } = fit::fit(judge, &model, &responses, (config, aim), output)?;
+            (plan, Some((bytes, precision, record)))
+        }
+    };
     drop((shown, responses));
     watcher.unless_stopped()?;
     watcher.pruned(&model, config.style.mode(), &plan.diagnostics)?;
@@ -78,7 +107,21 @@ pub fn compress(
 
     watcher.unless_stopped()?;
     let writing = Instant::now();
-    formats::write(output, &model, config.style.mode()).map_err(Error::writing)?;
+    let last = if tuned.is_empty() { &after } else { &tuned };
+    let psnr = metrics::mean(last).and_then(|scores| scores.psnr);
+    let (bytes, aim): (Option<Vec<u8>>, _) = match fitted {
+        Some((bytes, _, record)) if tuned.is_empty() => (Some(bytes), Some(record)),
+        Some((bytes, precision, record)) => {
+            let most = if let Aim::Bytes(size) = record.aim { size } else { bytes.len() as u64 };
+            (Some(fit::within(&mut model, (config, &precision), most, output)?), Some(record))
+        }
+        None => (judge.map(|judge| fit::written(&judge, &model, (config, psnr), output)).transpose()?, None),
+    };
+    match bytes {
+        Some(bytes) => formats::write_atomically(output, |out| out.write_all(&bytes)),
+        None => formats::write(output, &model, config.style.mode()),
+    }
+    .map_err(Error::writing)?;
     time.write_s = seconds(writing);
     time.total_s = read_s + seconds(begun);
     let stages = views.stages([before, after, tuned]);
@@ -90,6 +133,7 @@ pub fn compress(
         input,
         output: model_file(output, &model),
         prune,
+        aim,
         test: StageScores::mean(&stages),
         views: stages,
         time,

@@ -2,8 +2,10 @@
 
 use super::prune::PruneRecord;
 use super::run::Memory;
+use crate::gaussians::formats::Precision;
 use crate::gpu::TunedDevice;
 use crate::metrics::{Scores, mean};
+use crate::pipeline::compress::aim::{Aim, Point};
 use crate::pipeline::config::PruneRule;
 use crate::render::Style;
 use serde::{Deserialize, Serialize};
@@ -26,6 +28,9 @@ pub struct CompressRecord {
     pub output: ModelFile,
     /// The prune: its choice, and statistics of its blocks.
     pub prune: PruneRecord,
+    /// The search for a file of a wanted size or PSNR; absent if none was wanted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aim: Option<AimRecord>,
     /// Mean scores of the held-out views.
     pub test: StageScores,
     /// Each held-out view.
@@ -34,6 +39,22 @@ pub struct CompressRecord {
     pub time: CompressTimes,
     /// Device memory in bytes.
     pub memory: Memory,
+}
+
+/// The search for a file of a wanted size or PSNR.
+#[derive(Clone, Debug, Serialize)]
+pub struct AimRecord {
+    /// What was asked.
+    #[serde(flatten)]
+    pub aim: Aim,
+    /// The file chosen; its PSNR is of the views that files are compared by.
+    pub chosen: Point,
+    /// How finely it stores values.
+    pub precision: Precision,
+    /// Rungs of the format's ladder of settings.
+    pub rungs: usize,
+    /// The files tried.
+    pub tried: Vec<Point>,
 }
 
 /// Conditions of the measurement.

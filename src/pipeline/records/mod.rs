@@ -4,7 +4,9 @@ mod compress;
 mod prune;
 mod run;
 
-pub use compress::{CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, Truth, ViewStages};
+pub use compress::{
+    AimRecord, CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, Truth, ViewStages,
+};
 pub use prune::{AttritionRecord, PruneGuards, PruneRecord, PruneSeconds, RankRecord};
 pub use run::{
     Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores, ViewScores, infinite_for_nulls,

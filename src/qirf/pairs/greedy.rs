@@ -19,18 +19,60 @@ pub(super) struct Cluster {
     pub opacity: f64,
 }
 
-/// Merges pairs of `footprints` until at most `target` are left; if no neighbours are left before that, drops those that
-/// contribute least. In the order of the clusters' first members.
-pub(super) fn clusters(footprints: Vec<Footprint>, target: usize) -> Vec<Cluster> {
-    let mut merging = Merging::new(footprints);
-    while merging.left > target && merging.step() {}
-    let mut clusters = merging.clusters();
-    if clusters.len() > target {
-        clusters.sort_by(|(a, x), (b, y)| y.total_cmp(x).then(a.members.cmp(&b.members)));
-        clusters.truncate(target);
-        clusters.sort_by(|(a, _), (b, _)| a.members.cmp(&b.members));
+/// A merge: the place that stays, the place that goes into it, and what became of them.
+struct Merge {
+    stays: u32,
+    goes: u32,
+    opacity: f64,
+    contribution: f64,
+}
+
+/// Merges of pairs, cheapest first, which can be replayed to any number: a smaller model's merges begin with a larger one's.
+pub(super) struct Sequence {
+    /// Opacity and contribution of each footprint before the first merge.
+    begun: Vec<(f64, f64)>,
+    merges: Vec<Merge>,
+}
+
+impl Sequence {
+    /// Merges pairs of `footprints` until at most `least` are left, or no neighbours.
+    pub fn new(footprints: Vec<Footprint>, least: usize) -> Self {
+        let begun = footprints.iter().map(|f| (f.opacity, f.contribution)).collect();
+        let mut merging = Merging::new(footprints);
+        while merging.left > least && merging.step() {}
+        Self { begun, merges: merging.merges }
     }
-    clusters.into_iter().map(|(cluster, _)| cluster).collect()
+
+    /// The clusters when at most `target`, which is not below the `least` of the sequence, are left; if no neighbours were left
+    /// before that, those that contribute least are dropped. In the order of the clusters' first members.
+    pub fn clusters(&self, target: usize) -> Vec<Cluster> {
+        let n = self.begun.len();
+        let mut into: Vec<u32> = (0..n as u32).collect();
+        let mut shown = self.begun.clone();
+        for merge in self.merges.iter().take(n.saturating_sub(target)) {
+            into[merge.goes as usize] = merge.stays;
+            shown[merge.stays as usize] = (merge.opacity, merge.contribution);
+        }
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); n];
+        for i in 0..n {
+            let mut root = i;
+            while into[root] as usize != root {
+                root = into[root] as usize;
+            }
+            members[root].push(i);
+        }
+        let of = |(members, (opacity, contribution)): (Vec<usize>, &(f64, f64))| {
+            (Cluster { members, opacity: *opacity }, *contribution)
+        };
+        let mut clusters: Vec<_> =
+            members.into_iter().zip(&shown).filter(|(members, _)| !members.is_empty()).map(of).collect();
+        if clusters.len() > target {
+            clusters.sort_by(|(a, x), (b, y)| y.total_cmp(x).then(a.members.cmp(&b.members)));
+            clusters.truncate(target);
+        }
+        clusters.sort_by(|(a, _), (b, _)| a.members.cmp(&b.members));
+        clusters.into_iter().map(|(cluster, _)| cluster).collect()
+    }
 }
 
 /// A pair in the queue: its cost as bits, which order like the cost, and its two numbers.
@@ -44,8 +86,8 @@ struct Merging {
     place: Vec<u32>,
     /// By place: numbers of the neighbours, some of them gone.
     links: Vec<Vec<u32>>,
-    /// By place: the place that it was merged into, or itself.
-    into: Vec<u32>,
+    /// The merges so far.
+    merges: Vec<Merge>,
     queue: BinaryHeap<Entry>,
     left: usize,
 }
@@ -62,8 +104,8 @@ impl Merging {
         };
         let pairs: Vec<Vec<Entry>> = links.par_iter().enumerate().map(|(i, links)| pairs((i, links))).collect();
         let queue = pairs.into_iter().flatten().collect::<Vec<_>>().into();
-        let numbers = || (0..n as u32).collect::<Vec<_>>();
-        Self { footprints, place: numbers(), links, into: numbers(), queue, left: n }
+
+        Self { footprints, place: (0..n as u32).collect(), links, merges: Vec::new(), queue, left: n }
     }
 
     /// Merges the pair that costs least; false if there is none.
@@ -80,11 +122,12 @@ impl Merging {
 
     fn merge(&mut self, [i, j]: [u32; 2], [a, b]: [usize; 2]) {
         let merged = self.footprints[a].merged(&self.footprints[b]);
+        let Footprint { opacity, contribution, .. } = merged;
+        self.merges.push(Merge { stays: a as u32, goes: b as u32, opacity, contribution });
         self.footprints[a] = merged;
         let number = self.place.len() as u32;
         self.place.push(a as u32);
         (self.place[i as usize], self.place[j as usize]) = (GONE, GONE);
-        self.into[b] = a as u32;
         self.left -= 1;
         let mut links = std::mem::take(&mut self.links[a]);
         links.append(&mut self.links[b]);
@@ -100,26 +143,6 @@ impl Merging {
             theirs.push(number);
         }
         self.links[a] = links;
-    }
-
-    /// The clusters with their contributions, by their first members.
-    fn clusters(self) -> Vec<(Cluster, f64)> {
-        let n = self.into.len();
-        let mut members: Vec<Vec<usize>> = vec![Vec::new(); n];
-        for i in 0..n {
-            let mut root = i;
-            while self.into[root] as usize != root {
-                root = self.into[root] as usize;
-            }
-            members[root].push(i);
-        }
-        let of = |(members, footprint): (Vec<usize>, &Footprint)| {
-            (Cluster { members, opacity: footprint.opacity }, footprint.contribution)
-        };
-        let mut clusters: Vec<_> =
-            members.into_iter().zip(&self.footprints).filter(|(members, _)| !members.is_empty()).map(of).collect();
-        clusters.sort_by(|(a, _), (b, _)| a.members.cmp(&b.members));
-        clusters
     }
 }
 

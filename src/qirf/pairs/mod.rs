@@ -48,54 +48,73 @@ pub struct PairCounts {
     pub dropped: usize,
 }
 
-/// Merges pairs of Gaussians until `target` are left. `cameras` are those of the scores' views, and `dilation` is the variance
-/// in square pixels that rendering adds to every Gaussian. Deterministic; equal costs by index.
+/// Merges pairs of Gaussians until `target` are left: [`Sequence::new`] and [`Sequence::pairs`] at once.
 ///
 /// # Panics
 /// If there is not one score per Gaussian.
 pub fn merge(model: &Gaussians, scores: &[Score], cameras: &[Camera], dilation: f32, target: usize) -> Pairs {
-    let n = model.len();
-    assert_eq!(scores.len(), n, "one score a Gaussian");
-    let observe = |i: usize| {
-        let widening = f64::from(dilation) * pixel_area(cameras, DVec3::from(model.means[i].map(f64::from)));
-        Footprint::of(model, i, &Observation { score: &scores[i], widening })
-    };
-    let observed: Vec<Option<Footprint>> = (0..n).into_par_iter().map(observe).collect();
-    let (mut seen, mut footprints) = (Vec::new(), Vec::new());
-    for (i, footprint) in observed.into_iter().enumerate() {
-        if let Some(footprint) = footprint {
-            seen.push(i);
-            footprints.push(footprint);
-        }
+    Sequence::new(model, scores, (cameras, dilation), target).pairs(model, scores, target)
+}
+
+/// The merges of a model's pairs in their order. A model of any number of Gaussians is made of the first of them.
+pub struct Sequence {
+    /// Numbers of the Gaussians that have footprints.
+    seen: Vec<usize>,
+    merges: greedy::Sequence,
+}
+
+impl Sequence {
+    /// Merges pairs of Gaussians until `least` are left. `cameras` are those of the scores' views, and `dilation` is the variance in
+    /// square pixels that rendering adds to every Gaussian. Deterministic; equal costs by index.
+    ///
+    /// # Panics
+    /// If there is not one score per Gaussian.
+    pub fn new(model: &Gaussians, scores: &[Score], (cameras, dilation): (&[Camera], f32), least: usize) -> Self {
+        let n = model.len();
+        assert_eq!(scores.len(), n, "one score a Gaussian");
+        let observe = |i: usize| {
+            let widening = f64::from(dilation) * pixel_area(cameras, DVec3::from(model.means[i].map(f64::from)));
+            Footprint::of(model, i, &Observation { score: &scores[i], widening })
+        };
+        let observed: Vec<Option<Footprint>> = (0..n).into_par_iter().map(observe).collect();
+        let (seen, footprints) =
+            observed.into_iter().enumerate().filter_map(|(i, footprint)| Some((i, footprint?))).unzip();
+        Self { seen, merges: greedy::Sequence::new(footprints, least) }
     }
-    let clusters = greedy::clusters(footprints, target);
-    let (keep, cluster) = (vec![false; n], vec![NO_CLUSTER; n]);
-    let mut pairs = Pairs { keep, model: model.clone(), cluster, counts: PairCounts::default() };
-    let made: Vec<_> = clusters
-        .into_par_iter()
-        .map(|mut cluster| {
-            cluster.members.iter_mut().for_each(|k| *k = seen[*k]);
-            (moments::merged(model, scores, &cluster), cluster.members)
-        })
-        .collect();
-    for ((gaussian, members), number) in made.iter().zip(0..) {
-        for i in members {
-            pairs.cluster[*i] = number;
+
+    /// The same model, merged until `target` are left, which is not below the `least` of the sequence.
+    pub fn pairs(&self, model: &Gaussians, scores: &[Score], target: usize) -> Pairs {
+        let n = model.len();
+        let (keep, cluster) = (vec![false; n], vec![NO_CLUSTER; n]);
+        let mut pairs = Pairs { keep, model: model.clone(), cluster, counts: PairCounts::default() };
+        let made: Vec<_> = self
+            .merges
+            .clusters(target)
+            .into_par_iter()
+            .map(|mut cluster| {
+                cluster.members.iter_mut().for_each(|k| *k = self.seen[*k]);
+                (moments::merged(model, scores, &cluster), cluster.members)
+            })
+            .collect();
+        for ((gaussian, members), number) in made.iter().zip(0..) {
+            for i in members {
+                pairs.cluster[*i] = number;
+            }
+            let place = moments::heaviest(scores, members);
+            pairs.keep[place] = true;
+            if let Some(gaussian) = gaussian {
+                gaussian.store(&mut pairs.model, place);
+                pairs.counts.clusters += 1;
+                pairs.counts.merged += members.len() - 1;
+            }
         }
-        let place = moments::heaviest(scores, members);
-        pairs.keep[place] = true;
-        if let Some(gaussian) = gaussian {
-            gaussian.store(&mut pairs.model, place);
-            pairs.counts.clusters += 1;
-            pairs.counts.merged += members.len() - 1;
-        }
+        // If fewer are seen than wanted, the first of the others are kept, too.
+        let missing = target.min(n) - made.len();
+        pairs.keep.iter_mut().filter(|keep| !**keep).take(missing).for_each(|keep| *keep = true);
+        let kept = pairs.keep.iter().filter(|k| **k).count();
+        pairs.counts.dropped = n - kept - pairs.counts.merged;
+        pairs
     }
-    // If fewer are seen than wanted, the first of the others are kept, too.
-    let missing = target.min(n) - made.len();
-    pairs.keep.iter_mut().filter(|keep| !**keep).take(missing).for_each(|keep| *keep = true);
-    let kept = pairs.keep.iter().filter(|k| **k).count();
-    pairs.counts.dropped = n - kept - pairs.counts.merged;
-    pairs
 }
 
 /// Area in world units that a pixel covers at a point: the mean over the cameras that it lies before.
