@@ -70,6 +70,7 @@ enum Preset {
 impl CompressArgs {
     /// What is asked of the file, if anything.
     pub fn aim(&self) -> Result<Option<Aim>, Error> {
+        self.pictures()?;
         let mut files =
             self.size.iter().filter_map(|size| if let Size::File(bytes) = size { Some(*bytes) } else { None });
         let aim = match (files.next(), files.next(), self.psnr) {

@@ -134,6 +134,63 @@ fn the_kept_are_the_originals_and_as_many_as_asked_for() {
     }
 }
 
+/// Files of 95 to 100 % of the size in at most nine trials, the same ones again; the line says what was chosen.
+#[test]
+fn files_have_the_size_that_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = saved(folder.path(), &ball());
+    for (name, size, bytes) in [("a.sog", "9kB", 9000), ("a.spz", "6kB", 6000), ("a.ply", "0.03MB", 30_000)] {
+        let path = folder.path().join(name);
+        let made = small(&model, &path, &["--size", size]);
+        let on_disk = std::fs::metadata(&path).unwrap().len();
+        assert!(on_disk <= bytes && 20 * on_disk >= 19 * bytes, "{name}: {on_disk} of {bytes}, {}", made["aim"]);
+        assert_eq!(made["output"]["bytes"].as_u64(), Some(on_disk));
+        assert_eq!(made["aim"]["bytes"].as_u64(), Some(bytes));
+        assert_eq!(made["aim"]["chosen"]["gaussians"], made["output"]["gaussians"]);
+        assert!(made["aim"]["tried"].as_array().is_some_and(|tried| tried.len() <= 9), "{}", made["aim"]);
+        assert!(made["aim"]["chosen"]["psnr"].as_f64().is_some_and(|p| (psnr(&made, "pruned") - p).abs() < 6.0));
+        assert_eq!(formats::read(&path).unwrap().gaussians.len() as u64, count(&made, "output"));
+    }
+    let (first, again) = (folder.path().join("a.sog"), folder.path().join("b.sog"));
+    let said = compressed(&model, &again, &["--views", "16", "--size", "64x64", "--size", "9kB"]);
+    let said = String::from_utf8_lossy(&said.stdout).into_owned();
+    assert!(said.contains(" of 9 kB: ") && said.contains(" Gaussians, ") && said.contains(" dB"), "{said}");
+    assert!(std::fs::read(&first).unwrap() == std::fs::read(&again).unwrap(), "one input, one output");
+    // Tuned after the search, the file still fits.
+    let tuned = folder.path().join("tuned.sog");
+    small(&model, &tuned, &["--size", "9kB", "--fine-tune", "5"]);
+    assert!(std::fs::metadata(&tuned).unwrap().len() <= 9000);
+}
+
+#[test]
+fn files_have_the_psnr_that_was_asked_for_or_say_why_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = saved(folder.path(), &ball());
+    let out = folder.path().join("a.sog");
+    let made = small(&model, &out, &["--psnr", "28"]);
+    let reached = made["aim"]["chosen"]["psnr"].as_f64().unwrap();
+    assert!((27.9..29.0).contains(&reached), "{}", made["aim"]);
+    let whole = compressed(&model, &out, &["--views", "16", "--size", "64x64", "--size", "1GB"]);
+    let said = String::from_utf8_lossy(&whole.stderr).into_owned();
+    assert!(whole.status.success() && said.contains("needs 1000000000 bytes"), "{said}");
+    assert_eq!(formats::read(&out).unwrap().gaussians.len(), SITES * CLONES);
+    std::fs::remove_file(&out).unwrap();
+    let refused = |code: i32, words: &str, more: &[&str]| {
+        let ran = compressed(&model, &out, more);
+        let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+        assert!(ran.status.code() == Some(code) && said.contains(words) && !out.exists(), "{more:?}: {said}");
+    };
+    refused(2, "the smallest SOG file", &["--views", "16", "--size", "64x64", "--size", "100B"]);
+    for bad in ["5", "0", "-1MB", "1TB", "MB", "nanMB"] {
+        refused(2, "--size", &[&format!("--size={bad}")]);
+    }
+    refused(2, "--psnr", &["--psnr", "nan"]);
+    refused(2, "--keep", &["--size", "9kB", "--keep", "0.5"]);
+    refused(2, "--keep", &["--psnr", "30", "--target-count", "5"]);
+    refused(2, "one of them", &["--size", "9kB", "--psnr", "30"]);
+    refused(2, "--selector pairs", &["--views", "16", "--size", "64x64", "--size", "9kB", "--selector", "css"]);
+}
+
 #[test]
 fn what_the_pictures_need_is_kept_not_what_chance_picks() {
     let folder = tempfile::tempdir().unwrap();

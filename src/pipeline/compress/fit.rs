@@ -14,7 +14,6 @@ use crate::pipeline::session::Session;
 use crate::pipeline::shown::Shown;
 use crate::pipeline::virtual_views::photo;
 use crate::qirf::pairs::Sequence;
-use crate::qirf::select::Selector;
 use crate::render::{Painter, Source};
 use crate::response::Responses;
 use crate::scene::{Photo, camera};
@@ -130,7 +129,7 @@ pub struct Fitted {
 /// Searches for the file that `aim` asks for, in the format of the name `output`.
 ///
 /// # Errors
-/// [`Error::Usage`] for a size that even one Gaussian exceeds, or a selector without a sequence; those of the trials.
+/// [`Error::Usage`] for a size that even one Gaussian exceeds; those of the trials.
 pub fn fit(
     judge: &Judge<'_>,
     model: &Gaussians,
@@ -138,10 +137,6 @@ pub fn fit(
     (config, aim): (&CompressConfig, Aim),
     output: &Path,
 ) -> Result<Fitted, Error> {
-    if config.compression.selector != Selector::Pairs {
-        let what = "--size and --psnr need --selector pairs, whose merges lead to every number of Gaussians";
-        return Err(Error::Usage(what.to_owned()));
-    }
     let begun = Instant::now();
     let sequence = Sequence::new(model, &responses.scores, (&responses.cameras, responses.dilation), 1);
     let ladder = formats::ladder(output, model.degree());

@@ -18,6 +18,7 @@ use super::virtual_views::ALL;
 use crate::gaussians::{Gaussians, formats};
 use crate::metrics;
 use crate::pipeline::Error;
+use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Keep;
 use aim::Aim;
 use fit::{Fitted, Judge};
@@ -52,7 +53,7 @@ pub fn compress(
 /// As [`compress`]; with an aim, the number of Gaussians and the format's settings are those of the best file that meets it.
 ///
 /// # Errors
-/// As of [`compress`]; [`Error::Usage`] for a size that even one Gaussian exceeds.
+/// As of [`compress`]; [`Error::Usage`] for a size that even one Gaussian exceeds, or a selector other than pairs.
 pub fn compress_to(
     session: &Session<'_>,
     input: Input<'_>,
@@ -60,6 +61,10 @@ pub fn compress_to(
     output: &Path,
 ) -> Result<CompressRecord, Error> {
     let begun = Instant::now();
+    if aim.is_some() && config.compression.selector != Selector::Pairs {
+        let what = "--size and --psnr need --selector pairs, whose merges lead to every number of Gaussians";
+        return Err(Error::Usage(what.to_owned()));
+    }
     let Session { device, watcher, .. } = *session;
     let Input { path, model, read_s } = input;
     let input = model_file(path, &model);
