@@ -39,7 +39,7 @@ pub struct SpzPrecision {
 
 impl SpzPrecision {
     /// Steps of 1/128 that values of band `l` are rounded to.
-    pub(super) fn bucket(&self, l: usize) -> i32 {
+    pub(super) fn bucket(self, l: usize) -> i32 {
         let bits = if l == 1 { self.first } else { self.others };
         1 << (8 - bits.clamp(1, 8))
     }

@@ -194,7 +194,7 @@ impl<'a, T: Trials> Search<'a, T> {
     /// The number of Gaussians with which a file at this rung is as large as asked, if trials are left; the largest that is small
     /// enough, if none is found.
     fn fill(&mut self, rung: usize, size: u64, guess: f64) -> Result<Option<usize>, T::Error> {
-        let (mut low, mut high): (Option<(usize, f64)>, Option<(usize, f64)>) = (None, None);
+        let (mut low, mut high) = (None::<(usize, f64)>, None::<(usize, f64)>);
         let mut next = guess;
         for _ in 0..ON_A_RUNG.min(self.left()) {
             let gaussians = (next.round() as usize)

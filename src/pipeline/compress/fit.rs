@@ -181,9 +181,13 @@ pub fn written(
     let ladder = formats::ladder(output, model.degree());
     let encode = |precision| formats::encode(output, model, config.style.mode(), precision).map_err(Error::writing);
     let last = ladder.len() - 1;
+    let psnr = psnr.unwrap_or(f64::INFINITY);
     for precision in &ladder[..last] {
+        if psnr.is_infinite() {
+            break;
+        }
         let bytes = encode(precision)?;
-        if psnr.is_some_and(|psnr| psnr.is_finite()) && judge.psnr(&bytes, output)? >= psnr.unwrap_or(0.0) - MOST_LOSS {
+        if judge.psnr(&bytes, output)? >= psnr - MOST_LOSS {
             return Ok(bytes);
         }
     }

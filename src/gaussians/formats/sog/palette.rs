@@ -69,10 +69,9 @@ fn without_unused(palette: Palette, width: usize) -> Palette {
     let mut number = vec![u32::MAX; palette.values.len() / width];
     palette.labels.iter().for_each(|label| number[*label as usize] = 0);
     let mut values = Vec::with_capacity(palette.values.len());
-    let mut used = 0;
-    for (number, value) in number.iter_mut().zip(palette.values.chunks_exact(width)).filter(|(n, _)| **n == 0) {
-        *number = used;
-        used += 1;
+    let used = number.iter_mut().zip(palette.values.chunks_exact(width)).filter(|(n, _)| **n == 0);
+    for (new, (number, value)) in (0..).zip(used) {
+        *number = new;
         values.extend_from_slice(value);
     }
     Palette { values, labels: palette.labels.into_iter().map(|label| number[label as usize]).collect() }
