@@ -142,8 +142,17 @@ impl<'a, T: Trials> Search<'a, T> {
             if let Some(gaussians) = self.fill(rung, size, guess)? {
                 let point = self.scored(rung, gaussians)?;
                 let whole = gaussians == self.whole;
-                let better = best.is_none_or(|b: Point| point.psnr > b.psnr);
-                guess = gaussians as f64 * if up { 0.8 } else { 1.2 };
+                // Files of the whole model may be smaller than asked: any other is nearer to the wish.
+                let full = |p: &Point| p.bytes as f64 >= LEAST_SHARE * size as f64;
+                let better = best.is_none_or(|b: Point| (full(&point), point.psnr) > (full(&b), b.psnr));
+                guess = gaussians as f64
+                    * if whole && up {
+                        1.0
+                    } else if up {
+                        0.8
+                    } else {
+                        1.2
+                    };
                 if better {
                     best = Some(point);
                 }
@@ -264,7 +273,7 @@ impl<'a, T: Trials> Search<'a, T> {
     fn reach(&mut self, rung: usize, wanted: f64, guess: f64) -> Result<Option<Point>, T::Error> {
         let mut known: Vec<Point> = Vec::new();
         let mut next = guess;
-        for _ in 0..(ON_A_RUNG + 1).min(self.left()) {
+        for _ in 0..(ON_A_RUNG + 2).min(self.left()) {
             let below = known.iter().filter(|p| p.psnr < Some(wanted)).map(|p| p.gaussians).max();
             let above = known.iter().filter(|p| p.psnr >= Some(wanted)).map(|p| p.gaussians).min();
             if below == Some(self.whole) || below.zip(above).is_some_and(|(b, a)| a <= b + 1) {
@@ -277,11 +286,25 @@ impl<'a, T: Trials> Search<'a, T> {
             if point.psnr.is_some_and(|psnr| (psnr - wanted).abs() <= NEAR) {
                 return Ok(Some(point));
             }
-            next = secant(&known, wanted);
+            // Where the PSNR jumps, a secant stays on one side: then halving is better.
+            next = match bracket(&known, wanted) {
+                Some([low, high]) if known.len() > 3 && high.gaussians as f64 > 1.2 * low.gaussians as f64 => {
+                    (low.gaussians as f64 * high.gaussians as f64).sqrt()
+                }
+                Some(ends) => secant(&ends, wanted),
+                None => secant(&known, wanted),
+            };
         }
         known.retain(|p| p.psnr >= Some(wanted));
         Ok(known.into_iter().min_by_key(|p| p.bytes))
     }
+}
+
+/// The nearest files on both sides of a PSNR.
+fn bracket(known: &[Point], wanted: f64) -> Option<[Point; 2]> {
+    let low = known.iter().filter(|p| p.psnr < Some(wanted)).max_by_key(|p| p.gaussians)?;
+    let high = known.iter().filter(|p| p.psnr >= Some(wanted)).min_by_key(|p| p.gaussians)?;
+    Some([*low, *high])
 }
 
 /// The number of Gaussians for a PSNR, which is about linear in its logarithm: by the two known points that are nearest.
