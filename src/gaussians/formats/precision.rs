@@ -75,7 +75,7 @@ const fn sog(steps: [f64; 4], levels: [u16; 2], palette: f64) -> Precision {
     Precision::Sog(SogPrecision::new(steps, levels, palette))
 }
 
-const fn spz(first: u8, others: u8) -> Precision {
+const fn bits(first: u8, others: u8) -> Precision {
     Precision::Spz(SpzPrecision { first, others })
 }
 
@@ -93,7 +93,7 @@ const SOG: [Precision; 7] = [
     Precision::Sog(FINEST_SOG),
 ];
 
-const SPZ: [Precision; 4] = [spz(4, 3), spz(5, 4), spz(6, 5), spz(8, 8)];
+const SPZ: [Precision; 4] = [bits(4, 3), bits(5, 4), bits(6, 5), bits(8, 8)];
 
 /// The settings of the format that a file's name asks for, from the fewest bytes to the least loss: one at least. `degree` is that of
 /// the model's SH.
