@@ -11,7 +11,7 @@ use crate::pipeline::evaluate::Evaluator;
 use crate::pipeline::prune::{self, PrunePlan};
 use crate::pipeline::records::{AimRecord, Truth};
 use crate::pipeline::session::Session;
-use crate::pipeline::shown::Shown;
+use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::virtual_views::photo;
 use crate::qirf::pairs::Sequence;
 use crate::render::{Painter, Source};
@@ -73,7 +73,7 @@ impl<'a> Judge<'a> {
         let settings = self.views.settings;
         let size = camera::largest(self.photos.iter().map(|view| &view.camera));
         let place = budget::for_pictures(self.session.device, &model, size, settings.style)?;
-        let shown = Shown::new(self.session, &model, place.whole)?;
+        let shown = DrawSource::new(self.session, &model, place.whole)?;
         let mut evaluator = Evaluator::of(self.session.device, settings, shown.source(), self.photos.iter())?;
         let each = evaluator.psnr(shown.source(), self.photos.iter())?;
         Ok(each.iter().sum::<f64>() / each.len().max(1) as f64)
