@@ -62,6 +62,7 @@ pub mod kernels;
 
 pub mod primitives;
 
+pub mod edit;
 pub mod effects;
 pub mod gaussians;
 pub mod metrics;

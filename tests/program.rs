@@ -10,6 +10,7 @@ mod program {
     mod compress;
     mod devices;
     mod dispatched;
+    mod edit;
     mod effects;
     #[cfg(unix)] // limits and signals are the system's
     mod faults;
@@ -26,4 +27,5 @@ mod program {
     mod sweep;
     #[cfg(unix)] // signals are the system's
     mod view;
+    mod walks;
 }

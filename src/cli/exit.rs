@@ -1,7 +1,7 @@
 //! The exit code of each error: the table of README.md.
 
 use crate::pipeline::Error;
-use crate::{gaussians, gpu, scene, synth, train};
+use crate::{edit, gaussians, gpu, scene, synth, train};
 use std::io;
 
 /// Kinds of failure, with their exit codes.
@@ -43,6 +43,8 @@ impl Exit {
             Error::Train(_) => Self::BadInput,
             Error::Gaussians(gaussians::Error::SameFile { .. }) => Self::Usage,
             Error::Gaussians(_) => Self::BadInput,
+            Error::Edit(edit::Error::Modes(..)) => Self::BadInput,
+            Error::Edit(_) => Self::Usage,
             Error::Scene(scene::Error::NoImageFolder { .. }) => Self::Usage,
             Error::Scene(_) => Self::BadInput,
             Error::Synth(synth::Error::Io { .. } | synth::Error::Picture { .. }) => Self::Resources,

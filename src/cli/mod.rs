@@ -9,6 +9,7 @@ mod console;
 mod convert;
 mod device;
 mod diagnostics;
+mod edit;
 mod eval;
 mod exit;
 mod inspect;
@@ -93,6 +94,8 @@ enum Command {
     Render(render::Arguments),
     /// Look at a model, a run or a capture in a browser
     View(view::Arguments),
+    /// Crop, move, turn, clean and merge models
+    Edit(edit::Arguments),
     /// Convert a model between file formats
     Convert(convert::Arguments),
     /// Show the contents of a model or a scene
@@ -112,7 +115,7 @@ enum Command {
 /// Groups of commands in the top-level help.
 const GROUPS: [(&str, &[&str]); 4] = [
     ("Training and compression", &["run", "compress", "shard", "compare", "sweep", "eval"]),
-    ("Models and pictures", &["view", "render", "convert", "inspect"]),
+    ("Models and pictures", &["view", "render", "edit", "convert", "inspect"]),
     ("Data", &["pose", "synth"]),
     ("This machine", &["device", "selftest", "completions"]),
 ];
@@ -134,7 +137,10 @@ Exit codes: 0 success, 2 usage, 3 bad input, 4 device, 5 out of memory or disk s
 
 /// Lets options of all commands take negative numbers as values, so that their parsers can say what is wrong with them.
 fn with_negative_numbers(command: clap::Command) -> clap::Command {
-    let takes = |arg: &clap::Arg| arg.get_long().is_some() && arg.get_action().takes_values();
+    let takes = |arg: &clap::Arg| {
+        let values = arg.get_num_args().is_none_or(|range| range.takes_values());
+        arg.get_long().is_some() && arg.get_action().takes_values() && values
+    };
     command
         .mut_args(move |arg| {
             let negative = takes(&arg) && !arg.is_allow_hyphen_values_set();
@@ -227,6 +233,7 @@ impl Cli {
             Command::Shard(a) => a.run(console, &self.global),
             Command::Render(a) => a.run(console, &self.global),
             Command::View(a) => a.run(console, &self.global),
+            Command::Edit(a) => a.run(console, &self.global),
             Command::Convert(a) => a.run(console),
             Command::Inspect(a) => a.run(console),
             Command::Pose(a) => a.run(console),

@@ -3,7 +3,7 @@
 use super::inspect::is_run;
 use crate::pipeline::{Error, Relief};
 use crate::scene::{OpenOptions, Scene};
-use crate::{gaussians, gpu, metrics, scene, synth, train};
+use crate::{edit, gaussians, gpu, metrics, scene, synth, train};
 use std::io;
 use std::path::Path;
 
@@ -16,6 +16,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Study(_) => plain("remove this Gaussian from the model, or train the model again"),
         Error::Train(e) => training(e),
         Error::Gaussians(e) => model(e),
+        Error::Edit(edit::Error::Modes(..)) => plain("choose one by --antialias=on or --antialias=off"),
         Error::Scene(e) => capture(e),
         Error::Synth(e) => synthetic(e),
         Error::Metrics(e) => scores(e),
@@ -64,7 +65,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Encode { .. } => {
             plain("rename files and folders whose names are not UTF-8; if it happens again, please report it")
         }
-        Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
+        Error::Edit(_) | Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
     }
 }
 

@@ -6,27 +6,42 @@ use super::inspect::read_model;
 use super::show::Show;
 use super::style;
 use super::values::{self, Up};
+use crate::gaussians::Gaussians;
+use crate::gaussians::outline::outline;
 use crate::metrics::Networks;
 use crate::pipeline::Error;
 use crate::pipeline::Session;
 use crate::pipeline::evaluate::pictures::Format;
-use crate::pipeline::render::{Orbit, RenderConfig, Shot, render, scene_shots};
+use crate::pipeline::film::film;
+use crate::pipeline::panorama::{self, Panorama};
+use crate::pipeline::prepare::refuse_photo_folders;
+use crate::pipeline::render::{Orbit, RenderConfig, Shot, frames, near_limit, render, scene_shots};
+use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::Look;
-use crate::scene::{OpenOptions, Resize, Scene};
+use crate::scene::{OpenOptions, Resize, Scene, walk};
 use crate::wording::counted;
 use clap::ArgGroup;
+use glam::DVec3;
 use std::path::{Path, PathBuf};
+
+/// Frames of a path, unless told otherwise.
+const FRAMES: u32 = 240;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk render flowers.ply --orbit 8 -o pictures
   qirf-vk render model.spz --orbit 36 --size 1920x1080 --up z --background white -o pictures
   qirf-vk render model.ply --scene capture --resolution /2 -o pictures
-  qirf-vk render model.ply --scene capture --format npy -o arrays";
+  qirf-vk render model.ply --scene capture --format npy -o arrays
+  qirf-vk render model.ply --path capture --scene capture --frames 300 -o frames
+  qirf-vk render model.ply --path orbit --frames 240 -o walk.mp4
+  qirf-vk render model.ply --panorama --at 0,-1,0 --size 4096x2048 -o around.png
 
-/// Render pictures of a model, from a scene's cameras or on a circle around it.
+A path's file is {\"keys\": [{\"eye\": [x, y, z], \"target\": [x, y, z], \"up\": [x, y, z], \"fov\": degrees}, ...]}, or a camera path of nerfstudio.";
+
+/// Render pictures of a model, from a scene's cameras, on a circle around it or on a path, as a film or a panorama.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-#[command(group = ArgGroup::new("cameras").required(true).args(["scene", "orbit"]))]
+#[command(group = ArgGroup::new("cameras").required(true).multiple(true).args(["scene", "orbit", "path", "panorama"]))]
 pub(super) struct Arguments {
     /// Model: a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz file, or a SOG folder
     model: PathBuf,
@@ -34,29 +49,45 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "SCENE", help_heading = "Cameras")]
     scene: Option<PathBuf>,
     /// Number of cameras on a circle around the model
-    #[arg(long, value_name = "N", help_heading = "Cameras", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", help_heading = "Cameras", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "scene")]
     orbit: Option<u32>,
+    /// Frames on a smooth path: orbit, once around the model; capture, along the cameras of --scene in their order; or through the
+    /// cameras in a file
+    #[arg(long, value_name = "orbit|capture|FILE", help_heading = "Cameras", conflicts_with_all = ["orbit", "panorama"])]
+    path: Option<PathBuf>,
+    /// Frames of a path [default: 240; the file's, for a camera path of nerfstudio]
+    #[arg(long, value_name = "N", help_heading = "Cameras", requires = "path", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: Option<u32>,
+    /// A picture of all directions (equirectangular), from the middle of the scene's cameras or of the model
+    #[arg(long, help_heading = "Cameras", conflicts_with = "orbit")]
+    panorama: bool,
+    /// Place that a panorama is taken from
+    #[arg(long, value_name = "X,Y,Z", help_heading = "Cameras", requires = "panorama", value_parser = values::point, allow_hyphen_values = true)]
+    at: Option<DVec3>,
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Cameras", value_parser = values::resolution, conflicts_with = "orbit")]
     resolution: Option<Resize>,
     /// Photo folder, such as images_4, whose photos give the size [default: the scene's own]
     #[arg(long, value_name = "DIR", help_heading = "Cameras", conflicts_with = "orbit")]
     images: Option<PathBuf>,
-    /// Picture size of an orbit [default: 1280x720]
-    #[arg(long, value_name = "WxH", help_heading = "Cameras", value_parser = values::size, conflicts_with = "scene")]
+    /// Picture size of an orbit, a path or a panorama [default: 1280x720; 2048x1024 for a panorama]
+    #[arg(long, value_name = "WxH", help_heading = "Cameras", value_parser = values::size)]
     size: Option<(u32, u32)>,
-    /// Vertical field of view of an orbit, in degrees [default: 40]
+    /// Vertical field of view of an orbit or a path, in degrees [default: 40]
     #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::degrees, conflicts_with = "scene")]
     fov: Option<f64>,
     /// Height of an orbit above the horizon, in degrees [default: 15]
     #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, conflicts_with = "scene", allow_negative_numbers = true)]
     elevation: Option<f64>,
     /// World axis that is up in an orbit: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
-    #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, conflicts_with = "scene", allow_hyphen_values = true)]
+    #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
-    /// Folder for the pictures; created if absent
-    #[arg(short, long, value_name = "DIR", help_heading = "Pictures")]
+    /// Folder for the pictures, created if absent; a film.mp4 of a path, which needs ffmpeg; the .png or .npy file of a panorama
+    #[arg(short, long, value_name = "DIR|FILE", help_heading = "Pictures")]
     output: PathBuf,
+    /// Frames per second of a film
+    #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = values::frame_rate, help_heading = "Pictures")]
+    fps: f64,
     /// File format
     #[arg(long, default_value = "png", value_parser = values::one_of::<Format>("a picture format"), help_heading = "Pictures")]
     format: Format,
@@ -70,52 +101,168 @@ pub(super) struct Arguments {
     rendering: style::Rendering,
 }
 
+/// What is to be drawn.
+enum Work {
+    Shots(Vec<Shot>),
+    Film(Vec<Camera>),
+    Panorama(Panorama),
+}
+
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
-        if self.output.exists() && !self.output.is_dir() {
-            return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
-        }
-        if self.transparent && self.format == Format::Npy {
-            return Err(Error::Usage("--transparent is for PNG; npy files always hold alpha".into()));
-        }
+        self.check()?;
         let loaded = read_model(&self.model, console)?;
         let settings = self.rendering.style(&self.model, &loaded, None, console).over(self.background);
         let model = loaded.gaussians;
-        let mut config = RenderConfig { settings, format: self.format, transparent: self.transparent };
-        let shots = match &self.scene {
-            Some(scene) => self.scene_shots(scene, console)?,
-            None => self.orbit().shots(&model, &self.output, &mut config),
+        let mut config = RenderConfig { settings, format: self.format()?, transparent: self.transparent };
+        let scene = self.scene.as_ref().map(|scene| self.open(scene, console)).transpose()?;
+        let work = match (&scene, &self.path) {
+            _ if self.panorama => Work::Panorama(self.whole(&model, scene.as_ref(), &mut config)),
+            (scene, Some(path)) => {
+                let cameras = self.walk(path, scene.as_ref(), &model, &mut config)?;
+                if self.is_film() {
+                    Work::Film(cameras)
+                } else {
+                    Work::Shots(frames(cameras, &self.output, self.format))
+                }
+            }
+            (Some(scene), None) => Work::Shots(self.scene_shots(scene)?),
+            (None, None) => Work::Shots(self.orbit(self.orbit.unwrap_or(1)).shots(&model, &self.output, &mut config)),
         };
+        if let (Work::Shots(shots), Some(scene)) = (&work, &scene) {
+            refuse_photo_folders(scene, shots.iter().map(|shot| &shot.path))?;
+        }
         let device = global.open()?;
         let (networks, watcher) = (Networks::default(), Show::new(console));
         let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
-        let times = render(&session, model, &shots, &config)?;
+        let (drawn, times) = match work {
+            Work::Shots(shots) => (shots.len(), render(&session, model, &shots, &config)?),
+            Work::Film(cameras) => (cameras.len(), film(&session, model, (cameras, &config, self.fps), &self.output)?),
+            Work::Panorama(panorama) => (6, panorama::draw(&session, &model, (&panorama, &config), &self.output)?),
+        };
         console.note(format_args!(
             "{} in {} ({:.1} s; {:.1} ms to draw one, on {})",
-            counted(shots.len(), "picture"),
+            counted(if self.panorama { 1 } else { drawn }, if self.is_film() { "frame" } else { "picture" }),
             self.output.display(),
             times.total_s,
-            times.draw_s / shots.len().max(1) as f64 * 1e3,
+            times.draw_s / drawn.max(1) as f64 * 1e3,
             device.info().name,
         ));
         Ok(())
     }
 
-    fn orbit(&self) -> Orbit {
+    /// Refuses what does not go together, before any work.
+    fn check(&self) -> Result<(), Error> {
+        let refuse = |what: &str| Err(Error::Usage(what.to_owned()));
+        if self.frames.is_some() && self.path.is_none() {
+            return refuse("--frames goes with --path");
+        }
+        let capture = self.path.as_deref() == Some(Path::new("capture"));
+        if capture && self.scene.is_none() {
+            return refuse("--path capture goes along the cameras of a scene: add --scene SCENE");
+        }
+        if self.scene.is_some() && self.path.is_some() && !capture {
+            return refuse("--scene goes with --path capture, or without --path");
+        }
+        if self.scene.is_some() && !self.panorama && (self.size.is_some() || self.up.is_some()) {
+            return refuse("a scene's cameras have their own --size and --up; --resolution scales them");
+        }
+        if self.is_film() {
+            return if self.path.is_none() {
+                refuse("a film needs a --path")
+            } else if self.format == Format::Npy || self.transparent {
+                refuse("a film has neither --transparent nor --format npy")
+            } else {
+                Ok(())
+            };
+        }
+        if self.panorama {
+            return if self.output.is_dir() {
+                refuse("-o names the panorama's file, such as around.png")
+            } else {
+                Ok(())
+            };
+        }
+        if self.output.exists() && !self.output.is_dir() {
+            return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
+        }
+        if self.transparent && self.format == Format::Npy {
+            return refuse("--transparent is for PNG; npy files always hold alpha");
+        }
+        Ok(())
+    }
+
+    fn is_film(&self) -> bool {
+        !self.panorama && self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4"))
+    }
+
+    /// The format of pictures; a panorama's file may name it.
+    fn format(&self) -> Result<Format, Error> {
+        if !self.panorama {
+            return Ok(self.format);
+        }
+        match self.output.extension().and_then(|e| e.to_str()) {
+            Some("png") => Ok(Format::Png),
+            Some("npy") if !self.transparent => Ok(Format::Npy),
+            _ => Err(Error::Usage(format!("-o {}: a panorama is written as .png or .npy", self.output.display()))),
+        }
+    }
+
+    fn orbit(&self, count: u32) -> Orbit {
         let default = Look::default();
         let look = Look {
             fov: self.fov.map_or(default.fov, f64::to_radians),
             elevation: self.elevation.map_or(default.elevation, f64::to_radians),
             size: self.size.unwrap_or(default.size),
         };
-        Orbit { count: self.orbit.unwrap_or(1), look, up: self.up.unwrap_or(Up::Auto).direction() }
+        Orbit { count, look, up: self.up.unwrap_or(Up::Auto).direction() }
     }
 
-    fn scene_shots(&self, path: &Path, console: &Console) -> Result<Vec<Shot>, Error> {
+    /// The cameras of a path.
+    fn walk(
+        &self,
+        path: &Path,
+        scene: Option<&Scene>,
+        model: &Gaussians,
+        config: &mut RenderConfig,
+    ) -> Result<Vec<Camera>, Error> {
+        let count = self.frames.unwrap_or(FRAMES);
+        let orbit = self.orbit(count);
+        if path == Path::new("orbit") {
+            return Ok(orbit.cameras(model, config));
+        }
+        if let Some(scene) = scene {
+            let resize = self.resolution.unwrap_or(Resize::Full);
+            let keys: Vec<Camera> = scene.views.iter().map(|view| view.camera_at(resize)).collect();
+            return Ok(walk::walk(&keys, count));
+        }
+        let frame = walk::Frame { size: orbit.look.size, fov: orbit.look.fov, up: orbit.up };
+        let (keys, every) = walk::read(path, &frame)?;
+        Ok(if every && self.frames.is_none() { keys } else { walk::walk(&keys, count) })
+    }
+
+    /// A panorama, whose near plane suits a small model.
+    fn whole(&self, model: &Gaussians, scene: Option<&Scene>, config: &mut RenderConfig) -> Panorama {
+        let up = self.up.unwrap_or(Up::Auto).direction();
+        let all = scene.map(|scene| camera::mean_centre(scene.views.iter().map(|view| &view.camera)));
+        let outline = outline(model, up);
+        let reach = outline.rings.iter().map(|(_, radius)| *radius).fold(0.0, f64::max);
+        if reach > 0.0 {
+            config.settings.near = config.settings.near.min(near_limit(reach));
+        }
+        let eye = self.at.or(all).unwrap_or(outline.centre);
+        Panorama { eye, up, width: self.size.map_or(2048, |size| size.0) }
+    }
+
+    fn open(&self, path: &Path, console: &Console) -> Result<Scene, Error> {
         let scene = Scene::open(path, &OpenOptions { images: self.images.clone(), undistort: None })?;
         for line in scene.skipped.summary() {
             console.warn(format_args!("{}: {line}", path.display()));
         }
-        scene_shots(&scene, self.resolution.unwrap_or(Resize::Full), &self.output, self.format)
+        Ok(scene)
+    }
+
+    fn scene_shots(&self, scene: &Scene) -> Result<Vec<Shot>, Error> {
+        scene_shots(scene, self.resolution.unwrap_or(Resize::Full), &self.output, self.format)
     }
 }

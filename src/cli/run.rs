@@ -36,6 +36,7 @@ Photos without poses, and videos, first get poses as by `qirf-vk pose`; their sc
 /// Train a scene: photos to a 3DGS model, its pictures and its figures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
+#[expect(clippy::struct_excessive_bools, reason = "options, each on its own")]
 pub(super) struct Arguments {
     /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder, a folder of photos, or a video
     #[arg(required_unless_present = "config", conflicts_with = "config")]
@@ -67,6 +68,9 @@ pub(super) struct Arguments {
     /// beside it as .ply: `qirf-vk view` shows both. The file's name ends in .safetensors
     #[arg(long, value_name = "FILE", conflicts_with = "no_prune", value_parser = diagnostics::file)]
     diagnostics: Option<PathBuf>,
+    /// Remove floaters in the end, before the scores and the report: Gaussians that the photos want gone, or that hang alone
+    #[arg(long, conflicts_with = "config")]
+    clean: bool,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -133,6 +137,7 @@ impl Arguments {
             return RunConfig::read(path);
         }
         let config = self.training.configuration(self.scene.clone().unwrap_or_default(), console)?;
+        let config = RunConfig { clean: self.clean, ..config };
         Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) })
     }
 

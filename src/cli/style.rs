@@ -2,7 +2,7 @@
 
 use super::console::Console;
 use super::values;
-use crate::gaussians::formats::Loaded;
+use crate::gaussians::formats::{Loaded, RenderMode};
 use crate::render::Style;
 use clap::Args;
 use std::path::Path;
@@ -25,6 +25,16 @@ pub struct Rendering {
 }
 
 impl Rendering {
+    /// The mode that the options ask for, if they do.
+    pub fn mode(&self) -> Option<RenderMode> {
+        self.antialias.map(RenderMode::of)
+    }
+
+    /// The style of a model of this mode, which the options have settled.
+    pub fn of(&self, mode: RenderMode) -> Style {
+        Style { antialias: mode.antialiased(), depth_order: self.depth_order, dilation: self.dilation }
+    }
+
     /// The style of the model read from `path`: the options come first, then its run's style, if known, and its tag. Says
     /// where an option contradicts those.
     pub fn style(&self, path: &Path, model: &Loaded, run: Option<Style>, console: &Console) -> Style {

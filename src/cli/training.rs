@@ -145,6 +145,7 @@ impl Training {
             schedule: self.schedule(),
             prune: None,
             method: None,
+            clean: false,
             effects: self.overrides(),
             tuning: None,
         };

@@ -139,6 +139,20 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "write a number of 0 or more".to_owned())
 }
 
+/// `X,Y,Z` in world units.
+pub(super) fn point(text: &str) -> Result<DVec3, String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|t| t.trim().parse::<f64>().ok().filter(|x| x.is_finite())).collect();
+    let point = numbers.and_then(|n| n.try_into().ok()).map(DVec3::from_array);
+    point.ok_or_else(|| "write x,y,z, such as 0,1.5,-2".to_owned())
+}
+
+/// Frames per second, above 0, up to 1000.
+pub(super) fn frame_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse::<f64>().ok().filter(|v| *v > 0.0 && *v <= 1000.0);
+    rate.ok_or_else(|| "write frames per second, above 0 and up to 1000".to_owned())
+}
+
 /// A whole number of 0 or more.
 pub(super) fn whole<T: FromStr>(text: &str) -> Result<T, String> {
     text.parse().map_err(|_| "write a whole number of 0 or more".to_owned())

@@ -48,6 +48,24 @@ impl Gaussians {
         }
     }
 
+    /// Keeps the Gaussians whose flag is set, n, in their order and in place: no attribute is copied.
+    ///
+    /// # Panics
+    /// If there is not one flag for each Gaussian.
+    pub fn compact(&mut self, kept: &[bool]) {
+        assert_eq!(kept.len(), self.len(), "one flag for each Gaussian");
+        let Self { means, log_scales, rotations, opacity_logits, sh } = self;
+        rayon::scope(|scope| {
+            for (l, band) in sh.iter_mut().enumerate() {
+                scope.spawn(move |_| compact_rows(band, Self::band_width(l), kept));
+            }
+            scope.spawn(|_| compact_values(means, kept));
+            scope.spawn(|_| compact_values(log_scales, kept));
+            scope.spawn(|_| compact_values(rotations, kept));
+            scope.spawn(|_| compact_values(opacity_logits, kept));
+        });
+    }
+
     /// Least and greatest coordinates of the finite centres in world units; `None` if there are none.
     pub fn bounds(&self) -> Option<([f32; 3], [f32; 3])> {
         let mut finite = self.means.iter().filter(|mean| mean.iter().all(|x| x.is_finite()));
@@ -61,23 +79,25 @@ impl Gaussians {
         }))
     }
 
-    /// Number of Gaussians that the projection leaves out, because a value is not finite (infinite opacity logits
-    /// excepted), or the largest component of the quaternion is below [`MIN_QUATERNION`].
+    /// Number of Gaussians that the projection leaves out: those that are not [`Gaussians::drawable`].
     pub fn undrawable(&self) -> usize {
+        (0..self.len()).filter(|i| !self.drawable(*i)).count()
+    }
+
+    /// False for a Gaussian that the projection leaves out, because a value is not finite (infinite opacity logits
+    /// excepted), or the largest component of the quaternion is below [`MIN_QUATERNION`].
+    ///
+    /// # Panics
+    /// If `i` is not below [`Gaussians::len`].
+    pub fn drawable(&self, i: usize) -> bool {
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
-        let bands = |i: usize| {
-            let row = |(l, band): (usize, &Vec<f32>)| {
-                let width = Self::band_width(l);
-                band.get(i * width..(i + 1) * width).is_none_or(finite)
-            };
-            self.sh.iter().enumerate().all(row)
+        let band = |(l, band): (usize, &Vec<f32>)| {
+            let width = Self::band_width(l);
+            band.get(i * width..(i + 1) * width).is_none_or(finite)
         };
-        let drawable = |&i: &usize| {
-            let turned = self.rotations[i].iter().fold(0.0_f32, |m, q| m.max(q.abs())) >= MIN_QUATERNION;
-            let shaped = finite(&self.means[i]) && finite(&self.log_scales[i]) && finite(&self.rotations[i]);
-            turned && shaped && !self.opacity_logits[i].is_nan() && bands(i)
-        };
-        self.len() - (0..self.len()).filter(drawable).count()
+        let turned = self.rotations[i].iter().fold(0.0_f32, |m, q| m.max(q.abs())) >= MIN_QUATERNION;
+        let shaped = finite(&self.means[i]) && finite(&self.log_scales[i]) && finite(&self.rotations[i]);
+        turned && shaped && !self.opacity_logits[i].is_nan() && self.sh.iter().enumerate().all(band)
     }
 
     /// Checks that all arrays have the same length and that the SH degree is at most [`MAX_SH_DEGREE`].
@@ -114,9 +134,42 @@ impl Gaussians {
     }
 }
 
+fn compact_values<T>(values: &mut Vec<T>, kept: &[bool]) {
+    let mut kept = kept.iter();
+    values.retain(|_| kept.next().copied().unwrap_or(false));
+}
+
+fn compact_rows(values: &mut Vec<f32>, width: usize, kept: &[bool]) {
+    let mut end = 0;
+    for i in (0..kept.len()).filter(|i| kept[*i]) {
+        values.copy_within(i * width..(i + 1) * width, end);
+        end += width;
+    }
+    values.truncate(end);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn compaction_in_place_is_selection() {
+        let mut model = Gaussians::zeroed(9, 3);
+        let mut next = 0.0;
+        for values in model.attributes_mut().into_array() {
+            for value in values {
+                next += 1.0;
+                *value = next;
+            }
+        }
+        for kept in [[true; 9], [false; 9], [true, false, false, true, true, false, true, true, false]] {
+            let numbers: Vec<usize> = (0..9).filter(|i| kept[*i]).collect();
+            let mut compacted = model.clone();
+            compacted.compact(&kept);
+            assert_eq!(compacted, model.select(&numbers));
+            compacted.validate().unwrap();
+        }
+    }
 
     #[test]
     fn what_the_projection_leaves_out_is_counted() {

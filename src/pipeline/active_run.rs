@@ -5,6 +5,7 @@ use super::checkpoint::{Checkpoint, RunNotes};
 use super::config::{ResponseSource, RunConfig};
 use super::effects;
 use super::evaluate::{Evaluator, exhibits, mean, protocol};
+use super::floaters::{FloaterCounts, of_training};
 use super::output::Output;
 use super::pair_capacity;
 use super::prune::{PruneRequest, prune_followed};
@@ -13,6 +14,7 @@ use super::session::Session;
 use super::setup::Setup;
 use super::start::{Start, initialise};
 use crate::gaussians::formats;
+use crate::gaussians::resident::Resident;
 use crate::pipeline::Error;
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
@@ -250,13 +252,19 @@ impl<'a> ActiveRun<'a> {
         let Session { networks, watcher, .. } = *session;
         let (config, output) = (self.config, self.output);
         let evaluating = Instant::now();
-        let model = self.trainer.download()?;
+        let mut model = self.trainer.download()?;
+        let mut floaters = None;
+        if config.clean {
+            let found = of_training(session, &model, &mut self.trainer, &prepared.train)?;
+            model.compact(&found.iter().map(Option::is_none).collect::<Vec<_>>());
+            floaters = Some((FloaterCounts::of(&found), Resident::upload(session.device, &model)?));
+        }
         formats::write(&output.model(), &model, config.style.mode()).map_err(Error::writing)?;
         let mut follow = |done: usize| {
             watcher.evaluating(done, prepared.test.len());
             Ok(())
         };
-        let resident = self.trainer.model();
+        let resident = floaters.as_ref().map_or_else(|| self.trainer.model(), |(_, cleaned)| cleaned);
         let mut assessment =
             self.evaluator.assess(resident, prepared, Some(&output.renders()), networks, &mut follow)?;
         assessment.held_out.warn(watcher);
@@ -268,7 +276,8 @@ impl<'a> ActiveRun<'a> {
             ..protocol(&config.selection(), prepared, networks, config.exposure)
         };
         let evaluated = assessment.record(session, prepared.scene.skipped.clone(), protocol, &model, &output.model());
-        let record = self.record(evaluated, evaluating.elapsed().as_secs_f64());
+        let floaters = floaters.map(|(counts, _)| counts);
+        let record = RunRecord { floaters, ..self.record(evaluated, evaluating.elapsed().as_secs_f64()) };
         Output::json(&output.metrics(), "metrics.json", &record)?;
         Ok(record)
     }

@@ -59,6 +59,9 @@ pub enum Error {
     /// An invalid model file.
     #[error(transparent)]
     Gaussians(gaussians::Error),
+    /// An edit of a model.
+    #[error(transparent)]
+    Edit(#[from] crate::edit::Error),
     /// An invalid scene.
     #[error(transparent)]
     Scene(scene::Error),

@@ -3,7 +3,7 @@
 use super::evaluate::pictures::{self, Format};
 use super::prepare::refuse_photo_folders;
 use super::session::Session;
-use super::{budget, draw_source::DrawSource};
+use super::{budget, draw_source::DrawSource, film::frame_digits};
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::pipeline::Error;
@@ -57,14 +57,19 @@ pub struct Orbit {
 impl Orbit {
     /// The pictures of a model, below `folder`. Moves the near plane of `config` closer for a small model.
     pub fn shots(&self, model: &Gaussians, folder: &Path, config: &mut RenderConfig) -> Vec<Shot> {
+        let cameras = self.cameras(model, config);
+        let digits = self.count.to_string().len().max(3);
+        let path = |i| folder.join(format!("orbit_{i:0digits$}.{}", config.format.extension()));
+        cameras.into_iter().enumerate().map(|(i, camera)| Shot { camera, path: path(i) }).collect()
+    }
+
+    /// The cameras. Moves the near plane of `config` closer for a small model.
+    pub fn cameras(&self, model: &Gaussians, config: &mut RenderConfig) -> Vec<Camera> {
         let outline = outline(model, self.up);
         let Framing { height, distance } = outline.framing(&self.look);
         tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", outline.centre);
         config.settings.near = config.settings.near.min(near_limit(distance));
-        let digits = self.count.to_string().len().max(3);
-        let path = |i| folder.join(format!("orbit_{i:0digits$}.{}", config.format.extension()));
-        let cameras = outline.cameras(self.count, &self.look);
-        cameras.into_iter().enumerate().map(|(i, camera)| Shot { camera, path: path(i) }).collect()
+        outline.cameras(self.count, &self.look)
     }
 }
 
@@ -78,6 +83,13 @@ pub fn scene_shots(scene: &Scene, resize: Resize, folder: &Path, format: Format)
     let shots: Vec<Shot> = scene.views.iter().zip(names).map(shot).collect();
     refuse_photo_folders(scene, shots.iter().map(|shot| &shot.path))?;
     Ok(shots)
+}
+
+/// The pictures of cameras on a path, below `folder`, numbered from 0.
+pub fn frames(cameras: Vec<Camera>, folder: &Path, format: Format) -> Vec<Shot> {
+    let digits = frame_digits(cameras.len());
+    let path = |i| folder.join(format!("frame_{i:0digits$}.{}", format.extension()));
+    cameras.into_iter().enumerate().map(|(i, camera)| Shot { camera, path: path(i) }).collect()
 }
 
 /// Seconds of rendering.

@@ -17,6 +17,7 @@ mod readers;
 mod resample;
 mod skipped;
 mod view;
+pub mod walk;
 
 use std::path::PathBuf;
 

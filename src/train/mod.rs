@@ -30,7 +30,7 @@ mod training_model;
 pub use error::{Error, Result};
 pub use memory::TrainerNeeds;
 pub use options::{Exposures, Options};
-pub use respond::{PhotoNeeds, bytes as responses_bytes, responses};
+pub use respond::{PhotoNeeds, bytes as responses_bytes, responses, responses_by_photo};
 pub use trainer::{Progress, Trainer};
 pub use training_model::{Array, ArrayKind, TrainingModel};
 

@@ -11,6 +11,7 @@ use crate::gpu::{self, Buffer, Device};
 use crate::render::{Renderer, Source, Style, Uses};
 use crate::response::{self, Gather, Responses, Term, Views, Wanted, full_pass};
 use crate::scene::{Photo, camera};
+use std::ops::Range;
 
 /// Photos, and what compares pictures with them.
 struct Compared<'a> {
@@ -23,18 +24,35 @@ struct Compared<'a> {
 fn pass<E>(
     renderer: &mut Renderer,
     model: Source<'_>,
-    Compared { photos, device_photos, objective }: Compared<'_>,
+    compared: Compared<'_>,
     wanted: Wanted,
+    followed: (impl FnMut(usize) -> Result<(), E>, Option<usize>),
+) -> Result<Responses, E>
+where
+    E: From<gpu::Error> + From<super::Error>,
+{
+    let all = 0..compared.photos.len();
+    pass_over(renderer, model, compared, (wanted, all), followed)
+}
+
+/// A pass over the photos with these numbers.
+fn pass_over<E>(
+    renderer: &mut Renderer,
+    model: Source<'_>,
+    Compared { photos, device_photos, objective }: Compared<'_>,
+    (wanted, numbers): (Wanted, Range<usize>),
     (follow, of): (impl FnMut(usize) -> Result<(), E>, Option<usize>),
 ) -> Result<Responses, E>
 where
     E: From<gpu::Error> + From<super::Error>,
 {
-    let cameras: Vec<_> = photos.iter().map(|p| p.camera.clone()).collect();
+    let first = numbers.start;
+    let cameras: Vec<_> = photos[numbers].iter().map(|p| p.camera.clone()).collect();
     let views = Views { cameras: &cameras, follow, of };
     full_pass(renderer, model, views, &objective.loss.gradient, wanted, |recording, v, image, term| -> Result<(), E> {
-        let pixels = device_photos.get(recording, photos, v, (v + 1) % cameras.len())?;
-        let current = Current::new(v, pixels, &cameras[v]);
+        let number = first + v;
+        let pixels = device_photos.get(recording, photos, number, (number + 1) % photos.len())?;
+        let current = Current::new(number, pixels, &cameras[v]);
         if term == Term::Squares {
             objective.record_squares(recording, image, current);
         } else {
@@ -74,6 +92,46 @@ where
     let objective = Objective::new(device, photos, size, options)?;
     let compared = Compared { photos, device_photos: &mut device_photos, objective: &objective };
     pass(&mut renderer, model, compared, wanted, (follow, of))
+}
+
+/// As [`responses`], but `each` receives those of each photo alone, with its number.
+///
+/// # Errors
+/// Device memory; device errors; photos that cannot be read; errors of `each`.
+pub fn responses_by_photo<E>(
+    device: &Device,
+    model: Source<'_>,
+    photos: &[Photo],
+    (options, wanted): (&Options, Wanted),
+    each: impl FnMut(usize, Responses) -> Result<(), E>,
+) -> Result<(), E>
+where
+    E: From<gpu::Error> + From<super::Error>,
+{
+    let size = camera::largest(photos.iter().map(|p| &p.camera));
+    let mut renderer = response::renderer(device, options.settings, model, (size, options.pairs), wanted)?;
+    let mut device_photos = DevicePhotos::new(device, photos)?;
+    let objective = Objective::new(device, photos, size, options)?;
+    let compared = Compared { photos, device_photos: &mut device_photos, objective: &objective };
+    by_photo(&mut renderer, model, compared, wanted, each)
+}
+
+fn by_photo<E>(
+    renderer: &mut Renderer,
+    model: Source<'_>,
+    Compared { photos, device_photos, objective }: Compared<'_>,
+    wanted: Wanted,
+    mut each: impl FnMut(usize, Responses) -> Result<(), E>,
+) -> Result<(), E>
+where
+    E: From<gpu::Error> + From<super::Error>,
+{
+    for number in 0..photos.len() {
+        let compared = Compared { photos, device_photos, objective };
+        let one = (wanted, number..number + 1);
+        each(number, pass_over(renderer, model, compared, one, (|_| Ok::<_, E>(()), None))?)?;
+    }
+    Ok(())
 }
 
 /// The photos of [`responses`], for an estimate of its memory.
@@ -130,6 +188,23 @@ impl Trainer {
         let (model, photos) = (Source::Device(&self.training.model), &self.photos);
         let compared = Compared { photos, device_photos: &mut self.device_photos, objective: &self.objective };
         pass(&mut self.renderer, model, compared, wanted, (follow, None))
+    }
+
+    /// As [`Trainer::responses`], but `each` receives those of each photo alone, with its number.
+    ///
+    /// # Errors
+    /// As [`Trainer::responses`]; errors of `each`.
+    pub fn responses_by_photo<E>(
+        &mut self,
+        wanted: Wanted,
+        each: impl FnMut(usize, Responses) -> Result<(), E>,
+    ) -> Result<(), E>
+    where
+        E: From<gpu::Error> + From<super::Error>,
+    {
+        let (model, photos) = (Source::Device(&self.training.model), &self.photos);
+        let compared = Compared { photos, device_photos: &mut self.device_photos, objective: &self.objective };
+        by_photo(&mut self.renderer, model, compared, wanted, each)
     }
 
     /// Responses averaged over [`super::Options::averaged`], decayed to the last iteration done; none before those iterations.

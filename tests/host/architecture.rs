@@ -15,7 +15,7 @@ const FLOORS: &[&[&str]] = &[
     &["gaussians"],
     &["effects", "metrics", "render"],
     &["response"],
-    &["qirf", "train"],
+    &["edit", "qirf", "train"],
     &["reference"],
     &["pipeline"],
     &["pose", "report", "selftest", "shard", "view"],

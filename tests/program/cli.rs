@@ -17,24 +17,24 @@ use std::process::{Command, Output};
 use tempfile::TempDir;
 
 /// A folder with a small model, a small scene without photos, and the program.
-struct Sandbox {
+pub(super) struct Sandbox {
     folder: TempDir,
 }
 
 impl Sandbox {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let sandbox = Self { folder: tempfile::tempdir().unwrap() };
         formats::write(&sandbox.path("model.ply"), &model(20), formats::RenderMode::Plain).unwrap();
         sandbox.scene("scene", "1 PINHOLE 40 30 35 35 20 15", &["b/two.png", "one.jpg"]);
         sandbox
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(super) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
     /// A COLMAP text model, its cameras four units before the origin.
-    fn scene(&self, name: &str, camera: &str, images: &[&str]) -> PathBuf {
+    pub(super) fn scene(&self, name: &str, camera: &str, images: &[&str]) -> PathBuf {
         let folder = self.path(name).join("sparse/0");
         fs::create_dir_all(&folder).unwrap();
         let lines: Vec<String> = (1..).zip(images).map(|(i, n)| format!("{i} 1 0 0 0 0.1 0 4 1 {n}\n\n")).collect();
@@ -45,7 +45,7 @@ impl Sandbox {
     }
 
     /// Runs the program in the folder.
-    fn run(&self, arguments: &[&str]) -> Ran {
+    pub(super) fn run(&self, arguments: &[&str]) -> Ran {
         let output = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
             .args(arguments)
             .current_dir(self.folder.path())
@@ -56,7 +56,7 @@ impl Sandbox {
     }
 
     /// Runs the program, which must end with this exit code and a message that contains all of `says`.
-    fn fails(&self, code: i32, arguments: &[&str], says: &[&str]) {
+    pub(super) fn fails(&self, code: i32, arguments: &[&str], says: &[&str]) {
         let ran = self.run(arguments);
         assert_eq!(ran.code, code, "{arguments:?}: {}", ran.err);
         assert!(ran.err.contains("error: "), "{arguments:?}: {}", ran.err);
@@ -66,14 +66,14 @@ impl Sandbox {
     }
 
     /// Runs the program, which must succeed.
-    fn works(&self, arguments: &[&str]) -> Ran {
+    pub(super) fn works(&self, arguments: &[&str]) -> Ran {
         let ran = self.run(arguments);
         assert_eq!(ran.code, 0, "{arguments:?}: {}", ran.err);
         ran
     }
 
     /// Every file with its content.
-    fn content(&self) -> Vec<(PathBuf, Vec<u8>)> {
+    pub(super) fn content(&self) -> Vec<(PathBuf, Vec<u8>)> {
         let mut found = Vec::new();
         let mut folders = vec![self.folder.path().to_owned()];
         while let Some(folder) = folders.pop() {
@@ -87,10 +87,10 @@ impl Sandbox {
     }
 }
 
-struct Ran {
-    code: i32,
-    out: String,
-    err: String,
+pub(super) struct Ran {
+    pub(super) code: i32,
+    pub(super) out: String,
+    pub(super) err: String,
 }
 
 impl Ran {
@@ -103,12 +103,12 @@ impl Ran {
         Self { code: output.status.code().expect("no signal ended it"), out, err }
     }
 
-    fn json(&self) -> Value {
+    pub(super) fn json(&self) -> Value {
         serde_json::from_str(&self.out).expect("one JSON document on standard output")
     }
 }
 
-fn model(n: usize) -> Gaussians {
+pub(super) fn model(n: usize) -> Gaussians {
     Gaussians {
         means: (0..n).map(|i| [(i as f32).sin(), (i as f32).cos(), 0.01 * i as f32]).collect(),
         log_scales: vec![[-1.5, -2.0, -1.8]; n],

@@ -118,6 +118,7 @@ fn rich() -> RunRecord {
         frames_per_second: Some(31.0),
         model_bytes: 345_678,
         prunes: vec![prune(400)],
+        floaters: None,
         cut: None,
         curve: (1..=8).map(point).collect(),
         time: Times {

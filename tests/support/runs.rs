@@ -24,6 +24,7 @@ pub fn config(scene: &Path, iterations: u32) -> RunConfig {
         schedule: Preset::Quick.schedule(Some(iterations)),
         prune: None,
         method: None,
+        clean: false,
         effects: Overrides::default(),
         tuning: None,
     }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// Keys of the file and names of its tables.
-const KEYS: [&str; 20] = [
+const KEYS: [&str; 21] = [
     "scene",
     "images",
     "resolution",
@@ -23,6 +23,7 @@ const KEYS: [&str; 20] = [
     "exposure",
     "max_gaussians",
     "checkpoint_every",
+    "clean",
     "schedule",
     "prune",
     "method",
@@ -131,6 +132,7 @@ mod tests {
             images: Some("photos".into()),
             resolution: Some("/2".into()),
             init_count: Some(10),
+            clean: true,
             effects: Preset::Paper.effects(),
             method: Some(MethodConfig::new("mcmc", &toml::toml! { dead = 0.005 })),
             tuning: Some(Tuning::new(DeviceClass::Cpu, 8, 1024)),

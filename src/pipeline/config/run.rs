@@ -111,6 +111,9 @@ pub struct RunConfig {
     pub max_gaussians: usize,
     /// Iterations between checkpoints; with 0 only an interruption writes one.
     pub checkpoint_every: u32,
+    /// True if floaters are removed before the model is written.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub clean: bool,
     /// Schedule of the optimisation.
     pub schedule: Schedule,
     /// When and how it prunes; never if absent.
@@ -195,6 +198,7 @@ impl RunConfig {
             schedule: preset.schedule(None),
             prune: None,
             method: None,
+            clean: false,
             effects: preset.effects(),
             tuning: None,
         }

@@ -89,6 +89,7 @@ impl Assessment {
             frames_per_second: self.frames_per_second,
             model_bytes: bytes_on_disk(file),
             prunes: Vec::new(),
+            floaters: None,
             cut: None,
             curve: Vec::new(),
             time: Times::default(),

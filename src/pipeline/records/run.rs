@@ -4,6 +4,7 @@ use super::prune::PruneRecord;
 use crate::effects::Decision;
 use crate::gpu::TunedDevice;
 use crate::metrics::Scores;
+use crate::pipeline::floaters::FloaterCounts;
 use crate::scene::Skipped;
 use crate::train::method::Cut;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -39,6 +40,9 @@ pub struct RunRecord {
     pub model_bytes: u64,
     /// Each prune, in order; empty if nothing was pruned.
     pub prunes: Vec<PruneRecord>,
+    /// The floaters removed in the end; absent if none were looked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub floaters: Option<FloaterCounts>,
     /// The cut that a method ended with; absent without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cut: Option<Cut>,

@@ -94,7 +94,7 @@ fn this_machine_tells_and_checks_its_device() {
 #[test]
 fn help_and_completions_are_there() {
     let sandbox = Sandbox::new();
-    for command in ["render", "convert", "inspect", "synth", "device", "selftest", "completions"] {
+    for command in ["render", "edit", "convert", "inspect", "synth", "device", "selftest", "completions"] {
         let ran = sandbox.works(&[command, "--help"]);
         assert!(ran.out.contains("Examples:") && ran.out.contains("Global options:"), "{command}");
         assert!(sandbox.works(&["--help"]).out.contains(command));

@@ -1,0 +1,226 @@
+//! `qirf-vk edit IN... -o OUT`.
+
+mod operations;
+mod parse;
+
+use super::console::Console;
+use super::inspect::read_model;
+use super::show::Show;
+use super::style::Rendering;
+use super::{Global, values};
+use crate::edit::{Editor, Step, merge};
+use crate::effects::Overrides;
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::{self, Loaded, RenderMode};
+use crate::metrics::Networks;
+use crate::pipeline::Error;
+use crate::pipeline::floaters::{self, FloaterCounts};
+use crate::pipeline::output::bytes_on_disk;
+use crate::pipeline::virtual_views::VirtualCameras;
+use crate::pipeline::{Selection, Session};
+use crate::scene::{EVAL_EVERY, OpenOptions, Scene};
+use crate::wording::counted;
+use operations::{Asked, Operation, Operations};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "Examples:
+  qirf-vk edit flowers.ply -o cut.ply --crop-sphere 0,0.2,0,1.5 --min-opacity 0.02
+  qirf-vk edit model.ply -o upright.spz --rotate x:12.5 --translate 0,1.2,0 --scale 0.1 --up y
+  qirf-vk edit model.ply -o seen.ply --crop-views capture --least-views 3
+  qirf-vk edit model.ply -o clean.ply --remove invisible --remove needles --order morton --json
+  qirf-vk edit house.ply garden.spz -o both.ply
+  qirf-vk edit model.ply --max-size 0.5 --count-only
+
+Operations apply in the order of the command line, to all models as one. Colours that depend on the direction turn with the model.";
+
+/// Crop, move, turn, clean and merge models.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(super) struct Arguments {
+    /// Models: .ply, .spz, .splat, .ksplat or .sog files, or SOG folders; several become one
+    #[arg(value_name = "IN", required = true)]
+    inputs: Vec<PathBuf>,
+    /// Model to write: .ply, .spz or .sog
+    #[arg(short, long, value_name = "OUT", required_unless_present = "count_only")]
+    output: Option<PathBuf>,
+    /// Tell what each operation leaves, and write nothing
+    #[arg(long)]
+    count_only: bool,
+    /// Print what was removed, and why, as JSON on standard output
+    #[arg(long)]
+    json: bool,
+    /// Cameras that must have a Gaussian's centre in their pictures, for --crop-views
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    least_views: u32,
+    #[command(flatten)]
+    operations: Operations,
+    /// Scene whose photos tell floaters, for --remove floaters; without it, pictures of the model do
+    #[arg(long, value_name = "SCENE", help_heading = "Floaters")]
+    scene: Option<PathBuf>,
+    /// Photo folder, such as images_4 [default: the scene's own]
+    #[arg(long, value_name = "DIR", help_heading = "Floaters", requires = "scene")]
+    images: Option<PathBuf>,
+    /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
+    #[arg(long, value_name = "W|/K", help_heading = "Floaters", requires = "scene", value_parser = values::resolution_text)]
+    resolution: Option<String>,
+    #[command(flatten)]
+    rendering: Rendering,
+}
+
+impl Arguments {
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        self.check_output()?;
+        let operations = self.operations.in_order()?;
+        let mut models = Vec::with_capacity(self.inputs.len());
+        for path in &self.inputs {
+            models.push((path.clone(), read_model(path, console)?));
+        }
+        let inputs: Vec<Value> = models.iter().map(|(path, loaded)| input(path, loaded)).collect();
+        let (model, mode) = merge(models, self.rendering.mode())?;
+        let mut editor = Editor::new(model, self.json);
+        if self.inputs.len() > 1 && !self.json {
+            console.print(format_args!("{}: {}", counted(self.inputs.len(), "model"), left(editor.model())))?;
+        }
+        for asked in &operations {
+            let before = editor.model().bounds();
+            let step = self.apply((asked, mode), &mut editor, (console, global))?.clone();
+            if !self.json {
+                tell(console, &step, editor.model())?;
+            }
+            if step.after == 0 && step.before > 0 && !self.count_only {
+                return Err(nothing_left(asked, before));
+            }
+        }
+        let (model, steps) = editor.finish();
+        let written = if self.count_only { None } else { self.output.as_deref() };
+        if let Some(path) = written {
+            formats::write(path, &model, mode).map_err(Error::writing)?;
+        }
+        if self.json {
+            return console.json(&json!({
+                "input": inputs,
+                "steps": steps,
+                "output": output(written, &model, mode),
+            }));
+        }
+        if let Some(path) = written {
+            console.note(format_args!("{} in {} ({} bytes)", left(&model), path.display(), bytes_on_disk(path)));
+        }
+        Ok(())
+    }
+
+    /// Refuses an output that cannot be written or would overwrite an input, before any work.
+    fn check_output(&self) -> Result<(), Error> {
+        let Some(output) = self.output.as_deref().filter(|_| !self.count_only) else { return Ok(()) };
+        formats::check_output(output).map_err(Error::writing)?;
+        for input in &self.inputs {
+            formats::refuse_overwrite(input, output).map_err(Error::writing)?;
+        }
+        if output.is_dir() {
+            return Err(Error::Usage(format!("{} is a folder; name a file", output.display())));
+        }
+        let folder = output.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        std::fs::metadata(folder).map_err(|source| Error::Write { path: output.to_owned(), source })?;
+        Ok(())
+    }
+
+    fn apply<'e>(
+        &self,
+        (asked, mode): (&Asked, RenderMode),
+        editor: &'e mut Editor,
+        (console, global): (&Console, &Global),
+    ) -> Result<&'e Step, Error> {
+        let edit = match &asked.what {
+            Operation::Edit(edit) => edit.clone(),
+            Operation::Views { scene, outside } => {
+                let least = self.least_views as usize;
+                operations::of_views(&open(scene, console)?, least, *outside)?
+            }
+            Operation::Matrix(path) => operations::of_matrix(path)?,
+            Operation::Floaters => return self.without_floaters((asked, mode), editor, (console, global)),
+        };
+        Ok(editor.apply(&edit, &asked.name, &asked.why)?)
+    }
+
+    /// Removes floaters, by photos or by pictures of the model.
+    fn without_floaters<'e>(
+        &self,
+        (asked, mode): (&Asked, RenderMode),
+        editor: &'e mut Editor,
+        (console, global): (&Console, &Global),
+    ) -> Result<&'e Step, Error> {
+        let device = global.open()?;
+        let (networks, watcher) = (Networks::default(), Show::new(console));
+        let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
+        let (model, style) = (editor.model(), self.rendering.of(mode));
+        let found = match &self.scene {
+            Some(scene) => {
+                let selection = Selection {
+                    scene: scene.clone(),
+                    images: self.images.clone(),
+                    resolution: self.resolution.clone(),
+                    eval_every: EVAL_EVERY,
+                    background: None,
+                    effects: Overrides::default(),
+                };
+                floaters::by_photos(&session, model, &selection, style)?
+            }
+            None => floaters::by_own_pictures(&session, model, &VirtualCameras::default(), style)?,
+        };
+        let kept: Vec<bool> = found.iter().map(Option::is_none).collect();
+        Ok(editor.keep(&kept, &asked.name, &FloaterCounts::of(&found).to_string()))
+    }
+}
+
+/// A scene's cameras; its photos may be absent.
+fn open(path: &Path, console: &Console) -> Result<Scene, Error> {
+    let scene = Scene::open(path, &OpenOptions::default())?;
+    for line in scene.skipped.summary() {
+        console.warn(format_args!("{}: {line}", path.display()));
+    }
+    Ok(scene)
+}
+
+fn left(model: &Gaussians) -> String {
+    format!("{} of SH degree {}", counted(model.len(), "Gaussian"), model.degree())
+}
+
+fn tell(console: &Console, step: &Step, model: &Gaussians) -> Result<(), Error> {
+    let Step { edit, after, removed, why, .. } = step;
+    match why {
+        Some(why) => console.print(format_args!("{edit}: {after} left, {removed} removed ({why})")),
+        None => console.print(format_args!("{edit}: {}", left(model))),
+    }
+}
+
+/// An error that says where the Gaussians were.
+fn nothing_left(asked: &Asked, before: Option<([f32; 3], [f32; 3])>) -> Error {
+    let where_from = before.map_or_else(String::new, |(low, high)| {
+        let point = |p: [f32; 3]| format!("{:.4},{:.4},{:.4}", p[0], p[1], p[2]);
+        format!(" of a model from {} to {}", point(low), point(high))
+    });
+    let Asked { name, why, .. } = asked;
+    Error::Usage(format!("{name} leaves no Gaussian{where_from} ({why}): nothing was written; ask for less"))
+}
+
+fn input(path: &Path, loaded: &Loaded) -> Value {
+    json!({
+        "path": path,
+        "format": loaded.format.to_string(),
+        "gaussians": loaded.gaussians.len(),
+        "sh_degree": loaded.gaussians.degree(),
+        "render_mode": loaded.mode,
+        "repairs": loaded.repairs,
+    })
+}
+
+fn output(path: Option<&Path>, model: &Gaussians, mode: RenderMode) -> Value {
+    json!({
+        "path": path,
+        "bytes": path.map(bytes_on_disk),
+        "gaussians": model.len(),
+        "sh_degree": model.degree(),
+        "render_mode": mode,
+    })
+}

@@ -1,0 +1,292 @@
+//! Operations in the order of the command line, which clap keeps by index.
+
+use super::parse;
+use crate::edit::{Edit, INVISIBLE, Region, Similarity, Unwanted};
+use crate::gaussians::{self, MAX_SH_DEGREE};
+use crate::pipeline::Error;
+use crate::scene::{Resize, Scene};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Args, Command, FromArgMatches};
+use std::path::{Path, PathBuf};
+
+const HEADING: &str = "Operations, in their order";
+
+/// One operation as it was asked for.
+#[derive(Clone, Debug)]
+pub(super) struct Asked {
+    /// As on the command line.
+    pub name: String,
+    /// Why it removes what it removes.
+    pub why: String,
+    pub what: Operation,
+}
+
+/// What an operation does.
+#[derive(Clone, Debug)]
+pub(super) enum Operation {
+    Edit(Edit),
+    /// A crop by a scene's cameras.
+    Views {
+        scene: PathBuf,
+        outside: bool,
+    },
+    /// A move by a matrix in a file.
+    Matrix(PathBuf),
+    /// A removal of floaters, by photos or pictures.
+    Floaters,
+}
+
+/// The options of operations; each may occur more than once.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = HEADING)]
+struct Options {
+    /// Keep what has its centre in a box: least x, y, z, then greatest
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true)]
+    crop_box: Vec<String>,
+    /// Keep what has its centre in a ball: centre and radius
+    #[arg(long, value_name = "X,Y,Z,R", allow_hyphen_values = true)]
+    crop_sphere: Vec<String>,
+    /// Keep what has its centre in the pictures of a scene's cameras, hidden or not
+    #[arg(long, value_name = "SCENE")]
+    crop_views: Vec<PathBuf>,
+    /// Let the crop before it keep what lies outside instead
+    #[arg(long, num_args = 0, default_missing_value = "true", action = clap::ArgAction::Append)]
+    outside: Vec<bool>,
+    /// Move, in world units
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    translate: Vec<String>,
+    /// Turn about the origin, by the right hand: an axis (x, -y, or X,Y,Z) and degrees, or a quaternion
+    #[arg(long, value_name = "AXIS:DEGREES|W,X,Y,Z", allow_hyphen_values = true)]
+    rotate: Vec<String>,
+    /// Scale about the origin, all axes alike
+    #[arg(long, value_name = "FACTOR", allow_hyphen_values = true)]
+    scale: Vec<String>,
+    /// Turn what is up to another axis of the world: x, y, z, -x, -y or -z; from -y, as in captures, or from FROM
+    #[arg(long, value_name = "[FROM:]AXIS", allow_hyphen_values = true)]
+    up: Vec<String>,
+    /// Move, turn, mirror and scale by a matrix: a file with 3 or 4 rows of 4 numbers, plain or as JSON
+    #[arg(long, value_name = "FILE")]
+    matrix: Vec<PathBuf>,
+    /// Drop spherical harmonics above this degree, 0 to 3
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    sh_degree: Vec<String>,
+    /// Remove what is less opaque, 0 to 1
+    #[arg(long, value_name = "A", allow_hyphen_values = true)]
+    min_opacity: Vec<String>,
+    /// Remove what has an axis of a larger standard deviation, in world units
+    #[arg(long, value_name = "SIZE", allow_hyphen_values = true)]
+    max_size: Vec<String>,
+    /// Remove floaters, which the photos of --scene or pictures of the model tell; what no picture can show (opacity below 1/255); or
+    /// needles: those 100 times as long as wide, or RATIO times
+    #[arg(long, value_name = "floaters|invisible|needles[:RATIO]", allow_hyphen_values = true)]
+    remove: Vec<String>,
+    /// Put neighbours in space next to each other in the file
+    #[arg(long, value_name = "morton|none")]
+    order: Vec<String>,
+}
+
+/// The operations by their indices on the command line, not yet in order.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Operations {
+    found: Vec<(usize, &'static str, String)>,
+}
+
+impl Args for Operations {
+    fn augment_args(command: Command) -> Command {
+        Options::augment_args(command)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Options::augment_args_for_update(command)
+    }
+}
+
+impl FromArgMatches for Operations {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let mut found = Vec::new();
+        let options = Options::augment_args(Command::new("operations"));
+        for option in options.get_arguments() {
+            let Some(name) = option.get_long() else { continue };
+            let id = option.get_id().as_str();
+            if matches.value_source(id) != Some(ValueSource::CommandLine) {
+                continue;
+            }
+            let values = matches.get_raw(id).into_iter().flatten().map(|v| v.to_string_lossy().into_owned());
+            let name = NAMES.iter().copied().find(|known| *known == name).unwrap_or_default();
+            found.extend(matches.indices_of(id).into_iter().flatten().zip(values).map(|(at, v)| (at, name, v)));
+        }
+        found.sort_by_key(|operation| operation.0);
+        Ok(Self { found })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+/// The options' names.
+const NAMES: [&str; 14] = [
+    "crop-box",
+    "crop-sphere",
+    "crop-views",
+    "outside",
+    "translate",
+    "rotate",
+    "scale",
+    "up",
+    "matrix",
+    "sh-degree",
+    "min-opacity",
+    "max-size",
+    "remove",
+    "order",
+];
+
+impl Operations {
+    /// The operations in the order of the command line.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] names the option whose value is wrong, and what it takes.
+    pub fn in_order(&self) -> Result<Vec<Asked>, Error> {
+        let mut asked: Vec<Asked> = Vec::new();
+        for (_, name, value) in &self.found {
+            if *name == "outside" {
+                invert(&mut asked)?;
+                continue;
+            }
+            let refused = |what: String| Error::Usage(format!("--{name} {value}: {what}"));
+            let (what, why) = operation(name, value).map_err(refused)?;
+            let Some(what) = what else { continue }; // --order none
+            asked.push(Asked { name: format!("--{name} {value}"), why, what });
+        }
+        Ok(asked)
+    }
+}
+
+/// Lets a crop keep what lies outside.
+fn invert(asked: &mut [Asked]) -> Result<(), Error> {
+    match asked.last_mut() {
+        Some(Asked {
+            name,
+            why,
+            what: Operation::Edit(Edit::Crop { outside, .. }) | Operation::Views { outside, .. },
+        }) => {
+            *outside = true;
+            *name += " --outside";
+            *why = why.replace("not in", "in");
+            Ok(())
+        }
+        _ => Err(Error::Usage("--outside belongs behind a --crop-box, --crop-sphere or --crop-views".into())),
+    }
+}
+
+/// What an option asks for, and why that removes what it removes; nothing for what changes nothing.
+fn operation(name: &str, value: &str) -> Result<(Option<Operation>, String), String> {
+    let crop = |region: Region, what: &str| {
+        let edit = Edit::Crop { region, outside: false };
+        (Some(Operation::Edit(edit)), format!("their centres are not in the {what}"))
+    };
+    let moved = |similarity: Result<Similarity, String>| {
+        similarity.map(|s| (Some(Operation::Edit(Edit::Transform(s))), String::new()))
+    };
+    let edit = |edit: Edit, why: String| Ok((Some(Operation::Edit(edit)), why));
+    match name {
+        "crop-box" => Ok(crop(parse::cube(value)?, "box")),
+        "crop-sphere" => Ok(crop(parse::ball(value)?, "ball")),
+        "crop-views" => {
+            let views = Operation::Views { scene: value.into(), outside: false };
+            Ok((Some(views), "their centres are not in enough pictures".to_owned()))
+        }
+        "translate" => moved(parse::shift(value)),
+        "rotate" => moved(parse::turn(value)),
+        "scale" => moved(parse::factor(value)),
+        "up" => moved(parse::up(value)),
+        "matrix" => Ok((Some(Operation::Matrix(value.into())), String::new())),
+        "sh-degree" => {
+            let degree = value.parse().ok().filter(|degree| *degree <= MAX_SH_DEGREE);
+            edit(Edit::ShDegree(degree.ok_or("write a degree from 0 to 3")?), String::new())
+        }
+        "min-opacity" => {
+            let least = value.parse::<f64>().ok().filter(|a| (0.0..=1.0).contains(a));
+            let least = least.ok_or("write an opacity from 0 to 1, such as 0.02")?;
+            edit(Edit::MinOpacity(least), format!("their opacity is below {least}"))
+        }
+        "max-size" => {
+            let most = parse::positive(value).ok_or("write a size above 0 in world units, such as 0.5")?;
+            edit(Edit::MaxSize(most), format!("an axis has a standard deviation above {most}"))
+        }
+        "remove" if value == "floaters" => Ok((Some(Operation::Floaters), String::new())),
+        "remove" => match parse::unwanted(value)? {
+            unwanted @ Unwanted::Invisible => {
+                let least = format!("no picture shows an opacity below {INVISIBLE:.4}, or values that are not finite");
+                edit(Edit::Remove(unwanted), least)
+            }
+            unwanted @ Unwanted::Needles(ratio) => {
+                edit(Edit::Remove(unwanted), format!("the longest axis is more than {ratio} times the next"))
+            }
+        },
+        "order" => match value {
+            "morton" => edit(Edit::MortonOrder, String::new()),
+            "none" => Ok((None, String::new())),
+            _ => Err("write morton or none".into()),
+        },
+        _ => Err("no such operation".into()),
+    }
+}
+
+/// A crop by a scene's cameras, of which at least so many must show a centre.
+pub(super) fn of_views(scene: &Scene, least: usize, outside: bool) -> Result<Edit, Error> {
+    let cameras: Vec<_> = scene.views.iter().map(|view| view.camera_at(Resize::Full)).collect();
+    if least > cameras.len() {
+        let there = cameras.len();
+        return Err(Error::Usage(format!("--least-views {least}: {} has {there} views", scene.root.display())));
+    }
+    Ok(Edit::Crop { region: Region::Views { cameras, least }, outside })
+}
+
+/// A move by the matrix in a file.
+pub(super) fn of_matrix(path: &Path) -> Result<Edit, Error> {
+    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+    let malformed = |what: String| {
+        Error::Gaussians(gaussians::Error::Malformed { path: path.to_owned(), record: "matrix".into(), what })
+    };
+    let numbers = parse::matrix(&text).map_err(malformed)?;
+    Similarity::of_matrix(&numbers).map(Edit::Transform).map_err(|e| malformed(e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(line: &str) -> Operations {
+        let command = Operations::augment_args(Command::new("edit"));
+        let matches = command.try_get_matches_from(format!("edit {line}").split(' ')).unwrap();
+        Operations::from_arg_matches(&matches).unwrap()
+    }
+
+    #[test]
+    fn the_order_is_that_of_the_command_line() {
+        let line = "--scale 2 --crop-box -1,-1,-1,1,1,1 --rotate y:90 --outside";
+        let refused = read(line).in_order().unwrap_err().to_string();
+        assert!(refused.contains("--outside belongs"), "{refused}");
+        let line = "--scale 2 --crop-box -1,-1,-1,1,1,1 --outside --rotate -y:-90 --scale 3 --order none --crop-views s --outside";
+        let names: Vec<String> = read(line).in_order().unwrap().into_iter().map(|asked| asked.name).collect();
+        let expected = [
+            "--scale 2",
+            "--crop-box -1,-1,-1,1,1,1 --outside",
+            "--rotate -y:-90",
+            "--scale 3",
+            "--crop-views s --outside",
+        ];
+        assert_eq!(names, expected);
+        assert!(read("--scale 1").in_order().unwrap()[0].why.is_empty());
+    }
+
+    #[test]
+    fn all_options_are_known() {
+        let options = Options::augment_args(Command::new("operations"));
+        let names: Vec<_> = options.get_arguments().filter_map(clap::Arg::get_long).collect();
+        assert_eq!(names, NAMES);
+    }
+}

@@ -1,0 +1,139 @@
+//! Values of operations: points, turns, axes, matrices.
+
+use crate::edit::{NEEDLE, Region, Similarity, Unwanted, between};
+use crate::scene::orbit::UP;
+use glam::DVec3;
+
+/// Finite numbers between commas.
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let all: Option<Vec<f64>> = text.split(',').map(finite).collect();
+    all?.try_into().ok()
+}
+
+fn finite(text: &str) -> Option<f64> {
+    text.trim().parse::<f64>().ok().filter(|x| x.is_finite())
+}
+
+/// A finite number above 0.
+pub(super) fn positive(text: &str) -> Option<f64> {
+    finite(text).filter(|x| *x > 0.0)
+}
+
+pub(super) fn cube(text: &str) -> Result<Region, String> {
+    let [a, b, c, d, e, f] = numbers(text).ok_or("write least x,y,z and greatest x,y,z, such as -1,-1,-1,1,1,1")?;
+    let (low, high) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
+    if low.cmpgt(high).any() {
+        return Err("this box has no inside: give least x,y,z first, then greatest".into());
+    }
+    Ok(Region::Box { low, high })
+}
+
+pub(super) fn ball(text: &str) -> Result<Region, String> {
+    let [x, y, z, radius] = numbers(text).ok_or("write a centre and a radius, such as 0,0,0,1.5")?;
+    if radius <= 0.0 {
+        return Err("a ball has a radius above 0".into());
+    }
+    Ok(Region::Sphere { centre: DVec3::new(x, y, z), radius })
+}
+
+pub(super) fn shift(text: &str) -> Result<Similarity, String> {
+    let by = numbers(text).ok_or("write x,y,z, such as 0,1.5,-2")?;
+    Ok(Similarity::shift(DVec3::from_array(by)))
+}
+
+pub(super) fn factor(text: &str) -> Result<Similarity, String> {
+    let by = text.parse().map_err(|_| "write a number above 0, such as 0.1".to_owned())?;
+    Similarity::scaling(by).map_err(|e| e.to_string())
+}
+
+/// `y:90`, `1,1,0:45` or the quaternion `w,x,y,z`.
+pub(super) fn turn(text: &str) -> Result<Similarity, String> {
+    let form = "write an axis and degrees, such as y:90 or 1,1,0:45, or a quaternion w,x,y,z";
+    let turn = match text.split_once(':') {
+        Some((about, degrees)) => {
+            let about = axis(about).or_else(|| numbers(about).map(DVec3::from_array)).ok_or(form)?;
+            Similarity::turn(about, finite(degrees).ok_or(form)?)
+        }
+        None => Similarity::quaternion(numbers(text).ok_or(form)?),
+    };
+    turn.map_err(|e| e.to_string())
+}
+
+/// `z`, or `y:z` for a model whose y is up.
+pub(super) fn up(text: &str) -> Result<Similarity, String> {
+    let form = "write x, y, z, -x, -y or -z, or such an axis that is up now, a colon and the new one, such as y:z";
+    let (from, to) = match text.split_once(':') {
+        Some((from, to)) => (axis(from).ok_or(form)?, to),
+        None => (UP, text),
+    };
+    between(from, axis(to).ok_or(form)?).map_err(|e| e.to_string())
+}
+
+fn axis(text: &str) -> Option<DVec3> {
+    Some(match text {
+        "x" => DVec3::X,
+        "y" => DVec3::Y,
+        "z" => DVec3::Z,
+        "-x" => DVec3::NEG_X,
+        "-y" => DVec3::NEG_Y,
+        "-z" => DVec3::NEG_Z,
+        _ => return None,
+    })
+}
+
+pub(super) fn unwanted(text: &str) -> Result<Unwanted, String> {
+    match text.split_once(':') {
+        None if text == "invisible" => Ok(Unwanted::Invisible),
+        None if text == "needles" => Ok(Unwanted::Needles(NEEDLE)),
+        Some(("needles", ratio)) => {
+            let ratio = finite(ratio).filter(|ratio| *ratio >= 1.0);
+            ratio.map(Unwanted::Needles).ok_or_else(|| "write a ratio of 1 or more, such as needles:100".into())
+        }
+        _ => Err("write floaters, invisible, needles or needles:RATIO".into()),
+    }
+}
+
+/// The numbers of a matrix, plain or as JSON.
+pub(super) fn matrix(text: &str) -> Result<Vec<f64>, String> {
+    let words = text.split(|c: char| c.is_whitespace() || "[],;".contains(c)).filter(|word| !word.is_empty());
+    words
+        .map(|word| {
+            let shown: String = word.chars().take(20).flat_map(char::escape_debug).collect();
+            word.parse::<f64>().map_err(|_| format!("'{shown}' is no number; write 3 or 4 rows of 4 numbers"))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_read_or_refused() {
+        assert!(cube("-1,-1,-1,1,1,1").is_ok() && ball(" 0, 0,0,1e-3").is_ok() && shift("-1,2,3e2").is_ok());
+        assert_eq!(turn("x:90"), turn("1,0,0:90"));
+        assert_eq!(turn("-x:90"), turn("x:-90"));
+        assert_eq!(turn("1,0,0,0"), Ok(Similarity::IDENTITY));
+        assert_eq!(up("-y"), Ok(Similarity::IDENTITY));
+        assert_eq!(up("z").unwrap().point(DVec3::NEG_Y), DVec3::Z);
+        assert_eq!(up("y:-z").unwrap().point(DVec3::Y), DVec3::NEG_Z);
+        assert_eq!(unwanted("needles:30"), Ok(Unwanted::Needles(30.0)));
+        assert_eq!(matrix("[[1, 0],\n[2.5e1;-3]]"), Ok(vec![1.0, 0.0, 25.0, -3.0]));
+        for bad in ["", "1,2,3", "1,1,1,0,0,0", "0,0,0,1,1,nan", "0,0,0,1,1,inf"] {
+            assert!(cube(bad).is_err(), "{bad}");
+        }
+        for bad in ["0,0,0,0", "0,0,0,-1", "0,0,0", "a,b,c,d"] {
+            assert!(ball(bad).is_err(), "{bad}");
+        }
+        for bad in ["90", "w:90", "x:", "x:nan", "0,0,0:5", "0,0,0,0", "1,2:3"] {
+            assert!(turn(bad).is_err(), "{bad}");
+        }
+        for bad in ["0", "-1", "nan", "inf", "1e400", ""] {
+            assert!(factor(bad).is_err(), "{bad}");
+        }
+        assert!(
+            up("w").is_err() && up("x:y:z").is_err() && unwanted("needles:0.5").is_err() && unwanted("dirt").is_err()
+        );
+        assert!(matrix("1 2 three").unwrap_err().contains("'three'"));
+    }
+}

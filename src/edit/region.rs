@@ -1,0 +1,88 @@
+//! Regions of space that crops keep.
+
+use crate::scene::camera::Camera;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// A region of space.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Region {
+    /// A box along the world's axes, its faces included.
+    Box {
+        /// Least coordinates in world units.
+        low: DVec3,
+        /// Greatest coordinates in world units.
+        high: DVec3,
+    },
+    /// A ball, its surface included.
+    Sphere {
+        /// Its centre in world units.
+        centre: DVec3,
+        /// Its radius in world units.
+        radius: f64,
+    },
+    /// What at least so many cameras have in their pictures, whether something hides it or not.
+    Views {
+        /// The cameras.
+        cameras: Vec<Camera>,
+        /// How many of them.
+        least: usize,
+    },
+}
+
+impl Region {
+    /// True if a point is in it; a point with NaN is in none.
+    pub fn holds(&self, point: DVec3) -> bool {
+        match self {
+            Self::Box { low, high } => point.cmpge(*low).all() && point.cmple(*high).all(),
+            Self::Sphere { centre, radius } => point.distance_squared(*centre) <= radius * radius,
+            Self::Views { cameras, least } => {
+                cameras.iter().filter(|camera| shows(camera, point)).take(*least).count() >= *least
+            }
+        }
+    }
+
+    /// By point: true if it is in the region, or with `outside` if it is not; points with NaN are kept by neither.
+    pub(super) fn kept(&self, points: &[[f32; 3]], outside: bool) -> Vec<bool> {
+        let kept = |point: &[f32; 3]| {
+            let point = DVec3::from_array(point.map(f64::from));
+            !point.is_nan() && self.holds(point) != outside
+        };
+        points.par_iter().map(kept).collect()
+    }
+}
+
+/// True if a point is before the camera and within its picture.
+fn shows(camera: &Camera, point: DVec3) -> bool {
+    let seen = camera.rotation * point + camera.translation;
+    let pixel = seen.truncate() * camera.focal / seen.z + camera.principal;
+    let within = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < f64::from(camera.width);
+    seen.z > 0.0 && within && pixel.y < f64::from(camera.height)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regions_hold_their_border_and_no_nan() {
+        let cube = Region::Box { low: DVec3::splat(-1.0), high: DVec3::ONE };
+        let ball = Region::Sphere { centre: DVec3::X, radius: 2.0 };
+        for (region, inside) in [(&cube, [1.0, -1.0, 1.0]), (&ball, [3.0, 0.0, 0.0])] {
+            let points = [inside, [1.0, 9.0, 0.0], [f32::NAN, 0.0, 0.0]];
+            assert_eq!(region.kept(&points, false), [true, false, false]);
+            assert_eq!(region.kept(&points, true), [false, true, false]);
+        }
+    }
+
+    #[test]
+    fn views_hold_what_enough_cameras_have_in_their_pictures() {
+        let at = |eye: DVec3| Camera::look_at(eye, DVec3::ZERO, DVec3::Y, 0.5, 40, 40);
+        let cameras = vec![at(DVec3::new(0.0, 0.0, -4.0)), at(DVec3::new(4.0, 0.0, 0.0))];
+        let [one, two, three] = [1, 2, 3].map(|least| Region::Views { cameras: cameras.clone(), least });
+        let beside_one = DVec3::new(0.0, 0.0, 2.0); // behind the middle for the first, aside for the second
+        assert!(one.holds(DVec3::ZERO) && two.holds(DVec3::ZERO) && !three.holds(DVec3::ZERO));
+        assert!(one.holds(beside_one) && !two.holds(beside_one));
+        assert!(!one.holds(DVec3::new(0.0, 0.0, -9.0)), "behind the first camera");
+    }
+}

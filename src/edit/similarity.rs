@@ -1,0 +1,207 @@
+//! Similarities: turns, mirrors, moves, and scaling of all axes alike.
+
+use super::Error;
+use glam::{DMat3, DQuat, DVec3};
+
+/// Largest difference of a matrix from a similarity, as a share of its scale: files have six digits or more.
+const TOLERANCE: f64 = 1e-4;
+
+/// A map of the world: x -> scale * rotation * x + translation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Similarity {
+    /// Orthonormal; its determinant is -1 if the map mirrors.
+    pub rotation: DMat3,
+    /// Above 0.
+    pub scale: f64,
+    /// In world units.
+    pub translation: DVec3,
+}
+
+impl Similarity {
+    /// The map that changes nothing.
+    pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
+
+    /// A move, in world units.
+    pub fn shift(translation: DVec3) -> Self {
+        Self { translation, ..Self::IDENTITY }
+    }
+
+    /// A scaling about the origin, by a finite number above 0.
+    ///
+    /// # Errors
+    /// [`Error::Numbers`] for another number.
+    pub fn scaling(scale: f64) -> Result<Self, Error> {
+        if scale.is_finite() && scale > 0.0 {
+            return Ok(Self { scale, ..Self::IDENTITY });
+        }
+        Err(Error::Numbers(format!("a scale of {scale} leaves no model: give a finite number above 0")))
+    }
+
+    /// A turn about an axis through the origin by degrees, by the right hand.
+    ///
+    /// # Errors
+    /// [`Error::Numbers`] for an axis without a direction, or degrees that are not finite.
+    pub fn turn(axis: DVec3, degrees: f64) -> Result<Self, Error> {
+        let axis = axis.try_normalize().filter(|_| degrees.is_finite());
+        let axis =
+            axis.ok_or_else(|| Error::Numbers("a turn needs an axis other than 0, and finite degrees".into()))?;
+        // Quarter turns have no error of rounding.
+        let (sin, cos) = match degrees.rem_euclid(360.0) {
+            0.0 => (0.0, 1.0),
+            90.0 => (1.0, 0.0),
+            180.0 => (0.0, -1.0),
+            270.0 => (-1.0, 0.0),
+            other => other.to_radians().sin_cos(),
+        };
+        let cross = DMat3::from_cols(axis.cross(DVec3::X), axis.cross(DVec3::Y), axis.cross(DVec3::Z));
+        let outer = DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        let rotation = DMat3::IDENTITY * cos + cross * sin + outer * (1.0 - cos);
+        Ok(Self { rotation, ..Self::IDENTITY })
+    }
+
+    /// The turn of a quaternion (w, x, y, z) of any length but 0.
+    ///
+    /// # Errors
+    /// [`Error::Numbers`] for zero, or numbers that are not finite.
+    pub fn quaternion([w, x, y, z]: [f64; 4]) -> Result<Self, Error> {
+        let length = (w * w + x * x + y * y + z * z).sqrt();
+        if !length.is_finite() || length < 1e-12 {
+            return Err(Error::Numbers("a quaternion of length 0 is no turn: give w,x,y,z".into()));
+        }
+        let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
+        Ok(Self { rotation, ..Self::IDENTITY })
+    }
+
+    /// The similarity of a matrix of 3 x 4 or 4 x 4 numbers, row by row; the fourth row is 0, 0, 0, 1. Numbers of six digits or more are
+    /// enough: what is left of shear goes.
+    ///
+    /// # Errors
+    /// [`Error::Numbers`] for another count, a number that is not finite, or another fourth row; [`Error::NotSimilar`].
+    pub fn of_matrix(numbers: &[f64]) -> Result<Self, Error> {
+        let count = numbers.len();
+        if count != 12 && count != 16 {
+            return Err(Error::Numbers(format!(
+                "a matrix has 12 or 16 numbers, row by row: 3 or 4 rows of 4; these are {count}"
+            )));
+        }
+        if let Some(bad) = numbers.iter().find(|x| !x.is_finite()) {
+            return Err(Error::Numbers(format!("{bad} is no entry of a matrix: give finite numbers")));
+        }
+        if numbers.get(12..).is_some_and(|last| !last.is_empty() && last != [0.0, 0.0, 0.0, 1.0]) {
+            return Err(Error::Numbers("the fourth row of a matrix is 0, 0, 0, 1: give it row by row".into()));
+        }
+        let row = |i: usize| DVec3::new(numbers[4 * i], numbers[4 * i + 1], numbers[4 * i + 2]);
+        let linear = DMat3::from_cols(row(0), row(1), row(2)).transpose();
+        let translation = DVec3::new(numbers[3], numbers[7], numbers[11]);
+        let lengths = [linear.x_axis.length(), linear.y_axis.length(), linear.z_axis.length()];
+        let scale = (lengths.iter().map(|l| l * l).sum::<f64>() / 3.0).sqrt();
+        if !(scale.is_finite() && scale > 0.0) {
+            return Err(Error::NotSimilar(lengths));
+        }
+        let rough = linear * (1.0 / scale);
+        let off = rough.transpose() * rough - DMat3::IDENTITY;
+        if off.to_cols_array().iter().any(|x| x.abs() > TOLERANCE) {
+            return Err(Error::NotSimilar(lengths));
+        }
+        Ok(Self { rotation: orthonormal(rough), scale, translation })
+    }
+
+    /// The map of a point in world units.
+    pub fn point(&self, x: DVec3) -> DVec3 {
+        self.rotation * x * self.scale + self.translation
+    }
+
+    /// True if left becomes right.
+    pub fn mirrors(&self) -> bool {
+        self.rotation.determinant() < 0.0
+    }
+}
+
+/// The orthonormal matrix nearest to one that is nearly so (Newton's iteration for the polar factor).
+fn orthonormal(matrix: DMat3) -> DMat3 {
+    (0..4).fold(matrix, |m, _| (m + m.inverse().transpose()) * 0.5)
+}
+
+/// The shortest turn from one axis to another; half turns between opposite axes go about z, or about x for z itself.
+///
+/// # Errors
+/// [`Error::Numbers`] if one has no direction.
+pub fn between(from: DVec3, to: DVec3) -> Result<Similarity, Error> {
+    let (Some(a), Some(b)) = (from.try_normalize(), to.try_normalize()) else {
+        return Err(Error::Numbers("an axis of length 0 has no direction".into()));
+    };
+    let axis = a.cross(b);
+    if axis.length() > 1e-9 {
+        let degrees = axis.length().atan2(a.dot(b)).to_degrees();
+        // The axes of the world are turned without an error of rounding.
+        return Similarity::turn(axis, if a.dot(b) == 0.0 { 90.0 } else { degrees });
+    }
+    if a.dot(b) > 0.0 {
+        return Ok(Similarity::IDENTITY);
+    }
+    let upright = if a.z.abs() > 0.9 { DVec3::X } else { DVec3::Z };
+    Similarity::turn(upright.reject_from(a), 180.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn near(a: DVec3, b: DVec3) {
+        assert!((a - b).length() < 1e-12, "{a} {b}");
+    }
+
+    #[test]
+    fn turns_follow_the_right_hand_and_are_exact_by_quarters() {
+        let quarter = Similarity::turn(DVec3::Z, 90.0).unwrap();
+        assert_eq!(quarter.point(DVec3::X), DVec3::Y);
+        assert_eq!(Similarity::turn(DVec3::Y, -90.0).unwrap().point(DVec3::X), DVec3::Z);
+        let axis = DVec3::new(1.0, 2.0, -0.5);
+        let turn = Similarity::turn(axis, 37.0).unwrap();
+        near(turn.point(axis), axis);
+        let half = 18.5_f64.to_radians();
+        let unit = axis.normalize() * half.sin();
+        let same = Similarity::quaternion([2.0 * half.cos(), 2.0 * unit.x, 2.0 * unit.y, 2.0 * unit.z]).unwrap();
+        near(same.point(DVec3::new(3.0, -1.0, 0.2)), turn.point(DVec3::new(3.0, -1.0, 0.2)));
+    }
+
+    #[test]
+    fn up_goes_to_up_and_back() {
+        let axes = [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z];
+        for from in axes {
+            for to in axes {
+                let turn = between(from, to).unwrap();
+                assert_eq!(turn.point(from), to, "{from} to {to}");
+                assert_eq!(turn.rotation.determinant(), 1.0);
+            }
+        }
+        near(
+            between(DVec3::new(1.0, 1.0, 0.0), DVec3::Z).unwrap().point(DVec3::new(1.0, 1.0, 0.0)),
+            DVec3::Z * 2_f64.sqrt(),
+        );
+    }
+
+    #[test]
+    fn matrices_are_read_or_refused() {
+        let turn = Similarity::turn(DVec3::new(1.0, -2.0, 0.3), 77.0).unwrap();
+        let rows = |m: DMat3, t: [f64; 3]| -> Vec<f64> {
+            (0..3).flat_map(|i| [m.row(i).x, m.row(i).y, m.row(i).z, t[i]]).collect()
+        };
+        let rounded: Vec<f64> =
+            rows(turn.rotation * 2.5, [1.0, 2.0, 3.0]).iter().map(|x| (x * 1e6).round() / 1e6).collect();
+        let read = Similarity::of_matrix(&rounded).unwrap();
+        assert!((read.scale - 2.5).abs() < 1e-6 && read.translation == DVec3::new(1.0, 2.0, 3.0));
+        let off = read.rotation.transpose() * read.rotation - DMat3::IDENTITY;
+        assert!(off.to_cols_array().iter().all(|x| x.abs() < 1e-14));
+        let mirror = Similarity::of_matrix(&rows(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)), [0.0; 3])).unwrap();
+        assert!(mirror.mirrors() && !read.mirrors());
+        let stretched = rows(DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1.01)), [0.0; 3]);
+        assert!(matches!(Similarity::of_matrix(&stretched), Err(Error::NotSimilar(_))));
+        assert!(matches!(Similarity::of_matrix(&[0.0; 12]), Err(Error::NotSimilar(_))));
+        for bad in [vec![1.0; 15], vec![f64::NAN; 12], [rounded.clone(), vec![0.0, 0.0, 0.0, 2.0]].concat()] {
+            assert!(matches!(Similarity::of_matrix(&bad), Err(Error::Numbers(_))), "{bad:?}");
+        }
+        assert!(Similarity::scaling(0.0).is_err() && Similarity::scaling(f64::INFINITY).is_err());
+        assert!(Similarity::quaternion([0.0; 4]).is_err() && Similarity::turn(DVec3::ZERO, 5.0).is_err());
+    }
+}

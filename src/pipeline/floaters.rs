@@ -1,0 +1,194 @@
+//! Evidence of floaters: what each photo, or each of a model's own pictures, shows of each Gaussian.
+
+use super::budget::{self, CompressNeeds};
+use super::config::{Pruning, Selection};
+use super::draw_source::DrawSource;
+use super::pair_capacity;
+use super::prepare::open;
+use super::session::Session;
+use super::virtual_views::{self, VirtualCameras};
+use crate::edit::{Evidence, Reason};
+use crate::gaussians::Gaussians;
+use crate::pipeline::Error;
+use crate::qirf::participation::Eigensolver;
+use crate::render::{Settings, Source, Style};
+use crate::response::{Responses, Wanted};
+use crate::scene::Photo;
+use crate::train::loss::Weights;
+use crate::train::schedule::Schedule;
+use crate::train::{self, Options, Trainer};
+use serde::Serialize;
+use std::fmt;
+
+/// Floaters by what gave them away.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct FloaterCounts {
+    /// The photos that see them want them gone.
+    pub disagree: usize,
+    /// They show near one camera only.
+    pub near_one: usize,
+    /// No photo sees them, and nothing seen is near them.
+    pub alone: usize,
+}
+
+impl FloaterCounts {
+    /// Of these.
+    pub fn of(found: &[Option<Reason>]) -> Self {
+        let count = |reason: Reason| found.iter().filter(|f| **f == Some(reason)).count();
+        Self { disagree: count(Reason::Disagrees), near_one: count(Reason::NearOne), alone: count(Reason::Alone) }
+    }
+}
+
+impl fmt::Display for FloaterCounts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { disagree, near_one, alone } = self;
+        write!(
+            f,
+            "the photos want {disagree} gone, {near_one} show near one camera only, {alone} are seen by none and alone"
+        )
+    }
+}
+
+/// What gives each Gaussian of a model away as a floater, if anything does, by the photos of a scene that are not held out.
+///
+/// # Errors
+/// Those of reading a scene; device memory; device errors; [`Error::Interrupted`].
+pub fn by_photos(
+    session: &Session<'_>,
+    model: &Gaussians,
+    selection: &Selection,
+    style: Style,
+) -> Result<Vec<Option<Reason>>, Error> {
+    let opened = open(selection)?;
+    let needs = CompressNeeds {
+        size: opened.size(),
+        own_pictures: false,
+        photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
+        masked: opened.scene.has_masks(),
+        wanted: WANTED,
+        solver: Eigensolver::default(), // nothing is solved
+        style,
+        trained: 0,
+    };
+    let place = budget::for_compress(session.device, model, needs)?;
+    let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
+    let settings = style.over(prepared.background);
+    let mut found = vec![None; model.len()];
+    // Each round measures what the last one left; where that removed nothing, its evidence still holds.
+    let (mut left, mut numbers): (_, Vec<usize>) = (model.clone(), (0..model.len()).collect());
+    let mut measured = None;
+    for round in 0..Evidence::ROUNDS {
+        let evidence = if let Some(evidence) = measured.take() {
+            evidence
+        } else {
+            let shown = DrawSource::new(session, &left, place.whole)?;
+            of_photos(session, (&left, shown.source()), &prepared.train, settings)?
+        };
+        let reasons: Vec<Option<Reason>> = if round + 1 == Evidence::ROUNDS {
+            evidence.floaters(&left)
+        } else {
+            evidence.disagreeing(round).into_iter().map(|gone| gone.then_some(Reason::Disagrees)).collect()
+        };
+        if reasons.iter().all(Option::is_none) {
+            measured = Some(evidence);
+            continue;
+        }
+        numbers.iter().zip(&reasons).for_each(|(i, reason)| found[*i] = *reason);
+        let kept: Vec<bool> = reasons.iter().map(Option::is_none).collect();
+        left.compact(&kept);
+        let mut kept = kept.into_iter();
+        numbers.retain(|_| kept.next().unwrap_or(false));
+    }
+    Ok(found)
+}
+
+/// What photos show of a model.
+fn of_photos(
+    session: &Session<'_>,
+    (model, source): (&Gaussians, Source<'_>),
+    photos: &[Photo],
+    settings: Settings,
+) -> Result<Evidence, Error> {
+    let options = Options {
+        schedule: Schedule { iterations: 0, ..Schedule::default() },
+        settings,
+        seed: 1,
+        degree: model.degree(),
+        most: model.len(),
+        tail: 0,
+        cameras: None,
+        exposure: None,
+        weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
+        averaged: 0..0,
+        method: None,
+        pairs: pair_capacity::initial(session.device, model.len()),
+    };
+    let mut evidence = Evidence::new(model.len(), true);
+    train::responses_by_photo(session.device, source, photos, (&options, WANTED), |number, seen| {
+        add(session, (model, &mut evidence), photos, (number, &seen))
+    })?;
+    Ok(evidence)
+}
+
+/// As [`by_photos`], in one round, of a trainer's model, which is `model`, by the photos that it trains on.
+///
+/// # Errors
+/// Device memory; device errors; photos that cannot be read; [`Error::Interrupted`].
+pub fn of_training(
+    session: &Session<'_>,
+    model: &Gaussians,
+    trainer: &mut Trainer,
+    photos: &[Photo],
+) -> Result<Vec<Option<Reason>>, Error> {
+    let mut evidence = Evidence::new(model.len(), true);
+    trainer.responses_by_photo(WANTED, |number, seen| add(session, (model, &mut evidence), photos, (number, &seen)))?;
+    Ok(evidence.floaters(model))
+}
+
+/// Adds what a photo shows.
+fn add(
+    session: &Session<'_>,
+    (model, evidence): (&Gaussians, &mut Evidence),
+    photos: &[Photo],
+    (number, seen): (usize, &Responses),
+) -> Result<(), Error> {
+    evidence.add(model, &photos[number].camera, &seen.scores);
+    session.watcher.responding(number + 1, photos.len());
+    session.watcher.unless_stopped()
+}
+
+/// Scores, with the residual.
+const WANTED: Wanted = Wanted { scores: true, residual: true, channels: false };
+
+/// As [`by_photos`] by a model's own pictures, with which it agrees: they show what is near one camera, and what is alone.
+///
+/// # Errors
+/// Device memory; device errors; [`Error::Interrupted`].
+pub fn by_own_pictures(
+    session: &Session<'_>,
+    model: &Gaussians,
+    cameras: &VirtualCameras,
+    style: Style,
+) -> Result<Vec<Option<Reason>>, Error> {
+    let size = [cameras.size.0, cameras.size.1];
+    let needs = CompressNeeds {
+        size,
+        own_pictures: true,
+        photos: Vec::new(),
+        masked: false,
+        wanted: Wanted::SCORES,
+        solver: Eigensolver::default(), // nothing is solved
+        style,
+        trained: 0,
+    };
+    let place = budget::for_compress(session.device, model, needs)?;
+    let (cameras, settings) = cameras.views(model, [0.0; 3], style);
+    let shown = DrawSource::new(session, model, place.whole)?;
+    let mut evidence = Evidence::new(model.len(), false);
+    for camera in &cameras {
+        let one = std::slice::from_ref(camera);
+        let seen = virtual_views::responses(session, shown.source(), (one, None), settings, Wanted::SCORES)?;
+        evidence.add(model, camera, &seen.scores);
+    }
+    Ok(evidence.floaters(model))
+}

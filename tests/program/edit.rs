@@ -1,0 +1,253 @@
+//! `edit`: operations in order, what they leave, what they refuse.
+
+use super::cli::{Sandbox, model};
+use crate::support::documented;
+use qirf_vk::gaussians::formats::{self, RenderMode};
+use qirf_vk::gaussians::{Gaussians, sh};
+use qirf_vk::glam::DVec3;
+use std::fs;
+
+fn read(sandbox: &Sandbox, name: &str) -> Gaussians {
+    formats::read(&sandbox.path(name)).unwrap().gaussians
+}
+
+fn write(sandbox: &Sandbox, name: &str, model: &Gaussians, mode: RenderMode) {
+    formats::write(&sandbox.path(name), model, mode).unwrap();
+}
+
+#[test]
+fn operations_apply_in_the_order_of_the_command_line() {
+    let sandbox = Sandbox::new();
+    // Twenty Gaussians on a circle of radius 1: half of them have x above 0.
+    let half = ["--crop-box", "0,-9,-9,9,9,9"];
+    let first = sandbox.works(&[&["edit", "model.ply", "-o", "a.ply"][..], &half, &["--translate", "5,0,0"]].concat());
+    let last = sandbox.works(&[&["edit", "model.ply", "-o", "b.ply", "--translate", "5,0,0"][..], &half].concat());
+    assert!(first.out.contains("left") && first.out.contains("removed"), "{}", first.out);
+    let (a, b) = (read(&sandbox, "a.ply"), read(&sandbox, "b.ply"));
+    assert_eq!((a.len(), b.len()), (model(20).means.iter().filter(|m| m[0] >= 0.0).count(), 20));
+    assert!(a.means.iter().all(|m| m[0] >= 5.0), "{:?}", a.means);
+    assert_eq!(last.out.lines().count(), 2, "{}", last.out);
+    let outside =
+        sandbox.works(&[&["edit", "model.ply", "--count-only", "--json"][..], &half, &["--outside"]].concat());
+    let document = outside.json();
+    documented("edit", &document);
+    assert_eq!(document["steps"][0]["after"], 20 - a.len());
+    assert_eq!(document["output"]["path"], serde_json::Value::Null);
+    // Nothing but the order of operations: no operation is the model itself.
+    sandbox.works(&["edit", "model.ply", "-o", "same.ply", "--order", "none"]);
+    assert_eq!(read(&sandbox, "same.ply"), model(20));
+}
+
+#[test]
+fn a_turned_model_shows_turned_colours() {
+    let sandbox = Sandbox::new();
+    sandbox.works(&["edit", "model.ply", "-o", "turned.ply", "--rotate", "1,2,3:40", "--scale", "2", "--up", "y"]);
+    fs::write(sandbox.path("m.json"), "[[0,-1,0,1],[1,0,0,2],[0,0,1,3],[0,0,0,1]]").unwrap();
+    sandbox.works(&[
+        "edit",
+        "model.ply",
+        "-o",
+        "quarter.ply",
+        "--matrix",
+        "m.json",
+        "--order",
+        "morton",
+        "--order",
+        "none",
+    ]);
+    let (before, after) = (model(20), read(&sandbox, "turned.ply"));
+    let size = |m: &[f32; 3]| m.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
+    for i in 0..20 {
+        assert!((size(&after.means[i]) - 2.0 * size(&before.means[i])).abs() < 1e-5);
+        assert!((after.log_scales[i][1] + 2.0 - 2_f32.ln()).abs() < 1e-6);
+    }
+    // Along a Gaussian's own direction from the origin, colours are the same before and after.
+    let colour = |model: &Gaussians, i: usize, c: usize| -> f64 {
+        let basis = sh::basis(DVec3::from_array(model.means[i].map(f64::from)).normalize());
+        (0..3).map(|m| basis[1 + m] * f64::from(model.sh[1][i * 9 + 3 * m + c])).sum()
+    };
+    assert!((0..20).all(|i| (0..3).all(|c| (colour(&before, i, c) - colour(&after, i, c)).abs() < 1e-6)));
+    let quarter = read(&sandbox, "quarter.ply");
+    let expected = |m: &[f32; 3]| [1.0 - m[1], 2.0 + m[0], 3.0 + m[2]];
+    let near = |a: [f32; 3], b: &[f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    assert!(before.means.iter().all(|m| quarter.means.iter().any(|q| near(expected(m), q))));
+}
+
+#[test]
+fn what_goes_is_counted_with_its_reason() {
+    let sandbox = Sandbox::new();
+    let mut strange = model(20);
+    strange.opacity_logits[3] = -9.0;
+    strange.log_scales[4] = [3.0, -4.0, -4.0];
+    strange.log_scales[5] = [f32::NEG_INFINITY, -1.0, -1.0]; // a scale of 0
+    strange.means[6][1] = f32::NAN;
+    write(&sandbox, "strange.ply", &strange, RenderMode::Plain);
+    let line =
+        ["edit", "strange.ply", "-o", "out.ply", "--remove", "invisible", "--remove", "needles", "--max-size", "1e3"];
+    let ran = sandbox.works(&[&line[..], &["--min-opacity", "0.1", "--sh-degree", "0", "--json"]].concat());
+    assert!(ran.err.contains("1 Gaussian removed for NaN") && ran.err.contains("zero scales"), "{}", ran.err);
+    let document = ran.json();
+    documented("edit", &document);
+    let removed =
+        |step: usize| (document["steps"][step]["removed"].as_u64(), document["steps"][step]["ranges"].to_string());
+    assert_eq!(removed(0), (Some(1), "[[3,3]]".to_owned()));
+    assert_eq!(removed(1), (Some(1), "[[4,4]]".to_owned()));
+    assert_eq!(removed(2), (Some(0), "[]".to_owned()));
+    assert_eq!(document["output"]["gaussians"], 17);
+    assert_eq!((read(&sandbox, "out.ply").degree(), document["output"]["sh_degree"].as_u64()), (0, Some(0)));
+}
+
+#[test]
+fn cameras_crop_what_they_see() {
+    let sandbox = Sandbox::new();
+    sandbox.scene("low", "1 PINHOLE 40 8 35 35 20 4", &["one.png", "two.png"]);
+    let crop = ["edit", "model.ply", "-o", "seen.ply", "--crop-views", "low"];
+    sandbox.works(&crop);
+    let seen = read(&sandbox, "seen.ply").len();
+    sandbox.works(&["edit", "model.ply", "-o", "rest.ply", "--crop-views", "low", "--outside"]);
+    assert!(seen > 0 && seen + read(&sandbox, "rest.ply").len() == 20);
+    sandbox.fails(2, &[&crop[..], &["--least-views", "3"]].concat(), &["--least-views 3", "2 views"]);
+    sandbox.fails(3, &["edit", "model.ply", "-o", "o.ply", "--crop-views", "absent"], &["absent"]);
+}
+
+#[test]
+fn models_are_merged_if_they_are_drawn_alike() {
+    let sandbox = Sandbox::new();
+    let mut flat = model(3);
+    flat.sh.truncate(1);
+    write(&sandbox, "flat.ply", &flat, RenderMode::Plain);
+    write(&sandbox, "smooth.ply", &flat, RenderMode::AntiAliased);
+    sandbox.works(&["edit", "model.ply", "flat.ply", "-o", "both.ply"]);
+    let both = read(&sandbox, "both.ply");
+    assert_eq!((both.len(), both.degree()), (23, 1));
+    assert!(both.sh[1][20 * 9..].iter().all(|x| *x == 0.0));
+    let clash = ["edit", "flat.ply", "smooth.ply", "-o", "no.ply"];
+    sandbox.fails(3, &clash, &["flat.ply is plain", "smooth.ply is anti-aliased", "--antialias"]);
+    assert!(!sandbox.path("no.ply").exists());
+    sandbox.works(&[&clash[..], &["--antialias=on"]].concat());
+    assert_eq!(formats::read(&sandbox.path("no.ply")).unwrap().mode, RenderMode::AntiAliased);
+}
+
+#[test]
+fn bad_requests_write_nothing_and_say_why() {
+    let sandbox = Sandbox::new();
+    for (name, text) in [
+        ("stretch.txt", "1 0 0 0\n0 1 0 0\n0 0 2 0"),
+        ("words.txt", "one two"),
+        ("short.txt", "1 2 3"),
+        ("zero.txt", "0 0 0 0 0 0 0 0 0 0 0 0"),
+    ] {
+        fs::write(sandbox.path(name), text).unwrap();
+    }
+    fs::write(sandbox.path("bytes.txt"), [0xff, 0xfe]).unwrap();
+    let before = sandbox.content();
+    let fails = |code: i32, options: &[&str], says: &[&str]| {
+        sandbox.fails(code, &[&["edit", "model.ply", "-o", "out.ply"], options].concat(), says);
+    };
+    fails(2, &["--scale", "0"], &["--scale 0", "above 0"]);
+    fails(2, &["--scale", "nan"], &["above 0"]);
+    fails(2, &["--scale", "1e39"], &["float32"]);
+    fails(2, &["--translate", "0,0"], &["x,y,z"]);
+    fails(2, &["--crop-box", "1,1,1,0,0,0"], &["--crop-box", "no inside"]);
+    fails(2, &["--crop-sphere", "50,0,0,1"], &["leaves no Gaussian", "from -1.0", "nothing was written"]);
+    fails(2, &["--outside"], &["--crop-box"]);
+    fails(2, &["--remove", "dirt"], &["needles"]);
+    fails(2, &["--sh-degree", "4"], &["0 to 3"]);
+    fails(2, &["--min-opacity", "2"], &["0 to 1"]);
+    fails(2, &["--max-size", "-1"], &["above 0"]);
+    fails(2, &["--order", "random"], &["morton"]);
+    fails(2, &["--rotate", "y"], &["degrees"]);
+    fails(3, &["--matrix", "stretch.txt"], &["stretch.txt", "2.0", "all axes alike"]);
+    fails(3, &["--matrix", "zero.txt"], &["zero.txt"]);
+    fails(3, &["--matrix", "words.txt"], &["words.txt", "'one'"]);
+    fails(3, &["--matrix", "short.txt"], &["short.txt", "12 or 16"]);
+    fails(3, &["--matrix", "bytes.txt"], &["bytes.txt"]);
+    fails(3, &["--matrix", "absent.txt"], &["absent.txt"]);
+    sandbox.fails(2, &["edit", "model.ply", "--scale", "2"], &["--output"]);
+    sandbox.fails(2, &["edit", "-o", "out.ply"], &["IN"]);
+    sandbox.fails(2, &["edit", "model.ply", "-o", "model.ply"], &["another name"]);
+    sandbox.fails(2, &["edit", "model.ply", "-o", "out.obj"], &["out.obj"]);
+    sandbox.fails(2, &["edit", "model.ply", "-o", "scene"], &["scene"]);
+    sandbox.fails(5, &["edit", "model.ply", "-o", "absent/out.ply"], &["absent"]);
+    sandbox.fails(3, &["edit", "absent.ply", "-o", "out.ply"], &["absent.ply"]);
+    assert_eq!(sandbox.content(), before, "nothing was written or changed");
+    // Only counting, nothing may be left.
+    sandbox.works(&["edit", "model.ply", "--count-only", "--crop-sphere", "50,0,0,1"]);
+}
+
+/// A ball of 400 Gaussians, and a scene of nine cameras all round it whose photos are its own pictures.
+fn ball(sandbox: &Sandbox) -> Gaussians {
+    let mut ball = Gaussians::zeroed(400, 0);
+    for i in 0..400 {
+        let (z, turn) = (1.0 - (i as f32 + 0.5) / 200.0, i as f32 * 2.399_963);
+        let side = (1.0 - z * z).sqrt();
+        ball.means[i] = [side * turn.cos(), z, side * turn.sin()];
+        ball.log_scales[i] = [-2.3, -2.3, -2.3];
+        ball.rotations[i] = [1.0, 0.0, 0.0, 0.0];
+        ball.opacity_logits[i] = 3.0;
+        for c in 0..3 {
+            ball.sh[0][3 * i + c] = ((i * (7 + c)) % 10) as f32 / 5.0 - 1.0;
+        }
+    }
+    write(sandbox, "ball.ply", &ball, RenderMode::Plain);
+    let names: Vec<String> = (0..9).map(|i| format!("v{i}.png")).collect();
+    let round = sandbox.scene("round", "1 PINHOLE 64 48 60 60 32 24", &["v0.png"]);
+    let line = |i: usize| {
+        let half = std::f64::consts::PI * i as f64 / 9.0;
+        format!("{} {} 0 {} 0 0 0 4 1 {}\n\n", i + 1, half.cos(), half.sin(), names[i])
+    };
+    fs::write(round.join("sparse/0/images.txt"), (0..9).map(line).collect::<String>()).unwrap();
+    sandbox.works(&["render", "ball.ply", "--scene", "round", "-o", "shots"]);
+    fs::create_dir(round.join("images")).unwrap();
+    for name in &names {
+        fs::copy(sandbox.path("shots").join(name), round.join("images").join(name)).unwrap();
+    }
+    ball
+}
+
+#[test]
+fn floaters_go_by_what_photos_show() {
+    let sandbox = Sandbox::new();
+    let mut model = ball(&sandbox);
+    let scene = ["--scene", "round"];
+    let clean = |name: &str, options: &[&str]| {
+        let line = ["edit", name, "-o", "clean.ply", "--remove", "floaters", "--json"];
+        sandbox.works(&[&line[..], options].concat()).json()
+    };
+    assert_eq!(clean("ball.ply", &scene)["steps"][0]["removed"], 0, "a model that agrees with its photos");
+    // In empty space, before the second camera, far behind, and where no camera looks.
+    let mut floaters = Gaussians::zeroed(4, 0);
+    floaters.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+    floaters.opacity_logits.fill(1.0);
+    floaters.log_scales = vec![[-2.5; 3], [-3.5; 3], [-1.0; 3], [-1.0; 3]];
+    let (sin, cos) = (std::f32::consts::TAU / 9.0).sin_cos();
+    let before = |depth: f32| [sin * (4.0 - depth), 0.0, -cos * (4.0 - depth)];
+    floaters.means = vec![[0.0, 0.2, -2.0], before(0.5), [1.5, 0.0, 9.0], [0.0, 60.0, 0.0]];
+    model.append(&floaters);
+    write(&sandbox, "dirty.ply", &model, RenderMode::Plain);
+    let document = clean("dirty.ply", &scene);
+    documented("edit", &document);
+    assert_eq!(document["steps"][0]["ranges"].to_string(), "[[400,403]]", "{document:#}");
+    assert_eq!(read(&sandbox, "clean.ply").len(), 400);
+    // Pictures of the model agree with it: they tell what is alone.
+    let alone = clean("dirty.ply", &[]);
+    let removed = alone["steps"][0]["removed"].as_u64().unwrap();
+    assert!((1..=4).contains(&removed), "{alone:#}");
+    sandbox.fails(3, &["edit", "ball.ply", "-o", "o.ply", "--remove", "floaters", "--scene", "absent"], &["absent"]);
+}
+
+#[test]
+fn runs_may_end_clean() {
+    let sandbox = Sandbox::new();
+    ball(&sandbox);
+    let line = ["run", "round", "-o", "trained", "--init", "ball.ply", "--iterations", "20", "--no-prune", "--json"];
+    let plain = sandbox.works(&line).json();
+    assert!(plain["floaters"].is_null());
+    let line = [&line[..3], &["cleaned"], &line[4..], &["--clean"]].concat();
+    let cleaned = sandbox.works(&line).json();
+    documented("metrics.json", &serde_json::json!({ "floaters": cleaned["floaters"] }));
+    let gone: u64 = ["disagree", "near_one", "alone"].iter().filter_map(|k| cleaned["floaters"][k].as_u64()).sum();
+    assert_eq!(cleaned["gaussians"]["final"].as_u64().map(|n| n + gone), plain["gaussians"]["final"].as_u64());
+    let config = fs::read_to_string(sandbox.path("cleaned/config.toml")).unwrap();
+    assert!(config.contains("\nclean = true\n"), "{config}");
+}
