@@ -4,6 +4,8 @@
 //! time runs out.
 
 use super::rates::Pressure;
+use super::selection;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -75,11 +77,14 @@ fn opacity(logit: f32) -> f64 {
 
 /// The `count`-th greatest opacity; 0 if there are fewer. One that is no number counts as 0.
 fn greatest(logits: &[f32], count: usize) -> f64 {
-    let mut opacities: Vec<f64> = logits.iter().map(|l| opacity(*l)).filter(|o| !o.is_nan()).collect();
-    if count == 0 || count > opacities.len() {
+    // Opacity rises with its logit.
+    let falling = |l: &f32| (!l.is_nan()).then(|| selection::key(-f64::from(*l)));
+    let keys: Vec<u64> = logits.par_iter().filter_map(falling).collect();
+    if count == 0 || count > keys.len() {
         return 0.0;
     }
-    *opacities.select_nth_unstable_by(count - 1, |a, b| b.total_cmp(a)).1
+    let logit = -selection::float(selection::nth(&keys, count - 1));
+    opacity(logit as f32)
 }
 
 impl AttritionState {

@@ -2,6 +2,7 @@
 //! the 3DGS reference leave the number open, and its steps are too few in short runs.
 
 use super::schedule::Schedule;
+use super::selection;
 use crate::random;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
@@ -71,7 +72,7 @@ impl Growth {
         candidate: impl Fn(usize) -> bool + Sync,
     ) -> Vec<bool> {
         let key = key.map(u64::from);
-        let mut weighed: Vec<(f64, usize)> = (0..growth.len())
+        let weighed: Vec<(f64, usize)> = (0..growth.len())
             .into_par_iter()
             .filter(|i| candidate(*i))
             .filter_map(|i| {
@@ -82,14 +83,8 @@ impl Growth {
                 grows.then(|| (if self.sampled { chance() } else { -sum / views.max(1.0) }, i))
             })
             .collect();
-        if count < weighed.len() {
-            weighed.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            weighed.truncate(count);
-        }
         let mut halved = vec![false; growth.len()];
-        for (_, i) in weighed {
-            halved[i] = true;
-        }
+        selection::smallest(weighed, count).into_iter().for_each(|i| halved[i] = true);
         halved
     }
 }

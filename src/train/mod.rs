@@ -22,6 +22,7 @@ mod options;
 pub mod rates;
 mod respond;
 pub mod schedule;
+mod selection;
 pub mod smoothing;
 pub mod state;
 mod trainer;

@@ -1,4 +1,4 @@
-//! Which command dispatches which kernel: the last row of the equations in docs/engine.md, held against what commands do.
+//! Which command dispatches which kernel: the last column of the equations in docs/engine.md, held against what commands do.
 
 use super::run::{command, scene, works};
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,18 +12,11 @@ fn spans(cell: &str) -> Vec<String> {
 /// Kernels of the table and the commands that dispatch them.
 fn documented() -> Vec<(String, Vec<String>)> {
     let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/engine.md")).unwrap();
-    let row = |name: &str| -> Vec<Vec<String>> {
-        let line = text.lines().find(|l| l.starts_with(&format!("| {name} |"))).unwrap_or_else(|| panic!("row {name}"));
-        line.trim_matches('|').split('|').skip(1).map(spans).collect()
-    };
-    let (kernels, commands) = (row("kernel"), row("dispatched by"));
-    assert_eq!(kernels.len(), commands.len());
-    let name = |path: &String| Some(path.strip_prefix("glsl/")?.strip_suffix(".comp")?.to_owned());
-    kernels
-        .iter()
-        .zip(commands)
-        .flat_map(|(kernels, commands)| kernels.iter().filter_map(name).map(move |k| (k, commands.clone())))
-        .collect()
+    let cells = |line: &str| line.trim_matches('|').split('|').map(spans).collect::<Vec<_>>();
+    let rows: Vec<_> = text.lines().filter(|l| l.starts_with("| Q")).map(cells).collect();
+    assert!(rows.len() >= 10 && rows.iter().all(|row| row.len() == 7), "{rows:?}");
+    let kernel = |path: &String| Some(path.strip_prefix("glsl/")?.strip_suffix(".comp")?.to_owned());
+    rows.iter().flat_map(|row| row[1].iter().filter_map(kernel).map(|k| (k, row[6].clone()))).collect()
 }
 
 /// Kernels that a command dispatches: a pipeline is made at its first dispatch, and told of.
