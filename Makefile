@@ -1,6 +1,6 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
-.PHONY: help setup run viewer-picture viewer-speed test effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
+.PHONY: help setup run viewer-picture viewer-speed test test-quick effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
 	gpu-report devices msl cluster-test slurm-test
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
@@ -36,6 +36,9 @@ endif
 
 test: setup ## run all tests on this machine's Vulkan device
 	@tools/test
+
+test-quick: setup ## run the tests that say within minutes whether a change is sane
+	@tools/test --quick
 
 devices: setup ## run the device tests and selftest on every software device, tuning and width; one table (an hour)
 	@tools/devices
