@@ -84,7 +84,9 @@ impl Growth {
             })
             .collect();
         let mut halved = vec![false; growth.len()];
-        selection::smallest(weighed, count).into_iter().for_each(|i| halved[i] = true);
+        for i in selection::smallest(weighed, count) {
+            halved[i] = true;
+        }
         halved
     }
 }

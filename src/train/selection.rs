@@ -30,7 +30,9 @@ pub fn nth(keys: &[u64], n: usize) -> u64 {
     assert!(n < keys.len(), "place {n} of {} keys", keys.len());
     let none = || vec![0_usize; 1 << BITS];
     let count = |mut bins: Vec<usize>, keys: &[u64]| {
-        keys.iter().for_each(|k| bins[bin(*k)] += 1);
+        for k in keys {
+            bins[bin(*k)] += 1;
+        }
         bins
     };
     let add = |mut a: Vec<usize>, b: Vec<usize>| {
