@@ -103,12 +103,14 @@ mod tests {
     }
 
     #[test]
-    fn outliers_are_kept_and_cost_the_others_nothing() {
+    fn outliers_are_kept_and_cost_those_near_the_median_little() {
         let values = (0..1000).map(|i| (i as f32 * 0.37).sin()).chain([-500.0, 800.0]);
         let book = Book::dense(values.clone(), 0.02);
         for v in values {
             let off = (book.values()[usize::from(book.byte(v))] - f64::from(v)).abs();
-            assert!(off < if v.abs() > 1.0 { 0.01 * f64::from(v.abs()) } else { 0.02 }, "{v}: {off}");
+            // Half a step, which is 0.02 at the median, 0, and grows with the distance; the width is 0.31 here.
+            let allowed = if v.abs() > 1.0 { 0.01 * f64::from(v.abs()) } else { 0.01 * f64::from(v / 0.3).hypot(1.0) };
+            assert!(off <= allowed, "{v}: {off}");
         }
         assert!(book.values().is_sorted());
     }
