@@ -1,7 +1,7 @@
 //! A film of pictures, by ffmpeg.
 
 use super::evaluate::pictures::Format;
-use super::render::{RenderConfig, RenderTimes, Shot, frames, render};
+use super::render::{RenderConfig, RenderTimes, Shot, frame_digits, frames, render};
 use super::session::Session;
 use crate::gaussians::Gaussians;
 use crate::pipeline::Error;
@@ -42,11 +42,6 @@ pub fn film(
     run(&arguments, file)?;
     std::fs::rename(&made, file).map_err(unwritten)?;
     Ok(times)
-}
-
-/// Digits of the numbers of so many frames.
-pub(super) fn frame_digits(frames: usize) -> usize {
-    frames.to_string().len().max(4)
 }
 
 /// Runs ffmpeg; where it fails, its words are in a file beside `file`.

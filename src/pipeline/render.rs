@@ -3,7 +3,7 @@
 use super::evaluate::pictures::{self, Format};
 use super::prepare::refuse_photo_folders;
 use super::session::Session;
-use super::{budget, draw_source::DrawSource, film::frame_digits};
+use super::{budget, draw_source::DrawSource};
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::pipeline::Error;
@@ -131,4 +131,9 @@ pub fn render(
     }
     session.watcher.rendering(shots.len(), shots.len());
     Ok(RenderTimes { total_s: begun.elapsed().as_secs_f64(), draw_s })
+}
+
+/// Digits of the numbers of so many frames.
+pub(super) fn frame_digits(frames: usize) -> usize {
+    frames.to_string().len().max(4)
 }

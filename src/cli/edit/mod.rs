@@ -38,10 +38,10 @@ Operations apply in the order of the command line, to all models as one. Colours
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Models: .ply, .spz, .splat, .ksplat or .sog files, or SOG folders; several become one
+    /// Models: .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz files, or SOG folders; several become one
     #[arg(value_name = "IN", required = true)]
     inputs: Vec<PathBuf>,
-    /// Model to write: .ply, .spz or .sog
+    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz
     #[arg(short, long, value_name = "OUT", required_unless_present = "count_only")]
     output: Option<PathBuf>,
     /// Tell what each operation leaves, and write nothing
