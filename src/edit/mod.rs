@@ -25,7 +25,6 @@ mod merge;
 mod order;
 mod region;
 mod similarity;
-mod spherical;
 mod transform;
 mod unwanted;
 
@@ -35,7 +34,6 @@ pub use floaters::{Evidence, Reason, Sight};
 pub use merge::merge;
 pub use region::Region;
 pub use similarity::{Similarity, between};
-pub use spherical::BandRotations;
 pub use unwanted::{INVISIBLE, NEEDLE, Unwanted};
 
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};

@@ -1,8 +1,7 @@
 //! A similarity of all Gaussians of a model.
 
-use super::spherical::BandRotations;
 use super::{Error, Similarity};
-use crate::gaussians::Gaussians;
+use crate::gaussians::{BandRotations, Gaussians};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 

@@ -1,6 +1,7 @@
 //! Models: Gaussians as stored, on the host and on the device, and their file formats.
 
 mod attributes;
+mod band_rotations;
 mod bands;
 mod edit;
 mod error;
@@ -11,6 +12,7 @@ pub mod sh;
 
 pub use crate::kernels::constants::projection::MIN_QUATERNION;
 pub use attributes::Attributes;
+pub use band_rotations::BandRotations;
 pub use error::Error;
 
 /// Highest spherical-harmonics degree that the engine supports.

@@ -4,13 +4,7 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::Gaussians;
-use crate::gaussians::MAX_SH_DEGREE;
-use crate::gaussians::sh::basis;
-
-/// Coefficients of the largest band.
-const WIDEST: usize = 2 * MAX_SH_DEGREE + 1;
-/// Directions in which a turned band must equal the band: several for each coefficient.
-const DIRECTIONS: usize = 48;
+use crate::gaussians::BandRotations;
 
 /// Applies x -> size * turn x + shift.
 pub(super) fn similarity(model: &mut Gaussians, size: f64, turn: DQuat, shift: DVec3) {
@@ -29,62 +23,13 @@ pub(super) fn similarity(model: &mut Gaussians, size: f64, turn: DQuat, shift: D
         let turned = turn * DQuat::from_xyzw(x, y, z, w);
         *q = [turned.w, turned.x, turned.y, turned.z].map(|c| c as f32);
     });
-    for (l, band) in model.sh.iter_mut().enumerate().skip(1) {
-        let matrix = of_band(l, turn);
-        let n = 2 * l + 1;
-        band.par_chunks_exact_mut(Gaussians::band_width(l)).for_each(|row| {
-            let before: [[f64; 3]; WIDEST] = std::array::from_fn(|k| {
-                std::array::from_fn(|c| row.get(3 * k + c).map_or(0.0, |value| f64::from(*value)))
-            });
-            for (k, out) in row.chunks_exact_mut(3).enumerate() {
-                for (c, out) in out.iter_mut().enumerate() {
-                    *out = (0..n).map(|j| matrix[k][j] * before[j][c]).sum::<f64>() as f32;
-                }
-            }
-        });
-    }
-}
-
-/// The matrix that turns the coefficients of band `l`: the band, seen from a direction, becomes the turned band, seen from the
-/// turned direction. Least squares over directions, which the band meets exactly.
-fn of_band(l: usize, turn: DQuat) -> [[f64; WIDEST]; WIDEST] {
-    let n = 2 * l + 1;
-    let back = DMat3::from_quat(turn.conjugate());
-    let (mut normal, mut right) = ([[0.0; WIDEST]; WIDEST], [[0.0; WIDEST]; WIDEST]);
-    for i in 0..DIRECTIONS {
-        // A spiral from pole to pole.
-        let z = 1.0 - (2 * i + 1) as f64 / DIRECTIONS as f64;
-        let (sin, cos) = (i as f64 * 2.399963).sin_cos();
-        let radius = (1.0 - z * z).sqrt();
-        let direction = DVec3::new(radius * cos, radius * sin, z);
-        let (here, before) = (basis(direction), basis(back * direction));
-        let (here, before) = (&here[l * l..l * l + n], &before[l * l..l * l + n]);
-        for row in 0..n {
-            for column in 0..n {
-                normal[row][column] += here[row] * here[column];
-                right[row][column] += here[row] * before[column];
-            }
-        }
-    }
-    // Elimination without pivots: the matrix is positive definite, and nearly diagonal.
-    for k in 0..n {
-        for row in (0..n).filter(|row| *row != k) {
-            let factor = normal[row][k] / normal[k][k];
-            for column in 0..n {
-                normal[row][column] -= factor * normal[k][column];
-                right[row][column] -= factor * right[k][column];
-            }
-        }
-    }
-    for row in 0..n {
-        right[row].iter_mut().for_each(|value| *value /= normal[row][row]);
-    }
-    right
+    BandRotations::new(DMat3::from_quat(turn)).apply(&mut model.sh);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gaussians::sh::basis;
 
     #[test]
     fn a_turned_model_has_its_colours_in_turned_directions() {

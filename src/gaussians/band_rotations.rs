@@ -1,7 +1,7 @@
 //! Turning real spherical harmonics: the matrix of each band for an orthonormal map of directions.
 
-use crate::gaussians::sh::{self, COEFFICIENTS};
-use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
+use super::sh::{self, COEFFICIENTS};
+use super::{Gaussians, MAX_SH_DEGREE};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
@@ -99,7 +99,6 @@ fn turn<const M: usize>(matrix: &[f64], band: &mut [f32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::edit::Similarity;
     use crate::random::Random;
 
     fn direction(random: &mut Random) -> DVec3 {
@@ -110,7 +109,7 @@ mod tests {
 
     fn any(random: &mut Random) -> DMat3 {
         let axis = direction(random);
-        Similarity::turn(axis, random.within(-180.0, 180.0)).unwrap().rotation
+        DMat3::from_axis_angle(axis, random.within(-180.0, 180.0).to_radians())
     }
 
     /// The twin: colours seen along turned directions, summed up from the basis.
@@ -164,7 +163,7 @@ mod tests {
     /// A half turn about z, from captures' axes to glTF's, changes the signs of odd m.
     #[test]
     fn a_half_turn_about_z_changes_signs_of_odd_m() {
-        let turns = BandRotations::new(Similarity::turn(DVec3::Z, 180.0).unwrap().rotation);
+        let turns = BandRotations::new(DMat3::from_axis_angle(DVec3::Z, std::f64::consts::PI));
         for l in 0..=MAX_SH_DEGREE {
             for j in 0..=2 * l {
                 let sign = if (j + l).is_multiple_of(2) { 1.0 } else { -1.0 };
