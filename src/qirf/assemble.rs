@@ -112,6 +112,16 @@ pub fn unpack_symmetric<T: From<f32> + Copy>(m: usize, packed: &[f32], out: &mut
     }
 }
 
+/// A whole symmetric m x m matrix from its packed lower triangle.
+///
+/// # Panics
+/// If the triangle is too short.
+pub fn symmetric<T: From<f32> + Copy + Default>(m: usize, packed: &[f32]) -> Vec<T> {
+    let mut matrix = vec![T::default(); m * m];
+    unpack_symmetric(m, packed, &mut matrix);
+    matrix
+}
+
 impl Assembled<'_> {
     /// The batch's blocks, as numbers in the partition.
     pub fn blocks(&self) -> Range<usize> {

@@ -1,6 +1,6 @@
 //! Ranks and gains of a batch of blocks, computed in parallel over blocks while the device assembles the next batch.
 
-use super::assemble::{BlockMatrices, unpack_symmetric};
+use super::assemble::{BlockMatrices, symmetric};
 use super::participation::{Eigensolver, Factor, Gram, Participation, lowdin, norm, solve};
 use super::partition::Blocks;
 use super::select::{BlockSelector, Ranking, css, rank};
@@ -110,7 +110,8 @@ impl Solver {
         }
         let scales = block.matrices.scales();
         let h: Vec<Row> = w.iter().map(|row| std::array::from_fn(|c| row[c] * scales[c])).collect();
-        let metric = Gram::from_packed(m, block.matrices.overlap, block.self_overlaps, self.epsilon);
+        let overlap = symmetric(m, block.matrices.overlap);
+        let metric = Gram::new(m, &overlap, block.self_overlaps, self.epsilon);
         let mut solved = Solved { ranked: Vec::new(), modes: None, repaired: repaired + metric.repaired };
         let paper = on_host.then(|| solve(&metric, &w, block.matrices.density, self.eigensolver, self.tau));
         for &selector in &self.selectors {
@@ -131,8 +132,6 @@ impl Solver {
                 BlockSelector::Css => {
                     let weights: Vec<f64> = h.iter().map(norm).collect();
                     let picks = (self.css_share.clamp(0.0, 1.0) * m as f64).ceil() as usize;
-                    let mut overlap = vec![0.0; m * m];
-                    unpack_symmetric(m, block.matrices.overlap, &mut overlap);
                     css::order(&overlap, &weights, picks)
                 }
             };

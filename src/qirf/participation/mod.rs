@@ -6,7 +6,7 @@
 
 pub mod device;
 
-use super::assemble::{unpack_lower, unpack_symmetric};
+use super::assemble::{symmetric, unpack_lower};
 use super::lapack::{self, Real};
 use super::{CHANNELS, Row};
 use serde::{Deserialize, Serialize};
@@ -90,9 +90,7 @@ impl Gram {
     /// # Panics
     /// If `packed` does not hold m (m + 1) / 2 numbers.
     pub fn from_packed(m: usize, packed: &[f32], self_overlaps: Option<&[f64]>, epsilon: f64) -> Self {
-        let mut overlap = vec![0.0; m * m];
-        unpack_symmetric(m, packed, &mut overlap);
-        Self::new(m, &overlap, self_overlaps, epsilon)
+        Self::new(m, &symmetric(m, packed), self_overlaps, epsilon)
     }
 
     /// Number of Gaussians in the block.

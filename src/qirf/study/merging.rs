@@ -4,7 +4,7 @@ use super::{BATCH_BYTES, Merging, Study, self_overlaps};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{self, Device, Timings};
-use crate::qirf::assemble::{Assembly, Options, unpack_symmetric};
+use crate::qirf::assemble::{Assembly, Options, symmetric};
 use crate::qirf::overlap::Metric;
 use crate::qirf::partition::Blocks;
 use crate::qirf::select::merge::{Functions, merge};
@@ -35,7 +35,8 @@ impl Study {
                     let members = blocks.block(*b);
                     let mut functions = functions(before, members, &own);
                     let kept: Vec<bool> = members.iter().map(|i| keep[*i as usize]).collect();
-                    merge(&full(members.len(), overlap), &kept, &mut functions).map(|m| (m.accepted, kept, functions))
+                    merge(&symmetric(members.len(), overlap), &kept, &mut functions)
+                        .map(|m| (m.accepted, kept, functions))
                 })
                 .collect();
             for ((b, _), merged) in batch.iter().zip(merged) {
@@ -66,12 +67,6 @@ impl Study {
             Ok(())
         })
     }
-}
-
-fn full(m: usize, packed: &[f32]) -> Vec<f32> {
-    let mut matrix = vec![0.0; m * m];
-    unpack_symmetric(m, packed, &mut matrix);
-    matrix
 }
 
 /// Offsets of the bands in a row of all coefficients, and the width of the row.
