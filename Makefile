@@ -82,7 +82,8 @@ check: ## verify formatting, lints, shaders and documentation
 	rustfmt --check --edition 2024 tools/spirv.rs tools/mutants.rs
 	cargo clippy --locked --all-targets --all-features -- -D warnings
 	cargo clippy --locked --lib --no-default-features -- -D warnings
-	cargo clippy --locked --lib --no-default-features --features pipeline -- -D warnings
+	cargo clippy --locked --lib --no-default-features --features pipeline,lapack -- -D warnings
+	cargo clippy --locked --no-default-features --features cli,faer -- -D warnings
 	@$(MAKE) --no-print-directory shaders
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
 

@@ -32,22 +32,22 @@
 //!
 //! # Features
 //!
-//! All but the last are on by default. `default-features = false` leaves the readers and writers of models and captures, the renderer, the
+//! All are on by default. `default-features = false` leaves the readers and writers of models and captures, the renderer, the
 //! metrics and the float64 twin.
 //!
 //! | feature | adds | needs |
 //! |---|---|---|
 //! | `train` | `train`: loss, schedule, density control, the training loop | |
-//! | `lapack` | `qirf`: which Gaussians a model can do without | the system's OpenBLAS (`libopenblas-dev`) |
+//! | `faer` | `qirf`: which Gaussians a model can do without | |
+//! | `lapack` | the same by LAPACK, which serves where both are on; nothing but on Linux | the system's OpenBLAS (`libopenblas-dev`) |
 //! | `synth` | `synth`: an embedded scene, ray-traced into a capture | |
-//! | `pipeline` | `pipeline`: whole jobs such as run, compress and eval; `selftest` | `train`, `lapack`, `synth` |
+//! | `pipeline` | `pipeline`: whole jobs such as run, compress and eval; `selftest` | `train`, `synth`; `faer` or `lapack` |
 //! | `report` | `report`: pages of a job's results | `pipeline` |
 //! | `view` | `view`: a viewer for browsers | `pipeline` |
 //! | `pose` | `pose`: camera poses of photos and videos, by COLMAP or OpenMVG-rs | `pipeline` |
 //! | `shard` | `shard`: compression and training in tasks, for models and scenes larger than a device | `pipeline` |
 //! | `lab` | `lab`: comparisons of ways of pruning, and sweeps of accuracy against time | `report` |
-//! | `cli` | the program `qirf-vk` | all above |
-//! | `static` (off by default) | OpenBLAS inside the program; `tools/package` shows how | `lapack`, `libopenblas.a` |
+//! | `cli` | the program `qirf-vk` | all above; `faer` or `lapack` |
 //!
 //! # Floors
 //!
@@ -66,7 +66,7 @@ pub mod edit;
 pub mod effects;
 pub mod gaussians;
 pub mod metrics;
-#[cfg(feature = "lapack")]
+#[cfg(any(feature = "faer", feature = "lapack"))]
 pub mod qirf;
 pub mod random;
 pub mod reference;

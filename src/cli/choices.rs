@@ -47,7 +47,7 @@ pub(super) struct Choices {
     /// Number of median scales by which Gaussians are widened before overlaps are computed [default: 0]
     #[arg(long, value_name = "T", value_parser = values::not_negative)]
     dilate: Option<f64>,
-    /// Eigensolver of the blocks: LAPACK's of the whole problem (dsygvd), Cholesky and an 8 x 8 eigenproblem by LAPACK (low-rank;
+    /// Eigensolver of the blocks: the whole problem's (dsygvd), Cholesky and an 8 x 8 eigenproblem (low-rank;
     /// in float32: low-rank-f32), or the same in float32 on the device (device) [default: low-rank; preset paper: dsygvd]
     #[arg(long, value_name = "NAME", value_parser = values::named::<Eigensolver>("an eigensolver"))]
     solver: Option<Eigensolver>,

@@ -121,7 +121,7 @@ impl Solver {
                     Ranking { rank: rank(&participation.q), gain: factor.participation(&h, self.tau).q }
                 }
                 BlockSelector::Ordinary => {
-                    let q = |rows: &[Row]| Factor::Identity.participation(rows, self.tau).q;
+                    let q = |rows: &[Row]| Factor::identity().participation(rows, self.tau).q;
                     Ranking { rank: rank(&q(&w)), gain: q(&h) }
                 }
                 BlockSelector::Lowdin => {

@@ -2,7 +2,7 @@
 
 pub mod assemble;
 pub mod batch;
-mod lapack;
+pub mod dense;
 pub mod normalise;
 pub mod overlap;
 pub mod pairs;

@@ -1,4 +1,4 @@
-//! The eigenproblem of the embedded blocks: LAPACK's three solvers on this machine's CPU, and the device's own solver.
+//! The eigenproblem of the embedded blocks: the host's three solvers, and the device's own solver.
 
 use super::Allowed::{Exact, Rounding};
 use super::Measure;
@@ -115,7 +115,7 @@ pub(super) fn on_device(device: &Device) -> Result<Vec<Measure>> {
     against(|block| kernel(device, block), true)
 }
 
-/// Overlaps that are not a Gram matrix, as rounding might produce: eigenvalues 2.2, -0.2 and 1. LAPACK's solvers must
+/// Overlaps that are not a Gram matrix, as rounding might produce: eigenvalues 2.2, -0.2 and 1. The host's solvers must
 /// solve the canonical form and the device must report failure; none may return the result of a broken factor.
 pub(super) fn indefinite(device: &Device) -> Result<Vec<Measure>> {
     let block = Block {

@@ -1,11 +1,10 @@
 //! The parser of `--axis`.
 
 use super::axis::Axis;
-use super::rung::{Formula, Regularisation, Rung, Sums, culling, eigensolver, fraction, share, stop, sums, switch};
+use super::rung::{Formula, Regularisation, Rung, Solver, Sums, culling, fraction, share, stop, sums, switch};
 use crate::effects::{Choice, Effect};
 use crate::lab::compare::Arm;
 use crate::pipeline::config::Pruning;
-use crate::qirf::participation::Eigensolver;
 use crate::render::Culling;
 use crate::wording::unknown;
 
@@ -13,7 +12,7 @@ use crate::wording::unknown;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Asked {
     /// [`Axis::Solver`].
-    Solver(Vec<Rung<Eigensolver>>),
+    Solver(Vec<Rung<Solver>>),
     /// [`Axis::Overlap`].
     Overlap(Vec<Rung<Formula>>),
     /// [`Axis::Epsilon`].
@@ -52,16 +51,16 @@ impl Asked {
     }
 
     /// The given rungs of an axis.
-    fn new(axis: Axis, names: &[&str]) -> Result<Self, String> {
-        fn rungs<T>(names: &[&str], read: impl Fn(&str) -> Result<T, String>) -> Result<Vec<Rung<T>>, String> {
-            names.iter().map(|name| Ok(Rung { name: (*name).to_owned(), value: read(name)? })).collect()
+    fn new(axis: Axis, names: Vec<String>) -> Result<Self, String> {
+        fn rungs<T>(names: Vec<String>, read: impl Fn(&str) -> Result<T, String>) -> Result<Vec<Rung<T>>, String> {
+            names.into_iter().map(|name| Ok(Rung { value: read(&name)?, name })).collect()
         }
-        fn known<T>(axis: Axis, names: &[&str], read: fn(&str) -> Option<T>) -> Result<Vec<Rung<T>>, String> {
+        fn known<T>(axis: Axis, names: Vec<String>, read: fn(&str) -> Option<T>) -> Result<Vec<Rung<T>>, String> {
             let wrong = |name: &str| format!("axis {}: '{name}' is no rung; {}", axis.name(), axis.hint());
             rungs(names, |name| read(name).ok_or_else(|| wrong(name)))
         }
         Ok(match axis {
-            Axis::Solver => Self::Solver(known(axis, names, eigensolver)?),
+            Axis::Solver => Self::Solver(known(axis, names, Solver::of)?),
             Axis::Overlap => Self::Overlap(known(axis, names, Formula::of)?),
             Axis::Epsilon => Self::Epsilon(known(axis, names, Regularisation::of)?),
             Axis::Culling => Self::Culling(known(axis, names, culling)?),
@@ -89,11 +88,11 @@ impl Asked {
         let axis = Axis::ALL.into_iter().find(|a| a.name() == name);
         let axis = axis.ok_or_else(|| unknown(name, "an axis", Axis::ALL.map(Axis::name)))?;
         let Some(rungs) = rungs else { return Self::new(axis, axis.rungs()) };
-        let rungs: Vec<&str> = rungs.split(',').map(str::trim).collect();
+        let rungs: Vec<String> = rungs.split(',').map(|rung| rung.trim().to_owned()).collect();
         if let Some(twice) = (1..rungs.len()).find(|i| rungs[..*i].contains(&rungs[*i])) {
             return Err(format!("axis {}: {} is there twice", axis.name(), rungs[twice]));
         }
-        Self::new(axis, &rungs)
+        Self::new(axis, rungs)
     }
 }
 
@@ -105,7 +104,7 @@ mod tests {
     fn axes_by_name() {
         for axis in Axis::ALL {
             assert_eq!(Asked::parse(axis.name()).unwrap().axis(), axis);
-            assert!(axis == Axis::Effects || axis.rungs().contains(&axis.default_rung()), "{axis:?}");
+            assert!(axis == Axis::Effects || axis.rungs().iter().any(|rung| rung == axis.default_rung()), "{axis:?}");
         }
         assert_eq!(Asked::light().len(), 6);
         let rung = |name: &str, value| Rung { name: name.to_owned(), value };

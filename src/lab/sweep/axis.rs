@@ -1,5 +1,7 @@
 //! The axes by name, and the names of their rungs.
 
+use crate::qirf::dense::LIBRARIES;
+use crate::qirf::participation::Eigensolver;
 use serde::Serialize;
 
 /// A part of the engine that trades accuracy for time.
@@ -64,9 +66,10 @@ impl Axis {
         matches!(self, Self::Keep | Self::Selector | Self::Iterations | Self::Effects)
     }
 
-    /// Its default rungs, the most exact first; those of the effects depend on the scene and are found there.
-    pub const fn rungs(self) -> &'static [&'static str] {
-        match self {
+    /// Its default rungs, the most exact first; those of the effects depend on the scene and are found there. Solvers of
+    /// other libraries than the serving one follow as `SOLVER@LIBRARY`.
+    pub fn rungs(self) -> Vec<String> {
+        let own: &[&str] = match self {
             Self::Solver => &["dsygvd", "low-rank", "low-rank-f32", "device"],
             Self::Overlap => &["qr-f64", "qr", "cholesky", "determinant"],
             Self::Epsilon => &["1e-6", "1e-5", "1e-4", "1e-3", "1e-2", "t=0.1", "t=0.3", "t=0.5"],
@@ -93,7 +96,13 @@ impl Axis {
             ],
             Self::Iterations => &["1", "1/2", "1/4", "1/8", "1/16"],
             Self::Effects => &[],
+        };
+        let mut rungs: Vec<String> = own.iter().map(|&rung| rung.to_owned()).collect();
+        if self == Self::Solver {
+            let others = LIBRARIES.iter().skip(1).map(|library| library.name());
+            rungs.extend(others.flat_map(|name| Eigensolver::HOST.map(|solver| format!("{solver}@{name}"))));
         }
+        rungs
     }
 
     /// The engine's default rung.

@@ -2,6 +2,7 @@
 
 use super::axis::Axis;
 use crate::effects::{Choice, Effect, Overrides, Trigger};
+use crate::qirf::dense::{LIBRARIES, Library, serving};
 use crate::qirf::overlap::Method;
 use crate::qirf::participation::Eigensolver;
 use crate::render::{Culling, Settings};
@@ -82,9 +83,26 @@ pub(super) fn stop(name: &str) -> Option<f32> {
     name.parse().ok().filter(|v| (0.0..1.0).contains(v))
 }
 
-/// An eigensolver.
-pub(super) fn eigensolver(name: &str) -> Option<Eigensolver> {
-    Eigensolver::ALL.into_iter().find(|solver| solver.to_string() == name)
+/// A rung of the solver axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solver {
+    /// What is solved, and at which precision.
+    pub eigensolver: Eigensolver,
+    /// Who does the linear algebra of the host's solvers.
+    pub library: &'static dyn Library,
+}
+
+impl Solver {
+    /// `low-rank`, by the library that serves, or `low-rank@faer`.
+    pub(super) fn of(name: &str) -> Option<Self> {
+        let named = |library: &str| LIBRARIES.iter().copied().find(|l| l.name() == library);
+        let (name, library) = match name.split_once('@') {
+            Some((name, library)) => (name, named(library).filter(|_| name != Eigensolver::Device.to_string())?),
+            None => (name, serving()),
+        };
+        let eigensolver = Eigensolver::ALL.into_iter().find(|solver| solver.to_string() == name)?;
+        Some(Self { eigensolver, library })
+    }
 }
 
 /// A kind of gradient sums.

@@ -4,11 +4,12 @@ use super::Context;
 use super::axis::Axis;
 use super::blocks::{self, Problem, jaccard};
 use super::records::{AxisRecord, RungRecord, Table, figure};
-use super::rung::Rung;
+use super::rung::{Rung, Solver};
 use super::timing::{Sample, Timed, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::pipeline::Error;
 use crate::qirf::assemble::{Assembly, Options};
+use crate::qirf::dense::serving;
 use crate::qirf::overlap::Metric as Overlaps;
 use crate::qirf::participation::{Eigensolver, Gram, device, solve as solve_block};
 use crate::qirf::partition::Blocks;
@@ -37,9 +38,9 @@ struct Solution {
     failed: bool,
 }
 
-fn solve(problem: &Problem, solver: Eigensolver, basis: &Basis) -> Solution {
-    let metric = Gram::from_packed(problem.len(), &problem.overlap, None, basis.epsilon);
-    let (p, _) = solve_block(&metric, &problem.rows, &problem.density, solver, basis.tau);
+fn solve(problem: &Problem, solver: Solver, basis: &Basis) -> Solution {
+    let metric = Gram::from_packed(problem.len(), &problem.overlap, None, basis.epsilon).by(solver.library);
+    let (p, _) = solve_block(&metric, &problem.rows, &problem.density, solver.eigensolver, basis.tau);
     Solution { lambda: p.spectrum.to_vec(), q: p.q, failed: p.canonical }
 }
 
@@ -94,13 +95,8 @@ impl<'a> Measured<'a> {
     }
 
     /// Solves all blocks; the host's solvers on all threads if `parallel`, else on one.
-    fn run(
-        &self,
-        context: &Context<'_>,
-        solver: Eigensolver,
-        parallel: bool,
-    ) -> Result<(Vec<Solution>, Sample), Error> {
-        if solver != Eigensolver::Device {
+    fn run(&self, context: &Context<'_>, solver: Solver, parallel: bool) -> Result<(Vec<Solution>, Sample), Error> {
+        if solver.eigensolver != Eigensolver::Device {
             let one = |p: &Problem| solve(p, solver, &self.basis);
             return Ok(Sample::host(|| {
                 if parallel {
@@ -122,14 +118,15 @@ impl<'a> Measured<'a> {
     }
 
     fn truth(&self) -> Vec<Solution> {
-        self.problems.par_iter().with_max_len(1).map(|p| solve(p, EXACT, &self.basis)).collect()
+        let exact = Solver { eigensolver: EXACT, library: serving() };
+        self.problems.par_iter().with_max_len(1).map(|p| solve(p, exact, &self.basis)).collect()
     }
 
     /// Each rung's distance from the reference, and its times.
     fn measure(
         &self,
         context: &Context<'_>,
-        rungs: &[Rung<Eigensolver>],
+        rungs: &[Rung<Solver>],
         parallel: bool,
         budget: f64,
     ) -> Result<Vec<(Distance, Timed)>, Error> {
@@ -149,7 +146,7 @@ impl<'a> Measured<'a> {
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
-pub fn measure(context: &Context<'_>, rungs: &[Rung<Eigensolver>]) -> Result<AxisRecord, Error> {
+pub fn measure(context: &Context<'_>, rungs: &[Rung<Solver>]) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let resident = Resident::upload(context.session.device, model)?;
     let scene = blocks::sampled(model, Basis::default().partition);
@@ -164,7 +161,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Eigensolver>]) -> Result<Axi
     {
         let mut rung = RungRecord::new(Axis::Solver, name).timed(&timed, 1e3);
         rung.accuracy = Some(d.q);
-        rung.exact = *value == EXACT;
+        rung.exact = value.eigensolver == EXACT && *value.library == *serving();
         rung.figures.insert("lambda_error", d.lambda);
         rung.figures.insert("kept_jaccard", d.jaccard);
         rung.figures.insert("failed_blocks", d.failed as f64);
@@ -187,7 +184,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Eigensolver>]) -> Result<Axi
 fn by_size(
     context: &Context<'_>,
     resident: &Resident,
-    rungs: &[Rung<Eigensolver>],
+    rungs: &[Rung<Solver>],
     axis: &mut AxisRecord,
 ) -> Result<(), Error> {
     let mut table = Table {
@@ -211,11 +208,11 @@ fn by_size(
             continue;
         }
         let measured = Measured::new(context, resident, &blocks)?;
-        let rungs: Vec<Rung<Eigensolver>> =
-            rungs.iter().filter(|r| m <= DEVICE_MOST || r.value != Eigensolver::Device).cloned().collect();
+        let rungs: Vec<Rung<Solver>> =
+            rungs.iter().filter(|r| m <= DEVICE_MOST || r.value.eigensolver != Eigensolver::Device).cloned().collect();
         let results = measured.measure(context, &rungs, false, 0.2 * context.seconds)?;
         let time = |t: &Timed| t.device.or(t.wall).map_or(f64::NAN, |s| s.median * 1e6 / blocks.len() as f64);
-        let whole = rungs.iter().position(|r| r.value == SLOWEST).map(|k| time(&results[k].1));
+        let whole = rungs.iter().position(|r| r.value.eigensolver == SLOWEST).map(|k| time(&results[k].1));
         for (Rung { name, .. }, (d, timed)) in rungs.iter().zip(&results) {
             let ratio = whole.map_or_else(|| "–".to_owned(), |w| figure(w / time(timed)));
             let cells = [figure(time(timed)), ratio, figure(d.q), figure(d.lambda), format!("{:.4}", d.jaccard)];

@@ -3,7 +3,7 @@
 use super::footprint::covariance;
 use super::greedy::Cluster;
 use crate::gaussians::Gaussians;
-use crate::qirf::lapack::syevd;
+use crate::qirf::dense::eigen3;
 use crate::response::Score;
 use glam::{DMat3, DQuat, DVec3};
 
@@ -41,9 +41,7 @@ pub(super) fn merged(model: &Gaussians, scores: &[Score], cluster: &Cluster) -> 
         let d = mean_of(i) - mean;
         spread += share(i) * (covariance(model, i) + DMat3::from_cols(d * d.x, d * d.y, d * d.z));
     }
-    let mut axes = spread.to_cols_array();
-    let variances = syevd(3, &mut axes)?;
-    let mut axes = DMat3::from_cols_array(&axes);
+    let (variances, mut axes) = eigen3(&spread);
     if axes.determinant() < 0.0 {
         axes.z_axis = -axes.z_axis;
     }

@@ -7,7 +7,7 @@
 pub mod device;
 
 use super::assemble::{symmetric, unpack_lower};
-use super::lapack::{self, Real};
+use super::dense::{Library, Real, serving};
 use super::{CHANNELS, Row};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -20,7 +20,7 @@ const ENERGY_SLACK: f64 = 1e-6;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Eigensolver {
-    /// LAPACK's full generalized eigensolver in float64, as the paper does; it reads P.
+    /// The full generalized eigenproblem in float64, as the paper solves it; it reads P.
     Dsygvd,
     /// Cholesky and an 8x8 eigenproblem in float64, from W.
     #[default]
@@ -34,7 +34,7 @@ pub enum Eigensolver {
 impl Eigensolver {
     /// All solvers, the slowest first.
     pub const ALL: [Self; 4] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32, Self::Device];
-    /// Those that run LAPACK on the host.
+    /// Those that run on the host.
     pub const HOST: [Self; 3] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32];
 }
 
@@ -52,6 +52,7 @@ impl fmt::Display for Eigensolver {
 /// A block's metric as the eigenproblem sees it: m x m, symmetric, epsilon on its diagonal.
 #[derive(Clone, Debug)]
 pub struct Gram {
+    library: &'static dyn Library,
     m: usize,
     values: Vec<f64>,
     epsilon: f64,
@@ -82,7 +83,13 @@ impl Gram {
             }
         }
         (0..m).for_each(|i| values[i * m + i] += epsilon);
-        Self { m, values, epsilon, repaired }
+        Self { library: serving(), m, values, epsilon, repaired }
+    }
+
+    /// The same metric, to be solved by `library`.
+    #[must_use]
+    pub fn by(self, library: &'static dyn Library) -> Self {
+        Self { library, ..self }
     }
 
     /// As [`Gram::new`], from the packed lower triangle of N.
@@ -104,10 +111,10 @@ impl Gram {
     }
 
     /// Largest over smallest eigenvalue: infinite where the metric is not positive definite, `None` where it is empty or
-    /// LAPACK does not converge.
+    /// the solver does not converge.
     pub fn condition(&self) -> Option<f64> {
         let mut vectors = self.values.clone();
-        let values = (self.m > 0).then(|| lapack::syevd(self.m, &mut vectors)).flatten()?;
+        let values = (self.m > 0).then(|| self.library.syevd(self.m, &mut vectors)).flatten()?;
         let (least, most) = (*values.first()?, *values.last()?);
         Some(if least > 0.0 { most / least } else { f64::INFINITY })
     }
@@ -115,10 +122,10 @@ impl Gram {
     /// An orthonormal basis for what the metric can tell apart: columns v_k / sqrt(d_k) of its eigenpairs (d_k, v_k),
     /// those with d_k below `least` dropped (canonical orthogonalisation); m x p, column-major.
     ///
-    /// `None` only where LAPACK does not converge.
+    /// `None` only where the solver does not converge.
     fn canonical(&self, least: f64) -> Option<Vec<f64>> {
         let mut vectors = self.values.clone();
-        let values = lapack::syevd(self.m, &mut vectors)?;
+        let values = self.library.syevd(self.m, &mut vectors)?;
         let mut basis = Vec::with_capacity(vectors.len());
         for (column, &d) in vectors.chunks_exact(self.m).zip(&values) {
             if d >= least && d > 0.0 {
@@ -145,8 +152,13 @@ pub struct Participation {
 
 /// A metric factored for several right-hand sides W.
 #[derive(Debug)]
-pub enum Factor {
-    /// The metric is the identity.
+pub struct Factor {
+    library: &'static dyn Library,
+    form: Form,
+}
+
+#[derive(Debug)]
+enum Form {
     Identity,
     /// Lower Cholesky factor, m x m, float64.
     Cholesky(Vec<f64>),
@@ -157,25 +169,28 @@ pub enum Factor {
 }
 
 impl Factor {
+    /// The factor of the identity, of any size.
+    pub fn identity() -> Self {
+        Self { library: serving(), form: Form::Identity }
+    }
+
     /// Factors `metric`, in float32 for [`Eigensolver::LowRankF32`] and else in float64; falls back to its canonical form.
     pub fn new(metric: &Gram, solver: Eigensolver) -> Self {
-        let m = metric.m;
-        if m == 0 {
-            return Self::Identity;
-        }
-        if solver == Eigensolver::LowRankF32 {
-            let mut l: Vec<f32> = metric.values.iter().map(|&v| v as f32).collect();
-            if f32::potrf(m, &mut l) {
-                return Self::CholeskyF32(l);
+        let Gram { library, m, ref values, epsilon, .. } = *metric;
+        let factored = match solver {
+            _ if m == 0 => Some(Form::Identity),
+            Eigensolver::LowRankF32 => {
+                let mut l: Vec<f32> = values.iter().map(|&v| v as f32).collect();
+                f32::by(library).potrf(m, &mut l).then_some(Form::CholeskyF32(l))
             }
-        } else {
-            let mut l = metric.values.clone();
-            if f64::potrf(m, &mut l) {
-                return Self::Cholesky(l);
+            _ => {
+                let mut l = values.clone();
+                f64::by(library).potrf(m, &mut l).then_some(Form::Cholesky(l))
             }
-        }
+        };
         // Without convergence nothing is known of the metric: the identity ranks by the responses themselves.
-        metric.canonical(metric.epsilon).map_or(Self::Identity, Self::Canonical)
+        let form = factored.or_else(|| metric.canonical(epsilon).map(Form::Canonical)).unwrap_or(Form::Identity);
+        Self { library, form }
     }
 
     /// Eigenvalues and participation for the rows W (m x 8) at energy share `tau`.
@@ -184,16 +199,81 @@ impl Factor {
         if m == 0 || w.iter().flatten().all(|&x| x == 0.0) {
             return Participation { spectrum: [0.0; CHANNELS], r: 1, q: vec![0.0; m], canonical: false };
         }
-        match self {
-            Self::Identity => low_rank(&columns::<f64>(w), m, tau, false, <[f64]>::to_vec),
-            Self::Cholesky(l) => cholesky(l, w, tau),
-            Self::CholeskyF32(l) => cholesky(l, w, tau),
-            Self::Canonical(basis) => canonical(basis, w, tau),
+        match &self.form {
+            Form::Identity => self.low_rank(&columns::<f64>(w), m, tau, <[f64]>::to_vec),
+            Form::Cholesky(l) => self.cholesky(l, w, tau),
+            Form::CholeskyF32(l) => self.cholesky(l, w, tau),
+            Form::Canonical(basis) => self.canonical(basis, w, tau),
         }
+    }
+
+    fn cholesky<T: Real>(&self, l: &[T], w: &[Row], tau: f64) -> Participation {
+        let (m, routines) = (w.len(), T::by(self.library));
+        let mut b = columns::<T>(w);
+        routines.trtrs(false, m, CHANNELS, l, &mut b);
+        self.low_rank(&b, m, tau, |c| {
+            let mut back: Vec<T> = c.iter().map(|&x| T::of(x)).collect();
+            routines.trtrs(true, m, back.len() / m, l, &mut back);
+            back.iter().map(|x| x.to()).collect()
+        })
+    }
+
+    fn canonical(&self, basis: &[f64], w: &[Row], tau: f64) -> Participation {
+        let m = w.len();
+        let p = basis.len() / m;
+        if p == 0 {
+            return Participation { spectrum: [0.0; CHANNELS], r: 1, q: vec![0.0; m], canonical: true };
+        }
+        let mut b = vec![0.0; p * CHANNELS];
+        for (k, column) in basis.chunks_exact(m).enumerate() {
+            for c in 0..CHANNELS {
+                b[c * p + k] = column.iter().zip(w).map(|(x, row)| x * row[c]).sum();
+            }
+        }
+        self.low_rank(&b, p, tau, |c| {
+            let mut back = vec![0.0; m * (c.len() / p)];
+            for (out, along) in back.chunks_exact_mut(m).zip(c.chunks_exact(p)) {
+                for (column, a) in basis.chunks_exact(m).zip(along) {
+                    out.iter_mut().zip(column).for_each(|(o, x)| *o += a * x);
+                }
+            }
+            back
+        })
+    }
+
+    /// The 8x8 problem of B (p x 8, column-major); `back` brings the p x r matrix B Y back to the members (m x r).
+    fn low_rank<T: Real>(&self, b: &[T], p: usize, tau: f64, back: impl Fn(&[f64]) -> Vec<f64>) -> Participation {
+        let column = |c: usize| &b[c * p..(c + 1) * p];
+        let mut gram = [0.0; CHANNELS * CHANNELS];
+        for i in 0..CHANNELS {
+            for j in 0..=i {
+                let sum: f64 = column(i).iter().zip(column(j)).map(|(x, y)| x.to() * y.to()).sum();
+                gram[i * CHANNELS + j] = sum;
+                gram[j * CHANNELS + i] = sum;
+            }
+        }
+        let ascending = self.library.syevd(CHANNELS, &mut gram).unwrap_or_else(|| vec![0.0; CHANNELS]);
+        let mut spectrum = [0.0; CHANNELS];
+        spectrum.iter_mut().zip(ascending.iter().rev()).for_each(|(s, &l)| *s = l.max(0.0));
+        let r = leading(&spectrum, spectrum.iter().sum(), tau);
+        let mut by = vec![0.0; p * r];
+        for (k, out) in by.chunks_exact_mut(p.max(1)).enumerate() {
+            let y = &gram[(CHANNELS - 1 - k) * CHANNELS..][..CHANNELS];
+            for (c, &weight) in y.iter().enumerate() {
+                out.iter_mut().zip(column(c)).for_each(|(o, x)| *o += weight * x.to());
+            }
+        }
+        let brought = back(&by);
+        let m = brought.len() / r;
+        let mut q = vec![0.0; m];
+        for column in brought.chunks_exact(m.max(1)) {
+            q.iter_mut().zip(column).for_each(|(q, x)| *q += x * x);
+        }
+        Participation { spectrum, r, q, canonical: matches!(self.form, Form::Canonical(_)) }
     }
 }
 
-/// Solves a block by LAPACK: `w` are the rows of W (m x 8), `density` is the packed lower triangle of P, which only
+/// Solves a block: `w` are the rows of W (m x 8), `density` is the packed lower triangle of P, which only
 /// [`Eigensolver::Dsygvd`] reads. Returns the metric's factor, too.
 ///
 /// # Panics
@@ -256,71 +336,6 @@ fn columns<T: Real>(w: &[Row]) -> Vec<T> {
     (0..CHANNELS).flat_map(|c| w.iter().map(move |row| T::of(row[c]))).collect()
 }
 
-fn cholesky<T: Real>(l: &[T], w: &[Row], tau: f64) -> Participation {
-    let m = w.len();
-    let mut b = columns::<T>(w);
-    T::trtrs(false, m, CHANNELS, l, &mut b);
-    low_rank(&b, m, tau, false, |c| {
-        let mut back: Vec<T> = c.iter().map(|&x| T::of(x)).collect();
-        T::trtrs(true, m, back.len() / m, l, &mut back);
-        back.iter().map(|x| x.to()).collect()
-    })
-}
-
-fn canonical(basis: &[f64], w: &[Row], tau: f64) -> Participation {
-    let m = w.len();
-    let p = basis.len() / m;
-    if p == 0 {
-        return Participation { spectrum: [0.0; CHANNELS], r: 1, q: vec![0.0; m], canonical: true };
-    }
-    let mut b = vec![0.0; p * CHANNELS];
-    for (k, column) in basis.chunks_exact(m).enumerate() {
-        for c in 0..CHANNELS {
-            b[c * p + k] = column.iter().zip(w).map(|(x, row)| x * row[c]).sum();
-        }
-    }
-    low_rank(&b, p, tau, true, |c| {
-        let mut back = vec![0.0; m * (c.len() / p)];
-        for (out, along) in back.chunks_exact_mut(m).zip(c.chunks_exact(p)) {
-            for (column, a) in basis.chunks_exact(m).zip(along) {
-                out.iter_mut().zip(column).for_each(|(o, x)| *o += a * x);
-            }
-        }
-        back
-    })
-}
-
-/// The 8x8 problem of B (p x 8, column-major); `back` brings the p x r matrix B Y back to the members (m x r).
-fn low_rank<T: Real>(b: &[T], p: usize, tau: f64, canonical: bool, back: impl Fn(&[f64]) -> Vec<f64>) -> Participation {
-    let column = |c: usize| &b[c * p..(c + 1) * p];
-    let mut gram = [0.0; CHANNELS * CHANNELS];
-    for i in 0..CHANNELS {
-        for j in 0..=i {
-            let sum: f64 = column(i).iter().zip(column(j)).map(|(x, y)| x.to() * y.to()).sum();
-            gram[i * CHANNELS + j] = sum;
-            gram[j * CHANNELS + i] = sum;
-        }
-    }
-    let ascending = lapack::syevd(CHANNELS, &mut gram).unwrap_or_else(|| vec![0.0; CHANNELS]);
-    let mut spectrum = [0.0; CHANNELS];
-    spectrum.iter_mut().zip(ascending.iter().rev()).for_each(|(s, &l)| *s = l.max(0.0));
-    let r = leading(&spectrum, spectrum.iter().sum(), tau);
-    let mut by = vec![0.0; p * r];
-    for (k, out) in by.chunks_exact_mut(p.max(1)).enumerate() {
-        let y = &gram[(CHANNELS - 1 - k) * CHANNELS..][..CHANNELS];
-        for (c, &weight) in y.iter().enumerate() {
-            out.iter_mut().zip(column(c)).for_each(|(o, x)| *o += weight * x.to());
-        }
-    }
-    let brought = back(&by);
-    let m = brought.len() / r;
-    let mut q = vec![0.0; m];
-    for column in brought.chunks_exact(m.max(1)) {
-        q.iter_mut().zip(column).for_each(|(q, x)| *q += x * x);
-    }
-    Participation { spectrum, r, q, canonical }
-}
-
 /// P u = lambda (N + eps I) u as it stands, and the Cholesky factor that it leaves; `None` where that fails.
 fn generalized(metric: &Gram, density: &[f32], tau: f64) -> Option<(Participation, Factor)> {
     let m = metric.m;
@@ -328,7 +343,7 @@ fn generalized(metric: &Gram, density: &[f32], tau: f64) -> Option<(Participatio
     let mut p = vec![0.0; m * m];
     unpack_lower(m, density, &mut p);
     let mut b = metric.values.clone();
-    let ascending = lapack::sygvd(m, &mut p, &mut b)?;
+    let ascending = metric.library.sygvd(m, &mut p, &mut b)?;
     let descending: Vec<f64> = ascending.iter().rev().map(|l| l.max(0.0)).collect();
     // P has rank at most 8: further eigenvalues are rounding.
     let known = &descending[..m.min(CHANNELS)];
@@ -340,5 +355,8 @@ fn generalized(metric: &Gram, density: &[f32], tau: f64) -> Option<(Participatio
         let u = &p[(m - 1 - k) * m..][..m];
         q.iter_mut().zip(u).for_each(|(q, x)| *q += lambda * x * x);
     }
-    Some((Participation { spectrum, r, q, canonical: false }, Factor::Cholesky(b)))
+    Some((
+        Participation { spectrum, r, q, canonical: false },
+        Factor { library: metric.library, form: Form::Cholesky(b) },
+    ))
 }

@@ -5,7 +5,7 @@
 //! others, hence the root in X_ad sqrt(S_dd / S_aa).
 
 use crate::kernels::constants::sh::float64::SH_C0;
-use crate::qirf::lapack::Real;
+use crate::qirf::dense::{Cholesky, serving};
 
 /// Added to the diagonal of the kept functions' overlaps, so that near duplicates share their load.
 const RIDGE: f64 = 1e-3;
@@ -73,9 +73,10 @@ pub fn merge(overlap: &[f32], keep: &[bool], functions: &mut Functions) -> Optio
             }
         }
     }
-    if !(f64::potrf(a, &mut factor)
-        && f64::trtrs(false, a, 1 + width, &factor, &mut right)
-        && f64::trtrs(true, a, 1 + width, &factor, &mut right))
+    let library: &dyn Cholesky<f64> = serving();
+    if !(library.potrf(a, &mut factor)
+        && library.trtrs(false, a, 1 + width, &factor, &mut right)
+        && library.trtrs(true, a, 1 + width, &factor, &mut right))
     {
         return None;
     }

@@ -1,5 +1,5 @@
 //! The study of a model: its blocks, and the order of its Gaussians by each selector. The device assembles one batch of
-//! blocks while LAPACK solves the previous batch on all cores.
+//! blocks while the host solves the previous batch on all cores.
 
 mod merging;
 mod solve;

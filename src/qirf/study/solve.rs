@@ -1,4 +1,4 @@
-//! The solution of all blocks: the device assembles one batch while LAPACK solves the previous one, or solves it, too.
+//! The solution of all blocks: the device assembles one batch while the host solves the previous one, or solves it, too.
 
 use super::{BATCH_BYTES, Basis, Observed, Overlap, Result, Seconds, Study, self_overlaps};
 use crate::gpu::{self, Device, Timings};

@@ -91,7 +91,7 @@ fn times(s: &PruneSeconds) -> Markup {
         ("device: overlaps", s.overlap),
         ("device: response densities", s.rrdm),
         ("device: eigenproblems", s.participation),
-        ("host: LAPACK and subsets", s.solve),
+        ("host: eigenproblems and subsets", s.solve),
         ("elapsed, side by side", s.assemble_and_solve),
     ];
     let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };

@@ -3,6 +3,7 @@
 use super::Made;
 use proptest::prelude::*;
 use qirf_vk::qirf::batch::{Block, Collected, Solver};
+use qirf_vk::qirf::dense::{LIBRARIES, Library};
 use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram, lowdin, solve};
 use qirf_vk::qirf::select::{BlockSelector, css, rank};
 use qirf_vk::qirf::{CHANNELS, Row};
@@ -25,6 +26,11 @@ fn random_block(m: usize, density: f64, seed: u64) -> (Vec<f32>, Vec<[f32; CHANN
     (n, rows)
 }
 
+/// Each of the host's solvers by each library.
+fn everyone() -> impl Iterator<Item = (&'static dyn Library, Eigensolver)> {
+    LIBRARIES.iter().flat_map(|library| Eigensolver::HOST.map(|solver| (*library, solver)))
+}
+
 fn wide(rows: &[[f32; CHANNELS]]) -> Vec<Row> {
     rows.iter().map(|row| row.map(f64::from)).collect()
 }
@@ -33,10 +39,11 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn the_solvers_agree(m in 1..90_usize, density in 0.05..20.0_f64, seed in any::<u64>()) {
+    fn the_solvers_agree(m in 1..90_usize, density in 0.05..20.0_f64, seed in any::<u64>(), which in 0..LIBRARIES.len()) {
+        let library = LIBRARIES[which];
         let (n, rows) = random_block(m, density, seed);
         let made = Made::new(&n, &rows);
-        let [full, low, single] = Eigensolver::HOST.map(|solver| made.solved(solver));
+        let [full, low, single] = Eigensolver::HOST.map(|solver| made.solved(solver, library));
         // P comes in float32: its rounding, at most 2^-24 of its trace, grows by the metric's condition. N's diagonal is 1, so
         // that the condition bounds the inverse, too.
         let condition = Gram::new(m, &n, None, 1e-4).condition().unwrap();
@@ -67,8 +74,13 @@ fn every_solver_agrees_with_the_twin() {
         let overlaps: Vec<f64> = n.iter().map(|&x| f64::from(x)).collect();
         let twin = participation(&overlaps, &made.matrices().rows().0, 1e-4, 0.95).expect("a positive definite metric");
         let most = twin.q.iter().copied().fold(0.0, f64::max);
-        for (solver, allowed) in Eigensolver::HOST.into_iter().zip([2e-4, 1e-8, 2e-2]) {
-            let solved = made.solved(solver);
+        for (library, solver) in everyone() {
+            let solved = made.solved(solver, library);
+            let allowed = match solver {
+                Eigensolver::LowRank => 1e-8,
+                Eigensolver::LowRankF32 => 2e-2,
+                _ => 2e-4,
+            };
             assert!(solver == Eigensolver::LowRankF32 || solved.r == twin.r, "{solver}, {m} members");
             for (got, expected) in solved.spectrum.iter().zip(&twin.spectrum) {
                 assert!(
@@ -88,10 +100,10 @@ fn every_solver_agrees_with_the_twin() {
 
 #[test]
 fn float32_keeps_the_same_set_of_separate_functions() {
-    for seed in 0..20 {
+    for (library, seed) in LIBRARIES.iter().flat_map(|library| (0..20).map(move |seed| (*library, seed))) {
         let (n, rows) = random_block(64, 0.3, seed);
         let made = Made::new(&n, &rows);
-        let [full, _, single] = Eigensolver::HOST.map(|solver| made.solved(solver));
+        let [full, _, single] = Eigensolver::HOST.map(|solver| made.solved(solver, library));
         let kept = |q: &[f64]| rank(q).iter().map(|&place| place < 18).collect::<Vec<_>>();
         let differing = kept(&full.q).iter().zip(kept(&single.q)).filter(|(a, b)| **a != *b).count();
         assert!(differing <= 2, "{differing} of block {seed}"); // at most one near tie changes sides
@@ -105,8 +117,8 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
     let metric = Gram::new(3, &n, None, 1e-4);
     let w: Vec<Row> = vec![[1.0; CHANNELS], [1.0; CHANNELS], [0.5; CHANNELS]];
     let p = [8.0, 8.0, 4.0, 8.0, 4.0, 2.0];
-    for solver in Eigensolver::HOST {
-        let solved = solve(&metric, &w, &p, solver, 0.95).0;
+    for (library, solver) in everyone() {
+        let solved = solve(&metric.clone().by(library), &w, &p, solver, 0.95).0;
         assert!(solved.canonical, "{solver}");
         // Along (1, 1)/sqrt 2: lambda = 16 / 2.2001; along e_3: 8/4 / 1.0001; their sum is of rank one, 8 columns alike.
         let expected = 16.0 / 2.2001 + 2.0 / 1.0001;
@@ -119,8 +131,8 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
 #[test]
 fn a_metric_without_any_positive_eigenvalue_still_answers() {
     let metric = Gram::new(2, &[-1.0, 0.0, 0.0, -2.0], None, 1e-4);
-    for solver in Eigensolver::HOST {
-        let solved = solve(&metric, &[[1.0; CHANNELS]; 2], &[8.0; 3], solver, 0.95).0;
+    for (library, solver) in everyone() {
+        let solved = solve(&metric.clone().by(library), &[[1.0; CHANNELS]; 2], &[8.0; 3], solver, 0.95).0;
         assert_eq!((solved.q, solved.r, solved.canonical), (vec![0.0; 2], 1, true));
     }
     assert_eq!(lowdin(&metric, &[&[[1.0; CHANNELS]; 2]]), [[0.0; 2]]);
@@ -129,14 +141,16 @@ fn a_metric_without_any_positive_eigenvalue_still_answers() {
 #[test]
 fn lowdin_is_the_metrics_inverse_root() {
     let (n, rows) = random_block(24, 0.5, 3);
-    let metric = Gram::new(24, &n, None, 1e-4);
     let w = wide(&rows);
-    // sum of squares of the scores = tr W^T M^-1 W = the sum of the eigenvalues.
-    let scores = &lowdin(&metric, &[&w])[0];
-    let sum: f64 = scores.iter().map(|x| x * x).sum();
-    let solved = Factor::new(&metric, Eigensolver::LowRank).participation(&w, 0.95);
-    let total: f64 = solved.spectrum.iter().sum();
-    assert!((sum / total - 1.0).abs() < 1e-9);
+    for library in LIBRARIES {
+        let metric = Gram::new(24, &n, None, 1e-4).by(*library);
+        // sum of squares of the scores = tr W^T M^-1 W = the sum of the eigenvalues.
+        let scores = &lowdin(&metric, &[&w])[0];
+        let sum: f64 = scores.iter().map(|x| x * x).sum();
+        let solved = Factor::new(&metric, Eigensolver::LowRank).participation(&w, 0.95);
+        let total: f64 = solved.spectrum.iter().sum();
+        assert!((sum / total - 1.0).abs() < 1e-9);
+    }
     let identity: Vec<f32> = (0..9).map(|k| if k % 4 == 0 { 1.0 } else { 0.0 }).collect();
     let plain = &lowdin(&Gram::new(3, &identity, None, 0.0), &[&w[..3]])[0];
     assert!((plain[0] - w[0].iter().map(|x| x * x).sum::<f64>().sqrt()).abs() < 1e-12);
@@ -217,6 +231,6 @@ fn the_literal_raw_overlap_drowns_in_epsilon() {
     let own = vec![1e-9; 20];
     let w = Made::new(&n, &rows).matrices().rows().0;
     let raw = Factor::new(&Gram::new(20, &n, Some(&own), 1e-4), Eigensolver::LowRank).participation(&w, 0.95);
-    let ordinary = Factor::Identity.participation(&w, 0.95);
+    let ordinary = Factor::identity().participation(&w, 0.95);
     assert_eq!(rank(&raw.q), rank(&ordinary.q));
 }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use qirf_vk::gaussians::formats;
 use qirf_vk::qirf::CHANNELS;
 use qirf_vk::qirf::batch::{Block, Collected, Solver};
+use qirf_vk::qirf::dense::LIBRARIES;
 use qirf_vk::qirf::normalise::rows;
 use qirf_vk::qirf::participation::Eigensolver;
 use qirf_vk::qirf::partition::Partition;
@@ -56,13 +57,21 @@ fn a_thousand_real_blocks() {
 
     let differs = |b: usize| {
         let m = blocks.block(b).len();
-        let [full, low, single] = Eigensolver::HOST.map(|solver| made[b].solved(solver));
+        let [full, low, single] = Eigensolver::HOST.map(|solver| made[b].solved(solver, LIBRARIES[0]));
         for (x, y) in full.spectrum.iter().zip(&low.spectrum) {
             assert!((x - y).abs() <= 1e-4 * low.spectrum[0].max(f64::MIN_POSITIVE), "block {b}: {x} and {y}");
         }
         let k = (m * 28).div_ceil(100);
         let kept = |q: &[f64]| rank(q).iter().map(|&place| (place as usize) < k).collect::<Vec<_>>();
         assert!(!low.canonical && !single.canonical, "block {b}");
+        // Whichever library serves, a block keeps the same set.
+        for library in &LIBRARIES[1..] {
+            for (solver, first) in Eigensolver::HOST.into_iter().zip([&full, &low, &single]) {
+                let other = made[b].solved(solver, *library);
+                let exact = solver != Eigensolver::LowRankF32;
+                assert!(!exact || kept(&other.q) == kept(&first.q), "block {b} by {library:?}, {solver}");
+            }
+        }
         [&full, &single].map(|other| usize::from(kept(&other.q) != kept(&low.q)))
     };
     let differing: Vec<[usize; 2]> = (0..1000).into_par_iter().map(differs).collect();
