@@ -10,8 +10,6 @@ use crate::pipeline::compress::aim::Aim;
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::config::PruneRule;
 use crate::pipeline::virtual_views::VirtualCameras;
-use crate::qirf::select::Selector;
-use crate::qirf::select::budget::Budget;
 use crate::render::Style;
 use std::path::PathBuf;
 
@@ -104,10 +102,8 @@ impl CompressArgs {
     pub fn configuration(&self, style: Style, fine_tune: u32) -> Result<CompressConfig, Error> {
         let preset = match self.preset {
             Preset::Standard => {
-                let selector = self.choices.selector.unwrap_or(Selector::Pairs);
-                // Without training afterwards, what each block loses stays lost: every block keeps its share.
-                let budget = if fine_tune == 0 { Budget::PerBlock } else { Budget::default() };
-                PruneRule { selector, budget, ..PruneRule::default() }
+                let usual = CompressConfig::rule(fine_tune);
+                PruneRule { selector: self.choices.selector.unwrap_or(usual.selector), ..usual }
             }
             Preset::Paper => PruneRule::paper(),
         };

@@ -29,7 +29,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o dense --no-prune
   qirf-vk run --config trained/config.toml -o again
 
-The folder holds model.ply, report.html, metrics.json, renders/ and config.toml, which reproduces the run.
+The folder holds model.ply, report.html, metrics.json, log.jsonl, renders/ and config.toml, which reproduces the run.
 
 Photos without poses, and videos, first get poses as by `qirf-vk pose`; their scene is then in the folder's scene/.";
 
@@ -74,6 +74,9 @@ pub(super) struct Arguments {
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
+    /// Print a line of JSON on standard output now and then while training, the same as in the folder's log.jsonl, and nothing else
+    #[arg(long, conflicts_with = "json")]
+    json_progress: bool,
 }
 
 impl Arguments {
@@ -95,6 +98,7 @@ impl Arguments {
         }
         let mut watcher = Show::new(console);
         watcher.record(recorder);
+        watcher.print_log(self.json_progress);
         if let Some(input) = input {
             config = self.posed(config, &input, &output, &watcher, console)?;
         }
@@ -179,6 +183,9 @@ impl Arguments {
             let text = std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source })?;
             return console.print(text.trim_end());
         }
+        if self.json_progress {
+            return Ok(());
+        }
         console.print(format_args!("model  {}", output.model().display()))?;
         console.print(format_args!("report {}", output.report().display()))
     }
@@ -186,6 +193,9 @@ impl Arguments {
     fn report(&self, console: &Console, record: &RunRecord, output: &Output) -> Result<(), Error> {
         if self.json {
             return console.json(record);
+        }
+        if self.json_progress {
+            return Ok(());
         }
         let score = |v: Option<f64>, unit: &str| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}{unit}"));
         if let Some(test) = &record.test {

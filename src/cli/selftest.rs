@@ -130,8 +130,8 @@ fn row(console: &Console, check: &Check) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::exit::Exit;
     use crate::cli::remedy::remedy;
+    use crate::pipeline::Exit;
 
     #[test]
     fn one_wrong_check_is_exit_code_4_and_names_its_room() {

@@ -3,11 +3,13 @@
 use super::console::Console;
 use super::diagnostics::Recorder;
 use super::interrupt::Watch;
+use super::pulse::Pulse;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
 use crate::pipeline::Error;
 use crate::pipeline::Watcher;
 use crate::pipeline::diagnostics::Diagnostics;
+use crate::pipeline::run_log::LogLine;
 use crate::train::Progress;
 use crate::wording::counted;
 use indicatif::ProgressBar;
@@ -18,6 +20,8 @@ pub(super) struct Show<'a> {
     console: &'a Console,
     watch: Watch,
     recorder: Option<Recorder>,
+    json: bool,
+    pulse: Pulse,
     poses: OnceLock<ProgressBar>,
     photos: OnceLock<ProgressBar>,
     training: OnceLock<ProgressBar>,
@@ -31,8 +35,8 @@ impl<'a> Show<'a> {
     /// Shows a job, and starts to watch for Ctrl-C.
     pub fn new(console: &'a Console) -> Self {
         let [poses, photos, training, responses, scores, pictures, files] = Default::default();
-        let (watch, recorder) = (Watch::begin(), None);
-        Self { console, watch, recorder, poses, photos, training, responses, scores, pictures, files }
+        let (watch, recorder, pulse, json) = (Watch::begin(), None, Pulse::new(), false);
+        Self { console, watch, recorder, json, pulse, poses, photos, training, responses, scores, pictures, files }
     }
 
     /// Also writes what prunes knew and decided.
@@ -40,8 +44,14 @@ impl<'a> Show<'a> {
         self.recorder = recorder;
     }
 
+    /// Also prints the lines of a run's log.
+    pub fn print_log(&mut self, json: bool) {
+        self.json = json;
+    }
+
     fn step(&self, bar: &OnceLock<ProgressBar>, what: &'static str, done: usize, total: usize) {
         advance(bar.get_or_init(|| self.console.bar(total as u64, what)), done as u64, total as u64);
+        self.pulse.beat(self.console, (what, done as u64, total as u64), "");
     }
 }
 
@@ -63,6 +73,7 @@ impl Watcher for Show<'_> {
         }
         bar.set_length(total as u64);
         advance(bar, done as u64, total as u64);
+        self.pulse.beat(self.console, (stage, done as u64, total as u64), "");
     }
 
     fn loading(&self, done: usize, total: usize) {
@@ -72,7 +83,18 @@ impl Watcher for Show<'_> {
     fn training(&self, progress: &Progress, until: u32) {
         let bar = self.training.get_or_init(|| self.console.training_bar(u64::from(until)));
         advance(bar, u64::from(progress.iteration), u64::from(until));
-        bar.set_message(format!("loss {:.4}  {}", progress.loss, counted(progress.gaussians, "Gaussian")));
+        let message = format!("loss {:.4}  {}", progress.loss, counted(progress.gaussians, "Gaussian"));
+        self.pulse.beat(self.console, ("training", u64::from(progress.iteration), u64::from(until)), &message);
+        bar.set_message(message);
+    }
+
+    fn logged(&self, line: &LogLine) {
+        if self.json
+            && let Ok(text) = serde_json::to_string(line)
+        {
+            // A reader that closed the pipe has seen enough; the run goes on.
+            let _ = self.console.print(text);
+        }
     }
 
     fn responding(&self, done: usize, total: usize) {
@@ -95,6 +117,7 @@ impl Watcher for Show<'_> {
         let bar = self.files.get_or_init(|| self.console.bar(total as u64, "files"));
         bar.set_length(total as u64);
         bar.set_position(done as u64);
+        self.pulse.beat(self.console, ("files", done as u64, total as u64), "");
         if (done, total) == (1, 1) {
             bar.finish_and_clear();
         }

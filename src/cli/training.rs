@@ -128,26 +128,22 @@ impl Training {
     /// # Errors
     /// An initial model that cannot be read.
     pub fn configuration(&self, scene: PathBuf, console: &Console) -> Result<RunConfig, Error> {
+        let usual = RunConfig::of(scene, self.preset);
         let config = RunConfig {
-            scene,
             images: self.images.clone(),
             resolution: self.resolution.clone(),
             seed: self.seed,
             eval_every: self.eval_every,
-            sh_degree: usize::from(self.sh_degree.unwrap_or(3)),
+            sh_degree: self.sh_degree.map_or(usual.sh_degree, usize::from),
             init: init(&self.init),
             init_count: self.init_count.map(|n| n as usize),
             background: self.background,
             style: Style { dilation: self.dilation, ..Style::default() },
-            exposure: false,
             max_gaussians: self.max_gaussians as usize,
             checkpoint_every: self.checkpoint_every,
             schedule: self.schedule(),
-            prune: None,
-            method: None,
-            clean: false,
             effects: self.overrides(),
-            tuning: None,
+            ..usual
         };
         match &config.init {
             Init::Model(path) => self.obey(config.clone(), path, console),

@@ -95,9 +95,37 @@ impl Gaussians {
             let width = Self::band_width(l);
             band.get(i * width..(i + 1) * width).is_none_or(finite)
         };
-        let turned = self.rotations[i].iter().fold(0.0_f32, |m, q| m.max(q.abs())) >= MIN_QUATERNION;
+        let turned = self.drawable_turn(i);
         let shaped = finite(&self.means[i]) && finite(&self.log_scales[i]) && finite(&self.rotations[i]);
         turned && shaped && !self.opacity_logits[i].is_nan() && self.sh.iter().enumerate().all(band)
+    }
+
+    /// Whether a rotation is long enough to be one.
+    fn drawable_turn(&self, i: usize) -> bool {
+        self.rotations[i].iter().fold(0.0_f32, |m, q| m.max(q.abs())) >= MIN_QUATERNION
+    }
+
+    /// The model, if its arrays agree and every Gaussian can be drawn and trained: for models that come from no reader, which repair.
+    ///
+    /// # Errors
+    /// [`Error::Inconsistent`] names the array, or the first Gaussian and what is wrong with it.
+    pub fn checked(self) -> Result<Self, Error> {
+        self.validate()?;
+        let wrong = |i: usize| !self.drawable(i) || self.opacity_logits[i].is_infinite();
+        let Some(i) = (0..self.len()).find(|i| wrong(*i)) else { return Ok(self) };
+        let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
+        let what = if !finite(&self.means[i]) {
+            "its mean is not finite"
+        } else if !finite(&self.log_scales[i]) {
+            "its log_scales are not finite; the logarithm of a flat axis may be -20"
+        } else if !finite(&[self.opacity_logits[i]]) {
+            "its opacity_logit is not finite; -20 is transparent, and 20 opaque"
+        } else if !finite(&self.rotations[i]) || self.drawable_turn(i) {
+            "its spherical harmonics or its rotation are not finite"
+        } else {
+            "its rotation, a quaternion w, x, y, z, is zero"
+        };
+        Err(Error::Inconsistent { what: format!("Gaussian {i}: {what}") })
     }
 
     /// Checks that all arrays have the same length and that the SH degree is at most [`MAX_SH_DEGREE`].
@@ -151,6 +179,30 @@ fn compact_rows(values: &mut Vec<f32>, width: usize, kept: &[bool]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn models_from_arrays_are_checked() {
+        let mut model = Gaussians::zeroed(3, 1);
+        model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+        assert_eq!(model.clone().checked().unwrap(), model);
+        let refused = |change: &dyn Fn(&mut Gaussians)| {
+            let mut model = model.clone();
+            change(&mut model);
+            model.checked().unwrap_err().to_string()
+        };
+        for (change, said) in [
+            (&(|m: &mut Gaussians| m.means[1][2] = f32::NAN) as &dyn Fn(&mut Gaussians), "Gaussian 1: its mean"),
+            (&|m| m.log_scales[2][0] = f32::NEG_INFINITY, "Gaussian 2: its log_scales"),
+            (&|m| m.opacity_logits[0] = f32::INFINITY, "Gaussian 0: its opacity_logit"),
+            (&|m| m.rotations[1] = [0.0; 4], "is zero"),
+            (&|m| m.rotations[1][3] = f32::NAN, "rotation are not finite"),
+            (&|m| m.sh[1][9] = f32::NAN, "Gaussian 1: its spherical harmonics"),
+            (&|m| m.sh[0].truncate(8), "SH band 0 has 8 entries, 9 expected"),
+        ] {
+            let told = refused(change);
+            assert!(told.contains(said), "{told}");
+        }
+    }
 
     #[test]
     fn compaction_in_place_is_selection() {

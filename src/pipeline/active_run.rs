@@ -10,6 +10,7 @@ use super::output::Output;
 use super::pair_capacity;
 use super::prune::{PruneRequest, prune_followed};
 use super::records::{AttritionRecord, Counts, CurvePoint, Guards, Protocol, PruneRecord, RunRecord, Times};
+use super::run_log::{LogLine, LoggedRates, RunLog};
 use super::session::Session;
 use super::setup::Setup;
 use super::start::{Start, initialise};
@@ -20,7 +21,8 @@ use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::train::loss::Weights;
 use crate::train::method::Cut;
-use crate::train::{Options, Trainer};
+use crate::train::rates::Rates;
+use crate::train::{Options, Progress, Trainer};
 use std::ops::Range;
 use std::time::Instant;
 
@@ -35,6 +37,7 @@ pub struct ActiveRun<'a> {
     trainer: Trainer,
     evaluator: Evaluator,
     notes: RunNotes,
+    log: Option<RunLog>,
 }
 
 impl<'a> ActiveRun<'a> {
@@ -78,11 +81,20 @@ impl<'a> ActiveRun<'a> {
         // Starts empty and grows on demand; runs in blocks never use it.
         let mut evaluator = Evaluator::new(device, settings, 1, prepared.views())?;
         evaluator.compare_as(config.exposure);
-        let mut run = Self { setup, config, output, trainer, evaluator, notes };
+        let mut run = Self { setup, config, output, trainer, evaluator, notes, log: None };
         if !run.notes.prunes.is_empty() || run.trainer.attrition().is_some() {
             run.fine_tune();
         }
         Ok(run)
+    }
+
+    /// Writes `log.jsonl` from here on.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn log(&mut self) -> Result<(), Error> {
+        self.log = Some(RunLog::open(&self.output.log(), self.trainer.iteration())?);
+        Ok(())
     }
 
     /// Trains until `until` iterations are done, with prunes and checkpoints on the way. A prune due after the last of
@@ -124,8 +136,10 @@ impl<'a> ActiveRun<'a> {
                 watcher.note(&note);
             }
             let recorded = self.notes.curve.last().is_some_and(|p| p.iteration == at);
-            if at > now && (at.is_multiple_of(step) || at == last) && !recorded {
-                self.point(at)?;
+            let scored = at > now && (at.is_multiple_of(step) || at == last) && !recorded;
+            let psnr = if scored { self.point(at)? } else { None };
+            if psnr.is_some() || RunLog::due(now, at, last) {
+                self.log_line(&progress, psnr)?;
             }
             let stop = watcher.stop();
             if stop || watcher.checkpoint() || (every > 0 && at > now && at.is_multiple_of(every) && at < last) {
@@ -227,11 +241,32 @@ impl<'a> ActiveRun<'a> {
         Ok(())
     }
 
-    fn point(&mut self, iteration: u32) -> Result<(), Error> {
-        if let Some(psnr) = self.psnr()? {
+    /// A point of the quality curve, if there are held-out views: its PSNR.
+    fn point(&mut self, iteration: u32) -> Result<Option<f64>, Error> {
+        let psnr = self.psnr()?;
+        if let Some(psnr) = psnr {
             let gaussians = self.trainer.len();
             self.notes.curve.push(CurvePoint { iteration, seconds: self.notes.seconds, psnr, gaussians });
         }
+        Ok(psnr)
+    }
+
+    /// Adds a line to the log, if there is one.
+    fn log_line(&mut self, progress: &Progress, psnr: Option<f64>) -> Result<(), Error> {
+        let Some(log) = &mut self.log else { return Ok(()) };
+        let Rates { means, log_scales, rotations, opacity_logits, sh } = self.trainer.rates();
+        let line = LogLine {
+            iteration: progress.iteration,
+            iterations: self.config.schedule.iterations,
+            seconds: self.notes.seconds,
+            loss: Some(progress.loss).filter(|loss| loss.is_finite()),
+            gaussians: progress.gaussians,
+            psnr: psnr.filter(|psnr| psnr.is_finite()),
+            rates: LoggedRates { means, log_scales, rotations, opacity_logits, sh0: sh[0], sh_rest: sh[1] },
+            device_bytes: self.setup.session.device.memory_used().0,
+        };
+        log.add(&line)?;
+        self.setup.session.watcher.logged(&line);
         Ok(())
     }
 

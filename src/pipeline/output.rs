@@ -47,6 +47,11 @@ impl Output {
         self.0.join("metrics.json")
     }
 
+    /// The log of a run in progress.
+    pub fn log(&self) -> PathBuf {
+        self.0.join("log.jsonl")
+    }
+
     /// The report.
     pub fn report(&self) -> PathBuf {
         self.0.join("report.html")

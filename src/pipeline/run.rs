@@ -23,6 +23,7 @@ pub fn run(session: &Session<'_>, config: &RunConfig, output: &Output, resume: b
     let (setup, start) = Setup::load(session, config, output, resume)?;
     setup.write_config(&start, output)?;
     let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
+    run.log()?;
     run.train(setup.config.schedule.iterations)?;
     let record = run.finish()?;
     // The run is complete: its checkpoint is no longer needed.

@@ -1,6 +1,7 @@
 //! Progress of a job, and requests to end it early.
 
 use super::diagnostics::Diagnostics;
+use super::run_log::LogLine;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
 use crate::pipeline::Error;
@@ -14,6 +15,8 @@ pub trait Watcher {
     fn loading(&self, _done: usize, _total: usize) {}
     /// Progress of training, and the iteration at which it ends.
     fn training(&self, _progress: &Progress, _until: u32) {}
+    /// A line of the run's log.
+    fn logged(&self, _line: &LogLine) {}
     /// Called between iterations, a few times a second: the watcher may draw the model, or hold the run.
     fn look(&self, _trainer: &Trainer) {}
     /// Largest number of iterations before the next look.

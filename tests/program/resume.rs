@@ -1,6 +1,7 @@
 //! Runs that were killed or failed, and go on.
 
 use super::run::{command, metrics, model, scene, works};
+use qirf_vk::pipeline::run_log::LogLine;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -29,6 +30,11 @@ fn killed_and_resumed_it_ends_with_the_same_bytes() {
     }
     works(&mut command(&scene, &broken, &["--resume"]));
     assert_eq!(model(&whole), model(&broken));
+    let iterations = |out: &Path| -> Vec<u32> {
+        let text = std::fs::read_to_string(out.join("log.jsonl")).expect("log.jsonl");
+        text.lines().map(|line| serde_json::from_str::<LogLine>(line).expect("a line of JSON").iteration).collect()
+    };
+    assert!(iterations(&broken).is_sorted_by(|a, b| a < b) && iterations(&broken).last() == iterations(&whole).last());
 }
 
 /// A run goes on with the mean of its last iterates that it had begun.

@@ -3,6 +3,7 @@
 use crate::support::runs;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::run_log::LogLine;
 use qirf_vk::pipeline::setup::Setup;
 use qirf_vk::pipeline::{Init, Preset, RunConfig, Session, Silent, prepare, run};
 use qirf_vk::scene::{PhotoMemory, Pixels};
@@ -55,8 +56,24 @@ fn a_run_leaves_what_reproduces_it() {
 
     // Its own config.toml gives the same bytes.
     let mut again = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    works(again.args(["run", "--config"]).arg(first.join("config.toml")).arg("-o").arg(&second));
+    again.args(["run", "--json-progress", "--config"]).arg(first.join("config.toml")).arg("-o").arg(&second);
+    let printed = String::from_utf8(works(&mut again).stdout).unwrap();
     assert_eq!(model(&first), model(&second), "the same run gives the same bytes");
+
+    // What it printed is its log, which agrees with its record.
+    assert_eq!(printed, std::fs::read_to_string(second.join("log.jsonl")).expect("log.jsonl"));
+    let log: Vec<LogLine> = printed.lines().map(|line| serde_json::from_str(line).expect("a line of JSON")).collect();
+    assert!(log.len() >= 15 && log.windows(2).all(|w| w[0].iteration < w[1].iteration && w[0].seconds <= w[1].seconds));
+    let (last, metrics) = (log.last().unwrap(), self::metrics(&second));
+    assert_eq!(
+        (last.iteration, last.iterations, last.gaussians as u64),
+        (240, 240, metrics["gaussians"]["final"].as_u64().unwrap())
+    );
+    let curve =
+        metrics["curve"].as_array().unwrap().iter().map(|point| (point["iteration"].as_u64(), point["psnr"].as_f64()));
+    let logged = log.iter().filter(|line| line.psnr.is_some()).map(|line| (Some(u64::from(line.iteration)), line.psnr));
+    assert!(logged.eq(curve), "{printed}");
+    assert!(log.iter().all(|line| line.loss.is_some() && line.rates.means > 0.0 && line.device_bytes > 0));
 }
 
 fn eval(arguments: &[&std::ffi::OsStr]) -> Output {

@@ -2,6 +2,8 @@
 
 use crate::pipeline::config::{PruneRule, Selection};
 use crate::pipeline::virtual_views::VirtualCameras;
+use crate::qirf::select::Selector;
+use crate::qirf::select::budget::Budget;
 use crate::render::Style;
 use serde::{Deserialize, Serialize};
 
@@ -21,6 +23,28 @@ pub struct CompressConfig {
     pub seed: u32,
 }
 
+impl CompressConfig {
+    /// The usual rule of a compression, with this much training after it. Without any, what each block loses stays lost: every block
+    /// keeps its share.
+    pub fn rule(fine_tune: u32) -> PruneRule {
+        let budget = if fine_tune == 0 { Budget::PerBlock } else { Budget::default() };
+        PruneRule { selector: Selector::Pairs, budget, ..PruneRule::default() }
+    }
+}
+
+impl Default for CompressConfig {
+    /// Merges pairs by the model's own pictures before black, and trains nothing afterwards.
+    fn default() -> Self {
+        Self {
+            compression: Self::rule(0),
+            views: ViewSource::default(),
+            style: Style::default(),
+            fine_tune: 0,
+            seed: 1,
+        }
+    }
+}
+
 /// Source of the views that a model is scored on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -34,4 +58,10 @@ pub enum ViewSource {
         /// Red, green and blue behind the model, in [0, 1].
         background: [f32; 3],
     },
+}
+
+impl Default for ViewSource {
+    fn default() -> Self {
+        Self::OwnPictures { cameras: VirtualCameras::default(), background: [0.0; 3] }
+    }
 }

@@ -50,6 +50,20 @@ pub fn compress(
     compress_to(session, input, (config, None), output)
 }
 
+/// Compresses a model in memory: the record's files have no path, and no bytes.
+///
+/// # Errors
+/// As of [`compress`].
+pub fn compress_in_memory(
+    session: &Session<'_>,
+    model: Gaussians,
+    config: &CompressConfig,
+) -> Result<(CompressRecord, Gaussians), Error> {
+    let input = Input { path: Path::new(""), model, read_s: 0.0 };
+    let Reduced { record, model, .. } = reduce(session, input, (config, None), Path::new(""))?;
+    Ok((record, model))
+}
+
 /// As [`compress`]; with an aim, the number of Gaussians and the format's settings are those of the best file that meets it.
 ///
 /// # Errors
@@ -60,6 +74,36 @@ pub fn compress_to(
     (config, aim): (&CompressConfig, Option<Aim>),
     output: &Path,
 ) -> Result<CompressRecord, Error> {
+    let begun = Instant::now();
+    let Reduced { mut record, model, bytes } = reduce(session, input, (config, aim), output)?;
+    session.watcher.unless_stopped()?;
+    let writing = Instant::now();
+    match bytes {
+        Some(bytes) => formats::write_atomically(output, |out| out.write_all(&bytes)),
+        None => formats::write(output, &model, config.style.mode()),
+    }
+    .map_err(Error::writing)?;
+    record.output = model_file(output, &model);
+    record.time.write_s += seconds(writing);
+    record.time.total_s = record.time.read_s + seconds(begun);
+    Ok(record)
+}
+
+/// A compressed model that is not written yet.
+struct Reduced {
+    record: CompressRecord,
+    model: Gaussians,
+    /// Its file, where pictures decided on how finely that stores it.
+    bytes: Option<Vec<u8>>,
+}
+
+/// Compresses a model for a file called `output`, which is not written.
+fn reduce(
+    session: &Session<'_>,
+    input: Input<'_>,
+    (config, aim): (&CompressConfig, Option<Aim>),
+    output: &Path,
+) -> Result<Reduced, Error> {
     let begun = Instant::now();
     if aim.is_some() && config.compression.selector != Selector::Pairs {
         let what = "--size and --psnr need --selector pairs, whose merges lead to every number of Gaussians";
@@ -122,15 +166,10 @@ pub fn compress_to(
         }
         None => (judge.map(|judge| fit::written(&judge, &model, (config, psnr), output)).transpose()?, None),
     };
-    match bytes {
-        Some(bytes) => formats::write_atomically(output, |out| out.write_all(&bytes)),
-        None => formats::write(output, &model, config.style.mode()),
-    }
-    .map_err(Error::writing)?;
     time.write_s = seconds(writing);
     time.total_s = read_s + seconds(begun);
     let stages = views.stages([before, after, tuned]);
-    Ok(CompressRecord {
+    let record = CompressRecord {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         device: device.tuned(),
@@ -143,7 +182,8 @@ pub fn compress_to(
         views: stages,
         time,
         memory: session.memory(views.estimated_bytes),
-    })
+    };
+    Ok(Reduced { record, model, bytes })
 }
 
 fn model_file(path: &Path, model: &Gaussians) -> ModelFile {

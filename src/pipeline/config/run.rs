@@ -3,6 +3,7 @@
 use super::method::MethodConfig;
 use super::pruning::Pruning;
 use crate::effects::{Choice, Effect, Overrides};
+use crate::gaussians::MAX_SH_DEGREE;
 use crate::gpu::Tuning;
 use crate::qirf::select::budget::Keep;
 use crate::render::Style;
@@ -150,6 +151,32 @@ pub struct Selection {
 }
 
 impl RunConfig {
+    /// What `qirf-vk run SCENE --preset PRESET --no-prune` does; [`pruned`](Self::pruned) by [`Preset::pruning`], what it does
+    /// without the last option.
+    pub fn of(scene: PathBuf, preset: Preset) -> Self {
+        Self {
+            scene,
+            images: None,
+            resolution: None,
+            seed: 1,
+            eval_every: 8,
+            sh_degree: MAX_SH_DEGREE,
+            init: Init::Points,
+            init_count: None,
+            background: None,
+            style: Style::default(),
+            exposure: false,
+            max_gaussians: 4_000_000,
+            checkpoint_every: 5000,
+            schedule: preset.schedule(None),
+            prune: None,
+            method: None,
+            clean: false,
+            effects: preset.effects(),
+            tuning: None,
+        }
+    }
+
     /// The same run with pruning: densification ends at the first prune. A run that is to keep a given number of Gaussians
     /// plans to grow to the usual multiple of it, unless told otherwise.
     #[must_use]
@@ -181,26 +208,6 @@ impl RunConfig {
 impl RunConfig {
     /// A run of a preset on a scene called `capture`, without a prune.
     pub(crate) fn sample(preset: Preset) -> Self {
-        Self {
-            scene: "capture".into(),
-            images: None,
-            resolution: None,
-            seed: 1,
-            eval_every: 8,
-            sh_degree: 3,
-            init: Init::Points,
-            init_count: None,
-            background: None,
-            style: Style::default(),
-            exposure: false,
-            max_gaussians: 4000,
-            checkpoint_every: 50,
-            schedule: preset.schedule(None),
-            prune: None,
-            method: None,
-            clean: false,
-            effects: preset.effects(),
-            tuning: None,
-        }
+        Self { max_gaussians: 4000, checkpoint_every: 50, ..Self::of("capture".into(), preset) }
     }
 }

@@ -24,6 +24,7 @@ use crate::train::loss::Loss;
 use crate::train::method::Iteration;
 use crate::train::objective::{Current, Objective};
 use crate::train::options::{Exposures, Options};
+use crate::train::rates::Rates;
 use crate::train::smoothing::Smoothing;
 use crate::train::state::TrainState;
 use crate::train::training_model::{Array, TrainingModel};
@@ -242,6 +243,11 @@ impl Trainer {
 
     fn progress(&self) -> Progress {
         Progress { iteration: self.iteration, loss: self.last_loss, gaussians: self.training.model.len }
+    }
+
+    /// Learning rates of the last iteration.
+    pub fn rates(&self) -> Rates {
+        self.state.step(&self.options.schedule, self.iteration, self.extent).rates
     }
 
     /// The settings that pictures of the model are drawn with.

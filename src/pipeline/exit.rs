@@ -6,7 +6,7 @@ use std::io;
 
 /// Kinds of failure, with their exit codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Exit {
+pub enum Exit {
     /// A request that cannot be met as it was made.
     Usage = 2,
     /// A file or folder that cannot be read, or whose contents are wrong.
