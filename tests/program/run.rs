@@ -248,7 +248,7 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
         assert_eq!(r.gaussians.initial, Some(900));
         let mut files: Vec<_> = std::fs::read_dir(output.folder()).unwrap().map(|e| e.unwrap().file_name()).collect();
         files.sort();
-        assert_eq!(files, ["config.toml", "metrics.json", "model.ply", "renders"]);
+        assert_eq!(files, ["config.toml", "log.jsonl", "metrics.json", "model.ply", "renders"]);
         // A scratch folder takes the file: where there is none, only photos in memory can be read.
         let scratch = Session { scratch: Some(&elsewhere), ..session };
         assert_eq!(Setup::load(&scratch, &config, &output, false).is_ok(), host_bytes > 0);

@@ -68,10 +68,23 @@ impl RunConfig {
     /// [`Error::Read`]; [`Error::Usage`] with the file and the line or the field that is wrong.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
-        let wrong = |what: String| Error::Usage(format!("{}: {what}", path.display()));
-        check_keys(&text).map_err(wrong)?;
-        let config: Self = toml::from_str(&text).map_err(|e| wrong(told(&e)))?;
-        ranges::check(&config).map_err(wrong)?;
+        Self::parse(&text).map_err(|what| Error::Usage(format!("{}: {what}", path.display())))
+    }
+
+    /// The same run with other values for some fields, named and written as in `config.toml`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] with the field that is unknown or wrong.
+    pub fn with(&self, fields: toml::Table) -> Result<Self, Error> {
+        let mut whole: toml::Table = self.written()?.parse().map_err(|e| Error::encoding("config.toml", e))?;
+        whole.extend(fields);
+        Self::parse(&whole.to_string()).map_err(Error::Usage)
+    }
+
+    fn parse(text: &str) -> Result<Self, String> {
+        check_keys(text)?;
+        let config: Self = toml::from_str(text).map_err(|e| told(&e))?;
+        ranges::check(&config)?;
         Ok(config)
     }
 
