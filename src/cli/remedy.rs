@@ -35,7 +35,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::NothingToPose(_) => plain("name the folder that holds the photos"),
         Error::NotOurs(_) => plain("name an empty or new folder with -o"),
         Error::AmongPhotos(_) => plain("name another folder with -o"),
-        Error::NothingToTrainOn(_) => plain("use a larger --eval-every"),
+        Error::NothingToTrainOn(_) => plain("give a larger --eval-every, or --eval-every 0 to train on every photo"),
         Error::NothingHeldOut(_) => plain("give --eval-every 1 to score all of them"),
         Error::OtherRun { folder, .. } => {
             let config = quoted(&folder.join("config.toml"));
@@ -191,7 +191,10 @@ fn capture(error: &scene::Error) -> Option<String> {
             Some(other_kind(root).unwrap_or_else(|| "give the folder that holds one of them".to_owned()))
         }
         scene::Error::NoImageFolder { .. } => plain("give one with --images"),
-        scene::Error::NoPhotos { .. } => plain("name their folder with --images DIR"),
+        scene::Error::NoPhotos { what, .. } if what.ends_with("does not exist") => {
+            plain("name their folder with --images DIR")
+        }
+        scene::Error::NoViews { what, .. } if what.contains("mirrored") => None,
         scene::Error::NoViews { .. } => plain("reconstruct the scene again"),
         _ => None,
     }

@@ -1,11 +1,11 @@
 //! Detectors that read cameras, lenses and the photos' fourth byte.
 
-use super::decision::Decision;
+use super::decision::{Decision, is_near};
 use super::effect::Effect;
 use super::quantile::quantile;
 use super::training_set::TrainingSet;
 use crate::scene::lens::VISIBLE_DISPLACEMENT;
-use crate::scene::{AlphaRole, SceneKind, View};
+use crate::scene::{ALPHA_SHARE, AlphaRole, SceneKind, View};
 use crate::wording::counted;
 use glam::DVec3;
 use std::collections::BTreeSet;
@@ -117,12 +117,17 @@ fn hidden(set: &TrainingSet<'_>, by: AlphaRole) -> (usize, f64) {
 pub fn transparency(set: &TrainingSet<'_>) -> Decision {
     let (photos, share) = hidden(set, AlphaRole::Alpha);
     let evidence = match photos {
-        0 => "no photo has a transparent pixel".to_owned(),
+        0 => format!("less than {} % of all pixels is transparent", 100.0 * ALPHA_SHARE),
         1 => format!("1 photo has transparent pixels, {:.1} % of all pixels", 100.0 * share),
         n => format!("{n} photos have transparent pixels, {:.1} % of all pixels", 100.0 * share),
     };
     let decision = Decision::plain(Effect::Transparency, photos > 0, evidence);
-    Decision { near_threshold: photos > 0 && share < FEW, measured: Some(share), threshold: Some(0.0), ..decision }
+    Decision {
+        near_threshold: is_near(share, ALPHA_SHARE),
+        measured: Some(share),
+        threshold: Some(ALPHA_SHARE),
+        ..decision
+    }
 }
 
 /// Masks: measures the share of pixels that they hide.

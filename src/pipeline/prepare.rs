@@ -168,6 +168,9 @@ impl Opened {
         }
         all_there(&scene, &required)?;
         let split = scene.split(selection.eval_every);
+        if let ([_], [], 2..) = (scene.views.as_slice(), split.test.as_slice(), selection.eval_every) {
+            watcher.note("there is one photo: it is trained on, and none is held out (as by --eval-every 0)");
+        }
         let train = split.train.iter().map(|i| photos[*i].clone()).collect();
         let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), photos[*i].clone())).collect();
         let extent = scene.extent(&split.train);

@@ -4,7 +4,7 @@ use super::Watcher;
 use super::folder::{Folder, Key};
 use super::video;
 use crate::pipeline::Error;
-use crate::scene::{Names, PhotoTree, mask_of};
+use crate::scene::{Names, PhotoTree, masks_of};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
@@ -62,7 +62,7 @@ impl Source {
     /// The number of photos by folder, and the folders left out; none if one folder holds all.
     pub fn told(&self) -> Option<String> {
         let Self::Photos { folder, tree } = self else { return None };
-        if !self.is_nested() && tree.left_out.is_empty() {
+        if !self.is_nested() && tree.left_out.is_empty() && tree.notes().is_empty() {
             return None;
         }
         let shown = folder.display();
@@ -75,9 +75,12 @@ impl Source {
             1 => format!("found {} photos in 1 folder of {shown}", tree.names.len()),
             n => format!("found {} photos in {n} folders of {shown}", tree.names.len()),
         };
-        line += &format!(": {}", listed(&folders));
+        line += &format!(": {folders}");
         if left_out.count > 0 {
-            line += &format!("; left out: {}", listed(&left_out));
+            line += &format!("; left out: {left_out}");
+        }
+        for note in tree.notes() {
+            line += &format!("; {note}");
         }
         Some(line)
     }
@@ -86,10 +89,11 @@ impl Source {
     pub fn place(&self, folder: &Folder, watcher: &dyn Watcher) -> Result<Vec<String>, Error> {
         match self {
             Self::Photos { folder: from, tree } => {
+                let mask_of = masks_of(from);
                 for name in &tree.names {
                     watcher.unless_stopped()?;
                     link(&from.join(name), &folder.images().join(name))?;
-                    if let Some(mask) = mask_of(from, name) {
+                    if let Some(mask) = mask_of(name) {
                         link(&mask, &folder.masks().join(Path::new(name).with_extension("png")))?;
                     }
                 }
@@ -98,11 +102,6 @@ impl Source {
             Self::Video { file, frames } => video::extract(file, *frames, folder, watcher),
         }
     }
-}
-
-/// The names, of which many are only counted.
-fn listed(names: &Names) -> String {
-    names.examples.join(", ") + if names.count > names.examples.len() { ", ..." } else { "" }
 }
 
 /// Size in bytes, and nanoseconds since 1970 of a file's last change.

@@ -8,11 +8,12 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use image::{DynamicImage, ImageDecoder, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageReader, RgbaImage};
 use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::error::Error;
+use super::jpeg::lacks_data;
 use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
 use super::resample::{Raster, area_average, undistort};
@@ -54,10 +55,22 @@ impl Default for PhotoMemory<'_> {
     }
 }
 
+/// Transparency of all pixels together, from 0 (none) to 1, below which alpha does not count: photos that something once
+/// saved with an alpha channel have a few such pixels, and all of 254 of 255 is 0.4 %.
+pub const ALPHA_SHARE: f64 = 0.005;
+
+/// Photos as loaded, and what to tell of them.
+pub(super) struct LoadedPhotos {
+    pub photos: Vec<Result<Photo, Error>>,
+    pub notes: Vec<String>,
+    /// Names of views whose mask cannot be used.
+    pub without_mask: Vec<String>,
+}
+
 /// Decodes the photos of many views in parallel, in the order of the views; a damaged photo fails alone.
 ///
-/// The fourth byte has the same meaning in all photos: a mask if any view has one, unless some photo's header announces
-/// alpha, which takes precedence over masks.
+/// The fourth byte has the same meaning in all photos: alpha if more than [`ALPHA_SHARE`] of all pixels is transparent;
+/// otherwise a mask if any view has one. A mask that cannot be used hides nothing.
 ///
 /// `progress` is called from any thread after each photo, with the number done so far.
 ///
@@ -68,29 +81,57 @@ pub fn load_photos(
     options: &LoadOptions<'_>,
     progress: &(dyn Fn(usize) + Sync),
 ) -> Result<Vec<Result<Photo, Error>>, Error> {
+    load(views, options, progress).map(|loaded| loaded.photos)
+}
+
+/// As [`load_photos`], with what to tell of them.
+pub(super) fn load(
+    views: &[&View],
+    options: &LoadOptions<'_>,
+    progress: &(dyn Fn(usize) + Sync),
+) -> Result<LoadedPhotos, Error> {
     let cameras: Vec<Camera> = views.iter().map(|view| view.camera_at(options.resize)).collect();
     let store = Store::new(&cameras, options.memory)?;
-    let masked = options.masks
-        && views.iter().any(|view| view.mask.is_some())
-        && (!options.alpha || !views.par_iter().any(|view| view.announces_alpha()));
+    let has_masks = options.masks && views.iter().any(|view| view.mask.is_some());
+    let announced = options.alpha && views.par_iter().any(|view| view.announces_alpha());
+    let masked = has_masks && !announced;
     let done = AtomicUsize::new(0);
-    let load = |(at, (view, camera)): (usize, (&&View, Camera))| {
+    let load_one = |(at, (view, camera)): (usize, (&&View, Camera))| {
         let decoded = view.decode(options.resize);
         progress(done.fetch_add(1, Ordering::Relaxed) + 1);
         // A damaged photo fails alone; a full disk ends everything.
         Ok(match decoded {
             Ok(decoded) => {
+                let (transparent, no_mask) = (decoded.transparent, masked && matches!(decoded.mask, Mask::Damaged));
                 let (alpha_role, pixels) = decoded.settle(options.alpha, masked);
-                Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role })
+                (Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role }), transparent, no_mask)
             }
-            Err(damaged) => Err(damaged),
+            Err(damaged) => (Err(damaged), 0.0, false),
         })
     };
-    let mut photos: Vec<Result<Photo, Error>> =
-        views.par_iter().zip(cameras).enumerate().map(load).collect::<Result<_, Error>>()?;
+    let loaded: Vec<(Result<Photo, Error>, f64, bool)> =
+        views.par_iter().zip(cameras).enumerate().map(load_one).collect::<Result<_, Error>>()?;
+    let pixels: f64 =
+        loaded.iter().filter_map(|(photo, ..)| photo.as_ref().ok()).map(|p| p.camera.pixels() as f64).sum();
+    let share = loaded.iter().map(|(_, transparent, _)| transparent).sum::<f64>() / pixels.max(1.0);
+    if announced && share < ALPHA_SHARE && (share > 0.0 || has_masks) {
+        drop((loaded, store));
+        let mut again = load(views, &LoadOptions { alpha: false, ..*options }, progress)?;
+        if share > 0.0 {
+            again.notes.push(format!(
+                "{:.4} % of the photos is transparent, under {} %: taken as opaque, on black",
+                100.0 * share,
+                100.0 * ALPHA_SHARE
+            ));
+        }
+        return Ok(again);
+    }
+    let without_mask =
+        loaded.iter().zip(views).filter(|((.., no), _)| *no).map(|(_, view)| view.name.clone()).collect();
+    let mut photos: Vec<_> = loaded.into_iter().map(|(photo, ..)| photo).collect();
     let alpha_role = AlphaRole::of(photos.iter().flatten());
     photos.iter_mut().flatten().for_each(|photo| photo.alpha_role = alpha_role);
-    Ok(photos)
+    Ok(LoadedPhotos { photos, notes: Vec::new(), without_mask })
 }
 
 /// Storage of decoded pixels: the host's memory, or a file with a place for every photo.
@@ -125,27 +166,37 @@ impl<'a> Store<'a> {
     }
 }
 
+/// The mask of a view.
+enum Mask {
+    /// It has none.
+    None,
+    /// It has one that cannot be used.
+    Damaged,
+    /// Width x height bytes, 255 where the pixel counts, 0 where not, between where mixed.
+    Of(Vec<u8>),
+}
+
 /// Decoded photo and mask of one view, at the working size.
 struct Decoded {
     /// Width x height x RGBA, 8 bits each.
     pixels: Vec<u8>,
-    /// True if some pixel of the file is not opaque.
-    has_alpha: bool,
-    /// The mask, if the view has one: width x height bytes, 255 where the pixel counts, 0 where not, between where
-    /// mixed.
-    mask: Option<Vec<u8>>,
+    /// Sum of the pixels' transparencies, each from 0 (opaque) to 1.
+    transparent: f64,
+    mask: Mask,
 }
 
 impl Decoded {
     /// The pixels and the meaning of their fourth byte: the mask if `masked` (255 throughout without one); otherwise
     /// alpha if `alpha` is set and some pixel is not opaque; otherwise 255.
     fn settle(self, alpha: bool, masked: bool) -> (AlphaRole, Vec<u8>) {
-        let Self { mut pixels, has_alpha, mask } = self;
+        let Self { mut pixels, transparent, mask } = self;
+        let has_alpha = transparent > 0.0;
         let fourth = |pixels: &mut [u8], byte: &dyn Fn(usize) -> u8| {
             pixels.iter_mut().skip(3).step_by(4).enumerate().for_each(|(i, fourth)| *fourth = byte(i));
         };
         if masked {
-            fourth(&mut pixels, &|i| mask.as_ref().and_then(|m| m.get(i).copied()).unwrap_or(255));
+            let byte = |i: usize| if let Mask::Of(mask) = &mask { mask.get(i).copied() } else { None };
+            fourth(&mut pixels, &|i| byte(i).unwrap_or(255));
             return (AlphaRole::Mask, pixels);
         }
         if has_alpha && !alpha {
@@ -187,19 +238,30 @@ impl View {
             ));
         }
         let transparent = decoded.color().has_alpha();
-        let pixels = decoded.into_rgba8().into_raw();
+        let pixels = to_bytes(decoded).into_raw();
         let source = Raster::<4> { width, height, pixels };
         let has_alpha = transparent && source.pixels.iter().skip(3).step_by(4).any(|&a| a < 255);
         let pixels = self.resample(source, resize, has_alpha).pixels;
-        let mask = self.mask.as_deref().map(|path| self.decode_mask(path, resize)).transpose()?;
-        Ok(Decoded { pixels, has_alpha, mask })
+        let missing = |pixels: &[u8]| pixels.iter().skip(3).step_by(4).map(|&a| f64::from(255 - a) / 255.0).sum();
+        let transparent = if has_alpha { missing(&pixels) } else { 0.0 };
+        let mask = match self.mask.as_deref().map(|path| self.decode_mask(path, resize)) {
+            None => Mask::None,
+            Some(Ok(mask)) => Mask::Of(mask),
+            Some(Err(error)) => {
+                tracing::warn!("{error}");
+                Mask::Damaged
+            }
+        };
+        Ok(Decoded { pixels, transparent, mask })
     }
 
     fn decode_mask(&self, path: &Path, resize: Resize) -> Result<Vec<u8>, Error> {
         let grey = decode(path)?.into_luma8();
         let mask = Raster::<1> { width: grey.width(), height: grey.height(), pixels: grey.into_raw() };
         if !self.lens.fits(mask.width, mask.height) {
-            let what = format!("the mask is {} x {}: not its photo's shape", mask.width, mask.height);
+            let (own, photo) = ([mask.width, mask.height], [self.lens.width, self.lens.height]);
+            let what =
+                format!("this mask is {} x {}, its photo {} x {}: another shape", own[0], own[1], photo[0], photo[1]);
             return Err(Error::photo(path, what));
         }
         Ok(self.resample(mask, resize, false).pixels)
@@ -219,28 +281,46 @@ impl View {
 
 fn decode(path: &Path) -> Result<DynamicImage, Error> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
-    if bytes.starts_with(&[0xff, 0xd8]) && !jpeg_ends(&bytes) {
-        return Err(Error::photo(path, "the JPEG is cut short (no end marker); copy it again"));
+    if let Some(format) = unread(&bytes) {
+        let convert = "convert it, with ImageMagick by `magick mogrify -format jpg -quality 95`";
+        return Err(Error::photo(path, format!("is {format}, which is not read: {convert}")));
     }
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| Error::io(path, e))?;
+    let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| Error::io(path, e))?;
     let decoded = reader.decode().map_err(|e| Error::photo(path, format!("cannot be decoded: {e}; copy it again")))?;
     if decoded.width() == 0 || decoded.height() == 0 {
         return Err(Error::photo(path, "has no pixels"));
     }
+    if bytes.starts_with(&[0xff, 0xd8]) && lacks_data(&bytes) {
+        return Err(Error::photo(path, "the JPEG is cut short: a part of its data is missing; copy it again"));
+    }
     Ok(decoded)
 }
 
-/// True if an end marker follows the image data: decoders silently fill missing data with grey.
-///
-/// Entropy-coded data never hold the marker's bytes; embedded previews lie in segments before them, which are skipped.
-fn jpeg_ends(bytes: &[u8]) -> bool {
-    let mut at = 2;
-    while let Some(&[0xff, marker, high, low]) = bytes.get(at..at + 4) {
-        match marker {
-            0xda => return bytes[at + 4..].windows(2).any(|w| w == [0xff, 0xd9]),
-            0xff => at += 1,
-            _ => at += 2 + usize::from(u16::from_be_bytes([high, low])).max(2),
-        }
+/// Red, green, blue and alpha in bytes. Floats, as of EXR, are linear in the amount of light: they get the curve of sRGB.
+fn to_bytes(decoded: DynamicImage) -> RgbaImage {
+    if !matches!(decoded, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) {
+        return decoded.into_rgba8();
     }
-    false
+    let floats = decoded.into_rgba32f();
+    let curve = |v: f32| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8; // NaN gives 0
+    RgbaImage::from_fn(floats.width(), floats.height(), |x, y| {
+        let [r, g, b, a] = floats.get_pixel(x, y).0;
+        image::Rgba([byte(curve(r)), byte(curve(g)), byte(curve(b)), byte(a)])
+    })
+}
+
+/// The name of a format that is not read, by the first bytes of a file.
+fn unread(bytes: &[u8]) -> Option<&'static str> {
+    let brand = if bytes.get(4..8) == Some(b"ftyp") { bytes.get(8..12) } else { None };
+    match (bytes, brand) {
+        (_, Some(b"avif" | b"avis")) => Some("AVIF"),
+        (_, Some(b"crx ")) => Some("a raw photo (CR3)"),
+        (_, Some(_)) => Some("HEIC or a video"),
+        ([0xff, 0x0a, ..] | [0, 0, 0, 12, b'J', b'X', b'L', b' ', ..], _) => Some("JPEG XL"),
+        ([0, 0, 0, 12, b'j', b'P', ..] | [0xff, 0x4f, 0xff, 0x51, ..], _) => Some("JPEG 2000"),
+        ([b'B', b'M', ..], _) => Some("BMP"),
+        ([0x1f, 0x8b, ..], _) => Some("compressed by gzip"),
+        _ => None,
+    }
 }

@@ -54,7 +54,7 @@ pub enum Error {
     },
     /// The path holds no scene.
     #[error(
-        "{root} holds no scene; looked for {looked_for}, and for photos (jpg, png, webp) in it, its images and its input \
+        "{root} holds no scene; looked for {looked_for}, and for photos (jpg, png, webp, tif, exr) in it, its images and its input \
          folder, and in their subfolders"
     )]
     NoScene {

@@ -9,7 +9,9 @@ mod decode;
 mod error;
 mod exif;
 mod image_size;
+mod jpeg;
 pub mod lens;
+mod merge;
 pub mod orbit;
 mod photo;
 mod pixels;
@@ -24,12 +26,13 @@ use std::path::PathBuf;
 use glam::DVec3;
 use serde::Serialize;
 
-pub use decode::{LoadOptions, PhotoMemory, load_photos};
+use decode::LoadedPhotos;
+pub use decode::{ALPHA_SHARE, LoadOptions, PhotoMemory, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
 pub use photo::{AlphaRole, Photo};
 pub use pixels::{PhotoFile, Pixels};
-pub use readers::{PhotoTree, mask_of, photo_folder, photo_names};
+pub use readers::{PhotoTree, masks_of, photo_folder, photo_names};
 pub use skipped::{Names, Skipped};
 pub use view::{Resize, Role, View};
 
@@ -143,7 +146,11 @@ impl Scene {
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Vec<Photo>, Error> {
         let views: Vec<&View> = self.views.iter().collect();
-        let photos = load_photos(&views, options, progress)?;
+        let LoadedPhotos { photos, notes, without_mask } = decode::load(&views, options, progress)?;
+        for name in &without_mask {
+            self.skipped.damaged_masks.add(name);
+        }
+        self.skipped.notes.extend(notes);
         let listed = self.views.len();
         let mut loaded = Vec::with_capacity(listed);
         let mut keep = Vec::with_capacity(listed);
@@ -188,20 +195,23 @@ impl Scene {
         }
     }
 
-    /// The train/test split of the present views: the data set's own if it marks views; otherwise every `eval_every`-th
-    /// view, beginning with the first, is held out (none if that is 0).
+    /// The train/test split of the present views: the data set's own if it marks views to hold out; otherwise every
+    /// `eval_every`-th view, beginning with the first, is held out (none if that is 0; a single view only if it is 1).
     ///
     /// [`Scene::require_photos`] and [`Scene::load_photos`] renumber views: take the split after them.
     pub fn split(&self, eval_every: usize) -> Split {
         let of = |wanted: &[Role]| -> Vec<usize> {
             (0..self.views.len()).filter(|&i| wanted.contains(&self.views[i].role)).collect()
         };
-        if self.views.iter().any(|v| v.role != Role::Unsaid) {
+        if self.views.iter().any(|v| matches!(v.role, Role::Test | Role::Validation)) {
             let test = of(&[Role::Test]);
             return Split {
                 train: of(&[Role::Train, Role::Unsaid]),
                 test: if test.is_empty() { of(&[Role::Validation]) } else { test },
             };
+        }
+        if self.views.len() == 1 && eval_every > 1 {
+            return Split { train: vec![0], test: Vec::new() };
         }
         let (test, train) = (0..self.views.len()).partition(|i| eval_every > 0 && i % eval_every == 0);
         Split { train, test }

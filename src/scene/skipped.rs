@@ -1,6 +1,8 @@
 //! Unusable parts of a scene, counted, with a few of their names.
 
 use crate::wording::counted;
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 /// Number of names kept as examples.
@@ -25,8 +27,17 @@ impl Names {
     }
 }
 
+impl fmt::Display for Names {
+    /// The names, of which many are only counted.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let more = if self.count > self.examples.len() { ", ..." } else { "" };
+        write!(f, "{}{more}", self.examples.join(", "))
+    }
+}
+
 /// Everything left out of a scene since it was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Skipped {
     /// Views whose photo does not exist.
     pub missing_images: Names,
@@ -36,39 +47,63 @@ pub struct Skipped {
     pub damaged_images: Names,
     /// Views whose pose is not finite or not a rotation.
     pub bad_poses: Names,
+    /// Views whose pose mirrors the world.
+    pub mirrored_poses: Names,
     /// Views listed twice with the same fields.
     pub repeated_views: Names,
+    /// Photos beside the others that no view names.
+    pub unposed_images: Names,
+    /// Masks that the capture names and that do not exist.
+    pub missing_masks: Names,
+    /// Masks that cannot be used.
+    pub damaged_masks: Names,
+    /// Depth maps that the capture names and that do not exist.
+    pub missing_depths: Names,
     /// Points whose position is not finite.
     pub bad_points: usize,
+    /// Points that repeat another one's position.
+    pub repeated_points: usize,
     /// Entries of points' tracks that name no view of the scene.
     pub track_entries: usize,
+    /// Sentences on choices that were made between several files.
+    pub notes: Vec<String>,
 }
 
 impl Skipped {
-    /// A phrase for each kind of part left out; none if everything was used.
+    /// A phrase for each kind of part left out, then the notes; none if everything was used.
     pub fn summary(&self) -> Vec<String> {
         let named = [
             (&self.missing_images, "photo", "listed but absent"),
             (&self.mismatched_images, "photo", "of another shape than the camera"),
             (&self.damaged_images, "photo", "damaged"),
             (&self.bad_poses, "view", "without a usable pose"),
+            (
+                &self.mirrored_poses,
+                "pose",
+                "mirrored, as of left-handed axes: flip one axis of the cameras in all of them",
+            ),
             (&self.repeated_views, "view", "listed twice"),
+            (&self.unposed_images, "photo", "without a pose, not used"),
+            (&self.missing_masks, "mask file", "listed but absent"),
+            (&self.damaged_masks, "mask file", "damaged or of another shape than its photo, not used"),
+            (&self.missing_depths, "depth map", "listed but absent"),
         ];
         let mut lines: Vec<String> = named
             .iter()
             .filter(|(names, ..)| names.count > 0)
-            .map(|(names, noun, what)| {
-                let more = if names.count > names.examples.len() { ", ..." } else { "" };
-                format!("{} {what} ({}{more})", counted(names.count, noun), names.examples.join(", "))
-            })
+            .map(|(names, noun, what)| format!("{} {what} ({names})", counted(names.count, noun)))
             .collect();
         let points = self.bad_points;
         lines.extend((points > 0).then(|| format!("{} not finite", counted(points, "point"))));
+        let points = self.repeated_points;
+        lines
+            .extend((points > 0).then(|| format!("{} merged with others at the same place", counted(points, "point"))));
         lines.extend(match self.track_entries {
             0 => None,
             1 => Some("1 track entry without a view".to_owned()),
             n => Some(format!("{n} track entries without a view")),
         });
+        lines.extend(self.notes.iter().cloned());
         lines
     }
 }

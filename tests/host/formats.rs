@@ -1,5 +1,6 @@
 //! Model files: readers, writers, hostile input, and the shared models if they are available.
 
+mod dialects;
 mod gltf;
 mod readers;
 mod shared;

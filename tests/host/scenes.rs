@@ -1,6 +1,7 @@
 //! Scenes: formats, folders, splits, photos and errors, on small scenes written here.
 
 mod damage;
+mod dialects;
 mod lens;
 mod shared;
 

@@ -24,8 +24,10 @@ mod weight;
 
 use std::fmt;
 use std::fs;
+use std::io::Read;
 use std::path::Path;
 
+use flate2::bufread::GzDecoder;
 use serde::Serialize;
 
 use super::{Error, Gaussians};
@@ -131,6 +133,7 @@ fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded,
     let extension = extension(name);
     let parsed = match bytes {
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => ply::read(bytes),
+        [0x1f, 0x8b, ..] if !spz::is_inside(bytes) => return read_with(&unzipped(bytes, name)?, &name.with_extension(""), folder),
         [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => spz::read(bytes),
         [b'P', b'K', 3 | 5, 4 | 6, ..] if extension == "usdz" => usd::read_package(bytes),
         [b'P', b'K', 3 | 5, 4 | 6, ..] => sog::read_bundle(bytes),
@@ -156,6 +159,19 @@ fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded,
         },
     };
     parsed.map(finish).map_err(|fault| fault.at(name))
+}
+
+/// The contents of a gzip file that is no SPZ.
+fn unzipped(bytes: &[u8], name: &Path) -> Result<Vec<u8>, Error> {
+    let mut contents = Vec::new();
+    let ended = GzDecoder::new(bytes).read_to_end(&mut contents);
+    match ended {
+        Ok(_) if !contents.starts_with(&[0x1f, 0x8b]) => Ok(contents),
+        Ok(_) => Err(fault::malformed("byte 0", "compressed by gzip twice; unpack it once").at(name)),
+        Err(e) => {
+            Err(fault::malformed("byte 0", format!("compressed by gzip, and damaged: {e}; fetch it again")).at(name))
+        }
+    }
 }
 
 /// Applies the repairs that all formats share.

@@ -104,6 +104,16 @@ impl Tag {
         self.doubt = Some("its tag says 2DGS; it is drawn as 3D Gaussians, which look different".into());
     }
 
+    /// Says that a model of two scales a Gaussian got a third one.
+    pub fn thickened(&mut self) {
+        self.state(RenderMode::Plain);
+        self.doubt = Some(
+            "a 2DGS model, with two scales a Gaussian: it gets a third one of 1e-6 and is drawn as 3D Gaussians, which look \
+             different"
+                .into(),
+        );
+    }
+
     fn not_understood(&mut self, tag: fmt::Arguments<'_>) {
         let shown: String = tag.to_string().chars().take(80).flat_map(char::escape_debug).collect();
         self.doubt = Some(format!("the tag `{shown}` is not understood and ignored"));

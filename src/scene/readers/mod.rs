@@ -4,24 +4,31 @@
 //! the views are decided here for all formats. Bad input is refused with its file and record, or skipped and counted;
 //! counts in a file are checked against its size before anything is allocated for them.
 
+mod clouds;
 mod colmap;
 mod files;
+mod masks;
+mod names;
 mod point_ply;
 mod pose;
 mod transforms;
+mod tree;
 
-pub use files::{PhotoTree, mask_of, photo_names};
+pub use masks::masks_of;
+pub use tree::{PhotoTree, photo_names};
 
-use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::lens::{Lens, Pinhole, VISIBLE_DISPLACEMENT};
+use super::merge::merge_repeated;
 use super::view::{FOLDED, Role, View};
 use super::{Error, OpenOptions, Point, Scene, SceneKind, Skipped};
+use crate::wording::counted;
 
 /// The contents of a scene's files.
 struct Listing {
@@ -31,6 +38,8 @@ struct Listing {
     views: Vec<ListedView>,
     points: Vec<ListedPoint>,
     skipped: Skipped,
+    /// The folder of the photos, if it is the capture's own.
+    photos: Option<PathBuf>,
 }
 
 /// A view as listed; tracks refer to it by `id`.
@@ -73,19 +82,23 @@ impl Scene {
 }
 
 /// The places that [`open`] tries, in this order.
-const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, in sparse/0, sparse and colmap/sparse/0, \
-                          transforms.json, transforms_train.json";
+const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, in sparse/0 (or another number), sparse and \
+                          colmap/sparse/0, transforms.json, transforms_train.json";
 
 /// The files that hold a scene's poses.
 enum Found {
-    Colmap { root: PathBuf, model: PathBuf },
+    Colmap { root: PathBuf, model: PathBuf, note: Option<String> },
     Transforms { root: PathBuf, file: PathBuf },
 }
 
 /// Finds the scene at `path` and reads it.
 fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
     let listing = match find(path, options)? {
-        Found::Colmap { root, model } => colmap::read(&root, &model, options)?,
+        Found::Colmap { root, model, note } => {
+            let mut listing = colmap::read(&root, &model, options)?;
+            listing.skipped.notes.extend(note);
+            listing
+        }
         Found::Transforms { root, file } => transforms::read(&root, &file, options)?,
     };
     assemble(listing, options)
@@ -105,19 +118,26 @@ fn find(path: &Path, options: &OpenOptions) -> Result<Found, Error> {
     if path.is_file() && !part_of_model {
         return Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR });
     }
-    let models = |subs: &[&str]| subs.iter().map(|sub| folder.join(sub)).find(|model| colmap::is_model(model));
-    if let Some(model) = models(&["", "sparse/0", "sparse"]) {
-        return Ok(Found::Colmap { root, model });
+    if colmap::is_model(folder) {
+        return Ok(Found::Colmap { root, model: folder.to_owned(), note: None });
+    }
+    let sparse = folder.file_name().is_some_and(|name| name == "sparse");
+    if let Some((model, note)) = colmap::largest(folder).filter(|_| sparse) {
+        let root = folder.parent().map_or(root, Path::to_owned);
+        return Ok(Found::Colmap { root, model, note });
+    }
+    if let Some((model, note)) = colmap::largest(&folder.join("sparse")) {
+        return Ok(Found::Colmap { root, model, note });
     }
     let named = ["transforms.json", "transforms_train.json"].map(|name| folder.join(name));
     if let Some(file) = named.into_iter().find(|file| file.is_file()) {
         return Ok(Found::Transforms { root, file });
     }
-    if let Some(model) = models(&["colmap/sparse/0"]) {
-        return Ok(Found::Colmap { root, model });
+    if let Some((model, note)) = colmap::largest(&folder.join("colmap/sparse")) {
+        return Ok(Found::Colmap { root, model, note });
     }
     if let Some(images) = photo_folder(folder, options.images.as_deref()) {
-        let photos = files::photo_names(&images).len();
+        let photos = photo_names(&images).len();
         return Err(Error::NoPoses { root, images, photos });
     }
     Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR })
@@ -128,7 +148,7 @@ pub fn photo_folder(capture: &Path, asked: Option<&Path>) -> Option<PathBuf> {
     let asked = asked.and_then(|asked| files::image_folder(capture, asked).ok());
     let usual = ["images", "input"].map(|sub| capture.join(sub));
     let folders = asked.into_iter().chain(usual).chain([capture.to_owned()]);
-    folders.into_iter().find(|folder| !files::photo_names(folder).is_empty())
+    folders.into_iter().find(|folder| !photo_names(folder).is_empty())
 }
 
 /// Sorts views, reads their photos' headers, chooses ideal cameras and renumbers tracks.
@@ -142,9 +162,12 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
         let what = if what.is_empty() { "it lists none".to_owned() } else { what };
         return Err(Error::NoViews { path: source, what });
     }
+    if let Some(folder) = &listing.photos {
+        unposed(folder, &listed, &mut skipped);
+    }
     let numbers: HashMap<u32, u32> = listed.iter().enumerate().map(|(i, v)| (v.id, i as u32)).collect();
     let views = finish(listed, &source, options)?;
-    let points = listing
+    let points: Vec<Point> = listing
         .points
         .into_iter()
         .map(|point| {
@@ -156,26 +179,51 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
             Point { position: point.position, colour: point.colour, error: point.error, track }
         })
         .collect();
+    let listed = points.len();
+    let points = merge_repeated(points);
+    skipped.repeated_points = listed - points.len();
     Ok(Scene { kind: listing.kind, root: listing.root, source, views, points, skipped })
 }
 
+/// Counts the photos in `folder` that no view has, and those that cannot be read.
+fn unposed(folder: &Path, views: &[ListedView], skipped: &mut Skipped) {
+    let known: HashSet<&Path> = views.iter().map(|view| view.image.as_path()).collect();
+    let tree = PhotoTree::of(folder);
+    // Each may be the other's extension: a.jpg for a.png.
+    for name in tree.names.iter().filter(|name| !known.contains(folder.join(name).as_path())) {
+        skipped.unposed_images.add(name);
+    }
+    skipped.notes.extend(tree.notes());
+}
+
 /// Drops views listed twice with the same fields; refuses a name with two poses or cameras, as either may be wrong.
+/// Views listed for training and for test have no role.
 fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -> Result<Vec<ListedView>, Error> {
     let mut kept: Vec<ListedView> = Vec::with_capacity(views.len());
+    let mut split_copies = 0_usize;
     for view in views {
-        match kept.last() {
+        match kept.last_mut() {
             Some(last) if last.name == view.name => {
-                if last.pose != view.pose || last.lens != view.lens || last.role != view.role {
+                if last.pose != view.pose || last.lens != view.lens {
                     return Err(Error::malformed(
                         source,
                         format!("image {:?}", view.name),
-                        "is listed twice, with different poses, cameras or splits; remove the wrong entry",
+                        "is listed twice, with different poses or cameras; remove the wrong entry",
                     ));
                 }
-                skipped.repeated_views.add(&view.name);
+                if last.role == view.role {
+                    skipped.repeated_views.add(&view.name);
+                } else if last.role != Role::Unsaid {
+                    split_copies += 1;
+                    last.role = Role::Unsaid;
+                }
             }
             _ => kept.push(view),
         }
+    }
+    if split_copies > 0 {
+        let views = counted(split_copies, "view");
+        skipped.notes.push(format!("{views} listed for training and for test: a copied file is no split"));
     }
     Ok(kept)
 }

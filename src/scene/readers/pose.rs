@@ -19,6 +19,13 @@ pub(super) fn from_quaternion([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> 
     usable.then(|| (DMat3::from_quat(q.normalize()), translation))
 }
 
+/// True for a matrix that would be a pose if it did not mirror the world.
+pub(super) fn is_mirrored(rows: &[Vec<f64>]) -> bool {
+    let flipped: Vec<Vec<f64>> =
+        rows.iter().map(|row| row.iter().enumerate().map(|(c, v)| if c == 0 { -v } else { *v }).collect()).collect();
+    from_opengl(&flipped).is_some()
+}
+
 /// World-to-camera pose from a camera-to-world matrix with OpenGL's camera axes (x right, y up, z backwards).
 ///
 /// Uniformly scaled axes are normalised; a mirrored, sheared (cosine over 1e-3) or singular matrix is no pose.

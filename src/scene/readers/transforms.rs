@@ -11,7 +11,9 @@ use glam::DVec2;
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::{ListedPoint, ListedView, Listing, files, point_ply, pose};
+use super::masks::Masks;
+use super::names::{Lookup, tidy};
+use super::{ListedView, Listing, clouds, files, point_ply, pose};
 use crate::scene::lens::{Distortion, Lens, LensModel};
 use crate::scene::view::Role;
 use crate::scene::{Error, OpenOptions, SceneKind, Skipped};
@@ -66,6 +68,9 @@ struct Reader<'a> {
     /// The first size found, for views without a size of their own.
     usual_size: Option<(u32, u32)>,
     camera_ids: HashMap<Vec<u64>, u32>,
+    /// Photos and masks of the capture, by names that differ from theirs.
+    lookup: Lookup,
+    masks: HashMap<PathBuf, Masks>,
 }
 
 /// Reads the transforms file `path` of the scene at `root`, for Blender with its companion files.
@@ -78,6 +83,8 @@ pub(super) fn read(root: &Path, path: &Path, options: &OpenOptions) -> Result<Li
         skipped: Skipped::default(),
         usual_size: None,
         camera_ids: HashMap::new(),
+        lookup: Lookup::of(root),
+        masks: HashMap::new(),
     };
     let mut points = Vec::new();
     let sisters = [
@@ -95,18 +102,26 @@ pub(super) fn read(root: &Path, path: &Path, options: &OpenOptions) -> Result<Li
         SceneKind::Blender
     } else {
         let whole = reader.file(path, Role::Unsaid)?;
-        if let Some(ply) = whole.ply_file_path.map(|p| root.join(tidy(&p))).filter(|p| p.is_file()) {
-            points = point_ply::read(&ply)?;
+        if let Some(named) = whole.ply_file_path {
+            let ply = root.join(tidy(&named));
+            if ply.is_file() {
+                points = clouds::usable(point_ply::read(&ply)?, &mut reader.skipped);
+            } else {
+                reader.skipped.notes.push(format!("{}, named by ply_file_path, does not exist", ply.display()));
+            }
         }
         SceneKind::Transforms
     };
-    points.retain(|p: &ListedPoint| {
-        let usable = pose::is_place(p.position);
-        reader.skipped.bad_points += usize::from(!usable);
-        usable
-    });
-    let Reader { views, skipped, .. } = reader;
-    Ok(Listing { kind, root: root.to_owned(), source: path.to_owned(), views, points, skipped })
+    let Reader { views, mut skipped, masks, images, .. } = reader;
+    if points.is_empty() {
+        points = clouds::beside(std::iter::empty(), root, &mut skipped);
+    }
+    if points.is_empty() && kind == SceneKind::Transforms {
+        skipped.notes.push("no points: training begins at random ones".to_owned());
+    }
+    skipped.notes.extend(masks.values().filter_map(Masks::doubt));
+    let photos = images.is_none().then(|| root.join("images")).filter(|folder| folder.is_dir());
+    Ok(Listing { kind, root: root.to_owned(), source: path.to_owned(), views, points, skipped, photos })
 }
 
 impl Reader<'_> {
@@ -142,7 +157,7 @@ impl Reader<'_> {
             {
                 return Err(wrong(&record, "needs a file_path and a transform_matrix of 4 x 4 numbers".to_owned()));
             }
-            let usual = files::find_photo(&[self.root.join(&name)]);
+            let usual = self.usual(&name);
             let intrinsics = own.over(&common);
             let size = match intrinsics.size() {
                 Some(size) => Some(size),
@@ -163,12 +178,16 @@ impl Reader<'_> {
             };
             let Some(pose) = pose::from_opengl(&frame.transform_matrix) else {
                 self.skipped.bad_poses.add(&name);
+                if pose::is_mirrored(&frame.transform_matrix) {
+                    self.skipped.mirrored_poses.add(&name);
+                }
                 continue;
             };
             let camera_id = self.camera_id(&lens);
+            let mask = self.mask(&name, frame.mask_path.as_deref());
             self.views.push(ListedView {
                 id: self.views.len() as u32,
-                mask: self.mask(&name, frame.mask_path.as_deref()),
+                mask,
                 image: self.photo(&name, usual),
                 lens,
                 camera_id,
@@ -180,11 +199,20 @@ impl Reader<'_> {
         Ok(whole)
     }
 
+    /// The photo of a frame as listed, or the one that must be meant.
+    fn usual(&self, name: &str) -> PathBuf {
+        let listed = files::find_photo(&[self.root.join(name)]);
+        if listed.is_file() {
+            return listed;
+        }
+        self.lookup.find(name).map_or(listed, |found| self.root.join(found))
+    }
+
     /// The size of the first photo that exists.
     fn first_size(&self, frames: &[Value]) -> Option<(u32, u32)> {
         frames.iter().find_map(|frame| {
             let name = tidy(frame.get("file_path")?.as_str()?);
-            files::photo_size(&files::find_photo(&[self.root.join(name)]))
+            files::photo_size(&self.usual(&name))
         })
     }
 
@@ -198,14 +226,18 @@ impl Reader<'_> {
     }
 
     /// The mask of a frame: as listed, or from a masks folder beside the photos' or in the scene.
-    fn mask(&self, name: &str, listed: Option<&str>) -> Option<PathBuf> {
-        if let Some(mask) = listed.map(|m| self.root.join(tidy(m))).filter(|m| m.is_file()) {
-            return Some(mask);
+    fn mask(&mut self, name: &str, listed: Option<&str>) -> Option<PathBuf> {
+        if let Some(listed) = listed {
+            let mask = self.root.join(tidy(listed));
+            if mask.is_file() {
+                return Some(mask);
+            }
+            self.skipped.missing_masks.add(listed);
         }
         let (first, inner) = name.split_once('/').unwrap_or(("", name));
         let images = self.images.clone().unwrap_or_else(|| self.root.join(first));
-        let folder = files::mask_folder(self.root, &images)?;
-        files::find_mask(&folder, inner).or_else(|| files::find_mask(&folder, name))
+        let masks = self.masks.entry(images).or_insert_with_key(|images| Masks::of(self.root, images));
+        masks.find(inner).or_else(|| masks.find(name))
     }
 
     /// The number of the physical camera: equal lenses share one.
@@ -213,12 +245,6 @@ impl Reader<'_> {
         let next = self.camera_ids.len() as u32;
         *self.camera_ids.entry(lens.key()).or_insert(next)
     }
-}
-
-/// The path with forward slashes and without a leading `./`.
-fn tidy(path: &str) -> String {
-    let path = path.replace('\\', "/");
-    path.strip_prefix("./").unwrap_or(&path).to_owned()
 }
 
 enum LensFault {

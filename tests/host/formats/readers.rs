@@ -259,6 +259,13 @@ fn sog_versions_agree_and_so_do_folder_and_bundle() {
         std::fs::write(folder.path().join(name), content).unwrap();
     }
     let in_folder = formats::read(folder.path()).unwrap();
+    // With a byte order mark, and with a version that is written as a float.
+    let meta = std::fs::read_to_string(folder.path().join("meta.json")).unwrap();
+    std::fs::write(
+        folder.path().join("meta.json"),
+        format!("\u{feff}{}", meta.replace("\"version\":2", "\"version\":2.0")),
+    )
+    .unwrap();
     assert_eq!(in_folder, formats::read(&folder.path().join("meta.json")).unwrap());
     let two = read(&make::sog(50, 2), "m.sog").unwrap();
     assert_eq!(two, in_folder);

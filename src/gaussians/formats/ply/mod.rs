@@ -27,5 +27,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
         }
         _ => (standard::gaussians(vertex)?, Format::Ply),
     };
-    Ok(Parsed { gaussians, format, tag: header.tag, trailing_bytes })
+    let mut tag = header.tag.clone();
+    if format == Format::Ply && standard::is_flat(vertex) {
+        tag.thickened();
+    }
+    Ok(Parsed { gaussians, format, tag, trailing_bytes })
 }

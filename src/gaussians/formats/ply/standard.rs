@@ -10,28 +10,40 @@ use super::super::fault::{Fault, malformed};
 use super::table::{Slot, Table};
 use crate::gaussians::MAX_SH_DEGREE;
 
-/// Gathers the vertex table's columns; their order and any further ones do not matter.
+/// The third log-scale of a flat model, which has two: as thin as 2DGS's own export for viewers makes it.
+const FLAT: f32 = -13.815_511; // ln 1e-6
+
+/// True for a model of discs: two scales a row, and all else of a Gaussian.
+pub(super) fn is_flat(vertex: &Table) -> bool {
+    vertex.find("scale_1").is_some() && vertex.find("scale_2").is_none()
+}
+
+/// Gathers the vertex table's columns; their order and any further ones do not matter. Colours may stand in red, green and
+/// blue instead of f_dc; a flat model gets a third scale.
 pub(super) fn gaussians(vertex: &Table) -> Result<Gaussians, Fault> {
     let means = slots(vertex, ["x", "y", "z"])?;
-    let scales = slots(vertex, ["scale_0", "scale_1", "scale_2"])?;
+    let [first, second] = slots(vertex, ["scale_0", "scale_1"])?;
+    let third = vertex.find("scale_2");
     let rotations = slots(vertex, ["rot_0", "rot_1", "rot_2", "rot_3"])?;
     let opacity = vertex.slot("opacity")?;
-    let base = slots(vertex, ["f_dc_0", "f_dc_1", "f_dc_2"])?;
     let rest = rest_slots(vertex)?;
+    let colours = ["red", "green", "blue"].map(|name| vertex.find(name));
+    let mut sh = match (vertex.find("f_dc_0"), colours) {
+        (None, [Some(red), Some(green), Some(blue)]) => vec![gather(vertex, &[red, green, blue], Slot::of_colour)],
+        _ => vec![gather(vertex, &slots(vertex, ["f_dc_0", "f_dc_1", "f_dc_2"])?, Slot::float)],
+    };
+    sh.extend(rest_bands(&rest).iter().map(|slots| gather(vertex, slots, Slot::float)));
 
     let rows = || vertex.rows().par_chunks_exact(vertex.stride);
     Ok(Gaussians {
         means: rows().map(|row| means.map(|slot| slot.float(row))).collect(),
-        log_scales: rows().map(|row| scales.map(|slot| slot.float(row))).collect(),
+        log_scales: rows()
+            .map(|row| [first.float(row), second.float(row), third.map_or(FLAT, |slot| slot.float(row))])
+            .collect(),
         rotations: rows().map(|row| rotations.map(|slot| slot.float(row))).collect(),
         opacity_logits: rows().map(|row| opacity.float(row)).collect(),
-        sh: bands(base, &rest).iter().map(|slots| gather(vertex, slots, Slot::float)).collect(),
+        sh,
     })
-}
-
-/// The slots of each SH band in the model's order, coefficient by coefficient, each red, green, blue.
-fn bands(base: [Slot; 3], rest: &[Slot]) -> Vec<Vec<Slot>> {
-    std::iter::once(base.to_vec()).chain(rest_bands(rest)).collect()
 }
 
 /// Bands 1..=L of `rest`, which is channel-major.

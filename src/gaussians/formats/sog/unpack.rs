@@ -19,7 +19,7 @@ const AGAIN: &str = "fetch or export the model again";
 
 #[derive(Deserialize)]
 struct Meta {
-    version: Option<u32>,
+    version: Option<f64>,
     count: Option<u64>,
     model: Option<Value>,
     antialias: Option<Value>,
@@ -98,10 +98,11 @@ pub(in super::super) fn read_bundle(bytes: &[u8]) -> Result<Parsed, Fault> {
 
 /// Reads a model whose files `load` gives by name.
 fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, Fault> {
-    let meta: Meta = serde_json::from_slice(&load("meta.json")?)
+    let text = load("meta.json")?;
+    // Editors of Windows put a byte order mark before it.
+    let meta: Meta = serde_json::from_slice(text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text))
         .map_err(|error| malformed("meta.json", format!("{error}; {AGAIN}")))?;
-    if !matches!(meta.version, None | Some(1 | 2)) {
-        let version = meta.version.unwrap_or(0);
+    if let Some(version) = meta.version.filter(|v| ![1.0, 2.0].contains(v)) {
         return Err(Fault::Unsupported(format!("SOG version {version}; versions 1 and 2 are read, export it as one")));
     }
     let claimed = meta.count.or_else(|| meta.means.shape.as_ref()?.first().copied());

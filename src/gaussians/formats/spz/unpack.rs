@@ -32,6 +32,13 @@ const MAX_TAIL: u64 = 1 << 20;
 const FLAG_EXTENSIONS: u8 = 2;
 const COORDINATE_SYSTEM: u32 = 0xADBE_0003;
 
+/// True if a gzip file may hold SPZ: what it begins with, if it can be unpacked at all.
+pub(in super::super) fn is_inside(bytes: &[u8]) -> bool {
+    let mut start = [0; 3];
+    let other: [&[u8]; 6] = [b"ply", b"PK\x03", b"glT", b"#us", b"\x1f\x8b\x08", b"{\n "];
+    GzDecoder::new(bytes).read_exact(&mut start).is_err() || !other.contains(&start.as_slice())
+}
+
 /// The fields that all versions share.
 struct Header {
     version: u32,

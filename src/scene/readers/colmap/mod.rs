@@ -3,15 +3,18 @@
 mod binary;
 mod text;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::{ListedPoint, ListedView, Listing, files, pose};
+use super::masks::Masks;
+use super::names::{self, Lookup};
+use super::{ListedPoint, ListedView, Listing, clouds, files, pose};
 use crate::scene::lens::{Lens, LensModel};
 use crate::scene::view::Role;
 use crate::scene::{Error, OpenOptions, SceneKind, Skipped};
+use crate::wording::counted;
 
 /// Cameras by COLMAP's ids.
 type Cameras = HashMap<u32, Lens>;
@@ -42,6 +45,35 @@ fn has(folder: &Path, extension: &str) -> bool {
     ["cameras", "images"].iter().all(|f| folder.join(f).with_extension(extension).is_file())
 }
 
+/// The model with the most images in `sparse` itself and in its subfolders, and what to tell if there are several.
+pub(super) fn largest(sparse: &Path) -> Option<(PathBuf, Option<String>)> {
+    let inner = std::fs::read_dir(sparse).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut models: Vec<PathBuf> = inner.filter(|path| is_model(path)).collect();
+    models.sort();
+    if models.is_empty() {
+        return is_model(sparse).then(|| (sparse.to_owned(), None));
+    }
+    if models.len() == 1 {
+        return models.pop().map(|only| (only, None));
+    }
+    let mut sized: Vec<(usize, PathBuf)> = models.into_iter().map(|model| (images_of(&model), model)).collect();
+    // Stable: of equal ones the first.
+    sized.sort_by_key(|(images, _)| std::cmp::Reverse(*images));
+    let name = |model: &Path| model.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let told = |(images, model): &(usize, PathBuf)| format!("{} ({})", name(model), counted(*images, "photo"));
+    let rest: Vec<String> = sized[1..].iter().map(told).collect();
+    let (shown, first) = (sparse.display(), told(&sized[0]));
+    let note = format!("{shown} holds {} models: {first} is used, not {}", sized.len(), rest.join(", "));
+    Some((sized.swap_remove(0).1, Some(note)))
+}
+
+/// The number of a model's images; 0 if its file cannot be read.
+fn images_of(model: &Path) -> usize {
+    let file = |extension: &str| model.join("images").with_extension(extension);
+    let rows = if has(model, "bin") { binary::images(&file("bin")) } else { text::images(&file("txt")) };
+    rows.map_or(0, |rows| rows.len())
+}
+
 /// Reads the model in `model`, which belongs to the scene at `root`; binary files take precedence over text.
 pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<Listing, Error> {
     let binary = has(model, "bin");
@@ -61,8 +93,9 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
 
     let root = if root == model { scene_of(model) } else { root.to_owned() };
     let images = photo_folder(&root, options, &rows)?;
-    let masks = files::mask_folder(&root, &images);
+    let (masks, lookup) = (Masks::of(&root, &images), Lookup::of(&images));
     let mut skipped = Skipped::default();
+    let mut taken: HashSet<String> = rows.iter().map(|row| row.name.clone()).collect();
     let mut views = Vec::with_capacity(rows.len());
     for row in rows {
         let Some(&lens) = cameras.get(&row.camera_id) else {
@@ -76,17 +109,26 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             skipped.bad_poses.add(&row.name);
             continue;
         };
+        let mut image = files::find_photo(&[images.join(&row.name)]);
+        let mut name = row.name;
+        if !image.is_file() {
+            // A file that belongs to another view is not this one's.
+            let found = lookup.find(&name).filter(|found| taken.insert(found.clone()));
+            name = found.unwrap_or_else(|| names::relative(&name));
+            image = images.join(&name);
+        }
         views.push(ListedView {
             id: row.id,
-            image: files::find_photo(&[images.join(&row.name)]),
-            mask: masks.as_ref().and_then(|folder| files::find_mask(folder, &row.name)),
-            name: row.name,
+            image,
+            mask: masks.find(&name),
+            name,
             lens,
             camera_id: row.camera_id,
             pose,
             role: Role::Unsaid,
         });
     }
+    skipped.notes.extend(masks.doubt());
     let mut kept = Vec::with_capacity(points.len());
     for row in points {
         let position = DVec3::from_array(row.position);
@@ -96,8 +138,13 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             skipped.bad_points += 1;
         }
     }
+    if kept.is_empty() {
+        let beside = ["points3D.ply", "points3d.ply"].iter().map(|name| model.join(name));
+        kept = clouds::beside(beside, &root, &mut skipped);
+    }
     let kind = if binary { SceneKind::ColmapBinary } else { SceneKind::ColmapText };
-    Ok(Listing { kind, root, source, views, points: kept, skipped })
+    let photos = options.images.is_none().then_some(images);
+    Ok(Listing { kind, root, source, views, points: kept, skipped, photos })
 }
 
 /// The scene of a model folder given by itself: the folder or the nearest of its three parents with photos.
@@ -114,11 +161,22 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
         return files::image_folder(root, asked);
     }
     let usual = root.join("images");
-    if usual.is_dir() {
+    let named = |folder: &PathBuf| rows.iter().take(100).any(|row| folder.join(&row.name).is_file());
+    let others = || {
+        ["input", "Images", "photos", "rgb", ""]
+            .map(|name| if name.is_empty() { root.to_owned() } else { root.join(name) })
+    };
+    if usual.is_dir() && named(&usual) {
         return Ok(usual);
     }
-    let holds = |folder: &PathBuf| rows.iter().take(100).any(|row| folder.join(&row.name).is_file());
-    Ok([root.join("input"), root.to_owned()].into_iter().find(holds).unwrap_or(usual))
+    if let Some(folder) = others().into_iter().find(named) {
+        return Ok(folder);
+    }
+    let meant = |folder: &PathBuf| {
+        let lookup = Lookup::of(folder);
+        folder.is_dir() && rows.iter().take(100).any(|row| lookup.find(&row.name).is_some())
+    };
+    Ok(if usual.is_dir() { usual } else { others().into_iter().find(meant).unwrap_or(usual) })
 }
 
 /// Adds a camera; refuses an id that is already taken.

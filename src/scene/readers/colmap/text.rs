@@ -86,13 +86,20 @@ pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
         rows.push(image(line).map_err(fault)?);
         let points = all.next().map_or("", |(_, line)| line);
         // If the writer forgot these lines, every other image would be lost silently.
-        if points.split_whitespace().count() % 3 != 0 {
+        if !is_points(points) {
             let what = "is not a list of 2D points (triples X Y POINT3D_ID): each image takes two lines, the second may \
                         be empty";
             return Err(Error::malformed(path, format!("line {}", i + 2), what));
         }
     }
     Ok(rows)
+}
+
+/// True for triples of two numbers and an index; the names of other images may have as many words.
+fn is_points(line: &str) -> bool {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let triple = |t: &[&str]| t[..2].iter().all(|word| word.parse::<f64>().is_ok()) && t[2].parse::<i64>().is_ok();
+    words.len().is_multiple_of(3) && words.chunks_exact(3).all(triple)
 }
 
 fn image(line: &str) -> Result<ImageRow, String> {

@@ -1,0 +1,140 @@
+//! Masks of a capture's photos, under the names and in the folders that tools give them.
+
+use std::cell::{Cell, OnceCell, RefCell};
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::files::appended;
+use super::names::{belongs_to, is_photo_name, key, last};
+use super::tree::is_mask_folder;
+use crate::wording::counted;
+
+/// The masks that go with a photo folder.
+pub(super) struct Masks {
+    images: PathBuf,
+    folder: Option<PathBuf>,
+    index: OnceCell<Index>,
+    found: Cell<usize>,
+}
+
+/// Files by the keys of the photos that they may belong to.
+#[derive(Default)]
+struct Index {
+    by_photo: HashMap<String, Vec<PathBuf>>,
+    in_folder: usize,
+}
+
+impl Masks {
+    /// Those of the photos in `images`, in the capture at `root`.
+    pub fn of(root: &Path, images: &Path) -> Self {
+        Self { images: images.to_owned(), folder: folder(root, images), index: OnceCell::new(), found: Cell::new(0) }
+    }
+
+    /// The mask of the photo `name`: in the mask folder as name.png, name.jpg.png or the name itself, otherwise under any
+    /// name there or beside the photo that says whose it is.
+    pub fn find(&self, name: &str) -> Option<PathBuf> {
+        let plain = self.folder.as_ref().map(|folder| folder.join(name));
+        let usual = plain.into_iter().flat_map(|p| [appended(&p, "png"), p.with_extension("png"), p]);
+        let found = usual.into_iter().find(|p| p.is_file()).or_else(|| {
+            let index = self.index.get_or_init(|| Index::of(self.folder.as_deref(), &self.images));
+            let key = key(name);
+            let of = |key: &str| index.by_photo.get(key).filter(|files| files.len() == 1).map(|files| files[0].clone());
+            of(&key).or_else(|| of(last(&key)))
+        });
+        self.found.set(self.found.get() + usize::from(found.is_some()));
+        found
+    }
+
+    /// What to tell if a mask folder is there and none of its files belongs to a photo.
+    pub fn doubt(&self) -> Option<String> {
+        let folder = self.folder.as_ref().filter(|_| self.found.get() == 0)?;
+        let held = self.index.get_or_init(|| Index::of(Some(folder), &self.images)).in_folder;
+        let files = counted(held, "file");
+        (held > 0).then(|| format!("no mask used: {} holds {files}, none with a photo's name", folder.display()))
+    }
+}
+
+impl Index {
+    fn of(masks: Option<&Path>, images: &Path) -> Self {
+        let mut index = Self::default();
+        if let Some(folder) = masks {
+            for (name, path) in files(folder) {
+                index.in_folder += 1;
+                let mut owners = belongs_to(&name, false);
+                // In a folder of masks, what names no other owner is named like its photo, once or twice: x.jpg.png.
+                owners.push(key(&name));
+                owners.push(key(&key(&name)));
+                index.add(owners, &path);
+            }
+        }
+        for (name, path) in files(images) {
+            index.add(belongs_to(&name, false), &path);
+        }
+        index
+    }
+
+    fn add(&mut self, mut owners: Vec<String>, path: &Path) {
+        owners.sort();
+        owners.dedup();
+        for owner in owners {
+            self.by_photo.entry(owner).or_default().push(path.to_owned());
+        }
+    }
+}
+
+/// The photos below a folder, by their paths within it.
+fn files(folder: &Path) -> Vec<(String, PathBuf)> {
+    let (mut found, mut open) = (Vec::new(), vec![(folder.to_owned(), String::new())]);
+    while let Some((path, prefix)) = open.pop() {
+        for entry in fs::read_dir(path).into_iter().flatten().flatten() {
+            let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+            if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                open.push((entry.path(), name + "/"));
+            } else if is_photo_name(&entry.path()) {
+                found.push((name, entry.path()));
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// The mask folder that goes with a photo folder: `images_4` has `masks_4`, else `masks` or `mask`, beside it; upper or
+/// lower case.
+fn folder(root: &Path, images: &Path) -> Option<PathBuf> {
+    let beside = images.parent().filter(|_| images.starts_with(root) && images != root).unwrap_or(root);
+    let name = images.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    let scaled = name.strip_prefix("images").map(|suffix| format!("masks{suffix}"));
+    let usual = scaled.into_iter().chain(["masks".to_owned()]).map(|m| beside.join(m)).find(|p| p.is_dir());
+    usual.or_else(|| {
+        let mut others: Vec<PathBuf> = fs::read_dir(beside)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter(|e| is_mask_folder(&e.file_name().to_string_lossy().to_lowercase()) && e.path().is_dir())
+            .map(|e| e.path())
+            .collect();
+        others.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
+        others.into_iter().next()
+    })
+}
+
+/// Finds masks of photos by their names in the folder `images`: in the mask folder beside it, or within it where that is
+/// the whole capture; otherwise in the folder of masks beside the photo itself.
+pub fn masks_of(images: &Path) -> impl Fn(&str) -> Option<PathBuf> {
+    let images = images.to_owned();
+    let own = images.file_name().is_some_and(|n| n == "input" || n.to_string_lossy().starts_with("images"));
+    let capture = images.parent().filter(|_| own).unwrap_or(&images);
+    let all = Masks::of(capture, &images);
+    let beside = RefCell::new(HashMap::new());
+    move |name| {
+        all.find(name).or_else(|| {
+            let photo = images.join(name);
+            let folder = photo.parent()?.to_owned();
+            let mut beside = beside.borrow_mut();
+            let masks = beside.entry(folder).or_insert_with_key(|folder| Masks::of(folder, folder));
+            masks.find(photo.file_name()?.to_str()?)
+        })
+    }
+}

@@ -1,0 +1,219 @@
+//! Names of photos: how captures write them, how file systems do, and which files only belong to a photo.
+
+use std::cell::OnceCell;
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use unicode_normalization::UnicodeNormalization;
+
+/// Extensions of photos, in the order in which they are tried for names without one.
+pub(super) const EXTENSIONS: [&str; 14] =
+    ["png", "jpg", "jpeg", "JPG", "PNG", "JPEG", "webp", "WEBP", "tif", "tiff", "TIF", "TIFF", "exr", "EXR"];
+/// Extensions, in lower case, of photos that are not read.
+const UNREAD: [&str; 15] =
+    ["heic", "heif", "avif", "jxl", "jp2", "bmp", "dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2", "insp"];
+/// Words of a name, in lower case, that say that a file belongs to a photo and is none itself; those of maps only
+/// where a file holds numbers without loss.
+const MASK_WORDS: &str = "mask masks";
+const MAP_WORDS: &str = "depth depths depthmap disparity conf confidence normal normals segmentation";
+/// Extensions of files that hold numbers without loss.
+const LOSSLESS: [&str; 4] = ["png", "tif", "tiff", "exr"];
+
+/// True if the path has a photo's extension.
+pub(super) fn is_photo_name(path: &Path) -> bool {
+    path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
+}
+
+/// True if the path has the extension of photos that are not read.
+pub(super) fn is_unread_name(path: &Path) -> bool {
+    path.extension().is_some_and(|e| UNREAD.iter().any(|known| e.eq_ignore_ascii_case(known)))
+}
+
+/// The path with forward slashes and without a leading `./`.
+pub(super) fn tidy(path: &str) -> String {
+    let path = path.replace('\\', "/");
+    path.strip_prefix("./").unwrap_or(&path).to_owned()
+}
+
+/// A tidy path without the root or the drive of the machine that wrote it.
+pub(super) fn relative(path: &str) -> String {
+    let path = tidy(path);
+    let bytes = path.as_bytes();
+    let drive = bytes.len() > 1 && bytes[0].is_ascii_alphabetic() && bytes[1] == b':';
+    path[if drive { 2 } else { 0 }..].trim_start_matches('/').to_owned()
+}
+
+/// The last part of a path with forward slashes.
+pub(super) fn last(path: &str) -> &str {
+    path.rsplit('/').next().unwrap_or(path)
+}
+
+/// The path without a photo's extension.
+fn without_extension(path: &str) -> &str {
+    match path.rsplit_once('.') {
+        Some((stem, _)) if is_photo_name(Path::new(path)) || is_unread_name(Path::new(path)) => stem,
+        _ => path,
+    }
+}
+
+/// What equal names have in common: lower case, composed letters, forward slashes, no photo's extension.
+pub(super) fn key(path: &str) -> String {
+    without_extension(&tidy(path)).nfc().collect::<String>().to_lowercase()
+}
+
+/// The keys of photos that a file may belong to as its mask, or as its depth map or the like if `maps`; none if its name
+/// does not say that it does.
+pub(super) fn belongs_to(path: &str, maps: bool) -> Vec<String> {
+    let lossless =
+        Path::new(path).extension().is_some_and(|e| LOSSLESS.iter().any(|known| e.eq_ignore_ascii_case(known)));
+    let key = key(path);
+    let (folder, stem) = key.rsplit_once('/').map_or(("", key.as_str()), |(f, s)| (f, s));
+    let within = |name: &str| if folder.is_empty() { name.to_owned() } else { format!("{folder}/{name}") };
+    let one_of = |words: &str, w: &str| words.split(' ').any(|word| word == w);
+    let is_word = |w: &str| one_of(MASK_WORDS, w) || (maps && lossless && one_of(MAP_WORDS, w));
+    let separators = ['.', '_', '-', ' '];
+    let mut at = 0;
+    for word in stem.split(separators) {
+        if is_word(word) && word.len() < stem.len() {
+            let before = stem[..at].trim_end_matches(separators);
+            let after = stem[at + word.len()..].trim_start_matches(separators);
+            let mut owners = Vec::new();
+            let whole = format!("{}{after}", &stem[..at]);
+            for owner in [before, after, if before.is_empty() || after.is_empty() { "" } else { whole.as_str() }] {
+                if !owner.is_empty() {
+                    owners.push(within(without_extension(owner)));
+                }
+            }
+            return owners;
+        }
+        at += word.len() + 1;
+    }
+    Vec::new()
+}
+
+/// True if one of `photos`, keys in one folder, is the owner of a file: by its whole name, or by the same number at its
+/// end (frame_00001 and depth_00001).
+pub(super) fn has_owner(owners: &[String], photos: &[String]) -> bool {
+    let number = |name: &str| {
+        let digits = name.len() - name.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+        name[name.len() - digits..].to_owned()
+    };
+    owners.iter().any(|owner| {
+        let own = last(owner);
+        let counts = !own.is_empty() && own.bytes().all(|b| b.is_ascii_digit());
+        photos.iter().any(|photo| photo == owner || (counts && number(photo) == own))
+    })
+}
+
+/// All photos below a folder, found by names that differ from theirs in case, in the composition of letters, in
+/// extensions, or in the folders of the machine that wrote them.
+pub(super) struct Lookup {
+    folder: PathBuf,
+    files: OnceCell<Files>,
+}
+
+#[derive(Default)]
+struct Files {
+    /// All lie in the folder itself.
+    flat: bool,
+    /// Paths within the folder, by key.
+    whole: HashMap<String, Vec<String>>,
+    /// The same, by the key's last part.
+    last: HashMap<String, Vec<String>>,
+}
+
+impl Lookup {
+    /// Reads the folder when it is first needed.
+    pub fn of(folder: &Path) -> Self {
+        Self { folder: folder.to_owned(), files: OnceCell::new() }
+    }
+
+    /// The path within the folder of the only photo that can be meant by `name`.
+    pub fn find(&self, name: &str) -> Option<String> {
+        let files = self.files.get_or_init(|| Files::of(&self.folder));
+        let foreign = name.starts_with(['/', '\\']) || relative(name) != tidy(name);
+        let key = key(&relative(name));
+        let mut rest = key.as_str();
+        loop {
+            if let Some(found) = files.whole.get(rest) {
+                return one(found, name);
+            }
+            // Folders of another machine say nothing; those within a capture tell photos of several cameras apart.
+            match rest.split_once('/') {
+                Some((_, inner)) if foreign || files.flat => rest = inner,
+                None if rest == key => return files.last.get(rest).and_then(|found| one(found, name)),
+                _ => return None,
+            }
+        }
+    }
+}
+
+impl Files {
+    fn of(folder: &Path) -> Self {
+        let mut files = Self { flat: true, ..Self::default() };
+        let mut open = vec![(folder.to_owned(), String::new())];
+        while let Some((path, prefix)) = open.pop() {
+            for entry in fs::read_dir(path).into_iter().flatten().flatten() {
+                let Ok(own) = entry.file_name().into_string() else { continue };
+                let name = format!("{prefix}{own}");
+                if own.starts_with('.') {
+                    continue;
+                }
+                if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                    open.push((entry.path(), name + "/"));
+                } else if is_photo_name(&entry.path()) {
+                    let key = key(&name);
+                    files.flat &= prefix.is_empty();
+                    files.last.entry(last(&key).to_owned()).or_default().push(name.clone());
+                    files.whole.entry(key).or_default().push(name);
+                }
+            }
+        }
+        files
+    }
+}
+
+/// The only file, or the only one with the extension of `name`.
+fn one(found: &[String], name: &str) -> Option<String> {
+    if let [only] = found {
+        return Some(only.clone());
+    }
+    let extension = |name: &str| name.rsplit_once('.').map(|(_, e)| e.to_ascii_lowercase());
+    let mut same = found.iter().filter(|file| extension(file) == extension(name));
+    same.next().filter(|_| same.next().is_none()).cloned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_other_systems_become_relative() {
+        for (written, meant) in [
+            (r"D:\scans\a b\x.png", "scans/a b/x.png"),
+            ("/home/me/x.png", "home/me/x.png"),
+            (r"\\server\share\x.png", "server/share/x.png"),
+            (r".\images\x.png", "images/x.png"),
+            ("a:b.png", "b.png"),
+            ("cam 0/x.png", "cam 0/x.png"),
+        ] {
+            assert_eq!(relative(written), meant);
+        }
+        assert_eq!(key("Caf\u{e9}.PNG"), key("cafe\u{301}.jpg"));
+    }
+
+    #[test]
+    fn masks_and_maps_name_their_photos() {
+        let owners = |name: &str| belongs_to(name, true);
+        assert_eq!(owners("a/x.PNG.mask.png"), ["a/x".to_owned()]);
+        assert!(owners("x_mask.jpg").contains(&"x".to_owned()));
+        assert!(owners("mask_x.png").contains(&"x".to_owned()));
+        assert!(owners("r_0_depth_0001.png").contains(&"r_0".to_owned()));
+        assert!(has_owner(&owners("depth_00012.png"), &["frame_00012".to_owned()]));
+        assert!(!has_owner(&owners("depth_00012.png"), &["frame_00013".to_owned()]));
+        for photo in ["depth_1.jpg", "mask.png", "masked_x.png", "alpha_01.jpg"] {
+            assert!(owners(photo).is_empty(), "{photo}");
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! Models as other tools write them.
+
+use std::io::Write;
+use std::path::Path;
+
+use qirf_vk::gaussians::formats::{self, Format};
+
+/// Type, name, and value by row of a property.
+type Property = (&'static str, &'static str, fn(u32) -> f64);
+
+/// A text PLY of three rows with these properties after the position; each value is given as a function of the row.
+fn ply(properties: &[Property]) -> Vec<u8> {
+    let usual: [Property; 3] =
+        [("double", "x", |i| 500_000.0 + f64::from(i)), ("float", "y", f64::from), ("float", "z", |_| 2.0)];
+    let all: Vec<_> = usual.iter().chain(properties).collect();
+    let header: Vec<String> = all.iter().map(|(kind, name, _)| format!("property {kind} {name}")).collect();
+    let header = header.join("\n") + "\n";
+    let row = |i: u32| all.iter().map(move |(.., value)| format!("{:?}", value(i)).trim_end_matches(".0").to_owned());
+    let rows: String = (0..3).map(|i| row(i).collect::<Vec<_>>().join(" ") + "\n").collect();
+    format!("ply\nformat ascii 1.0\nelement vertex 3\n{header}end_header\n{rows}").into_bytes()
+}
+
+const REST: [Property; 7] = [
+    ("float", "opacity", |_| 0.5),
+    ("float", "scale_0", |_| -2.0),
+    ("float", "scale_1", |_| -3.0),
+    ("float", "rot_0", |_| 1.0),
+    ("float", "rot_1", |_| 0.0),
+    ("float", "rot_2", |_| 0.0),
+    ("float", "rot_3", |_| 0.0),
+];
+const THIRD: Property = ("float", "scale_2", |_| -4.0);
+
+fn read(bytes: &[u8]) -> formats::Loaded {
+    formats::read_bytes(bytes, Path::new("model.ply")).unwrap()
+}
+
+#[test]
+fn colours_may_stand_in_red_green_and_blue() {
+    let base: [Property; 3] =
+        [("uchar", "red", |i| f64::from(100 * i)), ("uchar", "green", |_| 255.0), ("uchar", "blue", |_| 0.0)];
+    let whole = read(&ply(&[&base[..], &REST, &[THIRD]].concat()));
+    let floats: [Property; 3] =
+        [("float", "red", |i| f64::from(100 * i) / 255.0), ("float", "green", |_| 1.0), ("float", "blue", |_| 0.0)];
+    let shares = read(&ply(&[&floats[..], &REST, &[THIRD]].concat()));
+    for model in [whole.gaussians, shares.gaussians] {
+        for (i, row) in model.sh[0].chunks(3).enumerate() {
+            let wanted = [100.0 * i as f64, 255.0, 0.0].map(|c| (c / 255.0 - 0.5) / 0.282_094_79);
+            assert!(row.iter().zip(wanted).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5), "{row:?} {wanted:?}");
+        }
+    }
+    // f_dc counts where both are there.
+    let dc: [Property; 3] =
+        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
+    assert_eq!(read(&ply(&[&base[..], &dc, &REST, &[THIRD]].concat())).gaussians.sh[0], [0.25; 9]);
+    // A point cloud is no model.
+    let cloud = formats::read_bytes(&ply(&base), Path::new("cloud.ply")).unwrap_err().to_string();
+    assert!(cloud.contains("point cloud"), "{cloud}");
+}
+
+#[test]
+fn flat_models_get_a_thin_axis_and_say_so() {
+    let dc: [Property; 3] =
+        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
+    let flat = read(&ply(&[&dc[..], &REST].concat()));
+    assert!(flat.gaussians.log_scales.iter().all(|s| s[..2] == [-2.0, -3.0] && (s[2] - 1e-6_f32.ln()).abs() < 1e-5));
+    assert!(flat.doubt.unwrap().contains("2DGS"));
+    assert_eq!(read(&ply(&[&dc[..], &REST, &[THIRD]].concat())).doubt, None);
+}
+
+#[test]
+fn gzip_is_unpacked_whatever_it_holds() {
+    let dc: [Property; 3] =
+        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
+    let plain = ply(&[&dc[..], &REST, &[THIRD]].concat());
+    let zip = |bytes: &[u8]| {
+        let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        out.write_all(bytes).unwrap();
+        out.finish().unwrap()
+    };
+    let packed = zip(&plain);
+    for name in ["model.ply.gz", "model.gz", "model.ply"] {
+        let read = formats::read_bytes(&packed, Path::new(name)).unwrap();
+        assert_eq!((read.format, read.gaussians.len()), (Format::Ply, 3));
+    }
+    for (bytes, what) in [(zip(&packed), "gzip twice"), (packed[..packed.len() / 2].to_vec(), "gzip")] {
+        let error = formats::read_bytes(&bytes, Path::new("model.ply.gz")).unwrap_err().to_string();
+        assert!(error.contains(what), "{error}");
+    }
+}
