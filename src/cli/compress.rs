@@ -1,6 +1,5 @@
 //! `qirf-vk compress MODEL -o OUT`.
 
-use super::Global;
 use super::compression::CompressArgs;
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
@@ -9,16 +8,20 @@ use super::scratch::Scratch;
 use super::show::Show;
 use super::values;
 use super::view::{self, Watched};
-use crate::gaussians::formats;
+use super::{Global, tell_of_missing};
+use crate::gaussians::formats::{self, Precision, SpzPrecision};
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::Error;
 use crate::pipeline::compress::aim::Aim;
+use crate::pipeline::compress::curve::{CurvePlan, curve};
+use crate::pipeline::compress::fit::{self, Target};
+use crate::pipeline::compress::peer::Peer;
 use crate::pipeline::compress::{self, Input};
 use crate::pipeline::config::no_methods;
 use crate::pipeline::records::{AimRecord, CompressRecord, ModelFile, StageScores, Truth};
 use crate::pipeline::{Output, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
-use crate::report::of_compression;
+use crate::report::{of_compression, of_curve};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -27,6 +30,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compress flowers.ply -o small.ply --target-count 20000 --fine-tune 500
   qirf-vk compress flowers.ply -o small.sog --size 500kB
   qirf-vk compress flowers.ply -o small.sog --psnr 35
+  qirf-vk compress flowers.ply -o curve --curve sog,spz
   qirf-vk compress model.ply -o small.ply --scene capture --resolution /4 --fine-tune 3000
   qirf-vk compress model.ply -o small.ply --selector importance --budget global --json
 
@@ -41,6 +45,17 @@ pub(super) struct Arguments {
     /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
+    /// Measure quality against bytes instead: the best files of these formats, such as sog,spz, at six sizes, with the bytes and the loss
+    /// of each attribute. OUT is a folder for curve.json, curve.csv and curve.html
+    #[arg(long, value_name = "FORMATS", value_delimiter = ',', value_parser = format, conflicts_with_all = ["psnr", "fine_tune", "report", "diagnostics", "sh_bits", "keep", "target_count"])]
+    curve: Option<Vec<String>>,
+    /// Command of splat-transform, with its options, whose files the curve shows, too; none leaves it out
+    #[arg(long, value_name = "COMMAND", default_value = "splat-transform", requires = "curve")]
+    peer: String,
+    /// LPIPS weights of the curve: a file, or a folder of them, as the script lpips-weights writes them [default: $QIRF_LPIPS, else
+    /// the folder qirf-vk in the user's data folder]
+    #[arg(long, value_name = "PATH", requires = "curve")]
+    lpips_weights: Option<PathBuf>,
     /// Iterations of training after the prune, on the photos or on the original's pictures
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     fine_tune: u32,
@@ -54,6 +69,9 @@ pub(super) struct Arguments {
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
+    /// Bits of SH coefficients in an SPZ, 1 to 8: of band 1, and of the others if they differ [default: pictures decide]
+    #[arg(long, value_name = "N[,N]", value_parser = values::sh_bits)]
+    sh_bits: Option<SpzPrecision>,
     #[command(flatten)]
     options: CompressArgs,
     /// Limit on device memory, such as 2G or 800M [default: the device's]
@@ -65,8 +83,18 @@ pub(super) struct Arguments {
     watched: Watched,
 }
 
+/// The extension of a format that is written.
+fn format(text: &str) -> Result<String, String> {
+    let name = text.trim_start_matches('.').to_ascii_lowercase();
+    formats::check_output(&PathBuf::from(format!("model.{name}"))).map_err(|e| e.to_string())?;
+    Ok(name)
+}
+
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
+        if let Some(formats) = &self.curve {
+            return self.measure(formats, console, global);
+        }
         self.check_outputs()?;
         self.watched.check()?;
         if self.watched.view && self.fine_tune == 0 {
@@ -91,10 +119,11 @@ impl Arguments {
             methods: no_methods,
         };
         let config = self.options.configuration(style, self.fine_tune)?;
+        let target = Target { precision: self.sh_bits.map(Precision::Spz), ..Target::new(&self.output) };
         let subject = || view::of_compression(&config, &input.model, &self.output, console);
         let subject = self.watched.view.then(subject).transpose()?;
         let figures = self.watched.during(&session, console, subject, |session| {
-            compress::compress_to(session, input, (&config, aim), &self.output)
+            compress::compress_to(session, input, (&config, aim), &target)
         })?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
@@ -103,6 +132,39 @@ impl Arguments {
             Output::text(path, &text)?;
         }
         if self.json { console.json(&json) } else { report(console, &figures) }
+    }
+
+    /// Writes the curve of these formats.
+    fn measure(&self, formats: &[String], console: &Console, global: &Global) -> Result<(), Error> {
+        if self.options.aim()?.is_some() {
+            return Err(Error::Usage("--curve chooses its sizes; leave out --size of the file".to_owned()));
+        }
+        let output = Output::new(&self.output)?;
+        let peer = Peer::find(&self.peer, output.folder());
+        let loaded = read_model(&self.model, console)?;
+        let networks = Networks::find(self.lpips_weights.as_deref())?;
+        let device = global.open_with(self.memory_budget)?;
+        let style = self.options.rendering.style(&self.model, &loaded, None, console);
+        let watcher = Show::new(console);
+        let session = Session {
+            host_bytes: host_bytes(self.memory_budget),
+            scratch: self.scratch.folder(),
+            watcher: &watcher,
+            ..Session::new(&device, &networks)
+        };
+        let config = self.options.configuration(style, 0)?;
+        let input = Input { path: &self.model, model: loaded.gaussians, read_s: 0.0 };
+        let plan = CurvePlan { formats, peer: peer.as_ref() };
+        let record = curve(&session, input, &config, &plan)?;
+        if peer.is_none() && self.peer != "none" {
+            console.note(format_args!("without files of {}, which cannot be started", self.peer));
+        }
+        tell_of_missing(&networks, console);
+        let at = |name: &str| output.folder().join(name);
+        Output::json(&at("curve.json"), "the curve", &record)?;
+        Output::text(&at("curve.csv"), &record.csv())?;
+        Output::text(&at("curve.html"), &of_curve(&record))?;
+        if self.json { console.json(&record) } else { console.print(record.csv().trim_end()) }
     }
 
     /// Refuses outputs that cannot be written or would overwrite the input, before any work.
@@ -116,6 +178,9 @@ impl Arguments {
             let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
             std::fs::metadata(folder).map_err(|source| Error::Write { path: path.clone(), source })?;
         }
+        if self.sh_bits.is_some() && self.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("spz")) {
+            return Err(Error::Usage("--sh-bits is for SPZ: name an .spz file".to_owned()));
+        }
         if self.report.as_ref() == Some(&self.output) {
             return Err(Error::Usage(format!("{} cannot hold model and report", self.output.display())));
         }
@@ -124,6 +189,15 @@ impl Arguments {
         }
         Ok(())
     }
+}
+
+/// What was chosen for an aim, as a line.
+pub(super) fn outcome(figures: &CompressRecord, console: &Console) -> String {
+    let CompressRecord { aim, output, test, .. } = figures;
+    let Some(aim) = aim else { return String::new() };
+    shortfall(console, aim, output);
+    let psnr = test.written.as_ref().map_or(aim.chosen.psnr, |scores| scores.psnr);
+    fit::line(aim, (output.bytes, output.gaussians), psnr)
 }
 
 /// Says where the model has less than was asked.
@@ -157,27 +231,31 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
         after / 1e6,
         before / 1e6
     ))?;
-    if let Some(aim) = &figures.aim {
-        console.print(compress::fit::line(aim, output.bytes, output.gaussians))?;
-        shortfall(console, aim, output);
+    if figures.aim.is_some() {
+        console.print(format_args!("           {}", outcome(figures, console)))?;
     }
     let truth = match protocol.truth {
         Truth::Photos => "photos",
         Truth::OwnPictures => "the original's pictures",
     };
-    let score = |name: &str, stage: fn(&StageScores) -> &Option<Scores>| match stage(test) {
+    let exact = formats::is_exact(&output.path);
+    let score = |name: &str, stage: fn(&StageScores) -> &Option<Scores>, more: &str| match stage(test) {
         Some(Scores { psnr, ssim, .. }) => {
             // Equal pictures have no PSNR.
             let psnr = psnr.map_or_else(|| "equal".to_owned(), |v| format!("{v:.2} dB"));
             let worst = views.iter().filter_map(|view| stage(&view.scores).as_ref()?.psnr).reduce(f64::min);
             let worst = worst.map_or_else(String::new, |v| format!(" (worst view {v:.2} dB)"));
-            console.print(format_args!("{name:<10} PSNR {psnr}{worst}, SSIM {ssim:.4}"))
+            console.print(format_args!("{name:<10} PSNR {psnr}{worst}, SSIM {ssim:.4}{more}"))
         }
         None => Ok(()),
     };
-    score("before", |stages| &stages.before)?;
-    score("pruned", |stages| &stages.pruned)?;
-    score("fine-tuned", |stages| &stages.fine_tuned)?;
+    let unpacked = if exact { "" } else { ", before packing" };
+    score("before", |stages| &stages.before, "")?;
+    score("pruned", |stages| &stages.pruned, unpacked)?;
+    score("fine-tuned", |stages| &stages.fine_tuned, unpacked)?;
+    if !exact {
+        score("file", |stages| &stages.written, "")?;
+    }
     if test.pruned.is_some() {
         console.note(format_args!("scores are of {} held-out views against {truth}", protocol.test_views));
     }

@@ -1,23 +1,36 @@
 //! `qirf-vk convert IN OUT`.
 
+use super::Global;
+use super::compress::outcome;
 use super::console::Console;
 use super::inspect::read_model;
+use super::show::Show;
 use super::values::{self, Up};
-use crate::gaussians::formats::{self, Loaded, SpzVersion};
-use crate::pipeline::Error;
+use super::viewer;
+use crate::gaussians::formats::{self, Loaded, Precision, SpzPrecision, SpzVersion};
+use crate::metrics::Networks;
+use crate::pipeline::compress::aim::Aim;
+use crate::pipeline::compress::fit::Target;
+use crate::pipeline::compress::levels::levels;
+use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to, cost};
+use crate::pipeline::virtual_views::VirtualCameras;
+use crate::pipeline::{Error, Session, eval};
+use crate::render::Style;
 use crate::scene::{OpenOptions, Scene};
-use crate::view::alone::{self, PageOptions};
+use crate::view::alone::{PageOptions, Shell};
 use crate::wording::counted;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
   qirf-vk convert model.ply model.spz
   qirf-vk convert model.ply model.glb
   qirf-vk convert model.ply model.html --title Garden --background white
+  qirf-vk convert model.ply small.html --size 2MB
+  qirf-vk convert garden.ply garden/lod-meta.json --lod 4
   qirf-vk convert playbot-sog/ playbot.compressed.ply
 
 Formats read: PLY (binary, text, compressed), SPZ 1 to 4, .splat, .ksplat, SOG, glTF (.glb, .gltf), USD (.usda, .usdz).
-Formats written: PLY (exact), GLB and USD (exact but for rounding), SPZ, SOG and .compressed.ply (quantised).
+Formats written: PLY (exact), GLB and USD (exact but for rounding), SPZ, SOG and .compressed.ply (quantised: it says the PSNR of their pictures against the model's).
 A name in .html gives one page that holds the model as SPZ and draws it in any browser with WebGL 2, without a network.";
 
 /// Convert a model between file formats.
@@ -27,12 +40,20 @@ pub(super) struct Arguments {
     /// Model to read
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda, .usdz or .html
+    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda, .usdz, .html, or lod-meta.json with --lod
     #[arg(value_name = "OUT")]
     output: PathBuf,
     /// Version of a written SPZ: 3 for readers of before 2026; the values are the same
     #[arg(long, value_name = "3|4", default_value = "4", value_parser = spz_version)]
     spz_version: SpzVersion,
+    /// Bits of SH coefficients in an SPZ, 1 to 8: of band 1, and of the others if they differ [default: the fewest whose loss
+    /// pictures do not show]
+    #[arg(long, value_name = "N[,N]", value_parser = values::sh_bits)]
+    sh_bits: Option<SpzPrecision>,
+    /// Write so many levels of detail as streamed SOG: OUT is a lod-meta.json, in a folder of its own. Each level is merged to a third
+    /// of the Gaussians of the one before
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
+    lod: Option<u32>,
     /// Title of the page [default: the model's file name]
     #[arg(long, value_name = "TEXT", help_heading = "Pages (.html)")]
     title: Option<String>,
@@ -42,6 +63,9 @@ pub(super) struct Arguments {
     /// World axis that is up: x, y, z, -x, -y, -z, or auto (as in captures: -y)
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true, help_heading = "Pages (.html)")]
     up: Option<Up>,
+    /// Size of the page, such as 5MB: the best picture in so many bytes
+    #[arg(long, value_name = "BYTES", value_parser = values::file_size, help_heading = "Pages (.html)")]
+    size: Option<u64>,
     /// Scene whose first camera shows the model first [default: the whole model]
     #[arg(long, value_name = "SCENE", help_heading = "Pages (.html)")]
     scene: Option<PathBuf>,
@@ -55,32 +79,53 @@ fn spz_version(text: &str) -> Result<SpzVersion, String> {
     }
 }
 
+/// Size from which on a page begins with a picture, if a size is asked for.
+const WITH_POSTER: u64 = 300_000;
+/// PSNR in dB below which a file is called a poor copy.
+const POOR: f64 = 40.0;
+
 impl Arguments {
-    pub fn run(&self, console: &Console) -> Result<(), Error> {
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         formats::refuse_overwrite(&self.input, &self.output).map_err(Error::writing)?;
         if self.output.is_dir() {
             let what = format!("{} is a folder; name a file, such as model.spz", self.output.display());
             return Err(Error::Usage(what));
         }
-        let is_page = self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("html"));
-        let for_pages = self.title.is_some() || self.background.is_some() || self.up.is_some() || self.scene.is_some();
-        if for_pages && !is_page {
-            let what = "--title, --background, --up and --scene are for pages: name an .html file";
-            return Err(Error::Usage(what.into()));
-        }
-        if !is_page {
-            formats::check_output(&self.output).map_err(Error::writing)?;
-        }
+        let is_page = has_extension(&self.output, "html");
+        self.check(is_page)?;
         let loaded = read_model(&self.input, console)?;
-        if is_page {
-            self.write_page(&loaded)?;
-        } else {
-            formats::write_version(&self.output, &loaded.gaussians, loaded.mode, self.spz_version)
-                .map_err(Error::writing)?;
+        let format = if is_page { self.output.with_extension("spz") } else { self.output.clone() };
+        // What is quantised is measured, where there is a device.
+        let exact = formats::is_exact(&format) && self.lod.is_none();
+        let device = (!exact).then(|| global.open());
+        let device =
+            if self.size.is_some() || self.lod.is_some() { device.transpose()? } else { device.and_then(Result::ok) };
+        let (networks, watcher) = (Networks::default(), Show::new(console));
+        let session = device.as_ref().map(|d| Session { watcher: &watcher, ..Session::new(d, &networks) });
+        if let Some((levels, session)) = self.lod.zip(session.as_ref()) {
+            return self.write_levels(session, &loaded, levels as usize, console);
         }
+        let shell = is_page.then(|| self.shell(session.as_ref(), &loaded)).transpose()?;
+        let wrap = |packed: &[u8]| shell.as_ref().map_or_else(Vec::new, |shell| shell.page(packed).into_bytes());
+        let target = Target {
+            path: &self.output,
+            format: &format,
+            spz: if is_page { SpzVersion::Three } else { self.spz_version },
+            precision: self.sh_bits.map(Precision::Spz),
+            wrap: if is_page { Some(&wrap) } else { None },
+        };
+        if let Some((size, session)) = self.size.zip(session.as_ref()) {
+            return self.write_within(session, loaded, (&target, size), console);
+        }
+        let cost = if exact {
+            formats::write(&self.output, &loaded.gaussians, loaded.mode).map_err(Error::writing)?;
+            String::new()
+        } else {
+            write_measured(session.as_ref(), &loaded, &target, console)?
+        };
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
         console.note(format_args!(
-            "{} of {} in {} ({bytes} bytes)",
+            "{} of {} in {} ({bytes} bytes{cost})",
             counted(
                 loaded.gaussians.len(),
                 if loaded.mode.antialiased() { "anti-aliased Gaussian" } else { "Gaussian" }
@@ -91,19 +136,121 @@ impl Arguments {
         Ok(())
     }
 
-    fn write_page(&self, loaded: &Loaded) -> Result<(), Error> {
+    /// Refuses options that the output does not read.
+    fn check(&self, is_page: bool) -> Result<(), Error> {
+        let for_pages = self.title.is_some() || self.background.is_some() || self.up.is_some() || self.scene.is_some();
+        if for_pages && !is_page {
+            let what = "--title, --background, --up and --scene are for pages: name an .html file";
+            return Err(Error::Usage(what.into()));
+        }
+        if self.size.is_some() && !is_page {
+            let what = "--size is for pages here; `qirf-vk compress` makes files of models of a wanted size";
+            return Err(Error::Usage(what.into()));
+        }
+        if self.sh_bits.is_some() && !is_page && !has_extension(&self.output, "spz") {
+            return Err(Error::Usage("--sh-bits is for SPZ, and for pages, which hold one".into()));
+        }
+        if self.lod.is_some() != formats::is_levels(&self.output) {
+            let what =
+                "--lod N writes streamed SOG, whose name is lod-meta.json: name one, such as garden/lod-meta.json";
+            return Err(Error::Usage(what.into()));
+        }
+        if is_page || self.lod.is_some() { Ok(()) } else { formats::check_output(&self.output).map_err(Error::writing) }
+    }
+
+    /// Writes the best page of at most this size.
+    fn write_within(
+        &self,
+        session: &Session<'_>,
+        loaded: Loaded,
+        (target, size): (&Target<'_>, u64),
+        console: &Console,
+    ) -> Result<(), Error> {
+        let cameras = VirtualCameras { up: self.up.unwrap_or(Up::Auto).direction(), ..VirtualCameras::default() };
+        let views = ViewSource::OwnPictures { cameras, background: self.background.unwrap_or_default() };
+        let config = CompressConfig { views, style: Style::of(loaded.mode), ..CompressConfig::default() };
+        let input = Input { path: &self.input, model: loaded.gaussians, read_s: 0.0 };
+        let record = compress_to(session, input, (&config, Some(Aim::Bytes(size))), target)?;
+        console.note(format_args!("{} in {}", outcome(&record, console), self.output.display()));
+        Ok(())
+    }
+
+    /// Writes levels of detail, and says what each shows.
+    fn write_levels(
+        &self,
+        session: &Session<'_>,
+        loaded: &Loaded,
+        count: usize,
+        console: &Console,
+    ) -> Result<(), Error> {
+        let (model, style) = (&loaded.gaussians, Style::of(loaded.mode));
+        let views = ViewSource::OwnPictures { cameras: VirtualCameras::default(), background: [0.0; 3] };
+        let config = CompressConfig { views, style, ..CompressConfig::default() };
+        let levels = levels(session, model, &config, count)?;
+        formats::write_levels(&self.output, &levels, loaded.mode).map_err(Error::writing)?;
+        for (number, level) in levels.iter().enumerate().skip(1) {
+            let scores = eval::against(session, [(level, style), (model, style)], [0.0; 3])?;
+            let psnr = scores.mean().and_then(|mean| mean.psnr);
+            let psnr = psnr.map_or_else(|| "equal pictures".to_owned(), |psnr| format!("{psnr:.1} dB"));
+            console.note(format_args!("level {number}: {}, {psnr}", counted(level.len(), "Gaussian")));
+        }
+        let all = counted(levels.len(), "level");
+        console.note(format_args!("{all} of {} in {}", counted(model.len(), "Gaussian"), self.output.display()));
+        Ok(())
+    }
+
+    /// The page without its model; with a device, it begins with a picture.
+    fn shell(&self, session: Option<&Session<'_>>, loaded: &Loaded) -> Result<Shell, Error> {
         let stem = || self.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let start = match &self.scene {
             Some(path) => Scene::open(path, &OpenOptions::default())?.views.first().map(|view| view.camera.clone()),
             None => None,
         };
-        let options = PageOptions {
+        let mut options = PageOptions {
             title: self.title.clone().unwrap_or_else(stem),
             background: self.background.unwrap_or_default(),
             up: self.up.unwrap_or(Up::Auto).direction(),
             start,
+            poster: None,
         };
-        let page = alone::page(&loaded.gaussians, loaded.mode, &options, &self.output).map_err(Error::writing)?;
-        formats::write_atomically(&self.output, |out| out.write_all(page.as_bytes())).map_err(Error::writing)
+        let room = self.size.is_none_or(|size| size >= WITH_POSTER);
+        if let Some(session) = session.filter(|_| room) {
+            options.poster = viewer::poster(session, loaded, &options)?;
+        }
+        Ok(Shell::new(&loaded.gaussians, loaded.mode, &options))
     }
+}
+
+/// Writes a quantised file; what it costs, for a message.
+fn write_measured(
+    session: Option<&Session<'_>>,
+    loaded: &Loaded,
+    target: &Target<'_>,
+    console: &Console,
+) -> Result<String, Error> {
+    let model = &loaded.gaussians;
+    let (packed, cost) = match session {
+        Some(session) if !model.is_empty() => {
+            let (packed, psnr) = cost::pack(session, (model, Style::of(loaded.mode)), target)?;
+            if let Some(psnr) = psnr.filter(|psnr| *psnr < POOR) {
+                console.warn(format_args!(
+                    "{} is a poor copy: its pictures have {psnr:.1} dB against the model's; .ply and .glb lose nothing",
+                    target.path.display()
+                ));
+            }
+            let same = || "; pictures are equal".to_owned();
+            (packed, psnr.map_or_else(same, |psnr| format!("; {psnr:.1} dB against it")))
+        }
+        _ => {
+            let packed = target.pack(model, loaded.mode, target.usual(model))?;
+            let unknown = "; its loss is not measured: there is no Vulkan device";
+            (packed, if model.is_empty() { "" } else { unknown }.to_owned())
+        }
+    };
+    target.write(Some(packed), model, loaded.mode)?;
+    Ok(cost)
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }

@@ -30,6 +30,7 @@ mod synth;
 mod training;
 mod values;
 mod view;
+mod viewer;
 
 use crate::gpu::{Device, DeviceOptions, TuningChoice};
 use crate::metrics::Networks;
@@ -233,7 +234,7 @@ impl Cli {
             Command::Render(a) => a.run(console, &self.global),
             Command::View(a) => a.run(console, &self.global),
             Command::Edit(a) => a.run(console, &self.global),
-            Command::Convert(a) => a.run(console),
+            Command::Convert(a) => a.run(console, &self.global),
             Command::Inspect(a) => a.run(console),
             Command::Pose(a) => a.run(console),
             Command::Synth(a) => a.run(console),

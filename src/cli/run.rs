@@ -1,6 +1,7 @@
 //! `qirf-vk run SCENE`.
 
 use super::choices::Choices;
+use super::compress::outcome;
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
 use super::pose::{Posing, warn};
@@ -8,13 +9,18 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::view::{self, Watched};
-use super::{Global, tell_of_missing};
+use super::{Global, tell_of_missing, values, viewer};
+use crate::gaussians::formats;
 use crate::lab::methods::make;
 use crate::pipeline::Error;
+use crate::pipeline::compress::aim::Aim;
+use crate::pipeline::compress::fit::Target;
+use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
 use crate::pipeline::output::same_place;
-use crate::pipeline::records::RunRecord;
+use crate::pipeline::records::{CompressRecord, RunRecord};
 use crate::pipeline::{Earlier, Init, Output, RunConfig, Session, earlier, run};
 use crate::pose::{is_video, pose};
+use crate::render::Style;
 use crate::report;
 use crate::scene::{self, OpenOptions, Scene};
 use crate::wording::counted;
@@ -27,6 +33,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --keep 0.2 --selector css --schedule gradual
   qirf-vk run capture -o trained --view                # watch it in a browser
   qirf-vk run capture -o dense --no-prune
+  qirf-vk run capture -o trained --size 5MB            # and model.sog of at most 5 MB
   qirf-vk run --config trained/config.toml -o again
 
 The folder holds model.ply, report.html, metrics.json, log.jsonl, renders/ and config.toml, which reproduces the run.
@@ -71,6 +78,13 @@ pub(super) struct Arguments {
     /// Remove floaters in the end, before the scores and the report: Gaussians that the photos want gone, or that hang alone
     #[arg(long, conflicts_with = "config")]
     clean: bool,
+    /// Also write model.sog, the best picture in so many bytes, such as 5MB, judged by the photos. It is made from the trained model: with
+    /// a large size, a larger --keep is better
+    #[arg(long, value_name = "BYTES", value_parser = values::file_size)]
+    size: Option<u64>,
+    /// Put the model into report.html, to look around in: the page grows by the size of an SPZ and a third
+    #[arg(long)]
+    with_model: bool,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -117,9 +131,12 @@ impl Arguments {
         let record = self
             .watched
             .during(&session, console, subject, |session| run::run(session, &config, &output, self.resume))?;
-        report::write(&record, &output)?;
+        let title = self.output.file_name().unwrap_or_default().to_string_lossy();
+        let viewer = self.with_model.then(|| viewer::of_file(&session, &output.model(), &title)).transpose()?;
+        report::write(&record, &output, viewer.as_deref())?;
         tell_of_missing(&networks, console);
-        self.report(console, &record, &output)
+        let packed = self.size.map(|size| pack(&session, &config, &output, size)).transpose()?;
+        self.report(console, &record, (packed.as_ref(), &output))
     }
 
     /// Where diagnostics go: away from the run's own files and its initial model.
@@ -190,9 +207,18 @@ impl Arguments {
         console.print(format_args!("report {}", output.report().display()))
     }
 
-    fn report(&self, console: &Console, record: &RunRecord, output: &Output) -> Result<(), Error> {
+    fn report(
+        &self,
+        console: &Console,
+        record: &RunRecord,
+        (packed, output): (Option<&CompressRecord>, &Output),
+    ) -> Result<(), Error> {
         if self.json {
-            return console.json(record);
+            let mut json = serde_json::to_value(record).map_err(|e| Error::encoding("the figures", e))?;
+            if let Some(packed) = packed {
+                json["packed"] = serde_json::to_value(packed).map_err(|e| Error::encoding("the figures", e))?;
+            }
+            return console.json(&json);
         }
         if self.json_progress {
             return Ok(());
@@ -223,6 +249,20 @@ impl Arguments {
             record.memory.peak_bytes as f64 / 1e6,
         ))?;
         console.print(format_args!("       {}", output.model().display()))?;
+        if let Some(packed) = packed {
+            console.print(format_args!("packed {}", outcome(packed, console)))?;
+            console.print(format_args!("       {}", output.packed().display()))?;
+        }
         console.print(format_args!("report {}", output.report().display()))
     }
+}
+
+/// Packs the trained model into at most so many bytes, by the run's photos.
+fn pack(session: &Session<'_>, config: &RunConfig, output: &Output, size: u64) -> Result<CompressRecord, Error> {
+    let path = output.model();
+    let loaded = formats::read(&path)?;
+    let views = ViewSource::Photos(config.selection());
+    let config = CompressConfig { views, style: Style::of(loaded.mode), ..CompressConfig::default() };
+    let input = Input { path: &path, model: loaded.gaussians, read_s: 0.0 };
+    compress_to(session, input, (&config, Some(Aim::Bytes(size))), &Target::new(&output.packed()))
 }

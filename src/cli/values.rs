@@ -1,5 +1,6 @@
 //! Values on the command line: sizes, colours, resolutions, directions.
 
+use crate::gaussians::formats::SpzPrecision;
 use crate::pipeline::config::ranges::MOST_GAUSSIANS;
 use crate::qirf::partition::Partition;
 use crate::render::Style;
@@ -88,6 +89,14 @@ pub(super) fn file_size(text: &str) -> Result<u64, String> {
     };
     let bytes = number.trim().parse::<f64>().ok().map(|n| (n * unit).floor()).filter(|b| *b >= 1.0 && *b < 1e15);
     bytes.map(|b| b as u64).ok_or_else(|| "write a size above 0, such as 5MB, 800kB or 4.5MiB".to_owned())
+}
+
+/// `6`, or `6,5`: bits of SH coefficients in SPZ, of band 1 and of the others.
+pub(super) fn sh_bits(text: &str) -> Result<SpzPrecision, String> {
+    let bits = |t: &str| t.trim().parse::<u8>().ok().filter(|b| (1..=8).contains(b));
+    let (first, others) = text.split_once(',').unwrap_or((text, text));
+    let both = bits(first).zip(bits(others)).map(|(first, others)| SpzPrecision { first, others });
+    both.ok_or_else(|| "write 1 to 8, such as 8, or 6,5 for band 1 and the others".to_owned())
 }
 
 /// PSNR in dB, 5 to 100.
@@ -359,6 +368,8 @@ mod tests {
         for bad in ["5", "0", "0MB", "-1MB", "1TB", "MB", "", "nanMB", "infMB", "1e30GB", "5 apples", "0x7", "0x1B"] {
             assert!(size_of_file_or_pictures(bad).is_err(), "{bad}");
         }
+        assert_eq!(sh_bits("6,5"), Ok(SpzPrecision { first: 6, others: 5 }));
+        assert!(["", "0", "9", "5,", "5,4,3", "x"].iter().all(|bad| sh_bits(bad).is_err()));
         assert_eq!(psnr("35"), Ok(35.0));
         assert!(psnr("nan").is_err() && psnr("4").is_err() && psnr("101").is_err() && psnr("-35").is_err());
         for bad in ["", "1,1", "1,1,1,1", "2,0,0", "nan,0,0", "red"] {

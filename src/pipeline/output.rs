@@ -42,6 +42,11 @@ impl Output {
         self.0.join("model.ply")
     }
 
+    /// The model packed into a wanted size.
+    pub fn packed(&self) -> PathBuf {
+        self.0.join("model.sog")
+    }
+
     /// The figures.
     pub fn metrics(&self) -> PathBuf {
         self.0.join("metrics.json")

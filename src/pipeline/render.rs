@@ -7,7 +7,7 @@ use super::{budget, draw_source::DrawSource};
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::pipeline::Error;
-use crate::render::{Painter, Settings};
+use crate::render::{Image, Painter, Settings};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::{Framing, Look};
 use crate::scene::{Resize, Scene, View};
@@ -21,6 +21,17 @@ const NEAR: f64 = 0.02;
 /// Largest distance of the near plane of a camera on an orbit, by its distance from the model, in world units.
 pub fn near_limit(distance: f64) -> f32 {
     (NEAR * distance) as f32
+}
+
+/// One picture of a model, wherever the model fits.
+///
+/// # Errors
+/// Device memory; device errors.
+pub fn picture(session: &Session<'_>, model: &Gaussians, settings: Settings, camera: &Camera) -> Result<Image, Error> {
+    let size = [camera.width, camera.height];
+    let place = budget::for_pictures(session.device, model, size, settings.style)?;
+    let shown = DrawSource::new(session, model, place.whole)?;
+    Ok(Painter::of(session.device, settings, shown.source(), size)?.render(shown.source(), camera)?)
 }
 
 /// A picture to draw, and its file.

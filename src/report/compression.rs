@@ -11,7 +11,8 @@ use std::slice::from_ref;
 /// A stage's name and its scores.
 type Stage = (&'static str, fn(&StageScores) -> &Option<Scores>);
 
-const STAGES: [Stage; 3] = [("before", |s| &s.before), ("pruned", |s| &s.pruned), ("fine-tuned", |s| &s.fine_tuned)];
+const STAGES: [Stage; 4] =
+    [("before", |s| &s.before), ("pruned", |s| &s.pruned), ("fine-tuned", |s| &s.fine_tuned), ("file", |s| &s.written)];
 
 /// The whole page.
 pub fn page(record: &CompressRecord) -> String {

@@ -3,6 +3,7 @@
 //! Pages are built from [`page`] (shell, tables), [`plot`] and [`slider`]. `maud` escapes every text.
 
 mod compression;
+mod curve;
 pub mod format;
 pub mod page;
 pub mod picture;
@@ -14,15 +15,15 @@ use crate::pipeline::Error;
 use crate::pipeline::Output;
 pub use run::cut;
 
-use crate::pipeline::records::{CompressRecord, RunRecord};
+use crate::pipeline::records::{CompressRecord, CurveRecord, RunRecord};
 
 /// Writes `report.html` of a run into its folder, from its results and the folder's pictures and `config.toml`; missing
-/// ones are left out.
+/// ones are left out. `viewer` is a page that draws the model.
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write(results: &RunRecord, output: &Output) -> Result<(), Error> {
-    Output::text(&output.report(), &of_run(results, output))
+pub fn write(results: &RunRecord, output: &Output, viewer: Option<&str>) -> Result<(), Error> {
+    Output::text(&output.report(), &of_run(results, output, viewer))
 }
 
 /// The page of a compression.
@@ -30,8 +31,13 @@ pub fn of_compression(record: &CompressRecord) -> String {
     compression::page(record)
 }
 
-/// The page of a run.
-pub fn of_run(results: &RunRecord, output: &Output) -> String {
+/// The page of quality against bytes.
+pub fn of_curve(record: &CurveRecord) -> String {
+    curve::page(record)
+}
+
+/// The page of a run; `viewer` is a page within it that draws the model.
+pub fn of_run(results: &RunRecord, output: &Output, viewer: Option<&str>) -> String {
     let config = std::fs::read_to_string(output.config()).unwrap_or_default();
-    run::page(results, &run::stacks(results, &output.renders()), &config)
+    run::page(results, &run::stacks(results, &output.renders()), &config, viewer)
 }

@@ -2,6 +2,7 @@
 
 mod dialects;
 mod gltf;
+mod levels;
 mod readers;
 mod shared;
 mod strangers;

@@ -155,11 +155,75 @@ fn files_have_the_size_that_was_asked_for() {
     let said = compressed(&model, &again, &["--views", "16", "--size", "64x64", "--size", "6.5kB"]);
     let said = String::from_utf8_lossy(&said.stdout).into_owned();
     assert!(said.contains(" of 6.5 kB: ") && said.contains(" Gaussians, ") && said.contains(" dB"), "{said}");
+    // The line's PSNR is that of the file, which is not that before packing.
+    let (_, after) = said.split_once("file       PSNR ").expect("the file's own PSNR");
+    let psnr: f64 = after.split(' ').next().and_then(|v| v.parse().ok()).expect("a number");
+    assert!(said.contains(&format!(" Gaussians, {psnr:.1} dB")) && said.contains("before packing"), "{said}");
     assert!(std::fs::read(&first).unwrap() == std::fs::read(&again).unwrap(), "one input, one output");
     // Tuned after the search, the file still fits.
     let tuned = folder.path().join("tuned.sog");
     small(&model, &tuned, &["--size", "6.5kB", "--fine-tune", "5"]);
-    assert!(std::fs::metadata(&tuned).unwrap().len() <= 6500);
+    let bytes = std::fs::metadata(&tuned).unwrap().len();
+    // So few Gaussians grow by leaps.
+    assert!((6110..=6500).contains(&bytes), "{bytes}");
+}
+
+#[test]
+fn pages_have_the_size_that_was_asked_for_and_copies_say_what_they_cost() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = saved(folder.path(), &ball());
+    let convert = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+        let ran = command.arg("convert").arg(&model).arg(&out).args(more).output().expect("the program starts");
+        let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+        (ran.status.code(), said, std::fs::metadata(&out).map_or(0, |m| m.len()))
+    };
+    let (code, said, bytes) = convert("a.html", &["--size", "39kB"]);
+    assert!(code == Some(0) && (37_050..=39_000).contains(&bytes) && said.contains(" of 39 kB: "), "{bytes}: {said}");
+    convert("b.html", &[]);
+    let page = std::fs::read_to_string(folder.path().join("b.html")).unwrap();
+    assert!(page.contains("id=\"poster\" src=\"data:image/"), "the page begins with a picture");
+    let (_, said, coarse) = convert("a.spz", &["--sh-bits", "1"]);
+    assert!(said.contains(" dB against it"), "{said}");
+    assert!(said.contains("is a poor copy"), "{said}");
+    let (_, said, fine) = convert("a.spz", &["--sh-bits", "8,8"]);
+    assert!(fine > coarse && !said.contains("poor"), "{said}");
+    assert!(!convert("a.glb", &[]).1.contains(" dB"), "floats cost nothing");
+    for (name, more) in [("a.sog", ["--sh-bits", "5"]), ("a.sog", ["--size", "9kB"]), ("a.sog", ["--lod", "2"])] {
+        assert_eq!(convert(name, &more).0, Some(2), "{more:?}");
+    }
+    assert_eq!(convert("a.html", &["--size", "9kB"]).0, Some(2), "script and style alone take more");
+    let (code, said, bytes) = convert("lod/lod-meta.json", &["--lod", "3"]);
+    assert!(code == Some(0) && bytes > 0 && said.contains("level 2: 67 Gaussians"), "{said}");
+}
+
+#[test]
+fn a_curve_has_files_of_six_sizes_with_their_bytes_by_attribute() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = saved(folder.path(), &ball());
+    let out = folder.path().join("curve");
+    let more = ["--curve", "sog,spz,ply", "--peer", "none", "--views", "16", "--size", "64x64", "--json"];
+    let curve = figures(&compressed(&model, &out, &more));
+    let files = curve["files"].as_array().unwrap();
+    assert!(files.len() > 7, "{curve}");
+    for file in files {
+        let number = |key: &str| file[key].as_u64().unwrap_or_else(|| panic!("{key}: {file}"));
+        assert!(number("bytes") <= number("wanted"), "{file}");
+        let parts = file["parts"].as_array().unwrap();
+        let all: u64 = parts.iter().map(|part| part[1].as_u64().unwrap()).sum();
+        assert!(if file["format"] == "ply" { parts.is_empty() } else { all == number("bytes") }, "{file}");
+    }
+    let losses = curve["attributes"].as_array().unwrap();
+    assert_eq!(losses.iter().filter(|loss| loss["format"] == "spz").count(), 6, "{losses:?}");
+    let csv = std::fs::read_to_string(out.join("curve.csv")).unwrap();
+    assert_eq!(csv.lines().count(), files.len() + 1);
+    let html = parse(&std::fs::read_to_string(out.join("curve.html")).unwrap()).unwrap();
+    // Even one Gaussian is more as SOG than all as SPZ.
+    assert_eq!(html.select("#plot polyline").len(), 2);
+    let refused = compressed(&model, &out, &["--curve", "sog", "--size", "9kB"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert_eq!(compressed(&model, &out, &["--curve", "docx"]).status.code(), Some(2));
 }
 
 #[test]
@@ -282,8 +346,13 @@ fn photos_give_evidence_scores_and_fine_tuning() {
     let trained = folder.path().join("trained");
     let mut run = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
     run.arg("run").arg(&scene).arg("-o").arg(&trained).args(["--no-prune", "--iterations", "200", "--sh-degree", "1"]);
+    run.args(["--size", "12kB", "--with-model"]);
     let run = run.output().unwrap();
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let packed = std::fs::metadata(trained.join("model.sog")).unwrap().len();
+    assert!((11_400..=12_000).contains(&packed), "{packed}: {}", String::from_utf8_lossy(&run.stdout));
+    let html = parse(&std::fs::read_to_string(trained.join("report.html")).unwrap()).unwrap();
+    assert!(html.select("#model iframe")[0].attribute("srcdoc").is_some_and(|page| page.contains("id=\"model\"")));
     let out = folder.path().join("small.ply");
     let scene = scene.to_str().unwrap();
     let pruned = ["--scene", scene, "--selector", "importance", "--keep", "0.1"];

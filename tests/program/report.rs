@@ -202,7 +202,7 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
             image::RgbImage::from_pixel(64, 48, image::Rgb([60 * shade as u8; 3])).save(path).unwrap();
         }
     }
-    let page = of_run(&results, &output);
+    let page = of_run(&results, &output, None);
     let html = sound(&page);
     let titles = html.texts("h2");
     let expected = [
@@ -239,7 +239,7 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
 #[test]
 fn whatever_is_missing_leaves_a_sound_page() {
     let (_folder, output) = folder();
-    let html = sound(&of_run(&bare(), &output));
+    let html = sound(&of_run(&bare(), &output, None));
     assert_eq!(html.select("h2").len(), 12);
     assert_eq!(html.select("img").len(), 0);
 
@@ -247,16 +247,16 @@ fn whatever_is_missing_leaves_a_sound_page() {
     one.views = vec![view("one.png", None)];
     one.test = Some(one.views[0].scores.clone());
     one.curve = vec![CurvePoint { iteration: 1, seconds: 0.0, psnr: 20.0, gaussians: 0 }];
-    assert!(sound(&of_run(&one, &output)).texts(".tile").iter().any(|t| t.contains('∞')));
+    assert!(sound(&of_run(&one, &output, None)).texts(".tile").iter().any(|t| t.contains('∞')));
 
     one.cut = Some(Cut { iteration: 1500, before: 5000, shown: 1800, after: 1400 });
     let told = "After iteration 1,500, the method would have kept 1,800 of 5,000 Gaussians; 1,400 were kept.";
-    assert_eq!(sound(&of_run(&one, &output)).texts("#pruning p"), [told]);
+    assert_eq!(sound(&of_run(&one, &output, None)).texts("#pruning p"), [told]);
 
     // A file that is not a picture, among the pictures of a run.
     std::fs::create_dir_all(output.renders()).unwrap();
     std::fs::write(output.renders().join("one.png"), "no picture").unwrap();
-    sound(&of_run(&one, &output));
+    sound(&of_run(&one, &output, None));
 }
 
 #[test]
@@ -275,7 +275,7 @@ fn numbers_that_are_none_stay_out_of_drawings() {
     r.prunes = vec![broken, prune(4_000_000_000), prune(100), prune(100)];
     r.time.stages_s.insert("nothing", f64::NAN);
     (r.time.total_s, r.frames_per_second, r.train.psnr) = (f64::NAN, Some(f64::INFINITY), Some(f64::NAN));
-    sound(&of_run(&r, &output));
+    sound(&of_run(&r, &output, None));
 }
 
 /// Plots for other pages.

@@ -11,6 +11,7 @@ mod gltf;
 mod ksplat;
 mod linear;
 mod output;
+mod parts;
 mod ply;
 mod precision;
 mod render_mode;
@@ -33,7 +34,8 @@ use serde::Serialize;
 use super::{Error, Gaussians};
 use fault::Fault;
 pub use output::{crc32, refuse_overwrite, remove_leftovers, write_atomically};
-pub use precision::{Precision, SogPrecision, SpzPrecision, finest, ladder, usual};
+pub use parts::parts;
+pub use precision::{Ladder, Precision, SogPrecision, SpzPrecision, ladder, usual};
 pub use render_mode::RenderMode;
 use render_mode::Tag;
 pub use repairs::{LOG_SCALE_FLOOR, OPACITY_LOGIT_LIMIT, Repairs};
@@ -106,6 +108,10 @@ struct Parsed {
 pub fn read(path: &Path) -> Result<Loaded, Error> {
     let io = |source| Error::Io { path: path.to_owned(), source };
     let is_folder = fs::metadata(path).map_err(io)?.is_dir();
+    if is_folder && path.join(sog::LEVELS).is_file() || path.file_name().is_some_and(|name| name == sog::LEVELS) {
+        let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
+        return sog::read_levels(folder).map(finish).map_err(|fault| fault.at(path));
+    }
     if is_folder && !path.join("meta.json").is_file() {
         return Err(Error::Unsupported {
             path: path.to_owned(),
@@ -241,6 +247,11 @@ pub fn check_output(path: &Path) -> Result<(), Error> {
     Written::of(path).map(drop)
 }
 
+/// True for formats that store floats, so that their pictures are those of the model.
+pub fn is_exact(path: &Path) -> bool {
+    !matches!(Written::of(path), Ok(Written::CompressedPly | Written::Spz | Written::Sog))
+}
+
 /// Writes `gaussians` to `path` in the format of its extension: `.ply` (bit-exact), `.glb`, `.usda` or
 /// `.usdz` (exact but for rounding exponentials and unit quaternions), `.spz` (version 4), `.sog` or `.compressed.ply` (quantised as [`usual`]), completely or not
 /// at all; with the tag of `mode`. SOG and compressed PLY do not keep the order of the Gaussians, SOG not that of their axes either.
@@ -251,14 +262,6 @@ pub fn check_output(path: &Path) -> Result<(), Error> {
 /// [`Error::Unsupported`] for another extension or for what the format cannot hold, [`Error::Inconsistent`],
 /// [`Error::Io`].
 pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(), Error> {
-    write_version(path, gaussians, mode, SpzVersion::default())
-}
-
-/// As [`write()`], with the version of SPZ.
-///
-/// # Errors
-/// Those of [`write()`].
-pub fn write_version(path: &Path, gaussians: &Gaussians, mode: RenderMode, spz: SpzVersion) -> Result<(), Error> {
     gaussians.validate()?;
     let packed = match Written::of(path)? {
         Written::Ply => return write_atomically(path, |out| ply::write(out, gaussians, mode)),
@@ -270,18 +273,48 @@ pub fn write_version(path: &Path, gaussians: &Gaussians, mode: RenderMode, spz: 
             return write_atomically(path, body);
         }
         Written::Usda => return write_atomically(path, |out| usd::write(out, gaussians, mode)),
-        Written::Spz => self::spz(gaussians, mode, spz, path)?,
-        Written::Usdz | Written::Sog => encode(path, gaussians, mode, &usual(path, gaussians))?,
+        Written::Usdz | Written::Spz | Written::Sog => {
+            encode(path, gaussians, mode, (usual(path, gaussians), SpzVersion::default()))?
+        }
     };
     write_atomically(path, |out| out.write_all(&packed))
 }
 
+/// Writes levels of detail, the finest first, as streamed SOG: `path`, which ends in `lod-meta.json`, and folders beside it.
+///
+/// # Errors
+/// [`Error::Unsupported`] for what SOG cannot hold, [`Error::Inconsistent`], [`Error::Io`].
+pub fn write_levels(path: &Path, levels: &[Gaussians], mode: RenderMode) -> Result<(), Error> {
+    for level in levels {
+        level.validate()?;
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let files = sog::pack_levels(levels, mode, &Precision::Fixed.of_sog()).map_err(|fault| fault.at(path))?;
+    for (name, content) in files {
+        let file = folder.join(name);
+        let parent = file.parent().unwrap_or(folder);
+        fs::create_dir_all(parent).map_err(|source| Error::Io { path: parent.to_owned(), source })?;
+        write_atomically(&file, |out| out.write_all(&content))?;
+    }
+    Ok(())
+}
+
+/// True for the name of streamed SOG.
+pub fn is_levels(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name == sog::LEVELS)
+}
+
 /// The bytes of a file in the format of its extension, which stores values as finely as `precision` says; if that is another format's,
-/// as finely as the format allows.
+/// as finely as the format allows. SPZ gets this version.
 ///
 /// # Errors
 /// [`Error::Unsupported`] for another extension or for what the format cannot hold, [`Error::Inconsistent`].
-pub fn encode(path: &Path, gaussians: &Gaussians, mode: RenderMode, precision: &Precision) -> Result<Vec<u8>, Error> {
+pub fn encode(
+    path: &Path,
+    gaussians: &Gaussians,
+    mode: RenderMode,
+    (precision, spz): (Precision, SpzVersion),
+) -> Result<Vec<u8>, Error> {
     gaussians.validate()?;
     let io = |source| Error::Io { path: path.to_owned(), source };
     let mut bytes = Vec::new();
@@ -296,7 +329,7 @@ pub fn encode(path: &Path, gaussians: &Gaussians, mode: RenderMode, precision: &
         }
         Written::Usda => return usd::write(&mut bytes, gaussians, mode).map(|()| bytes).map_err(io),
         Written::Usdz => usd::package(gaussians, mode),
-        Written::Spz => spz::pack(gaussians, mode, (SpzVersion::default(), precision.of_spz())),
+        Written::Spz => spz::pack(gaussians, mode, (spz, precision.of_spz())),
         Written::Sog => sog::pack(gaussians, mode, &precision.of_sog()),
     };
     packed.map_err(|fault| fault.at(path))

@@ -69,52 +69,105 @@ impl SogPrecision {
         let [mean, scale, colour, sh] = steps;
         Self { mean, rotation_levels, scale, colour, opacity_levels, sh, palette }
     }
-}
 
-const fn sog(steps: [f64; 4], levels: [u16; 2], palette: f64) -> Precision {
-    Precision::Sog(SogPrecision::new(steps, levels, palette))
-}
+    /// These settings for one attribute, the finest for the others: of each attribute that SOG stores, with its name.
+    pub fn alone(&self) -> [(&'static str, Self); 6] {
+        let of = FINEST_SOG;
+        [
+            ("means", Self { mean: self.mean, ..of }),
+            ("rotations", Self { rotation_levels: self.rotation_levels, ..of }),
+            ("scales", Self { scale: self.scale, ..of }),
+            ("colours", Self { colour: self.colour, ..of }),
+            ("opacities", Self { opacity_levels: self.opacity_levels, ..of }),
+            ("SH", Self { sh: self.sh, palette: self.palette, ..of }),
+        ]
+    }
 
-const fn bits(first: u8, others: u8) -> Precision {
-    Precision::Spz(SpzPrecision { first, others })
+    /// A share of the way to finer settings, by factors.
+    fn towards(&self, finer: &Self, share: f64) -> Self {
+        if share == 0.0 {
+            return *self;
+        }
+        // The finest means have no step of their own: half of the last one stands for it.
+        let between = |a: f64, b: f64| a * (b / a).powf(share);
+        let levels = |a: u16, b: u16| between(f64::from(a), f64::from(b)).round() as u16;
+        Self {
+            mean: between(self.mean, if finer.mean > 0.0 { finer.mean } else { 0.5 * self.mean }),
+            rotation_levels: levels(self.rotation_levels, finer.rotation_levels),
+            scale: between(self.scale, finer.scale),
+            colour: between(self.colour, finer.colour),
+            opacity_levels: levels(self.opacity_levels, finer.opacity_levels),
+            sh: between(self.sh, finer.sh),
+            palette: between(self.palette, finer.palette),
+        }
+    }
 }
 
 /// The finest that SOG allows.
 const FINEST_SOG: SogPrecision = SogPrecision::new([0.0, 0.03, 0.01, 0.005], [256, 256], 1.0);
 
-/// Each rung loses about half as much as the one before. The last one is the finest that the format allows.
-const SOG: [Precision; 7] = [
-    sog([0.3, 0.35, 0.25, 0.1], [18, 12], 0.008),
-    sog([0.2, 0.25, 0.18, 0.08], [26, 16], 0.0156),
-    sog([0.16, 0.18, 0.12, 0.06], [36, 24], 0.06),
-    sog([0.1, 0.1, 0.08, 0.05], [52, 32], 0.15),
-    sog([0.06, 0.07, 0.05, 0.03], [86, 64], 0.3),
-    sog([0.03, 0.05, 0.03, 0.02], [128, 128], 0.6),
-    Precision::Sog(FINEST_SOG),
+/// Each step loses about half as much as the one before. The last one is the finest that the format allows.
+const SOG: [SogPrecision; 7] = [
+    SogPrecision::new([0.3, 0.35, 0.25, 0.1], [18, 12], 0.008),
+    SogPrecision::new([0.2, 0.25, 0.18, 0.08], [26, 16], 0.0156),
+    SogPrecision::new([0.16, 0.18, 0.12, 0.06], [36, 24], 0.06),
+    SogPrecision::new([0.1, 0.1, 0.08, 0.05], [52, 32], 0.15),
+    SogPrecision::new([0.06, 0.07, 0.05, 0.03], [86, 64], 0.3),
+    SogPrecision::new([0.03, 0.05, 0.03, 0.02], [128, 128], 0.6),
+    FINEST_SOG,
 ];
+/// Rungs from one step to the next: 3 % of the bytes each.
+const A_STEP: usize = 8;
 
-const SPZ: [Precision; 4] = [bits(4, 3), bits(5, 4), bits(6, 5), bits(8, 8)];
+/// Bits of band 1 and of the others, by rung.
+const SPZ: [(u8, u8); 10] = [(4, 3), (5, 3), (5, 4), (6, 4), (6, 5), (7, 5), (7, 6), (8, 6), (8, 7), (8, 8)];
+const SPZ_STEPS: [usize; 4] = [0, 2, 4, 9];
 
-/// The settings of the format that a file's name asks for, from the fewest bytes to the least loss: one at least. `degree` is that of
-/// the model's SH.
-pub fn ladder(path: &Path, degree: usize) -> &'static [Precision] {
-    match super::extension(path).as_str() {
-        "sog" => &SOG,
-        "spz" if degree > 0 => &SPZ,
-        _ => &[Precision::Fixed],
+/// The settings of a format, from the fewest bytes to the least loss.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ladder {
+    /// One at least.
+    pub rungs: Vec<Precision>,
+    /// Rungs that are a visible step apart, in order; the last one is the last rung.
+    pub steps: Vec<usize>,
+}
+
+impl Ladder {
+    /// The settings at each step.
+    pub fn coarse(&self) -> impl Iterator<Item = Precision> + '_ {
+        self.steps.iter().map(|rung| self.rungs[*rung])
+    }
+
+    /// The finest settings.
+    pub fn finest(&self) -> Precision {
+        self.rungs.last().copied().unwrap_or(Precision::Fixed)
     }
 }
 
-/// The finest settings of the format that a file's name asks for.
-pub fn finest(path: &Path, degree: usize) -> Precision {
-    ladder(path, degree).last().copied().unwrap_or(Precision::Fixed)
+/// The settings of the format that a file's name asks for. `degree` is that of the model's SH.
+pub fn ladder(path: &Path, degree: usize) -> Ladder {
+    match super::extension(path).as_str() {
+        "sog" => {
+            let between = |k: usize| {
+                let (step, share) = (k / A_STEP, (k % A_STEP) as f64 / A_STEP as f64);
+                Precision::Sog(SOG[step].towards(&SOG[(step + 1).min(SOG.len() - 1)], share))
+            };
+            let last = A_STEP * (SOG.len() - 1);
+            Ladder { rungs: (0..=last).map(between).collect(), steps: (0..=last).step_by(A_STEP).collect() }
+        }
+        "spz" if degree > 0 => Ladder {
+            rungs: SPZ.iter().map(|&(first, others)| Precision::Spz(SpzPrecision { first, others })).collect(),
+            steps: SPZ_STEPS.to_vec(),
+        },
+        _ => Ladder { rungs: vec![Precision::Fixed], steps: vec![0] },
+    }
 }
 
 /// The settings that files have unless others are asked for: the fewest bits of SH that pictures do not show for SPZ, else the finest.
 pub fn usual(path: &Path, model: &Gaussians) -> Precision {
     let ladder = ladder(path, model.degree());
-    match ladder.last() {
-        Some(Precision::Spz(_)) => spz::usual(model, ladder),
-        last => last.copied().unwrap_or(Precision::Fixed),
+    match ladder.finest() {
+        Precision::Spz(_) => spz::usual(model, &ladder),
+        finest => finest,
     }
 }

@@ -1,10 +1,10 @@
 //! A model's file of a wanted size or PSNR: scored once, merged once, and written as often as the search needs.
 
-use super::aim::{Aim, Found, Point, Search, Trials};
+use super::aim::{Aim, Found, Search, Trials};
 use super::config::CompressConfig;
 use super::views::Views;
 use crate::gaussians::Gaussians;
-use crate::gaussians::formats::{self, Precision};
+use crate::gaussians::formats::{self, Ladder, Precision, RenderMode, SpzVersion};
 use crate::pipeline::Error;
 use crate::pipeline::budget;
 use crate::pipeline::draw_source::DrawSource;
@@ -68,8 +68,8 @@ impl<'a> Judge<'a> {
     ///
     /// # Errors
     /// Device memory; device errors; a file that cannot be read.
-    pub fn psnr(&self, bytes: &[u8], name: &Path) -> Result<f64, Error> {
-        let model = formats::read_bytes(bytes, name).map_err(Error::writing)?.gaussians;
+    pub fn psnr(&self, packed: &[u8], name: &Path) -> Result<f64, Error> {
+        let model = formats::read_bytes(packed, name).map_err(Error::writing)?.gaussians;
         let settings = self.views.settings;
         let size = camera::largest(self.photos.iter().map(|view| &view.camera));
         let place = budget::for_pictures(self.session.device, &model, size, settings.style)?;
@@ -80,15 +80,92 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Files of a model at any number of Gaussians, made from one sequence of merges.
-struct Files<'a> {
+/// Puts a file round a packed model.
+pub type Wrap<'a> = dyn Fn(&[u8]) -> Vec<u8> + 'a;
+
+/// A file to write.
+#[derive(Clone, Copy)]
+pub struct Target<'a> {
+    /// Its name.
+    pub path: &'a Path,
+    /// A name whose extension is the format of the model in it.
+    pub format: &'a Path,
+    /// Version of an SPZ.
+    pub spz: SpzVersion,
+    /// How finely values are stored, whatever they lose; by default pictures decide.
+    pub precision: Option<Precision>,
+    /// The file round a packed model; `None` if that is the file.
+    pub wrap: Option<&'a Wrap<'a>>,
+}
+
+impl<'a> Target<'a> {
+    /// A file that is the model alone.
+    pub fn new(path: &'a Path) -> Self {
+        Self { path, format: path, spz: SpzVersion::default(), precision: None, wrap: None }
+    }
+
+    /// The model in this format.
+    ///
+    /// # Errors
+    /// What the format cannot hold.
+    pub fn pack(&self, model: &Gaussians, mode: RenderMode, precision: Precision) -> Result<Vec<u8>, Error> {
+        formats::encode(self.format, model, mode, (precision, self.spz)).map_err(Error::writing)
+    }
+
+    /// The file of a packed model.
+    pub fn file(&self, packed: Vec<u8>) -> Vec<u8> {
+        match self.wrap {
+            Some(wrap) => wrap(&packed),
+            None => packed,
+        }
+    }
+
+    /// Writes the file of a packed model; without one, of a model in a format that stores floats.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write(&self, packed: Option<Vec<u8>>, model: &Gaussians, mode: RenderMode) -> Result<(), Error> {
+        match packed.map(|packed| self.file(packed)) {
+            Some(file) => formats::write_atomically(self.path, |out| out.write_all(&file)),
+            None => formats::write(self.path, model, mode),
+        }
+        .map_err(Error::writing)
+    }
+
+    /// The settings to choose from.
+    pub fn ladder(&self, model: &Gaussians) -> Ladder {
+        match self.precision {
+            Some(precision) => Ladder { rungs: vec![precision], steps: vec![0] },
+            None => formats::ladder(self.format, model.degree()),
+        }
+    }
+
+    /// The settings of a model of which no pictures are compared.
+    pub fn usual(&self, model: &Gaussians) -> Precision {
+        self.precision.unwrap_or_else(|| formats::usual(self.format, model))
+    }
+
+    /// The name of its format, for messages.
+    fn kind(&self) -> String {
+        self.path.extension().unwrap_or_default().to_string_lossy().to_uppercase()
+    }
+}
+
+/// A model that is scored and merged once, and written as often as searches need.
+pub struct Fitter<'a> {
     judge: &'a Judge<'a>,
     model: &'a Gaussians,
     responses: &'a Responses,
-    sequence: Sequence,
     config: &'a CompressConfig,
-    output: &'a Path,
-    ladder: &'static [Precision],
+    sequence: Sequence,
+}
+
+/// Files of a model at any number of Gaussians, made from one sequence of merges.
+struct Files<'a> {
+    fitter: &'a Fitter<'a>,
+    target: &'a Target<'a>,
+    rungs: Vec<Precision>,
+    /// Packed models, by rung and Gaussians.
     made: BTreeMap<(usize, usize), Vec<u8>>,
 }
 
@@ -96,21 +173,23 @@ impl Trials for Files<'_> {
     type Error = Error;
 
     fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, Error> {
-        let watcher = self.judge.session.watcher;
+        let Fitter { judge, model, responses, config, sequence } = self.fitter;
+        let watcher = judge.session.watcher;
         watcher.unless_stopped()?;
-        let pairs = self.sequence.pairs(self.model, &self.responses.scores, gaussians);
+        let pairs = sequence.pairs(model, &responses.scores, gaussians);
         let kept: Vec<usize> = (0..pairs.keep.len()).filter(|i| pairs.keep[*i]).collect();
-        let model = pairs.model.select(&kept);
-        let bytes = formats::encode(self.output, &model, self.config.style.mode(), &self.ladder[rung]);
-        let bytes = bytes.map_err(Error::writing)?;
-        let length = bytes.len() as u64;
-        self.made.insert((rung, gaussians), bytes);
+        let packed = self.target.pack(&pairs.model.select(&kept), config.style.mode(), self.rungs[rung])?;
+        let length = match self.target.wrap {
+            Some(wrap) => wrap(&packed).len(),
+            None => packed.len(),
+        };
+        self.made.insert((rung, gaussians), packed);
         watcher.trying(self.made.len(), self.made.len().max(TRIES));
-        Ok(length)
+        Ok(length as u64)
     }
 
     fn psnr(&mut self, rung: usize, gaussians: usize) -> Result<f64, Error> {
-        self.judge.psnr(&self.made[&(rung, gaussians)], self.output)
+        self.fitter.judge.psnr(&self.made[&(rung, gaussians)], self.target.format)
     }
 }
 
@@ -118,123 +197,155 @@ impl Trials for Files<'_> {
 pub struct Fitted {
     /// The choice of Gaussians.
     pub plan: PrunePlan,
-    /// The file.
-    pub bytes: Vec<u8>,
-    /// How finely it stores values.
-    pub precision: Precision,
+    /// The packed model.
+    pub packed: Vec<u8>,
     /// What was asked, tried and chosen.
     pub record: AimRecord,
 }
 
-/// Searches for the file that `aim` asks for, in the format of the name `output`.
-///
-/// # Errors
-/// [`Error::Usage`] for a size that even one Gaussian exceeds; those of the trials.
-pub fn fit(
-    judge: &Judge<'_>,
-    model: &Gaussians,
-    responses: &Responses,
-    (config, aim): (&CompressConfig, Aim),
-    output: &Path,
-) -> Result<Fitted, Error> {
-    let begun = Instant::now();
-    let sequence = Sequence::new(model, &responses.scores, (&responses.cameras, responses.dilation), 1);
-    let ladder = formats::ladder(output, model.degree());
-    let mut files = Files { judge, model, responses, sequence, config, output, ladder, made: BTreeMap::new() };
-    let mut search = Search::new(&mut files, model.len(), ladder.len());
-    let found = search.find(aim)?;
-    let tried = search.tried();
-    judge.session.watcher.trying(1, 1);
-    let chosen = match found {
-        Found::Best(point) => point,
-        Found::TooSmall(least) => {
-            let name = output.extension().unwrap_or_default().to_string_lossy().to_uppercase();
-            return Err(Error::Usage(format!(
-                "the smallest {name} file of this model has one Gaussian and {least} bytes; give --size {} or more",
-                readable(least)
-            )));
-        }
-    };
-    let bytes = files.made.remove(&(chosen.rung, chosen.gaussians)).expect("a file that was made");
-    let merged = files.sequence.pairs(model, &responses.scores, chosen.gaussians);
-    let plan = prune::of_pairs(merged, responses, begun);
-    let record = AimRecord { aim, chosen, precision: ladder[chosen.rung], rungs: ladder.len(), tried };
-    Ok(Fitted { plan, bytes, precision: ladder[chosen.rung], record })
+impl<'a> Fitter<'a> {
+    /// Merges a model down to one Gaussian, by its responses.
+    pub fn new(
+        judge: &'a Judge<'a>,
+        model: &'a Gaussians,
+        responses: &'a Responses,
+        config: &'a CompressConfig,
+    ) -> Self {
+        let sequence = Sequence::new(model, &responses.scores, (&responses.cameras, responses.dilation), 1);
+        Self { judge, model, responses, config, sequence }
+    }
+
+    /// Searches for the file that `aim` asks for.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a size that even one Gaussian exceeds; those of the trials.
+    pub fn fit(&self, aim: Aim, target: &Target<'_>) -> Result<Fitted, Error> {
+        let begun = Instant::now();
+        let Ladder { rungs, steps } = target.ladder(self.model);
+        let mut files = Files { fitter: self, target, rungs, made: BTreeMap::new() };
+        let mut search = Search::new(&mut files, self.model.len(), &steps);
+        let found = search.find(aim)?;
+        let tried = search.tried();
+        self.judge.session.watcher.trying(1, 1);
+        let chosen = match found {
+            Found::Best(point) => point,
+            Found::TooSmall(least) => {
+                return Err(Error::Usage(format!(
+                    "the smallest {} file of this model has one Gaussian and {least} bytes; give --size {} or more",
+                    target.kind(),
+                    readable(least)
+                )));
+            }
+        };
+        let packed = files.made.remove(&(chosen.rung, chosen.gaussians)).expect("a file that was made");
+        let merged = self.sequence.pairs(self.model, &self.responses.scores, chosen.gaussians);
+        let plan = prune::of_pairs(merged, self.responses, begun);
+        let record = AimRecord { aim, chosen, precision: files.rungs[chosen.rung], rungs: files.rungs.len(), tried };
+        Ok(Fitted { plan, packed, record })
+    }
 }
 
 /// A number of bytes for `--size`, rounded up.
 fn readable(bytes: u64) -> String {
-    format!("{}kB", bytes.div_ceil(1000))
+    if bytes < 10_000 { format!("{bytes}B") } else { format!("{}kB", bytes.div_ceil(1000)) }
 }
 
-/// The file of a model that loses little more than the model itself, whose PSNR in the judge's views is `psnr`: the coarsest settings
-/// of its format for which that is so.
+/// The packed model that loses little more than the model itself, whose PSNR in the judge's views is `psnr`: the coarsest settings
+/// of its format for which that is so; the usual ones without a judge. None if the format stores floats.
 ///
 /// # Errors
 /// Those of writing the file and of drawing its pictures.
-pub fn written(
-    judge: &Judge<'_>,
+pub fn packed(
+    judge: Option<&Judge<'_>>,
     model: &Gaussians,
     (config, psnr): (&CompressConfig, Option<f64>),
-    output: &Path,
-) -> Result<Vec<u8>, Error> {
-    let ladder = formats::ladder(output, model.degree());
-    let encode = |precision| formats::encode(output, model, config.style.mode(), precision).map_err(Error::writing);
-    let last = ladder.len() - 1;
-    let psnr = psnr.unwrap_or(f64::INFINITY);
-    for precision in &ladder[..last] {
-        if psnr.is_infinite() {
-            break;
-        }
-        let bytes = encode(precision)?;
-        if judge.psnr(&bytes, output)? >= psnr - MOST_LOSS {
-            return Ok(bytes);
+    target: &Target<'_>,
+) -> Result<Option<Vec<u8>>, Error> {
+    if formats::is_exact(target.format) {
+        return Ok(None);
+    }
+    let pack = |precision| target.pack(model, config.style.mode(), precision);
+    let Some(judge) = judge else { return pack(target.usual(model)).map(Some) };
+    let ladder = target.ladder(model);
+    let wanted = psnr.map(|psnr| psnr - MOST_LOSS);
+    for precision in ladder.coarse().take(ladder.steps.len() - 1) {
+        let Some(wanted) = wanted else { break };
+        let packed = pack(precision)?;
+        if judge.psnr(&packed, target.format)? >= wanted {
+            return Ok(Some(packed));
         }
     }
-    encode(&ladder[last])
+    pack(ladder.finest()).map(Some)
 }
 
-/// The file of a model at this precision in at most `most` bytes: Gaussians that show least are left out until it is small enough.
+/// One model at all settings of a format.
+struct Versions<'a> {
+    model: &'a Gaussians,
+    mode: RenderMode,
+    target: &'a Target<'a>,
+    rungs: &'a [Precision],
+    made: BTreeMap<usize, Vec<u8>>,
+}
+
+impl Trials for Versions<'_> {
+    type Error = Error;
+
+    fn bytes(&mut self, rung: usize, _: usize) -> Result<u64, Error> {
+        let packed = self.target.pack(self.model, self.mode, self.rungs[rung])?;
+        let length = self.target.file(packed.clone()).len();
+        self.made.insert(rung, packed);
+        Ok(length as u64)
+    }
+
+    fn psnr(&mut self, _: usize, _: usize) -> Result<f64, Error> {
+        Ok(f64::INFINITY)
+    }
+}
+
+/// A model packed into at most `most` bytes of file, as finely as that allows; if even the coarsest settings need more, Gaussians that show
+/// least are left out until they do not.
 ///
 /// # Errors
 /// Those of writing the file.
-pub fn within(
-    model: &mut Gaussians,
-    (config, precision): (&CompressConfig, &Precision),
-    most: u64,
-    output: &Path,
-) -> Result<Vec<u8>, Error> {
+pub fn within(model: &mut Gaussians, mode: RenderMode, most: u64, target: &Target<'_>) -> Result<Vec<u8>, Error> {
+    let Ladder { rungs, steps } = target.ladder(model);
     loop {
-        let bytes = formats::encode(output, model, config.style.mode(), precision).map_err(Error::writing)?;
-        let length = bytes.len() as u64;
+        let mut files = Versions { model, mode, target, rungs: &rungs, made: BTreeMap::new() };
+        let finest = Search::new(&mut files, model.len(), &steps).refine(most)?;
+        let made = files.made.remove(&finest.unwrap_or(0)).expect("a file that was made");
+        let length = target.file(made.clone()).len() as u64;
         if length <= most || model.len() < 2 {
-            return Ok(bytes);
+            return Ok(made);
         }
         let excess = model.len() as f64 * (length - most) as f64 / length as f64;
         let left = model.len() - (1.1 * excess).ceil().clamp(1.0, model.len() as f64 - 1.0) as usize;
-        let shown = |i: usize| {
-            let sizes = model.log_scales[i];
-            let area = sizes.iter().sum::<f32>() - sizes.iter().fold(f32::INFINITY, |a, s| a.min(*s));
-            f64::from(area).exp() / (1.0 + f64::from(-model.opacity_logits[i]).exp())
-        };
-        let mut order: Vec<usize> = (0..model.len()).collect();
-        order.sort_by(|a, b| shown(*b).total_cmp(&shown(*a)).then(a.cmp(b)));
-        order.truncate(left);
-        order.sort_unstable();
-        *model = model.select(&order);
+        *model = most_shown(model, left);
     }
 }
 
-/// What was chosen: `4.93 MB of 5 MB: 412,300 Gaussians, 35.8 dB`.
-pub fn line(record: &AimRecord, bytes: u64, gaussians: usize) -> String {
-    let Point { psnr, .. } = record.chosen;
-    let psnr = psnr.filter(|v| v.is_finite()).map_or_else(|| "equal pictures".to_owned(), |v| format!("{v:.1} dB"));
-    let asked = match record.aim {
-        Aim::Bytes(size) => megabytes(size as f64, 2),
-        Aim::Psnr(psnr) => format!("asked for {psnr} dB"),
+/// The Gaussians whose opacity times area is largest, so many, in their order.
+fn most_shown(model: &Gaussians, count: usize) -> Gaussians {
+    let shown = |i: usize| {
+        let sizes = model.log_scales[i];
+        let area = sizes.iter().sum::<f32>() - sizes.iter().fold(f32::INFINITY, |a, s| a.min(*s));
+        f64::from(area).exp() / (1.0 + f64::from(-model.opacity_logits[i]).exp())
     };
-    format!("{} of {asked}: {}, {psnr}", megabytes(bytes as f64, 2), counted(gaussians, "Gaussian"))
-        .replace("of asked", "asked")
+    let mut order: Vec<usize> = (0..model.len()).collect();
+    order.sort_by(|a, b| shown(*b).total_cmp(&shown(*a)).then(a.cmp(b)));
+    order.truncate(count);
+    order.sort_unstable();
+    model.select(&order)
+}
+
+/// What was chosen: `4.93 MB of 5 MB: 412,300 Gaussians, 35.8 dB`, with the PSNR of the file's pictures, infinite if they are equal.
+pub fn line(record: &AimRecord, (bytes, gaussians): (u64, usize), psnr: Option<f64>) -> String {
+    let psnr = psnr.filter(|v| v.is_finite()).map_or_else(|| "equal pictures".to_owned(), |v| format!("{v:.1} dB"));
+    let made = megabytes(bytes as f64, 2);
+    let asked = match record.aim {
+        Aim::Bytes(size) => format!("of {}", megabytes(size as f64, 2)),
+        Aim::Psnr(psnr) => format!("for {psnr} dB"),
+    };
+    format!("{made} {asked}: {}, {psnr}", counted(gaussians, "Gaussian"))
 }
 
 fn megabytes(bytes: f64, digits: usize) -> String {

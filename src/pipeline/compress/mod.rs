@@ -2,7 +2,11 @@
 
 pub mod aim;
 mod config;
+pub mod cost;
+pub mod curve;
 pub mod fit;
+pub mod levels;
+pub mod peer;
 mod scoring;
 pub mod stages;
 mod train;
@@ -21,7 +25,7 @@ use crate::pipeline::Error;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Keep;
 use aim::Aim;
-use fit::{Fitted, Judge};
+use fit::{Fitted, Fitter, Judge, Target};
 use scoring::Scoring;
 use std::path::Path;
 use std::time::Instant;
@@ -47,7 +51,7 @@ pub fn compress(
     config: &CompressConfig,
     output: &Path,
 ) -> Result<CompressRecord, Error> {
-    compress_to(session, input, (config, None), output)
+    compress_to(session, input, (config, None), &Target::new(output))
 }
 
 /// Compresses a model in memory: the record's files have no path, and no bytes.
@@ -60,7 +64,7 @@ pub fn compress_in_memory(
     config: &CompressConfig,
 ) -> Result<(CompressRecord, Gaussians), Error> {
     let input = Input { path: Path::new(""), model, read_s: 0.0 };
-    let Reduced { record, model, .. } = reduce(session, input, (config, None), Path::new(""))?;
+    let Reduced { record, model, .. } = reduce(session, input, (config, None), &Target::new(Path::new("")))?;
     Ok((record, model))
 }
 
@@ -72,18 +76,14 @@ pub fn compress_to(
     session: &Session<'_>,
     input: Input<'_>,
     (config, aim): (&CompressConfig, Option<Aim>),
-    output: &Path,
+    target: &Target<'_>,
 ) -> Result<CompressRecord, Error> {
     let begun = Instant::now();
-    let Reduced { mut record, model, bytes } = reduce(session, input, (config, aim), output)?;
+    let Reduced { mut record, model, packed } = reduce(session, input, (config, aim), target)?;
     session.watcher.unless_stopped()?;
     let writing = Instant::now();
-    match bytes {
-        Some(bytes) => formats::write_atomically(output, |out| out.write_all(&bytes)),
-        None => formats::write(output, &model, config.style.mode()),
-    }
-    .map_err(Error::writing)?;
-    record.output = model_file(output, &model);
+    target.write(packed, &model, config.style.mode())?;
+    record.output = model_file(target.path, &model);
     record.time.write_s += seconds(writing);
     record.time.total_s = record.time.read_s + seconds(begun);
     Ok(record)
@@ -93,16 +93,16 @@ pub fn compress_to(
 struct Reduced {
     record: CompressRecord,
     model: Gaussians,
-    /// Its file, where pictures decided on how finely that stores it.
-    bytes: Option<Vec<u8>>,
+    /// It in its format, if that rounds values or has a wanted size.
+    packed: Option<Vec<u8>>,
 }
 
-/// Compresses a model for a file called `output`, which is not written.
+/// Compresses a model for a file, which is not written.
 fn reduce(
     session: &Session<'_>,
     input: Input<'_>,
     (config, aim): (&CompressConfig, Option<Aim>),
-    output: &Path,
+    target: &Target<'_>,
 ) -> Result<Reduced, Error> {
     let begun = Instant::now();
     if aim.is_some() && config.compression.selector != Selector::Pairs {
@@ -124,17 +124,16 @@ fn reduce(
     let responses = train::respond(session, shown.source(), model.degree(), (&views, None), config)?;
     time.responses_s = seconds(responding);
 
-    // Pictures decide how finely a model is worth storing as SOG.
-    let is_sog = output.extension().is_some_and(|e| e.eq_ignore_ascii_case("sog"));
+    // Pictures decide how finely a model is worth storing.
     let by_held_out = !matches!(aim, Some(Aim::Bytes(_)));
-    let judge =
-        (aim.is_some() || is_sog).then(|| Judge::new(session, &views, shown.source(), by_held_out)).transpose()?;
+    let judged = aim.is_some() || target.ladder(&model).steps.len() > 1;
+    let judge = judged.then(|| Judge::new(session, &views, shown.source(), by_held_out)).transpose()?;
     let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
     let (plan, fitted) = match aim.zip(judge.as_ref()) {
         None => (prune::plan(device, shown.source(), &model, &responses, &request)?, None),
         Some((aim, judge)) => {
-            let Fitted { plan, bytes, precision, record } = fit::fit(judge, &model, &responses, (config, aim), output)?;
-            (plan, Some((bytes, precision, record)))
+            let Fitted { plan, packed, record } = Fitter::new(judge, &model, &responses, config).fit(aim, target)?;
+            (plan, Some((packed, record)))
         }
     };
     drop((shown, responses));
@@ -152,30 +151,35 @@ fn reduce(
         time.fine_tune_s = seconds(tuning);
         tuned = scoring.scores_of(&model)?;
     }
-    time.evaluate_s = scoring.seconds;
-
     watcher.unless_stopped()?;
     let writing = Instant::now();
-    let last = if tuned.is_empty() { &after } else { &tuned };
-    let psnr = metrics::mean(last).and_then(|scores| scores.psnr);
-    let (bytes, aim): (Option<Vec<u8>>, _) = match fitted {
-        Some((bytes, _, record)) if tuned.is_empty() => (Some(bytes), Some(record)),
-        Some((bytes, precision, record)) => {
-            let most = if let Aim::Bytes(size) = record.aim { size } else { bytes.len() as u64 };
-            (Some(fit::within(&mut model, (config, &precision), most, output)?), Some(record))
+    let psnr = metrics::mean(if tuned.is_empty() { &after } else { &tuned }).and_then(|scores| scores.psnr);
+    let (packed, aim) = match fitted {
+        Some((packed, record)) if tuned.is_empty() => (Some(packed), Some(record)),
+        Some((packed, record)) => {
+            let most = if let Aim::Bytes(size) = record.aim { size } else { target.file(packed).len() as u64 };
+            (Some(fit::within(&mut model, config.style.mode(), most, target)?), Some(record))
         }
-        None => (judge.map(|judge| fit::written(&judge, &model, (config, psnr), output)).transpose()?, None),
+        None => (fit::packed(judge.as_ref(), &model, (config, psnr), target)?, None),
     };
+    let written = match &packed {
+        Some(packed) if !formats::is_exact(target.format) => {
+            scoring.scores_of(&formats::read_bytes(packed, target.format).map_err(Error::writing)?.gaussians)?
+        }
+        _ if tuned.is_empty() => after.clone(),
+        _ => tuned.clone(),
+    };
+    time.evaluate_s = scoring.seconds;
     time.write_s = seconds(writing);
     time.total_s = read_s + seconds(begun);
-    let stages = views.stages([before, after, tuned]);
+    let stages = views.stages([before, after, tuned, written]);
     let record = CompressRecord {
         schema: 1,
         version: env!("CARGO_PKG_VERSION"),
         device: device.tuned(),
         protocol: views.protocol(config),
         input,
-        output: model_file(output, &model),
+        output: model_file(target.path, &model),
         prune,
         aim,
         test: StageScores::mean(&stages),
@@ -183,7 +187,7 @@ fn reduce(
         time,
         memory: session.memory(views.estimated_bytes),
     };
-    Ok(Reduced { record, model, bytes })
+    Ok(Reduced { record, model, packed })
 }
 
 fn model_file(path: &Path, model: &Gaussians) -> ModelFile {

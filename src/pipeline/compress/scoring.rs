@@ -3,7 +3,7 @@
 use super::config::CompressConfig;
 use super::views::Views;
 use crate::gaussians::Gaussians;
-use crate::metrics::{Networks, Scores};
+use crate::metrics::Scores;
 use crate::pipeline::Error;
 use crate::pipeline::budget;
 use crate::pipeline::draw_source::DrawSource;
@@ -27,7 +27,7 @@ pub struct Scoring<'a> {
 
 impl<'a> Scoring<'a> {
     pub fn new(session: &'a Session<'a>, views: &'a Views, config: &CompressConfig) -> Self {
-        let stages = 1 + usize::from(views.truth == Truth::Photos) + usize::from(config.fine_tune > 0);
+        let stages = 2 + usize::from(views.truth == Truth::Photos) + usize::from(config.fine_tune > 0);
         Self { session, views, total: stages * views.test.len(), done: 0, seconds: 0.0 }
     }
 
@@ -42,14 +42,12 @@ impl<'a> Scoring<'a> {
     /// The scores of a model in each held-out view.
     pub fn scores(&mut self, model: Source<'_>) -> Result<Vec<Scores>, Error> {
         let begun = Instant::now();
-        let Session { device, watcher, .. } = *self.session;
+        let Session { device, networks, watcher, .. } = *self.session;
         let Views { test, settings, .. } = self.views;
         let mut evaluator = Evaluator::of(device, *settings, model, test.iter().map(|(_, view)| view))?;
         let (done, total) = (self.done, self.total);
-        // These scores need no network.
-        let networks = Networks::default();
-        let held_out = evaluator.held_out(model, test, None, &networks, &mut |now| {
-            watcher.evaluating(done + now, total);
+        let held_out = evaluator.held_out(model, test, None, networks, &mut |now| {
+            watcher.evaluating(done + now, total.max(done + test.len()));
             watcher.unless_stopped()
         })?;
         self.done += test.len();

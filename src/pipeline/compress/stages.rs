@@ -122,5 +122,5 @@ pub fn score(
     let before = if views.truth == Truth::Photos { scoring.scores(shown.source())? } else { Vec::new() };
     drop(shown);
     let after = scoring.scores_of(compressed)?;
-    Ok(views.stages([before, after, Vec::new()]))
+    Ok(views.stages([before, after, Vec::new(), Vec::new()]))
 }

@@ -164,11 +164,16 @@ impl Views {
         }
     }
 
-    /// The held-out views with their scores before the prune, after it, and after fine-tuning; each list is empty or
+    /// The held-out views with their scores before the prune, after it, after fine-tuning, and of the file; each list is empty or
     /// has one entry per view.
-    pub fn stages(&self, scores: [Vec<Scores>; 3]) -> Vec<ViewStages> {
-        let [mut before, mut pruned, mut fine_tuned] = scores.map(Vec::into_iter);
-        let mut next = || StageScores { before: before.next(), pruned: pruned.next(), fine_tuned: fine_tuned.next() };
+    pub fn stages(&self, scores: [Vec<Scores>; 4]) -> Vec<ViewStages> {
+        let [mut before, mut pruned, mut fine_tuned, mut written] = scores.map(Vec::into_iter);
+        let mut next = || StageScores {
+            before: before.next(),
+            pruned: pruned.next(),
+            fine_tuned: fine_tuned.next(),
+            written: written.next(),
+        };
         self.test.iter().map(|(name, _)| ViewStages { name: name.clone(), scores: next() }).collect()
     }
 }

@@ -47,7 +47,7 @@ pub struct AimRecord {
     /// What was asked.
     #[serde(flatten)]
     pub aim: Aim,
-    /// The file chosen; its PSNR is of the views that files are compared by.
+    /// The file chosen, before fine-tuning; its PSNR is of the views that files are compared by.
     pub chosen: Point,
     /// How finely it stores values.
     pub precision: Precision,
@@ -113,6 +113,9 @@ pub struct StageScores {
     pub pruned: Option<Scores>,
     /// After fine-tuning; null if there was none.
     pub fine_tuned: Option<Scores>,
+    /// Of the file as it is read back; null if the compression was divided.
+    #[serde(default)]
+    pub written: Option<Scores>,
 }
 
 impl StageScores {
@@ -121,7 +124,12 @@ impl StageScores {
         let over = |stage: fn(&StageScores) -> &Option<Scores>| {
             mean(&views.iter().filter_map(|v| stage(&v.scores).clone()).collect::<Vec<_>>())
         };
-        Self { before: over(|s| &s.before), pruned: over(|s| &s.pruned), fine_tuned: over(|s| &s.fine_tuned) }
+        Self {
+            before: over(|s| &s.before),
+            pruned: over(|s| &s.pruned),
+            fine_tuned: over(|s| &s.fine_tuned),
+            written: over(|s| &s.written),
+        }
     }
 }
 

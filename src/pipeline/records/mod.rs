@@ -1,12 +1,14 @@
 //! Records of jobs, as written to their JSON files (docs/metrics.md): figures only, no work.
 
 mod compress;
+mod curve;
 mod prune;
 mod run;
 
 pub use compress::{
     AimRecord, CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, Truth, ViewStages,
 };
+pub use curve::{AttributeLoss, CurveRecord, FileRecord};
 pub use prune::{AttritionRecord, PruneGuards, PruneRecord, PruneSeconds, RankRecord};
 pub use run::{
     Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores, ViewScores, infinite_for_nulls,

@@ -14,10 +14,11 @@ pub use pruning::cut;
 use super::page::{self, Section};
 use super::slider::Stack;
 use crate::pipeline::records::RunRecord;
+use maud::html;
 
-/// The page of a run with these pictures; `config` is the text of config.toml.
-pub fn page(results: &RunRecord, stacks: &[Stack], config: &str) -> String {
-    let sections = [
+/// The page of a run with these pictures; `config` is the text of config.toml, `viewer` a page that draws the model.
+pub fn page(results: &RunRecord, stacks: &[Stack], config: &str, viewer: Option<&str>) -> String {
+    let mut sections = vec![
         Section::new("summary", "Summary", summary::body(results)),
         Section::new("pictures", "Pictures", pictures::body(results, stacks)),
         Section::new("quality", "Quality over time", quality::body(results)),
@@ -31,6 +32,10 @@ pub fn page(results: &RunRecord, stacks: &[Stack], config: &str) -> String {
         Section::new("memory", "Memory", details::memory(results)),
         Section::new("configuration", "Configuration", details::configuration(config)),
     ];
+    if let Some(viewer) = viewer {
+        let frame = html! { iframe class="viewer" title="The model" allow="fullscreen" srcdoc=(viewer) {} };
+        sections.insert(1, Section::new("model", "Model", frame));
+    }
     let [w, h] = results.protocol.image_size;
     let subtitle = format!(
         "qirf-vk {} on {}; {} training and {} held-out views, up to {w} × {h} pixels",

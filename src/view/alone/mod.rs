@@ -32,11 +32,21 @@ pub struct PageOptions {
     pub up: DVec3,
     /// The camera to begin with; by default one from which the whole model is seen.
     pub start: Option<Camera>,
+    /// A picture from that camera, as a `data:` URI, for the time until the model is drawn.
+    pub poster: Option<String>,
+}
+
+impl PageOptions {
+    /// The camera that the page begins with, for a picture of this size.
+    pub fn first(&self, model: &Gaussians, size: (u32, u32)) -> Camera {
+        let whole = || outline(model, self.up.normalize()).camera(0.0, &Look { size, ..Look::default() });
+        self.start.clone().unwrap_or_else(whole)
+    }
 }
 
 impl Default for PageOptions {
     fn default() -> Self {
-        Self { title: String::new(), background: [0.0; 3], up: UP, start: None }
+        Self { title: String::new(), background: [0.0; 3], up: UP, start: None, poster: None }
     }
 }
 
@@ -46,22 +56,47 @@ impl Default for PageOptions {
 /// [`Error::Unsupported`] if SPZ cannot hold the model, [`Error::Inconsistent`].
 pub fn page(model: &Gaussians, mode: RenderMode, options: &PageOptions, name: &Path) -> Result<String, Error> {
     let packed = formats::spz(model, mode, SpzVersion::Three, name)?;
-    let script: Vec<&str> =
-        SCRIPTS.iter().flat_map(|part| part.lines()).filter(|l| !l.starts_with("import ")).collect();
-    let script =
-        script.iter().map(|line| line.strip_prefix("export ").unwrap_or(line)).collect::<Vec<_>>().join("\n") + "\n";
-    Ok([
-        ("{title}", escaped(&options.title).as_str()),
-        ("{style}", include_str!("page.css")),
-        ("{scene}", &scene(model, mode, options).to_string().replace('<', "\\u003c")),
-        ("{worker}", include_str!("worker.js")),
-        ("{vertex}", include_str!("splat.vert")),
-        ("{fragment}", include_str!("splat.frag")),
-        ("{script}", &script),
-        ("{model}", &STANDARD.encode(packed)),
-    ]
-    .iter()
-    .fold(PAGE.to_owned(), |page, (mark, text)| page.replace(mark, text)))
+    Ok(Shell::new(model, mode, options).page(&packed))
+}
+
+/// A page without its model.
+pub struct Shell {
+    before: String,
+    after: String,
+}
+
+impl Shell {
+    /// The page that shows this model, or one that looks like it.
+    pub fn new(model: &Gaussians, mode: RenderMode, options: &PageOptions) -> Self {
+        let script: Vec<&str> =
+            SCRIPTS.iter().flat_map(|part| part.lines()).filter(|l| !l.starts_with("import ")).collect();
+        let script =
+            script.iter().map(|line| line.strip_prefix("export ").unwrap_or(line)).collect::<Vec<_>>().join("\n")
+                + "\n";
+        let poster = options
+            .poster
+            .as_ref()
+            .map_or_else(String::new, |uri| format!("<img id=\"poster\" src=\"{}\" alt=\"\">", escaped(uri)));
+        let page = [
+            ("{title}", escaped(&options.title).as_str()),
+            ("{style}", include_str!("page.css")),
+            ("{poster}", &poster),
+            ("{scene}", &scene(model, mode, options).to_string().replace('<', "\\u003c")),
+            ("{worker}", include_str!("worker.js")),
+            ("{vertex}", include_str!("splat.vert")),
+            ("{fragment}", include_str!("splat.frag")),
+            ("{script}", &script),
+        ]
+        .iter()
+        .fold(PAGE.to_owned(), |page, (mark, text)| page.replace(mark, text));
+        let (before, after) = page.rsplit_once("{model}").expect("a place for the model");
+        Self { before: before.to_owned(), after: after.to_owned() }
+    }
+
+    /// The page round a model that is packed as SPZ 3.
+    pub fn page(&self, packed: &[u8]) -> String {
+        [&self.before, &*STANDARD.encode(packed), &self.after].concat()
+    }
 }
 
 /// Text within an element or a quoted attribute.

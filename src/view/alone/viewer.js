@@ -176,6 +176,7 @@ function tick(now) {
   if (!state.drawn && state.ready && !gl.isContextLost()) {
     draw();
     state.drawn = true;
+    $("poster")?.remove();
   }
   requestAnimationFrame(tick);
 }

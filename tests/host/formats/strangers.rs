@@ -164,3 +164,20 @@ fn we_read_what_splat_transform_writes() {
         assert_same(&model, &read.gaussians, name == "o.spz", steps, name);
     }
 }
+
+#[test]
+fn splat_transform_reads_each_level_of_our_streamed_sog() {
+    let Some(program) = reader("node_modules/.bin/splat-transform") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lod-meta.json");
+    let mut model = make::model(9000, 1);
+    model.means.iter_mut().for_each(|m| m[1] *= 6.0);
+    let levels =
+        [model.clone(), model.select(&(0..3000).collect::<Vec<_>>()), model.select(&(0..1000).collect::<Vec<_>>())];
+    formats::write_levels(&path, &levels, RenderMode::Plain).unwrap();
+    for (number, level) in levels.iter().enumerate() {
+        let out = folder.path().join(format!("{number}.ply"));
+        printed(Command::new(&program).args(["-q", "-w", "-L", &number.to_string()]).arg(&path).arg(&out));
+        assert_eq!(formats::read(&out).unwrap().gaussians.len(), level.len(), "level {number}");
+    }
+}

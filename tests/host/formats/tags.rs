@@ -40,7 +40,7 @@ fn written_tags_are_read_back_from_every_format() {
     let path = folder.path().join(spz);
     formats::write(&path, &model, RenderMode::AntiAliased).unwrap();
     assert_eq!(fs::read(&path).unwrap()[14], 1, "flags of version 4");
-    formats::write_version(&path, &model, RenderMode::AntiAliased, SpzVersion::Three).unwrap();
+    std::fs::write(&path, formats::spz(&model, RenderMode::AntiAliased, SpzVersion::Three, &path).unwrap()).unwrap();
     let mut plain = Vec::new();
     let packed = fs::read(&path).unwrap();
     std::io::Read::read_to_end(&mut flate2::read::GzDecoder::new(&packed[..]), &mut plain).unwrap();

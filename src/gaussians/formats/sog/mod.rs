@@ -7,6 +7,7 @@
 //! (developer.playcanvas.com, github.com/playcanvas/splat-transform).
 
 mod book;
+mod levels;
 mod means;
 mod pack;
 mod palette;
@@ -14,8 +15,9 @@ mod turn;
 mod unpack;
 mod webp;
 
+pub(super) use levels::{LEVELS, pack as pack_levels, read as read_levels};
 pub(super) use pack::pack;
-pub(super) use unpack::{read_bundle, read_folder};
+pub(super) use unpack::{parts, read_bundle, read_folder};
 
 /// A rotation's alpha less the index of its greatest component.
 const GREATEST: u8 = 252;

@@ -29,6 +29,15 @@ const LEAST_WEIGHT: f64 = 1e-3;
 pub(in super::super) fn pack(model: &Gaussians, mode: RenderMode, precision: &SogPrecision) -> Result<Vec<u8>, Fault> {
     let means = Means::new(model, precision.mean)?;
     let order = means.order(model);
+    bundle(&files(model, mode, (precision, &means, &order))?)
+}
+
+/// The files of a consistent model in this order: `meta.json` first.
+pub(super) fn files(
+    model: &Gaussians,
+    mode: RenderMode,
+    (precision, means, order): (&SogPrecision, &Means, &[u32]),
+) -> Result<Vec<(&'static str, Vec<u8>)>, Fault> {
     let turned: Vec<([f64; 4], [f32; 3])> = order
         .par_iter()
         .map(|i| least_turn(model.rotations[*i as usize], thickened(model.log_scales[*i as usize])))
@@ -81,11 +90,18 @@ pub(in super::super) fn pack(model: &Gaussians, mode: RenderMode, precision: &So
         meta["model"] = json!("antialiased");
     }
     if model.degree() > 0 && !model.is_empty() {
-        let (rest, labels, entry) = rest_bands(model, &order, precision);
+        let (rest, labels, entry) = rest_bands(model, order, precision);
         textures.extend([rest, labels]);
         meta["shN"] = entry;
     }
-    bundle(&meta, textures).map_err(|what| Fault::Unsupported(format!("SOG cannot be packed ({what}); write .ply")))
+    let encoded = textures.into_par_iter().map(|t| Ok((t.name, t.encode()?))).collect::<Result<Vec<_>, String>>();
+    let mut files = vec![("meta.json", meta.to_string().into_bytes())];
+    files.extend(encoded.map_err(unpackable)?);
+    Ok(files)
+}
+
+fn unpackable(what: impl std::fmt::Display) -> Fault {
+    Fault::Unsupported(format!("SOG cannot be packed ({what}); write .ply"))
 }
 
 /// Width of a texture with one texel per Gaussian: about square, in whole blocks of four.
@@ -153,19 +169,13 @@ fn weights(model: &Gaussians, order: &[u32]) -> Vec<f32> {
     }
 }
 
-fn bundle(meta: &Value, textures: Vec<Texture>) -> Result<Vec<u8>, String> {
-    let webps: Vec<(&str, Vec<u8>)> =
-        textures.into_par_iter().map(|t| Ok((t.name, t.encode()?))).collect::<Result<_, String>>()?;
+fn bundle(files: &[(&str, Vec<u8>)]) -> Result<Vec<u8>, Fault> {
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     // WebP does not shrink further, and readers may seek in uncompressed entries.
     let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
-    let mut add = |name: &str, content: &[u8]| {
-        archive.start_file(name, stored).map_err(|e| e.to_string())?;
-        archive.write_all(content).map_err(|e| e.to_string())
-    };
-    add("meta.json", meta.to_string().as_bytes())?;
-    for (name, content) in &webps {
-        add(name, content)?;
+    for (name, content) in files {
+        archive.start_file(*name, stored).map_err(unpackable)?;
+        archive.write_all(content).map_err(unpackable)?;
     }
-    archive.finish().map(Cursor::into_inner).map_err(|e| e.to_string())
+    archive.finish().map(Cursor::into_inner).map_err(unpackable)
 }

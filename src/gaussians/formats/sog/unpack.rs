@@ -256,3 +256,27 @@ fn decode(bytes: &[u8], n: Option<usize>) -> Result<RgbaImage, String> {
     let image = DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())?;
     Ok(image.into_rgba8())
 }
+
+/// Bytes of each attribute's textures in a bundle; nothing if it cannot be read.
+pub(in super::super) fn parts(bytes: &[u8]) -> Vec<(&'static str, u64)> {
+    const ATTRIBUTES: [(&str, &str); 6] = [
+        ("means", "means"),
+        ("rotations", "quats"),
+        ("scales", "scales"),
+        ("colours and opacities", "sh0"),
+        ("SH palette", "shN_centroids"),
+        ("SH labels", "shN_labels"),
+    ];
+    let Ok(mut archive) = zip::ZipArchive::new(Cursor::new(bytes)) else { return Vec::new() };
+    let mut parts = ATTRIBUTES.map(|(attribute, _)| (attribute, 0)).to_vec();
+    for number in 0..archive.len() {
+        let Ok(file) = archive.by_index_raw(number) else { continue };
+        if let Some(known) =
+            file.name().ok().and_then(|name| ATTRIBUTES.iter().position(|(_, start)| name.starts_with(start)))
+        {
+            parts[known].1 += file.compressed_size();
+        }
+    }
+    parts.retain(|(_, bytes)| *bytes > 0);
+    parts
+}

@@ -12,7 +12,7 @@ use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
 use super::super::bytes::to_smallest_three;
 use super::super::fault::Fault;
 use super::super::weight::weight;
-use super::super::{Gaussians, Precision, RenderMode, SpzPrecision, SpzVersion};
+use super::super::{Gaussians, Ladder, Precision, RenderMode, SpzPrecision, SpzVersion};
 use super::{COLOUR_SCALE, FLAG_ANTIALIASED, HEADER, MAGIC};
 
 /// Greatest magnitude of a 24-bit coordinate.
@@ -130,9 +130,9 @@ fn fractional_bits(model: &Gaussians) -> Result<i32, Fault> {
 }
 
 /// The fewest bits, from the official 5 and 4 on, whose rounding of SH changes colours by less than [`FAINT`].
-pub(in super::super) fn usual(model: &Gaussians, ladder: &[Precision]) -> Precision {
-    let fine = |precision: &&Precision| matches!(precision, Precision::Spz(bits) if bits.first >= 5 && change(model, *bits) < FAINT);
-    ladder.iter().find(fine).or(ladder.last()).copied().unwrap_or(Precision::Fixed)
+pub(in super::super) fn usual(model: &Gaussians, ladder: &Ladder) -> Precision {
+    let fine = |precision: &Precision| matches!(precision, Precision::Spz(bits) if bits.first >= 5 && change(model, *bits) < FAINT);
+    ladder.coarse().find(fine).unwrap_or(ladder.finest())
 }
 
 /// Root mean square by which rounding SH to these bits changes the colours of Gaussians: over all directions and over the Gaussians,

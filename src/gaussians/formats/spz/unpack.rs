@@ -307,3 +307,15 @@ fn smallest_three(bytes: [u8; 4]) -> [f32; 4] {
     let [x, y, z, w] = from_smallest_three(smaller, (word >> 30) as usize);
     [w, x, y, z]
 }
+
+/// Bytes of each attribute's stream in a file of version 4; nothing of others.
+pub(in super::super) fn parts(bytes: &[u8]) -> Vec<(&'static str, u64)> {
+    let Ok(Header { version: 4, streams, .. }) = Header::parse(bytes, RIGHT_UP_BACK) else { return Vec::new() };
+    let table = u32_at(bytes, 16).unwrap_or_default() as usize;
+    NAMES
+        .iter()
+        .take(streams)
+        .enumerate()
+        .filter_map(|(i, name)| Some((*name, u64_at(bytes, table + 16 * i)?)))
+        .collect()
+}

@@ -1,0 +1,233 @@
+//! The search for the best file: a number of Gaussians and a rung of the format's ladder of settings.
+//!
+//! Bytes and PSNR grow with both. On one rung, a secant over numbers finds the file of the wanted size or PSNR; of the rungs, the one
+//! whose file is best is found by climbing from one to the next.
+
+mod psnr;
+mod size;
+
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// What is asked of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Aim {
+    /// The best picture in at most so many bytes.
+    Bytes(u64),
+    /// The fewest bytes for a PSNR in dB, the mean over views.
+    Psnr(f64),
+}
+
+/// A file that was tried.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Point {
+    /// Rung of the ladder, from 0, the coarsest.
+    pub rung: usize,
+    /// Gaussians.
+    pub gaussians: usize,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// PSNR in dB, if it was measured; null if pictures are equal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub psnr: Option<f64>,
+}
+
+/// Files of a model.
+pub trait Trials {
+    /// The reason why a file cannot be made.
+    type Error;
+
+    /// Bytes of the file with this many Gaussians at this rung.
+    ///
+    /// # Errors
+    /// Those of making it.
+    fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, Self::Error>;
+
+    /// PSNR of a file's pictures in dB.
+    ///
+    /// # Errors
+    /// Those of making the file or the pictures.
+    fn psnr(&mut self, rung: usize, gaussians: usize) -> Result<f64, Self::Error>;
+}
+
+/// The result of a search.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Found {
+    /// The best file.
+    Best(Point),
+    /// Even one Gaussian at the coarsest rung takes this many bytes.
+    TooSmall(u64),
+}
+
+/// Largest number of files that are tried, without those of one Gaussian.
+const MOST: usize = 9;
+/// Trials on one rung.
+const ON_A_RUNG: usize = 4;
+
+/// The search, and what it has tried.
+pub struct Search<'a, T> {
+    trials: &'a mut T,
+    /// Gaussians of the whole model.
+    whole: usize,
+    /// Rungs that are climbed; those between them are for the last few bytes.
+    steps: &'a [usize],
+    /// Bytes of a file without Gaussians, about.
+    fixed: f64,
+    /// Files tried, by rung and Gaussians.
+    tried: BTreeMap<(usize, usize), Point>,
+    most: usize,
+}
+
+impl<'a, T: Trials> Search<'a, T> {
+    /// A search over a model of `whole` Gaussians and a ladder with these steps.
+    pub fn new(trials: &'a mut T, whole: usize, steps: &'a [usize]) -> Self {
+        Self { trials, whole, steps, fixed: 0.0, tried: BTreeMap::new(), most: MOST }
+    }
+
+    /// The files tried, in order of rung and Gaussians.
+    pub fn tried(&self) -> Vec<Point> {
+        self.tried.values().copied().collect()
+    }
+
+    /// Finds the best file.
+    ///
+    /// # Errors
+    /// Those of the trials.
+    pub fn find(&mut self, aim: Aim) -> Result<Found, T::Error> {
+        let smallest = self.trials.bytes(0, 1)?;
+        self.fixed = smallest as f64;
+        match aim {
+            Aim::Bytes(size) if size < smallest => Ok(Found::TooSmall(smallest)),
+            Aim::Bytes(size) => self.by_size(size).map(Found::Best),
+            Aim::Psnr(psnr) => self.by_psnr(psnr).map(Found::Best),
+        }
+    }
+
+    /// The finest rung at which all Gaussians take at most `size` bytes; none if even the coarsest takes more.
+    ///
+    /// # Errors
+    /// Those of the trials.
+    pub fn refine(&mut self, size: u64) -> Result<Option<usize>, T::Error> {
+        if self.bytes(0, self.whole)? > size {
+            return Ok(None);
+        }
+        let near = self.finest(0, self.whole, size)?;
+        self.finest(near, self.whole, size).map(Some)
+    }
+
+    fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, T::Error> {
+        if let Some(point) = self.tried.get(&(rung, gaussians)) {
+            return Ok(point.bytes);
+        }
+        let bytes = self.trials.bytes(rung, gaussians)?;
+        self.tried.insert((rung, gaussians), Point { rung, gaussians, bytes, psnr: None });
+        Ok(bytes)
+    }
+
+    fn scored(&mut self, rung: usize, gaussians: usize) -> Result<Point, T::Error> {
+        self.bytes(rung, gaussians)?;
+        let psnr = self.trials.psnr(rung, gaussians)?;
+        let point = self.tried.get_mut(&(rung, gaussians)).expect("a file that was tried");
+        point.psnr = Some(psnr);
+        Ok(*point)
+    }
+
+    fn left(&self) -> usize {
+        self.most.saturating_sub(self.tried.len())
+    }
+
+    fn last(&self) -> usize {
+        self.steps.last().copied().unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Files whose bytes and PSNR are known functions: a Gaussian takes `bytes[rung]`, a rung costs `loss[rung]`.
+    struct Model {
+        bytes: Vec<f64>,
+        noise: Vec<f64>,
+        whole: usize,
+        encodes: usize,
+    }
+
+    impl Trials for Model {
+        type Error = ();
+
+        fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, ()> {
+            self.encodes += usize::from(gaussians > 1);
+            // Fewer Gaussians take some more each.
+            Ok((4000.0 + self.bytes[rung] * gaussians as f64 * (1.0 - 0.01 * (gaussians as f64).ln())) as u64)
+        }
+
+        fn psnr(&mut self, rung: usize, gaussians: usize) -> Result<f64, ()> {
+            let merged = 10_f64.powf(-(20.0 + 6.0 * (gaussians as f64 / 1000.0).log2()) / 10.0);
+            let merged = if gaussians == self.whole { 0.0 } else { merged };
+            Ok(-10.0 * (merged + self.noise[rung]).log10())
+        }
+    }
+
+    fn model(rungs: usize, whole: usize) -> Model {
+        let bytes = (0..rungs).map(|r| 8.0 * 1.25_f64.powi(r as i32)).collect();
+        let noise = (0..rungs).map(|r| 10_f64.powf(-3.2 - 0.5 * r as f64)).collect();
+        Model { bytes, noise, whole, encodes: 0 }
+    }
+
+    #[test]
+    fn sizes_are_met_with_the_best_rung_in_nine_encodes() {
+        let all: Vec<usize> = (0..7).collect();
+        for (rungs, whole) in [(1, 50_000), (4, 50_000), (7, 50_000), (7, 2_000_000)] {
+            for size in [9_000_u64, 50_000, 200_000, 400_000, 3_000_000] {
+                let mut trials = model(rungs, whole);
+                let mut search = Search::new(&mut trials, whole, &all[..rungs]);
+                let Ok(Found::Best(best)) = search.find(Aim::Bytes(size)) else { panic!("{size}") };
+                let tried = search.tried();
+                assert!(best.bytes <= size, "{best:?} of {size}");
+                assert!(best.bytes as f64 >= 0.95 * size as f64 || best.gaussians == whole, "{best:?} of {size}");
+                assert!(trials.encodes <= MOST, "{} encodes: {tried:?}", trials.encodes);
+                // Rungs between the steps fill what the whole model leaves free.
+                let fine: Vec<usize> = (0..=48).step_by(8).collect();
+                let mut between = Model {
+                    bytes: (0..49).map(|r| 8.0 * 1.25_f64.powf(f64::from(r) / 8.0)).collect(),
+                    ..model(49, whole)
+                };
+                let mut search = Search::new(&mut between, whole, &fine);
+                let Ok(Found::Best(filled)) = search.find(Aim::Bytes(size)) else { panic!("{size}") };
+                let share = filled.bytes as f64 / size as f64;
+                assert!(
+                    (0.95..=1.0).contains(&share) || filled.rung == 48,
+                    "{filled:?} of {size}: {:?}",
+                    search.tried()
+                );
+                // No rung has a better file of this size than 0.3 dB more.
+                for rung in 0..rungs {
+                    let fits = (1..=whole).rev().step_by(50).find(|n| trials.bytes(rung, *n).unwrap() <= size);
+                    let psnr = fits.map(|n| trials.psnr(rung, n).unwrap());
+                    assert!(
+                        psnr <= best.psnr.map(|p| p + 0.4),
+                        "{rungs} {size}: {best:?}, rung {rung}: {psnr:?}, {tried:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_psnr_is_met_and_sizes_that_are_impossible_are_refused() {
+        let all: Vec<usize> = (0..7).collect();
+        for wanted in [22.0, 30.0, 35.0, 42.0] {
+            let mut trials = model(7, 50_000);
+            let mut search = Search::new(&mut trials, 50_000, &all);
+            let Ok(Found::Best(best)) = search.find(Aim::Psnr(wanted)) else { panic!("{wanted}") };
+            assert!(best.psnr.is_some_and(|p| (p - wanted).abs() < 0.1), "{best:?} for {wanted}: {:?}", search.tried());
+        }
+        let mut trials = model(7, 50_000);
+        assert_eq!(Search::new(&mut trials, 50_000, &all).find(Aim::Bytes(4000)), Ok(Found::TooSmall(4008)));
+        let mut trials = model(7, 50_000);
+        let Ok(Found::Best(best)) = Search::new(&mut trials, 50_000, &all).find(Aim::Psnr(99.0)) else { panic!() };
+        assert_eq!((best.rung, best.gaussians), (6, 50_000), "the finest file of the whole model is the best there is");
+    }
+}

@@ -1,0 +1,156 @@
+//! The best file of at most a size.
+
+use super::{ON_A_RUNG, Point, Search, Trials};
+
+/// A file is as large as asked from this share of the size on.
+const LEAST_SHARE: f64 = 0.95;
+/// The share that the secant aims at.
+const SHARE: f64 = 0.983;
+/// A file is not enlarged further from this share of the size on.
+const CLOSE: f64 = 0.992;
+/// Bytes of a Gaussian before anything is known of the model.
+const GUESS: f64 = 10.0;
+
+impl<T: Trials> Search<'_, T> {
+    pub(super) fn by_size(&mut self, size: u64) -> Result<Point, T::Error> {
+        let start = (self.steps.len() - 1).div_ceil(3);
+        let mut guess = (size as f64 - self.fixed) / GUESS;
+        // Files of the whole model may be smaller than asked: any other is nearer to the wish.
+        let full = |p: &Point| p.bytes as f64 >= LEAST_SHARE * size as f64;
+        let mut best = None::<Point>;
+        let better =
+            |point: &Point, best: &Option<Point>| best.is_none_or(|b| (full(point), point.psnr) > (full(&b), b.psnr));
+        for step in start..self.steps.len() {
+            let rung = self.steps[step];
+            // A step below settings at which the whole model fits.
+            if best.is_some_and(|b| b.rung >= rung) {
+                continue;
+            }
+            let point = self.on_rung(rung, size, guess)?;
+            let Some(point) = point.filter(|point| better(point, &best)) else { break };
+            guess =
+                if point.gaussians == self.whole { guess.max(self.whole as f64) } else { 0.8 * point.gaussians as f64 };
+            best = Some(point);
+            if point.rung == self.last() || self.left() < 2 {
+                break;
+            }
+        }
+        if best.is_none_or(|b| b.rung == self.steps[start] && b.gaussians < self.whole) {
+            for step in (0..start).rev() {
+                guess = best.map_or(guess, |b| 1.2 * b.gaussians as f64);
+                if best.is_some() && self.left() < 2 {
+                    break;
+                }
+                let point = self.on_rung(self.steps[step], size, guess)?;
+                let Some(point) = point.filter(|point| better(point, &best)) else {
+                    if best.is_some() {
+                        break;
+                    }
+                    continue;
+                };
+                best = Some(point);
+            }
+        }
+        match best {
+            Some(best) => self.polish(best, size),
+            // One Gaussian at the coarsest rung is small enough.
+            None => self.scored(0, 1),
+        }
+    }
+
+    /// The file of this size at a rung; or, if the whole model takes less there, that of the whole model at a finer one.
+    fn on_rung(&mut self, rung: usize, size: u64, guess: f64) -> Result<Option<Point>, T::Error> {
+        let Some(gaussians) = self.fill(rung, size, guess)? else { return Ok(None) };
+        let rung = if gaussians == self.whole { self.finest(rung, gaussians, size)? } else { rung };
+        self.scored(rung, gaussians).map(Some)
+    }
+
+    /// The finest rung at which this number of Gaussians takes at most `size` bytes, as far as trials are left; at `from` it does.
+    pub(super) fn finest(&mut self, from: usize, gaussians: usize, size: u64) -> Result<usize, T::Error> {
+        let mut low = (from, self.bytes(from, gaussians)? as f64);
+        let known = self.tried.values().filter(|p| p.gaussians == gaussians && p.rung > from && p.bytes > size);
+        let mut high = known.map(|p| (p.rung, p.bytes as f64)).min_by_key(|(rung, _)| *rung);
+        let size = size as f64;
+        for _ in 0..ON_A_RUNG.min(self.left()) {
+            if low.0 == self.last() || low.1 >= CLOSE * size {
+                break;
+            }
+            let next = match high {
+                None => self.last(),
+                Some((rung, _)) if rung <= low.0 + 1 => break,
+                // Bytes grow by about the same factor from each rung to the next.
+                Some((rung, bytes)) => {
+                    let share = (0.5 * (1.0 + CLOSE) * size / low.1).ln() / (bytes / low.1).ln();
+                    let steps = (rung - low.0) as f64;
+                    low.0 + (steps * share).round().clamp(1.0, steps - 1.0) as usize
+                }
+            };
+            let here = (next, self.bytes(next, gaussians)? as f64);
+            if here.1 <= size {
+                low = here;
+            } else {
+                high = Some(here);
+            }
+        }
+        Ok(low.0)
+    }
+
+    /// A few more steps towards the size, if trials are left.
+    fn polish(&mut self, mut best: Point, size: u64) -> Result<Point, T::Error> {
+        let wanted = CLOSE * size as f64;
+        if self.left() == 0 || best.gaussians == self.whole || best.bytes as f64 > wanted {
+            return Ok(best);
+        }
+        let each = (best.bytes as f64 - self.fixed).max(1.0) / best.gaussians as f64;
+        let more = ((wanted - best.bytes as f64) / each) as usize;
+        let mut tries = vec![(best.rung, (best.gaussians + more).min(self.whole))];
+        if (best.bytes as f64) < LEAST_SHARE * size as f64 {
+            // Files of few Gaussians grow by leaps: then finer settings of the same ones fill the rest.
+            let gaussians = self.fill(best.rung, size, (best.gaussians + more) as f64)?.unwrap_or(best.gaussians);
+            tries = vec![(self.finest(best.rung, gaussians, size)?, gaussians)];
+        }
+        for (rung, gaussians) in tries {
+            if (rung, gaussians) != (best.rung, best.gaussians) && self.bytes(rung, gaussians)? <= size {
+                let point = self.scored(rung, gaussians)?;
+                let full =
+                    point.bytes as f64 >= LEAST_SHARE * size as f64 && (best.bytes as f64) < LEAST_SHARE * size as f64;
+                if full || point.psnr > best.psnr {
+                    best = point;
+                }
+            }
+        }
+        Ok(best)
+    }
+
+    /// The number of Gaussians with which a file at this rung is as large as asked, if trials are left; the largest that is small
+    /// enough, if none is found.
+    fn fill(&mut self, rung: usize, size: u64, guess: f64) -> Result<Option<usize>, T::Error> {
+        let known = self.tried.range((rung, 0)..=(rung, usize::MAX)).map(|(_, p)| (p.gaussians, p.bytes as f64));
+        let (fits, exceeds): (Vec<_>, Vec<_>) = known.partition(|(_, bytes)| *bytes <= size as f64);
+        let (mut low, mut high) = (fits.last().copied(), exceeds.first().copied());
+        let mut next = guess;
+        for _ in 0..ON_A_RUNG.min(self.left()) {
+            if high.is_some_and(|(n, _)| n == low.map_or(1, |(n, _)| n + 1)) {
+                break;
+            }
+            let gaussians = (next.round() as usize)
+                .clamp(low.map_or(1, |(n, _)| n + 1).min(self.whole), high.map_or(self.whole, |(n, _)| n - 1).max(1));
+            let here = (gaussians, self.bytes(rung, gaussians)? as f64);
+            if here.1 <= size as f64 {
+                low = Some(here);
+                if here.1 >= LEAST_SHARE * size as f64 || gaussians == self.whole {
+                    break;
+                }
+            } else {
+                high = Some(here);
+            }
+            let (from, to) = match (low, high) {
+                (Some(low), Some(high)) => (low, high),
+                _ => ((0, self.fixed.min(0.9 * here.1)), here),
+            };
+            let slope = (to.1 - from.1).max(1.0) / (to.0 - from.0) as f64;
+            next = from.0 as f64 + (SHARE * size as f64 - from.1) / slope;
+        }
+        Ok(low.map(|(gaussians, _)| gaussians))
+    }
+}

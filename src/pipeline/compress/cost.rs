@@ -1,0 +1,44 @@
+//! What a format costs: the pictures of a packed model against those of the original.
+
+use super::fit::Target;
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats;
+use crate::pipeline::eval;
+use crate::pipeline::{Error, Session};
+use crate::render::Style;
+
+/// PSNR in dB of a file's pictures from which on its settings are fine enough.
+const FINE: f64 = 44.0;
+
+/// Packs a whole model, and measures the PSNR of its pictures in dB; none if they are equal. Settings are the format's usual ones, or
+/// finer ones if pictures show a loss.
+///
+/// # Errors
+/// What the format cannot hold; device memory; device errors; [`Error::Interrupted`].
+pub fn pack(
+    session: &Session<'_>,
+    (model, style): (&Gaussians, Style),
+    target: &Target<'_>,
+) -> Result<(Vec<u8>, Option<f64>), Error> {
+    let usual = target.usual(model);
+    let finer: Vec<_> = target.ladder(model).coarse().skip_while(|rung| *rung != usual).skip(1).collect();
+    let mut measured = measure(session, (model, style), (target, usual))?;
+    for rung in finer {
+        if measured.1.is_none_or(|psnr| psnr >= FINE) {
+            break;
+        }
+        measured = measure(session, (model, style), (target, rung))?;
+    }
+    Ok(measured)
+}
+
+fn measure(
+    session: &Session<'_>,
+    (model, style): (&Gaussians, Style),
+    (target, precision): (&Target<'_>, formats::Precision),
+) -> Result<(Vec<u8>, Option<f64>), Error> {
+    let packed = target.pack(model, style.mode(), precision)?;
+    let read = formats::read_bytes(&packed, target.format).map_err(Error::writing)?;
+    let scores = eval::against(session, [(&read.gaussians, style), (model, style)], [0.0; 3])?;
+    Ok((packed, scores.mean().and_then(|mean| mean.psnr)))
+}

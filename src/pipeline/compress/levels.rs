@@ -1,0 +1,37 @@
+//! Levels of detail of a model, from its merges of pairs.
+
+use super::config::CompressConfig;
+use super::train;
+use super::views::Views;
+use crate::gaussians::Gaussians;
+use crate::pipeline::Error;
+use crate::pipeline::session::Session;
+use crate::qirf::pairs::Sequence;
+
+/// Gaussians of a level as a share of those of the finer one.
+const SHARE: f64 = 1.0 / 3.0;
+
+/// So many levels of a model, the model itself first; fewer if one Gaussian is left.
+///
+/// # Errors
+/// As of a compression.
+pub fn levels(
+    session: &Session<'_>,
+    model: &Gaussians,
+    config: &CompressConfig,
+    count: usize,
+) -> Result<Vec<Gaussians>, Error> {
+    let (views, shown) = Views::load(session, model, config, 0..0)?;
+    let responses = train::respond(session, shown.source(), model.degree(), (&views, None), config)?;
+    drop(shown);
+    let sequence = Sequence::new(model, &responses.scores, (&responses.cameras, responses.dilation), 1);
+    let mut levels = vec![model.clone()];
+    while levels.len() < count && levels.last().is_some_and(|finer| finer.len() > 1) {
+        session.watcher.unless_stopped()?;
+        let target = (model.len() as f64 * SHARE.powi(levels.len() as i32)).round().max(1.0) as usize;
+        let pairs = sequence.pairs(model, &responses.scores, target);
+        let kept: Vec<usize> = (0..pairs.keep.len()).filter(|i| pairs.keep[*i]).collect();
+        levels.push(pairs.model.select(&kept));
+    }
+    Ok(levels)
+}

@@ -1,0 +1,107 @@
+//! Files of splat-transform, for comparison: the same model decimated by it and written in its formats.
+
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::{self, RenderMode};
+use crate::pipeline::Error;
+use crate::pipeline::session::Session;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Shares of the Gaussians that are kept, in per cent.
+const SHARES: [u32; 6] = [100, 50, 28, 15, 10, 5];
+const FORMATS: [&str; 2] = ["sog", "spz"];
+
+/// splat-transform, as it is started, and a folder for its files.
+pub struct Peer {
+    command: Vec<String>,
+    version: String,
+    folder: PathBuf,
+}
+
+/// A file that it made, as it is read.
+pub struct PeerFile {
+    /// Extension of its format.
+    pub format: &'static str,
+    /// Bytes.
+    pub bytes: u64,
+    /// Its Gaussians.
+    pub model: Gaussians,
+}
+
+impl Peer {
+    /// The tool that `command` starts, its options after it, or none if it cannot be started. Its files go to `folder` and are removed.
+    pub fn find(command: &str, folder: &Path) -> Option<Self> {
+        let command: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
+        let said = Command::new(command.first()?).arg("--version").output().ok()?;
+        let version = String::from_utf8_lossy(&said.stdout).split_whitespace().find_map(version)?;
+        Some(Self { command, version, folder: folder.to_owned() })
+    }
+
+    /// Its name and version.
+    pub fn name(&self) -> String {
+        format!("splat-transform {}", self.version)
+    }
+
+    /// The files that it makes of a model, from all Gaussians to few.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if it fails; files that cannot be written or read; [`Error::Interrupted`].
+    pub fn files(&self, session: &Session<'_>, model: &Gaussians, mode: RenderMode) -> Result<Vec<PeerFile>, Error> {
+        let at = |name: &str| self.folder.join(format!("peer-{}-{name}", std::process::id()));
+        let whole = at("whole.ply");
+        formats::write(&whole, model, mode).map_err(Error::writing)?;
+        let mut files = Vec::new();
+        let mut made = vec![whole.clone()];
+        for (done, share) in SHARES.into_iter().enumerate() {
+            session.watcher.trying(done, SHARES.len());
+            session.watcher.unless_stopped()?;
+            let decimated = if share == 100 { whole.clone() } else { at("decimated.ply") };
+            if share < 100 {
+                self.start(&[
+                    whole.as_os_str(),
+                    OsStr::new("-d"),
+                    OsStr::new(&format!("{share}%")),
+                    decimated.as_os_str(),
+                ])?;
+            }
+            for format in FORMATS {
+                let path = at(&format!("packed.{format}"));
+                self.start(&[decimated.as_os_str(), path.as_os_str()])?;
+                let bytes = std::fs::metadata(&path).map_or(0, |m| m.len());
+                // It keeps a PLY's axes in an SPZ, and an SPZ's in a PLY: only by itself do they come back.
+                let back = if format == "spz" { at("back.ply") } else { path.clone() };
+                if format == "spz" {
+                    self.start(&[path.as_os_str(), back.as_os_str()])?;
+                }
+                files.push(PeerFile { format, bytes, model: formats::read(&back)?.gaussians });
+                made.extend([path, back, decimated.clone()]);
+            }
+        }
+        session.watcher.trying(1, 1);
+        for path in &made {
+            // What is not there needs no removal.
+            let _ = std::fs::remove_file(path);
+        }
+        Ok(files)
+    }
+
+    fn start(&self, arguments: &[&OsStr]) -> Result<(), Error> {
+        let (program, options) = self.command.split_first().expect("a command that was found");
+        let mut command = Command::new(program);
+        command.args(options).args(["-q", "-w"]).args(arguments);
+        let said = command.output().map_err(|source| Error::Read { path: program.into(), source })?;
+        if said.status.success() {
+            return Ok(());
+        }
+        let words = String::from_utf8_lossy(&said.stderr);
+        let last = words.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
+        Err(Error::Usage(format!("{program} failed: {last}; leave it out with --peer none")))
+    }
+}
+
+/// The number in `v3.7.0`.
+fn version(word: &str) -> Option<String> {
+    let number = word.strip_prefix('v').unwrap_or(word);
+    (number.contains('.') && number.starts_with(|c: char| c.is_ascii_digit())).then(|| number.to_owned())
+}

@@ -1,0 +1,72 @@
+//! Records of quality against bytes: `curve.json`, schema 1 (docs/metrics.md).
+
+use super::{CompressProtocol, ModelFile};
+use crate::gpu::TunedDevice;
+use crate::metrics::Scores;
+use serde::Serialize;
+
+/// Quality against bytes.
+#[derive(Clone, Debug, Serialize)]
+pub struct CurveRecord {
+    /// Version of this layout.
+    pub schema: u32,
+    /// Version of the program.
+    pub version: &'static str,
+    /// The device.
+    pub device: TunedDevice,
+    /// Conditions of the measurement.
+    pub protocol: CompressProtocol,
+    /// The original model.
+    pub input: ModelFile,
+    /// The files, by tool and format.
+    pub files: Vec<FileRecord>,
+    /// What each attribute's settings cost alone.
+    pub attributes: Vec<AttributeLoss>,
+}
+
+/// A file and its pictures.
+#[derive(Clone, Debug, Serialize)]
+pub struct FileRecord {
+    /// The program that made it.
+    pub tool: String,
+    /// Extension of its format.
+    pub format: String,
+    /// Bytes that were asked for; null if a share of the Gaussians was.
+    pub wanted: Option<u64>,
+    /// Bytes.
+    pub bytes: u64,
+    /// Gaussians.
+    pub gaussians: usize,
+    /// Mean scores of the held-out views.
+    pub scores: Scores,
+    /// Bytes of each attribute, by name; empty for formats that keep a Gaussian's attributes together.
+    pub parts: Vec<(&'static str, u64)>,
+}
+
+/// What one attribute costs if it alone is stored as in a file: the whole model's pictures.
+#[derive(Clone, Debug, Serialize)]
+pub struct AttributeLoss {
+    /// Extension of the format.
+    pub format: String,
+    /// Bytes that were asked for: the attribute is stored as finely as in that file.
+    pub wanted: u64,
+    /// The attribute.
+    pub attribute: &'static str,
+    /// PSNR in dB; null if pictures are equal.
+    pub psnr: Option<f64>,
+}
+
+impl CurveRecord {
+    /// The files as comma-separated values, with a line of titles.
+    pub fn csv(&self) -> String {
+        let number = |v: Option<f64>| v.map_or_else(String::new, |v| format!("{v:.4}"));
+        let mut lines = vec!["tool,format,wanted_bytes,bytes,gaussians,psnr_db,ssim,lpips_vgg".to_owned()];
+        lines.extend(self.files.iter().map(|file| {
+            let FileRecord { tool, format, wanted, bytes, gaussians, scores, .. } = file;
+            let wanted = wanted.map_or_else(String::new, |w| w.to_string());
+            let (psnr, lpips) = (number(scores.psnr), number(scores.lpips_vgg));
+            format!("{tool},{format},{wanted},{bytes},{gaussians},{psnr},{:.5},{lpips}", scores.ssim)
+        }));
+        lines.join("\n") + "\n"
+    }
+}

@@ -1,0 +1,114 @@
+//! The page of a curve: quality against bytes.
+
+use super::format::{NONE, bytes, count, decimals};
+use super::page::{self, Column, Section, table};
+use super::plot::{Axis, Drawing, Line, Lines};
+use crate::pipeline::records::{CurveRecord, FileRecord};
+use maud::Markup;
+
+/// The whole page.
+pub fn page(record: &CurveRecord) -> String {
+    let mut sections = vec![
+        Section::new("plot", "PSNR against bytes", drawing(record, "PSNR of the held-out views").figure()),
+        Section::new("files", "Files", files(record)),
+    ];
+    if record.files.iter().any(|file| !file.parts.is_empty()) {
+        sections.push(Section::new("parts", "Where the bytes are", parts(record)));
+    }
+    if !record.attributes.is_empty() {
+        sections.push(Section::new("attributes", "What each attribute costs alone", attributes(record)));
+    }
+    let [w, h] = record.protocol.image_size;
+    let subtitle = format!(
+        "qirf-vk {} on {}; {} of {} Gaussians; {} held-out views of up to {w} × {h} pixels",
+        record.version,
+        record.device.info.name,
+        record.input.path.display(),
+        count(record.input.gaussians),
+        record.protocol.test_views,
+    );
+    page::page("Quality against bytes", &subtitle, &sections)
+}
+
+/// The plot: a line for each tool and format.
+pub fn drawing(record: &CurveRecord, title: &str) -> Drawing {
+    let name = |file: &FileRecord| format!("{}, {}", file.tool, file.format);
+    let mut names: Vec<String> = record.files.iter().map(name).collect();
+    names.dedup();
+    names.sort();
+    names.dedup();
+    let points = |line: &String| {
+        let mut points: Vec<[f64; 2]> = record
+            .files
+            .iter()
+            .filter(|file| name(file) == *line)
+            .filter_map(|file| Some([file.bytes as f64 / 1e6, file.scores.psnr?]))
+            .collect();
+        points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        points
+    };
+    let lines = names.iter().map(|line| Line { name: line, points: points(line) }).collect();
+    let (x, y) = (Axis::log("file / MB"), Axis::new("PSNR / dB"));
+    Lines { title, x, y, lines, marks: Vec::new() }.drawing()
+}
+
+fn files(record: &CurveRecord) -> Markup {
+    let columns = [
+        Column::Text("tool"),
+        Column::Text("format"),
+        Column::Number("asked"),
+        Column::Number("file"),
+        Column::Number("Gaussians"),
+        Column::Number("PSNR / dB"),
+        Column::Number("SSIM"),
+        Column::Number("LPIPS"),
+    ];
+    let row = |file: &FileRecord| {
+        vec![
+            file.tool.clone(),
+            file.format.clone(),
+            file.wanted.map_or_else(|| NONE.to_owned(), bytes),
+            bytes(file.bytes),
+            count(file.gaussians),
+            decimals(file.scores.psnr, 2),
+            decimals(file.scores.ssim, 4),
+            decimals(file.scores.lpips_vgg, 4),
+        ]
+    };
+    table(&columns, &record.files.iter().map(row).collect::<Vec<_>>(), None)
+}
+
+fn parts(record: &CurveRecord) -> Markup {
+    let mut names: Vec<&str> = Vec::new();
+    let with: Vec<&FileRecord> = record.files.iter().filter(|file| !file.parts.is_empty()).collect();
+    for (name, _) in with.iter().flat_map(|file| &file.parts) {
+        if !names.contains(name) {
+            names.push(name);
+        }
+    }
+    let columns: Vec<Column<'_>> = [Column::Text("format"), Column::Number("file")]
+        .into_iter()
+        .chain(names.iter().map(|name| Column::Number(name)))
+        .collect();
+    let row = |file: &&FileRecord| {
+        let part = |name: &&str| {
+            let part = file.parts.iter().find(|(known, _)| known == name);
+            part.map_or_else(|| NONE.to_owned(), |(_, bytes)| decimals(*bytes as f64 / file.gaussians.max(1) as f64, 2))
+        };
+        [file.format.clone(), bytes(file.bytes)].into_iter().chain(names.iter().map(part)).collect()
+    };
+    maud::html! {
+        p { "Bytes of a Gaussian, by attribute." }
+        (table(&columns, &with.iter().map(row).collect::<Vec<Vec<String>>>(), None))
+    }
+}
+
+fn attributes(record: &CurveRecord) -> Markup {
+    let columns =
+        [Column::Text("format"), Column::Number("as at"), Column::Text("attribute"), Column::Number("PSNR / dB")];
+    let row = |loss: &crate::pipeline::records::AttributeLoss| {
+        let psnr = loss.psnr.map_or_else(|| "equal".to_owned(), |psnr| decimals(psnr, 1));
+        vec![loss.format.clone(), bytes(loss.wanted), loss.attribute.to_owned(), psnr]
+    };
+    table(&columns, &record.attributes.iter().map(row).collect::<Vec<_>>(), None)
+}

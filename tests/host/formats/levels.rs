@@ -1,0 +1,82 @@
+//! Streamed SOG: levels of detail in a tree.
+
+use qirf_vk::gaussians::formats::{self, RenderMode};
+use serde_json::Value;
+use std::path::Path;
+
+use super::writers::matched;
+use crate::support::files::make;
+
+/// A wide model: it is divided into several leaves.
+fn wide() -> qirf_vk::gaussians::Gaussians {
+    let mut model = make::model(20_000, 1);
+    model.means.iter_mut().for_each(|m| m[0] *= 8.0);
+    model
+}
+
+fn meta(folder: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(folder.join("lod-meta.json")).unwrap()).unwrap()
+}
+
+/// Adds up the counts of a level in all leaves; every leaf's box holds its children's.
+fn counted(node: &Value, level: &str) -> u64 {
+    match node["children"].as_array() {
+        Some(children) => {
+            for child in children {
+                for k in 0..3 {
+                    let at = |n: &Value, side: &str| n["bound"][side][k].as_f64().unwrap();
+                    assert!(at(node, "min") <= at(child, "min") && at(node, "max") >= at(child, "max"));
+                }
+            }
+            children.iter().map(|child| counted(child, level)).sum()
+        }
+        None => node["lods"][level]["count"].as_u64().unwrap_or(0),
+    }
+}
+
+#[test]
+fn the_finest_level_is_read_back_and_every_leaf_knows_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lod-meta.json");
+    let model = wide();
+    let coarse = model.select(&(0..model.len()).step_by(4).collect::<Vec<_>>());
+    formats::write_levels(&path, &[model.clone(), coarse], RenderMode::AntiAliased).unwrap();
+    for place in [path.as_path(), folder.path()] {
+        let back = formats::read(place).unwrap();
+        assert_eq!((back.gaussians.len(), back.mode), (model.len(), RenderMode::AntiAliased));
+        let some = model.select(&(0..model.len()).step_by(997).collect::<Vec<_>>());
+        for (i, j) in matched(&some, &back.gaussians) {
+            let size = |m: &qirf_vk::gaussians::Gaussians, i: usize| m.log_scales[i].iter().sum::<f32>();
+            assert!((size(&some, i) - size(&back.gaussians, j)).abs() < 0.2, "{i}");
+        }
+    }
+    let meta = meta(folder.path());
+    assert_eq!(meta["counts"], serde_json::json!([20_000, 5_000]));
+    assert!(meta["tree"]["children"].is_array(), "a model of 48 units is divided");
+    assert_eq!((counted(&meta["tree"], "0"), counted(&meta["tree"], "1")), (20_000, 5_000));
+}
+
+#[test]
+fn hostile_levels_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lod-meta.json");
+    formats::write_levels(&path, &[make::model(50, 0)], RenderMode::Plain).unwrap();
+    let good = meta(folder.path()).to_string();
+    for (from, to) in [
+        ("0_0/meta.json", "../0_0/meta.json"),
+        ("0_0/meta.json", "/0_0/meta.json"),
+        ("0_0/meta.json", "9_9/meta.json"),
+        ("\"count\":50}", "\"count\":51}"),
+        ("\"offset\":0", "\"offset\":18446744073709551615"),
+        ("\"file\":0", "\"file\":7"),
+        ("\"tree\"", "\"bush\""),
+    ] {
+        let bad = good.replace(from, to);
+        assert_ne!(bad, good, "{from}");
+        std::fs::write(&path, bad).unwrap();
+        assert!(formats::read(&path).is_err(), "{to}");
+    }
+    let deep = format!("{}{}", "{\"children\":[".repeat(5000), "]}".repeat(5000));
+    std::fs::write(&path, format!("{{\"filenames\":[],\"tree\":{deep}}}")).unwrap();
+    assert!(formats::read(folder.path()).is_err());
+}
