@@ -15,7 +15,7 @@ use crate::pipeline::evaluate::pictures::Format;
 use crate::pipeline::film::film;
 use crate::pipeline::panorama::{self, Panorama};
 use crate::pipeline::prepare::refuse_photo_folders;
-use crate::pipeline::render::{Orbit, RenderConfig, Shot, frames, near_limit, render, scene_shots};
+use crate::pipeline::render::{Orbit, RenderConfig, Shot, frames, near_at, render, scene_shots};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::Look;
 use crate::scene::{OpenOptions, Resize, Scene, walk};
@@ -116,6 +116,9 @@ impl Arguments {
         let model = loaded.gaussians;
         let mut config = RenderConfig { settings, format: self.format()?, transparent: self.transparent };
         let scene = self.scene.as_ref().map(|scene| self.open(scene, console)).transpose()?;
+        if let Some(scene) = &scene {
+            config.settings.near = scene.near;
+        }
         let work = match (&scene, &self.path) {
             _ if self.panorama => Work::Panorama(self.whole(&model, scene.as_ref(), &mut config)),
             (scene, Some(path)) => {
@@ -248,7 +251,7 @@ impl Arguments {
         let outline = outline(model, up);
         let reach = outline.rings.iter().map(|(_, radius)| *radius).fold(0.0, f64::max);
         if reach > 0.0 {
-            config.settings.near = config.settings.near.min(near_limit(reach));
+            config.settings.near = near_at(config.settings.near, reach);
         }
         let eye = self.at.or(all).unwrap_or(outline.centre);
         Panorama { eye, up, width: self.size.map_or(2048, |size| size.0) }

@@ -48,7 +48,7 @@ impl<'a> ActiveRun<'a> {
     pub fn start(setup: &'a Setup<'a>, config: &'a RunConfig, output: &'a Output, start: Start) -> Result<Self, Error> {
         let Setup { session, prepared, .. } = setup;
         let device = session.device;
-        let settings = config.style.over(prepared.background);
+        let settings = prepared.settings(config.style);
         let method = session.method(config)?;
         let options = |gaussians: usize| Options {
             schedule: config.schedule.clone(),

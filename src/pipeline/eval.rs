@@ -104,7 +104,7 @@ fn assess(
     (prepared, renders): (&Prepared, Option<&Path>),
 ) -> Result<(Assessment, Evaluator), Error> {
     let Session { device, networks, watcher, .. } = *session;
-    let settings = evaluation.style.over(prepared.background);
+    let settings = prepared.settings(evaluation.style);
     let mut evaluator = Evaluator::of(device, settings, model, prepared.views())?;
     evaluator.compare_as(evaluation.exposure);
     let mut follow = |done: usize| {

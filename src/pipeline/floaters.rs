@@ -72,7 +72,7 @@ pub fn by_photos(
     };
     let place = budget::for_compress(session.device, model, needs)?;
     let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
-    let settings = style.over(prepared.background);
+    let settings = prepared.settings(style);
     let mut found = vec![None; model.len()];
     // Each round measures what the last one left; where that removed nothing, its evidence still holds.
     let (mut left, mut numbers): (_, Vec<usize>) = (model.clone(), (0..model.len()).collect());

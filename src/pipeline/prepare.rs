@@ -4,6 +4,7 @@ use super::config::Selection;
 use super::watcher::Watcher;
 use crate::effects::Effect;
 use crate::pipeline::Error;
+use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene};
 use std::collections::HashSet;
@@ -38,6 +39,16 @@ impl Prepared {
         let named = self.scene.views.iter().map(|view| view.name.clone()).zip(self.train);
         let (test, train): (Vec<_>, Vec<_>) = named.partition(|(name, _)| names.contains(name.as_str()));
         Self { train: train.into_iter().map(|(_, photo)| photo).collect(), test, ..self }
+    }
+
+    /// The settings of image formation in a style.
+    pub fn settings(&self, style: Style) -> Settings {
+        Settings { near: self.scene.near, ..style.over(self.background) }
+    }
+
+    /// The size of the scene in usual ones, of which 3DGS's lengths are meant: 1 for most captures.
+    pub fn unit(&self) -> f64 {
+        f64::from(self.scene.near) / f64::from(Settings::default().near)
     }
 
     /// All views, those held out first.
@@ -128,6 +139,11 @@ impl Opened {
         self.selection.eval_every = 0;
         all_there(&self.scene, names)?;
         Ok(Self { required: names.to_vec(), ..self })
+    }
+
+    /// The settings of image formation in a style, over a background that is known.
+    pub fn settings(&self, style: Style, background: Option<[f32; 3]>) -> Settings {
+        Settings { near: self.scene.near, ..style.over(background.unwrap_or_default()) }
     }
 
     /// The pictures' cameras.

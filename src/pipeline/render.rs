@@ -15,12 +15,16 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+/// Ratio of a model's own near plane to the usual one from which on the own one counts.
+const VERY_LARGE: f32 = 2.5;
 /// Near plane of an orbit's pictures, as a share of the camera's distance.
 const NEAR: f64 = 0.02;
 
-/// Largest distance of the near plane of a camera on an orbit, by its distance from the model, in world units.
-pub fn near_limit(distance: f64) -> f32 {
-    (NEAR * distance) as f32
+/// The near plane of a camera at this distance from a model, in world units: the usual one unless the model is small, for which
+/// it is nearer, or very large.
+pub fn near_at(usual: f32, distance: f64) -> f32 {
+    let own = (NEAR * distance) as f32;
+    if own > VERY_LARGE * usual { own } else { own.min(usual) }
 }
 
 /// One picture of a model, wherever the model fits.
@@ -79,7 +83,7 @@ impl Orbit {
         let outline = outline(model, self.up);
         let Framing { height, distance } = outline.framing(&self.look);
         tracing::info!("orbit round {} + {height:.3} up, from {distance:.3} away", outline.centre);
-        config.settings.near = config.settings.near.min(near_limit(distance));
+        config.settings.near = near_at(config.settings.near, distance);
         outline.cameras(self.count, &self.look)
     }
 }

@@ -77,9 +77,11 @@ pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Resu
         Start::Model(model) => return Ok(model),
         Start::Resumed(checkpoint) => return Ok(checkpoint.snapshot.model),
         Start::Points(_) => prepared.scene.points.iter().map(Seed::from).collect(),
-        Start::Random(count) => initialise::random(&prepared.train, count, blender, u64::from(config.seed))?,
+        Start::Random(count) => {
+            initialise::random_in(&prepared.train, count, (blender, prepared.scene.near), u64::from(config.seed))?
+        }
     };
-    let model = initialise::from_points(&seeds);
+    let model = initialise::from_points_in(&seeds, prepared.unit());
     let all: Vec<usize> = (0..model.len()).collect();
     Ok(if all.len() > config.max_gaussians { model.select(&evenly(&all, config.max_gaussians)) } else { model })
 }

@@ -60,7 +60,7 @@ impl VirtualCameras {
         let (cameras, near) = self.cameras(model);
         let settings = style.over(background);
         // A model in small units must not lie in front of the near plane.
-        let near = settings.near.min(near as f32);
+        let near = if near as f32 > 2.5 * settings.near { near as f32 } else { settings.near.min(near as f32) };
         (cameras, Settings { near, ..settings })
     }
 

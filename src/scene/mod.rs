@@ -12,6 +12,7 @@ mod image_size;
 mod jpeg;
 pub mod lens;
 mod merge;
+mod near;
 pub mod orbit;
 mod photo;
 mod pixels;
@@ -91,6 +92,9 @@ pub struct Scene {
     pub points: Vec<Point>,
     /// Everything left out since the scene was opened.
     pub skipped: Skipped,
+    /// Nothing nearer to a camera than this is drawn, in world units: 3DGS's 0.2 in scenes of usual size, and in proportion
+    /// to the depth of the points in others. It stays when views are dropped.
+    pub near: f32,
 }
 
 /// The training and the held-out views, as ascending indices into [`Scene::views`].

@@ -47,21 +47,28 @@ impl From<&Point> for Seed {
     }
 }
 
-/// Isotropic Gaussians on points: their scale is the distance of the three nearest neighbours, opacity 0.1, SH degree 0.
+/// As [`from_points_in`], in a scene of usual size.
 pub fn from_points(points: &[Seed]) -> Gaussians {
+    from_points_in(points, 1.0)
+}
+
+/// Isotropic Gaussians on points: their scale is the distance of the three nearest neighbours, opacity 0.1, SH degree 0. `unit` is
+/// the scene's size in usual ones.
+pub fn from_points_in(points: &[Seed], unit: f64) -> Gaussians {
+    let least = LEAST_SQUARED_DISTANCE * unit * unit;
     let entry = |(i, p): (usize, &Seed)| GeomWithData::new(p.position.to_array(), i);
     // The tree cannot order a NaN; density control removes such a Gaussian.
     let finite = |p: &Seed| p.position.is_finite();
     let tree = RTree::bulk_load(points.iter().enumerate().filter(|(_, p)| finite(p)).map(entry).collect());
     let log_scale = |i: usize, p: &Seed| -> f32 {
         if !finite(p) {
-            return 0.5 * (LEAST_SQUARED_DISTANCE as f32).ln();
+            return 0.5 * (least as f32).ln();
         }
         let near = tree.nearest_neighbor_iter_with_distance_2(p.position.to_array());
         let (sum, n) = near.filter(|(e, _)| e.data != i).take(3).fold((0.0, 0), |(s, n), (_, d)| (s + d, n + 1));
         // A single point has no neighbour that could give its size.
-        let mean = if n == 0 { 1e-4 } else { sum / f64::from(n) };
-        (0.5 * mean.max(LEAST_SQUARED_DISTANCE).ln()) as f32
+        let mean = if n == 0 { 1e-4 * unit * unit } else { sum / f64::from(n) };
+        (0.5 * mean.max(least).ln()) as f32
     };
     let logit = (OPACITY / (1.0 - OPACITY)).ln() as f32;
     Gaussians {
@@ -73,22 +80,31 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
     }
 }
 
+/// As [`random_in`], in a scene of usual size.
+///
+/// # Errors
+/// Those of [`random_in`].
+pub fn random(photos: &[Photo], count: usize, blender: bool, seed: u64) -> Result<Vec<Seed>> {
+    random_in(photos, count, (blender, Settings::default().near), seed)
+}
+
 /// Random points for a scene without points. They lie on rays through random pixels, between a fifth of and three times the
 /// distance at which the cameras' axes meet, where at least three cameras see them. `DEPTHS` depths are tried on a ray, and
 /// the one on whose colour the photos agree best is taken: a plane sweep of random planes, which costs a second and starts
 /// training near the surfaces. In Blender scenes points lie within the cube. No point lies between a camera that sees it and
-/// the near plane.
+/// the near plane, which is `near` world units away.
 ///
 /// Rays without a suitable depth are replaced until there are `count` points; the same seed gives the same points.
 ///
 /// # Errors
 /// [`Error::NoViews`]; [`Error::Points`] if too few rays have a suitable depth; photos in a file that cannot be read.
-pub fn random(photos: &[Photo], count: usize, blender: bool, seed: u64) -> Result<Vec<Seed>> {
+pub fn random_in(photos: &[Photo], count: usize, (blender, near): (bool, f32), seed: u64) -> Result<Vec<Seed>> {
     if photos.is_empty() {
         return Err(Error::NoViews);
     }
-    let near = f64::from(Settings::default().near) * NEAR_LEEWAY;
-    let search = Search { photos, focus: focus(photos.iter().map(|p| &p.camera)), near, blender };
+    let near = f64::from(near) * NEAR_LEEWAY;
+    let blender = blender && near == f64::from(Settings::default().near) * NEAR_LEEWAY;
+    let search = Search { photos, focus: focus(photos.iter().map(|p| &p.camera), near), near, blender };
     let most = (count as u64).saturating_mul(TRIES.0).max(TRIES.1);
     let (mut found, mut tried) = (Vec::with_capacity(count), 0);
     while found.len() < count {
@@ -124,7 +140,7 @@ impl Search<'_> {
         let camera = &self.photos[(draw(0) * self.photos.len() as f64) as usize].camera;
         let pixel = DVec2::new(draw(1) * f64::from(camera.width), draw(2) * f64::from(camera.height));
         let ray = ((pixel - camera.principal) / camera.focal).extend(1.0);
-        let distance = (camera.rotation * self.focus + camera.translation).z.max(1e-3);
+        let distance = (camera.rotation * self.focus + camera.translation).z.max(5e-3 * self.near);
         // Points lie beyond the near plane even if the cameras' axes meet before it, or nowhere.
         let low = (self.near / distance).max(0.2);
         let high = (5.0 * low).max(3.0);
@@ -189,7 +205,7 @@ fn project(camera: &Camera, position: DVec3) -> Option<([u32; 2], f64)> {
 }
 
 /// The point nearest to all cameras' axes; if the axes are parallel, the cameras' centre moved along their mean direction.
-fn focus<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> DVec3 {
+fn focus<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone, near: f64) -> DVec3 {
     let (mut a, mut b, mut centre, mut forward, mut n) = (DMat3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, 0.0);
     for camera in cameras.clone() {
         let axis = camera.rotation.row(2);
@@ -201,7 +217,7 @@ fn focus<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> DVec3 {
         n += 1.0;
     }
     centre /= n;
-    let spread = cameras.clone().map(|c| c.centre().distance(centre)).fold(0.0, f64::max).max(1e-3);
+    let spread = cameras.clone().map(|c| c.centre().distance(centre)).fold(0.0, f64::max).max(5e-3 * near);
     let met = if a.determinant() > 1e-6 * n { a.inverse() * b } else { centre + forward.normalize_or_zero() * spread };
     let in_front = cameras.filter(|c| (c.rotation * met + c.translation).z > 0.0).count();
     // The axes of cameras that look outward meet behind them.

@@ -59,10 +59,9 @@ impl<'a> StaticView<'a> {
     /// # Errors
     /// Device memory; device errors.
     pub fn new(device: &Device, subject: &'a Subject) -> Result<Self, Error> {
-        let near = subject.near();
         let shown = |shown: &Model| -> Result<ViewerModel, Error> {
             let usual = shown.style.over(subject.background);
-            let settings = Settings { near: usual.near.min(near), ..usual };
+            let settings = Settings { near: subject.near(usual.near), ..usual };
             let mut model = shown.gaussians.clone();
             // As `render` does: bands that change no colour by a step of eight bits are not drawn.
             model.sh.truncate(model.degree_in_effect() + 1);

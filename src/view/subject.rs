@@ -5,7 +5,7 @@ use crate::pipeline::Error;
 use crate::pipeline::diagnostics::Diagnostics;
 use crate::pipeline::evaluate::pictures::byte;
 use crate::pipeline::evaluate::truth;
-use crate::pipeline::render::near_limit;
+use crate::pipeline::render::near_at;
 use crate::render::Style;
 use crate::scene::camera::Camera;
 use crate::scene::orbit::{Look, Outline};
@@ -189,10 +189,11 @@ impl Subject {
         })
     }
 
-    /// Largest distance of the near plane in world units: it is closer than usual for a small model without a capture.
-    pub fn near(&self) -> f32 {
-        let limit = |outline: &Outline| near_limit(outline.framing(&Look::default()).distance);
-        self.outline.as_ref().map_or(f32::INFINITY, limit)
+    /// The near plane in world units: that of the capture, or one that suits the model.
+    pub fn near(&self, usual: f32) -> f32 {
+        let of_model = |outline: &Outline| near_at(usual, outline.framing(&Look::default()).distance);
+        let of_capture = self.capture.as_ref().map(|capture| capture.scene.near);
+        of_capture.or(self.outline.as_ref().map(of_model)).unwrap_or(usual)
     }
 }
 

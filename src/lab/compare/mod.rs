@@ -176,7 +176,7 @@ fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecor
 /// Times all arms' models in turn, so that other work on the machine affects all of them alike.
 fn frame_rates(setup: &Setup<'_>, arms: &mut [ArmRecord], folder: &Path) -> Result<(), Error> {
     let Setup { session, config, prepared, .. } = setup;
-    let settings = config.style.over(prepared.background);
+    let settings = prepared.settings(config.style);
     let most = arms.iter().map(|a| a.gaussians).max().unwrap_or(0);
     let mut evaluator = Evaluator::new(session.device, settings, most, prepared.views())?;
     evaluator.compare_as(config.exposure);

@@ -92,7 +92,7 @@ pub fn of_scene(
         model,
         responses,
         views: few(prepared.train.clone(), VIEWS),
-        settings: config.style.over(prepared.background),
+        settings: prepared.settings(config.style),
         described: Described::default(),
     };
     let from = match &config.init {

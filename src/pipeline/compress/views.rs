@@ -78,7 +78,7 @@ impl Views {
     ) -> Result<(Self, DrawSource<'m>), Error> {
         let place = budget::for_compress(session.device, model, Self::needs(&opened, model, config))?;
         let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
-        let settings = config.style.over(prepared.background);
+        let settings = prepared.settings(config.style);
         let names = prepared.names_to_train();
         let Prepared { train, test, extent, .. } = prepared;
         let shown = DrawSource::new(session, model, place.whole)?;
@@ -102,7 +102,7 @@ impl Views {
         };
         let opened = open(selection)?.only(names)?;
         let place = budget::for_compress(session.device, model, Self::needs(&opened, model, config))?;
-        let settings = config.style.over(selection.background.unwrap_or_default());
+        let settings = opened.settings(config.style, selection.background);
         Ok((opened.cameras(), settings, DrawSource::new(session, model, place.whole)?))
     }
 

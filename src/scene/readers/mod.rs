@@ -26,6 +26,7 @@ use rayon::prelude::*;
 
 use super::lens::{Lens, Pinhole, VISIBLE_DISPLACEMENT};
 use super::merge::merge_repeated;
+use super::near::near;
 use super::view::{FOLDED, Role, View};
 use super::{Error, OpenOptions, Point, Scene, SceneKind, Skipped};
 use crate::wording::counted;
@@ -182,7 +183,8 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let listed = points.len();
     let points = merge_repeated(points);
     skipped.repeated_points = listed - points.len();
-    Ok(Scene { kind: listing.kind, root: listing.root, source, views, points, skipped })
+    let near = near(&views, &points);
+    Ok(Scene { kind: listing.kind, root: listing.root, source, views, points, skipped, near })
 }
 
 /// Counts the photos in `folder` that no view has, and those that cannot be read.

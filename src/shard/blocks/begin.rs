@@ -56,7 +56,7 @@ impl BlockRun {
 impl Setup<'_> {
     /// The Gaussians among `rows` that the photos may show.
     pub(super) fn shown(&self, model: &Gaussians, rows: &[usize]) -> Vec<usize> {
-        let settings = self.config.style.over(self.prepared.background);
+        let settings = self.prepared.settings(self.config.style);
         let rows: Vec<u32> = rows.iter().map(|i| *i as u32).collect();
         let mut shown = vec![false; model.len()];
         for photo in &self.prepared.train {

@@ -145,7 +145,7 @@ impl BlockRun {
         let (cameras, divisor) = (opened.cameras(), divisor(opened.size()));
         let smaller = |c: &Camera| c.resized((c.width / divisor).max(1), (c.height / divisor).max(1));
         let small: Vec<Camera> = cameras.iter().map(smaller).collect();
-        let settings = self.config.style.over(self.config.background.unwrap_or_default());
+        let settings = opened.settings(self.config.style, self.config.background);
         let resident = Resident::upload(session.device, coarse)?;
         let scores = virtual_views::responses(session, &resident, (&small, None), settings, Wanted::SCORES)?.scores;
         drop(resident);
@@ -181,7 +181,7 @@ impl BlockRun {
             let (points, grown) = (&setup.prepared.scene.points, layout.cells.grown(b, GROWN));
             let of_coarse = coarse.select(&members.trained);
             let first = match self.config.init {
-                Init::Points => first(points, &grown, of_coarse, setup.config.max_gaussians),
+                Init::Points => first((points, setup.prepared.unit()), &grown, of_coarse, setup.config.max_gaussians),
                 Init::Random | Init::Model(_) => of_coarse,
             };
             Ok(beginning(first, 0))

@@ -69,7 +69,7 @@ impl Setup<'_> {
         let size = camera::largest(self.prepared.train.iter().map(|photo| &photo.camera));
         let in_white = in_white(model, rows);
         let background = self.prepared.background;
-        let mut painter = Painter::of(device, style.over(background), Source::Host(model), size)?;
+        let mut painter = Painter::of(device, self.prepared.settings(style), Source::Host(model), size)?;
         let mut paint = |model: &Gaussians, over: [f32; 3], photo: &Photo| {
             painter.renderer().set_background(over);
             painter.render(Source::Host(model), &photo.camera)
