@@ -3,7 +3,7 @@
 use super::compression::CompressArgs;
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
-use super::inspect::read_model;
+use super::inspect::{place, read_model};
 use super::scratch::Scratch;
 use super::show::Show;
 use super::values;
@@ -102,8 +102,11 @@ impl Arguments {
         }
         let aim = self.options.aim()?;
         let reading = Instant::now();
-        let loaded = read_model(&self.model, console)?;
+        let mut loaded = read_model(&self.model, console)?;
         let read_s = reading.elapsed().as_secs_f64();
+        if let Some((scene, images)) = self.options.scene() {
+            place(&mut loaded, scene, images)?;
+        }
         let device = global.open_with(self.memory_budget)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };

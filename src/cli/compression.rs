@@ -11,7 +11,7 @@ use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::config::PruneRule;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Choice of Gaussians, views that judge it, and rendering.
 #[derive(Debug, clap::Args)]
@@ -66,6 +66,11 @@ enum Preset {
 }
 
 impl CompressArgs {
+    /// The scene whose photos decide, and their folder.
+    pub fn scene(&self) -> Option<(&Path, Option<&Path>)> {
+        Some((self.scene.as_deref()?, self.images.as_deref()))
+    }
+
     /// What is asked of the file, if anything.
     pub fn aim(&self) -> Result<Option<Aim>, Error> {
         self.pictures()?;

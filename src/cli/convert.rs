@@ -19,6 +19,7 @@ use crate::render::Style;
 use crate::scene::{OpenOptions, Scene};
 use crate::view::alone::{PageOptions, Shell};
 use crate::wording::counted;
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -46,6 +47,9 @@ pub(super) struct Arguments {
     /// Version of a written SPZ: 3 for readers of before 2026; the values are the same
     #[arg(long, value_name = "3|4", default_value = "4", value_parser = spz_version)]
     spz_version: SpzVersion,
+    /// Where coordinates count from if the model lies far from its world's origin: a place near it, or the origin
+    #[arg(long, value_name = "WHERE", default_value = "local")]
+    origin: Origin,
     /// Bits of SH coefficients in an SPZ, 1 to 8: of band 1, and of the others if they differ [default: the fewest whose loss
     /// pictures do not show]
     #[arg(long, value_name = "N[,N]", value_parser = values::sh_bits)]
@@ -71,6 +75,15 @@ pub(super) struct Arguments {
     scene: Option<PathBuf>,
 }
 
+/// Where the coordinates of a model count from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Origin {
+    /// A place near the model.
+    Local,
+    /// The world's origin, however far.
+    Keep,
+}
+
 fn spz_version(text: &str) -> Result<SpzVersion, String> {
     match text {
         "3" => Ok(SpzVersion::Three),
@@ -93,7 +106,7 @@ impl Arguments {
         }
         let is_page = has_extension(&self.output, "html");
         self.check(is_page)?;
-        let loaded = read_model(&self.input, console)?;
+        let loaded = self.placed(read_model(&self.input, console)?, console);
         let format = if is_page { self.output.with_extension("spz") } else { self.output.clone() };
         // What is quantised is measured, where there is a device.
         let exact = formats::is_exact(&format) && self.lod.is_none();
@@ -118,10 +131,12 @@ impl Arguments {
             return self.write_within(session, loaded, (&target, size), console);
         }
         let cost = if exact {
-            formats::write(&self.output, &loaded.gaussians, loaded.mode).map_err(Error::writing)?;
+            formats::write_at(&self.output, &loaded.gaussians, loaded.mode, loaded.origin).map_err(Error::writing)?;
             String::new()
         } else {
-            write_measured(session.as_ref(), &loaded, &target, console)?
+            let cost = write_measured(session.as_ref(), &loaded, &target, console)?;
+            formats::georeference(&self.output, loaded.origin).map_err(Error::writing)?;
+            cost
         };
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
         console.note(format_args!(
@@ -134,6 +149,24 @@ impl Arguments {
             self.output.display()
         ));
         Ok(())
+    }
+
+    /// A model with the coordinates that were asked for.
+    fn placed(&self, mut loaded: Loaded, console: &Console) -> Loaded {
+        let [x, y, z] = loaded.origin;
+        if loaded.origin == [0.0; 3] {
+            return loaded;
+        }
+        if self.origin == Origin::Local {
+            console.note(format_args!("coordinates count from {x},{y},{z}; georeference.json says so, too"));
+            return loaded;
+        }
+        for m in &mut loaded.gaussians.means {
+            *m = (DVec3::from(m.map(f64::from)) + DVec3::new(x, y, z)).as_vec3().to_array();
+        }
+        loaded.origin = [0.0; 3];
+        console.warn(format_args!("float32 rounds coordinates so far from the origin; without --origin keep they stay exact"));
+        loaded
     }
 
     /// Refuses options that the output does not read.

@@ -1,7 +1,7 @@
 //! `qirf-vk eval MODEL SCENE`, `qirf-vk eval MODEL --against MODEL`.
 
 use super::console::Console;
-use super::inspect::read_model;
+use super::inspect::{place, read_model};
 use super::scratch::Scratch;
 use super::show::Show;
 use super::style;
@@ -96,8 +96,9 @@ impl Arguments {
                 return Err(Error::Usage(format!("-o {folder} holds a run and its figures; name another folder")));
             }
         }
-        let loaded = read_model(&self.model, console)?;
+        let mut loaded = read_model(&self.model, console)?;
         let evaluation = self.evaluation(&loaded, console)?;
+        place(&mut loaded, &evaluation.selection.scene, evaluation.selection.images.as_deref())?;
         let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;

@@ -2,7 +2,7 @@
 
 use super::Global;
 use super::console::Console;
-use super::inspect::read_model;
+use super::inspect::{place, read_model};
 use super::show::Show;
 use super::style;
 use super::values::{self, Up};
@@ -111,7 +111,10 @@ enum Work {
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         self.check()?;
-        let loaded = read_model(&self.model, console)?;
+        let mut loaded = read_model(&self.model, console)?;
+        if let Some(scene) = &self.scene {
+            place(&mut loaded, scene, self.images.as_deref())?;
+        }
         let settings = self.rendering.style(&self.model, &loaded, None, console).over(self.background);
         let model = loaded.gaussians;
         let mut config = RenderConfig { settings, format: self.format()?, transparent: self.transparent };

@@ -2,7 +2,7 @@
 
 use super::Global;
 use super::console::Console;
-use super::inspect::{is_run, is_scene, read_model};
+use super::inspect::{is_run, is_scene, place_in, read_model};
 use super::interrupt::Watch;
 use super::style;
 use super::values::{self, Up};
@@ -182,17 +182,17 @@ impl Arguments {
         };
         let style = config.as_ref().map(|c| c.style);
         let mut models = vec![if run {
-            self.model(&path.join("model.ply"), style, console)?
+            self.model(&path.join("model.ply"), (style, capture.as_ref()), console)?
         } else if is_scene(path) {
             points(capture.as_ref(), path)?
         } else {
-            self.model(path, style, console)?
+            self.model(path, (style, capture.as_ref()), console)?
         }];
         if let Some(file) = &self.diagnostics {
             models[0].facts = Some(Diagnostics::read(file, &models[0].gaussians)?);
         }
         if let Some(other) = &self.against {
-            models.push(self.model(other, None, console)?);
+            models.push(self.model(other, (None, capture.as_ref()), console)?);
         }
         let given = self.background.or(config.and_then(|c| c.background));
         let background = given.unwrap_or_else(|| capture.as_ref().map_or([0.0; 3], Capture::background));
@@ -202,8 +202,16 @@ impl Arguments {
         Ok(Subject { title, job: Job::Show, models, background, outline, capture })
     }
 
-    fn model(&self, path: &Path, run: Option<Style>, console: &Console) -> Result<Model, Error> {
-        let loaded = read_model(path, console)?;
+    fn model(
+        &self,
+        path: &Path,
+        (run, capture): (Option<Style>, Option<&Capture>),
+        console: &Console,
+    ) -> Result<Model, Error> {
+        let mut loaded = read_model(path, console)?;
+        if let Some(capture) = capture {
+            place_in(&mut loaded, &capture.scene);
+        }
         let style = self.rendering.style(path, &loaded, run, console);
         Ok(Model { name: name(path), gaussians: loaded.gaussians, style, facts: None })
     }

@@ -33,7 +33,8 @@ mod tests {
     fn loaded(n: usize, degree: usize, mode: RenderMode) -> (PathBuf, Loaded) {
         let mut gaussians = Gaussians::zeroed(n, degree);
         gaussians.sh.iter_mut().flatten().for_each(|x| *x = n as f32);
-        let loaded = Loaded { gaussians, format: Format::Ply, mode, doubt: None, repairs: Repairs::default() };
+        let loaded =
+            Loaded { gaussians, format: Format::Ply, mode, doubt: None, repairs: Repairs::default(), origin: [0.0; 3] };
         (format!("{n}.ply").into(), loaded)
     }
 

@@ -294,7 +294,8 @@ impl<'a> ActiveRun<'a> {
             model.compact(&found.iter().map(Option::is_none).collect::<Vec<_>>());
             floaters = Some((FloaterCounts::of(&found), Resident::upload(session.device, &model)?));
         }
-        formats::write(&output.model(), &model, config.style.mode()).map_err(Error::writing)?;
+        let origin = prepared.scene.origin.to_array();
+        formats::write_at(&output.model(), &model, config.style.mode(), origin).map_err(Error::writing)?;
         let mut follow = |done: usize| {
             watcher.evaluating(done, prepared.test.len());
             Ok(())

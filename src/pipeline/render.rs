@@ -135,16 +135,22 @@ pub fn render(
     let shown = DrawSource::new(session, &model, place.whole)?;
     let mut painter = Painter::of(session.device, config.settings, shown.source(), size)?;
     let begun = Instant::now();
-    let mut draw_s = 0.0;
+    let (mut draw_s, mut empty) = (0.0, 0_usize);
     for (done, shot) in shots.iter().enumerate() {
         session.watcher.rendering(done, shots.len());
         session.watcher.unless_stopped()?;
         let started = Instant::now();
         let image = painter.render(shown.source(), &shot.camera)?;
         draw_s += started.elapsed().as_secs_f64();
+        empty += usize::from(image.pixels.iter().all(|p| p[3] <= 0.0));
         pictures::write(&shot.path, &image, config.format, config.transparent)?;
     }
     session.watcher.rendering(shots.len(), shots.len());
+    if empty > 0 {
+        let all = shots.len();
+        let note = format!("{empty} of {all} pictures show nothing: does the model lie where the cameras look?");
+        session.watcher.note(&note);
+    }
     Ok(RenderTimes { total_s: begun.elapsed().as_secs_f64(), draw_s })
 }
 

@@ -1,7 +1,7 @@
 //! Lenses: real cameras with their distortion, and the ideal pinhole that replaces each.
 //!
 //! A ray (x, y, 1) in camera coordinates meets the image plane at the normalised point (x, y). The lens bends it:
-//! fisheye models first replace the radius r = tan(theta) by theta, then all models apply
+//! fisheye models first replace the radius r = tan(theta) by theta, others by a [`Curve`] of it, then all models apply
 //! `w (1 + k1 r2 + k2 r4 + k3 r6 + k4 r8) / (1 + d1 r2 + d2 r4 + d3 r6)` plus tangential (p1, p2) and thin-prism
 //! (s1, s2) terms, all of the point w itself; focal lengths and principal point then give pixels. These are COLMAP's
 //! camera models, which are OpenCV's with the pixel centre at + 0.5.
@@ -37,13 +37,20 @@ pub enum LensModel {
     OpenCv,
     OpenCvFisheye,
     FullOpenCv,
+    Fov,
     SimpleRadialFisheye,
     RadialFisheye,
     ThinPrismFisheye,
+    RadTanThinPrismFisheye,
+    SimpleDivision,
+    Division,
+    SimpleFisheye,
+    Fisheye,
+    Eucm,
 }
 
 /// Model, COLMAP's number, COLMAP's name, number of parameters.
-const MODELS: [(LensModel, i32, &str, usize); 10] = [
+const MODELS: [(LensModel, i32, &str, usize); 17] = [
     (LensModel::SimplePinhole, 0, "SIMPLE_PINHOLE", 3),
     (LensModel::Pinhole, 1, "PINHOLE", 4),
     (LensModel::SimpleRadial, 2, "SIMPLE_RADIAL", 4),
@@ -51,9 +58,16 @@ const MODELS: [(LensModel, i32, &str, usize); 10] = [
     (LensModel::OpenCv, 4, "OPENCV", 8),
     (LensModel::OpenCvFisheye, 5, "OPENCV_FISHEYE", 8),
     (LensModel::FullOpenCv, 6, "FULL_OPENCV", 12),
+    (LensModel::Fov, 7, "FOV", 5),
     (LensModel::SimpleRadialFisheye, 8, "SIMPLE_RADIAL_FISHEYE", 4),
     (LensModel::RadialFisheye, 9, "RADIAL_FISHEYE", 5),
     (LensModel::ThinPrismFisheye, 10, "THIN_PRISM_FISHEYE", 12),
+    (LensModel::RadTanThinPrismFisheye, 11, "RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    (LensModel::SimpleDivision, 12, "SIMPLE_DIVISION", 4),
+    (LensModel::Division, 13, "DIVISION", 5),
+    (LensModel::SimpleFisheye, 14, "SIMPLE_FISHEYE", 3),
+    (LensModel::Fisheye, 15, "FISHEYE", 4),
+    (LensModel::Eucm, 16, "EUCM", 6),
 ];
 
 impl LensModel {
@@ -93,37 +107,134 @@ impl LensModel {
     }
 }
 
+/// The radius r at which a lens shows the ideal radius, before its polynomials.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Curve {
+    /// The ideal radius itself.
+    #[default]
+    Straight,
+    /// COLMAP's FOV: the angle seen through a field of omega, in radians.
+    Fov(f64),
+    /// Fitzgibbon's division model: the ideal radius is r / (1 + k r^2).
+    Division(f64),
+    /// The enhanced unified model: alpha and beta.
+    Unified(f64, f64),
+}
+
+impl Curve {
+    fn parameters(self) -> [f64; 3] {
+        match self {
+            Self::Straight => [0.0; 3],
+            Self::Fov(omega) => [1.0, omega, 0.0],
+            Self::Division(k) => [2.0, k, 0.0],
+            Self::Unified(alpha, beta) => [3.0, alpha, beta],
+        }
+    }
+
+    /// The radius shown; NaN where the lens shows none.
+    fn shown(self, ideal: f64) -> f64 {
+        match self {
+            Self::Straight => ideal,
+            Self::Fov(omega) if omega.abs() < 1e-6 => ideal,
+            Self::Fov(omega) => (2.0 * ideal * (0.5 * omega).tan()).atan() / omega,
+            Self::Division(k) => 2.0 * ideal / (1.0 + (1.0 - 4.0 * k * ideal * ideal).sqrt()),
+            Self::Unified(alpha, beta) => ideal / (alpha * (beta * ideal * ideal + 1.0).sqrt() + 1.0 - alpha),
+        }
+    }
+
+    /// The ideal radius, if a ray in front of the camera arrives at this one.
+    fn ideal(self, shown: f64) -> Option<f64> {
+        let squared = shown * shown;
+        let ideal = match self {
+            Self::Straight => shown,
+            Self::Fov(omega) if omega.abs() < 1e-6 => shown,
+            Self::Fov(omega) => {
+                let angle = shown * omega;
+                let ahead = angle.abs() < std::f64::consts::FRAC_PI_2 - 1e-6;
+                if ahead { angle.tan() / (2.0 * (0.5 * omega).tan()) } else { return None }
+            }
+            Self::Division(k) => {
+                // Behind the camera, or beyond the radius at which the model folds.
+                if 1.0 + k * squared > 1e-9 && k * squared < 1.0 { shown / (1.0 + k * squared) } else { return None }
+            }
+            Self::Unified(alpha, beta) => {
+                let (rest, inside) = (1.0 - alpha, 1.0 - (2.0 * alpha - 1.0) * beta * squared);
+                let depth = (1.0 - alpha * alpha * beta * squared) / (alpha * inside.max(0.0).sqrt() + rest);
+                if inside >= 0.0 && depth > 1e-9 { shown / depth } else { return None }
+            }
+        };
+        ideal.is_finite().then_some(ideal)
+    }
+}
+
 /// The coefficients that bend rays; zero where a model lacks them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
     /// True if the radius is the ray's angle (equidistant projection) rather than its tangent.
     pub fisheye: bool,
-    /// Radial k1..k4, of r^2, r^4, r^6, r^8.
-    pub radial: [f64; 4],
+    /// What the radius becomes otherwise.
+    pub curve: Curve,
+    /// Radial k1..k6, of r^2, r^4 and so on to r^12.
+    pub radial: [f64; 6],
     /// Coefficients of the rational model's denominator, of r^2, r^4, r^6.
     pub denominator: [f64; 3],
     /// Tangential p1, p2.
     pub tangential: [f64; 2],
     /// Thin prism s1 (on x), s2 (on y).
     pub prism: [f64; 2],
+    /// Tangential p0, p1 and thin prism s0..s3 of the point that the radial terms have moved already.
+    pub after: [f64; 6],
 }
 
 impl Distortion {
     /// The polynomial part, in the plane where the lens bends rays.
     fn bend(&self, w: DVec2) -> DVec2 {
         let r2 = w.length_squared();
-        let [k1, k2, k3, k4] = self.radial;
+        let [k1, k2, k3, k4, k5, k6] = self.radial;
         let [d1, d2, d3] = self.denominator;
         let [p1, p2] = self.tangential;
         let [s1, s2] = self.prism;
-        let numerator = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)));
+        let numerator = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * (k4 + r2 * (k5 + r2 * k6)))));
         let denominator = 1.0 + r2 * (d1 + r2 * (d2 + r2 * d3));
         let xy = 2.0 * w.x * w.y;
-        w * (numerator / denominator)
+        let moved = w * (numerator / denominator)
             + DVec2::new(
                 p1 * xy + p2 * (r2 + 2.0 * w.x * w.x) + s1 * r2,
                 p2 * xy + p1 * (r2 + 2.0 * w.y * w.y) + s2 * r2,
-            )
+            );
+        if self.after == [0.0; 6] { moved } else { moved + self.bend_again(moved) }
+    }
+
+    /// The terms of the point that the radial ones have moved.
+    fn bend_again(&self, w: DVec2) -> DVec2 {
+        let [p0, p1, s0, s1, s2, s3] = self.after;
+        let (r2, xy) = (w.length_squared(), 2.0 * w.x * w.y);
+        DVec2::new(
+            p1 * xy + p0 * (r2 + 2.0 * w.x * w.x) + r2 * (s0 + s1 * r2),
+            p0 * xy + p1 * (r2 + 2.0 * w.y * w.y) + r2 * (s2 + s3 * r2),
+        )
+    }
+
+    /// The point at which the polynomials act, of an ideal one.
+    fn curved(&self, point: DVec2) -> DVec2 {
+        let r = point.length();
+        let shown = if self.fisheye { r.atan() } else { self.curve.shown(r) };
+        let straight = !self.fisheye && self.curve == Curve::Straight;
+        if straight {
+            point
+        } else if r <= 1e-12 {
+            point * self.centre()
+        } else {
+            point * (shown / r)
+        }
+    }
+
+    /// What the curve multiplies small radii by.
+    fn centre(&self) -> f64 {
+        match self.curve {
+            Curve::Fov(omega) if omega.abs() >= 1e-6 => 2.0 * (0.5 * omega).tan() / omega,
+            _ => 1.0,
+        }
     }
 
     /// Derivative of [`Self::bend`], by central differences: exact enough to steer Newton steps and to see folds.
@@ -205,24 +316,36 @@ impl Lens {
             | LensModel::SimpleRadial
             | LensModel::Radial
             | LensModel::SimpleRadialFisheye
-            | LensModel::RadialFisheye => (true, &p[3..]),
+            | LensModel::RadialFisheye
+            | LensModel::SimpleDivision
+            | LensModel::SimpleFisheye => (true, &p[3..]),
             _ => (false, &p[4..]),
         };
         match (model, rest) {
             (LensModel::OpenCv, &[k1, k2, p1, p2]) => {
-                distortion.radial = [k1, k2, 0.0, 0.0];
+                distortion.radial[..2].copy_from_slice(&[k1, k2]);
                 distortion.tangential = [p1, p2];
             }
             (LensModel::FullOpenCv, &[k1, k2, p1, p2, k3, k4, k5, k6]) => {
-                distortion.radial = [k1, k2, k3, 0.0];
+                distortion.radial[..3].copy_from_slice(&[k1, k2, k3]);
                 distortion.denominator = [k4, k5, k6];
                 distortion.tangential = [p1, p2];
             }
             (LensModel::ThinPrismFisheye, &[k1, k2, p1, p2, k3, k4, s1, s2]) => {
-                distortion.radial = [k1, k2, k3, k4];
+                distortion.radial[..4].copy_from_slice(&[k1, k2, k3, k4]);
                 distortion.tangential = [p1, p2];
                 distortion.prism = [s1, s2];
             }
+            (LensModel::RadTanThinPrismFisheye, all) => {
+                distortion.radial.copy_from_slice(&all[..6]);
+                distortion.after.copy_from_slice(&all[6..]);
+            }
+            (LensModel::Fov, &[omega]) => distortion.curve = Curve::Fov(omega),
+            (LensModel::SimpleDivision | LensModel::Division, &[k]) if k != 0.0 => {
+                distortion.curve = Curve::Division(k);
+            }
+            (LensModel::SimpleDivision | LensModel::Division, _) => {}
+            (LensModel::Eucm, &[alpha, beta]) => distortion.curve = Curve::Unified(alpha, beta),
             (_, radial) => distortion.radial[..radial.len()].copy_from_slice(radial),
         }
         distortion.fisheye = matches!(
@@ -231,6 +354,9 @@ impl Lens {
                 | LensModel::SimpleRadialFisheye
                 | LensModel::RadialFisheye
                 | LensModel::ThinPrismFisheye
+                | LensModel::RadTanThinPrismFisheye
+                | LensModel::SimpleFisheye
+                | LensModel::Fisheye
         );
         let (focal, principal) = if single {
             (DVec2::splat(p[0]), DVec2::new(p[1], p[2]))
@@ -255,8 +381,9 @@ impl Lens {
             return Err(format!("principal point {}, {} px lies out of reach", self.principal.x, self.principal.y));
         }
         let d = &self.distortion;
-        let mut all = d.radial.iter().chain(&d.denominator).chain(&d.tangential).chain(&d.prism);
-        if let Some(bad) = all.find(|c| c.is_nan() || c.abs() >= 1e6) {
+        let curve = d.curve.parameters();
+        let all = d.radial.iter().chain(&d.denominator).chain(&d.tangential).chain(&d.prism);
+        if let Some(bad) = all.chain(&d.after).chain(&curve).find(|c| c.is_nan() || c.abs() >= 1e6) {
             return Err(format!("distortion coefficient {bad} is out of range"));
         }
         Ok(self)
@@ -269,6 +396,7 @@ impl Lens {
             [f64::from(self.width), f64::from(self.height), self.model as i32 as f64, f64::from(u8::from(d.fisheye))];
         let lengths = self.focal.to_array().into_iter().chain(self.principal.to_array());
         let bends = d.radial.into_iter().chain(d.denominator).chain(d.tangential).chain(d.prism);
+        let bends = bends.chain(d.after).chain(d.curve.parameters());
         flags.into_iter().chain(lengths).chain(bends).map(f64::to_bits).collect()
     }
 
@@ -288,22 +416,19 @@ impl Lens {
 
     /// The normalised image of the normalised point (x / z, y / z).
     pub fn distort(&self, point: DVec2) -> DVec2 {
-        let d = &self.distortion;
-        if !d.fisheye {
-            return d.bend(point);
-        }
-        let r = point.length();
-        d.bend(if r > 1e-12 { point * (r.atan() / r) } else { point })
+        self.distortion.bend(self.distortion.curved(point))
     }
 
     /// The normalised point (x / z, y / z) whose image is `distorted`; none if no ray in front of the camera arrives
     /// there on the branch that contains the optical axis.
     pub fn undistort(&self, distorted: DVec2) -> Option<DVec2> {
         let w = self.distortion.unbend(distorted)?;
-        if !self.distortion.fisheye {
-            return Some(w);
-        }
         let theta = w.length();
+        if !self.distortion.fisheye {
+            let scale = |ideal: f64| if theta < 1e-12 { 1.0 / self.distortion.centre() } else { ideal / theta };
+            let straight = self.distortion.curve == Curve::Straight;
+            return if straight { Some(w) } else { self.distortion.curve.ideal(theta).map(|ideal| w * scale(ideal)) };
+        }
         if theta < 1e-12 {
             return Some(w);
         }
@@ -383,11 +508,7 @@ impl Lens {
                 let point = (pixel - pinhole.principal) / pinhole.focal;
                 let source = self.project(point);
                 let inside = source.cmpge(DVec2::splat(0.5 - slack)).all() && source.cmple(size - 0.5 + slack).all();
-                let bent = if self.distortion.fisheye {
-                    point * (point.length().atan() / point.length().max(1e-12))
-                } else {
-                    point
-                };
+                let bent = self.distortion.curved(point);
                 inside && self.distortion.jacobian(bent).determinant() > 0.0
             })
         })

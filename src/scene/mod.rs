@@ -14,6 +14,7 @@ pub mod lens;
 mod merge;
 mod near;
 pub mod orbit;
+pub mod origin;
 mod photo;
 mod pixels;
 mod readers;
@@ -95,6 +96,8 @@ pub struct Scene {
     /// Nothing nearer to a camera than this is drawn, in world units: 3DGS's 0.2 in scenes of usual size, and in proportion
     /// to the depth of the points in others. It stays when views are dropped.
     pub near: f32,
+    /// Where coordinates count from, in the world of the files: not its origin where that is far away ([`origin`]).
+    pub origin: DVec3,
 }
 
 /// The training and the held-out views, as ascending indices into [`Scene::views`].

@@ -20,7 +20,7 @@ pub(super) fn near(views: &[View], points: &[Point]) -> f32 {
 
 /// The median depth of the points in the views that see them; without points, the median distance of the cameras from
 /// their mean.
-fn size(views: &[View], points: &[Point]) -> f64 {
+pub(super) fn size(views: &[View], points: &[Point]) -> f64 {
     let few = views.iter().step_by(views.len().div_ceil(LOOKS).max(1));
     let depth = |view: &View, point: &Point| (view.camera.rotation * point.position + view.camera.translation).z;
     let depths = points.iter().flat_map(|point| {

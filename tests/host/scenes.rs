@@ -323,7 +323,7 @@ fn unknown_models_and_truncation_name_file_and_record() {
         write(scene.path(), [("cameras.bin", bytes), images.clone(), points.clone()]);
         message(open(scene.path()))
     };
-    says(&with_model(7), &["cameras.bin", "camera 1 of 1", "FOV", "THIN_PRISM_FISHEYE"]);
+    says(&with_model(17), &["cameras.bin", "camera 1 of 1", "EQUIRECTANGULAR (number 17)", "THIN_PRISM_FISHEYE"]);
     says(&with_model(99), &["number 99"]);
     for (name, bytes) in row(&["a.png"]).binary() {
         write(scene.path(), row(&["a.png"]).binary());

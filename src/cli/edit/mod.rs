@@ -77,6 +77,7 @@ impl Arguments {
             models.push((path.clone(), read_model(path, console)?));
         }
         let inputs: Vec<Value> = models.iter().map(|(path, loaded)| input(path, loaded)).collect();
+        let origin = same_origin(&mut models);
         let (model, mode) = merge(models, self.rendering.mode())?;
         let mut editor = Editor::new(model, self.json);
         if self.inputs.len() > 1 && !self.json {
@@ -95,7 +96,7 @@ impl Arguments {
         let (model, steps) = editor.finish();
         let written = if self.count_only { None } else { self.output.as_deref() };
         if let Some(path) = written {
-            formats::write(path, &model, mode).map_err(Error::writing)?;
+            formats::write_at(path, &model, mode, origin).map_err(Error::writing)?;
         }
         if self.json {
             return console.json(&json!({
@@ -192,6 +193,20 @@ fn tell(console: &Console, step: &Step, model: &Gaussians) -> Result<(), Error> 
         Some(why) => console.print(format_args!("{edit}: {after} left, {removed} removed ({why})")),
         None => console.print(format_args!("{edit}: {}", left(model))),
     }
+}
+
+/// Lets the means of all models count from where the first one's do.
+fn same_origin(models: &mut [(PathBuf, Loaded)]) -> [f64; 3] {
+    let origin = models.first().map_or([0.0; 3], |(_, first)| first.origin);
+    for (_, loaded) in models {
+        let by: Vec<f64> = loaded.origin.iter().zip(origin).map(|(own, first)| own - first).collect();
+        if by.iter().any(|d| *d != 0.0) {
+            for m in &mut loaded.gaussians.means {
+                m.iter_mut().zip(&by).for_each(|(v, d)| *v = (f64::from(*v) + d) as f32);
+            }
+        }
+    }
+    origin
 }
 
 /// An error that says where the Gaussians were.

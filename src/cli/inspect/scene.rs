@@ -35,6 +35,8 @@ pub(super) fn describe(path: &Path, images: Option<PathBuf>) -> Result<Value, Er
         "mean_track_length": mean(tracks as f64, scene.points.len()),
         "mean_reprojection_px": mean(errors.iter().map(|e| f64::from(*e)).sum(), errors.len()),
         "extent": scene.extent(&split.train),
+        "near_plane": scene.near,
+        "origin": scene.origin.to_array(),
         "train_views": split.train.len(),
         "test_views": split.test.len(),
         "skipped": scene.skipped.summary(),
@@ -48,6 +50,7 @@ fn camera(id: u32, view: &View, views: usize) -> Value {
     json!({
         "id": id,
         "views": views,
+        "lens": lens.model.name(),
         "size": format!("{}x{}", lens.width, lens.height),
         "focal": [lens.focal.x, lens.focal.y],
         // JSON has no infinite number.

@@ -90,6 +90,8 @@ pub struct Loaded {
     pub doubt: Option<String>,
     /// The repairs made.
     pub repairs: Repairs,
+    /// Where the means count from, in the world: not its origin if the file says so, or if it holds doubles far from there.
+    pub origin: [f64; 3],
 }
 
 /// The output of one reader, before the common repairs.
@@ -185,7 +187,7 @@ fn finish(parsed: Parsed) -> Loaded {
     let Parsed { mut gaussians, format, tag, trailing_bytes } = parsed;
     let mut repairs = repairs::repair(&mut gaussians);
     repairs.trailing_bytes = trailing_bytes;
-    Loaded { gaussians, format, mode: tag.mode, doubt: tag.doubt, repairs }
+    Loaded { gaussians, format, mode: tag.mode, doubt: tag.doubt, repairs, origin: tag.origin }
 }
 
 /// The extension of a name, in small letters.
@@ -264,7 +266,7 @@ pub fn is_exact(path: &Path) -> bool {
 pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(), Error> {
     gaussians.validate()?;
     let packed = match Written::of(path)? {
-        Written::Ply => return write_atomically(path, |out| ply::write(out, gaussians, mode)),
+        Written::Ply => return write_atomically(path, |out| ply::write(out, gaussians, mode, [0.0; 3])),
         Written::CompressedPly => {
             return write_atomically(path, |out| ply::write_compressed(out, gaussians, mode));
         }
@@ -278,6 +280,33 @@ pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(),
         }
     };
     write_atomically(path, |out| out.write_all(&packed))
+}
+
+/// As [`write()`] for means that count from a place in the world: PLY keeps it in a comment, and [`georeference`] writes it
+/// beside every file.
+///
+/// # Errors
+/// Those of [`write()`].
+pub fn write_at(path: &Path, gaussians: &Gaussians, mode: RenderMode, origin: [f64; 3]) -> Result<(), Error> {
+    gaussians.validate()?;
+    if matches!(Written::of(path)?, Written::Ply) {
+        write_atomically(path, |out| ply::write(out, gaussians, mode, origin))?;
+    } else {
+        write(path, gaussians, mode)?;
+    }
+    georeference(path, origin)
+}
+
+/// Writes georeference.json beside a model: where its means count from in the world. Nothing if that is the world's origin.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn georeference(path: &Path, origin: [f64; 3]) -> Result<(), Error> {
+    if origin == [0.0; 3] {
+        return Ok(());
+    }
+    let text = format!("{:#}\n", serde_json::json!({ "schema": 1, "origin": origin }));
+    write_atomically(&path.with_file_name("georeference.json"), |out| out.write_all(text.as_bytes()))
 }
 
 /// Writes levels of detail, the finest first, as streamed SOG: `path`, which ends in `lod-meta.json`, and folders beside it.
@@ -319,7 +348,7 @@ pub fn encode(
     let io = |source| Error::Io { path: path.to_owned(), source };
     let mut bytes = Vec::new();
     let packed = match Written::of(path)? {
-        Written::Ply => return ply::write(&mut bytes, gaussians, mode).map(|()| bytes).map_err(io),
+        Written::Ply => return ply::write(&mut bytes, gaussians, mode, [0.0; 3]).map(|()| bytes).map_err(io),
         Written::CompressedPly => {
             return ply::write_compressed(&mut bytes, gaussians, mode).map(|()| bytes).map_err(io);
         }

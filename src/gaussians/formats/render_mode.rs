@@ -42,7 +42,7 @@ impl fmt::Display for RenderMode {
 }
 
 /// The tags of a file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Tag {
     /// What they say.
     pub mode: RenderMode,
@@ -50,12 +50,17 @@ pub(super) struct Tag {
     stated: bool,
     /// What is wrong with them, as a sentence.
     pub doubt: Option<String>,
+    /// Where the means count from, in the world; zero unless the file says otherwise.
+    pub origin: [f64; 3],
 }
+
+/// First word of the comment with the place, in the world, from which a PLY's means count.
+pub(super) const ORIGIN: &str = "origin";
 
 impl Tag {
     /// That of a format with one bit for it.
     pub fn of_bit(antialiased: bool) -> Self {
-        Self { mode: RenderMode::of(antialiased), stated: true, doubt: None }
+        Self { mode: RenderMode::of(antialiased), stated: true, ..Self::default() }
     }
 
     /// That of a SOG's `model` and `antialias`.
@@ -85,10 +90,20 @@ impl Tag {
             ["splatrendermode:", "2dgs"] => self.flat(),
             // Any other sentence may begin with the word `antialiased`.
             ["antialiased"] | ["antialiased", _] => self.not_understood(format_args!("comment {}", words.join(" "))),
+            [ORIGIN, place @ ..] => self.place(place),
             [first, ..] if first.starts_with("splatrendermode") => {
                 self.not_understood(format_args!("comment {}", words.join(" ")));
             }
             _ => {}
+        }
+    }
+
+    /// Reads three numbers; other sentences may begin with the same word.
+    fn place(&mut self, words: &[&str]) {
+        let numbers: Vec<f64> =
+            words.iter().filter_map(|word| word.parse().ok()).filter(|v: &f64| v.is_finite()).collect();
+        if let (&[x, y, z], 3) = (numbers.as_slice(), words.len()) {
+            self.origin = [x, y, z];
         }
     }
 

@@ -184,7 +184,9 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let points = merge_repeated(points);
     skipped.repeated_points = listed - points.len();
     let near = near(&views, &points);
-    Ok(Scene { kind: listing.kind, root: listing.root, source, views, points, skipped, near })
+    let origin = DVec3::ZERO;
+    let Listing { kind, root, .. } = listing;
+    Ok(Scene { kind, root, source, views, points, skipped, near, origin }.move_near())
 }
 
 /// Counts the photos in `folder` that no view has, and those that cannot be read.

@@ -247,6 +247,16 @@ impl Reader<'_> {
     }
 }
 
+/// Models whose parameters have no names in these files.
+const UNNAMED: [LensModel; 6] = [
+    LensModel::ThinPrismFisheye,
+    LensModel::RadTanThinPrismFisheye,
+    LensModel::Fov,
+    LensModel::SimpleDivision,
+    LensModel::Division,
+    LensModel::Eucm,
+];
+
 enum LensFault {
     Model(String),
     Other(String),
@@ -291,20 +301,26 @@ impl Intrinsics {
             None if self.is_fisheye == Some(true) => LensModel::OpenCvFisheye,
             None => LensModel::OpenCv,
             Some(name) => match LensModel::from_name(name) {
-                Some(model) if model != LensModel::ThinPrismFisheye => model,
+                Some(model) if !UNNAMED.contains(&model) => model,
                 _ => return Err(LensFault::Model(name.to_owned())),
             },
         };
-        let fisheye =
-            matches!(model, LensModel::OpenCvFisheye | LensModel::SimpleRadialFisheye | LensModel::RadialFisheye);
+        let fisheye = matches!(
+            model,
+            LensModel::OpenCvFisheye
+                | LensModel::SimpleRadialFisheye
+                | LensModel::RadialFisheye
+                | LensModel::SimpleFisheye
+                | LensModel::Fisheye
+        );
         let k = [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6].map(|k| k.unwrap_or(0.0));
         let (radial, denominator) = if model == LensModel::FullOpenCv {
-            ([k[0], k[1], k[2], 0.0], [k[3], k[4], k[5]])
+            ([k[0], k[1], k[2], 0.0, 0.0, 0.0], [k[3], k[4], k[5]])
         } else {
-            ([k[0], k[1], k[2], k[3]], [0.0; 3])
+            ([k[0], k[1], k[2], k[3], 0.0, 0.0], [0.0; 3])
         };
         let tangential = if fisheye { [0.0; 2] } else { [self.p1, self.p2].map(|p| p.unwrap_or(0.0)) };
-        let distortion = Distortion { fisheye, radial, denominator, tangential, prism: [0.0; 2] };
+        let distortion = Distortion { fisheye, radial, denominator, tangential, ..Distortion::default() };
         let size = DVec2::new(f64::from(width), f64::from(height));
         let from_angle = |extent: f64, angle: f64| 0.5 * extent / (0.5 * angle).tan();
         let fx = self.fl_x.or_else(|| self.camera_angle_x.map(|a| from_angle(size.x, a)));

@@ -88,3 +88,39 @@ fn gzip_is_unpacked_whatever_it_holds() {
         assert!(error.contains(what), "{error}");
     }
 }
+
+/// Doubles far from the origin keep their differences, and the place that the means then count from is written and read.
+#[test]
+fn far_doubles_keep_their_differences() {
+    let dc: [Property; 3] =
+        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
+    let all = [&dc[..], &REST, &[THIRD]].concat();
+    let plain = ply(&all);
+    let far: String = String::from_utf8(plain.clone())
+        .unwrap()
+        .replace("float y", "double y")
+        .replace("float z", "double z")
+        .lines()
+        .map(|line| match line.split_once(' ') {
+            Some((x, rest)) if x.parse::<f64>().is_ok() => format!("{x}.25 46497{rest}\n"),
+            _ => format!("{line}\n"),
+        })
+        .collect();
+    let read_far = read(far.as_bytes());
+    assert_ne!(read_far.origin, [0.0; 3]);
+    for (i, mean) in read_far.gaussians.means.iter().enumerate() {
+        let world = [0, 1].map(|axis| f64::from(mean[axis]) + read_far.origin[axis]);
+        let wanted = [500_000.25 + i as f64, 464_970.0 + i as f64];
+        assert!(world.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{world:?} {wanted:?}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("local.ply");
+    formats::write_at(&path, &read_far.gaussians, read_far.mode, read_far.origin).unwrap();
+    let again = formats::read(&path).unwrap();
+    assert_eq!((again.origin, again.gaussians), (read_far.origin, read_far.gaussians));
+    let beside = std::fs::read_to_string(folder.path().join("georeference.json")).unwrap();
+    assert!(beside.contains("\"origin\""), "{beside}");
+    // Floats, and doubles near the origin of the world, count from there.
+    let near = String::from_utf8(plain).unwrap().replace("\n50000", "\n");
+    assert_eq!(read(near.as_bytes()).origin, [0.0; 3]);
+}

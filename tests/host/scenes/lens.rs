@@ -86,3 +86,37 @@ fn extreme_lenses_give_an_ideal_or_none() {
         }
     }
 }
+
+/// The models that COLMAP added, and FOV, at a point by hand: u = 0.6, v = -0.3, so r2 = 0.45.
+#[test]
+fn newer_models_agree_with_their_formulas_by_hand() {
+    let (point, r2) = (DVec2::new(0.6, -0.3), 0.45_f64);
+    let r = r2.sqrt();
+    let of = |model: LensModel, rest: &[f64]| {
+        let single = matches!(model, LensModel::SimpleDivision | LensModel::SimpleFisheye);
+        let lengths: &[f64] = if single { &[1.0, 0.0, 0.0] } else { &[1.0, 1.0, 0.0, 0.0] };
+        Lens::from_colmap(model, 4, 4, &[lengths, rest].concat()).unwrap().distort(point)
+    };
+    let scaled = |factor: f64| point * factor;
+    let mut wanted = vec![
+        (of(LensModel::Fov, &[0.8]), scaled((2.0 * r * 0.4_f64.tan()).atan() / (r * 0.8))),
+        (of(LensModel::SimpleDivision, &[-0.3]), scaled(2.0 / (1.0 + (1.0 + 4.0 * r2 * 0.3).sqrt()))),
+        (of(LensModel::Division, &[0.2]), scaled(2.0 / (1.0 + (1.0 - 4.0 * r2 * 0.2).sqrt()))),
+        (of(LensModel::SimpleFisheye, &[]), scaled(r.atan() / r)),
+        (of(LensModel::Fisheye, &[]), scaled(r.atan() / r)),
+        (of(LensModel::Eucm, &[0.6, 1.2]), scaled(1.0 / (0.6 * (1.2 * r2 + 1.0).sqrt() + 0.4))),
+    ];
+    let coefficients = [0.1, -0.02, 0.003, 0.001, -0.0004, 0.0002, 0.01, -0.02, 0.003, 0.004, -0.005, 0.006];
+    let w = scaled(r.atan() / r);
+    let radial = 1.0 + (0..6).map(|i| coefficients[i] * w.length_squared().powi(i as i32 + 1)).sum::<f64>();
+    let (x, y) = (w.x * radial, w.y * radial);
+    let (s, [p0, p1, s0, s1, s2, s3]) = (x * x + y * y, [0.01, -0.02, 0.003, 0.004, -0.005, 0.006]);
+    let bent = DVec2::new(
+        x + 2.0 * p1 * x * y + p0 * (s + 2.0 * x * x) + s0 * s + s1 * s * s,
+        y + 2.0 * p0 * x * y + p1 * (s + 2.0 * y * y) + s2 * s + s3 * s * s,
+    );
+    wanted.push((of(LensModel::RadTanThinPrismFisheye, &coefficients), bent));
+    for (i, (found, right)) in wanted.into_iter().enumerate() {
+        assert!((found - right).length() < 1e-14, "{i}: {found} {right}");
+    }
+}

@@ -33,6 +33,16 @@ pub fn parameters(model: LensModel) -> Vec<f64> {
         LensModel::FullOpenCv => {
             vec![500.0, 505.0, 322.0, 238.0, 0.2, -0.1, 0.001, -0.002, 0.03, 0.15, -0.05, 0.01]
         }
+        LensModel::Fov => vec![450.0, 455.0, 322.0, 238.0, 0.7],
+        LensModel::RadTanThinPrismFisheye => vec![
+            300.0, 301.0, 322.0, 238.0, 0.03, -0.005, 0.001, -0.0005, 0.0001, -0.00002, 0.001, 0.0002, 0.0008, -0.0006,
+            0.0003, 0.0002,
+        ],
+        LensModel::SimpleDivision => vec![450.0, 320.0, 240.0, -0.2],
+        LensModel::Division => vec![450.0, 455.0, 322.0, 238.0, -0.15],
+        LensModel::SimpleFisheye => vec![300.0, 320.0, 240.0],
+        LensModel::Fisheye => vec![300.0, 301.0, 322.0, 238.0],
+        LensModel::Eucm => vec![300.0, 301.0, 322.0, 238.0, 0.6, 1.1],
         LensModel::SimpleRadialFisheye => vec![300.0, 320.0, 240.0, 0.03],
         LensModel::RadialFisheye => vec![300.0, 320.0, 240.0, 0.03, -0.005],
         LensModel::ThinPrismFisheye => {

@@ -21,13 +21,13 @@ pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
     let Some(vertex) = table("vertex") else {
         return Err(malformed("header", "no `element vertex`; this PLY holds no Gaussians, give another file"));
     };
+    let mut tag = header.tag.clone();
     let (gaussians, format) = match table("chunk") {
         Some(chunk) if vertex.find("packed_position").is_some() => {
             (compressed::gaussians(chunk, vertex, table("sh"))?, Format::CompressedPly)
         }
-        _ => (standard::gaussians(vertex)?, Format::Ply),
+        _ => (standard::gaussians(vertex, &mut tag.origin)?, Format::Ply),
     };
-    let mut tag = header.tag.clone();
     if format == Format::Ply && standard::is_flat(vertex) {
         tag.thickened();
     }

@@ -3,12 +3,14 @@
 //! Layout of graphdeco's trainer: x y z, (nx ny nz), f_dc_0..2, f_rest_0..(3K - 1) channel-major (all red, then green,
 //! then blue; K coefficients of bands 1..=L each), opacity (logit), scale_0..2 (logarithms), rot_0..3 (w, x, y, z).
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::Gaussians;
 use super::super::fault::{Fault, malformed};
 use super::table::{Slot, Table};
 use crate::gaussians::MAX_SH_DEGREE;
+use crate::scene::origin::near;
 
 /// The third log-scale of a flat model, which has two: as thin as 2DGS's own export for viewers makes it.
 const FLAT: f32 = -13.815_511; // ln 1e-6
@@ -20,7 +22,7 @@ pub(super) fn is_flat(vertex: &Table) -> bool {
 
 /// Gathers the vertex table's columns; their order and any further ones do not matter. Colours may stand in red, green and
 /// blue instead of f_dc; a flat model gets a third scale.
-pub(super) fn gaussians(vertex: &Table) -> Result<Gaussians, Fault> {
+pub(super) fn gaussians(vertex: &Table, origin: &mut [f64; 3]) -> Result<Gaussians, Fault> {
     let means = slots(vertex, ["x", "y", "z"])?;
     let [first, second] = slots(vertex, ["scale_0", "scale_1"])?;
     let third = vertex.find("scale_2");
@@ -36,7 +38,7 @@ pub(super) fn gaussians(vertex: &Table) -> Result<Gaussians, Fault> {
 
     let rows = || vertex.rows().par_chunks_exact(vertex.stride);
     Ok(Gaussians {
-        means: rows().map(|row| means.map(|slot| slot.float(row))).collect(),
+        means: places(vertex, means, origin),
         log_scales: rows()
             .map(|row| [first.float(row), second.float(row), third.map_or(FLAT, |slot| slot.float(row))])
             .collect(),
@@ -44,6 +46,33 @@ pub(super) fn gaussians(vertex: &Table) -> Result<Gaussians, Fault> {
         opacity_logits: rows().map(|row| opacity.float(row)).collect(),
         sh,
     })
+}
+
+/// The means. Doubles that lie far from the origin count from a place of their own, which is added to `origin`: as float32
+/// they would lose their differences.
+fn places(vertex: &Table, slots: [Slot; 3], origin: &mut [f64; 3]) -> Vec<[f32; 3]> {
+    let rows = || vertex.rows().par_chunks_exact(vertex.stride);
+    let plain = || rows().map(|row| slots.map(|slot| slot.float(row))).collect();
+    if !slots.iter().all(|slot| slot.is_double()) {
+        return plain();
+    }
+    let whole: Vec<DVec3> = rows().map(|row| DVec3::from_array(slots.map(|slot| slot.double(row)))).collect();
+    let ends = |axis: usize| {
+        let mut values: Vec<f64> = whole.iter().map(|p| p[axis]).filter(|v| v.is_finite()).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        let at = |share: f64| values.get((share * values.len() as f64) as usize).copied().unwrap_or_default();
+        [at(0.05), at(0.5), at(0.95)]
+    };
+    let [x, y, z] = [ends(0), ends(1), ends(2)];
+    let size = DVec3::new(x[2] - x[0], y[2] - y[0], z[2] - z[0]).length();
+    let own = near(DVec3::new(x[1], y[1], z[1]), size);
+    if own == DVec3::ZERO {
+        return plain();
+    }
+    for (origin, own) in origin.iter_mut().zip(own.to_array()) {
+        *origin += own;
+    }
+    whole.into_iter().map(|p| (p - own).as_vec3().to_array()).collect()
 }
 
 /// Bands 1..=L of `rest`, which is channel-major.

@@ -32,6 +32,16 @@ impl Slot {
         }
     }
 
+    /// True if the value has more digits than f32.
+    pub(super) fn is_double(self) -> bool {
+        self.kind == Kind::F64
+    }
+
+    /// The value of a double.
+    pub(super) fn double(self, row: &[u8]) -> f64 {
+        f64::from_le_bytes(self.bytes(row))
+    }
+
     /// The coefficient of SH band 0 of a colour: a whole number up to 255, or a float up to 1.
     pub(super) fn of_colour(self, row: &[u8]) -> f32 {
         let whole = !matches!(self.kind, Kind::F16 | Kind::F32 | Kind::F64);

@@ -2,15 +2,22 @@
 
 use std::io::{self, Write};
 
+use super::super::render_mode::ORIGIN;
 use super::super::{Gaussians, RenderMode};
 
 /// Rows are assembled in blocks of this many, so that memory stays small beside the model.
 const BLOCK: usize = 4096;
 
-/// Writes a whole file; every float keeps its bits, normals are zero as in the reference.
-pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians, mode: RenderMode) -> io::Result<()> {
+/// Writes a whole file; every float keeps its bits, normals are zero as in the reference. `origin` is where the means count
+/// from.
+pub(in super::super) fn write(
+    out: &mut dyn Write,
+    model: &Gaussians,
+    mode: RenderMode,
+    origin: [f64; 3],
+) -> io::Result<()> {
     let rest: usize = (1..=model.degree()).map(Gaussians::band_width).sum();
-    write_header(out, model.len(), rest, mode)?;
+    write_header(out, (model.len(), rest), mode, origin)?;
     let stride = 4 * (17 + rest);
     let mut block = Vec::with_capacity(stride * BLOCK.min(model.len()));
     for i in 0..model.len() {
@@ -35,10 +42,14 @@ pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians, mode: Rend
     out.write_all(&block)
 }
 
-fn write_header(out: &mut dyn Write, n: usize, rest: usize, mode: RenderMode) -> io::Result<()> {
+fn write_header(out: &mut dyn Write, (n, rest): (usize, usize), mode: RenderMode, origin: [f64; 3]) -> io::Result<()> {
     writeln!(out, "ply\nformat binary_little_endian 1.0")?;
     if mode.antialiased() {
         writeln!(out, "comment SplatRenderMode: mip")?;
+    }
+    if origin != [0.0; 3] {
+        let [x, y, z] = origin;
+        writeln!(out, "comment {ORIGIN} {x} {y} {z}")?;
     }
     writeln!(out, "element vertex {n}")?;
     for name in ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"] {

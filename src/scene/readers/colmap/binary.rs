@@ -101,7 +101,7 @@ pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
     records::<(), CameraFault>(
         path,
         "camera",
-        24 + 24,
+        24 + 16, // EQUIRECTANGULAR has the fewest parameters, 2
         |f, r| f.at(path, r),
         |cursor, _| {
             let id = cursor.u32()?;

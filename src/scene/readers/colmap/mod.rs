@@ -212,8 +212,7 @@ impl From<String> for CameraFault {
 fn model_of(id: i32) -> Result<LensModel, CameraFault> {
     LensModel::from_id(id).ok_or_else(|| {
         CameraFault::Model(match id {
-            7 => "FOV (number 7)".to_owned(),
-            11 => "RAD_TAN_THIN_PRISM_FISHEYE (number 11)".to_owned(),
+            17 => "EQUIRECTANGULAR (number 17)".to_owned(),
             _ => format!("number {id}"),
         })
     })

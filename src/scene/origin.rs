@@ -1,0 +1,75 @@
+//! Worlds far from their origin, as those of maps: coordinates of float32 would be steps of half a metre there.
+
+use glam::DVec3;
+
+use super::{Scene, camera};
+
+/// A place so many times farther from the origin than its own size is given an origin of its own: float32 then tells a
+/// hundred-thousandth of the size apart.
+const FAR: f64 = 1000.0;
+
+/// The origin that suits what lies round `centre` and is `size` large: the world's, unless that is far; then the centre,
+/// rounded to a power of ten that is no larger than the size.
+pub fn near(centre: DVec3, size: f64) -> DVec3 {
+    let far = centre.is_finite() && size > 0.0 && centre.abs().max_element() > FAR * size;
+    if !far {
+        return DVec3::ZERO;
+    }
+    // Written in decimals and read back, a whole number or a short fraction is itself.
+    let digits = size.log10().floor().clamp(-300.0, 300.0) as i32;
+    let rounded = |v: f64| {
+        let text = if digits >= 0 {
+            let step = 10_f64.powi(digits);
+            format!("{:.0}", (v / step).round() * step)
+        } else {
+            format!("{v:.*}", digits.unsigned_abs() as usize)
+        };
+        text.parse().unwrap_or(v)
+    };
+    DVec3::new(rounded(centre.x), rounded(centre.y), rounded(centre.z))
+}
+
+impl Scene {
+    /// Counts coordinates from an origin of the scene's own if the world's is far away, and notes it.
+    pub(super) fn move_near(mut self) -> Self {
+        let cameras = || self.views.iter().map(|view| &view.camera);
+        let size = (camera::extent(cameras()) / 1.1).max(super::near::size(&self.views, &self.points));
+        let origin = near(camera::mean_centre(cameras()), size);
+        if origin == DVec3::ZERO {
+            return self;
+        }
+        for view in &mut self.views {
+            view.camera.translation += view.camera.rotation * origin;
+        }
+        for point in &mut self.points {
+            point.position -= origin;
+        }
+        self.origin = origin;
+        let [x, y, z] = origin.to_array();
+        self.skipped.notes.push(format!(
+            "the capture lies far from its world's origin: coordinates of the model count from {x},{y},{z}"
+        ));
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_far_places_get_an_origin_and_it_is_round() {
+        let utm = DVec3::new(500_123.4, 4_649_776.2, 312.7);
+        for (centre, size, origin) in [
+            (DVec3::new(3.0, -4.0, 900.0), 1.0, DVec3::ZERO),
+            (utm, 9.0, DVec3::new(500_123.0, 4_649_776.0, 313.0)),
+            (utm, 250.0, DVec3::new(500_100.0, 4_649_800.0, 300.0)),
+            (utm, 0.05, DVec3::new(500_123.4, 4_649_776.2, 312.7)),
+            (utm * 1e-3, 9e-3, DVec3::new(500.123, 4649.776, 0.313)),
+            (utm, 0.0, DVec3::ZERO),
+            (DVec3::NAN, 1.0, DVec3::ZERO),
+        ] {
+            assert_eq!(near(centre, size), origin, "{centre} {size}");
+        }
+    }
+}
