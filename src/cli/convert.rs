@@ -165,7 +165,9 @@ impl Arguments {
             *m = (DVec3::from(m.map(f64::from)) + DVec3::new(x, y, z)).as_vec3().to_array();
         }
         loaded.origin = [0.0; 3];
-        console.warn(format_args!("float32 rounds coordinates so far from the origin; without --origin keep they stay exact"));
+        console.warn(format_args!(
+            "float32 rounds coordinates so far from the origin; without --origin keep they stay exact"
+        ));
         loaded
     }
 
