@@ -90,8 +90,8 @@ fn bad_scenes_are_refused_with_file_and_record() {
         sandbox.fails(3, &["inspect", scene], says);
     };
     render("absent", &["absent"]);
-    sandbox.scene("model", "1 FOV 40 30 35 35 20 15 0.1", &["a.jpg"]);
-    render("model", &["cameras.txt", "FOV", "undistort"]);
+    sandbox.scene("model", "1 FISHY 40 30 35 35 20 15 0.1", &["a.jpg"]);
+    render("model", &["cameras.txt", "FISHY", "undistort"]);
     sandbox.scene("short", "1 PINHOLE 40 30 35", &["a.jpg"]);
     render("short", &["cameras.txt"]);
     sandbox.scene("nothing", "1 PINHOLE 40 30 35 35 20 15", &[]);
