@@ -30,7 +30,8 @@ use std::time::{Duration, Instant};
 fn device() -> &'static Device {
     static DEVICE: OnceLock<Device> = OnceLock::new();
     DEVICE.get_or_init(|| {
-        let device = Device::open(&DeviceOptions::default()).expect("a Vulkan device");
+        let device =
+            Device::open(&DeviceOptions::from_env().expect("options of the environment")).expect("a Vulkan device");
         let info = device.info();
         println!("device {} ({}), {}, subgroups of {}", info.name, info.kind, info.driver, info.subgroup_size);
         facts::note_device(info, quick());

@@ -59,15 +59,17 @@ struct Variant {
 
 impl Arguments {
     fn variants(&self) -> Result<Vec<Variant>, String> {
-        let mut variants = vec![Variant { name: "as built".into(), options: DeviceOptions::default() }];
+        let environment = DeviceOptions::from_env().expect("options of the environment");
+        let mut variants = vec![Variant { name: "as built".into(), options: environment.clone() }];
         for folder in &self.shaders {
             let name = folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-            let options = DeviceOptions { shaders: Some(folder.clone()), ..DeviceOptions::default() };
+            let mut options = environment.clone();
+            options.harness.shaders = Some(folder.clone());
             variants.push(Variant { name, options });
         }
         for text in &self.tuning {
             let tuning: TuningChoice = text.parse()?;
-            let options = DeviceOptions { tuning: Some(tuning), ..DeviceOptions::default() };
+            let options = DeviceOptions { tuning: Some(tuning), ..environment.clone() };
             variants.push(Variant { name: text.clone(), options });
         }
         Ok(variants)

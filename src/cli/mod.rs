@@ -246,8 +246,14 @@ impl Cli {
 }
 
 impl Global {
-    fn options(&self) -> DeviceOptions {
-        DeviceOptions { device: self.device.clone(), tuning: self.tuning.clone(), ..DeviceOptions::default() }
+    /// The environment's options, under those of the command line.
+    fn options(&self) -> Result<DeviceOptions, Error> {
+        let options = DeviceOptions::from_env()?;
+        Ok(DeviceOptions {
+            device: self.device.clone().or(options.device),
+            tuning: self.tuning.clone().or(options.tuning),
+            ..options
+        })
     }
 
     /// Opens the device that the options select.
@@ -258,17 +264,17 @@ impl Global {
     /// Opens another handle of a device that is open.
     fn open_again(device: &Device) -> Result<Device, Error> {
         let index = Some(device.info().index.to_string());
-        Ok(Device::open(&DeviceOptions { device: index, ..DeviceOptions::default() })?)
+        Ok(Device::open(&DeviceOptions { device: index, ..DeviceOptions::from_env()? })?)
     }
 
     /// Opens the device that the options select to make its kernels, and to run nothing.
     fn open_to_compile(&self) -> Result<Device, Error> {
-        Ok(Device::open(&DeviceOptions { compile_only: true, ..self.options() })?)
+        Ok(Device::open(&DeviceOptions { compile_only: true, ..self.options()? })?)
     }
 
     /// Opens the device that the options select, with a limit on its memory in bytes.
     fn open_with(&self, memory_limit: Option<u64>) -> Result<Device, Error> {
-        let device = Device::open(&DeviceOptions { memory_limit, ..self.options() })?;
+        let device = Device::open(&DeviceOptions { memory_limit, ..self.options()? })?;
         tracing::info!("device {}: {} ({})", device.info().index, device.info().name, device.info().driver);
         Ok(device)
     }

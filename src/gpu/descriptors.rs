@@ -1,11 +1,10 @@
 //! How kernels get their buffers: pushed into the command buffer, or in descriptor sets where a device cannot push.
 
+use super::choose::select::{DeviceInfo, Feature};
 use super::error::{During, Error};
 use super::frame::Frame;
 use super::pipeline::Pipeline;
 use super::recording::Recording;
-use super::select::{DeviceInfo, Feature};
-use super::variables;
 use ash::{khr, vk};
 use std::str::FromStr;
 
@@ -19,9 +18,8 @@ pub enum Descriptors {
 }
 
 impl Descriptors {
-    /// The way that was chosen, in options or in `QIRF_DESCRIPTORS` (`push` or `sets`); else pushing where the device can.
+    /// The way that was chosen; else pushing where the device can.
     pub(super) fn choose(chosen: Option<Self>, info: &DeviceInfo) -> Result<Self, Error> {
-        let chosen = variables::or(chosen, "QIRF_DESCRIPTORS")?;
         match (chosen, info.has(Feature::PushDescriptors)) {
             (Some(Self::Push), false) => Err(Error::MissingFeature {
                 device: info.name.clone(),

@@ -1,67 +1,33 @@
 //! A logical device with its queue, memory and pipelines.
 
-use super::choice;
+use super::choose;
+use super::choose::lease::{self, Lease};
+use super::choose::select::{self, Candidate, DeviceInfo, DeviceKind, Feature};
 use super::compiled::{self, Compiled};
 use super::descriptors::{Binder, Descriptors};
 use super::error::{During, Error};
-use super::fault::Fault;
 use super::frame::Frame;
+use super::harness::imitation::Limits;
+use super::harness::order::Disorder;
+use super::harness::red_zone::Guards;
 use super::hazards::Hazards;
-use super::imitation::{Claim, Limits};
 use super::instance::{self, Instance};
-use super::lease::{self, Lease};
 use super::memory::{self, Memory};
 use super::module::Modules;
-use super::order::{Disorder, Order};
+use super::options::DeviceOptions;
 use super::pipeline::Pipelines;
 use super::probe;
 use super::queue::Queue;
-use super::red_zone::Guards;
-use super::select::{self, Candidate, DeviceInfo, DeviceKind, Feature};
 use super::tuning::Tuning;
-use super::tuning_choice::TuningChoice;
-use super::tuning_store;
-use super::variables;
+use super::tuning::choice::TuningChoice;
+use super::tuning::store;
 use super::work::{Counters, Traffic};
 use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::AllocatorCreateDesc;
 use serde::Serialize;
 use std::ffi::CString;
 use std::mem::ManuallyDrop;
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-
-/// How to open a device.
-#[derive(Clone, Debug, Default)]
-pub struct DeviceOptions {
-    /// Index, part of the name, `uuid:UUID`, `pci:ADDRESS`, or `free` for one that no other process holds by a lease; else
-    /// `QIRF_DEVICE`; else the best there is.
-    pub device: Option<String>,
-    /// Switch the validation layers on (also `QIRF_VALIDATION=1`).
-    pub validation: bool,
-    /// Bytes of device memory that this program may use; where absent, what is free of a GPU's memory (all of it where the
-    /// driver does not tell), and all of a CPU device's.
-    pub memory_limit: Option<u64>,
-    /// The tuning; else `QIRF_TUNING`; else the one stored for this device ([`Device::store_tuning`]); else the row of its own class.
-    pub tuning: Option<TuningChoice>,
-    /// How kernels get their buffers; else `QIRF_DESCRIPTORS`; else by the best way that the device has.
-    pub descriptors: Option<Descriptors>,
-    /// Limits of another device, where they are tighter (tests); else `QIRF_LIMITS`.
-    pub limits: Option<Limits>,
-    /// What the driver is taken to tell of its subgroups (tests of the probe); else `QIRF_SUBGROUP`.
-    pub claim: Option<Claim>,
-    /// A folder whose modules, `ROOM-STAGE.spv`, replace the program's own (tests of mutants); else `QIRF_SHADERS`.
-    pub shaders: Option<PathBuf>,
-    /// Make pipelines and run nothing, to learn what the driver's compiler makes of them: see [`Device::compiled`]. All reads
-    /// give zeros.
-    pub compile_only: bool,
-    /// Fill new buffers with NaN and give them red zones (tests): see [`Device::overrun_buffers`].
-    pub guarded: bool,
-    /// A fault to make (tests); else `QIRF_DEVICE_FAULT`.
-    pub fault: Option<Fault>,
-    /// Another order of all that no barrier orders (tests); else `QIRF_ORDER`.
-    pub order: Option<Order>,
-}
 
 /// A Vulkan device, ready to run kernels; clones share it.
 #[derive(Clone)]
@@ -111,21 +77,19 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Device {
-    /// Opens the device that the options, `QIRF_DEVICE`, or the ranking choose, and checks its driver.
+    /// Opens the device that the options or the ranking choose, and checks its driver.
     ///
     /// # Errors
     /// No loader, no device, none of that name, a missing feature, a tuning that does not exist or fit, or a driver that computes wrong
     /// results.
     pub fn open(options: &DeviceOptions) -> Result<Self, Error> {
-        let flag = |name| std::env::var(name).is_ok_and(|v| !v.is_empty() && v != "0");
-        let instance = Instance::new(options.validation || flag("QIRF_VALIDATION"))?;
-        let wanted = options.device.clone().or_else(|| variables::text("QIRF_DEVICE"));
-        let limits = variables::or(options.limits, "QIRF_LIMITS")?.unwrap_or(Limits::NONE);
-        let claim = variables::or(options.claim, "QIRF_SUBGROUP")?;
-        let candidates = select::candidates(&instance, limits, claim)?;
-        let candidate = choice::choose(candidates, wanted.as_deref(), &lease::folder())?;
-        let choice = options.tuning.clone().map_or_else(TuningChoice::from_environment, |choice| Ok(Some(choice)))?;
-        let stored = if choice.is_none() { tuning_store::read(&candidate.info) } else { None };
+        let instance = Instance::new(options.validation)?;
+        let claim = options.harness.claim;
+        let candidates = select::candidates(&instance, options.harness.limits.unwrap_or(Limits::NONE), claim)?;
+        let leases = options.leases.clone().unwrap_or_else(lease::folder);
+        let candidate = choose::choose(candidates, options.device.as_deref(), &leases)?;
+        let choice = options.tuning.clone();
+        let stored = if choice.is_none() { store::read(&candidate.info) } else { None };
         let choice = choice.unwrap_or_default();
         let tuning = stored.map_or_else(|| choice.on(&candidate.info), Ok)?;
         // A device with one size has no choice, and would only bound the number of subgroups (llvmpipe: 32 of 4).
@@ -251,11 +215,8 @@ impl Context {
             binder: Binder::new(descriptors, &instance.raw, &raw),
             pins_subgroups,
             debug: instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
-            queue: Queue::new(queue, candidate.queue_family, options.fault.or_else(Fault::from_environment)),
-            modules: Modules {
-                folder: options.shaders.clone().or_else(|| variables::text("QIRF_SHADERS").map(PathBuf::from)),
-                keep_nan: info.has(Feature::NanPreserve),
-            },
+            queue: Queue::new(queue, candidate.queue_family, options.harness.fault),
+            modules: Modules { folder: options.harness.shaders.clone(), keep_nan: info.has(Feature::NanPreserve) },
             pipelines: Pipelines::new(&raw, candidate.pipeline_cache_uuid)?,
             hazards: Mutex::default(),
             counters: Counters::default(),
@@ -263,8 +224,8 @@ impl Context {
             executables,
             compiled: Mutex::default(),
             frames: Mutex::default(),
-            guards: options.guarded.then(Guards::default),
-            disorder: options.order.or_else(Order::from_environment).map(Disorder::new),
+            guards: options.harness.guarded.then(Guards::default),
+            disorder: options.harness.order.map(Disorder::new),
             memory: ManuallyDrop::new(Memory::new(&allocator, &info.name, limit)?),
             _lease: candidate.lease,
             info,

@@ -1,6 +1,6 @@
 //! What can go wrong between the program and a Vulkan device.
 
-use super::select::DeviceKind;
+use super::choose::select::DeviceKind;
 use ash::vk;
 use std::path::PathBuf;
 

@@ -1,11 +1,11 @@
 //! Pipelines, and the cache of them that outlives the process.
 
+use super::choose::select::Feature;
 use super::compiled::Compiled;
 use super::device::{Context, lock};
 use super::error::{During, Error};
 use super::kernel::Shader;
 use super::recording::Recording;
-use super::select::Feature;
 use ash::vk;
 use rustc_hash::FxHashMap;
 use std::num::NonZero;

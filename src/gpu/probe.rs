@@ -2,10 +2,10 @@
 //! another would compute wrong pictures without an error. Mesa's llvmpipe before 25 (22.3, 23.2 and 24.0 were
 //! tried) stops an invocation after 65,535 iterations in total, in silence: every long tile list would be cut. One submission tells both.
 
+use super::choose::select::DeviceKind;
 use super::device::Device;
 use super::error::Error;
 use super::recording::{Groups, Recording};
-use super::select::DeviceKind;
 use crate::kernels::probe::{Loop, LoopPush, LoopSpec, Subgroups, SubgroupsSpec};
 
 /// More than the 65,535 at which old drivers stop.

@@ -1,7 +1,7 @@
 //! The queue of a device: work goes in here and is waited for here, so that here a device tells that it was lost.
 
 use super::device::lock;
-use super::fault::{Call, Fault, Faults};
+use super::harness::fault::{Call, Fault, Faults};
 use ash::vk;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard};

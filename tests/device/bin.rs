@@ -3,11 +3,10 @@
 #[path = "../../benches/engine/flowers.rs"]
 mod flowers;
 
-use crate::support::{Random, device, finish, shared};
+use crate::support::{Random, device, finish, opened, shared};
 use glam::DVec3;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Gaussians, formats};
-use qirf_vk::gpu::{Device, DeviceOptions};
 use qirf_vk::render::{Culling, Renderer, Settings, Style};
 use qirf_vk::scene::camera::Camera;
 
@@ -84,8 +83,7 @@ fn subgroups_bin_what_invocations_would() {
             .into_iter()
             .map(|many| {
                 let tuning = Some(format!("gpu,bin_many={many}").parse().unwrap());
-                let options = DeviceOptions { tuning, validation: true, guarded: true, ..DeviceOptions::default() };
-                let device = Device::open(&options).unwrap();
+                let device = opened(|options| options.tuning = tuning);
                 let resident = Resident::upload(&device, &model).unwrap();
                 let style = Style { depth_order, ..Style::default() };
                 let settings = Settings { style, ..Settings::default() };

@@ -1,17 +1,25 @@
 //! Devices other than this machine's, as far as options can imitate them: they get the same bits, or are refused by name.
 
-use super::train::runs::{bits, options, train, trainer};
-use crate::support::finish;
+use super::train::runs::{self, bits, train, trainer};
+use crate::support::{finish, opened, options};
 use qirf_vk::gpu::{Claim, Descriptors, Device, DeviceOptions, Error, Limits};
 
-fn open(options: DeviceOptions) -> Result<Device, Error> {
-    Device::open(&DeviceOptions { validation: true, guarded: true, ..options })
+fn limited(limits: Limits) -> DeviceOptions {
+    let mut options = options();
+    options.harness.limits = Some(limits);
+    options
+}
+
+fn claiming(subgroup: u32, pinned: bool) -> DeviceOptions {
+    let mut options = options();
+    options.harness.claim = Some(Claim { subgroup, pinned });
+    options
 }
 
 /// The model after some iterations on a device opened with these options.
-fn trained(iterations: u32, of_device: DeviceOptions) -> Vec<u32> {
-    let device = open(of_device).unwrap();
-    let mut trainer = trainer(&device, options());
+fn trained(iterations: u32, of_device: &DeviceOptions) -> Vec<u32> {
+    let device = Device::open(of_device).unwrap();
+    let mut trainer = trainer(&device, runs::options());
     train(&mut trainer, iterations);
     let model = bits(&trainer.download().unwrap());
     drop(trainer);
@@ -21,15 +29,15 @@ fn trained(iterations: u32, of_device: DeviceOptions) -> Vec<u32> {
 
 #[test]
 fn descriptor_sets_give_the_bits_of_pushed_descriptors() {
-    let any = trained(25, DeviceOptions::default());
-    assert!(any == trained(25, DeviceOptions { descriptors: Some(Descriptors::Sets), ..DeviceOptions::default() }));
+    let any = trained(25, &options());
+    assert!(any == trained(25, &DeviceOptions { descriptors: Some(Descriptors::Sets), ..options() }));
 }
 
 #[test]
 fn tighter_limits_change_nothing() {
-    let any = trained(3, DeviceOptions::default());
+    let any = trained(3, &options());
     for limits in [Limits::ADRENO, Limits::APPLE, Limits::INTEL, Limits::SMALL_BUFFERS] {
-        assert!(any == trained(3, DeviceOptions { limits: Some(limits), ..DeviceOptions::default() }), "{limits:?}");
+        assert!(any == trained(3, &limited(limits)), "{limits:?}");
     }
 }
 
@@ -43,7 +51,7 @@ fn limits_that_are_too_tight_are_named() {
         (Limits { shared_bytes: 8 << 10, ..none }, "16384 bytes of shared memory (it has 8192)"),
     ];
     for (limits, named) in cases {
-        let opened = open(DeviceOptions { limits: Some(limits), ..DeviceOptions::default() });
+        let opened = Device::open(&limited(limits));
         match opened.map(|device| device.info().clone()) {
             Err(Error::MissingFeature { feature, .. }) => assert!(feature.ends_with(named), "{feature}"),
             other => panic!("{limits:?}: {other:?}"),
@@ -53,23 +61,22 @@ fn limits_that_are_too_tight_are_named() {
 
 #[test]
 fn buffers_beyond_the_limit_are_a_lack_of_resources() {
-    let device = open(DeviceOptions { limits: Some(Limits::SMALL_BUFFERS), ..DeviceOptions::default() }).unwrap();
+    let device = Device::open(&limited(Limits::SMALL_BUFFERS)).unwrap();
     let error = device.buffer::<u32>("pairs", (32 << 20) + 1).err().expect("more than 128 MiB");
     assert!(error.is_resources() && error.to_string().contains("'pairs' needs 134217732 bytes"), "{error}");
 }
 
 #[test]
 fn the_width_of_subgroups_is_probed() {
-    let width = open(DeviceOptions::default()).unwrap().info().subgroup_size;
-    let claim =
-        |subgroup, pinned| DeviceOptions { claim: Some(Claim { subgroup, pinned }), ..DeviceOptions::default() };
+    let width = opened(|_| ()).info().subgroup_size;
     for subgroup in [width / 2, width * 2].into_iter().filter(|width| *width >= 4) {
-        let error = open(claim(subgroup, true)).err().expect("a driver that is asked for a size and gives another");
+        let error =
+            Device::open(&claiming(subgroup, true)).err().expect("a driver that is asked for a size and gives another");
         let what = format!("its subgroups have {width} invocations, not the {subgroup} that it tells");
         assert!(error.to_string().contains(&what), "{error}");
     }
     // The width found is used where none can be asked for.
-    let device = open(claim(width * 2, false)).unwrap();
+    let device = Device::open(&claiming(width * 2, false)).unwrap();
     assert_eq!((device.info().subgroup_size, device.tuning().subgroup), (width, width));
-    assert!(trained(3, DeviceOptions::default()) == trained(3, claim(width * 2, false)));
+    assert!(trained(3, &options()) == trained(3, &claiming(width * 2, false)));
 }

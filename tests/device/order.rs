@@ -3,10 +3,10 @@
 mod barriers;
 
 use super::train::runs::{bits, capture, options, train};
-use crate::support::finish;
+use crate::support::{finish, opened};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions, Error, Forget, Order, TuningChoice};
+use qirf_vk::gpu::{Device, DeviceClass, Error, Forget, Order, TuningChoice};
 use qirf_vk::qirf::assemble::{Assembly, Options as Batches};
 use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::rrdm::Density;
@@ -99,7 +99,7 @@ fn the_same_bytes(class: DeviceClass) {
     let tuning = Some(TuningChoice::class(class));
     let open = |order| {
         let tuning = tuning.clone();
-        Device::open(&DeviceOptions { validation: true, guarded: true, tuning, order, ..Default::default() }).unwrap()
+        opened(|options| (options.tuning, options.harness.order) = (tuning, order))
     };
     let plain = open(None);
     let right = whole(&plain);
@@ -143,8 +143,7 @@ fn surplus_workgroups_find_nothing_to_do() {
     for class in [DeviceClass::Cpu, DeviceClass::Gpu] {
         let opened = |order| {
             let tuning = Some(TuningChoice::class(class));
-            Device::open(&DeviceOptions { validation: true, guarded: true, tuning, order, ..Default::default() })
-                .unwrap()
+            opened(|options| (options.tuning, options.harness.order) = (tuning, order))
         };
         let [plain, disorder] = [None, Some(Order::Recorded)].map(|order| {
             let device = opened(order);
@@ -162,8 +161,7 @@ fn tiles_are_walked_in_any_order() {
     for class in [DeviceClass::Cpu, DeviceClass::Gpu] {
         let all = ["1", "2", "5", "1000"].map(|stride| {
             let tuning = Some(format!("{class},row_stride={stride}").parse().unwrap());
-            let device = Device::open(&DeviceOptions { validation: true, guarded: true, tuning, ..Default::default() });
-            let device = device.unwrap();
+            let device = opened(|options| options.tuning = tuning);
             let all = long_dispatches(&device);
             finish(&device);
             all

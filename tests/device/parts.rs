@@ -1,12 +1,12 @@
 //! Pictures drawn in parts, of the Gaussians that each part may show: the same bits as the whole.
 
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
-use crate::support::{Random, device, finish};
+use crate::support::{Random, device, finish, opened};
 use bytemuck::cast_slice;
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
-use qirf_vk::gpu::{Buffer, Device, DeviceOptions, Error, Limits, Recording};
+use qirf_vk::gpu::{Buffer, Device, Error, Limits, Recording};
 use qirf_vk::render::{Beside, Image, Painter, Parts, Renderer, Settings, Source, Style, Uses, capacity, visible};
 use qirf_vk::response::{self, CHUNK, HighPass, Responses, Term, Views, Wanted, full_pass};
 use qirf_vk::scene::camera::Camera;
@@ -132,8 +132,7 @@ fn odd_gaussians_are_kept() {
 /// A device whose largest buffer has `bytes`.
 fn small(bytes: u64) -> Device {
     let limits = Limits { buffer_bytes: bytes, ..Limits::NONE };
-    let options = DeviceOptions { validation: true, guarded: true, limits: Some(limits), ..DeviceOptions::default() };
-    Device::open(&options).unwrap()
+    opened(|options| options.harness.limits = Some(limits))
 }
 
 /// The largest buffer holds a tenth of the model.

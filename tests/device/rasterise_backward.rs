@@ -3,10 +3,10 @@
 use super::bin::crowd_of_all_sizes;
 use crate::support::golden::{Case, Fixture};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
-use crate::support::{Random, device, finish, relative};
+use crate::support::{Random, device, finish, opened, relative};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gpu::{Device, DeviceOptions, Recording};
+use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::kernels::constants::blending::TRANSMITTANCE_STOP;
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings, Style};
@@ -193,8 +193,7 @@ fn slots_added_up_together_or_alone() {
     let backward = Backward { absolute: true, ..Backward::default() };
     let [alone, all, many] = [0, 1, 32].map(|many| {
         let tuning = Some(format!("gpu,bin_many={many}").parse().unwrap());
-        let options = DeviceOptions { tuning, validation: true, guarded: true, ..DeviceOptions::default() };
-        let device = Device::open(&options).unwrap();
+        let device = opened(|options| options.tuning = tuning);
         let got = gradients_and_growth(&device, &model, &camera, Settings::default(), &weights, backward);
         finish(&device);
         got

@@ -1,7 +1,7 @@
 //! Kernels in the shapes that GPUs get, on whatever device there is: the quick selftest of every room whose kernels differ.
 
-use crate::support::finish;
-use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions, TuningChoice};
+use crate::support::{finish, opened};
+use qirf_vk::gpu::{DeviceClass, TuningChoice};
 use qirf_vk::selftest::{Check, cases};
 
 const ROOMS: [&str; 6] = ["scan", "sort", "rasterise", "backward", "adam", "ssim"];
@@ -9,8 +9,7 @@ const ROOMS: [&str; 6] = ["scan", "sort", "rasterise", "backward", "adam", "ssim
 #[test]
 fn kernels_tuned_for_gpus_are_right_here_too() {
     let tuning = Some(TuningChoice::class(DeviceClass::Gpu));
-    let options = DeviceOptions { tuning, validation: true, guarded: true, ..DeviceOptions::default() };
-    let device = Device::open(&options).unwrap();
+    let device = opened(|options| options.tuning = tuning);
     assert_eq!((device.tuning().class, device.tuning().tile), (DeviceClass::Gpu, 16));
     let rooms = cases(true).filter(|case| ROOMS.contains(&case.room()));
     let checks: Vec<Check> = rooms.flat_map(|case| case.run(&device).unwrap()).collect();

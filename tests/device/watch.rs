@@ -1,6 +1,7 @@
 //! The watcher is awake: validation layers tell of a barrier that was forgotten, within a submission and between two.
 
-use qirf_vk::gpu::{Buffer, Device, DeviceOptions, Forget, Groups, Hazard, Order, Recording};
+use crate::support::opened;
+use qirf_vk::gpu::{Buffer, Device, Forget, Groups, Hazard, Order, Recording};
 use qirf_vk::kernels::rates::{Copy, CopyPush, CopySpec};
 use std::process::Command;
 
@@ -33,8 +34,7 @@ fn messages(device: &Device, forget: Forget, two_submissions: bool) -> usize {
 #[test]
 #[ignore = "its validation messages are wanted: the next test runs it in a process of its own"]
 fn forgotten_barriers_raise_messages() {
-    let options = DeviceOptions { validation: true, order: Some(Order::Recorded), ..DeviceOptions::default() };
-    let device = Device::open(&options).unwrap();
+    let device = opened(|options| options.harness.order = Some(Order::Recorded));
     assert!(device.validates(), "the validation layers are installed (tools/setup)");
     for two_submissions in [false, true] {
         assert_eq!(messages(&device, Forget::Nothing, two_submissions), 0, "two submissions: {two_submissions}");

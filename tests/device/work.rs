@@ -58,7 +58,7 @@ fn trainer(device: &Device, gaussians: usize, degree: usize, side: u32) -> Train
 
 fn opened(class: DeviceClass) -> Device {
     let tuning = Some(TuningChoice::class(class));
-    Device::open(&DeviceOptions { tuning, ..DeviceOptions::default() }).unwrap()
+    Device::open(&DeviceOptions { tuning, ..DeviceOptions::from_env().unwrap() }).unwrap()
 }
 
 #[test]

@@ -1,7 +1,6 @@
 //! Runs that prune by attrition: an exact count, and the same bytes when stopped in its midst.
 
-use crate::support::runs;
-use qirf_vk::gpu::{Device, DeviceOptions};
+use crate::support::{new_device, runs};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::Error;
 use qirf_vk::pipeline::config::Pruning;
@@ -33,7 +32,7 @@ fn stopped_in_the_midst_it_ends_with_the_same_bytes() {
     let scene = folder.path().join("scene");
     let options = SynthOptions { views: 9, width: 48, height: 36, points: 400, ..SynthOptions::default() };
     write(&scene, &options, &|_| ()).unwrap();
-    let device = Device::open(&DeviceOptions::default()).unwrap();
+    let device = new_device();
     let trained = |config: &RunConfig, name: &str, watcher: &(dyn Watcher + Sync)| {
         let networks = Networks::default();
         let session = Session { host_bytes: u64::MAX, watcher, ..Session::new(&device, &networks) };

@@ -1,7 +1,7 @@
 //! Whole runs of the real binary: their files and figures.
 
-use crate::support::runs;
-use qirf_vk::gpu::{Device, DeviceOptions};
+use crate::support::{new_device, runs};
+use qirf_vk::gpu::Device;
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::run_log::LogLine;
 use qirf_vk::pipeline::setup::Setup;
@@ -234,7 +234,7 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
         prune: Some(Preset::Quick.pruning()),
         ..runs::config(&scene(folder.path()), 60)
     };
-    let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
+    let device = new_device();
     let mut results = Vec::new();
     let elsewhere = folder.path().join("nowhere");
     for (name, host_bytes) in [("memory", u64::MAX), ("file", 0)] {

@@ -1,9 +1,9 @@
 //! A long-lived process: runs that prune, stop, resume and compress, over and over. Memory stays flat, every round ends
 //! with the same bytes, and the validation layers say nothing. `make soak`; `QIRF_SOAK_ITERATIONS` shortens it.
 
-use crate::support::runs;
+use crate::support::{new_device, runs};
 use qirf_vk::gaussians::formats;
-use qirf_vk::gpu::{Device, DeviceOptions};
+use qirf_vk::gpu::Device;
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::Error;
 use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
@@ -70,7 +70,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
     let scene = folder.path().join("scene");
     let options = SynthOptions { views: 8, width: 48, height: 36, points: 300, ..SynthOptions::default() };
     write(&scene, &options, &|_| ()).unwrap();
-    let device = Device::open(&DeviceOptions { validation: true, ..DeviceOptions::default() }).unwrap();
+    let device = new_device();
     assert!(device.validates(), "the validation layers are installed (tools/setup)");
     let (config, networks) = (config(&scene), Networks::default());
     let begun = Instant::now();

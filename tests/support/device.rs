@@ -32,9 +32,24 @@ pub fn device() -> Lent {
     Lent(Some(free.unwrap_or_else(new_device)))
 }
 
+/// The environment's options, with validation layers and guarded buffers.
+pub fn options() -> DeviceOptions {
+    let mut options = DeviceOptions::from_env().expect("options of the environment");
+    options.validation = true;
+    options.harness.guarded = true;
+    options
+}
+
+/// A fresh device of the same options but for a change.
+pub fn opened(change: impl FnOnce(&mut DeviceOptions)) -> Device {
+    let mut options = options();
+    change(&mut options);
+    Device::open(&options).expect("a Vulkan device")
+}
+
 /// A fresh device, for tests that break their device or measure its peak of memory.
 pub fn new_device() -> Device {
-    Device::open(&DeviceOptions { validation: true, guarded: true, ..Default::default() }).expect("a Vulkan device")
+    opened(|_| ())
 }
 
 /// Fails the test if the validation layers printed a message, or a kernel wrote behind a buffer's end.

@@ -15,7 +15,7 @@ pub mod runs;
 mod shared;
 pub mod synthetic;
 
-pub use device::{device, finish, new_device};
+pub use device::{device, finish, new_device, opened, options};
 pub use documented::documented;
 pub use numbers::{Random, greatest_difference, relative, seed};
 pub use shared::{shared, skip, source};

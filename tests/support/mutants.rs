@@ -1,5 +1,6 @@
 //! Devices whose shaders are not the program's own: with a mistake in one, or all rewritten.
 
+use super::device::opened;
 use qirf_vk::gpu::{Device, DeviceOptions};
 use std::fs;
 use std::path::Path;
@@ -19,8 +20,9 @@ impl Mistake {
     /// A device that makes this mistake; its modules must stay as long as it makes pipelines.
     pub fn device(&self) -> (Device, TempDir) {
         let folder = self.modules();
-        let shaders = Some(folder.path().to_owned());
-        (Device::open(&DeviceOptions { shaders, ..DeviceOptions::default() }).unwrap(), folder)
+        let mut options = DeviceOptions::from_env().unwrap();
+        options.harness.shaders = Some(folder.path().to_owned());
+        (Device::open(&options).unwrap(), folder)
     }
 
     /// A folder with the modules of the shaders that it changes.
@@ -59,7 +61,5 @@ pub fn rewritten(modules: &Path, mut rewrite: impl FnMut(&[u32]) -> Vec<u32>) ->
             fs::write(folder.path().join(entry.file_name()), bytes).unwrap();
         }
     }
-    let shaders = Some(folder.path().to_owned());
-    let options = DeviceOptions { shaders, validation: true, guarded: true, ..DeviceOptions::default() };
-    (Device::open(&options).unwrap(), folder)
+    (opened(|options| options.harness.shaders = Some(folder.path().to_owned())), folder)
 }

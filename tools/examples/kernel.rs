@@ -66,7 +66,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Writes a picture of a model without its colours; returns the mean saturation before and after.
 pub(crate) fn grey(model: &Path, path: &Path) -> Result<(f32, f32), Box<dyn Error>> {
     let gaussians = formats::read(model)?.gaussians;
-    let device = Device::open(&DeviceOptions::default())?;
+    let device = Device::open(&DeviceOptions::from_env()?)?;
     let resident = Resident::upload(&device, &gaussians)?;
     let camera = Camera::look_at(DVec3::new(0.0, -1.0, 3.0), DVec3::ZERO, DVec3::NEG_Y, 1.0, 640, 480);
     let mut renderer = Renderer::new(&device, Settings::default(), gaussians.len(), 640, 480)?;

@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 pub(crate) fn render(model: &Path, folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
     let Loaded { gaussians, mode, .. } = formats::read(model)?;
     let cameras = outline(&gaussians, UP).cameras(8, &Look { size: (640, 480), ..Look::default() });
-    let device = Device::open(&DeviceOptions::default())?;
+    let device = Device::open(&DeviceOptions::from_env()?)?;
     let resident = Resident::upload(&device, &gaussians)?;
     // Anti-aliased or plain, as the file says; over black.
     let settings = Style::of(mode).over([0.0; 3]);

@@ -48,7 +48,7 @@ pub(crate) fn train(
     let extent = camera::extent(photos.iter().map(|photo| &photo.camera));
     let options = Options { schedule: Schedule::of(iterations), ..Options::default() };
 
-    let device = Device::open(&DeviceOptions::default())?;
+    let device = Device::open(&DeviceOptions::from_env()?)?;
     let mut trainer = Trainer::new(&device, &initialise::from_points(&seeds), photos, extent, options)?;
     for tenth in 1..=10 {
         let until = iterations * tenth / 10;

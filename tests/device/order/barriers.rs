@@ -1,7 +1,8 @@
 //! Mutants: each derived barrier is forgotten in turn, in orders in which commands that it kept apart change places.
 
 use super::{BEFORE, all_effects, capture, new_trainer, respond_and_assemble, train, words};
-use qirf_vk::gpu::{Derived, Device, DeviceOptions, Forget, Hazard, Order};
+use crate::support::opened;
+use qirf_vk::gpu::{Derived, Device, Forget, Hazard, Order};
 use qirf_vk::train::Trainer;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::collections::BTreeMap;
@@ -105,7 +106,7 @@ fn a_forgotten_barrier_is_noticed() {
 #[test]
 #[ignore = "validation messages are wanted: a_forgotten_barrier_is_noticed runs it"]
 fn some_forgotten_barriers() {
-    let device = opened();
+    let device = in_recorded_order();
     let bench = Bench::new(&device, &ITERATION);
     let (right, derived) = bench.run(Order::Recorded, Forget::Nothing);
     assert!(derived.len() > 60, "{} barriers", derived.len());
@@ -117,16 +118,16 @@ fn some_forgotten_barriers() {
     assert!(bench.killed(Forget::Carried, &right).1 > 0, "what earlier submissions left to wait for");
 }
 
-fn opened() -> Device {
+fn in_recorded_order() -> Device {
     let order = Some(Order::Recorded);
-    Device::open(&DeviceOptions { validation: true, guarded: true, order, ..Default::default() }).unwrap()
+    opened(|options| options.harness.order = order)
 }
 
 /// Prints which forgotten barriers were noticed; `make mutants` runs it.
 #[test]
 #[ignore = "minutes, and validation messages that are wanted"]
 fn each_derived_barrier() {
-    let device = opened();
+    let device = in_recorded_order();
     for part in [ITERATION, DENSITY, PRUNE] {
         let bench = Bench::new(&device, &part);
         let (right, derived) = bench.run(Order::Recorded, Forget::Nothing);

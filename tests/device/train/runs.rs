@@ -1,9 +1,9 @@
 //! Whole runs on a small synthetic scene: the same bytes whatever the buffers' sizes, and a model of good quality.
 
-use crate::support::{device, finish};
+use crate::support::{device, finish, opened};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gpu::{Device, DeviceOptions, Recording};
+use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::metrics;
 use qirf_vk::render::{Renderer, Settings};
 use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, PhotoFile, Scene};
@@ -211,7 +211,7 @@ fn streamed_photos_give_the_same_bytes() {
     }
     let mut results = Vec::new();
     for (memory_limit, views) in [(None, &held), (None, &filed), (Some(48 << 20), &held), (Some(48 << 20), &filed)] {
-        let device = Device::open(&DeviceOptions { validation: true, memory_limit, ..Default::default() }).unwrap();
+        let device = opened(|options| options.memory_limit = memory_limit);
         let streamed = matches!(DevicePhotos::new(&device, views).unwrap(), DevicePhotos::Streamed(_));
         assert_eq!(streamed, memory_limit.is_some());
         let options = Options { pairs: 1 << 13, ..options() };
@@ -228,7 +228,7 @@ fn streamed_photos_give_the_same_bytes() {
 /// They travel in the submission of the iteration that needs them: nobody waits for them.
 #[test]
 fn streamed_photos_cost_no_submission_and_no_wait() {
-    let device = Device::open(&DeviceOptions { memory_limit: Some(48 << 20), ..Default::default() }).unwrap();
+    let device = opened(|options| options.memory_limit = Some(48 << 20));
     let c = capture();
     let views: Vec<Photo> = c.train.iter().cycle().take(1400).cloned().collect();
     assert!(matches!(DevicePhotos::new(&device, &views).unwrap(), DevicePhotos::Streamed(_)));
@@ -242,7 +242,7 @@ fn streamed_photos_cost_no_submission_and_no_wait() {
 /// Reading ahead is a guess: other views, repeats and reversals still give the requested photo.
 #[test]
 fn reading_ahead_changes_nothing() {
-    let device = Device::open(&DeviceOptions { memory_limit: Some(100_000), ..Default::default() }).unwrap();
+    let device = opened(|options| options.memory_limit = Some(100_000));
     let views = &capture().train;
     let mut photos = DevicePhotos::new(&device, views).unwrap();
     assert!(matches!(photos, DevicePhotos::Streamed(_)));

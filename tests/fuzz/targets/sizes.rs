@@ -11,7 +11,7 @@ use qirf_vk::scene::camera::Camera;
 use std::sync::LazyLock;
 
 static DEVICE: LazyLock<Device> = LazyLock::new(|| {
-    let options = DeviceOptions { validation: true, memory_limit: Some(256 << 20), ..DeviceOptions::default() };
+    let options = DeviceOptions { validation: true, memory_limit: Some(256 << 20), ..DeviceOptions::from_env().expect("options of the environment") };
     Device::open(&options).expect("a Vulkan device")
 });
 

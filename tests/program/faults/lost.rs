@@ -2,7 +2,8 @@
 //! the code of the cause, existing files stay whole, and a resumed run ends with the bytes of the undisturbed run.
 
 use super::harness::{Ended, end, program, run, scene, start_telling, undisturbed, whole, works};
-use qirf_vk::gpu::{Device, DeviceOptions, Error};
+use crate::support::options;
+use qirf_vk::gpu::{Device, Error};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -185,7 +186,8 @@ fn a_fault_that_is_none_is_warned_of() {
 #[test]
 fn a_process_outlives_its_device() {
     for fault in ["submit:40:lost", "wait:40:lost"] {
-        let options = DeviceOptions { fault: fault.parse().ok(), validation: true, ..DeviceOptions::default() };
+        let mut options = options();
+        options.harness.fault = fault.parse().ok();
         let device = Device::open(&options).unwrap();
         let numbers: Vec<u32> = (0..1000).collect();
         let buffer = device.buffer::<u32>("numbers", numbers.len()).unwrap();
@@ -198,7 +200,8 @@ fn a_process_outlives_its_device() {
         drop(buffer);
         assert_eq!(device.memory_used().0, 0);
         drop(device);
-        let device = Device::open(&DeviceOptions { fault: None, ..options }).unwrap();
+        options.harness.fault = None;
+        let device = Device::open(&options).unwrap();
         assert_eq!(device.upload("numbers", &numbers).unwrap().read(&device).unwrap(), numbers);
         assert_eq!(Device::validation_messages(), 0);
     }

@@ -6,9 +6,9 @@
 //! device: software devices keep their memory in files, which the limit would hit first.
 
 use super::harness::{Ended, behind, content, end, program, run, scene, start, undisturbed, whole, works};
-use crate::support::skip;
+use crate::support::{opened, skip};
 use qirf_vk::gaussians::formats;
-use qirf_vk::gpu::{Device, DeviceOptions};
+use qirf_vk::gpu::Device;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::fs;
 use std::path::Path;
@@ -249,9 +249,7 @@ fn device_memory_that_runs_out_comes_back() {
     let gaussians = formats::read(&model).unwrap().gaussians;
     let mut refused = 0;
     for kilobytes in (8..=4096).step_by(186) {
-        let options =
-            DeviceOptions { memory_limit: Some(kilobytes << 10), validation: true, ..DeviceOptions::default() };
-        let device = Device::open(&options).unwrap();
+        let device = opened(|options| options.memory_limit = Some(kilobytes << 10));
         let resident = qirf_vk::gaussians::resident::Resident::upload(&device, &gaussians);
         let made = resident.and_then(|resident| {
             let settings = qirf_vk::render::Settings::default();

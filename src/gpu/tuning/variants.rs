@@ -1,7 +1,7 @@
 //! Tunings that are worth measuring on a device: its class's row, and rows that differ from it in one respect.
 
-use super::select::DeviceInfo;
-use super::tuning::Tuning;
+use crate::gpu::choose::select::DeviceInfo;
+use crate::gpu::tuning::Tuning;
 use serde_json::Value;
 
 /// A tuning by a name that says in what it differs from the class's row.

@@ -2,14 +2,13 @@
 //!
 //! The lock belongs to the open file and goes with the process, however that ends.
 
-use super::select::DeviceInfo;
-use super::variables;
+use crate::gpu::choose::select::DeviceInfo;
 use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
 
 /// A device that this process holds.
-pub(super) struct Lease {
+pub(in crate::gpu) struct Lease {
     /// The lock is released when it is closed.
     _file: File,
 }
@@ -30,13 +29,13 @@ impl Lease {
     }
 }
 
-/// The folder of leases: `QIRF_LEASES`, or one in the system's temporary folder.
-pub(super) fn folder() -> PathBuf {
-    variables::text("QIRF_LEASES").map_or_else(|| std::env::temp_dir().join("qirf-vk-leases"), PathBuf::from)
+/// The folder of leases in the system's temporary folder.
+pub(in crate::gpu) fn folder() -> PathBuf {
+    std::env::temp_dir().join("qirf-vk-leases")
 }
 
 /// The name of a device's lease, on a machine of this name: temporary folders may be shared by machines.
-pub(super) fn name(info: &DeviceInfo, machine: &str) -> String {
+pub(in crate::gpu) fn name(info: &DeviceInfo, machine: &str) -> String {
     let device = match (info.pci, info.uuid) {
         (Some(pci), _) => pci.to_string(),
         (None, Some(uuid)) => format!("{uuid}-{}", info.index),
@@ -46,7 +45,7 @@ pub(super) fn name(info: &DeviceInfo, machine: &str) -> String {
 }
 
 /// The name of this machine; empty where the system does not tell.
-pub(super) fn machine() -> String {
+pub(in crate::gpu) fn machine() -> String {
     fs::read_to_string("/proc/sys/kernel/hostname").map(|name| name.trim().to_owned()).unwrap_or_default()
 }
 

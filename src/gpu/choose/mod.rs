@@ -1,9 +1,15 @@
 //! The choice among the devices of this machine.
 
-use super::address::{PciAddress, Uuid};
-use super::error::Error;
-use super::lease::{self, Lease};
-use super::select::{Candidate, DeviceInfo};
+pub(in crate::gpu) mod address;
+pub(in crate::gpu) mod lease;
+pub(in crate::gpu) mod properties;
+pub(in crate::gpu) mod select;
+pub(in crate::gpu) mod visible;
+
+use self::address::{PciAddress, Uuid};
+use self::lease::Lease;
+use crate::gpu::error::Error;
+use select::{Candidate, DeviceInfo};
 use std::path::Path;
 
 /// What the user asked for.
@@ -38,7 +44,7 @@ impl Wish {
 /// comes with its lease. Without a wish the best usable one: discrete before integrated before virtual before CPU.
 ///
 /// Devices that the environment hides are chosen by index and address alone.
-pub(super) fn choose(mut all: Vec<Candidate>, wanted: Option<&str>, leases: &Path) -> Result<Candidate, Error> {
+pub(in crate::gpu) fn choose(mut all: Vec<Candidate>, wanted: Option<&str>, leases: &Path) -> Result<Candidate, Error> {
     let wish = Wish::parse(wanted)?;
     let seen: Vec<(&DeviceInfo, usize)> = all.iter().map(|c| (&c.info, c.place)).collect();
     let (position, lease) = match &wish {
@@ -114,8 +120,8 @@ fn unknown(all: &[(&DeviceInfo, usize)], wanted: Option<&str>) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::select::DeviceKind;
     use crate::gpu::tuning::DeviceClass;
+    use select::DeviceKind;
 
     fn device(index: usize, name: &str, kind: DeviceKind) -> DeviceInfo {
         DeviceInfo {

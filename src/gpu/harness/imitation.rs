@@ -1,6 +1,6 @@
 //! Devices that this one imitates, for tests: tighter limits, and a driver that tells a wrong width of its subgroups.
 
-use super::select::{DeviceInfo, Feature};
+use crate::gpu::choose::select::{DeviceInfo, Feature};
 use std::str::FromStr;
 
 /// Upper bounds on what a device says that it can do. The numbers of makers are typical ones, not those of a certain driver.
@@ -45,7 +45,7 @@ impl Limits {
     pub const SMALL_BUFFERS: Self = Self { buffer_bytes: 128 << 20, ..Self::NONE };
 
     /// Tightens what a device says of itself.
-    pub(super) fn on(&self, info: &mut DeviceInfo) {
+    pub(in crate::gpu) fn on(&self, info: &mut DeviceInfo) {
         info.max_buffer_bytes = info.max_buffer_bytes.min(self.buffer_bytes);
         info.max_storage_buffers = info.max_storage_buffers.min(self.storage_buffers);
         info.push_bytes = info.push_bytes.min(self.push_bytes);
@@ -83,7 +83,7 @@ pub struct Claim {
 
 impl Claim {
     /// Puts the claim into the driver's mouth. Kernels then ask for no size: the driver would refuse this one.
-    pub(super) fn on(self, info: &mut DeviceInfo) {
+    pub(in crate::gpu) fn on(self, info: &mut DeviceInfo) {
         info.subgroup_size = self.subgroup;
         info.subgroup_range = [self.subgroup; 2];
         if !self.pinned {

@@ -38,14 +38,6 @@ pub struct Fault {
     pub answer: Answer,
 }
 
-impl Fault {
-    /// The fault that `QIRF_DEVICE_FAULT` asks for; a text that is none is warned of.
-    pub(super) fn from_environment() -> Option<Self> {
-        let text = std::env::var("QIRF_DEVICE_FAULT").ok().filter(|t| !t.is_empty())?;
-        text.parse().inspect_err(|e| tracing::warn!("QIRF_DEVICE_FAULT={text}: {e}")).ok()
-    }
-}
-
 impl FromStr for Fault {
     type Err = String;
 
@@ -71,7 +63,7 @@ impl FromStr for Fault {
 
 /// The fault of one device, and how near it is.
 #[derive(Default)]
-pub(super) struct Faults {
+pub(in crate::gpu) struct Faults {
     planned: Option<Fault>,
     seen: AtomicU64,
 }

@@ -3,10 +3,10 @@
 //! a device that runs its commands one by one. Barriers can be
 //! forgotten, to show that it does.
 
-use super::device::{Context, Device, lock};
-use super::hazards::{Barrier, Hazard, Hazards};
-use super::pipeline::Pipeline;
-use super::recording::{Command, Recording};
+use crate::gpu::device::{Context, Device, lock};
+use crate::gpu::hazards::{Barrier, Hazard, Hazards};
+use crate::gpu::pipeline::Pipeline;
+use crate::gpu::recording::{Command, Recording};
 use crate::random::permutation;
 use std::mem::take;
 use std::str::FromStr;
@@ -21,14 +21,6 @@ pub enum Order {
     Backwards,
     /// At random, by a seed.
     Shuffled(u64),
-}
-
-impl Order {
-    /// The order that `QIRF_ORDER` asks for: `recorded`, `backwards` or a seed. A text that is none is warned of.
-    pub(super) fn from_environment() -> Option<Self> {
-        let text = std::env::var("QIRF_ORDER").ok().filter(|t| !t.is_empty())?;
-        text.parse().inspect_err(|e| tracing::warn!("QIRF_ORDER={text}: {e}")).ok()
-    }
 }
 
 impl FromStr for Order {
@@ -85,7 +77,7 @@ struct State {
 }
 
 /// The order of a device that was opened with one.
-pub(super) struct Disorder(Mutex<State>);
+pub(in crate::gpu) struct Disorder(Mutex<State>);
 
 type Step = (Command, Option<Arc<Pipeline>>);
 
@@ -161,7 +153,7 @@ impl State {
 
 impl Context {
     /// Derives the barriers of a recording, whose commands may be permuted with their pipelines.
-    pub(super) fn ordered(
+    pub(in crate::gpu) fn ordered(
         &self,
         recording: &mut Recording,
         pipelines: &mut Vec<Arc<Pipeline>>,
@@ -178,7 +170,7 @@ impl Device {
     /// Sets another order, and the barriers to leave out from here on. Gives those derived since the last call.
     ///
     /// # Panics
-    /// When the device was opened without [`super::DeviceOptions::order`].
+    /// When the device was opened without [`crate::gpu::DeviceOptions::order`].
     pub fn reorder(&self, order: Order, forget: Forget) -> Vec<Derived> {
         let disorder = self.context().disorder.as_ref().expect("the device was opened with an order");
         let mut state = lock(&disorder.0);

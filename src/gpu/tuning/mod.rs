@@ -3,12 +3,18 @@
 //! All of them are specialization constants, or sizes of dispatches and scratch. None changes what is computed; most change
 //! the order in which sums are formed, and with it the last bits of results.
 
-use super::properties::SHARED_BYTES;
-use super::select::DeviceInfo;
+pub(in crate::gpu) mod choice;
+pub(in crate::gpu) mod store;
+pub(in crate::gpu) mod variants;
+
+use crate::gpu::choose::properties::SHARED_BYTES;
+use crate::gpu::choose::select::DeviceInfo;
 use crate::wording::unknown;
+pub use choice::TuningChoice;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
+pub use variants::{Variant, variants};
 
 /// Classes of devices that the table has a row for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,7 +44,7 @@ impl DeviceClass {
         [Self::Cpu, Self::SwiftShader, Self::Gpu, Self::Nvidia, Self::Amd, Self::Intel, Self::Apple, Self::Qualcomm];
 
     /// The class of a device, which may be a CPU, by its maker's number in the Vulkan (or PCI) registry.
-    pub(super) fn of(is_cpu: bool, vendor: u32) -> Self {
+    pub(in crate::gpu) fn of(is_cpu: bool, vendor: u32) -> Self {
         match (is_cpu, vendor) {
             (true, 0x1ae0) => Self::SwiftShader,
             (true, _) => Self::Cpu,
@@ -76,7 +82,7 @@ impl FromStr for DeviceClass {
     }
 }
 
-/// The shapes of kernels on one device; rooms read them by [`super::Device::tuning`].
+/// The shapes of kernels on one device; rooms read them by [`crate::gpu::Device::tuning`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tuning {
@@ -254,7 +260,7 @@ impl Tuning {
     }
 
     /// Tells which field a device cannot have, and why.
-    pub(super) fn check(&self, info: &DeviceInfo) -> Result<(), String> {
+    pub(in crate::gpu) fn check(&self, info: &DeviceInfo) -> Result<(), String> {
         let subgroup = info.subgroup_size;
         if self.subgroup != subgroup {
             return Err(format!("subgroup = {}, but {} has subgroups of {subgroup}", self.subgroup, info.name));

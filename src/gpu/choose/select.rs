@@ -1,13 +1,13 @@
 //! The Vulkan devices of this machine: what each is and can do.
 
-use super::address::{PciAddress, Uuid};
-use super::error::{During, Error};
-use super::imitation::{Claim, Limits};
-use super::instance::Instance;
-use super::lease::Lease;
-use super::properties::Report;
-use super::tuning::DeviceClass;
-use super::visible::{Named, Visibility, visibility};
+use crate::gpu::choose::address::{PciAddress, Uuid};
+use crate::gpu::choose::lease::Lease;
+use crate::gpu::choose::properties::Report;
+use crate::gpu::choose::visible::{Named, Visibility, visibility};
+use crate::gpu::error::{During, Error};
+use crate::gpu::harness::imitation::{Claim, Limits};
+use crate::gpu::instance::Instance;
+use crate::gpu::tuning::DeviceClass;
 use ash::vk;
 use serde::Serialize;
 use std::fmt;
@@ -145,7 +145,7 @@ impl DeviceInfo {
 }
 
 /// A physical device that may be opened.
-pub(super) struct Candidate {
+pub(in crate::gpu) struct Candidate {
     pub physical: vk::PhysicalDevice,
     pub queue_family: u32,
     pub pipeline_cache_uuid: [u8; 16],
@@ -168,7 +168,11 @@ pub fn list() -> Result<Vec<DeviceInfo>, Error> {
 }
 
 /// The devices, as they are or as they imitate others.
-pub(super) fn candidates(instance: &Instance, limits: Limits, claim: Option<Claim>) -> Result<Vec<Candidate>, Error> {
+pub(in crate::gpu) fn candidates(
+    instance: &Instance,
+    limits: Limits,
+    claim: Option<Claim>,
+) -> Result<Vec<Candidate>, Error> {
     // SAFETY: the instance is alive.
     let physical = unsafe { instance.raw.enumerate_physical_devices() }.during("enumerate devices")?;
     let candidate = |(i, p)| {

@@ -1,20 +1,20 @@
 //! What Vulkan tells of a device.
 
-use super::address::{PciAddress, Uuid};
-use super::compiled;
-use super::error::{During, Error};
-use super::select::{Candidate, DeviceInfo, DeviceKind, Feature};
-use super::tuning::DeviceClass;
+use crate::gpu::choose::address::{PciAddress, Uuid};
+use crate::gpu::choose::select::{Candidate, DeviceInfo, DeviceKind, Feature};
+use crate::gpu::compiled;
+use crate::gpu::error::{During, Error};
+use crate::gpu::tuning::DeviceClass;
 use crate::kernels::needs;
 use ash::{ext, khr, vk};
 use std::ffi::CStr;
 
 /// Shared memory that kernels of every tuning fit into: what Vulkan promises.
-pub(super) const SHARED_BYTES: u32 = 16 << 10;
+pub(in crate::gpu) const SHARED_BYTES: u32 = 16 << 10;
 
 /// What Vulkan tells of a physical device. Nothing follows the structures' own pointers to each other.
 #[derive(Default)]
-pub(super) struct Report {
+pub(in crate::gpu) struct Report {
     base: vk::PhysicalDeviceProperties,
     memory: vk::PhysicalDeviceMemoryProperties,
     families: Vec<vk::QueueFamilyProperties>,

@@ -1,8 +1,8 @@
 //! The tuning that a user asks for: a row of the table, with fields of their own.
 
-use super::error::Error;
-use super::select::DeviceInfo;
-use super::tuning::{DeviceClass, Tuning};
+use crate::gpu::choose::select::DeviceInfo;
+use crate::gpu::error::Error;
+use crate::gpu::tuning::{DeviceClass, Tuning};
 use serde_json::Value;
 use std::str::FromStr;
 
@@ -21,19 +21,13 @@ impl TuningChoice {
         Self { class: Some(class), fields: Vec::new() }
     }
 
-    /// What `QIRF_TUNING` asks for, if it is set; empty, it asks for the row of the device's own class.
-    pub(super) fn from_environment() -> Result<Option<Self>, Error> {
-        let Ok(text) = std::env::var("QIRF_TUNING") else { return Ok(None) };
-        text.parse().map(Some).map_err(|what| Error::Tuning(format!("QIRF_TUNING={text}: {what}")))
-    }
-
     /// Whether it changes nothing.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }
 
     /// The tuning of a device.
-    pub(super) fn on(&self, info: &DeviceInfo) -> Result<Tuning, Error> {
+    pub(in crate::gpu) fn on(&self, info: &DeviceInfo) -> Result<Tuning, Error> {
         let row = Tuning::new(self.class.unwrap_or(info.class), info.subgroup_size, info.max_workgroup);
         let tuning = self.over(&row).map_err(Error::Tuning)?;
         tuning.check(info).map_err(Error::Tuning)?;

@@ -1,8 +1,8 @@
 //! Guards of buffers, for tests: each buffer is born full of NaN, so that an element that no kernel wrote shows, and ends in a
 //! red zone that no kernel may touch. Descriptors span the red zone too: a stray store lands there instead of being dropped.
 
-use super::buffer::{RawBuffer, Storage};
-use super::device::{Context, Device, lock};
+use crate::gpu::buffer::{RawBuffer, Storage};
+use crate::gpu::device::{Context, Device, lock};
 use crate::random;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, Weak};
@@ -20,7 +20,7 @@ fn red_zone_of(number: u64) -> impl Iterator<Item = u32> {
 
 /// The guarded buffers of a device, and those whose red zone was written to.
 #[derive(Default)]
-pub(super) struct Guards {
+pub(in crate::gpu) struct Guards {
     alive: Mutex<HashMap<u64, Weak<Storage>>>,
     overrun: Mutex<Vec<String>>,
 }
@@ -61,7 +61,7 @@ impl Context {
 
 impl Device {
     /// Names of the buffers, alive or dropped, behind whose end a kernel wrote; always empty unless the device was opened with
-    /// [`super::DeviceOptions::guarded`]. Submitted work must have been waited for.
+    /// [`crate::gpu::DeviceOptions::guarded`]. Submitted work must have been waited for.
     pub fn overrun_buffers(&self) -> Vec<String> {
         let Some(guards) = &self.context().guards else { return Vec::new() };
         // Strong references first: the last one may be dropped here, and takes the lock itself.

@@ -1,7 +1,7 @@
 //! Devices that the environment hides. Schedulers of clusters give GPUs to jobs by variables that Vulkan ignores.
 
-use super::address::{PciAddress, Uuid};
-use super::select::{DeviceInfo, DeviceKind};
+use crate::gpu::choose::address::{PciAddress, Uuid};
+use crate::gpu::choose::select::{DeviceInfo, DeviceKind};
 
 /// PCI vendors.
 const NVIDIA: u32 = 0x10de;
@@ -15,7 +15,7 @@ const SLURM: &str = "SLURM_JOB_GPUS";
 
 /// What variables can say of a device.
 #[derive(Clone, Debug)]
-pub(super) struct Named {
+pub(in crate::gpu) struct Named {
     vendor: u32,
     discrete: bool,
     uuid: Option<Uuid>,
@@ -52,7 +52,7 @@ impl Named {
 
 /// Whether a device may be chosen without being named by index or address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Visibility {
+pub(in crate::gpu) enum Visibility {
     /// It may, in this place among its kind.
     Place(usize),
     /// This variable hides it.
@@ -63,7 +63,7 @@ pub(super) enum Visibility {
 ///
 /// Indices count the devices of one vendor by PCI address, as CUDA does where GPUs are equal or `CUDA_DEVICE_ORDER` is
 /// `PCI_BUS_ID`. As in CUDA, an entry that means no device ends the list.
-pub(super) fn visibility(devices: &[Named], variable: &dyn Fn(&str) -> Option<String>) -> Vec<Visibility> {
+pub(in crate::gpu) fn visibility(devices: &[Named], variable: &dyn Fn(&str) -> Option<String>) -> Vec<Visibility> {
     let mut all: Vec<Visibility> = (0..devices.len()).map(Visibility::Place).collect();
     let mut set = false;
     for (vendor, variables) in [(NVIDIA, &NVIDIA_VARIABLES[..]), (AMD, &AMD_VARIABLES[..])] {

@@ -1,8 +1,8 @@
 //! The tuning that was measured to be the fastest on a device, in the cache folder, for later runs.
 
-use super::device::Device;
-use super::select::DeviceInfo;
-use super::tuning::Tuning;
+use crate::gpu::choose::select::DeviceInfo;
+use crate::gpu::device::Device;
+use crate::gpu::tuning::Tuning;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::{fs, io};
@@ -23,7 +23,7 @@ fn file(info: &DeviceInfo) -> Option<PathBuf> {
 }
 
 /// The tuning stored for a device; none if there is none, if another driver's was measured, or if it does not fit.
-pub(super) fn read(info: &DeviceInfo) -> Option<Tuning> {
+pub(in crate::gpu) fn read(info: &DeviceInfo) -> Option<Tuning> {
     let path = file(info)?;
     let text = fs::read_to_string(&path).ok()?;
     let stored = serde_json::from_str::<Stored>(&text).map_err(|e| e.to_string()).and_then(|stored| {
