@@ -7,6 +7,7 @@ use qirf_vk::render::{Renderer, Settings};
 use qirf_vk::scene::{Photo, camera::Camera};
 use qirf_vk::train::{Options, STAGES, Trainer, schedule::Schedule};
 use qirf_vk::{gaussians::Gaussians, gaussians::resident::Resident};
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 const GAUSSIANS: usize = 10_000;
@@ -38,9 +39,7 @@ pub fn scene(degree: usize) -> (Gaussians, Camera, Photo) {
 pub fn train(trainer: &mut Trainer, iterations: u32) -> Duration {
     let until = trainer.iteration() + iterations;
     let start = Instant::now();
-    while trainer.iteration() < until {
-        trainer.advance(until).unwrap();
-    }
+    trainer.run_until(until, |_, _| ControlFlow::Continue(())).unwrap();
     start.elapsed()
 }
 

@@ -16,6 +16,7 @@ use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, STAGES, Trainer};
 use serde_json::{Map, Value, json};
 use std::error::Error;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -136,9 +137,7 @@ fn measure(device: &Device, model: &Gaussians, photos: &[Photo], iterations: u32
 
 fn advance(trainer: &mut Trainer, iterations: u32) -> Result<(), Box<dyn Error>> {
     let until = trainer.iteration() + iterations;
-    while trainer.iteration() < until {
-        trainer.advance(until)?;
-    }
+    trainer.run_until(until, |_, _| ControlFlow::Continue(()))?;
     Ok(())
 }
 

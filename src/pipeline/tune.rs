@@ -10,6 +10,7 @@ use crate::train::schedule::Schedule;
 use crate::train::{Options, Trainer};
 use glam::DVec3;
 use std::cmp::Ordering;
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 /// Another tuning must be faster than the class's row by this share to be chosen: noise is of that order.
@@ -83,19 +84,14 @@ impl Subject {
         let pairs = 8 * scale.gaussians as u32;
         let options = Options { schedule, degree: 3, pairs, ..Options::default() };
         let mut trainer = Trainer::new(&device, &model, vec![photo], 1.0, options)?;
-        while trainer.iteration() < 2 {
-            trainer.advance(2)?;
-        }
+        trainer.run_until(2, |_, _| ControlFlow::Continue(()))?;
         Ok(Self { variant, trainer, seconds: Vec::new(), ratios: Vec::new(), again: Vec::new() })
     }
 
     /// Seconds of an iteration, by a turn.
     fn turn(&mut self, iterations: u32) -> Result<f64, Error> {
         let (begun, before) = (Instant::now(), self.trainer.timings().total());
-        let until = self.trainer.iteration() + iterations;
-        while self.trainer.iteration() < until {
-            self.trainer.advance(until)?;
-        }
+        self.trainer.run_until(self.trainer.iteration() + iterations, |_, _| ControlFlow::Continue(()))?;
         let device = self.trainer.timings().total() - before;
         let seconds = if device > 0.0 { device } else { begun.elapsed().as_secs_f64() };
         Ok(seconds / f64::from(iterations))

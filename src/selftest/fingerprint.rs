@@ -20,6 +20,7 @@ use crate::scene::Photo;
 use crate::scene::camera::Camera;
 use crate::train::{Options, Trainer};
 use bytemuck::Pod;
+use std::ops::ControlFlow;
 
 /// The variable that stands in for the fingerprint, for tests of what a foreign machine is told.
 const STAND_IN: &str = "QIRF_FINGERPRINT";
@@ -44,9 +45,7 @@ pub fn fingerprint(device: &Device) -> Result<String, Error> {
     let photos = photos.map(|(i, camera)| photo(camera, i as u64)).collect();
     let options = Options { degree: model.degree(), ..Options::default() };
     let mut trainer = Trainer::new(device, &model, photos, 2.0, options)?;
-    while trainer.iteration() < ITERATIONS {
-        trainer.advance(ITERATIONS)?;
-    }
+    trainer.run_until(ITERATIONS, |_, _| ControlFlow::Continue(()))?;
     let trained = trainer.download()?;
     let responses = trainer.responses(Wanted::BOTH)?;
     drop(trainer);

@@ -7,6 +7,7 @@ use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Trainer};
+use std::ops::ControlFlow;
 
 /// An iteration's work as it was last measured.
 struct Expected {
@@ -123,7 +124,5 @@ fn iterations_to_count() {
     let until: u32 = std::env::var("QIRF_ITERATIONS").unwrap().parse().unwrap();
     let device = opened(DeviceClass::Gpu);
     let mut trainer = trainer(&device, 1000, 3, 64);
-    while trainer.iteration() < until {
-        trainer.advance(until).unwrap();
-    }
+    trainer.run_until(until, |_, _| ControlFlow::Continue(())).unwrap();
 }

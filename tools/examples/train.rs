@@ -10,6 +10,7 @@ use qirf_vk::train::initialise::{self, Seed};
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Progress, Trainer};
 use std::error::Error;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -51,12 +52,7 @@ pub(crate) fn train(
     let device = Device::open(&DeviceOptions::from_env()?)?;
     let mut trainer = Trainer::new(&device, &initialise::from_points(&seeds), photos, extent, options)?;
     for tenth in 1..=10 {
-        let until = iterations * tenth / 10;
-        let mut progress = trainer.advance(until)?;
-        while progress.iteration < until {
-            progress = trainer.advance(until)?;
-        }
-        follow(progress);
+        follow(trainer.run_until(iterations * tenth / 10, |_, _| ControlFlow::Continue(()))?);
     }
     formats::write(model, &trainer.download()?, formats::RenderMode::Plain)?;
     Ok(())

@@ -29,6 +29,7 @@ use crate::train::smoothing::Smoothing;
 use crate::train::state::TrainState;
 use crate::train::training_model::{Array, TrainingModel};
 use std::collections::VecDeque;
+use std::ops::ControlFlow;
 
 /// Iterations between two checks by the host.
 const LOOK_EVERY: u32 = 16;
@@ -181,8 +182,27 @@ impl Trainer {
         self.skipped_rows
     }
 
-    /// Trains until `until` iterations are done, or until the host's next check if that comes first: call it again until
-    /// [`Progress::iteration`] is `until`. Does nothing if that is so already.
+    /// Trains until `until` iterations are done, or until `follow` breaks: it is called after each stretch that the host checks,
+    /// and may be called once without a step where a picture's pairs did not fit.
+    ///
+    /// # Errors
+    /// As [`Trainer::advance`].
+    pub fn run_until(
+        &mut self,
+        until: u32,
+        mut follow: impl FnMut(&Self, Progress) -> ControlFlow<()>,
+    ) -> Result<Progress> {
+        while self.iteration < until {
+            let progress = self.advance(until)?;
+            if follow(self, progress).is_break() {
+                break;
+            }
+        }
+        Ok(self.progress())
+    }
+
+    /// One stretch of [`Trainer::run_until`]: trains until `until` iterations are done, or until the host's next check if that
+    /// comes first.
     ///
     /// # Errors
     /// Device memory; device errors. The model is then in its state after [`Trainer::iteration`] iterations.

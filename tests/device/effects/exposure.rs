@@ -15,6 +15,7 @@ use qirf_vk::train::initialise::{Seed, from_points};
 use qirf_vk::train::loss::Weights;
 use qirf_vk::train::mask::Mask;
 use qirf_vk::train::{Exposures, Options, Trainer};
+use std::ops::ControlFlow;
 use std::path::Path;
 
 fn value(n: usize, seed: usize) -> f64 {
@@ -130,9 +131,7 @@ fn options(config: &RunConfig, exposure: bool) -> Options {
 }
 
 fn train(trainer: &mut Trainer, until: u32) {
-    while trainer.iteration() < until {
-        trainer.advance(until).unwrap();
-    }
+    trainer.run_until(until, |_, _| ControlFlow::Continue(())).unwrap();
 }
 
 /// If exposures and masks are off, they have no kernel and no buffer.

@@ -14,6 +14,7 @@ use qirf_vk::train::loss::{Loss, Weights};
 use qirf_vk::train::method::Method;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Trainer, TrainerNeeds, TrainingModel};
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 fn model(n: usize, degree: usize) -> Gaussians {
@@ -107,9 +108,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Ma
     };
     let first = if grows { n / 4 } else { n };
     let mut trainer = Trainer::new(device, &model(first, 0), views, 1.0, options).unwrap();
-    while trainer.iteration() < 60 {
-        trainer.advance(60).unwrap();
-    }
+    trainer.run_until(60, |_, _| ControlFlow::Continue(())).unwrap();
     assert_eq!(trainer.model().degree, degree);
     trainer.download().unwrap();
     let demand = TrainerNeeds {

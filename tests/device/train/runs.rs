@@ -14,6 +14,7 @@ use qirf_vk::train::initialise::{Seed, from_points, random};
 use qirf_vk::train::loss::Weights;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Error, Options, Progress, Trainer};
+use std::ops::ControlFlow;
 use std::sync::OnceLock;
 
 pub(crate) struct Capture {
@@ -94,10 +95,12 @@ pub(crate) fn resumed(device: &Device, snapshot: &Snapshot, options: Options) ->
 /// Trains to `until`; every call must make progress, if only by growing a buffer.
 pub(crate) fn train(trainer: &mut Trainer, until: u32) -> Vec<Progress> {
     let mut seen = Vec::new();
-    while trainer.iteration() < until {
-        seen.push(trainer.advance(until).unwrap());
-        assert!(seen.len() < 500, "at {} after 500 calls", trainer.iteration());
-    }
+    let follow = |trainer: &Trainer, progress| {
+        seen.push(progress);
+        assert!(seen.len() < 500, "at {} after 500 stretches", trainer.iteration());
+        ControlFlow::Continue(())
+    };
+    trainer.run_until(until, follow).unwrap();
     seen
 }
 
