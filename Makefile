@@ -103,14 +103,15 @@ shaders: $(SPIRV) ## compare glsl/spirv with its sources; check every shader wit
 # The folder of programs, target/gpu-report-kit, can be copied to a machine without cargo: run gpu-report in it.
 KIT := target/gpu-report-kit
 MINUTES ?= 8
-gpu-report: setup ## measure this machine's device, and write a folder to attach to an issue; MINUTES=8
+gpu-report: setup ## measure this machine's device, and write a folder to attach to an issue; MINUTES=8, COMPARE=folder of an earlier report
 	cargo build --release --locked
-	cargo bench --locked --bench engine --no-run
+	cargo bench --locked --bench engine --bench training --no-run
 	cargo test --release --locked --test device --no-run
 	rm -rf "$(KIT)" && mkdir -p "$(KIT)/source/tests" "$(KIT)/source/glsl" "$(KIT)/source/tools"
 	cp tools/gpu-report "$(KIT)"
 	strip -o "$(KIT)/qirf-vk" target/release/qirf-vk
 	strip -o "$(KIT)/bench" "$$(ls -t target/release/deps/engine-* | grep -v '\.d$$' | head -n 1)"
+	strip -o "$(KIT)/training" "$$(ls -t target/release/deps/training-* | grep -v '\.d$$' | head -n 1)"
 	strip -o "$(KIT)/device-tests" "$$(ls -t target/release/deps/device-* | grep -v '\.d$$' | head -n 1)"
 	cp -r tests/golden "$(KIT)/source/tests"
 	cp -r glsl/spirv "$(KIT)/source/glsl"
@@ -118,7 +119,7 @@ gpu-report: setup ## measure this machine's device, and write a folder to attach
 	mkdir "$(KIT)/lib"
 	ldd target/release/qirf-vk | awk '/openblas|gfortran|quadmath/ {print $$3}' | xargs -r cp -L -t "$(KIT)/lib"
 	rm -rf target/gpu-report
-	"$(KIT)/gpu-report" -o target/gpu-report -m "$(MINUTES)"
+	"$(KIT)/gpu-report" -o target/gpu-report -m "$(MINUTES)" $(if $(COMPARE),-c "$(COMPARE)")
 
 # Groups are named after stages. Results, and how they were measured: docs/performance.md.
 bench: ## benchmark every stage on this machine's Vulkan device; BENCH=group for one group

@@ -166,7 +166,6 @@ pub fn scan(n: f64) -> Bound {
 pub fn overlap(method: &str, blocks: f64, m: f64) -> Bound {
     let each = match method {
         "qr" => 182.0,
-        "cholesky" => 147.0,
         _ => 160.0,
     };
     let triangle = 0.5 * m * (m + 1.0);

@@ -47,6 +47,9 @@ struct Arguments {
     /// Times that each variant is measured.
     #[arg(long, default_value_t = 1)]
     rounds: u32,
+    /// The document of an earlier measurement: its times stand beside these.
+    #[arg(long)]
+    compare: Option<PathBuf>,
     /// Given by cargo.
     #[arg(long, hide = true)]
     bench: bool,
@@ -135,6 +138,14 @@ fn measure(device: &Device, model: &Gaussians, photos: &[Photo], iterations: u32
     Ok(Value::Object(row))
 }
 
+/// Counts of the first photo's picture.
+fn imbalance(device: &Device, model: &Gaussians, photo: &Photo) -> Result<Value, Box<dyn Error>> {
+    let (resident, camera) = (Resident::upload(device, model)?, &photo.camera);
+    let mut renderer = Renderer::new(device, Settings::default(), model.len(), camera.width, camera.height)?;
+    renderer.render(&resident, camera)?;
+    Ok(serde_json::to_value(renderer.imbalance(camera)?)?)
+}
+
 fn advance(trainer: &mut Trainer, iterations: u32) -> Result<(), Box<dyn Error>> {
     let until = trainer.iteration() + iterations;
     trainer.run_until(until, |_, _| ControlFlow::Continue(()))?;
@@ -146,7 +157,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let variants = arguments.variants()?;
     let device = Device::open(&variants[0].options)?;
     let (photos, models) = (arguments.photos(&device)?, arguments.models(&device)?);
-    let mut rows = Vec::new();
+    let (mut rows, mut counts) = (Vec::new(), Vec::new());
+    for (name, model) in &models {
+        let imbalance = imbalance(&device, model, &photos[0])?;
+        eprintln!("{name}: {imbalance}");
+        counts.push(json!({ "model": name, "view": 0, "imbalance": imbalance }));
+    }
     for (name, model) in &models {
         for round in 0..arguments.rounds {
             for variant in &variants {
@@ -160,7 +176,37 @@ fn main() -> Result<(), Box<dyn Error>> {
     let size = photos.first().map(|photo| [photo.camera.width, photo.camera.height]);
     println!(
         "{:#}",
-        json!({ "device": device.tuned(), "photos": photos.len(), "size": size, "iterations": arguments.iterations, "rows": rows })
+        json!({
+            "device": device.tuned(), "photos": photos.len(), "size": size, "iterations": arguments.iterations,
+            "counts": counts, "rows": rows,
+        })
     );
+    match &arguments.compare {
+        Some(path) => compare(&serde_json::from_slice(&std::fs::read(path)?)?, &rows),
+        None => Ok(()),
+    }
+}
+
+/// The median time of a stage over the rounds of a model and a variant; none where it was not measured.
+fn median(rows: &[Value], [model, variant, stage]: [&Value; 3]) -> Option<f64> {
+    let same = rows.iter().filter(|row| row["model"] == *model && row["variant"] == *variant);
+    let mut times: Vec<f64> = same.filter_map(|row| row["ms"][stage.as_str()?].as_f64()).collect();
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).copied()
+}
+
+/// Prints these times beside those of an earlier document, by model, variant and stage.
+fn compare(earlier: &Value, rows: &[Value]) -> Result<(), Box<dyn Error>> {
+    let before = earlier["rows"].as_array().ok_or("the other document has no rows")?;
+    eprintln!("| model | variant | stage | before / ms | now / ms | now / before |\n|---|---|---|---:|---:|---:|");
+    for row in rows.iter().filter(|row| row["round"] == 0) {
+        for (stage, _) in row["ms"].as_object().into_iter().flatten().filter(|(stage, _)| *stage != "peak_bytes") {
+            let key = [&row["model"], &row["variant"], &json!(stage)];
+            if let (Some(before), Some(now)) = (median(before, key), median(rows, key)) {
+                let (model, variant) = (row["model"].as_str().unwrap_or(""), row["variant"].as_str().unwrap_or(""));
+                eprintln!("| {model} | {variant} | {stage} | {before:.3} | {now:.3} | {:.3} |", now / before);
+            }
+        }
+    }
     Ok(())
 }

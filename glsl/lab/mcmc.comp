@@ -5,6 +5,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 #include "lib/view.glsl"
 #include "lib/projection.glsl"
 #include "lib/random.glsl"
@@ -42,7 +43,7 @@ void main() {
     // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
     if (pairs[1] > pair_limit || i >= count[0]) return;
     float shown = 1 / (1 + exp(-logits[i]));
-    vec3 scales = exp(vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]));
+    vec3 scales = exp(ROW3(log_scales, i));
     if (PHASE == REGULARISE) {
         uint row = i * ROW;
         rows[row + ROW_LOGIT] += opacity * shown * (1 - shown);

@@ -8,7 +8,6 @@ layout(constant_id = 6) const uint BATCH = 0; // splats staged in shared memory 
 // For tests: the ninth sum of a slot is the number of subgroups that have drawn the splat.
 layout(constant_id = 7) const bool COUNT_TAKERS = false;
 
-#include "lib/walked_tile.glsl"
 #include "lib/backward_pixels.glsl"
 #include "lib/backward_alone.glsl"
 #include "lib/backward_together.glsl"

@@ -9,5 +9,3 @@ const float ALPHA_MAX = 0.99;
 /// Blending ends before transmittance falls below this. Two saturated layers leave 1e-4 minus a rounding error: the margin
 /// above 1e-4 settles the tie.
 const float TRANSMITTANCE_STOP = 1.00001e-4;
-/// The backward pass divides by 1 - alpha, but never by less than this.
-const float ONE_MINUS_ALPHA_FLOOR = 1e-6;

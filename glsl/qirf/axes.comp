@@ -3,6 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 #include "lib/view.glsl"
 #include "lib/projection.glsl"
 #include "lib/axes.glsl"
@@ -34,7 +35,7 @@ void main() {
     uint n = global_index();
     if (n >= count) return;
     uint i = members[first + n];
-    vec3 logs = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
+    vec3 logs = ROW3(log_scales, i);
     mat3 r;
     vec4 unit;
     float norm;
@@ -56,7 +57,7 @@ void main() {
         scale = sqrt(scale * scale + t * t);
     }
     scale = max(scale, vec3(least * scale.x));
-    Axes a = Axes(r, scale, vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]), int(e));
+    Axes a = Axes(r, scale, ROW3(means, i), int(e));
     mat4 rows = pack_axes(a);
     [[unroll]] for (uint k = 0; k < 4; k++) axes[4 * n + k] = rows[k];
 }

@@ -5,6 +5,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 #include "lib/view.glsl"
 #include "lib/tiles.glsl"
 #include "lib/projection.glsl"
@@ -41,8 +42,8 @@ struct Densest {
 };
 
 Densest densest_of(View v, uint i) {
-    vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
-    vec3 log_scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
+    vec3 mean = ROW3(means, i);
+    vec3 log_scale = ROW3(log_scales, i);
     Projection p = project(v, mean, log_scale, rotations[i]);
     Densest d;
     d.axes = world_to_camera(v) * p.rotation;

@@ -3,6 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 #include "lib/blending.glsl"
 #include "lib/view.glsl"
 #include "lib/sh.glsl"
@@ -30,7 +31,7 @@ layout(binding = 13, std430) writeonly buffer Depth { uint depth[]; };
 layout(binding = 14, std430) writeonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 15, std430) writeonly buffer Visible { uint visible[]; };
 
-vec3 load3(uint i) { return vec3(sh0[3 * i], sh0[3 * i + 1], sh0[3 * i + 2]); }
+vec3 load3(uint i) { return ROW3(sh0, i); }
 
 // The colour before the offset of 0.5 and the clamp at 0.
 vec3 radiance(uint i, vec3 direction) {
@@ -70,8 +71,8 @@ void main() {
     tile_counts[i] = 0;
     visible[i] = 0;
 
-    vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
-    vec3 log_scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
+    vec3 mean = ROW3(means, i);
+    vec3 log_scale = ROW3(log_scales, i);
     Projection p = project(view[0], mean, log_scale, rotations[i]);
     if (!p.there) return;
 

@@ -7,6 +7,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 #include "lib/view.glsl"
 #include "lib/sh.glsl"
 #include "lib/splat.glsl"
@@ -268,8 +269,8 @@ void main() {
     vec3 mean, k = vec3(0);
     Projection p;
     if (slots > 0) {
-        mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
-        vec3 log_scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
+        mean = ROW3(means, i);
+        vec3 log_scale = ROW3(log_scales, i);
         p = project(view[0], mean, log_scale, rotations[i]);
         k = splat_factor(p) * UNIT;
     }

@@ -7,6 +7,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 
 /// Phase: blurs columns into scratch.
 const uint COLUMNS = 0;
@@ -33,7 +34,7 @@ const float WINDOW[13] = float[](0.0022181959, 0.0087731348, 0.0270231576, 0.064
 
 vec3 value(uint pixel) {
     return PHASE == COLUMNS ? vec3(image[4 * pixel], image[4 * pixel + 1], image[4 * pixel + 2])
-                      : vec3(scratch[3 * pixel], scratch[3 * pixel + 1], scratch[3 * pixel + 2]);
+                      : ROW3(scratch, pixel);
 }
 
 void main() {

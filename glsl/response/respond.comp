@@ -7,6 +7,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 #include "lib/view.glsl"
 #include "lib/projection.glsl"
 #include "lib/gradient_row.glsl"
@@ -54,7 +55,7 @@ void main() {
     vec4 unit;
     float norm;
     bool good = rows[row + ROW_GOOD] > 0 && rotation_of(rotations[i], axes, unit, norm);
-    vec3 scale = exp(vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]));
+    vec3 scale = exp(ROW3(log_scales, i));
     x[4] = length(scale * (row3(row + ROW_MEAN) * axes));
     x[5] = length(row3(row + ROW_LOG_SCALE));
     x[6] = abs(rows[row + ROW_LOGIT]);

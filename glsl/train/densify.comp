@@ -2,6 +2,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 #include "lib/finite.glsl"
 #include "lib/density.glsl"
 
@@ -24,8 +25,8 @@ layout(push_constant) uniform Push {
 void main() {
     uint i = global_index();
     if (i >= count[0]) return;
-    vec3 scale = vec3(log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
-    vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
+    vec3 scale = ROW3(log_scales, i);
+    vec3 mean = ROW3(means, i);
     // Sizes are relative to the scene's extent near the cameras and to the distance beyond it: a far sky needs large Gaussians.
     float reach = max(cameras.w, length(mean - cameras.xyz));
     float largest = max(scale.x, max(scale.y, scale.z)) - log(reach);

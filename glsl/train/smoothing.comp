@@ -3,6 +3,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 #include "lib/finite.glsl"
 #include "lib/view.glsl"
 
@@ -21,7 +22,7 @@ layout(push_constant) uniform Push {
 void main() {
     uint i = global_index();
     if (i >= count[0]) return;
-    vec3 mean = vec3(means[3 * i], means[3 * i + 1], means[3 * i + 2]);
+    vec3 mean = ROW3(means, i);
     float interval = 0;
     bool seen = false;
     for (uint k = 0; k < views; k++) {

@@ -3,6 +3,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
+#include "lib/rows.glsl"
 #include "lib/view.glsl"
 #include "lib/projection.glsl"
 #include "lib/random.glsl"
@@ -25,7 +26,7 @@ void main() {
     vec4 unit;
     float norm;
     if (!rotation_of(rotations[row], rotation, unit, norm)) rotation = mat3(1);
-    vec3 log_scale = vec3(log_scales[3 * row], log_scales[3 * row + 1], log_scales[3 * row + 2]);
+    vec3 log_scale = ROW3(log_scales, row);
     vec3 place, shrink = vec3(LN_SHRINK);
     if (LENGTHWISE) {
         // Of equal axes the first.

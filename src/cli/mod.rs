@@ -149,6 +149,17 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
         .mut_subcommands(with_negative_numbers)
 }
 
+/// Options that only experiments use: `compare` shows them, and `run` and `compress` take them without showing them.
+const EXPERIMENTS: [&str; 6] = ["partition", "overlap", "dilate", "solver", "epsilon", "init_count"];
+
+/// Leaves the options of experiments out of a command's help.
+fn without_experiments(command: clap::Command) -> clap::Command {
+    command.mut_args(|arg| {
+        let hidden = EXPERIMENTS.contains(&arg.get_id().as_str());
+        if hidden { arg.hide(true) } else { arg }
+    })
+}
+
 /// The command line for clap, with commands in groups.
 fn command() -> clap::Command {
     let command = Cli::command();
@@ -161,6 +172,8 @@ fn command() -> clap::Command {
     };
     let list = GROUPS.iter().map(group).collect::<Vec<_>>().concat();
     with_negative_numbers(command)
+        .mut_subcommand("run", without_experiments)
+        .mut_subcommand("compress", without_experiments)
         .help_template(format!(
             "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{list}Global options:\n{{options}}{{after-help}}"
         ))

@@ -75,14 +75,14 @@ impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let begun = Instant::now();
         let asked = if self.axis.is_empty() { Asked::light() } else { self.axis.clone() };
-        if let Some(twice) = (1..asked.len()).find(|i| asked[..*i].iter().any(|a| a.axis() == asked[*i].axis())) {
-            return Err(Error::Usage(format!("--axis {} is there twice", asked[twice].axis().name())));
+        if let Some(twice) = (1..asked.len()).find(|i| asked[..*i].iter().any(|a| a.axis == asked[*i].axis)) {
+            return Err(Error::Usage(format!("--axis {} is there twice", asked[twice].axis.name())));
         }
         let scene = is_scene(&self.path);
-        if let Some(heavy) = asked.iter().find(|a| a.axis().heavy() && !scene) {
+        if let Some(heavy) = asked.iter().find(|a| a.axis.heavy() && !scene) {
             return Err(Error::Usage(format!(
                 "axis {} trains, and {} is no scene: name a folder of photos with poses",
-                heavy.axis().name(),
+                heavy.axis.name(),
                 self.path.display()
             )));
         }
@@ -111,13 +111,13 @@ impl Arguments {
             methods: make,
         };
         let (described, mut axes) = self.light(&session, console, &asked)?;
-        if asked.iter().any(|a| a.axis().heavy()) {
+        if asked.iter().any(|a| a.axis.heavy()) {
             let networks = self.resources.networks()?;
             let session = Session { networks: &networks, ..session };
             axes.extend(self.heavy(session, console, &asked)?);
             tell_of_missing(&networks, console);
         }
-        let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis() == axis.axis);
+        let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis == axis.axis);
         axes.sort_by_key(place);
         let swept = SweepRecord {
             schema: 1,
@@ -142,7 +142,7 @@ impl Arguments {
         console: &Console,
         asked: &[Asked],
     ) -> Result<(Described, Vec<AxisRecord>), Error> {
-        if asked.iter().all(|a| a.axis().heavy()) {
+        if asked.iter().all(|a| a.axis.heavy()) {
             let path = self.path.display().to_string();
             let origin = "every rung is a training of its own".to_owned();
             return Ok((Described { path, origin, ..Described::default() }, Vec::new()));

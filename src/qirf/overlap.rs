@@ -4,7 +4,6 @@ use super::plan::{Arrays, Batch};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::constants::axes::SCALE_FLOOR;
-use crate::kernels::constants::overlap_by_sum::{CHOLESKY, DETERMINANT};
 use crate::kernels::qirf::{
     Axes, AxesPush, AxesSpec, Overlap, OverlapBySum, OverlapBySumPush, OverlapBySumSpec, OverlapPush, OverlapSpec,
 };
@@ -16,11 +15,9 @@ const NO_DILATION: f32 = -1e30;
 /// Method of computing an overlap, all in float32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// QR of the stacked scaled axes. The engine uses no other method; the sweep shows what the others cost.
+    /// QR of the stacked scaled axes. The engine uses no other method; the sweep shows what the other costs.
     #[default]
     Qr,
-    /// Cholesky factor of the summed covariances; NaN where it fails.
-    CholeskyOfSum,
     /// Determinant and adjugate of the summed covariances; NaN where they fail.
     Determinant,
 }
@@ -65,8 +62,7 @@ pub(super) fn record(recording: &mut Recording, arrays: &Arrays, model: &Residen
     let tiles = Groups::Count(batch.tiles.len() as u32);
     match metric.method {
         Method::Qr => recording.dispatch(&by_qr(arrays, batch), tiles),
-        Method::CholeskyOfSum => recording.dispatch(&by_sum(arrays, batch, CHOLESKY), tiles),
-        Method::Determinant => recording.dispatch(&by_sum(arrays, batch, DETERMINANT), tiles),
+        Method::Determinant => recording.dispatch(&by_sum(arrays, batch), tiles),
     }
 }
 
@@ -85,7 +81,7 @@ fn by_qr<'a>(arrays: &'a Arrays, batch: &Batch) -> Overlap<'a> {
     }
 }
 
-fn by_sum<'a>(arrays: &'a Arrays, batch: &Batch, method: u32) -> OverlapBySum<'a> {
+fn by_sum<'a>(arrays: &'a Arrays, batch: &Batch) -> OverlapBySum<'a> {
     OverlapBySum {
         blocks: &arrays.blocks,
         tiles: &arrays.tiles,
@@ -96,6 +92,6 @@ fn by_sum<'a>(arrays: &'a Arrays, batch: &Batch, method: u32) -> OverlapBySum<'a
             tile_count: batch.tiles.len() as u32,
             first_member: batch.members.start as u32,
         },
-        spec: OverlapBySumSpec { workgroup: arrays.rows, columns: arrays.columns, method },
+        spec: OverlapBySumSpec { workgroup: arrays.rows, columns: arrays.columns },
     }
 }

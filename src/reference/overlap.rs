@@ -3,7 +3,7 @@
 //! With d = p_i - p_j: ln N = 3/2 ln 2 + 1/2 sum(ln s_i + ln s_j) - 1/2 ln |Si + Sj| - 1/2 d^T (Si + Sj)^-1 d.
 //! [`Form::Qr`] never forms Si + Sj: in the frame of the flatter Gaussian the 6x3 stack [diag(s_i); diag(s_j) Rj^T Ri]
 //! has a QR factor with R^T R = Ri^T (Si + Sj) Ri, so the determinant is that of R and the exponent |R^-T Ri^T d|^2.
-//! The other forms show what forming the sum costs, in float64 and in float32.
+//! The other form shows what forming the sum costs, in float64 and in float32.
 //!
 //! Householder's method is also the device's. The device's tests compare with a second twin (`tests/device/overlap/twin.rs`)
 //! that shares neither code nor method with it, and `selftest` with values that were computed elsewhere.
@@ -38,8 +38,6 @@ impl Primitive {
 pub enum Form {
     /// Householder QR of the stacked roots.
     Qr,
-    /// Cholesky of Si + Sj.
-    Cholesky,
     /// Determinant and adjugate of Si + Sj.
     Determinant,
 }
@@ -54,7 +52,6 @@ pub fn overlap_as<T: Real>(form: Form, a: &Primitive, b: &Primitive) -> f64 {
     let (a, b) = (Shape::<T>::of(a), Shape::<T>::of(b));
     let ln = match form {
         Form::Qr => qr(&a, &b),
-        Form::Cholesky => cholesky(&a, &b),
         Form::Determinant => return determinant(&a, &b).to(),
     };
     let n = ln.exp().to();
@@ -226,24 +223,6 @@ fn qr<T: Real>(a: &Shape<T>, b: &Shape<T>) -> T {
 fn sum<T: Real>(a: &Shape<T>, b: &Shape<T>) -> [Vec3<T>; 3] {
     let (x, y) = (a.covariance(), b.covariance());
     std::array::from_fn(|i| std::array::from_fn(|j| x[i][j] + y[i][j]))
-}
-
-/// ln N by Cholesky of the sum.
-fn cholesky<T: Real>(a: &Shape<T>, b: &Shape<T>) -> T {
-    let s = sum(a, b);
-    let d = difference(a, b);
-    let l00 = s[0][0].sqrt();
-    let (l10, l20) = (s[1][0] / l00, s[2][0] / l00);
-    let l11 = (s[1][1] - l10 * l10).sqrt();
-    let l21 = (s[2][1] - l20 * l10) / l11;
-    let l22 = (s[2][2] - l20 * l20 - l21 * l21).sqrt();
-    let z0 = d[0] / l00;
-    let z1 = (d[1] - l10 * z0) / l11;
-    let z2 = (d[2] - l20 * z0 - l21 * z1) / l22;
-    let quadratic = z0 * z0 + z1 * z1 + z2 * z2;
-    T::of(1.5 * std::f64::consts::LN_2) + (a.ln_volume(T::of(1.0)) + b.ln_volume(T::of(1.0))) / T::of(2.0)
-        - (l00.ln() + l11.ln() + l22.ln())
-        - quadratic / T::of(2.0)
 }
 
 /// N by determinants, as the formula is written.

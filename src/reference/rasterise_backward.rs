@@ -17,7 +17,6 @@ use super::{
     project::{Culled, Projected},
     rasterise::{Composite, walk},
 };
-use crate::kernels::constants::blending::float64::ONE_MINUS_ALPHA_FLOOR;
 use crate::scene::camera::Camera;
 
 /// Sums over one Gaussian's pixels, in one tile or in all, with h = alpha dL/dalpha (zero where alpha is clamped) and d the
@@ -106,7 +105,7 @@ pub fn rasterise_backward(
                         if s.clamped {
                             return;
                         }
-                        let h = s.alpha * (transmittance * worth - behind / (1.0 - s.alpha).max(ONE_MINUS_ALPHA_FLOOR));
+                        let h = s.alpha * (transmittance * worth - behind / (1.0 - s.alpha));
                         let d = s.offset;
                         slot.zeroth += h;
                         slot.first += h * d;

@@ -273,7 +273,11 @@ impl Renderer {
         recording.update(&self.frame.pairs.count.value, &[0, 0]);
     }
 
-    fn tiles(&self, camera: &Camera) -> usize {
+    pub(super) fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    pub(super) fn tiles(&self, camera: &Camera) -> usize {
         let tile = self.tile();
         camera.width.div_ceil(tile) as usize * camera.height.div_ceil(tile) as usize
     }

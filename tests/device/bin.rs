@@ -74,6 +74,34 @@ pub fn crowd_of_all_sizes() -> Gaussians {
     }
 }
 
+/// Counted on the twin's lists: they explain times on devices where lanes wait for one another.
+#[test]
+fn the_imbalance_of_a_picture_is_counted() {
+    let model = crowd_of_all_sizes();
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, DVec3::NEG_Y, 0.9, 333, 210);
+    let settings = qirf_vk::reference::Settings::default();
+    let twin = qirf_vk::reference::render(&qirf_vk::reference::Params::from(&model), &camera, &settings);
+    let device = opened(|options| options.tuning = Some("gpu".parse().unwrap()));
+    let resident = Resident::upload(&device, &model).unwrap();
+    let mut renderer = Renderer::new(&device, Settings::default(), model.len(), camera.width, camera.height).unwrap();
+    renderer.render(&resident, &camera).unwrap();
+    let counted = renderer.imbalance(&camera).unwrap();
+    println!("{counted:?}");
+    let lists: Vec<usize> = (0..twin.tiles.offsets.len() - 1).map(|t| twin.tiles.list(t).len()).collect();
+    let mut slots = vec![0; model.len()];
+    (0..lists.len()).flat_map(|t| twin.tiles.list(t)).for_each(|i| slots[*i as usize] += 1);
+    let (pairs, longest) = (lists.iter().sum::<usize>() as u64, lists.iter().max().copied().unwrap() as u32);
+    // Float32 may list a Gaussian in a tile that it touches with less than 1/255.
+    let near = |got: u64, right: u64| got >= right && got <= right + right / 100;
+    assert!(near(counted.tile.sum, pairs) && counted.gaussian.sum == counted.tile.sum, "{pairs} pairs");
+    assert!(near(counted.tile.most.into(), longest.into()), "{longest} in the longest list");
+    assert!(near(counted.gaussian.most.into(), slots.iter().max().copied().unwrap()));
+    assert_eq!(counted.gaussian.count, slots.iter().filter(|slots| **slots > 0).count() as u64);
+    // No order has fewer steps than pairs.
+    assert!(counted.project_backward_steps >= counted.gaussian.sum && counted.bin_steps >= counted.gaussian.sum);
+    finish(&device);
+}
+
 #[test]
 fn subgroups_bin_what_invocations_would() {
     let model = crowd_of_all_sizes();

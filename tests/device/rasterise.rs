@@ -95,19 +95,8 @@ fn errors(got: impl Iterator<Item = f32>, expected: &[f64]) -> (f64, f64, f64) {
 
 #[test]
 fn golden_pictures() {
-    draws(Case::here());
-}
-
-#[test]
-fn golden_pictures_of_the_shared_data() {
-    if let Some(cases) = Case::shared() {
-        draws(cases);
-    }
-}
-
-fn draws(cases: Vec<Case>) {
     let device = device();
-    for case in cases {
+    for case in Case::all() {
         let settings = case.device_settings();
         let twin_settings = reference::Settings {
             background: case.settings.background,
@@ -143,13 +132,8 @@ fn draws(cases: Vec<Case>) {
 
 #[test]
 fn another_engines_picture() {
-    draws_as_another_engine("tiny", &Fixture::tiny());
-}
-
-#[test]
-fn another_engines_picture_of_the_shared_data() {
-    if let Some(fixture) = Fixture::basic() {
-        draws_as_another_engine("basic", &fixture);
+    for (name, fixture) in Fixture::all() {
+        draws_as_another_engine(name, &fixture);
     }
 }
 

@@ -197,7 +197,7 @@ struct House {
     sources: Vec<String>,
     tests: Vec<(String, String)>,
     benches: String,
-    host: String,
+    host: Vec<(String, String)>,
 }
 
 impl House {
@@ -206,7 +206,7 @@ impl House {
         let sources = files("src", "rs");
         let host = sources.iter().filter(|p| !matches!(room(p), "reference" | "selftest" | "cli" | "report"));
         Self {
-            host: host.map(|p| code(p)).collect::<Vec<_>>().join("\n"),
+            host: host.map(|p| (p.clone(), code(p))).collect(),
             tests: with_text(files("tests", "rs")),
             benches: files("benches", "rs").iter().map(|p| text(p)).collect::<Vec<_>>().join("\n"),
             sources,
@@ -216,24 +216,22 @@ impl House {
     fn has(&self, shader: &str, place: Place) -> bool {
         let (room, stage) = shader.split_once('/').expect("room/stage");
         let label = format!("\"{}\"", stage.replace('_', " "));
+        let here = format!("src/{room}/");
         let rendered = qirf_vk::render::STAGES.iter().chain(&qirf_vk::render::BACKWARD_STAGES);
         match place {
             Place::Host => {
-                let (room, names) = (format!("src/{room}/"), [format!("/{stage}.rs"), format!("/{stage}/mod.rs")]);
-                self.sources.iter().any(|p| p.starts_with(&room) && names.iter().any(|name| p.ends_with(name)))
+                let names = [format!("/{stage}.rs"), format!("/{stage}/mod.rs")];
+                self.sources.iter().any(|p| p.starts_with(&here) && names.iter().any(|name| p.ends_with(name)))
             }
             Place::Twin => self.sources.contains(&format!("src/reference/{stage}.rs")),
             Place::Test => self.tests.iter().any(|(path, text)| {
                 Path::new(path).file_stem().is_some_and(|s| s == stage)
-                    || text
-                        .split("#[test]\nfn ")
-                        .skip(1)
-                        .any(|t| t.split('(').next().is_some_and(|f| f.contains(stage)))
+                    || text.split("#[test]\nfn ").skip(1).any(|t| t.starts_with(&format!("{stage}_")))
             }),
             Place::Bench => {
                 self.benches.contains(&label) || rendered.into_iter().any(|s| *s == stage.replace('_', " "))
             }
-            Place::Label => self.host.contains(&label),
+            Place::Label => self.host.iter().any(|(path, code)| path.starts_with(&here) && code.contains(&label)),
         }
     }
 }

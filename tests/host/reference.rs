@@ -31,18 +31,7 @@ fn interleaved_sh(params: &Params) -> Vec<f64> {
 
 #[test]
 fn golden_cases() {
-    agrees_with(Case::here());
-}
-
-#[test]
-fn golden_cases_of_the_shared_data() {
-    if let Some(cases) = Case::shared() {
-        agrees_with(cases);
-    }
-}
-
-fn agrees_with(cases: Vec<Case>) {
-    for case in cases {
+    for case in Case::all() {
         let params = Params::from(&case.model);
         let (mut sum, mut contribution) = (params.zeros_like(), vec![0.0; params.len()]);
         let (mut image_error, mut alpha_error, mut loss_value) = (0f64, 0f64, 0.0);
@@ -80,13 +69,8 @@ fn agrees_with(cases: Vec<Case>) {
 
 #[test]
 fn another_engines_gradients() {
-    agrees_with_another_engine("tiny", &Fixture::tiny());
-}
-
-#[test]
-fn another_engines_gradients_of_the_shared_data() {
-    if let Some(fixture) = Fixture::basic() {
-        agrees_with_another_engine("basic", &fixture);
+    for (name, fixture) in Fixture::all() {
+        agrees_with_another_engine(name, &fixture);
     }
 }
 

@@ -4,16 +4,13 @@ use super::run::{command, metrics, model, scene, works};
 use qirf_vk::pipeline::run_log::LogLine;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::process::Command;
 
-/// Starts a run and kills it after `after` milliseconds by a signal that cannot be caught.
-fn killed(scene: &Path, out: &Path, after: u64) {
-    let mut command = command(scene, out, &["--resume"]);
-    let mut child: Child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts");
-    std::thread::sleep(Duration::from_millis(after));
-    let _ = child.kill();
-    child.wait().expect("it ends");
+/// Runs a command that is killed at its submission number `at`. Returns false if it ended before.
+fn killed(command: &mut Command, at: u32) -> bool {
+    let ended = command.env("QIRF_DEVICE_FAULT", format!("submit:{at}:kill")).output().expect("the program starts");
+    assert!(ended.status.success() || ended.status.code().is_none(), "{}", String::from_utf8_lossy(&ended.stderr));
+    !ended.status.success()
 }
 
 #[test]
@@ -22,11 +19,9 @@ fn killed_and_resumed_it_ends_with_the_same_bytes() {
     let scene = scene(folder.path());
     let (whole, broken) = (folder.path().join("whole"), folder.path().join("broken"));
     works(&mut command(&scene, &whole, &[]));
-    for moment in 0..10_u64 {
-        if broken.join("metrics.json").exists() {
-            break;
-        }
-        killed(&scene, &broken, 300 + moment * 397 % 1500);
+    // An iteration is a submission: without a checkpoint, soon after one, and long after.
+    for at in [5, 70, 50, 95, 60] {
+        assert!(killed(&mut command(&scene, &broken, &["--resume"]), at), "it had ended before submission {at}");
     }
     works(&mut command(&scene, &broken, &["--resume"]));
     assert_eq!(model(&whole), model(&broken));
@@ -54,17 +49,12 @@ fn killed_among_the_last_iterates_it_ends_with_the_same_bytes() {
         run
     };
     let checkpoint = broken.join("checkpoint.safetensors");
-    for _ in 0..5 {
+    // Nothing but the six iterations after the checkpoint lies between two attempts.
+    let mut at = 234;
+    while !checkpoint.exists() {
         let _ = std::fs::remove_dir_all(&broken);
-        let mut child = run().stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts");
-        while child.try_wait().unwrap().is_none() && !checkpoint.exists() {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        let _ = child.kill();
-        child.wait().expect("it ends");
-        if checkpoint.exists() {
-            break;
-        }
+        assert!(killed(&mut run(), at), "no checkpoint before submission {at}");
+        at += 6;
     }
     assert!(Snapshot::read(&checkpoint).expect("a checkpoint").mean.is_some_and(|mean| mean.iterates == 6));
     works(run().arg("--resume"));

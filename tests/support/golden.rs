@@ -1,7 +1,7 @@
 //! Readers for the golden cases of `tests/golden` and of the shared data: just enough PLY, COLMAP text and raw float32 for
 //! tests that must not trust the engine's own.
 
-use super::{shared, source};
+use super::{shared_as_well, source};
 
 use std::{
     fs,
@@ -26,10 +26,11 @@ impl Case {
         folders(&here()).map(Self::read).collect()
     }
 
-    /// The other cases of the shared data; none if those are missing.
-    pub fn shared() -> Option<Vec<Self>> {
+    /// These, and the other cases of the shared data where there are some.
+    pub fn all() -> Vec<Self> {
         let known = |path: &PathBuf| path.file_name().is_some_and(|name| here().join(name).is_dir());
-        Some(folders(&shared("golden")?).filter(|path| !known(path)).map(Self::read).collect())
+        let shared = shared_as_well("golden").into_iter().flat_map(|root| folders(&root).collect::<Vec<_>>());
+        Self::here().into_iter().chain(shared.filter(|path| !known(path)).map(Self::read)).collect()
     }
 
     fn read(folder: PathBuf) -> Self {
@@ -150,14 +151,11 @@ pub struct Fixture {
 }
 
 impl Fixture {
-    /// Four Gaussians, of the source tree.
-    pub fn tiny() -> Self {
-        Self::read(&here().join("another-engine/tiny_case.safetensors"))
-    }
-
-    /// Sixteen Gaussians, of the shared data; none if those are missing.
-    pub fn basic() -> Option<Self> {
-        Some(Self::read(&shared("fixtures/gsplat-cuda-gradients/basic_case.safetensors")?))
+    /// By name: four Gaussians of the source tree, and sixteen of the shared data where they are.
+    pub fn all() -> Vec<(&'static str, Self)> {
+        let tiny = Self::read(&here().join("another-engine/tiny_case.safetensors"));
+        let basic = shared_as_well("fixtures/gsplat-cuda-gradients/basic_case.safetensors");
+        [("tiny", tiny)].into_iter().chain(basic.map(|path| ("basic", Self::read(&path)))).collect()
     }
 
     fn read(path: &Path) -> Self {

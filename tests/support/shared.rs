@@ -7,13 +7,26 @@ use std::path::PathBuf;
 /// A path below the folder of shared data (`../shared`, or `QIRF_SHARED`); none if it is missing, and the test is
 /// skipped.
 pub fn shared(part: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("QIRF_SHARED").map_or_else(|| source("../shared"), PathBuf::from);
-    let path = root.join(part);
+    let path = shared_root().join(part);
     if path.exists() {
         return Some(path);
     }
     skip("no shared data");
     None
+}
+
+/// The same for the larger part of a test that runs without them: that part is skipped.
+pub fn shared_as_well(part: &str) -> Option<PathBuf> {
+    let path = shared_root().join(part);
+    if path.exists() {
+        return Some(path);
+    }
+    skip("in part: no shared data");
+    None
+}
+
+fn shared_root() -> PathBuf {
+    std::env::var_os("QIRF_SHARED").map_or_else(|| source("../shared"), PathBuf::from)
 }
 
 /// A path in the source tree, or in `QIRF_SOURCE` where the tests run without one (`tools/gpu-report`).
@@ -22,7 +35,7 @@ pub fn source(part: &str) -> PathBuf {
     PathBuf::from(root).join(part)
 }
 
-/// Notes that the running test is skipped. `tools/test` counts the lines: libtest itself counts the test as passed.
+/// Notes that the running test, or a part of it, is skipped. `tools/test` counts the lines: libtest itself counts the test as passed.
 pub fn skip(reason: &str) {
     println!("skipped: {reason}");
     if std::env::var_os("QIRF_SOURCE").is_some() {

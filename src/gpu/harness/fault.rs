@@ -24,10 +24,13 @@ pub enum Answer {
     DeviceMemory,
     /// Nothing, for ever (waits only).
     Hang,
+    /// Nothing: the process ends on the spot, as when it is killed.
+    Kill,
 }
 
 /// One fault, once: in `QIRF_DEVICE_FAULT` its text is `CALL:N:ANSWER`, as in `submit:12:lost`. CALL is `submit` or `wait`; N
-/// counts such calls of the process's device from 1; ANSWER is `lost`, `host-memory`, `device-memory` or, of waits, `hang`.
+/// counts such calls of the process's device from 1; ANSWER is `lost`, `host-memory`, `device-memory`, `kill`
+/// or, of waits, `hang`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// The call that fails.
@@ -54,8 +57,11 @@ impl FromStr for Fault {
             "lost" => Answer::Lost,
             "host-memory" => Answer::HostMemory,
             "device-memory" => Answer::DeviceMemory,
+            "kill" => Answer::Kill,
             "hang" if call == Call::Wait => Answer::Hang,
-            other => return Err(format!("'{other}' is none of lost, host-memory, device-memory and (of waits) hang")),
+            other => {
+                return Err(format!("'{other}' is none of lost, host-memory, device-memory, kill and (of waits) hang"));
+            }
         };
         Ok(Self { call, number, answer })
     }
@@ -89,6 +95,7 @@ impl Faults {
             Answer::HostMemory => Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY),
             Answer::DeviceMemory => Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY),
             Answer::Hang => Err(vk::Result::TIMEOUT),
+            Answer::Kill => std::process::abort(),
         }
     }
 }

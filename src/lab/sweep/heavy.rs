@@ -1,10 +1,9 @@
 //! The axes whose rungs are trainings: kept shares and selectors from one checkpoint, lengths and effects as separate
 //! runs.
 
-use super::asked::Asked;
-use super::axis::Axis;
+use super::axis::{Asked, Axis};
 use super::records::{AxisRecord, Better, RungRecord};
-use super::rung::Rung;
+use super::rung::{Rung, share};
 use super::timing::{Spread, Timed};
 use crate::effects::{Choice, Decision, Effect, Trigger};
 use crate::lab::compare::{Arm, ArmRecord, CompareRecord, compare};
@@ -34,19 +33,15 @@ fn once(seconds: Option<f64>) -> Timed {
     Timed { device: None, wall: seconds.and_then(|s| Spread::of(vec![s])) }
 }
 
-/// The rungs of keep or selector, each with the name of its arm; rungs of the same meaning share an arm. Empty for
-/// other axes.
+/// The rungs of keep or selector, each with the name of its arm; rungs of the same meaning share an arm.
 fn arms_of(asked: &Asked, given: Keep) -> Vec<(&str, String)> {
-    let kept = |rung: &Rung<f64>| match rung.value {
-        1.0 => "dense".to_owned(),
-        share if given == Keep::Share(share) => "default".to_owned(),
-        _ => format!("default@{}", rung.name),
+    let arm = |name: &str| match (asked.axis, share(name)) {
+        (Axis::Keep, Some(1.0)) => "dense".to_owned(),
+        (Axis::Keep, Some(share)) if given == Keep::Share(share) => "default".to_owned(),
+        (Axis::Keep, _) => format!("default@{name}"),
+        _ => name.to_owned(),
     };
-    match asked {
-        Asked::Keep(rungs) => rungs.iter().map(|rung| (rung.name.as_str(), kept(rung))).collect(),
-        Asked::Selector(rungs) => rungs.iter().map(|rung| (rung.name.as_str(), rung.name.clone())).collect(),
-        _ => Vec::new(),
-    }
+    asked.rungs.iter().map(|name| (name.as_str(), arm(name))).collect()
 }
 
 /// Measures keep and selector, one or both, from one checkpoint at the prune point; nothing if neither is requested.
@@ -55,7 +50,7 @@ fn arms_of(asked: &Asked, given: Keep) -> Vec<(&str, String)> {
 /// Those of a comparison.
 pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let given = &training.pruning.compression;
-    let asked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis(), Axis::Keep | Axis::Selector)).collect();
+    let asked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis, Axis::Keep | Axis::Selector)).collect();
     if asked.is_empty() {
         return Ok(Vec::new());
     }
@@ -68,7 +63,7 @@ pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord
     let pruning = Pruning { compression: PruneRule::default(), ..training.pruning.clone() };
     let shared = training.config.clone().pruned(pruning);
     let compared = compare(&training.session, &shared, &arms, &training.folder.join("fork"), false)?;
-    Ok(asked.iter().map(|asked| of_arms(asked.axis(), &arms_of(asked, given.keep), &compared)).collect())
+    Ok(asked.iter().map(|asked| of_arms(asked.axis, &arms_of(asked, given.keep), &compared)).collect())
 }
 
 /// An axis whose rungs are all arms of a comparison.

@@ -1,7 +1,6 @@
 //! `qirf-vk sweep`: the cost of accuracy in time. Each axis of the engine is measured rung by rung in one process on
 //! one device.
 
-pub mod asked;
 pub mod axis;
 mod blocks;
 mod epsilon;
@@ -16,8 +15,7 @@ mod solver;
 pub mod subject;
 pub mod timing;
 
-pub use asked::Asked;
-pub use axis::Axis;
+pub use axis::{Asked, Axis};
 pub use records::{AxisRecord, Described, SweepRecord};
 pub use subject::Subject;
 
@@ -50,16 +48,9 @@ pub struct Context<'a> {
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
 pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>, Error> {
+    let Some(measure) = asked.axis.measure() else { return Ok(None) };
     let begun = Instant::now();
-    let mut axis = match asked {
-        Asked::Solver(rungs) => solver::measure(context, rungs),
-        Asked::Overlap(rungs) => overlap::measure(context, rungs),
-        Asked::Epsilon(rungs) => epsilon::measure(context, rungs),
-        Asked::Culling(rungs) => pictures::culling(context, rungs),
-        Asked::Stop(rungs) => pictures::stop(context, rungs),
-        Asked::Gradients(rungs) => gradients::measure(context, rungs),
-        Asked::Keep(_) | Asked::Selector(_) | Asked::Iterations(_) | Asked::Effects(_) => return Ok(None),
-    }?;
+    let mut axis = measure(context, &asked.rungs)?;
     axis.seconds = begun.elapsed().as_secs_f64();
     context.session.watcher.note(&format!("{}: {:.1} s. {}", axis.axis.name(), axis.seconds, axis.sentence));
     Ok(Some(axis))
@@ -78,9 +69,9 @@ pub fn heavy(training: &heavy::Training<'_>, asked: &[Asked]) -> Result<Vec<Axis
     }
     for asked in asked {
         let begun = Instant::now();
-        let axis = match asked {
-            Asked::Iterations(rungs) => heavy::iterations(training, rungs)?,
-            Asked::Effects(rungs) => heavy::effects(training, rungs)?,
+        let axis = match asked.axis {
+            Axis::Iterations => heavy::iterations(training, &asked.values(rung::fraction))?,
+            Axis::Effects => heavy::effects(training, &asked.values(|name| rung::switch(name).ok()))?,
             _ => continue,
         };
         out.push(AxisRecord { seconds: begun.elapsed().as_secs_f64(), ..axis });

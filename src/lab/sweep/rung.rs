@@ -16,6 +16,11 @@ pub struct Rung<T> {
     pub value: T,
 }
 
+/// The rungs of these names; a name without a value is left out, since the parser of `--axis` refuses it.
+pub(super) fn rungs<T>(names: &[String], read: impl Fn(&str) -> Option<T>) -> Vec<Rung<T>> {
+    names.iter().filter_map(|name| Some(Rung { name: name.clone(), value: read(name)? })).collect()
+}
+
 /// A rung of the overlap axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Formula {
@@ -30,7 +35,6 @@ impl Formula {
         match name {
             "qr-f64" => Some(Self::Twin),
             "qr" => Some(Self::Device(Method::Qr)),
-            "cholesky" => Some(Self::Device(Method::CholeskyOfSum)),
             "determinant" => Some(Self::Device(Method::Determinant)),
             _ => None,
         }

@@ -1,0 +1,99 @@
+//! How unequal a picture's parts are: counts that explain times, and the same on every device of one tuning.
+
+use super::Renderer;
+use crate::gpu::Result;
+use crate::scene::camera::Camera;
+use serde::Serialize;
+
+/// Lanes that work in step on most GPUs.
+const LANES: usize = 32;
+
+/// How the parts of a whole are distributed.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Distribution {
+    /// Parts that are not empty.
+    pub count: u64,
+    /// Their sum.
+    pub sum: u64,
+    /// The median part.
+    pub p50: u32,
+    /// The part that 99 % of the others do not exceed.
+    pub p99: u32,
+    /// The largest part.
+    pub most: u32,
+}
+
+impl Distribution {
+    fn of(parts: impl Iterator<Item = u32>) -> Self {
+        let mut parts: Vec<u32> = parts.filter(|part| *part > 0).collect();
+        parts.sort_unstable();
+        let at = |share: f64| parts.get(((parts.len().max(1) - 1) as f64 * share) as usize).copied().unwrap_or(0);
+        let sum = parts.iter().map(|part| u64::from(*part)).sum();
+        Self { count: parts.len() as u64, sum, p50: at(0.5), p99: at(0.99), most: at(1.0) }
+    }
+}
+
+/// Counts of the picture drawn last.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Imbalance {
+    /// Gaussians in a tile's list.
+    pub tile: Distribution,
+    /// Tiles of a Gaussian.
+    pub gaussian: Distribution,
+    /// Steps of lanes, busy or idle, in which the projection's backward pass adds up slots: 32 Gaussians in the model's order take
+    /// as many as the one with the most slots, unless a subgroup shares it. `gaussian.sum` if no lane ever waits.
+    pub project_backward_steps: u64,
+    /// The same for binning, which takes Gaussians from near to far.
+    pub bin_steps: u64,
+}
+
+/// Steps of lanes over these numbers of slots; from `many` on (0: never) a subgroup shares a Gaussian's.
+fn steps(slots: &[u32], many: u32) -> u64 {
+    let of_group = |group: &[u32]| {
+        let shared = |slots: u32| many > 0 && slots >= many;
+        let alone = group.iter().copied().filter(|slots| !shared(*slots)).max().unwrap_or(0);
+        let together = group.iter().copied().filter(|slots| shared(*slots));
+        let rounds = u64::from(alone) + together.map(|slots| u64::from(slots).div_ceil(LANES as u64)).sum::<u64>();
+        LANES as u64 * rounds
+    };
+    slots.chunks(LANES).map(of_group).sum()
+}
+
+impl Renderer {
+    /// Counts of the picture drawn last, by this camera.
+    ///
+    /// # Errors
+    /// Device errors.
+    pub fn imbalance(&self, camera: &Camera) -> Result<Imbalance> {
+        let (device, frame) = (self.device(), self.frame());
+        let many = device.tuning().bin_many;
+        let tiles = self.tiles(camera);
+        let starts = frame.starts.read_first(device, tiles + 1)?;
+        let (slots, depths) = (frame.tile_counts.read(device)?, frame.depth.read(device)?);
+        let mut order: Vec<usize> = (0..slots.len()).filter(|i| slots[*i] > 0).collect();
+        order.sort_by_key(|i| (depths[*i], *i));
+        let near_to_far: Vec<u32> = order.into_iter().map(|i| slots[i]).collect();
+        Ok(Imbalance {
+            tile: Distribution::of(starts.windows(2).map(|range| range[1] - range[0])),
+            gaussian: Distribution::of(slots.iter().copied()),
+            project_backward_steps: steps(&slots, many),
+            bin_steps: steps(&near_to_far, many),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_and_distributions() {
+        let mut slots = vec![1; 64];
+        (slots[3], slots[40]) = (20, 100);
+        assert_eq!(steps(&slots, 0), 32 * (20 + 100));
+        assert_eq!(steps(&slots, 32), 32 * (20 + 1 + 4));
+        let expected = Distribution { count: 4, sum: 110, p50: 3, p99: 4, most: 100 };
+        assert_eq!(Distribution::of([0, 100, 3, 0, 4, 3].into_iter()), expected);
+        assert_eq!(Distribution::of([0].into_iter()), Distribution::default());
+    }
+}
