@@ -10,7 +10,7 @@ use qirf_vk::qirf::overlap::{Method, Metric};
 use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::plan::triangle;
 use qirf_vk::qirf::rrdm::Density;
-use qirf_vk::render::{BACKWARD_STAGES, Backward, Renderer, STAGES, Settings};
+use qirf_vk::render::{BACKWARD_STAGES, Backward, STAGES, Settings, TrainingRenderer};
 use qirf_vk::response::{Gather, HighPass, ResidentResponses, ResidentScores};
 use std::time::{Duration, Instant};
 
@@ -88,7 +88,7 @@ pub fn responses(criterion: &mut Criterion) {
     let model = scenes::crowd(20_000, 3, 1.0, 6);
     let camera = scenes::camera(320, 240, 0.0);
     let resident = Resident::upload(device, &model).unwrap();
-    let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), [320, 240], 1 << 20).unwrap();
+    let mut renderer = TrainingRenderer::new(device, Settings::default(), model.len(), [320, 240], 1 << 20).unwrap();
     renderer.make_room(&resident, &camera).unwrap();
     renderer.make_room_for_responses().unwrap();
     let gradient = device.buffer("image gradient", 320 * 240).unwrap();

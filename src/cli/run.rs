@@ -36,12 +36,9 @@ const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --size 5MB            # and model.sog of at most 5 MB
   qirf-vk run --config trained/config.toml -o again
 
-<<<<<<< HEAD
 The folder holds model.ply, report.html, metrics.json, log.jsonl, renders/ and config.toml, which reproduces the run.
-=======
-The folder holds model.ply, report.html, metrics.json, renders/ and config.toml, which reproduces the run. `qirf-vk compare --help` lists further
-options, for experiments.
->>>>>>> 602198e (Gradients are checked Gaussian by Gaussian; kills are aimed at submissions; axes of sweep are one table; one walk of a tile by a subgroup; overlaps by Cholesky of the sum go; counts of imbalance and a training stage in the GPU kit)
+
+Options for experiments, such as --solver, are in `qirf-vk compare --help`; run takes them, too.
 
 Photos without poses, and videos, first get poses as by `qirf-vk pose`; their scene is then in the folder's scene/.";
 

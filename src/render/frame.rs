@@ -59,6 +59,11 @@ impl Uses {
         if self.purpose == Purpose::Training { GRADIENT_ROW * gaussians } else { 1 }
     }
 
+    /// Slots with sums: one for all without scores.
+    fn slots(self, pairs: usize) -> usize {
+        if self.purpose == Purpose::Pictures { 1 } else { pairs }
+    }
+
     /// Bytes of a Gaussian in the array that has most of them.
     pub(super) fn row_bytes(self) -> usize {
         size_of::<[f32; 4]>().max(self.gradients(1) * size_of::<f32>())
@@ -96,14 +101,14 @@ pub(super) struct PairBuffers {
     pub sort: Sort,
     /// Tile of each slot, if tiles have a depth order of their own.
     pub tiles: Option<Buffer<u32>>,
-    pub sums: Option<SlotSums>,
+    pub sums: SlotSums,
 }
 
 impl PairBuffers {
     /// Bytes of [`PairBuffers::new`].
     pub fn bytes(device: &Device, capacity: u32, uses: Uses) -> u64 {
         let n = capacity as usize;
-        let sums = if uses.purpose >= Purpose::Scores { SlotSums::bytes(n, uses.responses) } else { 0 };
+        let sums = SlotSums::bytes(uses.slots(n), uses.responses);
         let lists = Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(n) + Sort::bytes(device, capacity);
         let tiles = if uses.style.depth_order { Buffer::<u32>::bytes_of(n) } else { 0 };
         Count::bytes() + lists + tiles + sums
@@ -118,7 +123,7 @@ impl PairBuffers {
             owners: device.buffer("pair owners", n)?,
             sort: Sort::new(device, capacity)?,
             tiles: uses.style.depth_order.then(|| device.buffer("pair tiles", n)).transpose()?,
-            sums: (uses.purpose >= Purpose::Scores).then(|| SlotSums::new(device, n, uses.responses)).transpose()?,
+            sums: SlotSums::new(device, uses.slots(n), uses.responses)?,
         })
     }
 }

@@ -65,7 +65,7 @@ impl Renderer {
     /// # Errors
     /// Device errors.
     pub fn imbalance(&self, camera: &Camera) -> Result<Imbalance> {
-        let (device, frame) = (self.device(), self.frame());
+        let (device, frame) = (self.device(), &self.frame);
         let many = device.tuning().bin_many;
         let tiles = self.tiles(camera);
         let starts = frame.starts.read_first(device, tiles + 1)?;

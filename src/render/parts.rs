@@ -148,22 +148,23 @@ impl<'a> Parts<'a> {
     ///
     /// # Errors
     /// Those of `body`; what a single tile shows is too much for the device.
-    pub fn for_each<E: From<Error>>(
+    pub fn for_each<R: AsMut<Renderer>, E: From<Error>>(
         &mut self,
-        renderer: &mut Renderer,
+        renderer: &mut R,
         camera: &Camera,
         whole: bool,
-        body: &mut dyn FnMut(&mut Renderer, &Part<'_>) -> std::result::Result<Outcome, E>,
+        body: &mut dyn FnMut(&mut R, &Part<'_>) -> std::result::Result<Outcome, E>,
     ) -> std::result::Result<(), E> {
         let all: Vec<u32> = (0..self.model.len() as u32).collect();
         let mut open = vec![(camera.clone(), all)];
         while let Some((camera, candidates)) = open.pop() {
-            let members = frustum::visible(self.model, &candidates, &camera, renderer.settings());
+            let of = renderer.as_mut();
+            let members = frustum::visible(self.model, &candidates, &camera, of.settings());
             drop(candidates);
-            let halves = if whole { None } else { halves(&camera, renderer.tile()) };
-            if halves.is_none() || self.fits(renderer, &camera, members.len()) {
+            let halves = if whole { None } else { halves(&camera, of.tile()) };
+            if halves.is_none() || self.fits(of, &camera, members.len()) {
                 let picked: Vec<usize> = members.iter().map(|i| *i as usize).collect();
-                let outcome = match Outcome::of(Resident::upload(renderer.device(), &self.model.select(&picked)))? {
+                let outcome = match Outcome::of(Resident::upload(of.device(), &self.model.select(&picked)))? {
                     Err(too_many) => too_many,
                     Ok(model) => {
                         let part = Part { camera: camera.clone(), members: &members, model: &model };

@@ -1,10 +1,8 @@
 //! Buffers of one frame, and the lists of its stages forward and backward.
 
-use super::backward::{Backward, BackwardCounts, Pass};
 use super::frame::{Frame, Launch, PairBuffers, Purpose, Uses};
 use super::settings::{Settings, view};
-use super::slots::{GradientRows, Slots};
-use super::{bin, project, project_backward, rasterise, rasterise_backward, rasterise_backward_atomic};
+use super::{bin, project, rasterise};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Error, Recording, Result, Timings};
 use crate::scene::camera::Camera;
@@ -12,14 +10,8 @@ use crate::scene::camera::Camera;
 /// The stages of a frame, in order: scope names of its timings.
 pub const STAGES: [&str; 5] = ["project", "depth sort", "bin", "tile sort", "rasterise"];
 
-/// The stages of the backward pass, in order.
-pub const BACKWARD_STAGES: [&str; 2] = ["rasterise backward", "project backward"];
-
 /// Least initial capacity in (tile, Gaussian) pairs.
 pub const LEAST_PAIRS: u32 = 1 << 14;
-
-/// Message of the panic if a renderer was not made for training.
-const FOR_TRAINING: &str = "a renderer for training";
 
 /// A rendered picture on the host.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,15 +35,19 @@ pub enum Settled {
     TooMany(Error),
 }
 
-/// Renders models; its buffers grow with the numbers of Gaussians and pixels.
+/// Renders models; its buffers grow with the numbers of Gaussians and pixels. [`super::TrainingRenderer`] also runs the backward pass.
 pub struct Renderer {
-    device: Device,
-    launch: Launch,
-    frame: Frame,
+    pub(super) device: Device,
+    pub(super) launch: Launch,
+    pub(super) frame: Frame,
     gaussians: usize,
-    uses: Uses,
-    /// Counters of the backward passes, see [`BackwardCounts`]; only for training.
-    guards: Option<Buffer<u32>>,
+    pub(super) uses: Uses,
+}
+
+impl AsMut<Self> for Renderer {
+    fn as_mut(&mut self) -> &mut Self {
+        self
+    }
 }
 
 impl Renderer {
@@ -64,35 +60,7 @@ impl Renderer {
         Self::with(device, settings, gaussians, ([width, height], pairs), Purpose::Pictures)
     }
 
-    /// A renderer that also runs the backward pass, with an initial capacity of `pairs` (tile, Gaussian) pairs.
-    ///
-    /// # Errors
-    /// Device memory.
-    pub fn for_training(
-        device: &Device,
-        settings: Settings,
-        gaussians: usize,
-        size: [u32; 2],
-        pairs: u32,
-    ) -> Result<Self> {
-        Self::with(device, settings, gaussians, (size, pairs), Purpose::Training)
-    }
-
-    /// A renderer whose pictures can be scored, with an initial capacity of `pairs` (tile, Gaussian) pairs.
-    ///
-    /// # Errors
-    /// Device memory.
-    pub fn for_scores(
-        device: &Device,
-        settings: Settings,
-        gaussians: usize,
-        size: [u32; 2],
-        pairs: u32,
-    ) -> Result<Self> {
-        Self::with(device, settings, gaussians, (size, pairs), Purpose::Scores)
-    }
-
-    fn with(
+    pub(super) fn with(
         device: &Device,
         settings: Settings,
         gaussians: usize,
@@ -104,15 +72,14 @@ impl Renderer {
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
         let uses = Uses { purpose, responses: purpose == Purpose::Scores, style: settings.style };
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, uses)?;
-        let guards = (purpose == Purpose::Training).then(|| device.upload("guards", &[0, 0])).transpose()?;
-        Ok(Self { device: device.clone(), launch, frame, gaussians, uses, guards })
+        Ok(Self { device: device.clone(), launch, frame, gaussians, uses })
     }
 
     /// Bytes of a renderer with room for the given numbers of Gaussians and pairs, and one `width` x `height` picture.
     pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, uses: Uses) -> u64 {
         let tile = device.tuning().tile;
         let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
-        let guards = if uses.purpose == Purpose::Training { Buffer::<u32>::bytes_of(2) } else { 0 };
+        let guards = if uses.purpose == Purpose::Pictures { 0 } else { Buffer::<u32>::bytes_of(2) };
         Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, uses) + guards
     }
 
@@ -241,26 +208,6 @@ impl Renderer {
         Ok(())
     }
 
-    /// Makes room for the sums from which responses and scores are gathered; only for training.
-    ///
-    /// # Errors
-    /// Device memory.
-    ///
-    /// # Panics
-    /// If the renderer was not made [`Renderer::for_training`].
-    pub fn make_room_for_responses(&mut self) -> Result<()> {
-        self.uses.responses = true;
-        self.frame.pairs.sums.as_mut().expect(FOR_TRAINING).make_room_for_responses(&self.device)
-    }
-
-    /// Frees the memory of [`Renderer::make_room_for_responses`], which no recording may use any more.
-    pub fn free_responses(&mut self) {
-        self.uses.responses = false;
-        if let Some(sums) = &mut self.frame.pairs.sums {
-            sums.free_responses();
-        }
-    }
-
     fn rebuild(&mut self, gaussians: usize, (pixels, tiles): (usize, usize), pairs: u32) -> Result<()> {
         self.frame = Frame::new(&self.device, gaussians, pixels, tiles, pairs, self.uses)?;
         self.gaussians = gaussians;
@@ -271,10 +218,6 @@ impl Renderer {
     /// have no effect.
     pub fn reset_overflow(&self, recording: &mut Recording) {
         recording.update(&self.frame.pairs.count.value, &[0, 0]);
-    }
-
-    pub(super) fn frame(&self) -> &Frame {
-        &self.frame
     }
 
     pub(super) fn tiles(&self, camera: &Camera) -> usize {
@@ -305,70 +248,6 @@ impl Renderer {
         let (launch, frame) = (&self.launch, &self.frame);
         let tiles = self.tiles(camera) as u32;
         recording.scope(STAGES[4], |r| rasterise::record(r, launch, frame, bin::sorted(frame, tiles), tiles));
-    }
-
-    /// Records the backward pass of the picture recorded before it: from the gradients by its pixels to one row of
-    /// gradients per Gaussian, see [`Renderer::gradient_rows`].
-    ///
-    /// # Panics
-    /// If the renderer was not made [`Renderer::for_training`].
-    pub fn record_backward(
-        &self,
-        recording: &mut Recording,
-        model: &Resident,
-        camera: &Camera,
-        image_gradient: &Buffer<[f32; 4]>,
-        backward: Backward<'_>,
-    ) {
-        let (launch, frame) = (&self.launch, &self.frame);
-        let tiles = self.tiles(camera) as u32;
-        let pass = Pass { launch, frame, image_gradient, tiles, options: backward };
-        let sums = recording.scope(BACKWARD_STAGES[0], |r| match backward.atomics {
-            Some(atomics) => rasterise_backward_atomic::record(r, &pass, atomics),
-            None => rasterise_backward::record(r, &pass, frame.pairs.sums.as_ref().expect(FOR_TRAINING)),
-        });
-        let guards = self.guards.as_ref().expect(FOR_TRAINING);
-        recording.scope(BACKWARD_STAGES[1], |r| project_backward::record(r, &pass, &sums, model, guards));
-    }
-
-    /// Records the reset of [`Renderer::backward_counts`].
-    ///
-    /// # Panics
-    /// If the renderer was not made [`Renderer::for_training`].
-    pub fn reset_backward_counts(&self, recording: &mut Recording) {
-        recording.update(self.guards.as_ref().expect(FOR_TRAINING), &[0, 0]);
-    }
-
-    /// Counters of the backward passes since their last reset.
-    ///
-    /// # Errors
-    /// Device errors.
-    ///
-    /// # Panics
-    /// If the renderer was not made [`Renderer::for_training`].
-    pub fn backward_counts(&self) -> Result<BackwardCounts> {
-        Ok(BackwardCounts::of(&self.guards.as_ref().expect(FOR_TRAINING).read(&self.device)?))
-    }
-
-    /// Buffers of [`super::Counters`] and how many words of each belong to them: those of the backward passes, and of the pairs.
-    ///
-    /// # Panics
-    /// If the renderer was not made [`Renderer::for_training`].
-    pub fn counters(&self) -> [(&Buffer<u32>, usize); 2] {
-        [(self.guards.as_ref().expect(FOR_TRAINING), 2), (&self.frame.pairs.count.value, 2)]
-    }
-
-    /// The rows of gradients written by the backward pass.
-    pub fn gradient_rows(&self) -> GradientRows<'_> {
-        GradientRows::new(&self.frame)
-    }
-
-    /// Results per (tile, Gaussian) slot of the passes recorded before, for kernels of higher floors.
-    ///
-    /// # Panics
-    /// If the renderer was not made [`Renderer::for_training`].
-    pub fn slots(&self, camera: &Camera) -> Slots<'_> {
-        Slots::new(&self.launch, &self.frame, self.tiles(camera) as u32)
     }
 
     /// The picture drawn last, in device memory: row by row, red, green, blue, alpha.

@@ -98,7 +98,7 @@ impl SlotSums {
     /// Sums of T alpha, alpha and T alpha times the residual, for responses; and room for others' scores.
     ///
     /// # Panics
-    /// If there is no room, see [`super::Renderer::make_room_for_responses`].
+    /// If there is no room, see [`super::TrainingRenderer::make_room_for_responses`].
     pub fn responses(&self) -> &Buffer<[f32; 4]> {
         self.responses.as_ref().expect("room for responses")
     }
@@ -124,7 +124,7 @@ impl<'a> Slots<'a> {
             geometry: &frame.geometry,
             shape: &frame.shape,
             colour: &frame.colour,
-            sums: frame.pairs.sums.as_ref().expect("a renderer for training"),
+            sums: &frame.pairs.sums,
             tiles,
             tile: launch.tuning.tile,
             stride: launch.tuning.row_stride,

@@ -6,7 +6,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Error, Recording, Result};
 use crate::render::{
-    Backward, Beside, LEAST_PAIRS, Outcome, Parts, Purpose, Renderer, Settings, Settled, Source, capacity,
+    Backward, Beside, LEAST_PAIRS, Outcome, Parts, Purpose, Settings, Settled, Source, TrainingRenderer, capacity,
 };
 use crate::scene::camera::{self, Camera};
 
@@ -135,7 +135,7 @@ impl<G> Pass<'_, G> {
     /// Adds what view number `v` shows of a model, drawn by `camera`.
     fn view<E: From<Error>>(
         &mut self,
-        renderer: &mut Renderer,
+        renderer: &mut TrainingRenderer,
         gathered: &Gathered,
         model: &Resident,
         (v, camera): (usize, &Camera),
@@ -185,7 +185,7 @@ pub fn renderer(
     model: Source<'_>,
     (size, pairs): ([u32; 2], u32),
     wanted: Wanted,
-) -> Result<Renderer> {
+) -> Result<TrainingRenderer> {
     let (gaussians, size, pairs) = match model {
         Source::Device(model) => (model.len, size, pairs),
         Source::Host(_) => {
@@ -194,8 +194,8 @@ pub fn renderer(
         }
     };
     match wanted.purpose() {
-        Purpose::Training => Renderer::for_training(device, settings, gaussians, size, pairs),
-        _ => Renderer::for_scores(device, settings, gaussians, size, pairs),
+        Purpose::Training => TrainingRenderer::new(device, settings, gaussians, size, pairs),
+        _ => TrainingRenderer::for_scores(device, settings, gaussians, size, pairs),
     }
 }
 
@@ -204,15 +204,12 @@ pub fn renderer(
 /// For a view and its picture, `gradient` records the gradient of a term into `image_gradient`, which has room for the largest
 /// view. It is asked for squares only if a residual is wanted. The model does not change. A model on the host goes to the device
 /// view by view, as far as the view may show it; the results are the same, bit for bit. Only scores without a residual are then
-/// gathered from parts of pictures.
+/// gathered from parts of pictures. The renderer is one that [`renderer`] makes for the same `wanted`, or a trainer's.
 ///
 /// # Errors
 /// Device memory; device errors; errors of `gradient` and of [`Views::follow`].
-///
-/// # Panics
-/// If the renderer was not made by [`Renderer::for_training`], or, without channels, by [`Renderer::for_scores`].
 pub fn full_pass<'m, E: From<Error>>(
-    renderer: &mut Renderer,
+    renderer: &mut TrainingRenderer,
     model: impl Into<Source<'m>>,
     Views { cameras, mut follow, of }: Views<'_, impl FnMut(usize) -> std::result::Result<(), E>>,
     image_gradient: &Buffer<[f32; 4]>,
@@ -270,7 +267,7 @@ pub fn full_pass<'m, E: From<Error>>(
 }
 
 /// Gaussians of a part of a view at most.
-fn most(renderer: &Renderer, model: &Gaussians, cameras: &[Camera], wanted: Wanted) -> usize {
+fn most(renderer: &TrainingRenderer, model: &Gaussians, cameras: &[Camera], wanted: Wanted) -> usize {
     let device = renderer.device();
     let beside = wanted.beside(device.memory_used().0);
     capacity(device, model.degree(), camera::largest(cameras), renderer.uses(), beside)

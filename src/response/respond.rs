@@ -5,7 +5,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::response::{Respond, RespondPush, RespondSpec};
 use crate::primitives::WORKGROUP;
-use crate::render::Renderer;
+use crate::render::TrainingRenderer;
 use crate::scene::camera::Camera;
 
 /// Share that each iteration keeps of the previous average.
@@ -64,13 +64,13 @@ impl ResidentResponses {
         recording.fill(&self.seen, 0);
     }
 
-    /// Records the responses of a view, after its [`Renderer::record_backward`] with [`residual`](crate::render::Backward::residual).
+    /// Records the responses of a view, after its [`TrainingRenderer::record_backward`] with [`residual`](crate::render::Backward::residual).
     ///
     /// Nothing changes if the view's pairs did not fit, as in training.
     pub fn record(
         &self,
         recording: &mut Recording,
-        renderer: &Renderer,
+        renderer: &TrainingRenderer,
         model: &Resident,
         camera: &Camera,
         gather: Gather,

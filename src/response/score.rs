@@ -4,7 +4,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::response::{Score as ScoreKernel, ScoreSpec, Tally, TallyPush, TallySpec};
 use crate::primitives::WORKGROUP;
-use crate::render::Renderer;
+use crate::render::TrainingRenderer;
 use crate::scene::camera::Camera;
 use bytemuck::{Pod, Zeroable};
 
@@ -79,13 +79,10 @@ impl ResidentScores {
 
     /// Records the scores of the picture recorded before, which the backward pass need not have seen; the slots' sums that
     /// it left are overwritten. `residual` is the picture minus its photo, if there is one.
-    ///
-    /// # Panics
-    /// If the renderer was not made by [`Renderer::for_training`].
     pub fn record(
         &self,
         recording: &mut Recording,
-        renderer: &Renderer,
+        renderer: &TrainingRenderer,
         model: &Resident,
         camera: &Camera,
         residual: Option<&Buffer<[f32; 4]>>,

@@ -9,7 +9,7 @@ use super::rasterise::{MILD, camera};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Device, Recording, Result};
 use crate::reference::{self, Params};
-use crate::render::{Backward, Renderer, Settings};
+use crate::render::{Backward, Settings, TrainingRenderer};
 use crate::train::TrainingModel;
 use crate::train::adam;
 use crate::train::rates::{Rates, Step};
@@ -38,7 +38,7 @@ struct Stepped {
 fn steps(device: &Device, by_image: &[[f32; 4]], with_gradients: bool) -> Result<Stepped> {
     let (model, camera) = (model(), camera(48, 48));
     let training = TrainingModel::new(device, &model)?;
-    let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), [48, 48], 1 << 13)?;
+    let mut renderer = TrainingRenderer::new(device, Settings::default(), model.len(), [48, 48], 1 << 13)?;
     renderer.render(&training.model, &camera)?;
     let apart = adam::zeros(device, &training.model)?;
     let by_image = device.upload("image gradient", by_image)?;

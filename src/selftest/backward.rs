@@ -9,7 +9,7 @@ use crate::gaussians::Gaussians;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::random::Random;
 use crate::reference::{self, Params};
-use crate::render::{Backward, Image, Renderer, Settings, Style};
+use crate::render::{Backward, Image, Settings, Style, TrainingRenderer};
 use crate::scene::camera::Camera;
 use crate::train::TrainingModel;
 use crate::train::adam::{Moments, record_gradients};
@@ -52,7 +52,7 @@ pub fn there_and_back(
 ) -> Result<Drawn> {
     let training = TrainingModel::new(device, model)?;
     let size = [camera.width, camera.height];
-    let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12)?;
+    let mut renderer = TrainingRenderer::new(device, settings, model.len(), size, 1 << 12)?;
     let image = renderer.render(&training.model, camera)?; // also makes room for the pairs
     let by_image = device.upload("image gradient", weights)?;
     let mut recording = Recording::new();

@@ -12,7 +12,7 @@ use crate::kernels::constants::adam_step::{GRADIENT, UPDATE};
 use crate::kernels::constants::gradient_row::{ROW_LOG_SCALE, ROW_LOGIT, ROW_MEAN, ROW_ROTATION};
 use crate::kernels::train::{Adam, AdamAll, AdamAllPush, AdamAllSpec, AdamPush, AdamSpec};
 use crate::primitives::{Count, WORKGROUP};
-use crate::render::Renderer;
+use crate::render::TrainingRenderer;
 
 /// The profiler's scope.
 pub const STAGE: &str = "adam";
@@ -36,18 +36,18 @@ enum Outcome {
     Stored,
 }
 
-/// Records a step of Adam, after [`Renderer::record_backward`]: moments and parameters change.
+/// Records a step of Adam, after [`TrainingRenderer::record_backward`]: moments and parameters change.
 ///
 /// Nothing changes if the picture's pairs did not fit. A Gaussian with a non-finite gradient stays unchanged, and so does the
 /// model's tail.
-pub fn record(recording: &mut Recording, renderer: &Renderer, training: &TrainingModel, step: Step) {
+pub fn record(recording: &mut Recording, renderer: &TrainingRenderer, training: &TrainingModel, step: Step) {
     let TrainingModel { model, moments, .. } = training;
     let rows = Rows { model, count: training.count(), len: training.trained() };
     recording.scope(STAGE, |r| dispatch(r, renderer, &rows, moments, Outcome::Stepped(step)));
 }
 
-/// Records that the gradients of [`Renderer::record_backward`] are stored as first moments, for tests and sweeps.
-pub fn record_gradients(recording: &mut Recording, renderer: &Renderer, model: &Resident, moments: &Moments) {
+/// Records that the gradients of [`TrainingRenderer::record_backward`] are stored as first moments, for tests and sweeps.
+pub fn record_gradients(recording: &mut Recording, renderer: &TrainingRenderer, model: &Resident, moments: &Moments) {
     let rows = Rows { model, count: &model.count, len: model.len };
     recording.scope(STAGE, |r| dispatch(r, renderer, &rows, moments, Outcome::Stored));
 }
@@ -84,7 +84,13 @@ impl Step {
     }
 }
 
-fn dispatch(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moments: &Moments, outcome: Outcome) {
+fn dispatch(
+    recording: &mut Recording,
+    renderer: &TrainingRenderer,
+    first: &Rows<'_>,
+    moments: &Moments,
+    outcome: Outcome,
+) {
     match renderer.device().tuning().adam_block {
         0 => each(recording, renderer, first, moments, outcome),
         block => all(recording, renderer, first, moments, (block, outcome)),
@@ -92,7 +98,7 @@ fn dispatch(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, mo
 }
 
 /// One kernel an attribute.
-fn each(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moments: &Moments, outcome: Outcome) {
+fn each(recording: &mut Recording, renderer: &TrainingRenderer, first: &Rows<'_>, moments: &Moments, outcome: Outcome) {
     let Rows { model, count, len } = *first;
     let (form, step) = outcome.parts();
     let rows = renderer.gradient_rows();
@@ -124,7 +130,7 @@ fn each(recording: &mut Recording, renderer: &Renderer, first: &Rows<'_>, moment
 /// One kernel for all attributes, a block of Gaussians a workgroup, or one Gaussian an invocation.
 fn all(
     recording: &mut Recording,
-    renderer: &Renderer,
+    renderer: &TrainingRenderer,
     first: &Rows<'_>,
     moments: &Moments,
     (block, outcome): (u32, Outcome),

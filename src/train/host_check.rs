@@ -3,7 +3,7 @@
 use super::error::Result;
 use super::loss::Loss;
 use crate::gpu::{Buffer, Device, Readback, Recording, Timings};
-use crate::render::{BackwardCounts, Counters, Renderer};
+use crate::render::{BackwardCounts, Counters, TrainingRenderer};
 
 /// Words of [`Counters`], and of the loss's sums behind them.
 const COUNTERS: usize = Counters::WORDS;
@@ -35,13 +35,19 @@ impl HostCheck {
     }
 
     /// Records the reset of all counters, before the first iteration.
-    pub fn begin(recording: &mut Recording, renderer: &Renderer) {
+    pub fn begin(recording: &mut Recording, renderer: &TrainingRenderer) {
         renderer.reset_backward_counts(recording);
         renderer.reset_overflow(recording);
     }
 
     /// Submits the last iteration before the look.
-    pub fn submit(&mut self, device: &Device, recording: Recording, renderer: &Renderer, loss: &Loss) -> Result<()> {
+    pub fn submit(
+        &mut self,
+        device: &Device,
+        recording: Recording,
+        renderer: &TrainingRenderer,
+        loss: &Loss,
+    ) -> Result<()> {
         let sums = loss.sums().cast();
         let [guards, pairs] = renderer.counters();
         self.readback.submit(device, recording, &[guards, pairs, (&sums, SUMS)])?;

@@ -8,7 +8,7 @@ use super::rates::Rates;
 use super::schedule::Schedule;
 use super::training_model::{ArrayKind, TrainingModel};
 use crate::gpu::{Buffer, Device, Recording};
-use crate::render::Renderer;
+use crate::render::TrainingRenderer;
 use crate::scene::camera::Camera;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -33,10 +33,10 @@ pub trait Method: Send + Sync {
         false
     }
 
-    /// Records what goes between [`Renderer::record_lists`] and [`Renderer::record_blending`].
+    /// Records what goes between [`TrainingRenderer::record_lists`] and [`TrainingRenderer::record_blending`].
     fn before_blending(&self, _recording: &mut Recording, _now: &Iteration<'_>) {}
 
-    /// Records what goes between [`Renderer::record_backward`] and the step of Adam.
+    /// Records what goes between [`TrainingRenderer::record_backward`] and the step of Adam.
     fn before_adam(&self, _recording: &mut Recording, _now: &Iteration<'_>) {}
 
     /// Records what goes after the step of Adam.
@@ -61,7 +61,7 @@ impl fmt::Debug for dyn Method {
 #[derive(Clone, Copy)]
 pub struct Iteration<'a> {
     /// The renderer that draws its picture.
-    pub renderer: &'a Renderer,
+    pub renderer: &'a TrainingRenderer,
     /// The picture's camera.
     pub camera: &'a Camera,
     /// The model.

@@ -8,7 +8,7 @@ use super::objective::{Current, Objective};
 use super::options::Options;
 use super::trainer::Trainer;
 use crate::gpu::{self, Buffer, Device};
-use crate::render::{Renderer, Source, Style, Uses};
+use crate::render::{Renderer, Source, Style, TrainingRenderer, Uses};
 use crate::response::{self, Gather, Responses, Term, Views, Wanted, full_pass};
 use crate::scene::{Photo, camera};
 use std::ops::Range;
@@ -22,7 +22,7 @@ struct Compared<'a> {
 
 /// The pass over all photos.
 fn pass<E>(
-    renderer: &mut Renderer,
+    renderer: &mut TrainingRenderer,
     model: Source<'_>,
     compared: Compared<'_>,
     wanted: Wanted,
@@ -37,7 +37,7 @@ where
 
 /// A pass over the photos with these numbers.
 fn pass_over<E>(
-    renderer: &mut Renderer,
+    renderer: &mut TrainingRenderer,
     model: Source<'_>,
     Compared { photos, device_photos, objective }: Compared<'_>,
     (wanted, numbers): (Wanted, Range<usize>),
@@ -117,7 +117,7 @@ where
 }
 
 fn by_photo<E>(
-    renderer: &mut Renderer,
+    renderer: &mut TrainingRenderer,
     model: Source<'_>,
     Compared { photos, device_photos, objective }: Compared<'_>,
     wanted: Wanted,

@@ -10,7 +10,7 @@ use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::kernels::constants::blending::TRANSMITTANCE_STOP;
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings, Style};
+use qirf_vk::render::{Backward, BackwardCounts, Settings, Style, TrainingRenderer};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::TrainingModel;
 use qirf_vk::train::adam::record_gradients;
@@ -39,7 +39,7 @@ fn gradients_and_growth(
 ) -> (Params, Vec<[f32; 2]>) {
     let training = TrainingModel::new(device, model).unwrap();
     let size = [camera.width, camera.height];
-    let mut renderer = Renderer::for_training(device, settings, model.len(), size, 1 << 12).unwrap();
+    let mut renderer = TrainingRenderer::new(device, settings, model.len(), size, 1 << 12).unwrap();
     let image_gradient = device.upload("image gradient", weights).unwrap();
     loop {
         renderer.draw(&training.model, camera).unwrap(); // so that the pairs have room

@@ -7,7 +7,7 @@ use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::{Buffer, Device, Error, Recording};
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
+use qirf_vk::render::{Backward, BackwardCounts, Settings, TrainingRenderer};
 use qirf_vk::response::{
     Gather, HighPass, KEEP, ResidentResponses, ResidentScores, Score, Target, Term, Views, Wanted, full_pass,
     record_residual,
@@ -50,7 +50,7 @@ fn compare<const N: usize>(name: &str, got: &[[f32; N]], expected: &[[f64; N]], 
 fn pass(device: &Device, model: &Gaussians, pairs: u32) -> (Vec<[f32; 8]>, Vec<Score>) {
     let cameras = cameras();
     let resident = Resident::upload(device, model).unwrap();
-    let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), SIZE, pairs).unwrap();
+    let mut renderer = TrainingRenderer::new(device, Settings::default(), model.len(), SIZE, pairs).unwrap();
     let weights: Vec<Buffer<[f32; 4]>> = (0..2).map(|v| device.upload("weights", &image_weights(v)).unwrap()).collect();
     let gradient = device.buffer("image gradient", image_weights(0).len()).unwrap();
     // The scores' residuals are the other view's gradients.
@@ -120,7 +120,7 @@ fn averages_decay_as_if_every_iteration_were_counted() {
         .as_vec3()
         .to_array();
     let resident = Resident::upload(&device, &model).unwrap();
-    let mut renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, 1 << 14).unwrap();
+    let mut renderer = TrainingRenderer::new(&device, Settings::default(), model.len(), SIZE, 1 << 14).unwrap();
     renderer.make_room(&resident, &cameras[0]).unwrap();
     renderer.make_room_for_responses().unwrap();
     let gradients: Vec<Buffer<[f32; 4]>> =
@@ -158,7 +158,7 @@ fn a_view_whose_pairs_do_not_fit_leaves_nothing() {
     let camera = &cameras()[0];
     let model = narrowed(&random_scene(camera, 4));
     let resident = Resident::upload(&device, &model).unwrap();
-    let mut renderer = Renderer::for_training(&device, Settings::default(), model.len(), SIZE, 4).unwrap();
+    let mut renderer = TrainingRenderer::new(&device, Settings::default(), model.len(), SIZE, 4).unwrap();
     renderer.make_room_for_responses().unwrap();
     let responses = ResidentResponses::zeros(&device, model.len()).unwrap();
     let scores = ResidentScores::zeros(&device, model.len()).unwrap();
@@ -222,7 +222,7 @@ pub fn gradients_not_finite(device: &Device) {
     let camera = &cameras()[0];
     let model = narrowed(&random_scene(camera, 4));
     let resident = Resident::upload(device, &model).unwrap();
-    let mut renderer = Renderer::for_training(device, Settings::default(), model.len(), SIZE, 1 << 14).unwrap();
+    let mut renderer = TrainingRenderer::new(device, Settings::default(), model.len(), SIZE, 1 << 14).unwrap();
     renderer.make_room(&resident, camera).unwrap();
     renderer.make_room_for_responses().unwrap();
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {

@@ -9,7 +9,7 @@ use crate::pipeline::config::MethodConfig;
 use crate::pipeline::config::ranges::{SHARE, WEIGHT, within};
 use crate::primitives::WORKGROUP;
 use crate::random;
-use crate::render::Renderer;
+use crate::render::TrainingRenderer;
 use crate::train::density::replace;
 use crate::train::method::{Changed, Iteration, Method, Pause};
 use crate::train::schedule::Schedule;
@@ -122,8 +122,8 @@ impl Mcmc {
         MethodConfig::new(NAME, self)
     }
 
-    /// Records the slopes of opacities and scales into the rows of [`Renderer::record_backward`], before Adam.
-    pub fn regularise(&self, recording: &mut Recording, renderer: &Renderer, model: &TrainingModel) {
+    /// Records the slopes of opacities and scales into the rows of [`TrainingRenderer::record_backward`], before Adam.
+    pub fn regularise(&self, recording: &mut Recording, renderer: &TrainingRenderer, model: &TrainingModel) {
         let n = model.trained().max(1) as f64;
         let push =
             Push { opacity: (self.opacity / n) as f32, scale: (self.scale / (3.0 * n)) as f32, ..Push::default() };
@@ -135,7 +135,7 @@ impl Mcmc {
     pub fn noise(
         &self,
         recording: &mut Recording,
-        renderer: &Renderer,
+        renderer: &TrainingRenderer,
         model: &TrainingModel,
         rate: f32,
         [seed, iteration]: [u32; 2],
@@ -145,7 +145,7 @@ impl Mcmc {
     }
 }
 
-fn record(recording: &mut Recording, renderer: &Renderer, training: &TrainingModel, phase: u32, push: Push) {
+fn record(recording: &mut Recording, renderer: &TrainingRenderer, training: &TrainingModel, phase: u32, push: Push) {
     let (model, rows) = (&training.model, renderer.gradient_rows());
     let kernel = Kernel {
         pairs: rows.pairs,

@@ -1,16 +1,13 @@
 //! The axes of a sweep: one table, and the parser of `--axis`.
 
-<<<<<<< HEAD
-use crate::qirf::dense::LIBRARIES;
-use crate::qirf::participation::Eigensolver;
-=======
-use super::rung::{Formula, Regularisation, Rung, culling, eigensolver, fraction, rungs, share, stop, sums, switch};
+use super::rung::{Formula, Regularisation, Rung, Solver, culling, fraction, rungs, share, stop, sums, switch};
 use super::{AxisRecord, Context, epsilon, gradients, overlap, pictures, solver};
 use crate::lab::compare::Arm;
 use crate::pipeline::Error;
 use crate::pipeline::config::Pruning;
+use crate::qirf::dense::LIBRARIES;
+use crate::qirf::participation::Eigensolver;
 use crate::wording::unknown;
->>>>>>> 602198e (Gradients are checked Gaussian by Gaussian; kills are aimed at submissions; axes of sweep are one table; one walk of a tile by a subgroup; overlaps by Cholesky of the sum go; counts of imbalance and a training stage in the GPU kit)
 use serde::Serialize;
 
 /// A part of the engine that trades accuracy for time.
@@ -71,8 +68,8 @@ const TABLE: [Row; 10] = [
         rungs: &["dsygvd", "low-rank", "low-rank-f32", "device"],
         default: "low-rank",
         hint: None,
-        check: |name| known(eigensolver(name)),
-        measure: Some(|context, names| solver::measure(context, &rungs(names, eigensolver))),
+        check: |name| known(Solver::of(name)),
+        measure: Some(|context, names| solver::measure(context, &rungs(names, Solver::of))),
     },
     Row {
         axis: Axis::Overlap,
@@ -184,52 +181,8 @@ impl Axis {
     }
 
     /// Returns true if its rungs are whole trainings.
-<<<<<<< HEAD
-    pub const fn heavy(self) -> bool {
-        matches!(self, Self::Keep | Self::Selector | Self::Iterations | Self::Effects)
-    }
-
-    /// Its default rungs, the most exact first; those of the effects depend on the scene and are found there. Solvers of
-    /// other libraries than the serving one follow as `SOLVER@LIBRARY`.
-    pub fn rungs(self) -> Vec<String> {
-        let own: &[&str] = match self {
-            Self::Solver => &["dsygvd", "low-rank", "low-rank-f32", "device"],
-            Self::Overlap => &["qr-f64", "qr", "cholesky", "determinant"],
-            Self::Epsilon => &["1e-6", "1e-5", "1e-4", "1e-3", "1e-2", "t=0.1", "t=0.3", "t=0.5"],
-            Self::Culling => &["off", "exact", "3-sigma"],
-            Self::Stop => &["0", "1e-4", "1e-3", "1e-2"],
-            Self::Gradients => &["ordered", "atomics"],
-            Self::Keep => &["1", "0.5", "0.28", "0.2", "0.1", "0.05"],
-            Self::Selector => &[
-                "default",
-                "importance+attrition+rewarm",
-                "css:hybrid+merge",
-                "css:global+merge",
-                "css",
-                "gnso",
-                "ordinary",
-                "lowdin",
-                "importance",
-                "removal",
-                "radsplat",
-                "lightgaussian",
-                "contribution",
-                "opacity",
-                "random",
-            ],
-            Self::Iterations => &["1", "1/2", "1/4", "1/8", "1/16"],
-            Self::Effects => &[],
-        };
-        let mut rungs: Vec<String> = own.iter().map(|&rung| rung.to_owned()).collect();
-        if self == Self::Solver {
-            let others = LIBRARIES.iter().skip(1).map(|library| library.name());
-            rungs.extend(others.flat_map(|name| Eigensolver::HOST.map(|solver| format!("{solver}@{name}"))));
-        }
-        rungs
-=======
     pub fn heavy(self) -> bool {
         self.row().measure.is_none()
->>>>>>> 602198e (Gradients are checked Gaussian by Gaussian; kills are aimed at submissions; axes of sweep are one table; one walk of a tile by a subgroup; overlaps by Cholesky of the sum go; counts of imbalance and a training stage in the GPU kit)
     }
 
     /// The engine's default rung.
@@ -260,8 +213,14 @@ pub struct Asked {
 }
 
 impl Asked {
+    /// All default rungs of an axis; solvers of other libraries than the serving one follow as `SOLVER@LIBRARY`.
     fn all(row: &Row) -> Self {
-        Self { axis: row.axis, rungs: row.rungs.iter().map(|name| (*name).to_owned()).collect() }
+        let mut rungs: Vec<String> = row.rungs.iter().map(|name| (*name).to_owned()).collect();
+        if row.axis == Axis::Solver {
+            let others = LIBRARIES.iter().skip(1).map(|library| library.name());
+            rungs.extend(others.flat_map(|name| Eigensolver::HOST.map(|solver| format!("{solver}@{name}"))));
+        }
+        Self { axis: row.axis, rungs }
     }
 
     /// All rungs of the axes without training: the default of a sweep.
@@ -301,7 +260,7 @@ mod tests {
         for (at, row) in TABLE.iter().enumerate() {
             assert_eq!(row.axis as usize, at);
             let asked = Asked::parse(row.name).unwrap();
-            assert_eq!((asked.axis, asked.rungs.len()), (row.axis, row.rungs.len()));
+            assert!(asked.axis == row.axis && asked.rungs.iter().zip(row.rungs).all(|(got, row)| got == row));
             asked.rungs.iter().try_for_each(|name| row.axis.check(name)).unwrap();
             assert!(row.axis == Axis::Effects || row.rungs.contains(&row.default), "{}", row.name);
         }

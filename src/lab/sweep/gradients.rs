@@ -10,7 +10,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
 use crate::pipeline::Error;
 use crate::pipeline::pair_capacity;
-use crate::render::{AtomicSums, Backward, Image, Renderer};
+use crate::render::{AtomicSums, Backward, Image, Renderer, TrainingRenderer};
 use crate::response::Target;
 use crate::scene::camera::{self, Camera};
 use crate::scene::{AlphaRole, Photo};
@@ -35,7 +35,7 @@ struct Way {
 /// One training iteration with the trainer's stages, on the first views of the subject.
 struct Bench<'a> {
     context: &'a Context<'a>,
-    renderer: Renderer,
+    renderer: TrainingRenderer,
     loss: Loss,
     photos: Vec<Buffer<u32>>,
 }
@@ -45,7 +45,7 @@ impl<'a> Bench<'a> {
         let (device, views) = (context.session.device, &context.subject.views);
         let size @ [width, height] = camera::largest(views.iter().map(|v| &v.camera));
         let pairs = pair_capacity::initial(device, model.len);
-        let mut renderer = Renderer::for_training(device, context.subject.settings, model.len, size, pairs)?;
+        let mut renderer = TrainingRenderer::new(device, context.subject.settings, model.len, size, pairs)?;
         let mut photos = Vec::new();
         for (k, view) in views.iter().enumerate() {
             // The subject's own pictures have no error: each view then trains on its neighbour's picture.

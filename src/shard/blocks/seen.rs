@@ -5,7 +5,7 @@ use crate::gaussians::resident::Resident;
 use crate::pipeline::Error;
 use crate::pipeline::pair_capacity;
 use crate::pipeline::session::Session;
-use crate::render::{Renderer, Settings};
+use crate::render::{Settings, TrainingRenderer};
 use crate::response::{Score, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
 use glam::DVec3;
@@ -61,7 +61,7 @@ pub fn seen(
     let resident = Resident::upload(device, model)?;
     let size = camera::largest(small);
     let pairs = pair_capacity::initial(device, model.len());
-    let mut renderer = Renderer::for_scores(device, settings, model.len(), size, pairs)?;
+    let mut renderer = TrainingRenderer::for_scores(device, settings, model.len(), size, pairs)?;
     let gradient = device.buffer("image gradient", 1)?;
     let mut rows = Vec::with_capacity(cameras.len());
     for (done, (camera, drawn)) in cameras.iter().zip(small).enumerate() {

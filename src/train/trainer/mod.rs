@@ -9,7 +9,7 @@ use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::{Device, Recording, Ticket, Timings};
 use crate::random::permutation;
-use crate::render::{Backward, Renderer, Settings};
+use crate::render::{Backward, Settings, TrainingRenderer};
 use crate::response::{Gather, ResidentResponses};
 use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
@@ -64,7 +64,7 @@ pub struct Trainer {
     pub(in crate::train) device_photos: DevicePhotos,
     extent: f64,
     cameras: [f32; 3],
-    pub(in crate::train) renderer: Renderer,
+    pub(in crate::train) renderer: TrainingRenderer,
     pub(in crate::train) objective: Objective,
     /// Memory for a photo at half its size, if the run begins with those.
     half: Option<Halve>,
@@ -110,7 +110,7 @@ impl Trainer {
             }
         }
         let renderer =
-            Renderer::for_training(device, options.settings, training.model.len * 5 / 4, size, options.pairs)?;
+            TrainingRenderer::new(device, options.settings, training.model.len * 5 / 4, size, options.pairs)?;
         // Photos first: their staging memory is free again before the loss allocates its pictures.
         let device_photos = DevicePhotos::new(device, &photos)?;
         let objective = Objective::new(device, &photos, size, &options)?;

@@ -6,7 +6,7 @@ use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, BackwardCounts, Renderer, Settings};
+use qirf_vk::render::{Backward, BackwardCounts, Settings, TrainingRenderer};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::TrainingModel;
 use qirf_vk::train::adam::{self, Moments};
@@ -16,7 +16,7 @@ use qirf_vk::train::schedule::Schedule;
 /// A model trained with a fixed gradient of the picture.
 pub(crate) struct Bench {
     device: Device,
-    pub(crate) renderer: Renderer,
+    pub(crate) renderer: TrainingRenderer,
     pub(crate) training: TrainingModel,
     camera: Camera,
     by_image: Buffer<[f32; 4]>,
@@ -25,7 +25,7 @@ pub(crate) struct Bench {
 impl Bench {
     pub(crate) fn new(device: &Device, model: &Gaussians, camera: &Camera, by_image: &[[f32; 4]]) -> Self {
         let size = [camera.width, camera.height];
-        let renderer = Renderer::for_training(device, Settings::default(), model.len(), size, 1 << 14).unwrap();
+        let renderer = TrainingRenderer::new(device, Settings::default(), model.len(), size, 1 << 14).unwrap();
         Self {
             device: device.clone(),
             renderer,

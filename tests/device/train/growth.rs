@@ -7,7 +7,7 @@ use glam::DVec3;
 use qirf_vk::gpu::Recording;
 use qirf_vk::reference::densify::lengthwise;
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, Renderer, Settings};
+use qirf_vk::render::{Backward, Settings, TrainingRenderer};
 use qirf_vk::train::TrainingModel;
 use qirf_vk::train::density::{Step, densify};
 use qirf_vk::train::growth::Growth;
@@ -26,7 +26,7 @@ fn gradients_as_the_twin_adds_them_up() {
     let settings = reference::Settings { tile: device.tuning().tile, ..reference::Settings::default() };
     let twin = reference::frame::gradients(&Params::from(&model), &camera, &settings, &colour, Some(&alpha));
     let training = TrainingModel::new(&device, &model).unwrap();
-    let mut renderer = Renderer::for_training(&device, Settings::default(), model.len(), [45, 37], 1 << 13).unwrap();
+    let mut renderer = TrainingRenderer::new(&device, Settings::default(), model.len(), [45, 37], 1 << 13).unwrap();
     renderer.render(&training.model, &camera).unwrap();
     let by_image = device.upload("image gradient", &weights).unwrap();
     let mut larger = 0;

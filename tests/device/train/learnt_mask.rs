@@ -11,7 +11,7 @@ use qirf_vk::kernels::constants::gradient_row::{ROW, ROW_GOOD, ROW_LOG_SCALE, RO
 use qirf_vk::lab::methods::learnt_mask::{LearntMask, LearntMasks, MaskMethod, Masked};
 use qirf_vk::reference::rasterise_backward::ImageGradient;
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, Renderer, Settings};
+use qirf_vk::render::{Backward, Renderer, Settings, TrainingRenderer};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::method::Method;
@@ -25,7 +25,7 @@ const METHODS: [MaskMethod; 2] = [MaskMethod::Compact3dgs, MaskMethod::MaskGauss
 /// A model with masks, and a fixed gradient of its picture.
 struct Bench {
     device: Device,
-    renderer: Renderer,
+    renderer: TrainingRenderer,
     training: TrainingModel,
     camera: Camera,
     by_image: Buffer<[f32; 4]>,
@@ -49,7 +49,7 @@ impl Bench {
             Array::with(device, of_moments, &vec![0.0; 2 * scores.len()]).unwrap(),
         ];
         Self {
-            renderer: Renderer::for_training(device, settings, model.len(), SIZE, 1 << 14).unwrap(),
+            renderer: TrainingRenderer::new(device, settings, model.len(), SIZE, 1 << 14).unwrap(),
             training,
             camera,
             by_image: device.upload("image gradient", by_image).unwrap(),

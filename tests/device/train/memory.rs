@@ -6,7 +6,7 @@ use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Device;
 use qirf_vk::lab::methods::learnt_mask::{LearntMask, LearntMasks, MaskMethod};
-use qirf_vk::render::{Purpose, Renderer, Settings, Style, Uses};
+use qirf_vk::render::{Purpose, Renderer, Settings, Style, TrainingRenderer, Uses};
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::device_photos::DevicePhotos;
@@ -55,7 +55,7 @@ fn owners_know_their_bytes() {
                     let uses = Uses { purpose: Purpose::Training, responses: false, style };
                     let right = Renderer::bytes(&device, n, size, pairs, uses);
                     let s = style.over([0.0; 3]);
-                    let made = taken(&|| Box::new(Renderer::for_training(&device, s, n, size, pairs).unwrap()));
+                    let made = taken(&|| Box::new(TrainingRenderer::new(&device, s, n, size, pairs).unwrap()));
                     assert_eq!(made, right, "{n} at {w} x {h}, {pairs} pairs, {depth_order}");
                 }
             }

@@ -9,7 +9,7 @@ use crate::kernels::lab::{
     LearntMaskSpec as Spec,
 };
 use crate::primitives::WORKGROUP;
-use crate::render::Renderer;
+use crate::render::TrainingRenderer;
 use crate::scene::camera::Camera;
 use crate::train::density::compact;
 use crate::train::method::{Changed, Cut, Iteration, Method, Pause};
@@ -108,7 +108,7 @@ impl Method for LearntMask {
 #[derive(Clone, Copy)]
 pub struct Masked<'a> {
     /// The renderer that draws it.
-    pub renderer: &'a Renderer,
+    pub renderer: &'a TrainingRenderer,
     /// Its camera.
     pub camera: &'a Camera,
     /// The model.
@@ -126,7 +126,7 @@ pub struct Masked<'a> {
 }
 
 impl Masked<'_> {
-    /// Records that masked Gaussians are hidden: between [`Renderer::record_lists`] and [`Renderer::record_blending`].
+    /// Records that masked Gaussians are hidden: between [`TrainingRenderer::record_lists`] and [`TrainingRenderer::record_blending`].
     pub fn hide(&self, recording: &mut Recording) {
         let (slots, [seed, iteration]) = (self.renderer.slots(self.camera), self.key);
         let kernel = Kernel {
