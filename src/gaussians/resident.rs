@@ -48,8 +48,12 @@ impl Resident {
     /// # Errors
     /// Device memory; device errors.
     pub fn new(device: &Device, parameters: Attributes<Buffer<f32>>, degree: usize, n: usize) -> Result<Self> {
-        let count = Count::known(device, "Gaussians", n as u32, &[Scan::block(device)])?;
-        Ok(Self { count, parameters, degree, len: n })
+        Ok(Self { count: Self::count_of(device, n)?, parameters, degree, len: n })
+    }
+
+    /// The number of Gaussians of a model of `n`, on the device.
+    pub(crate) fn count_of(device: &Device, n: usize) -> Result<Count> {
+        Count::known(device, "Gaussians", n as u32, &[Scan::block(device)])
     }
 
     /// The quaternions (w, x, y, z), n.

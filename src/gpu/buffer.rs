@@ -201,6 +201,16 @@ impl<T: Pod> Buffer<T> {
         stored(len as u64 * size_of::<T>() as u64)
     }
 
+    /// Bytes that it takes.
+    pub fn bytes(&self) -> u64 {
+        self.raw.bytes()
+    }
+
+    /// Its name, in messages.
+    pub fn name(&self) -> &str {
+        &self.raw.0.name
+    }
+
     /// The same memory as elements of another type.
     ///
     /// # Panics

@@ -174,6 +174,14 @@ impl Device {
         self.context.counters.read()
     }
 
+    /// Whether so many bytes more would stay within [`Device::memory_limit`], for steps that must not fail half-way.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`] for what is called `name`.
+    pub fn check_memory(&self, name: &str, bytes: u64) -> Result<(), Error> {
+        self.context.memory.check(name, bytes)
+    }
+
     /// Bytes that this program may use on the device.
     pub fn memory_limit(&self) -> u64 {
         self.context.memory.limit()

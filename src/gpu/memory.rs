@@ -69,6 +69,12 @@ impl Memory {
         Ok(())
     }
 
+    /// Fails as [`Memory::reserve`] would, and counts nothing.
+    pub fn check(&self, name: &str, bytes: u64) -> Result<(), Error> {
+        let beyond = self.used().0.saturating_add(bytes) > self.limit && self.enforced.load(Ordering::Relaxed);
+        if beyond { Err(self.out_of_memory(name, bytes)) } else { Ok(()) }
+    }
+
     /// Takes back a reservation.
     pub fn release(&self, bytes: u64) {
         self.used.fetch_sub(bytes, Ordering::Relaxed);

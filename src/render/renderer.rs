@@ -202,8 +202,10 @@ impl Renderer {
     /// Device memory.
     pub fn make_room_for_gaussians(&mut self, gaussians: usize) -> Result<()> {
         if gaussians > self.gaussians {
-            let pairs = self.frame.pairs.count.limit();
-            self.rebuild(gaussians + gaussians / 4, (self.frame.image.len(), self.frame.tiles()), pairs)?;
+            let (picture, pairs) = ((self.frame.image.len(), self.frame.tiles()), self.frame.pairs.count.limit());
+            // What it had goes first.
+            self.rebuild(1, (1, 1), 1)?;
+            self.rebuild(gaussians + gaussians / 4, picture, pairs)?;
         }
         Ok(())
     }

@@ -2,8 +2,9 @@
 
 use super::growth::Growth;
 use super::schedule::Schedule;
-use super::training_model::{Array, TrainingModel};
-use crate::gaussians::Attributes;
+use super::training_model::{Array, Tail, TrainingModel};
+use crate::gaussians::resident::Resident;
+use crate::gaussians::{Attributes, Gaussians};
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::constants::density::{CLONE, KEPT};
 use crate::kernels::train::{
@@ -27,17 +28,18 @@ pub struct Step {
     pub most: usize,
 }
 
-/// Bytes that [`densify`] needs besides a model of `n` Gaussians, if it makes `after` Gaussians of them.
+/// Bytes that [`densify`] needs besides a model of `after` Gaussians, which it makes of `n`: arrays are replaced one by one, so that
+/// the widest, the moments of the last SH band, is there twice.
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
     let choice = 3 * words(n) + Count::bytes() + Scan::bytes(device, n as u32) + 2 * words(after);
-    choice + TrainingModel::bytes(after, 0, degree)
+    choice + words(2 * n.max(after) * Gaussians::band_width(degree))
 }
 
 /// Clones, splits and prunes the Gaussians of a model in training, without its tail. Returns their new number.
 ///
 /// # Errors
-/// Device memory; device errors. The model is then unchanged.
+/// Device memory: the model is then unchanged. Device errors: it is lost.
 pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedule, step: Step) -> Result<usize> {
     let choice = Choice::new(device, training, schedule, step)?;
     let after = choice.after;
@@ -54,28 +56,29 @@ pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedul
         spec: SourcesSpec { workgroup: WORKGROUP },
     };
     recording.dispatch(&kernel, count.groups(WORKGROUP));
-    let successor = rows.gather(device, &mut recording, training)?;
-    let (count, parameters) = (successor.count(), &successor.model.parameters);
+    device.run(recording)?;
+    rows.gather(device, training)?;
+    let (count, parameters) = (training.count(), &training.model.parameters);
     let kernel = Split {
         count: &count.value,
         kinds: &rows.kinds,
-        rotations: &successor.model.quaternions(),
+        rotations: &training.model.quaternions(),
         means: &parameters.means,
         log_scales: &parameters.log_scales,
         logits: &parameters.opacity_logits,
         push: SplitPush { seed: step.seed, iteration: step.iteration },
         spec: SplitSpec { workgroup: WORKGROUP, lengthwise: schedule.growth.is_some() },
     };
+    let mut recording = Recording::new();
     recording.dispatch(&kernel, count.groups(WORKGROUP));
     device.run(recording)?;
-    *training = successor;
     Ok(after)
 }
 
 /// Keeps only the Gaussians `kept`, in that order, with their moments, and the tail; growth restarts at zero.
 ///
 /// # Errors
-/// Device memory; device errors. The model is then unchanged.
+/// As [`densify`].
 pub fn compact(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> Result<()> {
     replace(device, training, kept, &vec![false; kept.len()])
 }
@@ -84,17 +87,13 @@ pub fn compact(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> R
 /// growth restarts at zero.
 ///
 /// # Errors
-/// Device memory; device errors. The model is then unchanged.
+/// As [`densify`].
 pub fn replace(device: &Device, training: &mut TrainingModel, sources: &[u32], fresh: &[bool]) -> Result<()> {
     let mut rows = Rows::of(device, sources.to_vec(), training)?;
     let mut kinds: Vec<u32> = fresh.iter().map(|fresh| if *fresh { CLONE } else { KEPT }).collect();
     kinds.resize(rows.sources.len(), KEPT);
     rows.kinds = device.upload("kinds", &kinds)?;
-    let mut recording = Recording::new();
-    let successor = rows.gather(device, &mut recording, training)?;
-    device.run(recording)?;
-    *training = successor;
-    Ok(())
+    rows.gather(device, training)
 }
 
 /// Records the opacity reset, which limits every Gaussian's opacity to `opacity`.
@@ -251,36 +250,45 @@ impl Rows {
         Ok(Self { sources: device.upload("sources", &sources)?, kinds })
     }
 
-    /// Records the gathering of a new model from the old one, a method's arrays included. Moments of new Gaussians, and growth, are zero.
-    fn gather(&self, device: &Device, recording: &mut Recording, old: &TrainingModel) -> Result<TrainingModel> {
-        let degree = old.model.degree;
-        let mut new = TrainingModel::room(device, self.sources.len(), old.tail(), degree)?;
-        for array in &old.arrays {
-            new.arrays.push(Array::room(device, array.kind, new.trained())?);
-        }
-        recording.fill(&new.growth, 0);
-        let mut gather = |count: &Count, source: &Buffer<f32>, target: &Buffer<f32>, width: usize, fresh: bool| {
+    /// Gathers the new model's rows from the old one's, a method's arrays included. Moments of new Gaussians, and growth, are zero.
+    /// Each array replaces the old one before the next is made.
+    fn gather(&self, device: &Device, training: &mut TrainingModel) -> Result<()> {
+        let (degree, n) = (training.model.degree, self.sources.len());
+        let trained = n - training.tail();
+        let widths = Attributes::widths(degree);
+        let moved = training.bytes_of_arrays(n, trained);
+        device.check_memory("Gaussians after density control", moved)?;
+        training.growth = device.buffer("growth", 0)?;
+        training.mean = None;
+        let all = Resident::count_of(device, n)?;
+        let tail = Tail::new(device, n, training.tail())?;
+        let trained_count = tail.as_ref().map_or(&all, |tail| &tail.before);
+        let gathered = |count: &Count, source: &Buffer<f32>, [rows, width]: [usize; 2], fresh: bool| {
+            let target = device.buffer(source.name(), rows * width)?;
             let kernel = GatherRows {
                 count: &count.value,
                 sources: &self.sources,
                 kinds: &self.kinds,
                 source,
-                target,
+                target: &target,
                 spec: GatherRowsSpec { workgroup: WORKGROUP, width: width as u32, fresh },
             };
+            let mut recording = Recording::new();
             recording.dispatch(&kernel, count.groups(WORKGROUP));
+            device.run(recording)?;
+            Result::Ok(target)
         };
-        let widths = Attributes::widths(degree);
-        let parameters = old.model.parameters.each_ref().zip(new.model.parameters.each_ref());
-        for (width, (source, target)) in widths.zip(parameters).up_to(degree) {
-            gather(&new.model.count, source, target, width, false);
+        for (width, moments) in widths.zip(training.moments.each_mut()).up_to(degree) {
+            *moments = gathered(trained_count, &moments.cast(), [trained, 2 * width], true)?.cast();
         }
-        for (width, (source, target)) in widths.zip(old.moments.each_ref().zip(new.moments.each_ref())).up_to(degree) {
-            gather(new.count(), &source.cast(), &target.cast(), 2 * width, true);
+        for (width, parameters) in widths.zip(training.model.parameters.each_mut()).up_to(degree) {
+            *parameters = gathered(&all, parameters, [n, width], false)?;
         }
-        for (old, array) in old.arrays.iter().zip(&new.arrays) {
-            gather(new.count(), &old.values, &array.values, array.kind.width, array.kind.restarts);
+        for Array { kind, values } in &mut training.arrays {
+            *values = gathered(trained_count, values, [trained, kind.width], kind.restarts)?;
         }
-        Ok(new)
+        training.growth = device.zeros("growth", n)?;
+        (training.model.count, training.model.len, training.tail) = (all, n, tail);
+        Ok(())
     }
 }

@@ -36,13 +36,13 @@ pub struct TrainerNeeds {
     pub exposure: bool,
     /// True if photos have masks.
     pub masked: bool,
-    /// The run's method, if any: its arrays take memory, and it may hold two models at once.
+    /// The run's method, if any: its arrays take memory, and it may change the number of Gaussians.
     pub method: Option<Arc<dyn Method>>,
     /// Effects that pictures are rendered with.
     pub style: Style,
     /// True if the run begins with pictures of half their size.
     pub halves: bool,
-    /// True if density control acts: it holds the old and the new model at once, as the renderer does when it grows.
+    /// True if density control acts: it holds one array of the old and of the new model at once.
     pub grows: bool,
     /// Bytes that pruning needs besides the model; 0 if the run does not prune.
     pub pruning: u64,
@@ -65,8 +65,7 @@ impl Trainer {
         let pictures = pictures + exposures + if needs.masked { Mask::bytes(pixels) } else { 0 };
         let pictures = pictures + if needs.halves { Halve::bytes(size) } else { 0 };
         let pictures = pictures + if needs.style.antialias { Smoothing::bytes(needs.photos.len()) } else { 0 };
-        let copied = if grows || method.is_some() { density::bytes(device, n, n, degree) + arrays } else { 0 };
-        let growth = if grows { copied.max(renderer) } else { copied };
+        let growth = if grows || method.is_some() { density::bytes(device, n, n, degree) } else { 0 };
         // Downloads stage one array at a time; the widest are moments, twice as wide as their parameters.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
         let responding = Renderer::bytes(device, n * 5 / 4, size, pairs, Uses { responses: true, ..uses }) - renderer;

@@ -72,7 +72,7 @@ impl Array {
 pub(super) struct Tail {
     rows: usize,
     /// Number of rows before it, on the device.
-    before: Count,
+    pub before: Count,
 }
 
 impl Tail {
@@ -93,20 +93,6 @@ impl TrainingModel {
         let of = Buffer::<[f32; 2]>::bytes_of;
         let moments = Attributes::widths(degree).map(|width| of((n - tail) * width)).sum();
         Resident::bytes(n, degree) + moments + of(n)
-    }
-
-    /// Arrays for `n` Gaussians of this SH degree, the last `tail` of them never to change; their content is undefined.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
-    pub fn room(device: &Device, n: usize, tail: usize, degree: usize) -> Result<Self> {
-        let tail = Tail::new(device, n, tail)?;
-        let trained = n - tail.as_ref().map_or(0, |tail| tail.rows);
-        let widths = Attributes::NAMES.zip(Attributes::widths(degree));
-        let parameters = widths.try_map(|(name, width)| device.buffer(name, n * width))?;
-        let moments = widths.try_map(|(name, width)| device.buffer(&format!("{name}.moments"), trained * width))?;
-        let model = Resident::new(device, parameters, degree, n)?;
-        Ok(Self { model, moments, growth: device.buffer("growth", n)?, arrays: Vec::new(), mean: None, tail })
     }
 
     /// A model before its first iteration: moments and growth are zero.
@@ -136,6 +122,24 @@ impl TrainingModel {
     /// The array of a method by its name.
     pub fn array(&self, name: &str) -> Option<&Buffer<f32>> {
         self.arrays.iter().find(|array| array.kind.name == name).map(|array| &array.values)
+    }
+
+    /// Bytes more than now that a change to `n` Gaussians, the first `trained` of them trained, takes at most, where each array
+    /// replaces the old one before the next is made: moments, then parameters, then a method's.
+    pub(super) fn bytes_of_arrays(&self, n: usize, trained: usize) -> u64 {
+        let widths = Attributes::widths(self.model.degree);
+        let moments = widths.zip(self.moments.each_ref()).up_to(self.model.degree);
+        let moments = moments.map(|(width, old)| (Buffer::<[f32; 2]>::bytes_of(trained * width), old.bytes()));
+        let parameters = widths.zip(self.model.parameters.each_ref()).up_to(self.model.degree);
+        let parameters = parameters.map(|(width, old)| (Buffer::<f32>::bytes_of(n * width), old.bytes()));
+        let others = self.arrays.iter();
+        let others = others.map(|a| (Buffer::<f32>::bytes_of(trained * a.kind.width), a.values.bytes()));
+        let (mut more, mut most) = (0_i64, 0_i64);
+        for (new, old) in moments.chain(parameters).chain(others) {
+            most = most.max(more + new as i64);
+            more += new as i64 - old as i64;
+        }
+        most.max(more) as u64
     }
 
     /// Number of rows that never change, at the model's end.
