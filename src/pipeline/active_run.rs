@@ -183,7 +183,18 @@ impl<'a> ActiveRun<'a> {
     /// Device errors.
     pub fn psnr(&mut self) -> Result<Option<f64>, Error> {
         let views = self.setup.prepared.test.iter().map(|(_, view)| view);
-        Ok(mean(&self.evaluator.psnr(self.trainer.model(), views)?))
+        let psnr = self.shown(|evaluator, model| evaluator.psnr(model, views))?;
+        Ok(mean(&psnr))
+    }
+
+    /// Shows the model to the evaluator; the trainer and the evaluator do not take memory at the same time.
+    fn shown<T>(&mut self, show: impl FnOnce(&mut Evaluator, &Resident) -> Result<T, Error>) -> Result<T, Error> {
+        let Self { trainer, evaluator, .. } = self;
+        trainer.lend(|model| {
+            let shown = show(evaluator, model);
+            evaluator.rest()?;
+            shown
+        })
     }
 
     /// Responses of the training photos to each Gaussian of the current model.
@@ -205,14 +216,15 @@ impl<'a> ActiveRun<'a> {
         let Setup { session, prepared, .. } = self.setup;
         let attrition = self.trainer.attrition().copied();
         if self.notes.prunes.is_empty() && attrition.is_none() {
-            exhibits::dense(&mut self.evaluator, self.trainer.model(), prepared, &self.output.renders())?;
+            let renders = self.output.renders();
+            self.shown(|evaluator, model| exhibits::dense(evaluator, model, prepared, &renders))?;
             if let Some(attrition) = pruning.attrition {
                 self.trainer.begin_attrition(attrition, pruning.survivors(self.trainer.trained()))?;
                 self.fine_tune();
                 return Ok(());
             }
         }
-        let frames = self.evaluator.frames_per_second(self.trainer.model(), prepared)?;
+        let frames = self.shown(|evaluator, model| evaluator.frames_per_second(model, prepared))?;
         let next = || pruning.keep(self.notes.prunes.len(), steps, self.trainer.trained());
         let keep = attrition.map_or_else(next, |c| Keep::Count(c.survivors));
         let request = PruneRequest { compression: &pruning.compression, keep, seed: self.config.seed };
@@ -300,11 +312,15 @@ impl<'a> ActiveRun<'a> {
             watcher.evaluating(done, prepared.test.len());
             Ok(())
         };
-        let resident = floaters.as_ref().map_or_else(|| self.trainer.model(), |(_, cleaned)| cleaned);
-        let mut assessment =
-            self.evaluator.assess(resident, prepared, Some(&output.renders()), networks, &mut follow)?;
+        let cleaned = floaters.as_ref().map(|(_, cleaned)| cleaned);
+        let renders = output.renders();
+        let assessment = self.shown(|evaluator, model| {
+            let model = cleaned.unwrap_or(model);
+            let mut assessment = evaluator.assess(model, prepared, Some(&renders), networks, &mut follow)?;
+            assessment.frames_per_second = evaluator.frames_per_second(model, prepared)?;
+            Ok(assessment)
+        })?;
         assessment.held_out.warn(watcher);
-        assessment.frames_per_second = self.evaluator.frames_per_second(resident, prepared)?;
         exhibits::photos(prepared, &output.renders())?;
         let protocol = Protocol {
             iterations: Some(config.schedule.iterations),

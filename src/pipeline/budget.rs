@@ -75,8 +75,9 @@ pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start
             halves,
             grows,
             pruning,
+            evaluation: Evaluator::bytes(device, gaussians, size, style),
         };
-        Trainer::bytes(device, &trainer) + Evaluator::bytes(device, gaussians, size, style)
+        Trainer::bytes(device, &trainer)
     };
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
     let expected = grown.max(now);
@@ -164,8 +165,9 @@ impl Fixed<'_> {
             halves: config.schedule.halves(1),
             grows,
             pruning: config.prune.as_ref().map_or(0, |p| studied(gaussians, &p.compression)),
+            evaluation: Evaluator::bytes(device, gaussians + tail, size, config.style),
         };
-        Trainer::bytes(device, &needs) + Evaluator::bytes(device, gaussians + tail, size, config.style)
+        Trainer::bytes(device, &needs)
     }
 }
 
@@ -294,6 +296,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
         halves: false,
         grows: false,
         pruning: 0,
+        evaluation: 0,
     };
     let trains = if trained > 0 { Trainer::bytes(device, &trainer) } else { 0 };
     let shapes = staged(Resident::bytes(gaussians, 0));

@@ -23,7 +23,7 @@ pub use frame::{Purpose, Uses};
 pub use frustum::visible;
 pub use imbalance::{Distribution, Imbalance};
 pub use parts::{Beside, Outcome, Painter, Part, Parts, Source, binds, capacity, largest};
-pub use renderer::{Image, LEAST_PAIRS, Renderer, STAGES, Settled};
+pub use renderer::{Image, LEAST_PAIRS, Released, Renderer, STAGES, Settled};
 pub use settings::{Culling, Settings, Style, view};
 pub use slots::{GradientRows, SlotSums, Slots};
 pub use training::{BACKWARD_STAGES, TrainingRenderer};

@@ -35,6 +35,14 @@ pub enum Settled {
     TooMany(Error),
 }
 
+/// What a renderer had room for before [`Renderer::release`].
+#[derive(Clone, Copy, Debug)]
+pub struct Released {
+    /// Pixels and tiles.
+    picture: (usize, usize),
+    pairs: u32,
+}
+
 /// Renders models; its buffers grow with the numbers of Gaussians and pixels. [`super::TrainingRenderer`] also runs the backward pass.
 pub struct Renderer {
     pub(super) device: Device,
@@ -190,24 +198,29 @@ impl Renderer {
         if model.len > self.gaussians || pixels > had || tiles > self.frame.tiles() {
             let (gaussians, pairs) = (model.len.max(self.gaussians), self.frame.pairs.count.limit());
             let tiles = tiles.max(self.frame.tiles());
-            self.rebuild(1, (1, 1), 1)?;
+            self.release()?;
             self.rebuild(gaussians, (pixels.max(had), tiles), pairs)?;
         }
         Ok(())
     }
 
-    /// Makes room for `gaussians` Gaussians and a quarter more, if there is not enough.
+    /// Gives the buffers back, so that other work finds memory, until [`Renderer::restore`].
     ///
     /// # Errors
     /// Device memory.
-    pub fn make_room_for_gaussians(&mut self, gaussians: usize) -> Result<()> {
-        if gaussians > self.gaussians {
-            let (picture, pairs) = ((self.frame.image.len(), self.frame.tiles()), self.frame.pairs.count.limit());
-            // What it had goes first.
-            self.rebuild(1, (1, 1), 1)?;
-            self.rebuild(gaussians + gaussians / 4, picture, pairs)?;
-        }
-        Ok(())
+    pub fn release(&mut self) -> Result<Released> {
+        let (pixels, tiles) = (self.frame.image.len(), self.frame.tiles());
+        let released = Released { picture: (pixels, tiles), pairs: self.frame.pairs.count.limit() };
+        self.rebuild(1, (1, 1), 1)?;
+        Ok(released)
+    }
+
+    /// Takes room for pictures and pairs as before [`Renderer::release`], and for `gaussians` Gaussians.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn restore(&mut self, released: Released, gaussians: usize) -> Result<()> {
+        self.rebuild(gaussians, released.picture, released.pairs)
     }
 
     fn rebuild(&mut self, gaussians: usize, (pixels, tiles): (usize, usize), pairs: u32) -> Result<()> {

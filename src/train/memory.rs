@@ -46,6 +46,8 @@ pub struct TrainerNeeds {
     pub grows: bool,
     /// Bytes that pruning needs besides the model; 0 if the run does not prune.
     pub pruning: u64,
+    /// Bytes that an evaluation needs besides the model, while the renderer's are given back.
+    pub evaluation: u64,
 }
 
 impl Trainer {
@@ -57,7 +59,7 @@ impl Trainer {
         let arrays = method.map_or(0, |method| Array::bytes(method.arrays(), gaussians));
         let model = TrainingModel::bytes(n, tail, degree) + arrays;
         let uses = Uses { purpose: Purpose::Training, responses: false, style: needs.style };
-        let renderer = Renderer::bytes(device, n * 5 / 4, size, pairs, uses);
+        let renderer = Renderer::bytes(device, n, size, pairs, uses);
         let pictures =
             DevicePhotos::bytes(&needs.photos, device.memory_limit()) + Loss::bytes(device, size[0], size[1]);
         let pixels = size[0] as usize * size[1] as usize;
@@ -68,9 +70,11 @@ impl Trainer {
         let growth = if grows || method.is_some() { density::bytes(device, n, n, degree) } else { 0 };
         // Downloads stage one array at a time; the widest are moments, twice as wide as their parameters.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
-        let responding = Renderer::bytes(device, n * 5 / 4, size, pairs, Uses { responses: true, ..uses }) - renderer;
+        let responding = Renderer::bytes(device, n, size, pairs, Uses { responses: true, ..uses }) - renderer;
         let pruning = if needs.pruning > 0 { needs.pruning + responding } else { 0 };
-        let passing = growth.max(pruning).max(staging_bytes(widest));
-        model + renderer + pictures + HostCheck::BYTES + passing
+        let drawing = renderer + pruning.max(staging_bytes(widest));
+        // While the number of Gaussians changes, and while views are scored, the renderer's buffers are given back.
+        let released = Renderer::bytes(device, 1, [1, 1], 1, uses) + growth.max(needs.evaluation);
+        model + pictures + HostCheck::BYTES + drawing.max(released)
     }
 }

@@ -126,6 +126,15 @@ impl Evaluator {
         self.fits_exposure = fits_exposure;
     }
 
+    /// Gives the painter's buffers back until the next view.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn rest(&mut self) -> Result<(), Error> {
+        self.painter.renderer().release()?;
+        Ok(())
+    }
+
     /// A rendered view and its photo, as they are compared.
     fn compared(&self, image: &Image, view: &Photo) -> Result<Compared, Error> {
         let (mut rendered, photo) = (rgb(image), truth(view, self.background)?);

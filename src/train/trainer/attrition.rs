@@ -47,8 +47,7 @@ impl Trainer {
         tracing::debug!("after iteration {iteration}: {} Gaussians, pressure {:e}", stay.len(), attrition.pressure);
         self.state.attrition = Some(attrition);
         if stay.len() < logits.len() {
-            compact(&self.device, &mut self.training, &stay)?;
-            self.responses = None;
+            self.reshaped(|device, model| compact(device, model, &stay))?;
         }
         Ok(())
     }

@@ -28,11 +28,10 @@ impl Trainer {
                 Some(Resident::upload(&self.device, &model.select(&kept))?)
             }
         };
-        compact(&self.device, &mut self.training, &kept)?;
+        self.reshaped(|device, model| compact(device, model, &kept))?;
         if let Some(merged) = merged {
             self.training.model.parameters = merged.parameters;
         }
-        self.responses = None;
         Ok(())
     }
 

@@ -32,12 +32,12 @@ impl Trainer {
         let Some(method) = self.method().filter(|method| method.acts(schedule, iteration)).cloned() else {
             return Ok(());
         };
-        let (key, most) = ([self.options.seed, iteration], self.options.most);
-        let mut pause = Pause { device: &self.device, model: &mut self.training, schedule, key, most };
-        let changed = method.between(&mut pause)?;
-        if changed.rows {
-            self.responses = None;
-            self.renderer.make_room_for_gaussians(self.training.model.len)?;
+        let (key, most, schedule) = ([self.options.seed, iteration], self.options.most, schedule.clone());
+        let responses = self.responses.take();
+        let changed = self
+            .reshaped(|device, model| method.between(&mut Pause { device, model, schedule: &schedule, key, most }))?;
+        if !changed.rows {
+            self.responses = responses;
         }
         if changed.cut.is_some() {
             self.state.cut = changed.cut;

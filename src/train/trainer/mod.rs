@@ -109,8 +109,7 @@ impl Trainer {
                 training.arrays.push(Array::with(device, *kind, &values)?);
             }
         }
-        let renderer =
-            TrainingRenderer::new(device, options.settings, training.model.len * 5 / 4, size, options.pairs)?;
+        let renderer = TrainingRenderer::new(device, options.settings, training.model.len, size, options.pairs)?;
         // Photos first: their staging memory is free again before the loss allocates its pictures.
         let device_photos = DevicePhotos::new(device, &photos)?;
         let objective = Objective::new(device, &photos, size, &options)?;
@@ -404,6 +403,29 @@ impl Trainer {
         Ok(())
     }
 
+    /// Changes the number of Gaussians. The renderer's buffers are given back meanwhile, and fit the new number after it.
+    pub(super) fn reshaped<T>(
+        &mut self,
+        change: impl FnOnce(&Device, &mut TrainingModel) -> gpu::Result<T>,
+    ) -> Result<T> {
+        self.responses = None;
+        let released = self.renderer.release()?;
+        let changed = change(&self.device, &mut self.training);
+        self.renderer.restore(released, self.training.model.len)?;
+        Ok(changed?)
+    }
+
+    /// Lends the model to work that needs memory, for which the renderer gives its buffers back.
+    ///
+    /// # Errors
+    /// Device memory; errors of `work`.
+    pub fn lend<T, E: From<gpu::Error>>(&mut self, work: impl FnOnce(&Resident) -> Result<T, E>) -> Result<T, E> {
+        let released = self.renderer.release()?;
+        let done = work(&self.training.model);
+        self.renderer.restore(released, self.training.model.len)?;
+        done
+    }
+
     /// Density control, opacity reset, a method's own work, attrition, the mean of iterates and smoothing, if they are due after this
     /// iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
@@ -411,9 +433,8 @@ impl Trainer {
             let schedule = &self.options.schedule;
             let (seed, most) = (self.options.seed, self.options.most);
             let step = Step { iteration, seed, extent: self.extent, cameras: self.cameras, most };
-            densify(&self.device, &mut self.training, schedule, step)?;
-            self.responses = None;
-            self.renderer.make_room_for_gaussians(self.training.model.len)?;
+            let schedule = schedule.clone();
+            self.reshaped(|device, model| densify(device, model, &schedule, step))?;
         }
         if self.resets_opacity(iteration) {
             let mut recording = Recording::new();

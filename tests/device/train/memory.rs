@@ -125,6 +125,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Ma
         halves: true,
         grows,
         pruning: 0,
+        evaluation: 0,
     };
     let (peak, expected) = (device.memory_used().1, Trainer::bytes(device, &demand));
     println!("{first} -> {} of {n}, degree {degree}: peak {peak}, expected {expected}", trainer.len());
