@@ -96,7 +96,7 @@ fn the_imbalance_of_a_picture_is_counted() {
     assert!(near(counted.tile.sum, pairs) && counted.gaussian.sum == counted.tile.sum, "{pairs} pairs");
     assert!(near(counted.tile.most.into(), longest.into()), "{longest} in the longest list");
     assert!(near(counted.gaussian.most.into(), slots.iter().max().copied().unwrap()));
-    assert_eq!(counted.gaussian.count, slots.iter().filter(|slots| **slots > 0).count() as u64);
+    assert!(near(counted.gaussian.count, slots.iter().filter(|slots| **slots > 0).count() as u64));
     // No order has fewer steps than pairs.
     assert!(counted.project_backward_steps >= counted.gaussian.sum && counted.bin_steps >= counted.gaussian.sum);
     finish(&device);

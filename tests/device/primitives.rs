@@ -227,7 +227,7 @@ fn scan_of_gathered_words() {
 }
 
 #[test]
-fn segmented_sums() {
+fn segmented_sum_over_runs() {
     let device = device();
     // Segments of 0, 1, 2, ... rows; three floats per row.
     let lengths: Vec<u32> = (0..200).collect();

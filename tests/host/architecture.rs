@@ -200,6 +200,12 @@ struct House {
     host: Vec<(String, String)>,
 }
 
+/// Whether the name of a test function, which `text` begins with, has the stage's words in it, whole and in order.
+fn whole_words(text: &str, stage: &str) -> bool {
+    let name = text.split('(').next().unwrap_or_default();
+    format!("_{name}_").contains(&format!("_{stage}_"))
+}
+
 impl House {
     fn open() -> Self {
         let with_text = |paths: Vec<String>| paths.into_iter().map(|p| (p.clone(), text(&p))).collect::<Vec<_>>();
@@ -226,7 +232,7 @@ impl House {
             Place::Twin => self.sources.contains(&format!("src/reference/{stage}.rs")),
             Place::Test => self.tests.iter().any(|(path, text)| {
                 Path::new(path).file_stem().is_some_and(|s| s == stage)
-                    || text.split("#[test]\nfn ").skip(1).any(|t| t.starts_with(&format!("{stage}_")))
+                    || text.split("#[test]\nfn ").skip(1).any(|t| whole_words(t, stage))
             }),
             Place::Bench => {
                 self.benches.contains(&label) || rendered.into_iter().any(|s| *s == stage.replace('_', " "))

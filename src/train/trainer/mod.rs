@@ -7,7 +7,7 @@ mod method;
 
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
-use crate::gpu::{Device, Recording, Ticket, Timings};
+use crate::gpu::{self, Device, Recording, Ticket, Timings};
 use crate::random::permutation;
 use crate::render::{Backward, Settings, TrainingRenderer};
 use crate::response::{Gather, ResidentResponses};
@@ -403,16 +403,16 @@ impl Trainer {
         Ok(())
     }
 
-    /// Changes the number of Gaussians. The renderer's buffers are given back meanwhile, and fit the new number after it.
-    pub(super) fn reshaped<T>(
+    /// Changes the number of Gaussians. The renderer's buffers are freed during the change, and fit the new number afterwards.
+    pub(super) fn reshaped<T, E: Into<Error>>(
         &mut self,
-        change: impl FnOnce(&Device, &mut TrainingModel) -> gpu::Result<T>,
+        change: impl FnOnce(&Device, &mut TrainingModel) -> Result<T, E>,
     ) -> Result<T> {
         self.responses = None;
         let released = self.renderer.release()?;
         let changed = change(&self.device, &mut self.training);
         self.renderer.restore(released, self.training.model.len)?;
-        Ok(changed?)
+        changed.map_err(Into::into)
     }
 
     /// Lends the model to work that needs memory, for which the renderer gives its buffers back.

@@ -163,6 +163,12 @@ pub fn whole(folder: &Path) {
             Some("ply") => qirf_vk::gaussians::formats::read(&path).is_ok(),
             Some("safetensors") => qirf_vk::train::checkpoint::Snapshot::read(&path).is_ok(),
             Some("toml") => qirf_vk::pipeline::RunConfig::read(&path).is_ok(),
+            // The line that a killed writer had begun may lack its end.
+            Some("jsonl") => {
+                let ended = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+                let mut lines = bytes[..ended].split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
+                lines.all(|line| serde_json::from_slice::<serde_json::Value>(line).is_ok())
+            }
             Some("json") => serde_json::from_slice::<serde_json::Value>(&bytes).is_ok(),
             Some("png") => image::load_from_memory(&bytes).is_ok(),
             Some("html") => bytes.ends_with(b"</html>") || bytes.ends_with(b"</html>\n"),

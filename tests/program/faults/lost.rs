@@ -176,10 +176,10 @@ fn a_hang_is_told_and_can_be_ended() {
 
 /// A fault with a malformed text is not ignored silently.
 #[test]
-fn a_fault_that_is_none_is_warned_of() {
+fn a_fault_that_is_none_is_refused() {
     let mut command = program();
-    works(command.arg("device").env("QIRF_DEVICE_FAULT", "submit:0:lost"))
-        .with(0, &["QIRF_DEVICE_FAULT=submit:0:lost", "counts no call"]);
+    end(command.arg("device").env("QIRF_DEVICE_FAULT", "submit:0:lost"))
+        .with(2, &["QIRF_DEVICE_FAULT=submit:0:lost", "counts no call"]);
 }
 
 /// In a process that continues, every later call reports the same error, all memory is freed, and another device works.

@@ -125,8 +125,8 @@ fn a_full_disk_keeps_what_is_whole() {
     let cases = [
         (8, "0", "renders"),
         (20, "0", "model.ply"),
-        (40, "0", "renders"),
-        (60, "0", "metrics.json"),
+        (50, "0", "renders"),
+        (70, "0", "metrics.json"),
         (100, "0", "report.html"),
         (150, "7", "checkpoint.safetensors"),
     ];
