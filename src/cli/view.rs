@@ -236,7 +236,8 @@ fn name(path: &Path) -> String {
 
 /// A run that is to be watched: its capture, and no model yet.
 pub(super) fn of_run(config: &RunConfig, output: &Path, console: &Console) -> Result<Subject, Error> {
-    let capture = capture(&config.scene, Some(config.selection()), None, console)?;
+    let mut capture = capture(&config.scene, Some(config.selection()), None, console)?;
+    capture.scene.use_usual_unit(); // as the run does
     let background = config.background.unwrap_or_else(|| capture.background());
     let (title, models) = (name(output), Vec::new());
     Ok(Subject { title, job: Job::Run, models, background, outline: None, capture: Some(capture) })

@@ -1,5 +1,7 @@
 //! Operations on whole models: allocation, selection, bounds, consistency.
 
+use std::borrow::Cow;
+
 use super::{Attributes, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
 
 impl Gaussians {
@@ -19,6 +21,18 @@ impl Gaussians {
         };
         let bands = self.sh.len();
         Self::of_attributes(self.attributes().zip(Attributes::widths_of_bands(bands)).map(picked), bands)
+    }
+
+    /// The model with all lengths times `factor`.
+    pub fn scaled(&self, factor: f64) -> Cow<'_, Self> {
+        if factor == 1.0 {
+            return Cow::Borrowed(self);
+        }
+        let mut model = self.clone();
+        model.means.iter_mut().flatten().for_each(|v| *v = (f64::from(*v) * factor) as f32);
+        let longer = factor.ln();
+        model.log_scales.iter_mut().flatten().for_each(|v| *v = (f64::from(*v) + longer) as f32);
+        Cow::Owned(model)
     }
 
     /// Adds the Gaussians of another model behind these; bands that one of the two lacks are zero.

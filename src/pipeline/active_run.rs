@@ -307,7 +307,8 @@ impl<'a> ActiveRun<'a> {
             floaters = Some((FloaterCounts::of(&found), Resident::upload(session.device, &model)?));
         }
         let origin = prepared.scene.origin.to_array();
-        formats::write_at(&output.model(), &model, config.style.mode(), origin).map_err(Error::writing)?;
+        let written = model.scaled(prepared.scene.unit);
+        formats::write_at(&output.model(), &written, config.style.mode(), origin).map_err(Error::writing)?;
         let mut follow = |done: usize| {
             watcher.evaluating(done, prepared.test.len());
             Ok(())

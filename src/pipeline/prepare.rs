@@ -51,6 +51,19 @@ impl Prepared {
         f64::from(self.scene.near) / f64::from(Settings::default().near)
     }
 
+    /// Counts lengths in a unit of which the scene has a usual number of, for training: [`Scene::use_usual_unit`].
+    #[must_use]
+    pub fn in_usual_unit(mut self) -> Self {
+        let unit = self.scene.use_usual_unit();
+        if unit != 1.0 {
+            self.extent /= unit;
+            for photo in self.train.iter_mut().chain(self.test.iter_mut().map(|(_, photo)| photo)) {
+                photo.camera.translation /= unit;
+            }
+        }
+        self
+    }
+
     /// All views, those held out first.
     pub fn views(&self) -> impl Iterator<Item = &Photo> {
         self.test.iter().map(|(_, view)| view).chain(&self.train)

@@ -20,7 +20,8 @@ pub fn run(session: &Session<'_>, config: &RunConfig, output: &Output, resume: b
     }
     let device = tuned(session, config, output, resume)?;
     let session = &Session { device: &device, ..*session };
-    let (setup, start) = Setup::load(session, config, output, resume)?;
+    let (mut setup, start) = Setup::load(session, config, output, resume)?;
+    setup.prepared = setup.prepared.in_usual_unit();
     setup.write_config(&start, output)?;
     let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
     run.log()?;

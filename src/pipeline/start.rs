@@ -74,7 +74,7 @@ impl Start {
 pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Result<Gaussians, Error> {
     let blender = prepared.scene.kind == SceneKind::Blender;
     let seeds: Vec<Seed> = match start {
-        Start::Model(model) => return Ok(model),
+        Start::Model(model) => return Ok(model.scaled(1.0 / prepared.scene.unit).into_owned()),
         Start::Resumed(checkpoint) => return Ok(checkpoint.snapshot.model),
         Start::Points(_) => prepared.scene.points.iter().map(Seed::from).collect(),
         Start::Random(count) => {

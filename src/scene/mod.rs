@@ -96,6 +96,8 @@ pub struct Scene {
     /// Nothing nearer to a camera than this is drawn, in world units: 3DGS's 0.2 in scenes of usual size, and in proportion
     /// to the depth of the points in others. It stays when views are dropped.
     pub near: f32,
+    /// The unit of length in units of the files: 1 unless [`Scene::use_usual_unit`] chose another.
+    pub unit: f64,
     /// Where coordinates count from, in the world of the files: not its origin where that is far away ([`origin`]).
     pub origin: DVec3,
 }

@@ -1,6 +1,6 @@
 //! The near plane that suits a scene, whatever its unit of length.
 
-use super::{Point, View};
+use super::{Point, Scene, View};
 use crate::kernels::constants::view::NEAR;
 
 /// The near plane as a share of the median depth of the points: 3DGS's 0.2 where that is 9.2.
@@ -16,6 +16,27 @@ pub(super) fn near(views: &[View], points: &[Point]) -> f32 {
     let own = SHARE * size(views, points);
     let usual = f64::from(NEAR);
     if own == 0.0 || (usual / USUAL..=usual * USUAL).contains(&own) { NEAR } else { own as f32 }
+}
+
+impl Scene {
+    /// Counts lengths in a unit that makes the scene one of usual size: a power of ten of its own, so that captures that differ by
+    /// such a factor become the same numbers; its own unit if it has usual size. Returns that unit in units of before.
+    pub fn use_usual_unit(&mut self) -> f64 {
+        let ratio = f64::from(self.near) / f64::from(NEAR);
+        if (1.0 / USUAL..=USUAL).contains(&ratio) {
+            return 1.0;
+        }
+        let unit = 10_f64.powi(ratio.log10().round() as i32);
+        for view in &mut self.views {
+            view.camera.translation /= unit;
+        }
+        for point in &mut self.points {
+            point.position /= unit;
+        }
+        self.near = (f64::from(self.near) / unit) as f32;
+        self.unit *= unit;
+        unit
+    }
 }
 
 /// The median depth of the points in the views that see them; without points, the median distance of the cameras from

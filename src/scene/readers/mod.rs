@@ -186,7 +186,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let near = near(&views, &points);
     let origin = DVec3::ZERO;
     let Listing { kind, root, .. } = listing;
-    Ok(Scene { kind, root, source, views, points, skipped, near, origin }.move_near())
+    Ok(Scene { kind, root, source, views, points, skipped, near, unit: 1.0, origin }.move_near())
 }
 
 /// Counts the photos in `folder` that no view has, and those that cannot be read.

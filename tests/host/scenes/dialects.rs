@@ -384,6 +384,19 @@ fn the_near_plane_follows_the_unit_of_length_and_nothing_else_does() {
     let shares = [1e-4, 1e-2, 0.3, 10.0, 1e4].map(|unit| f64::from(open(moved(unit, [0.0; 3]).path()).near) / unit);
     assert!(shares.iter().all(|share| (share / shares[0] - 1.0).abs() < 1e-6), "{shares:?}");
     assert!((0.05..0.2).contains(&shares[0]), "{shares:?}");
+    // For training, such scenes are counted in powers of ten, and are the same numbers then.
+    let mut others = [1e-4, 1e-2, 100.0].map(|unit| open(moved(unit, [0.0; 3]).path()));
+    let units = others.each_mut().map(Scene::use_usual_unit);
+    assert_eq!(units, [1e-4, 1e-2, 100.0]);
+    for (scene, unit) in others.iter().zip(units) {
+        assert_eq!(scene.unit, unit);
+        for (a, b) in scene.views.iter().zip(&plain.views) {
+            assert!((a.camera.centre() - b.camera.centre()).length() < 1e-12);
+        }
+        assert!(scene.points.iter().zip(&plain.points).all(|(a, b)| (a.position - b.position).length() < 1e-12));
+    }
+    let mut same = plain.clone();
+    assert_eq!((same.use_usual_unit(), same.near), (1.0, plain.near));
     // It stays when views go, so that parts of a job draw alike.
     let mut few = plain.clone();
     few.retain_views(&[true, true]);
