@@ -119,7 +119,7 @@ pub(super) fn load(
         let mut again = load(views, &LoadOptions { alpha: false, ..*options }, progress)?;
         if share > 0.0 {
             again.notes.push(format!(
-                "{:.4} % of the photos is transparent, under {} %: taken as opaque, on black",
+                "{:.1e} % of the photos is transparent, under {} %: taken as opaque, on black",
                 100.0 * share,
                 100.0 * ALPHA_SHARE
             ));
