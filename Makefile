@@ -1,7 +1,7 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
 .PHONY: help setup run viewer-picture viewer-speed test test-quick effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
-	gpu-report devices msl cluster-test slurm-test
+	gpu-report devices msl python-test cluster-test slurm-test
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -48,6 +48,9 @@ cluster-test: ## compress in tasks under Snakemake, with processes killed on the
 
 slurm-test: ## the same through a Slurm of one node, which is started and stopped; needs root, slurm-wlm and munge (minutes)
 	@tools/slurm-test
+
+python-test: ## build the Python package and test it in an environment of its own (minutes; needs Python 3.9 with venv)
+	@tools/python-test
 
 msl: ## translate every shader into Metal's language; needs spirv-cross (tools/setup --all)
 	@tools/check-msl

@@ -1,0 +1,275 @@
+"""3D Gaussian Splatting with Vulkan compute: models, pictures, training, compression, scores.
+
+Units: positions and sizes in world units, pictures in [0, 1], angles in degrees, PSNR in dB, seconds. Cameras have x right, y down, z forward;
+the middle of the first pixel is (0.5, 0.5). Functions raise ValueError for arguments and file contents that are wrong, FileNotFoundError and other
+OSErrors for files, MemoryError, DeviceError, and KeyboardInterrupt after Ctrl-C.
+"""
+
+from os import PathLike
+from typing import Any, Callable, Optional, Sequence, Union, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__version__: str
+
+Path = Union[str, PathLike[str]]
+Vector = Sequence[float]
+Step = dict[str, Any]
+OnStep = Callable[[Step], None]
+OnProgress = Callable[[str, int, int], None]
+
+class DeviceError(RuntimeError):
+    """A device that is missing, unsuitable or lost, or that computes wrong numbers."""
+
+class Device:
+    """A Vulkan device."""
+
+    def __init__(self, name: Optional[str] = None, *, memory_limit: Optional[int] = None) -> None:
+        """Opens a device by its index, a part of its name, "uuid:..." or "pci:..."; else $QIRF_DEVICE, else the best there is.
+
+        memory_limit: bytes that may be used; else what is free of a GPU's memory.
+        """
+
+    @staticmethod
+    def list() -> list[str]:
+        """Names of all devices, in the order of their indices."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def memory_used(self) -> int:
+        """Bytes in its buffers now."""
+
+    @property
+    def memory_limit(self) -> int:
+        """Bytes that may be used."""
+
+class Model:
+    """A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory."""
+
+    @staticmethod
+    def load(path: Path) -> Model:
+        """Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; what cannot be drawn is left out."""
+
+    @staticmethod
+    def from_arrays(
+        means: ArrayLike,
+        log_scales: ArrayLike,
+        rotations: ArrayLike,
+        opacity_logits: ArrayLike,
+        sh: Union[Sequence[ArrayLike], ArrayLike],
+        *,
+        antialiased: bool = False,
+    ) -> Model:
+        """Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
+
+        means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
+        (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3.
+        """
+
+    def save(self, path: Path) -> None:
+        """Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, whole or not at all."""
+
+    @property
+    def means(self) -> NDArray[np.float32]:
+        """Centres in world units, (n, 3)."""
+
+    @property
+    def log_scales(self) -> NDArray[np.float32]:
+        """Natural logarithms of the axes' standard deviations, (n, 3)."""
+
+    @property
+    def rotations(self) -> NDArray[np.float32]:
+        """Quaternions w, x, y, z of any length, (n, 4)."""
+
+    @property
+    def opacity_logits(self) -> NDArray[np.float32]:
+        """Opacities before the sigmoid, (n,)."""
+
+    @property
+    def sh(self) -> list[NDArray[np.float32]]:
+        """Spherical harmonics by degree, (n, 2 l + 1, 3) for l = 0 to L: coefficients m = -l to l, each red, green, blue."""
+
+    @property
+    def degree(self) -> int:
+        """The SH degree L."""
+
+    @property
+    def antialiased(self) -> bool:
+        """True if it has to be drawn with anti-aliasing."""
+
+    def __len__(self) -> int: ...
+    def transform(self, matrix: ArrayLike) -> Model:
+        """Moves, turns and scales by a similarity, (3, 4) or (4, 4); spherical harmonics turn along."""
+
+    def move_by(self, offset: Vector) -> Model:
+        """Moves by (x, y, z) in world units."""
+
+    def turn(self, axis: Vector, degrees: float) -> Model:
+        """Turns about an axis through the origin, by the right hand."""
+
+    def scale(self, factor: float) -> Model:
+        """Scales about the origin."""
+
+    def crop_box(self, low: Vector, high: Vector, *, outside: bool = False) -> Model:
+        """Keeps the Gaussians whose centre is in a box along the world's axes, or those whose centre is not."""
+
+    def crop_ball(self, centre: Vector, radius: float, *, outside: bool = False) -> Model:
+        """Keeps the Gaussians whose centre is in a ball, or those whose centre is not."""
+
+    def with_degree(self, degree: int) -> Model:
+        """Drops the bands above this SH degree."""
+
+    def min_opacity(self, opacity: float) -> Model:
+        """Removes Gaussians of a lower opacity, 0 to 1."""
+
+    def max_size(self, size: float) -> Model:
+        """Removes Gaussians of which an axis's standard deviation is larger, in world units."""
+
+    def remove(self, kind: str, *, ratio: float = 100.0) -> Model:
+        """Removes "invisible" Gaussians, which no picture can show, or "needles", whose longest axis is `ratio` times the middle one."""
+
+    def morton_order(self) -> Model:
+        """Orders Gaussians along a Z-order curve, so that neighbours in space are neighbours in the file."""
+
+    def select(self, chosen: ArrayLike) -> Model:
+        """The Gaussians of a mask (n,) of bools, or of these numbers, in their order."""
+
+def merge(models: Sequence[Model]) -> Model:
+    """All Gaussians of several models, one model after the other; bands that one lacks are zero."""
+
+class Camera:
+    """A pinhole camera, as COLMAP and OpenCV have it."""
+
+    def __init__(self, k: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int], *, near: Optional[float] = None) -> None:
+        """k: (3, 3) in pixels; world_to_camera: (3, 4) or (4, 4); size: width and height; near: Gaussians nearer than this are left out."""
+
+    @staticmethod
+    def look_at(
+        eye: Vector,
+        target: Vector = (0.0, 0.0, 0.0),
+        *,
+        up: Vector = (0.0, -1.0, 0.0),
+        fov: float = 40.0,
+        size: tuple[int, int] = (1280, 720),
+        near: Optional[float] = None,
+    ) -> Camera:
+        """A camera at `eye` that looks at `target`; fov is vertical, in degrees."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+
+    @property
+    def K(self) -> NDArray[np.float64]:
+        """The intrinsic matrix in pixels, (3, 3)."""
+
+    @property
+    def world_to_camera(self) -> NDArray[np.float64]:
+        """The pose, (4, 4)."""
+
+def orbit(
+    model: Model,
+    count: int,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    fov: float = 40.0,
+    elevation: float = 15.0,
+    up: Vector = (0.0, -1.0, 0.0),
+) -> list[Camera]:
+    """Cameras on a circle around a model, those of `qirf-vk render --orbit`; fov is vertical, elevation above the horizon, in degrees."""
+
+class Renderer:
+    """Draws pictures of one model, in parts if the device cannot hold it."""
+
+    def __init__(self, model: Model, device: Optional[Device] = None, *, background: Vector = (0.0, 0.0, 0.0)) -> None: ...
+    @overload
+    def render(self, camera: Camera) -> NDArray[np.float32]: ...
+    @overload
+    def render(self, camera: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int]) -> NDArray[np.float32]:
+        """A picture (height, width, 4): red, green, blue with the background blended in, and alpha. Give a Camera, or K (3, 3), the pose
+        (3, 4) or (4, 4), and width and height. The bytes are those of `qirf-vk render --format npy`.
+        """
+
+    @overload
+    def depth(self, camera: Camera) -> NDArray[np.float32]: ...
+    @overload
+    def depth(self, camera: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int]) -> NDArray[np.float32]:
+        """Expected depths (height, width) along the camera's axis, in world units: the mean over the Gaussians that a pixel blends, weighted as
+        their colours are; infinite where there are none.
+        """
+
+class Run:
+    """A finished run."""
+
+    @property
+    def model(self) -> Model: ...
+    @property
+    def record(self) -> dict[str, Any]:
+        """The contents of metrics.json (docs/metrics.md)."""
+
+    @property
+    def log(self) -> list[Step]:
+        """The lines of log.jsonl (docs/metrics.md)."""
+
+    @property
+    def folder(self) -> Optional[str]:
+        """The folder of its files; None if it was temporary."""
+
+def train(
+    scene: Path,
+    preset: str = "standard",
+    *,
+    output: Optional[Path] = None,
+    device: Optional[Device] = None,
+    resume: bool = False,
+    on_step: Optional[OnStep] = None,
+    on_progress: Optional[OnProgress] = None,
+    **options: Any,
+) -> Run:
+    """Trains a scene with poses, prunes it, and scores it, as `qirf-vk run` does, with the same bytes.
+
+    preset: "standard", "quick" or "paper". output: the folder of the run's files; temporary if absent. on_step gets a line of log.jsonl as a
+    dictionary: iteration, iterations, seconds, loss, gaussians, psnr where it was measured, rates, device_bytes. on_progress gets the stage, the
+    steps done and their number. options: iterations; keep (a share) or count of Gaussians, or prune=False; effects, such as ["exposure=on"];
+    and every key of config.toml, such as seed, resolution ("640" wide, or "/2"), images, eval_every, sh_degree, max_gaussians,
+    checkpoint_every, background, clean.
+    """
+
+def compress(
+    model: Model,
+    keep: Optional[float] = None,
+    *,
+    count: Optional[int] = None,
+    size: Optional[int] = None,
+    psnr: Optional[float] = None,
+    output: Optional[Path] = None,
+    scene: Optional[Path] = None,
+    resolution: Optional[str] = None,
+    selector: Optional[str] = None,
+    fine_tune: int = 0,
+    views: Optional[int] = None,
+    picture_size: Optional[tuple[int, int]] = None,
+    seed: int = 1,
+    device: Optional[Device] = None,
+    on_progress: Optional[OnProgress] = None,
+) -> tuple[Model, dict[str, Any]]:
+    """Keeps a share (0.28 if nothing is said), a count, or what fits a file: `size` bytes, or the fewest for a `psnr`; these two need `output`.
+
+    With `output` the file is written, and the model is what it holds. The model's own pictures judge it, or a scene's photos. Returns the smaller
+    model and the record of `qirf-vk compress --json`.
+    """
+
+def evaluate(
+    model: Model,
+    scene: Optional[Path] = None,
+    *,
+    against: Optional[Model] = None,
+    resolution: Optional[str] = None,
+    eval_every: int = 8,
+    background: Optional[Vector] = None,
+    device: Optional[Device] = None,
+    on_progress: Optional[OnProgress] = None,
+) -> dict[str, Any]:
+    """Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`."""

@@ -1,0 +1,69 @@
+//! NumPy's arrays: views of Rust's memory, and arrays from Python.
+
+use numpy::ndarray::{ArrayView, Dimension};
+use numpy::{PyArray, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::{IntoPyDict, PyDict};
+use serde::Serialize;
+
+use crate::errors::wrong;
+
+/// A read-only array over `view`, which keeps `owner` alive.
+///
+/// # Safety
+/// The memory of `view` belongs to `owner`, and neither moves nor changes while `owner` lives.
+#[allow(unsafe_code)]
+pub unsafe fn borrowed<'py, D: Dimension>(
+    view: ArrayView<'_, f32, D>,
+    owner: Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray<f32, D>>> {
+    // SAFETY: the caller vouches for the memory; the array is made read-only before anyone else sees it.
+    let array = unsafe { PyArray::borrow_from_array(&view, owner) };
+    array.call_method("setflags", (), Some(&[("write", false)].into_py_dict(array.py())?))?;
+    Ok(array)
+}
+
+/// Numbers of anything that NumPy makes an array of, in float32, row by row, with their shape.
+pub fn floats(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<usize>, Vec<f32>)> {
+    let numpy = object.py().import("numpy")?;
+    let array = numpy.call_method1("ascontiguousarray", (object, "float32"));
+    let array = array.map_err(|e| wrong(format!("{name}: {e}")))?;
+    let array: PyReadonlyArrayDyn<'_, f32> = array.extract()?;
+    Ok((array.shape().to_vec(), array.as_slice()?.to_vec()))
+}
+
+/// The numbers as rows of `N`.
+pub fn rows<const N: usize>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f32; N]>> {
+    match floats(object, name)? {
+        (shape, numbers) if shape.len() == 2 && shape[1] == N => Ok(numbers.as_chunks().0.to_vec()),
+        (shape, _) => Err(wrong(format!("{name} has the shape {shape:?}, and should have (n, {N})"))),
+    }
+}
+
+/// A float64 matrix of R x C numbers.
+pub fn matrix<const R: usize, const C: usize>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<[[f64; C]; R]> {
+    let numpy = object.py().import("numpy")?;
+    let array = numpy.call_method1("ascontiguousarray", (object, "float64"))?;
+    let array: PyReadonlyArrayDyn<'_, f64> = array.extract()?;
+    if array.shape() != [R, C] {
+        return Err(wrong(format!("{name} has the shape {:?}, and should have ({R}, {C})", array.shape())));
+    }
+    let numbers = array.as_slice()?;
+    Ok(std::array::from_fn(|r| std::array::from_fn(|c| numbers[r * C + c])))
+}
+
+/// A record as Python's dictionaries and lists.
+pub fn dictionary<'py>(py: Python<'py>, record: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
+    let text = serde_json::to_string(record).map_err(|e| wrong(e.to_string()))?;
+    py.import("json")?.call_method1("loads", (text,))
+}
+
+/// Keyword arguments as JSON.
+pub fn json(options: &Bound<'_, PyDict>) -> PyResult<serde_json::Map<String, serde_json::Value>> {
+    // Paths and NumPy's numbers are written as text and numbers.
+    let py = options.py();
+    let locals = [("options", options)].into_py_dict(py)?;
+    let code = c"__import__('json').dumps(options, default=lambda x: x.item() if hasattr(x, 'item') else __import__('os').fspath(x))";
+    let text: String = py.eval(code, None, Some(&locals))?.extract()?;
+    serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))
+}

@@ -1,0 +1,61 @@
+//! Devices.
+
+use crate::errors::raised;
+use engine::gpu::{self, DeviceOptions};
+use engine::pipeline::Error;
+use pyo3::prelude::*;
+
+/// A Vulkan device.
+#[pyclass(frozen, module = "qirf_vk")]
+pub struct Device {
+    pub(crate) inner: gpu::Device,
+}
+
+#[pymethods]
+impl Device {
+    /// Opens a device: by its index, a part of its name, "uuid:..." or "pci:...", else $QIRF_DEVICE, else the best there is.
+    #[new]
+    #[pyo3(signature = (name=None, *, memory_limit=None))]
+    fn new(py: Python<'_>, name: Option<String>, memory_limit: Option<u64>) -> PyResult<Self> {
+        let options = DeviceOptions { device: name, memory_limit, ..DeviceOptions::default() };
+        let inner = py.detach(|| gpu::Device::open(&options)).map_err(|e| raised(Error::from(e)))?;
+        Ok(Self { inner })
+    }
+
+    /// Names of all devices, in the order of their indices.
+    #[staticmethod]
+    fn list(py: Python<'_>) -> PyResult<Vec<String>> {
+        let all = py.detach(gpu::list).map_err(|e| raised(Error::from(e)))?;
+        Ok(all.into_iter().map(|info| info.name).collect())
+    }
+
+    /// Its name.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.inner.info().name
+    }
+
+    /// Bytes in its buffers now.
+    #[getter]
+    fn memory_used(&self) -> u64 {
+        self.inner.memory_used().0
+    }
+
+    /// Bytes that may be used.
+    #[getter]
+    fn memory_limit(&self) -> u64 {
+        self.inner.memory_limit()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Device({:?})", self.name())
+    }
+}
+
+/// The device of a job: the one given, else the usual one.
+pub fn or_usual(py: Python<'_>, device: Option<&Bound<'_, Device>>) -> PyResult<gpu::Device> {
+    match device {
+        Some(device) => Ok(device.get().inner.clone()),
+        None => Device::new(py, None, None).map(|device| device.inner),
+    }
+}

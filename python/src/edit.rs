@@ -1,0 +1,130 @@
+//! Edits: each makes a new model.
+
+use crate::errors::{raised, wrong};
+use crate::model::Model;
+use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted};
+use engine::gaussians::Gaussians;
+use engine::glam::DVec3;
+use pyo3::prelude::*;
+
+impl Model {
+    fn edited(&self, py: Python<'_>, edit: Edit) -> PyResult<Self> {
+        let edited = py.detach(|| {
+            let mut model = Gaussians::clone(&self.inner);
+            edit.apply(&mut model).map(|_| model)
+        });
+        Ok(Self::new(edited.map_err(|e| raised(engine::pipeline::Error::from(e)))?, self.mode))
+    }
+
+    fn transformed(&self, py: Python<'_>, map: Result<Similarity, engine::edit::Error>) -> PyResult<Self> {
+        let map = map.map_err(|e| raised(engine::pipeline::Error::from(e)))?;
+        self.edited(py, Edit::Transform(map))
+    }
+}
+
+#[pymethods]
+impl Model {
+    /// Moves, turns and scales by a similarity of 3 x 4 or 4 x 4 numbers; spherical harmonics turn along.
+    fn transform(&self, py: Python<'_>, matrix: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let flat = py.import("numpy")?.call_method1("ravel", (matrix,))?.call_method0("tolist")?;
+        let numbers: Vec<f64> = flat.extract()?;
+        self.transformed(py, Similarity::of_matrix(&numbers))
+    }
+
+    /// Moves by a vector in world units.
+    fn move_by(&self, py: Python<'_>, offset: [f64; 3]) -> PyResult<Self> {
+        self.transformed(py, Ok(Similarity::shift(DVec3::from_array(offset))))
+    }
+
+    /// Turns about an axis through the origin by degrees, by the right hand.
+    fn turn(&self, py: Python<'_>, axis: [f64; 3], degrees: f64) -> PyResult<Self> {
+        self.transformed(py, Similarity::turn(DVec3::from_array(axis), degrees))
+    }
+
+    /// Scales about the origin.
+    fn scale(&self, py: Python<'_>, factor: f64) -> PyResult<Self> {
+        self.transformed(py, Similarity::scaling(factor))
+    }
+
+    /// Keeps what lies within a box along the world's axes, or outside of it.
+    #[pyo3(signature = (low, high, *, outside=false))]
+    fn crop_box(&self, py: Python<'_>, low: [f64; 3], high: [f64; 3], outside: bool) -> PyResult<Self> {
+        let region = Region::Box { low: DVec3::from_array(low), high: DVec3::from_array(high) };
+        self.edited(py, Edit::Crop { region, outside })
+    }
+
+    /// Keeps what lies within a ball, or outside of it.
+    #[pyo3(signature = (centre, radius, *, outside=false))]
+    fn crop_ball(&self, py: Python<'_>, centre: [f64; 3], radius: f64, outside: bool) -> PyResult<Self> {
+        self.edited(py, Edit::Crop { region: Region::Sphere { centre: DVec3::from_array(centre), radius }, outside })
+    }
+
+    /// Drops the bands above a degree.
+    fn with_degree(&self, py: Python<'_>, degree: usize) -> PyResult<Self> {
+        self.edited(py, Edit::ShDegree(degree))
+    }
+
+    /// Removes Gaussians of a lower opacity, 0 to 1.
+    fn min_opacity(&self, py: Python<'_>, opacity: f64) -> PyResult<Self> {
+        self.edited(py, Edit::MinOpacity(opacity))
+    }
+
+    /// Removes Gaussians of which an axis's standard deviation is larger, in world units.
+    fn max_size(&self, py: Python<'_>, size: f64) -> PyResult<Self> {
+        self.edited(py, Edit::MaxSize(size))
+    }
+
+    /// Removes Gaussians of a kind: "invisible" or "needles".
+    #[pyo3(signature = (kind, *, ratio=NEEDLE))]
+    fn remove(&self, py: Python<'_>, kind: &str, ratio: f64) -> PyResult<Self> {
+        let unwanted = match kind {
+            "invisible" => Unwanted::Invisible,
+            "needles" => Unwanted::Needles(ratio),
+            other => {
+                return Err(wrong(format!("{other:?} is no kind to remove: there are \"invisible\" and \"needles\"")));
+            }
+        };
+        self.edited(py, Edit::Remove(unwanted))
+    }
+
+    /// Orders Gaussians along a Z-order curve.
+    fn morton_order(&self, py: Python<'_>) -> PyResult<Self> {
+        self.edited(py, Edit::MortonOrder)
+    }
+
+    /// The Gaussians of a mask (n,) of bools, or of these numbers, in their order.
+    fn select(&self, py: Python<'_>, chosen: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let numpy = py.import("numpy")?;
+        let array = numpy.call_method1("asarray", (chosen,))?;
+        let is_mask: bool = array.getattr("dtype")?.getattr("kind")?.eq("b")?;
+        let n = self.inner.len();
+        let indices: Vec<usize> = if is_mask {
+            if array.len()? != n {
+                return Err(wrong(format!("a mask of {} for {n} Gaussians", array.len()?)));
+            }
+            numpy.call_method1("flatnonzero", (array,))?.call_method0("tolist")?.extract()?
+        } else {
+            array.call_method0("tolist")?.extract()?
+        };
+        if let Some(beyond) = indices.iter().find(|i| **i >= n) {
+            return Err(wrong(format!("there is no Gaussian {beyond} among {n}")));
+        }
+        Ok(Self::new(py.detach(|| self.inner.select(&indices)), self.mode))
+    }
+}
+
+/// All Gaussians of several models, one model after the other.
+#[pyfunction]
+pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
+    let models: Vec<_> = models.iter().map(|model| (model.get().inner.clone(), model.get().mode)).collect();
+    let Some((_, mode)) = models.first().cloned() else { return Err(wrong("there is no model to merge")) };
+    if models.iter().any(|(_, other)| *other != mode) {
+        return Err(wrong("anti-aliased models and others cannot be one: they are drawn differently"));
+    }
+    let merged = py.detach(|| {
+        let mut all = Gaussians::default();
+        models.iter().for_each(|(model, _)| all.append(model));
+        all
+    });
+    Ok(Model::new(merged, mode))
+}

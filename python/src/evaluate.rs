@@ -1,0 +1,61 @@
+//! Scores.
+
+use crate::arrays::dictionary;
+use crate::device::{Device, or_usual};
+use crate::errors::wrong;
+use crate::model::Model;
+use crate::watch::Follower;
+use engine::metrics::Networks;
+use engine::pipeline::config::no_methods;
+use engine::pipeline::eval::{self, Evaluation};
+use engine::pipeline::{Error, RunConfig, Session, host_bytes};
+use engine::render::Style;
+use pyo3::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// Scores a model against a scene's held-out photos, or against another model's pictures.
+#[pyfunction]
+#[pyo3(signature = (model, scene=None, *, against=None, resolution=None, eval_every=8, background=None, device=None, on_progress=None))]
+pub fn evaluate<'py>(
+    py: Python<'py>,
+    model: &Bound<'py, Model>,
+    scene: Option<PathBuf>,
+    against: Option<&Bound<'py, Model>>,
+    resolution: Option<String>,
+    eval_every: usize,
+    background: Option<[f32; 3]>,
+    device: Option<&Bound<'py, Device>>,
+    on_progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let of = |model: &Bound<'_, Model>| (model.get().inner.clone(), Style::of(model.get().mode));
+    let (model, style) = of(model);
+    let original = against.map(of);
+    let device = or_usual(py, device)?;
+    let follower = Follower::new(None, on_progress);
+    let networks = Networks::find(None).map_err(|e| crate::errors::raised(Error::from(e)))?;
+    let session = Session {
+        device: &device,
+        networks: &networks,
+        host_bytes: host_bytes(None),
+        scratch: None,
+        watcher: &follower,
+        methods: no_methods,
+    };
+    match (scene, original) {
+        (Some(scene), None) => {
+            let usual = RunConfig::of(scene, Default::default());
+            let selection = RunConfig { resolution, eval_every, background, ..usual }.selection();
+            let evaluation = Evaluation { selection, style, exposure: false };
+            let record = py.detach(|| eval::eval(&session, Path::new(""), &model, &evaluation, None));
+            dictionary(py, &follower.result(record)?)
+        }
+        (None, Some((original, theirs))) => {
+            let background = background.unwrap_or([0.0; 3]);
+            let pair = [(&*model, style), (&*original, theirs)];
+            let held_out = follower.result(py.detach(|| eval::against(&session, pair, background)))?;
+            let record = serde_json::json!({ "test": held_out.mean(), "views": held_out.views });
+            dictionary(py, &record)
+        }
+        _ => Err(wrong("give a scene, or another model as against")),
+    }
+}

@@ -1,0 +1,32 @@
+//! `qirf_vk` for Python: models, pictures, training, compression and scores. `qirf_vk.pyi` documents it.
+
+mod arrays;
+mod compress;
+mod device;
+mod edit;
+mod errors;
+mod evaluate;
+mod model;
+mod render;
+mod train;
+mod watch;
+
+use pyo3::prelude::*;
+
+/// 3D Gaussian Splatting with Vulkan compute: models, pictures, training, compression, scores.
+#[pymodule]
+fn qirf_vk(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("DeviceError", module.py().get_type::<errors::DeviceError>())?;
+    module.add_class::<model::Model>()?;
+    module.add_class::<device::Device>()?;
+    module.add_class::<render::Camera>()?;
+    module.add_class::<render::Renderer>()?;
+    module.add_class::<train::Run>()?;
+    module.add_function(wrap_pyfunction!(edit::merge, module)?)?;
+    module.add_function(wrap_pyfunction!(train::train, module)?)?;
+    module.add_function(wrap_pyfunction!(compress::compress, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(render::orbit, module)?)?;
+    Ok(())
+}

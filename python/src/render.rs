@@ -1,0 +1,300 @@
+//! Cameras and pictures.
+
+use crate::arrays::matrix;
+use crate::device::{Device, or_usual};
+use crate::errors::{raised, wrong};
+use crate::model::Model;
+use engine::gaussians::Gaussians;
+use engine::gaussians::outline::outline;
+use engine::gaussians::resident::Resident;
+use engine::glam::{DMat3, DVec2, DVec3};
+use engine::kernels::constants::sh::float64::SH_C0;
+use engine::pipeline::render::near_limit;
+use engine::pipeline::{Error, budget};
+use engine::render::{Image, Painter, Settings, Source, Style};
+use engine::scene::{
+    camera,
+    orbit::{Look, UP},
+};
+use engine::{gpu, render};
+use numpy::ndarray::{Array2, Array3};
+use numpy::{IntoPyArray, PyArray2, PyArray3};
+use pyo3::prelude::*;
+use std::sync::{Arc, Mutex, MutexGuard};
+
+/// A pinhole camera as COLMAP and OpenCV have it: x right, y down, z forward; the middle of the first pixel is (0.5, 0.5).
+#[pyclass(frozen, module = "qirf_vk")]
+#[derive(Clone)]
+pub struct Camera {
+    inner: camera::Camera,
+    /// Gaussians nearer than this are left out; the usual distance if absent.
+    near: Option<f32>,
+}
+
+#[pymethods]
+impl Camera {
+    /// From K (3, 3) in pixels, world_to_camera (3, 4) or (4, 4), and the size (width, height).
+    #[new]
+    #[pyo3(signature = (k, world_to_camera, size, *, near=None))]
+    fn new(
+        k: &Bound<'_, PyAny>,
+        world_to_camera: &Bound<'_, PyAny>,
+        size: (u32, u32),
+        near: Option<f32>,
+    ) -> PyResult<Self> {
+        let k: [[f64; 3]; 3] = matrix(k, "K")?;
+        let pose: [[f64; 4]; 3] = match matrix::<4, 4>(world_to_camera, "world_to_camera") {
+            Ok([a, b, c, _]) => [a, b, c],
+            Err(_) => matrix(world_to_camera, "world_to_camera")?,
+        };
+        let rows = pose.map(|row| DVec3::new(row[0], row[1], row[2]));
+        let rotation = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
+        let off = rotation * rotation.transpose() - DMat3::IDENTITY;
+        if !(off.to_cols_array().iter().all(|x| x.abs() < 1e-4) && rotation.determinant() > 0.0) {
+            return Err(wrong("world_to_camera does not begin with a rotation"));
+        }
+        if k[0][1] != 0.0 || !(k[0][0] > 0.0 && k[1][1] > 0.0 && k.as_flattened().iter().all(|x| x.is_finite())) {
+            return Err(wrong("K should be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0"));
+        }
+        Self::checked(
+            camera::Camera {
+                rotation,
+                translation: DVec3::from_array(pose.map(|row| row[3])),
+                focal: DVec2::new(k[0][0], k[1][1]),
+                principal: DVec2::new(k[0][2], k[1][2]),
+                width: size.0,
+                height: size.1,
+                whole: None,
+            },
+            near,
+        )
+    }
+
+    /// A camera at `eye` that looks at `target`; `fov` is the vertical field of view in degrees.
+    #[staticmethod]
+    #[pyo3(signature = (eye, target=[0.0; 3], *, up=UP.to_array(), fov=40.0, size=(1280, 720), near=None))]
+    fn look_at(
+        eye: [f64; 3],
+        target: [f64; 3],
+        up: [f64; 3],
+        fov: f64,
+        size: (u32, u32),
+        near: Option<f32>,
+    ) -> PyResult<Self> {
+        if !(fov > 0.0 && fov < 180.0) {
+            return Err(wrong(format!("a field of view of {fov} degrees: give one above 0 and below 180")));
+        }
+        let [eye, target, up] = [eye, target, up].map(DVec3::from_array);
+        Self::checked(camera::Camera::look_at(eye, target, up, fov.to_radians(), size.0, size.1), near)
+    }
+
+    /// Width and height in pixels.
+    #[getter]
+    fn size(&self) -> (u32, u32) {
+        (self.inner.width, self.inner.height)
+    }
+
+    /// The intrinsic matrix in pixels, (3, 3).
+    #[getter(K)]
+    fn k<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let camera::Camera { focal, principal, .. } = &self.inner;
+        let rows = [[focal.x, 0.0, principal.x], [0.0, focal.y, principal.y], [0.0, 0.0, 1.0]];
+        Array2::from(rows.to_vec()).into_pyarray(py)
+    }
+
+    /// The pose, (4, 4).
+    #[getter]
+    fn world_to_camera<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let (r, t) = (self.inner.rotation.transpose(), self.inner.translation);
+        let mut pose = Array2::eye(4);
+        for i in 0..3 {
+            for j in 0..3 {
+                pose[(i, j)] = r.col(i)[j];
+            }
+            pose[(i, 3)] = t[i];
+        }
+        pose.into_pyarray(py)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Camera({} x {}, at {})", self.inner.width, self.inner.height, self.inner.centre())
+    }
+}
+
+impl Camera {
+    fn checked(inner: camera::Camera, near: Option<f32>) -> PyResult<Self> {
+        if inner.width == 0 || inner.height == 0 || inner.width > 65_536 || inner.height > 65_536 {
+            return Err(wrong(format!(
+                "a picture of {} x {} pixels: give 1 to 65,536 each",
+                inner.width, inner.height
+            )));
+        }
+        if !(inner.translation.is_finite() && inner.rotation.is_finite() && inner.principal.is_finite()) {
+            return Err(wrong("a camera's place and direction should be finite numbers"));
+        }
+        Ok(Self { inner, near })
+    }
+}
+
+/// Cameras on a circle around a model, as `qirf-vk render --orbit` has them; angles in degrees.
+#[pyfunction]
+#[pyo3(signature = (model, count, *, size=(1280, 720), fov=40.0, elevation=15.0, up=UP.to_array()))]
+pub fn orbit(
+    py: Python<'_>,
+    model: &Bound<'_, Model>,
+    count: u32,
+    size: (u32, u32),
+    fov: f64,
+    elevation: f64,
+    up: [f64; 3],
+) -> PyResult<Vec<Camera>> {
+    let Some(up) = DVec3::from_array(up).try_normalize() else { return Err(wrong("up should be a direction")) };
+    if !(fov > 0.0 && fov < 180.0 && elevation.abs() < 90.0) {
+        return Err(wrong("give a field of view above 0 and below 180 degrees, and an elevation between -90 and 90"));
+    }
+    let look = Look { fov: fov.to_radians(), elevation: elevation.to_radians(), size };
+    let model = model.get().inner.clone();
+    let (near, cameras) = py.detach(|| {
+        let outline = outline(&model, up);
+        (near_limit(outline.framing(&look).distance), outline.cameras(count, &look))
+    });
+    cameras.into_iter().map(|camera| Camera::checked(camera, Some(near))).collect()
+}
+
+/// Draws pictures of one model.
+#[pyclass(frozen, module = "qirf_vk")]
+pub struct Renderer {
+    device: gpu::Device,
+    model: Arc<Gaussians>,
+    /// The model on the device; none if it is too large, and drawn in parts.
+    resident: Option<Resident>,
+    settings: Settings,
+    brushes: Mutex<Brushes>,
+}
+
+/// Painters with the near plane that they were made for.
+#[derive(Default)]
+struct Brushes {
+    colour: Option<(f32, Painter)>,
+    depth: Option<(f32, Painter)>,
+}
+
+impl Renderer {
+    fn draw(
+        &self,
+        slot: &mut Option<(f32, Painter)>,
+        source: Source<'_>,
+        camera: &Camera,
+        settings: Settings,
+    ) -> Result<Image, Error> {
+        let near = camera.near.map_or(settings.near, |near| near.min(settings.near));
+        if slot.as_ref().is_none_or(|(of, _)| *of != near) {
+            let size = [camera.inner.width, camera.inner.height];
+            *slot = Some((near, Painter::of(&self.device, Settings { near, ..settings }, source, size)?));
+        }
+        let Some((_, painter)) = slot else { return Err(Error::Interrupted) };
+        Ok(painter.render(source, &camera.inner)?)
+    }
+
+    fn brushes(&self) -> MutexGuard<'_, Brushes> {
+        // A painter that panicked half-way draws the next picture anew.
+        self.brushes.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+
+    fn source(&self) -> Source<'_> {
+        self.resident.as_ref().map_or(Source::Host(&self.model), Source::Device)
+    }
+}
+
+/// A camera from a Camera, or from K, world_to_camera and size.
+fn camera_of(camera: &Bound<'_, PyAny>, pose: Option<&Bound<'_, PyAny>>, size: Option<(u32, u32)>) -> PyResult<Camera> {
+    match (camera.cast::<Camera>(), pose, size) {
+        (Ok(camera), None, None) => Ok(camera.get().clone()),
+        (Err(_), Some(pose), Some(size)) => Camera::new(camera, pose, size, None),
+        _ => Err(wrong("give a Camera, or K, world_to_camera and size")),
+    }
+}
+
+#[pymethods]
+impl Renderer {
+    /// A renderer of `model` over a background colour.
+    #[new]
+    #[pyo3(signature = (model, device=None, *, background=[0.0; 3]))]
+    fn new(
+        py: Python<'_>,
+        model: &Bound<'_, Model>,
+        device: Option<&Bound<'_, Device>>,
+        background: [f32; 3],
+    ) -> PyResult<Self> {
+        let device = or_usual(py, device)?;
+        let Model { inner: model, mode } = model.get();
+        let (model, style) = (model.clone(), Style::of(*mode));
+        let resident = py.detach(|| {
+            let place = budget::for_pictures(&device, &model, [1280, 720], style)?;
+            place.whole.then(|| Resident::upload(&device, &model).map_err(Error::from)).transpose()
+        });
+        let resident = resident.map_err(raised)?;
+        Ok(Self { device, model, resident, settings: style.over(background), brushes: Mutex::default() })
+    }
+
+    /// Red, green, blue (background blended in) and alpha: float32 (height, width, 4).
+    #[pyo3(signature = (camera, world_to_camera=None, size=None))]
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &Bound<'py, PyAny>,
+        world_to_camera: Option<&Bound<'py, PyAny>>,
+        size: Option<(u32, u32)>,
+    ) -> PyResult<Bound<'py, PyArray3<f32>>> {
+        let camera = camera_of(camera, world_to_camera, size)?;
+        let image = py
+            .detach(|| self.draw(&mut self.brushes().colour, self.source(), &camera, self.settings))
+            .map_err(raised)?;
+        let shape = (image.height as usize, image.width as usize, 4);
+        let pixels = Array3::from_shape_vec(shape, image.pixels.into_flattened()).map_err(|e| wrong(e.to_string()))?;
+        Ok(pixels.into_pyarray(py))
+    }
+
+    /// Expected depth along the camera's axis in world units: float32 (height, width), infinite where nothing is.
+    #[pyo3(signature = (camera, world_to_camera=None, size=None))]
+    fn depth<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &Bound<'py, PyAny>,
+        world_to_camera: Option<&Bound<'py, PyAny>>,
+        size: Option<(u32, u32)>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let camera = camera_of(camera, world_to_camera, size)?;
+        let image = py.detach(|| -> Result<(f64, Image), Error> {
+            let (far, model) = coloured_by_depth(&self.model, &camera.inner);
+            let settings = Settings { background: [0.0; 3], ..self.settings };
+            let mut brushes = self.brushes();
+            let image = if self.resident.is_some() {
+                let resident = Resident::upload(&self.device, &model)?;
+                self.draw(&mut brushes.depth, render::Source::Device(&resident), &camera, settings)?
+            } else {
+                self.draw(&mut brushes.depth, render::Source::Host(&model), &camera, settings)?
+            };
+            Ok((far, image))
+        });
+        let (far, image) = image.map_err(raised)?;
+        let depth = |[z, _, _, alpha]: &[f32; 4]| {
+            if *alpha > 0.0 { (f64::from(*z / *alpha) * far) as f32 } else { f32::INFINITY }
+        };
+        let shape = (image.height as usize, image.width as usize);
+        let depths = Array2::from_shape_vec(shape, image.pixels.iter().map(depth).collect());
+        Ok(depths.map_err(|e| wrong(e.to_string()))?.into_pyarray(py))
+    }
+}
+
+/// A model whose colours are depths, as shares of the largest one, which is returned with it.
+fn coloured_by_depth(model: &Gaussians, camera: &camera::Camera) -> (f64, Gaussians) {
+    let depth = |mean: &[f32; 3]| (camera.rotation * DVec3::from_array(mean.map(f64::from)) + camera.translation).z;
+    let depths: Vec<f64> = model.means.iter().map(depth).collect();
+    let far = depths.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    let colour = |z: &f64| [((z / far - 0.5) / SH_C0) as f32; 3];
+    let sh = vec![depths.iter().flat_map(colour).collect()];
+    let Gaussians { means, log_scales, rotations, opacity_logits, .. } = model;
+    let [means, log_scales] = [means, log_scales].map(Clone::clone);
+    (far, Gaussians { means, log_scales, rotations: rotations.clone(), opacity_logits: opacity_logits.clone(), sh })
+}

@@ -1,0 +1,121 @@
+//! Training.
+
+use crate::arrays::{dictionary, json};
+use crate::device::{Device, or_usual};
+use crate::errors::{raised, wrong};
+use crate::model::Model;
+use crate::watch::Follower;
+use engine::gaussians::formats;
+use engine::metrics::Networks;
+use engine::pipeline::config::{Pruning, no_methods};
+use engine::pipeline::{Error, Output, Preset, RunConfig, Session, host_bytes, run};
+use engine::qirf::select::budget::Keep;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde_json::{Map, Value};
+use std::path::PathBuf;
+
+/// A finished run.
+#[pyclass(frozen, module = "qirf_vk")]
+pub struct Run {
+    #[pyo3(get)]
+    model: Py<Model>,
+    /// The contents of metrics.json.
+    #[pyo3(get)]
+    record: Py<PyAny>,
+    /// The lines of log.jsonl.
+    #[pyo3(get)]
+    log: Py<PyAny>,
+    /// The folder of its files; None if it was temporary.
+    #[pyo3(get)]
+    folder: Option<PathBuf>,
+}
+
+/// Takes an option out of them, in Rust's type.
+fn taken<T: serde::de::DeserializeOwned>(options: &mut Map<String, Value>, name: &str) -> PyResult<Option<T>> {
+    let Some(value) = options.shift_remove(name).filter(|value| !value.is_null()) else { return Ok(None) };
+    serde_json::from_value(value).map(Some).map_err(|e| wrong(format!("{name}: {e}")))
+}
+
+/// The configuration of a run: the preset's, with these options.
+fn configuration(scene: PathBuf, preset: &str, mut options: Map<String, Value>) -> PyResult<RunConfig> {
+    let preset: Preset = serde_json::from_value(preset.into()).map_err(|e| wrong(format!("preset: {e}")))?;
+    let mut config = RunConfig::of(scene, preset);
+    config.schedule = preset.schedule(taken(&mut options, "iterations")?);
+    let effects: Option<Vec<String>> = taken(&mut options, "effects")?;
+    for effect in effects.iter().flatten() {
+        let (effect, choice) = engine::effects::Overrides::parse(effect).map_err(wrong)?;
+        config.effects.set(effect, choice);
+    }
+    let (keep, count): (Option<f64>, Option<usize>) = (taken(&mut options, "keep")?, taken(&mut options, "count")?);
+    let prune = taken(&mut options, "prune")?.unwrap_or(true);
+    let keep = match (keep, count) {
+        (Some(_), Some(_)) => return Err(wrong("keep and count ask for two numbers of Gaussians; give one of them")),
+        (Some(share), None) => Some(Keep::Share(share)),
+        (None, count) => count.map(Keep::Count),
+    };
+    if !prune && keep.is_some() {
+        return Err(wrong("a run without a prune keeps all: leave out keep and count"));
+    }
+    if prune {
+        let mut pruning: Pruning = preset.pruning();
+        pruning.compression.keep = keep.unwrap_or(pruning.compression.keep);
+        config = config.pruned(pruning);
+    }
+    options.retain(|_, value| !value.is_null());
+    let fields = serde_json::from_value(Value::Object(options)).map_err(|e| wrong(e.to_string()))?;
+    config.with(fields).map_err(raised)
+}
+
+/// Trains a scene, prunes it, and scores it, as `qirf-vk run` does.
+#[pyfunction]
+#[pyo3(signature = (scene, preset="standard", *, output=None, device=None, resume=false, on_step=None, on_progress=None, **options))]
+pub fn train(
+    py: Python<'_>,
+    scene: PathBuf,
+    preset: &str,
+    output: Option<PathBuf>,
+    device: Option<&Bound<'_, Device>>,
+    resume: bool,
+    on_step: Option<Py<PyAny>>,
+    on_progress: Option<Py<PyAny>>,
+    options: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Run> {
+    let config = configuration(scene, preset, options.map(json).transpose()?.unwrap_or_default())?;
+    if resume && output.is_none() {
+        return Err(wrong("resume=True goes on from a checkpoint: name the run's folder as output"));
+    }
+    let device = or_usual(py, device)?;
+    let temporary = tempfile::tempdir()?;
+    let folder = output.clone().unwrap_or_else(|| temporary.path().to_owned());
+    let follower = Follower::new(on_step, on_progress);
+    let done = py.detach(|| -> Result<_, Error> {
+        let output = Output::new(&folder)?;
+        if !resume && output.checkpoint().exists() {
+            return Err(Error::Unfinished(output.checkpoint()));
+        }
+        let networks = Networks::find(None)?;
+        let session = Session {
+            device: &device,
+            networks: &networks,
+            host_bytes: host_bytes(None),
+            scratch: None,
+            watcher: &follower,
+            methods: no_methods,
+        };
+        let record = run::run(&session, &config, &output, resume)?;
+        let loaded = formats::read(&output.model())?;
+        let path = output.log();
+        let log = std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source })?;
+        Ok((record, loaded, log))
+    });
+    let (record, loaded, log) = follower.result(done)?;
+    let log: Vec<Value> =
+        log.lines().map(serde_json::from_str).collect::<Result<_, _>>().map_err(|e| wrong(e.to_string()))?;
+    Ok(Run {
+        model: Py::new(py, Model::new(loaded.gaussians, loaded.mode))?,
+        record: dictionary(py, &record)?.unbind(),
+        log: dictionary(py, &log)?.unbind(),
+        folder: output,
+    })
+}

@@ -1,0 +1,253 @@
+"""Tests of the Python package. $QIRF_PROGRAM is the program whose bytes it must have: tools/python-test sets it."""
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import qirf_vk
+
+ROOT = Path(__file__).resolve().parents[2]
+RING = ROOT / "tools" / "examples" / "ring.ply"
+PROGRAM = os.environ["QIRF_PROGRAM"]
+
+
+def program(*arguments):
+    subprocess.run([PROGRAM, "--quiet", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
+
+
+@pytest.fixture(scope="session")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scene") / "scene"
+    program("synth", folder, "--views", 9, "--size", "48x36")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def trained(scene):
+    return qirf_vk.train(scene, iterations=120)
+
+
+@pytest.fixture(scope="session")
+def ring():
+    return qirf_vk.Model.load(RING)
+
+
+def test_arrays_are_views_that_nobody_writes_to(ring):
+    n = len(ring)
+    assert ring.means.shape == (n, 3) and ring.log_scales.shape == (n, 3) and ring.rotations.shape == (n, 4)
+    assert ring.opacity_logits.shape == (n,) and [b.shape for b in ring.sh] == [(n, 2 * l + 1, 3) for l in range(ring.degree + 1)]
+    for array in [ring.means, ring.log_scales, ring.rotations, ring.opacity_logits, *ring.sh]:
+        assert array.dtype == np.float32 and not array.flags.writeable and not array.flags.owndata
+        with pytest.raises(ValueError):
+            array[0] = 1
+        with pytest.raises(ValueError):
+            array.flags.writeable = True
+    assert ring.means.__array_interface__["data"] == ring.means.__array_interface__["data"]
+    means = qirf_vk.Model.load(RING).means
+    assert np.isfinite(means).all(), "an array keeps its model alive"
+
+
+def arrays(model):
+    return model.means, model.log_scales, model.rotations, model.opacity_logits, model.sh
+
+
+def test_save_and_from_arrays_keep_every_byte(ring, tmp_path):
+    ring.save(tmp_path / "saved.ply")
+    program("convert", RING, tmp_path / "converted.ply")
+    again = qirf_vk.Model.from_arrays(*arrays(ring))
+    again.save(tmp_path / "again.ply")
+    whole = np.concatenate(ring.sh, axis=1)
+    qirf_vk.Model.from_arrays(*arrays(ring)[:4], whole.astype(np.float64)).save(str(tmp_path / "whole.ply"))
+    expected = (tmp_path / "converted.ply").read_bytes()
+    for name in ["saved", "again", "whole"]:
+        assert (tmp_path / f"{name}.ply").read_bytes() == expected, name
+    ring.save(tmp_path / "model.spz")
+    program("convert", RING, tmp_path / "program.spz")
+    assert (tmp_path / "model.spz").read_bytes() == (tmp_path / "program.spz").read_bytes()
+
+
+def test_wrong_arrays_are_named(ring):
+    means, scales, rotations, logits, sh = arrays(ring)
+    make = qirf_vk.Model.from_arrays
+    with pytest.raises(ValueError, match=r"means has the shape \[2, 2\]"):
+        make(np.zeros((2, 2)), scales, rotations, logits, sh)
+    with pytest.raises(ValueError, match="log_scales has 3 entries"):
+        make(means, scales[:3], rotations, logits, sh)
+    with pytest.raises(ValueError, match=r"sh\[0\] has the shape"):
+        make(means, scales, rotations, logits, [np.zeros((3, 1, 3))])
+    broken = rotations.copy()
+    broken[5] = 0
+    with pytest.raises(ValueError, match="Gaussian 5: its rotation"):
+        make(means, scales, broken, logits, sh)
+    broken = means.copy()
+    broken[2, 1] = np.nan
+    with pytest.raises(ValueError, match="Gaussian 2: its mean is not finite"):
+        make(broken, scales, rotations, logits, sh)
+    with pytest.raises(ValueError, match="means"):
+        make("no array", scales, rotations, logits, sh)
+
+
+def test_errors_have_their_kinds(ring, tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere.ply"):
+        qirf_vk.Model.load(tmp_path / "nowhere.ply")
+    (tmp_path / "broken.ply").write_bytes(b"ply\nformat nonsense\n")
+    with pytest.raises(ValueError, match="broken.ply"):
+        qirf_vk.Model.load(tmp_path / "broken.ply")
+    with pytest.raises(ValueError, match="extension|format|write"):
+        ring.save(tmp_path / "model.doc")
+    with pytest.raises(OSError, match="no/folder"):
+        ring.save(tmp_path / "no" / "folder" / "model.ply")
+    with pytest.raises(qirf_vk.DeviceError):
+        qirf_vk.Device("a device that nobody has")
+    with pytest.raises(FileNotFoundError):
+        qirf_vk.train(tmp_path / "no scene", preset="quick")
+    with pytest.raises(ValueError, match="unknown field `sead`"):
+        qirf_vk.train(tmp_path, sead=3)
+    with pytest.raises(ValueError, match="preset"):
+        qirf_vk.train(tmp_path, preset="fast")
+    with pytest.raises(ValueError, match="keep"):
+        qirf_vk.compress(ring, keep=1.5)
+    with pytest.raises(ValueError, match="output"):
+        qirf_vk.compress(ring, size=10_000)
+    with pytest.raises(ValueError, match="scene"):
+        qirf_vk.evaluate(ring)
+
+
+def test_pictures_are_the_programs(ring, tmp_path):
+    program("render", RING, "--orbit", 2, "--size", "64x48", "--format", "npy", "-o", tmp_path)
+    renderer = qirf_vk.Renderer(ring)
+    for number, camera in enumerate(qirf_vk.orbit(ring, 2, size=(64, 48))):
+        picture = renderer.render(camera)
+        expected = np.load(tmp_path / f"orbit_{number:03}.npy")
+        assert picture.shape == (48, 64, 4) and picture.dtype == np.float32
+        assert picture[..., : expected.shape[2]].tobytes() == expected.tobytes()
+        again = renderer.render(qirf_vk.Camera(camera.K, camera.world_to_camera, camera.size))
+        assert np.allclose(picture, again, atol=1e-5)
+        by_matrices = renderer.render(camera.K, camera.world_to_camera[:3], camera.size)
+        assert by_matrices.tobytes() == again.tobytes()
+        shared = np.from_dlpack(picture)
+        assert shared.__array_interface__["data"] == picture.__array_interface__["data"]
+    with pytest.raises(ValueError, match="rotation"):
+        qirf_vk.Camera(np.eye(3), np.ones((4, 4)), (8, 8))
+    with pytest.raises(ValueError, match="give a Camera"):
+        renderer.render(np.eye(3))
+
+
+def test_depth_is_the_distance_along_the_axis():
+    one = [[0.3, -0.2, 5.0]]
+    model = qirf_vk.Model.from_arrays(one, [[-1.0] * 3], [[1, 0, 0, 0]], [4.0], [np.zeros((1, 1, 3))])
+    camera = qirf_vk.Camera.look_at((0, 0, 0), (0, 0, 1), fov=60, size=(64, 48))
+    depth = qirf_vk.Renderer(model).depth(camera)
+    seen = np.isfinite(depth)
+    assert depth.shape == (48, 64) and 0 < seen.sum() < seen.size and np.allclose(depth[seen], 5.0, atol=1e-4)
+
+
+def test_edits_make_new_models(ring):
+    n, before = len(ring), ring.means.copy()
+    moved = ring.move_by((1, 2, 3))
+    assert np.allclose(moved.means, before + [1, 2, 3]) and (ring.means == before).all()
+    matrix = np.eye(4)
+    matrix[:3, 3] = (1, 2, 3)
+    assert (ring.transform(matrix).means == moved.means).all()
+    assert np.allclose(ring.turn((0, 0, 1), 90).means[:, 0], -before[:, 1], atol=1e-6)
+    assert np.allclose(ring.scale(2).log_scales, ring.log_scales + np.log(2), atol=1e-6)
+    half = ring.crop_box((-100, -100, -100), (0, 100, 100))
+    assert len(half) + len(ring.crop_box((-100, -100, -100), (0, 100, 100), outside=True)) == n and 0 < len(half) < n
+    assert len(ring.crop_ball((0, 0, 0), 1000)) == n and ring.with_degree(0).degree == 0
+    assert (ring.select(before[:, 0] > 0).means == before[before[:, 0] > 0]).all()
+    assert (ring.select([3, 1]).means == before[[3, 1]]).all()
+    assert len(qirf_vk.merge([ring, moved])) == 2 * n and len(ring.morton_order()) == n
+    assert len(ring.min_opacity(0)) == n and len(ring.max_size(1e9)) == n and len(ring.remove("invisible")) <= n
+    with pytest.raises(ValueError):
+        ring.remove("ugly")
+    with pytest.raises(ValueError):
+        ring.transform(np.diag([1, 2, 3, 1]))
+
+
+def test_training_is_the_programs(scene, trained, tmp_path):
+    program("run", scene, "-o", tmp_path / "run", "--iterations", 120)
+    trained.model.save(tmp_path / "model.ply")
+    assert (tmp_path / "model.ply").read_bytes() == (tmp_path / "run" / "model.ply").read_bytes()
+    record = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert trained.record["test"] == record["test"] and trained.record["gaussians"] == record["gaussians"]
+    assert trained.log[-1]["iteration"] == 120 and trained.folder is None
+    steps = []
+    dense = qirf_vk.train(scene, iterations=40, prune=False, output=tmp_path / "dense", on_step=steps.append)
+    assert steps == dense.log and dense.folder is not None and (Path(dense.folder) / "config.toml").exists()
+
+
+def test_compression_and_scores_are_the_programs(trained, scene, tmp_path):
+    model = trained.model
+    model.save(tmp_path / "model.ply")
+    for selector in ["pairs", "gnso", "lowdin"]:
+        small, record = qirf_vk.compress(model, 0.5, selector=selector, views=8, picture_size=(64, 64))
+        small.save(tmp_path / "python.ply")
+        options = ["--keep", 0.5, "--selector", selector, "--views", 8, "--size", "64x64"]
+        program("compress", tmp_path / "model.ply", "-o", tmp_path / "program.ply", *options)
+        assert (tmp_path / "python.ply").read_bytes() == (tmp_path / "program.ply").read_bytes(), selector
+        assert record["output"]["gaussians"] == len(small)
+    exact, _ = qirf_vk.compress(model, count=50, views=8, picture_size=(64, 64))
+    assert len(exact) == 50
+    fitted, record = qirf_vk.compress(model, size=4000, output=tmp_path / "s.spz", views=8, picture_size=(64, 64))
+    assert (tmp_path / "s.spz").stat().st_size <= 4000 and len(fitted) == record["output"]["gaussians"]
+    scores = qirf_vk.evaluate(model, scene)
+    assert scores["test"]["psnr"] == pytest.approx(trained.record["test"]["psnr"], abs=1e-4)
+    against = qirf_vk.evaluate(small, against=model)
+    assert against["test"]["psnr"] > 10 and len(against["views"]) > 0
+
+
+def test_an_exception_of_a_callback_ends_the_run(scene, tmp_path):
+    def fails(step):
+        raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        qirf_vk.train(scene, iterations=400, output=tmp_path / "run", on_step=fails)
+    assert (tmp_path / "run" / "checkpoint.safetensors").exists()
+
+
+def test_ctrl_c_leaves_a_checkpoint_and_the_run_goes_on(scene, tmp_path):
+    out = tmp_path / "run"
+    code = f"import qirf_vk; qirf_vk.train({str(scene)!r}, iterations=4000, output={str(out)!r}, prune=False)"
+    child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE)
+    while not (out / "log.jsonl").exists() or not (out / "log.jsonl").read_text():
+        assert child.poll() is None
+        time.sleep(0.05)
+    child.send_signal(signal.SIGINT)
+    _, said = child.communicate(timeout=30)
+    assert b"KeyboardInterrupt" in said and (out / "checkpoint.safetensors").exists()
+
+
+def test_other_threads_run_meanwhile(scene):
+    ticks, done = [], threading.Event()
+
+    def tick():
+        while not done.is_set():
+            ticks.append(time.monotonic())
+            time.sleep(0.005)
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    qirf_vk.train(scene, iterations=60, prune=False)
+    done.set()
+    thread.join()
+    assert len(ticks) > 20
+
+
+def test_import_is_quick():
+    code = "import time; t = time.perf_counter(); import qirf_vk; print(time.perf_counter() - t)"
+    seconds = [float(subprocess.check_output([sys.executable, "-c", code])) for _ in range(3)]
+    assert min(seconds) < 0.05, seconds
+
+
+def test_the_stubs_name_what_there_is():
+    stubs = (ROOT / "python" / "qirf_vk.pyi").read_text()
+    for name in (name for name in dir(qirf_vk) if not name.startswith("_") and name != "qirf_vk"):
+        assert f"class {name}" in stubs or f"def {name}(" in stubs, name
+        for member in vars(getattr(qirf_vk, name)) if isinstance(getattr(qirf_vk, name), type) else ():
+            assert member.startswith("_") or f"def {member}(" in stubs, f"{name}.{member}"
