@@ -1,7 +1,6 @@
-//! Ctrl-C and SIGTERM: the first one asks the work to end at the next step, the second one ends the program.
+//! Ctrl-C and SIGTERM, on Windows Ctrl-C and Ctrl-Break: the first one asks the work to end at the next step, the second one ends
+//! the program.
 
-use signal_hook::consts::{SIGINT, SIGTERM};
-use signal_hook::flag;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,16 +11,7 @@ pub(super) struct Watch(Arc<AtomicBool>);
 impl Watch {
     /// Starts to watch.
     pub fn begin() -> Self {
-        let asked = Arc::new(AtomicBool::new(false));
-        // In this order, the first Ctrl-C finds the flag unset and sets it, the second finds it set.
-        for signal in [SIGINT, SIGTERM] {
-            let watching = flag::register_conditional_shutdown(signal, 130, Arc::clone(&asked))
-                .and_then(|_| flag::register(signal, Arc::clone(&asked)));
-            if let Err(e) = watching {
-                tracing::debug!("signal {signal} will end the program at once: {e}");
-            }
-        }
-        Self(asked)
+        Self(watched())
     }
 
     /// Returns true if Ctrl-C was pressed.
@@ -30,11 +20,47 @@ impl Watch {
     }
 }
 
+#[cfg(not(windows))]
+fn watched() -> Arc<AtomicBool> {
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::flag;
+    let asked = Arc::new(AtomicBool::new(false));
+    // In this order, the first Ctrl-C finds the flag unset and sets it, the second finds it set.
+    for signal in [SIGINT, SIGTERM] {
+        let watching = flag::register_conditional_shutdown(signal, 130, Arc::clone(&asked))
+            .and_then(|_| flag::register(signal, Arc::clone(&asked)));
+        if let Err(e) = watching {
+            tracing::debug!("signal {signal} will end the program at once: {e}");
+        }
+    }
+    asked
+}
+
+/// One handler for the whole process, which is all that a console allows.
+#[cfg(windows)]
+fn watched() -> Arc<AtomicBool> {
+    static ASKED: std::sync::OnceLock<Arc<AtomicBool>> = std::sync::OnceLock::new();
+    let asked = ASKED.get_or_init(|| {
+        let asked = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&asked);
+        let watching = ctrlc::set_handler(move || {
+            if flag.swap(true, Ordering::SeqCst) {
+                std::process::exit(130);
+            }
+        });
+        if let Err(e) = watching {
+            tracing::debug!("Ctrl-C will end the program at once: {e}");
+        }
+        asked
+    });
+    Arc::clone(asked)
+}
+
 /// Turns a write beyond the process's file-size limit into an error that names file and cause; otherwise the system
 /// would end the program.
 pub(super) fn outlive_the_file_size_limit() {
     #[cfg(unix)]
-    if let Err(e) = flag::register(signal_hook::consts::SIGXFSZ, Arc::default()) {
+    if let Err(e) = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default()) {
         tracing::debug!("a write beyond the file-size limit will end the program at once: {e}");
     }
 }

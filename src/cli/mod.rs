@@ -212,7 +212,8 @@ pub fn main() -> ExitCode {
 /// Reports scores skipped because their weights are missing, and how to get those; to be called once there are scores.
 fn tell_of_missing(networks: &Networks, console: &Console) {
     if let Some(note) = networks.note() {
-        console.note(format_args!("{note}: run {} once", lpips_weights().display()));
+        let python = if cfg!(windows) { "python " } else { "" };
+        console.note(format_args!("{note}: run {python}{} once", lpips_weights().display()));
     }
 }
 

@@ -25,7 +25,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
             "update the driver (known bad: llvmpipe of Mesa before 25, which ends shader loops after 65,535 iterations), or choose \
              another device with --device",
         ),
-        Error::NoProgram(programs) => Some(install(programs)),
+        Error::NoProgram(programs) => Some(install(programs, cfg!(windows))),
         Error::Program { .. } => plain("run the same command again to resume; if it fails again, read the log"),
         Error::FewPoses { .. } => plain(
             "take at least 20 photos while you walk around the scene, each sharp, at one zoom, and showing two thirds of the \
@@ -83,6 +83,9 @@ fn readable(cause: &io::Error) -> Option<String> {
 fn writable(cause: &io::Error) -> Option<String> {
     match cause.kind() {
         io::ErrorKind::NotFound => plain("create its folder, or name another place"),
+        io::ErrorKind::PermissionDenied if cfg!(windows) => {
+            plain("close the program that has it open, get the permission to write there, or name another place")
+        }
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
             plain("get the permission to write there, or name another place")
         }
@@ -122,6 +125,9 @@ fn plain(text: &str) -> Option<String> {
 
 fn device(error: &gpu::Error) -> Option<String> {
     match error {
+        gpu::Error::NoLoader(_) | gpu::Error::NoDriver | gpu::Error::NoDevice if cfg!(windows) => {
+            plain("install or update your GPU's driver, which brings Vulkan (vulkan-1.dll)")
+        }
         gpu::Error::NoLoader(_) => plain("install it (Debian and Ubuntu: libvulkan1, or run tools/setup)"),
         gpu::Error::NoDriver => plain(
             "install your GPU's driver, or mesa-vulkan-drivers for a software device; NVIDIA's also needs libglvnd0 (libGLdispatch.so.0) \
@@ -241,10 +247,12 @@ fn smaller(relief: Relief) -> String {
 }
 
 /// The commands that install one of these programs.
-fn install(programs: &[&str]) -> String {
+fn install(programs: &[&str], windows: bool) -> String {
     let line = |program: &&str| match *program {
-        "colmap" => "`sudo apt-get install colmap`",
         "openmvg-sfm" => "`cargo install openmvg-cli`",
+        "colmap" if windows => "its zip for Windows, whose folder goes on the PATH",
+        "colmap" => "`sudo apt-get install colmap`",
+        _ if windows => "`winget install ffmpeg`",
         _ => "`sudo apt-get install ffmpeg`",
     };
     let mut lines: Vec<&str> = programs.iter().map(line).collect();
@@ -344,7 +352,9 @@ mod tests {
         says(error("/s", "/s/small"), &["`qirf-vk pose /s/small -o SCENE`"]);
         says(error("a b's", "a b's"), &[r"`qirf-vk pose 'a b'\''s' -o SCENE`"]);
         says(Error::NoProgram(vec!["colmap", "openmvg-sfm"]), &["apt-get install colmap", "cargo install openmvg-cli"]);
-        assert_eq!(install(&["ffmpeg", "ffprobe"]), "install it by `sudo apt-get install ffmpeg`");
+        assert_eq!(install(&["ffmpeg", "ffprobe"], false), "install it by `sudo apt-get install ffmpeg`");
+        let there = install(&["colmap", "openmvg-sfm", "ffmpeg"], true);
+        assert!(there.contains("winget") && there.contains("on the PATH") && !there.contains("apt"), "{there}");
         says(Error::FewPoses { photos: 9, posed: 1 }, &["sharp", "--matching exhaustive"]);
     }
 }

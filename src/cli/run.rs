@@ -87,6 +87,9 @@ pub(super) struct Arguments {
     /// Put the model into report.html, to look around in: the page grows by the size of an SPZ and a third
     #[arg(long)]
     with_model: bool,
+    /// Write no report.html
+    #[arg(long, conflicts_with = "with_model")]
+    no_report: bool,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -133,9 +136,11 @@ impl Arguments {
         let record = self
             .watched
             .during(&session, console, subject, |session| run::run(session, &config, &output, self.resume))?;
-        let title = self.output.file_name().unwrap_or_default().to_string_lossy();
-        let viewer = self.with_model.then(|| viewer::of_file(&session, &output.model(), &title)).transpose()?;
-        report::write(&record, &output, viewer.as_deref())?;
+        if !self.no_report {
+            let title = self.output.file_name().unwrap_or_default().to_string_lossy();
+            let viewer = self.with_model.then(|| viewer::of_file(&session, &output.model(), &title)).transpose()?;
+            report::write(&record, &output, viewer.as_deref())?;
+        }
         tell_of_missing(&networks, console);
         let packed = self.size.map(|size| pack(&session, &config, &output, size)).transpose()?;
         self.report(console, &record, (packed.as_ref(), &output))
@@ -254,6 +259,9 @@ impl Arguments {
         if let Some(packed) = packed {
             console.print(format_args!("packed {}", outcome(packed, console)))?;
             console.print(format_args!("       {}", output.packed().display()))?;
+        }
+        if self.no_report {
+            return Ok(());
         }
         console.print(format_args!("report {}", output.report().display()))
     }

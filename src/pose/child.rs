@@ -39,10 +39,19 @@ pub(super) enum Output {
     Pictures,
 }
 
+/// How the names of programs end; COLMAP's for Windows is `COLMAP.bat`.
+const ENDINGS: &[&str] = if cfg!(windows) { &[".exe", ".bat"] } else { &[""] };
+
 /// True if a program of this name is on the PATH.
 pub(super) fn on_path(program: &str) -> bool {
-    let file = format!("{program}{}", std::env::consts::EXE_SUFFIX);
-    std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|p| p.join(&file).is_file()))
+    found(program).is_some()
+}
+
+/// The first program of this name on the PATH.
+fn found(program: &str) -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    let files = |folder: PathBuf| ENDINGS.iter().map(move |ending| folder.join(format!("{program}{ending}")));
+    std::env::split_paths(&path).flat_map(files).find(|file| file.is_file())
 }
 
 /// Ends the program with this guard.
@@ -72,7 +81,7 @@ pub(super) fn run(
     let unwritten = |source| Error::Write { path: log.to_owned(), source };
     let mut file = OpenOptions::new().create(true).append(true).open(log).map_err(unwritten)?;
     writeln!(file, "\n$ {program} {}", arguments.join(" ")).map_err(unwritten)?;
-    let mut command = Command::new(program);
+    let mut command = Command::new(found(program).ok_or_else(|| Error::NoProgram(vec![program]))?);
     command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = Guard(command.spawn().map_err(|source| match source.kind() {
         io::ErrorKind::NotFound => Error::NoProgram(vec![program]),

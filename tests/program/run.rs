@@ -56,9 +56,15 @@ fn a_run_leaves_what_reproduces_it() {
 
     // Its own config.toml gives the same bytes.
     let mut again = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    again.args(["run", "--json-progress", "--config"]).arg(first.join("config.toml")).arg("-o").arg(&second);
+    again
+        .args(["run", "--json-progress", "--no-report", "--config"])
+        .arg(first.join("config.toml"))
+        .arg("-o")
+        .arg(&second);
     let printed = String::from_utf8(works(&mut again).stdout).unwrap();
     assert_eq!(model(&first), model(&second), "the same run gives the same bytes");
+
+    assert!(first.join("report.html").exists() && !second.join("report.html").exists());
 
     // What it printed is its log, which agrees with its record.
     assert_eq!(printed, std::fs::read_to_string(second.join("log.jsonl")).expect("log.jsonl"));

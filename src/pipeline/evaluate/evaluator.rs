@@ -12,12 +12,15 @@ use crate::pipeline::{Watcher, pair_capacity};
 use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
 use crate::scene::{AlphaRole, Photo, camera};
 use crate::train;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
 
 /// Number of frames timed for the frame rate.
 const TIMED_FRAMES: usize = 20;
+/// Bytes of pictures that are judged while as many are drawn, unless one alone has more.
+const GROUP_BYTES: u64 = 1 << 28;
 /// Alpha below which a whole view counts as empty.
 const EMPTY: f32 = 1e-3;
 
@@ -85,11 +88,44 @@ impl HeldOut {
 /// Width and height, then red, green, blue in [0, 1] of a rendered picture and of its photo.
 type Compared = ([usize; 2], Vec<f32>, Vec<f32>);
 
-/// Renders views of a model one after the other.
+/// Renders views of a model one after the other, and compares them with their photos on all cores meanwhile.
 pub struct Evaluator {
     painter: Painter,
+    comparison: Comparison,
+}
+
+/// How rendered views and photos are compared.
+#[derive(Clone, Copy)]
+struct Comparison {
     background: [f32; 3],
     fits_exposure: bool,
+}
+
+impl Comparison {
+    /// A rendered view and its photo, as they are compared.
+    fn pair(self, image: &Image, view: &Photo) -> Result<Compared, Error> {
+        let (mut rendered, photo) = (rgb(image), truth(view, self.background)?);
+        hide(&mut rendered, view, self.background)?;
+        let (w, h) = (image.width as usize, image.height as usize);
+        if !self.fits_exposure {
+            return Ok(([w, h], rendered, photo));
+        }
+        let (w, rendered, photo) = exposure_fit::right_halves(&rendered, &photo, w);
+        Ok(([w, h], rendered, photo))
+    }
+
+    fn score(self, image: &Image, view: &Photo, networks: &Networks) -> Result<Scores, Error> {
+        let ([w, h], rendered, photo) = self.pair(image, view)?;
+        let rendered = metrics::Image::new(w, h, &rendered)?;
+        let photo = metrics::Image::new(w, h, &photo)?;
+        Ok(metrics::evaluate(&rendered, &photo, networks)?)
+    }
+
+    fn psnr(self, image: &Image, view: &Photo) -> Result<f64, Error> {
+        let ([w, h], rendered, photo) = self.pair(image, view)?;
+        let (rendered, photo) = (metrics::round_trip_8bit(&rendered), metrics::round_trip_8bit(&photo));
+        Ok(metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?)
+    }
 }
 
 impl Evaluator {
@@ -104,7 +140,11 @@ impl Evaluator {
         views: impl Iterator<Item = &'a Photo>,
     ) -> Result<Self, Error> {
         let painter = Painter::new(device, settings, gaussians, camera::largest(views.map(|v| &v.camera)))?;
-        Ok(Self { painter, background: settings.background, fits_exposure: false })
+        Ok(Self::with(painter, settings))
+    }
+
+    fn with(painter: Painter, settings: Settings) -> Self {
+        Self { painter, comparison: Comparison { background: settings.background, fits_exposure: false } }
     }
 
     /// An evaluator of a model wherever it is, for views of at most the size of the largest given one.
@@ -118,12 +158,12 @@ impl Evaluator {
         views: impl Iterator<Item = &'a Photo>,
     ) -> Result<Self, Error> {
         let painter = Painter::of(device, settings, model, camera::largest(views.map(|v| &v.camera)))?;
-        Ok(Self { painter, background: settings.background, fits_exposure: false })
+        Ok(Self::with(painter, settings))
     }
 
     /// Sets whether photos have exposures of their own and are scored by the protocol of `exposure_fit`.
     pub fn compare_as(&mut self, fits_exposure: bool) {
-        self.fits_exposure = fits_exposure;
+        self.comparison.fits_exposure = fits_exposure;
     }
 
     /// Gives the painter's buffers back until the next view.
@@ -133,18 +173,6 @@ impl Evaluator {
     pub fn rest(&mut self) -> Result<(), Error> {
         self.painter.renderer().release()?;
         Ok(())
-    }
-
-    /// A rendered view and its photo, as they are compared.
-    fn compared(&self, image: &Image, view: &Photo) -> Result<Compared, Error> {
-        let (mut rendered, photo) = (rgb(image), truth(view, self.background)?);
-        hide(&mut rendered, view, self.background)?;
-        let (w, h) = (image.width as usize, image.height as usize);
-        if !self.fits_exposure {
-            return Ok(([w, h], rendered, photo));
-        }
-        let (w, rendered, photo) = exposure_fit::right_halves(&rendered, &photo, w);
-        Ok(([w, h], rendered, photo))
     }
 
     /// Device memory in bytes of an evaluator for views of at most this size, readback included.
@@ -177,10 +205,40 @@ impl Evaluator {
     /// # Errors
     /// Networks that do not fit the picture are noted in the scores, not errors; sizes always agree here.
     pub fn score(&self, image: &Image, view: &Photo, networks: &Networks) -> Result<Scores, Error> {
-        let ([w, h], rendered, photo) = self.compared(image, view)?;
-        let rendered = metrics::Image::new(w, h, &rendered)?;
-        let photo = metrics::Image::new(w, h, &photo)?;
-        Ok(metrics::evaluate(&rendered, &photo, networks)?)
+        self.comparison.score(image, view, networks)
+    }
+
+    /// Draws views, and hands each with its picture to `judge` on all cores while the next ones are drawn. Answers are in the views'
+    /// order, and `follow` receives their number so far.
+    fn each<T: Send>(
+        &mut self,
+        model: Source<'_>,
+        views: &[&Photo],
+        judge: &(impl Fn(usize, &Image) -> Result<T, Error> + Sync),
+        follow: &mut dyn FnMut(usize) -> Result<(), Error>,
+    ) -> Result<Vec<T>, Error> {
+        let picture = views.iter().map(|view| 16 * view.camera.pixels()).max().unwrap_or(0).max(1);
+        let group = ((GROUP_BYTES / picture) as usize).clamp(1, rayon::current_num_threads());
+        let painter = &mut self.painter;
+        let mut answers = Vec::with_capacity(views.len());
+        let mut drawn: Vec<Image> = Vec::new();
+        while answers.len() < views.len() {
+            let from = answers.len();
+            let next = &views[(from + drawn.len()).min(views.len())..];
+            let mut judged: Result<Vec<T>, Error> = Ok(Vec::new());
+            let ahead: Result<Vec<Image>, _> = rayon::in_place_scope(|scope| {
+                scope.spawn(|_| {
+                    judged = drawn.par_iter().enumerate().map(|(i, image)| judge(from + i, image)).collect();
+                });
+                next.iter().take(group).map(|view| painter.render(model, &view.camera)).collect()
+            });
+            for answer in judged? {
+                answers.push(answer);
+                follow(answers.len())?;
+            }
+            drawn = ahead?;
+        }
+        Ok(answers)
     }
 
     /// PSNR of each view in dB, without pictures or networks.
@@ -193,13 +251,8 @@ impl Evaluator {
         views: impl Iterator<Item = &'a Photo>,
     ) -> Result<Vec<f64>, Error> {
         let model = model.into();
-        let each = |view| {
-            let image = self.render(model, view)?;
-            let ([w, h], rendered, photo) = self.compared(&image, view)?;
-            let (rendered, photo) = (metrics::round_trip_8bit(&rendered), metrics::round_trip_8bit(&photo));
-            Ok(metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?)
-        };
-        views.map(each).collect()
+        let (views, comparison): (Vec<&Photo>, _) = (views.collect(), self.comparison);
+        self.each(model, &views, &|i, image| comparison.psnr(image, views[i]), &mut |_| Ok(()))
     }
 
     /// PSNR of each whole view as rendered, without fitted exposures; of none if exposures are not fitted.
@@ -211,12 +264,12 @@ impl Evaluator {
         model: impl Into<Source<'m>>,
         views: impl Iterator<Item = &'a Photo>,
     ) -> Result<Vec<f64>, Error> {
-        if !self.fits_exposure {
+        if !self.comparison.fits_exposure {
             return Ok(Vec::new());
         }
-        self.fits_exposure = false;
+        self.comparison.fits_exposure = false;
         let psnr = self.psnr(model, views);
-        self.fits_exposure = true;
+        self.comparison.fits_exposure = true;
         psnr
     }
 
@@ -235,17 +288,17 @@ impl Evaluator {
     ) -> Result<HeldOut, Error> {
         let model = model.into();
         let names = pictures::names(test.iter().map(|(name, _)| name.as_str()), Format::Png.extension());
-        let mut out = HeldOut { views: Vec::new(), empty: 0 };
-        for ((name, view), file) in test.iter().zip(names) {
-            let image = self.render(model, view)?;
-            out.empty += usize::from(image.pixels.iter().all(|p| p[3] < EMPTY));
+        let (views, comparison): (Vec<&Photo>, _) = (test.iter().map(|(_, view)| view).collect(), self.comparison);
+        let judge = |i: usize, image: &Image| {
             if let Some(folder) = renders {
-                pictures::write(&folder.join(file), &image, Format::Png, false)?;
+                pictures::write(&folder.join(&names[i]), image, Format::Png, false)?;
             }
-            out.views.push(ViewScores { name: name.clone(), scores: self.score(&image, view, networks)? });
-            follow(out.views.len())?;
-        }
-        Ok(out)
+            let scores = comparison.score(image, views[i], networks)?;
+            Ok((ViewScores { name: test[i].0.clone(), scores }, image.pixels.iter().all(|p| p[3] < EMPTY)))
+        };
+        let judged = self.each(model, &views, &judge, follow)?;
+        let empty = judged.iter().filter(|(_, empty)| *empty).count();
+        Ok(HeldOut { views: judged.into_iter().map(|(scores, _)| scores).collect(), empty })
     }
 
     /// Pictures per second at the views' own sizes, rendering alone; none without views.

@@ -6,6 +6,7 @@ use crate::gaussians::resident::Resident;
 use crate::pipeline::Error;
 use crate::pipeline::prepare::Prepared;
 use crate::render::Image;
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Largest number of views shown.
@@ -56,14 +57,13 @@ fn of(prepared: &Prepared) -> Vec<Exhibit> {
 /// # Errors
 /// Photos in a file that cannot be read; pictures that cannot be written.
 pub fn photos(prepared: &Prepared, renders: &Path) -> Result<(), Error> {
-    for exhibit in of(prepared) {
+    of(prepared).into_par_iter().try_for_each(|exhibit| {
         let view = &prepared.test[exhibit.view].1;
         let colours = truth(view, prepared.background)?;
         let pixels = colours.as_chunks::<3>().0.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
         let image = Image { width: view.camera.width, height: view.camera.height, pixels };
-        pictures::write(&renders.join(exhibit.photo), &image, Format::Png, false)?;
-    }
-    Ok(())
+        pictures::write(&renders.join(exhibit.photo), &image, Format::Png, false)
+    })
 }
 
 /// Renders the views shown with the dense model, below the folder `renders`, where the report of a resumed run finds
