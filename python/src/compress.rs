@@ -8,6 +8,7 @@ use crate::watch::Follower;
 use engine::gaussians::{Gaussians, formats};
 use engine::metrics::Networks;
 use engine::pipeline::compress::aim::Aim;
+use engine::pipeline::compress::fit::Target;
 use engine::pipeline::compress::{self as engine_compress, CompressConfig, Input, ViewSource};
 use engine::pipeline::virtual_views::VirtualCameras;
 use engine::pipeline::{Error, RunConfig, Session};
@@ -84,7 +85,7 @@ pub fn compress<'py>(
         let Some(output) = &output else { return engine_compress::compress_in_memory(&session, model, &config) };
         formats::check_output(output).map_err(Error::writing)?;
         let input = Input { path: Path::new(""), model, read_s: 0.0 };
-        let record = engine_compress::compress_to(&session, input, (&config, aim), output)?;
+        let record = engine_compress::compress_to(&session, input, (&config, aim), &Target::new(output))?;
         Ok((record, formats::read(output)?.gaussians))
     });
     let (record, smaller) = follower.result(done)?;
