@@ -9,7 +9,7 @@ use engine::gaussians::outline::outline;
 use engine::gaussians::resident::Resident;
 use engine::glam::{DMat3, DVec2, DVec3};
 use engine::kernels::constants::sh::float64::SH_C0;
-use engine::pipeline::render::near_limit;
+use engine::pipeline::render::near_at;
 use engine::pipeline::{Error, budget};
 use engine::render::{Image, Painter, Settings, Source, Style};
 use engine::scene::{
@@ -156,7 +156,7 @@ pub fn orbit(
     let model = model.get().inner.clone();
     let (near, cameras) = py.detach(|| {
         let outline = outline(&model, up);
-        (near_limit(outline.framing(&look).distance), outline.cameras(count, &look))
+        (near_at(Settings::default().near, outline.framing(&look).distance), outline.cameras(count, &look))
     });
     cameras.into_iter().map(|camera| Camera::checked(camera, Some(near))).collect()
 }
@@ -187,7 +187,7 @@ impl Renderer {
         camera: &Camera,
         settings: Settings,
     ) -> Result<Image, Error> {
-        let near = camera.near.map_or(settings.near, |near| near.min(settings.near));
+        let near = camera.near.unwrap_or(settings.near);
         if slot.as_ref().is_none_or(|(of, _)| *of != near) {
             let size = [camera.inner.width, camera.inner.height];
             *slot = Some((near, Painter::of(&self.device, Settings { near, ..settings }, source, size)?));
