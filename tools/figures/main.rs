@@ -3,13 +3,14 @@
 #[path = "mod.rs"]
 mod figures;
 
-use figures::{Bench, Origin, Parts, RENDERS, Sweep, fill, made, renders, results};
+use figures::{BYTES, Bench, Origin, Parts, RENDERS, Sweep, bytes, fill, made, renders, results};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 const USAGE: &str = "usage (from the repository's root):
   figures measured CRITERION_FOLDER SWEEP.JSON COMMIT COMMAND   tables and plots
   figures renders COMPARISON_FOLDER                             the renders in README.md
+  figures bytes COMMIT FOLDER_OF_A_CURVE...                     the plot and the table of docs/formats.md
   figures results FOLDER_OF_COMPARISONS COMMIT COMMAND          the tables of docs/results.md and README.md";
 
 /// A file and its new content.
@@ -23,6 +24,7 @@ fn main() -> ExitCode {
             let origin = Origin { commit: commit.to_owned(), command: command.to_owned() };
             measured(Path::new(criterion), Path::new(sweep), &origin)
         }
+        ["bytes", commit, ref curves @ ..] => curved(curves, commit),
         ["renders", comparison] => rendered(Path::new(comparison)),
         ["results", folder, commit, command] => {
             let origin = Origin { commit: commit.to_owned(), command: command.to_owned() };
@@ -58,6 +60,12 @@ fn rendered(comparison: &Path) -> Result<Vec<File>, String> {
 fn compared(folder: &Path, origin: &Origin) -> Result<Vec<File>, String> {
     let [page, readme] = results(folder, origin)?;
     Ok(vec![filled("docs/results.md", &page)?, filled("README.md", &readme)?])
+}
+
+fn curved(curves: &[&str], commit: &str) -> Result<Vec<File>, String> {
+    let folders: Vec<&Path> = curves.iter().map(Path::new).collect();
+    let (plot, table) = bytes(&folders, &format!("llvmpipe, commit {commit}, one run of `tools/curves`."))?;
+    Ok(vec![filled("docs/formats.md", &vec![("bytes", table)])?, (BYTES.into(), plot.into_bytes())])
 }
 
 fn filled(file: &str, parts: &Parts) -> Result<File, String> {

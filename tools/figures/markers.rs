@@ -1,7 +1,8 @@
 //! Markers of a page's generated parts: `<!-- figures: begin NAME -->` and `<!-- figures: end NAME -->`.
 
 /// Every part that a page may have.
-const KNOWN: [&str; 12] = [
+const KNOWN: [&str; 13] = [
+    "bytes",
     "device",
     "sort",
     "frame",

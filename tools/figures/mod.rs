@@ -2,6 +2,7 @@
 //! benchmarks and a sweep, and renders from a comparison: the work of `make figures`. The tables of `docs/results.md`: that of `make results`.
 
 mod bound;
+mod bytes;
 mod effects;
 mod fit;
 mod kernels;
@@ -13,6 +14,7 @@ mod results;
 mod sweep;
 mod tables;
 
+pub use bytes::{FILE as BYTES, bytes};
 pub use markers::fill;
 pub use measured::Bench;
 pub use renders::{FILE as RENDERS, renders};

@@ -11,6 +11,8 @@ use std::process::Command;
 /// Shares of the Gaussians that are kept, in per cent.
 const SHARES: [u32; 6] = [100, 50, 28, 15, 10, 5];
 const FORMATS: [&str; 2] = ["sog", "spz"];
+/// Files that are made on the way.
+const MADE: [&str; 5] = ["whole.ply", "decimated.ply", "packed.sog", "packed.spz", "back.ply"];
 
 /// splat-transform, as it is started, and a folder for its files.
 pub struct Peer {
@@ -33,7 +35,8 @@ impl Peer {
     /// The tool that `command` starts, its options after it, or none if it cannot be started. Its files go to `folder` and are removed.
     pub fn find(command: &str, folder: &Path) -> Option<Self> {
         let command: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
-        let said = Command::new(command.first()?).arg("--version").output().ok()?;
+        let (program, options) = command.split_first()?;
+        let said = Command::new(program).args(options).arg("--version").output().ok()?;
         let version = String::from_utf8_lossy(&said.stdout).split_whitespace().find_map(version)?;
         Some(Self { command, version, folder: folder.to_owned() })
     }
@@ -43,60 +46,64 @@ impl Peer {
         format!("splat-transform {}", self.version)
     }
 
-    /// The files that it makes of a model, from all Gaussians to few.
+    /// The files that it makes of a model, from all Gaussians to few; those at which it fails are noted and left out.
     ///
     /// # Errors
-    /// [`Error::Usage`] if it fails; files that cannot be written or read; [`Error::Interrupted`].
+    /// Files that cannot be written or read; [`Error::Interrupted`].
     pub fn files(&self, session: &Session<'_>, model: &Gaussians, mode: RenderMode) -> Result<Vec<PeerFile>, Error> {
-        let at = |name: &str| self.folder.join(format!("peer-{}-{name}", std::process::id()));
-        let whole = at("whole.ply");
+        let whole = self.at("whole.ply");
         formats::write(&whole, model, mode).map_err(Error::writing)?;
         let mut files = Vec::new();
-        let mut made = vec![whole.clone()];
         for (done, share) in SHARES.into_iter().enumerate() {
-            session.watcher.trying(done, SHARES.len());
-            session.watcher.unless_stopped()?;
-            let decimated = if share == 100 { whole.clone() } else { at("decimated.ply") };
-            if share < 100 {
-                self.start(&[
-                    whole.as_os_str(),
-                    OsStr::new("-d"),
-                    OsStr::new(&format!("{share}%")),
-                    decimated.as_os_str(),
-                ])?;
-            }
             for format in FORMATS {
-                let path = at(&format!("packed.{format}"));
-                self.start(&[decimated.as_os_str(), path.as_os_str()])?;
-                let bytes = std::fs::metadata(&path).map_or(0, |m| m.len());
-                // It keeps a PLY's axes in an SPZ, and an SPZ's in a PLY: only by itself do they come back.
-                let back = if format == "spz" { at("back.ply") } else { path.clone() };
-                if format == "spz" {
-                    self.start(&[path.as_os_str(), back.as_os_str()])?;
+                session.watcher.trying(done, SHARES.len());
+                session.watcher.unless_stopped()?;
+                match self.file(&whole, share, format) {
+                    Ok(file) => files.push(file),
+                    Err(words) => session.watcher.note(&format!("{}, {format} of {share} %: {words}", self.name())),
                 }
-                files.push(PeerFile { format, bytes, model: formats::read(&back)?.gaussians });
-                made.extend([path, back, decimated.clone()]);
             }
         }
         session.watcher.trying(1, 1);
-        for path in &made {
+        for name in MADE {
             // What is not there needs no removal.
-            let _ = std::fs::remove_file(path);
+            let _ = std::fs::remove_file(self.at(name));
         }
         Ok(files)
     }
 
-    fn start(&self, arguments: &[&OsStr]) -> Result<(), Error> {
+    fn at(&self, name: &str) -> PathBuf {
+        self.folder.join(format!("peer-{}-{name}", std::process::id()))
+    }
+
+    /// One file of a share of the Gaussians, or what went wrong.
+    fn file(&self, whole: &Path, share: u32, format: &'static str) -> Result<PeerFile, String> {
+        let decimated = if share == 100 { whole.to_owned() } else { self.at("decimated.ply") };
+        if share < 100 {
+            let share = format!("{share}%");
+            self.start(&[whole.as_os_str(), OsStr::new("-d"), OsStr::new(&share), decimated.as_os_str()])?;
+        }
+        let path = self.at(&format!("packed.{format}"));
+        self.start(&[decimated.as_os_str(), path.as_os_str()])?;
+        let bytes = std::fs::metadata(&path).map_or(0, |m| m.len());
+        // It keeps a PLY's axes in an SPZ, and an SPZ's in a PLY: only by itself do they come back.
+        let back = if format == "spz" { self.at("back.ply") } else { path.clone() };
+        if format == "spz" {
+            self.start(&[path.as_os_str(), back.as_os_str()])?;
+        }
+        let model = formats::read(&back).map_err(|e| e.to_string())?.gaussians;
+        Ok(PeerFile { format, bytes, model })
+    }
+
+    fn start(&self, arguments: &[&OsStr]) -> Result<(), String> {
         let (program, options) = self.command.split_first().expect("a command that was found");
         let mut command = Command::new(program);
-        command.args(options).args(["-q", "-w"]).args(arguments);
-        let said = command.output().map_err(|source| Error::Read { path: program.into(), source })?;
+        let said = command.args(options).args(["-q", "-w"]).args(arguments).output().map_err(|e| e.to_string())?;
         if said.status.success() {
             return Ok(());
         }
         let words = String::from_utf8_lossy(&said.stderr);
-        let last = words.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
-        Err(Error::Usage(format!("{program} failed: {last}; leave it out with --peer none")))
+        Err(words.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it failed and said nothing").to_owned())
     }
 }
 
