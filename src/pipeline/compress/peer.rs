@@ -55,12 +55,22 @@ impl Peer {
         formats::write(&whole, model, mode).map_err(Error::writing)?;
         let mut files = Vec::new();
         for (done, share) in SHARES.into_iter().enumerate() {
+            session.watcher.trying(done, SHARES.len());
+            session.watcher.unless_stopped()?;
+            let failed = |what: &str, words: &str| {
+                session.watcher.note(&format!("{}, {share} %, {what}: {words}", self.name()));
+            };
+            let decimated = match self.decimated(&whole, share) {
+                Ok(path) => path,
+                Err(words) => {
+                    failed("decimated", &words);
+                    continue;
+                }
+            };
             for format in FORMATS {
-                session.watcher.trying(done, SHARES.len());
-                session.watcher.unless_stopped()?;
-                match self.file(&whole, share, format) {
+                match self.file(&decimated, format) {
                     Ok(file) => files.push(file),
-                    Err(words) => session.watcher.note(&format!("{}, {format} of {share} %: {words}", self.name())),
+                    Err(words) => failed(format, &words),
                 }
             }
         }
@@ -76,13 +86,18 @@ impl Peer {
         self.folder.join(format!("peer-{}-{name}", std::process::id()))
     }
 
-    /// One file of a share of the Gaussians, or what went wrong.
-    fn file(&self, whole: &Path, share: u32, format: &'static str) -> Result<PeerFile, String> {
-        let decimated = if share == 100 { whole.to_owned() } else { self.at("decimated.ply") };
-        if share < 100 {
-            let share = format!("{share}%");
-            self.start(&[whole.as_os_str(), OsStr::new("-d"), OsStr::new(&share), decimated.as_os_str()])?;
+    /// A share of the Gaussians, or what went wrong.
+    fn decimated(&self, whole: &Path, share: u32) -> Result<PathBuf, String> {
+        if share == 100 {
+            return Ok(whole.to_owned());
         }
+        let (out, share) = (self.at("decimated.ply"), format!("{share}%"));
+        self.start(&[whole.as_os_str(), OsStr::new("-d"), OsStr::new(&share), out.as_os_str()])?;
+        Ok(out)
+    }
+
+    /// One file of these Gaussians, or what went wrong.
+    fn file(&self, decimated: &Path, format: &'static str) -> Result<PeerFile, String> {
         let path = self.at(&format!("packed.{format}"));
         self.start(&[decimated.as_os_str(), path.as_os_str()])?;
         let bytes = std::fs::metadata(&path).map_or(0, |m| m.len());
