@@ -272,3 +272,19 @@ fn tables_of_results() {
     std::fs::write(folder.path().join("fox/compare.json"), "{").unwrap();
     assert!(results(folder.path(), &origin()).map(|_| ()).unwrap_err().contains("fox"));
 }
+
+#[test]
+fn curves_of_models_become_a_plot_and_a_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let cup = folder.path().join("cup");
+    std::fs::create_dir(&cup).unwrap();
+    let csv = "tool,format,wanted_bytes,bytes,gaussians,psnr_db,ssim,lpips_vgg\n\
+        qirf-vk,sog,200,200,9,30.0,0.9,\nqirf-vk,spz,200,100,9,20.0,0.9,\nqirf-vk,spz,400,400,9,24.0,0.9,\n\
+        other 1.0,sog,,150,9,19.0,0.9,\nother 1.0,spz,,190,9,18.0,0.9,\nother 1.0,sog,,900,9,,1.0,\n";
+    std::fs::write(cup.join("curve.csv"), csv).unwrap();
+    let (plot, table) = generator::bytes(&[&cup], "Once.").unwrap();
+    // SPZ: half of the way by the logarithm; the other tool: the best file that is small enough.
+    assert!(table.contains("| cup | 0.000 | 30.0 | 22.0 | 19.0 |"), "{table}");
+    assert_eq!((plot.matches("<polyline").count(), generator::BYTES), (4, "docs/figures/bytes.svg"));
+    assert!(generator::bytes(&[folder.path()], "").is_err(), "there is no curve");
+}

@@ -39,7 +39,7 @@ pub fn bytes(folders: &[&Path], told: &str) -> Result<(String, String), String> 
         }
     }
     let text = format!("{told} PSNR in dB against the model's own pictures.\n\n{table}");
-    Ok((sheet("PSNR against bytes of five models", &drawings, 2), text))
+    Ok((sheet("PSNR against bytes", &drawings, 2), text))
 }
 
 /// PSNR at a size: between the nearest files of a tool and a format, by the logarithm of bytes; none beyond them.

@@ -64,7 +64,7 @@ fn compared(folder: &Path, origin: &Origin) -> Result<Vec<File>, String> {
 
 fn curved(curves: &[&str], commit: &str) -> Result<Vec<File>, String> {
     let folders: Vec<&Path> = curves.iter().map(Path::new).collect();
-    let (plot, table) = bytes(&folders, &format!("llvmpipe, commit {commit}, one run of `tools/curves`."))?;
+    let (plot, table) = bytes(&folders, &format!("llvmpipe, commit {commit}."))?;
     Ok(vec![filled("docs/formats.md", &vec![("bytes", table)])?, (BYTES.into(), plot.into_bytes())])
 }
 

@@ -2,7 +2,6 @@
 
 /// Every part that a page may have.
 const KNOWN: [&str; 13] = [
-    "bytes",
     "device",
     "sort",
     "frame",
@@ -15,6 +14,7 @@ const KNOWN: [&str; 13] = [
     "exactness",
     "renders",
     "results",
+    "bytes",
 ];
 
 /// The page with each of these parts filled and everything else unchanged; `file` names it in errors.
