@@ -11,14 +11,14 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Vulkan knows no empty buffers, and a fill needs a multiple of four.
+/// Vulkan has no empty buffers, and a fill needs a multiple of four bytes.
 const fn stored(bytes: u64) -> u64 {
     if bytes < 4 { 4 } else { bytes.next_multiple_of(4) }
 }
 
 static NEXT: AtomicU64 = AtomicU64::new(1);
 
-/// A buffer without its element type; freed when the last holder, recordings included, lets go.
+/// A buffer without its element type; freed when its last holder, recordings included, drops it.
 #[derive(Clone)]
 pub struct RawBuffer(pub(super) Arc<Storage>);
 
@@ -26,11 +26,11 @@ pub(super) struct Storage {
     pub raw: vk::Buffer,
     pub number: u64,
     pub bytes: u64,
-    /// Bytes behind them that no kernel may touch; 0 without guards.
+    /// Bytes behind the contents that no kernel may touch; 0 without guards.
     pub red_zone: u64,
     pub name: String,
     allocation: Option<Allocation>,
-    /// What the host reads and writes where nothing runs, and no memory of the device is taken.
+    /// Stands in for mapped memory when nothing runs; takes no device memory.
     pretended: Vec<u8>,
     context: Arc<Context>,
 }
@@ -54,7 +54,7 @@ impl RawBuffer {
         }
         context.memory.reserve(name, size)?;
         let guarded = usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && context.guards.is_some();
-        // The host writes and reads what it guards.
+        // A guarded buffer is read and written by the host.
         let (red_zone, location) = if guarded { (context.red_zone(), MemoryLocation::GpuToCpu) } else { (0, location) };
         let mut made = Self::allocate(context, name, size, red_zone, usage, location);
         match (&mut made, &context.guards) {
@@ -191,7 +191,7 @@ impl<T: Pod> Buffer<T> {
         self.len
     }
 
-    /// Whether it holds no element.
+    /// Whether it holds no elements.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }

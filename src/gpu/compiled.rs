@@ -1,4 +1,4 @@
-//! What a device's compiler makes of kernels: registers, spills, code size, as far as its driver tells
+//! Statistics of compiled kernels: registers, spills, code size, as far as the driver reports them
 //! (`VK_KHR_pipeline_executable_properties`).
 
 use super::device::{Context, Device, lock};
@@ -15,14 +15,14 @@ pub struct Compiled {
     pub kernel: &'static str,
     /// Values of its specialization constants, as bits.
     pub constants: Vec<u32>,
-    /// Invocations in a subgroup of the compiled code.
+    /// Subgroup size of the compiled code.
     pub subgroup: u32,
-    /// The driver's statistics by its own names, in its own order.
+    /// The driver's statistics, under its names and in its order.
     pub statistics: Vec<(String, f64)>,
 }
 
 impl Compiled {
-    /// Asks the driver about a pipeline that was made to be asked about.
+    /// Queries the driver about a pipeline created for this purpose.
     pub(super) fn of(context: &Context, (kernel, constants): &Key, pipeline: vk::Pipeline) -> Result<Self, Error> {
         let mut compiled = Self { kernel, constants: constants.clone(), subgroup: 0, statistics: Vec::new() };
         let Some(executables) = &context.executables else { return Ok(compiled) };
@@ -63,8 +63,8 @@ fn value(statistic: &vk::PipelineExecutableStatisticKHR<'_>) -> f64 {
 pub(super) const EXTENSION: &CStr = khr::pipeline_executable_properties::NAME;
 
 impl Device {
-    /// Every kernel made so far, in the order of names and constants; empty statistics where the driver tells none. Only of
-    /// a device opened with [`super::DeviceOptions::compile_only`].
+    /// Every kernel made so far, ordered by name and constants; statistics are empty if the driver reports none. Only
+    /// for a device opened with [`super::DeviceOptions::compile_only`].
     pub fn compiled(&self) -> Vec<Compiled> {
         let mut all = lock(&self.context().compiled).clone();
         all.sort_by(|a, b| (a.kernel, &a.constants).cmp(&(b.kernel, &b.constants)));

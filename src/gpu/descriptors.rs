@@ -1,4 +1,4 @@
-//! How kernels get their buffers: pushed into the command buffer, or in descriptor sets where a device cannot push.
+//! Binding of buffers to kernels: by push descriptors, or by descriptor sets on devices that lack these.
 
 use super::choose::select::{DeviceInfo, Feature};
 use super::error::{During, Error};
@@ -8,17 +8,17 @@ use super::recording::Recording;
 use ash::{khr, vk};
 use std::str::FromStr;
 
-/// A way to hand buffers to kernels. Results do not depend on it.
+/// A way to bind buffers to kernels. Results do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Descriptors {
-    /// `VK_KHR_push_descriptor`: they travel inside the command buffer.
+    /// `VK_KHR_push_descriptor`: bound inside the command buffer.
     Push,
-    /// A descriptor set for each dispatch, from a pool of the submission: every device can do this.
+    /// A descriptor set per dispatch, from a pool of the submission: every device supports this.
     Sets,
 }
 
 impl Descriptors {
-    /// The way that was chosen; else pushing where the device can.
+    /// The way that was chosen; otherwise push descriptors if the device has them.
     pub(super) fn choose(chosen: Option<Self>, info: &DeviceInfo) -> Result<Self, Error> {
         match (chosen, info.has(Feature::PushDescriptors)) {
             (Some(Self::Push), false) => Err(Error::MissingFeature {
@@ -44,13 +44,13 @@ impl FromStr for Descriptors {
     }
 }
 
-/// Binds buffers in the way of its device. Update templates read the same array of buffers in both.
+/// Binds buffers in the device's way. Update templates read the same array of buffers in both.
 pub(super) enum Binder {
     Push(khr::push_descriptor::Device),
     Sets,
 }
 
-/// A submission's side: the pool of its descriptor sets. Nothing where descriptors are pushed.
+/// A submission's pool of descriptor sets. Empty with push descriptors.
 #[derive(Default)]
 pub(super) struct Sets {
     pool: vk::DescriptorPool,
@@ -65,10 +65,10 @@ pub(super) struct Room {
 }
 
 impl Sets {
-    /// Empties the pool, or makes a larger one where the next recording needs more than this one holds.
+    /// Empties the pool, or creates a larger one if the next recording needs it.
     ///
     /// # Safety
-    /// No work that uses the sets is under way.
+    /// No pending work uses the sets.
     pub unsafe fn prepare(&mut self, device: &ash::Device, wanted: Room) -> Result<(), Error> {
         if wanted.sets == 0 {
             return Ok(());
@@ -95,7 +95,7 @@ impl Sets {
     }
 
     /// # Safety
-    /// No work that uses the sets is under way.
+    /// No pending work uses the sets.
     pub unsafe fn destroy(self, device: &ash::Device) {
         // SAFETY: the caller's promise; the pool is destroyed once, and with it its sets.
         unsafe { device.destroy_descriptor_pool(self.pool, None) };
@@ -126,7 +126,7 @@ impl Binder {
         unsafe { device.create_descriptor_set_layout(&info, None) }.during("create set layout")
     }
 
-    /// The template that fills such a layout, set 0 of a pipeline, from an array of `count` buffers.
+    /// The template that fills such a layout, as set 0 of a pipeline, from an array of `count` buffers.
     pub fn template(
         &self,
         device: &ash::Device,
@@ -169,10 +169,11 @@ impl Binder {
         }
     }
 
-    /// Gives a pipeline its buffers, for the next dispatch.
+    /// Binds a pipeline's buffers for the next dispatch.
     ///
     /// # Safety
-    /// The frame's commands are being recorded; its sets have room; the buffers are alive and as many as the shader's.
+    /// The frame's commands are being recorded; its sets have room; the buffers are alive and match the shader in
+    /// number.
     pub unsafe fn bind(
         &self,
         device: &ash::Device,

@@ -36,7 +36,7 @@ pub struct Device {
     tuning: Arc<Tuning>,
 }
 
-/// A device as records name it: what it is, and the tuning that its kernels had.
+/// A device as records name it: its properties and the tuning of its kernels.
 #[derive(Clone, Debug, Serialize)]
 pub struct TunedDevice {
     /// The device.
@@ -51,7 +51,7 @@ pub(super) struct Context {
     pub info: DeviceInfo,
     pub queue: Queue,
     pub binder: Binder,
-    /// Whether kernels ask for the size of their subgroups.
+    /// Whether kernels request a subgroup size.
     pub pins_subgroups: bool,
     pub debug: Option<ext::debug_utils::Device>,
     pub modules: Modules,
@@ -71,7 +71,8 @@ pub(super) struct Context {
     instance: Instance,
 }
 
-/// A poisoned lock only says that another thread panicked; what it guards here is valid after every step.
+/// Locks a mutex, poisoned or not. Poisoning only means that another thread panicked; the guarded values are valid
+/// after every step.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -80,8 +81,8 @@ impl Device {
     /// Opens the device that the options or the ranking choose, and checks its driver.
     ///
     /// # Errors
-    /// No loader, no device, none of that name, a missing feature, a tuning that does not exist or fit, or a driver that computes wrong
-    /// results.
+    /// No loader, no device, no device of that name, a missing feature, a tuning that does not exist or fit, or a
+    /// driver that computes wrong results.
     pub fn open(options: &DeviceOptions) -> Result<Self, Error> {
         let instance = Instance::new(options.validation)?;
         let claim = options.harness.claim;
@@ -92,7 +93,8 @@ impl Device {
         let stored = if choice.is_none() { store::read(&candidate.info) } else { None };
         let choice = choice.unwrap_or_default();
         let tuning = stored.map_or_else(|| choice.on(&candidate.info), Ok)?;
-        // A device with one size has no choice, and would only bound the number of subgroups (llvmpipe: 32 of 4).
+        // A device with a single size has nothing to pin; a request would only limit the number of subgroups (llvmpipe:
+        // 32 of 4).
         let [least, most] = candidate.info.subgroup_range;
         let pins = candidate.info.has(Feature::SubgroupSizeControl) && least < most && claim.is_none();
         let context = Context::new(instance, candidate, options, pins)?;
@@ -105,8 +107,8 @@ impl Device {
         if width == device.info().subgroup_size { Ok(device) } else { device.with_subgroups_of(width, &choice) }
     }
 
-    /// A device whose subgroups were found to be of another width than its driver tells. Where they were asked for, the driver
-    /// cannot be trusted; else it is taken at its deeds.
+    /// The device with the subgroup width that was measured, if it differs from the driver's claim. If kernels
+    /// requested the size, the driver cannot be trusted; otherwise the measured width is used.
     fn with_subgroups_of(mut self, width: u32, choice: &TuningChoice) -> Result<Self, Error> {
         let info = self.info();
         let (pinned, told) = (info.has(Feature::SubgroupSizeControl), info.subgroup_size);
@@ -125,20 +127,20 @@ impl Device {
         Ok(self)
     }
 
-    /// What this device is and can do.
+    /// Identity and capabilities of this device.
     pub fn info(&self) -> &DeviceInfo {
         &self.context.info
     }
 
-    /// The shapes of kernels on this device.
+    /// The tuning of kernels on this device.
     pub fn tuning(&self) -> &Tuning {
         &self.tuning
     }
 
-    /// The same device, with other shapes of kernels from here on.
+    /// The same device with another tuning from here on.
     ///
     /// # Errors
-    /// [`Error::Tuning`] with the field that the device cannot have.
+    /// [`Error::Tuning`] with the field that does not fit the device.
     pub fn with_tuning(&self, tuning: Tuning) -> Result<Self, Error> {
         tuning.check(self.info()).map_err(Error::Tuning)?;
         Ok(Self { context: Arc::clone(&self.context), tuning: Arc::new(tuning) })
@@ -159,17 +161,17 @@ impl Device {
         self.context.instance.validation
     }
 
-    /// Bytes in buffers now, and at most since the device was opened or [`Device::forget_peak`].
+    /// Bytes in buffers: now, and the peak since the device was opened or since [`Device::forget_peak`].
     pub fn memory_used(&self) -> (u64, u64) {
         self.context.memory.used()
     }
 
-    /// Counts the most bytes in buffers from here on.
+    /// Restarts the peak of bytes in buffers.
     pub fn forget_peak(&self) {
         self.context.memory.forget_peak();
     }
 
-    /// What the host has asked of the device so far.
+    /// The host's requests to the device so far.
     pub fn traffic(&self) -> Traffic {
         self.context.counters.read()
     }
@@ -206,9 +208,9 @@ impl Context {
         let executables = executables.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
         // SAFETY: the family was found on this device and one queue was asked for.
         let queue = unsafe { raw.get_device_queue(candidate.queue_family, 0) };
-        // A CPU device's memory is the host's, and swaps: what is free of it says little.
+        // A CPU device's memory is the host's and can be swapped: its free amount says little.
         let free = candidate.free_bytes.filter(|_| info.kind != DeviceKind::Cpu);
-        // One block of the allocator may be almost empty; buffers are counted by their own bytes.
+        // One block of the allocator may be almost empty, and only the buffers' own bytes are counted.
         let limit = options.memory_limit.unwrap_or(free.unwrap_or(info.memory_bytes).saturating_sub(memory::BLOCK));
         let limit = if options.compile_only { u64::MAX } else { limit };
         let allocator = AllocatorCreateDesc {
@@ -242,7 +244,7 @@ impl Context {
         })
     }
 
-    /// Drops a buffer's hazards when it goes.
+    /// Removes the hazards of a freed buffer.
     pub fn forget(&self, buffer: u64) {
         lock(&self.hazards).forget(buffer);
     }
@@ -255,7 +257,8 @@ impl Context {
         }
     }
 
-    /// Takes an object's name back before it goes: validation layers keep the names of what is gone (64 bytes each in 1.3.239).
+    /// Removes an object's name before it is destroyed: validation layers keep the names of destroyed objects (64 bytes
+    /// each in 1.3.239).
     pub fn unname_object(&self, object: impl vk::Handle) {
         if let Some(debug) = self.debug.as_ref().filter(|_| self.instance.validation) {
             let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object);
@@ -267,7 +270,7 @@ impl Context {
 
 impl Drop for Context {
     fn drop(&mut self) {
-        // A lost driver's cache may be damaged: the next start must not depend on it.
+        // A lost driver's cache may be damaged and must not affect the next start.
         if !self.queue.is_lost() {
             self.pipelines.save(&self.raw);
         }

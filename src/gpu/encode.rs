@@ -11,14 +11,15 @@ use ash::vk;
 use std::ffi::CString;
 use std::sync::Arc;
 
-/// A named scope of a recording, with the queries that its begin and end write.
+/// A named scope of a recording, with the queries written at its begin and end.
 pub(super) struct Scope {
     pub name: &'static str,
     pub begin: u32,
     pub end: u32,
 }
 
-/// Writes commands into a frame's command buffer, which is in its initial state; the submitter must keep the referenced resources alive.
+/// Writes commands into a frame's command buffer, which is in its initial state. The submitter must keep the referenced
+/// resources alive.
 pub(super) struct Encoder<'a> {
     context: &'a Context,
     frame: &'a Frame,
@@ -26,9 +27,10 @@ pub(super) struct Encoder<'a> {
     scopes: Vec<Scope>,
     open: Vec<usize>,
     queries: u32,
-    /// The query written last, if nothing has come after it: one time then serves the end of a scope and the beginning of the next.
+    /// The query written last, if no command follows it: one timestamp then serves the end of a scope and the beginning
+    /// of the next.
     now: Option<u32>,
-    /// Buffers of the dispatch that is being encoded.
+    /// Buffers of the dispatch being encoded.
     bound: Vec<vk::DescriptorBufferInfo>,
 }
 
@@ -39,7 +41,8 @@ impl<'a> Encoder<'a> {
         Self { context, frame, timed, scopes: Vec::new(), open: Vec::new(), queries: 0, now: None, bound: Vec::new() }
     }
 
-    /// Encodes a recording with the barriers before its commands and the pipelines of its dispatches; gives its timed scopes.
+    /// Encodes a recording with the barriers before its commands and the pipelines of its dispatches; returns its timed
+    /// scopes.
     pub fn encode(
         mut self,
         recording: &Recording,
@@ -61,7 +64,7 @@ impl<'a> Encoder<'a> {
             }
             self.command(command, &recording.arguments, &mut pipelines)?;
         }
-        // What the host reads after the fence was written by copies.
+        // The host reads copies' results after the fence.
         self.barrier(
             (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE),
             (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ),
@@ -161,7 +164,7 @@ impl<'a> Encoder<'a> {
         }
     }
 
-    /// Writes the time at which all commands so far are over; gives the query that holds it.
+    /// Writes the time at which all previous commands have finished; returns its query.
     fn timestamp(&mut self) -> Option<u32> {
         if !self.timed || self.now.is_some() {
             return self.now;

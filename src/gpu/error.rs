@@ -1,4 +1,4 @@
-//! What can go wrong between the program and a Vulkan device.
+//! Errors of Vulkan devices.
 
 use super::choose::select::DeviceKind;
 use ash::vk;
@@ -10,16 +10,16 @@ pub enum Error {
     /// No Vulkan loader on this machine.
     #[error("no Vulkan loader was found ({0})")]
     NoLoader(String),
-    /// A loader, but no driver that it can load.
+    /// A loader without a driver that it can load.
     #[error("the Vulkan loader can load no driver")]
     NoDriver,
-    /// Drivers, but no device behind them.
+    /// Drivers without a device.
     #[error("Vulkan reports no device")]
     NoDevice,
     /// No device has the name or index asked for.
     #[error("no device matches '{wanted}'; there are: {there}")]
     UnknownDevice {
-        /// What was asked for.
+        /// The device asked for.
         wanted: String,
         /// The names of the devices present.
         there: String,
@@ -49,20 +49,20 @@ pub enum Error {
         /// The system's error.
         source: std::io::Error,
     },
-    /// A tuning that does not exist, or that the device cannot have.
+    /// A tuning that does not exist, or that does not fit the device.
     #[error("tuning: {0}")]
     Tuning(String),
-    /// A variable of the environment that says what it cannot say.
+    /// An environment variable with an invalid value.
     #[error("{name}={text}: {what}")]
     Variable {
         /// Its name.
         name: &'static str,
         /// Its text.
         text: String,
-        /// What is wrong with it.
+        /// The fault.
         what: String,
     },
-    /// The device lacks something that the engine needs.
+    /// The device lacks a required feature.
     #[error("{device} lacks {feature}, which qirf-vk needs")]
     MissingFeature {
         /// Name of the device.
@@ -77,15 +77,15 @@ pub enum Error {
         device: String,
         /// Driver name and version.
         driver: String,
-        /// What it does wrong.
+        /// The wrong behaviour.
         what: String,
     },
-    /// A module that replaces one of the program's cannot be read.
+    /// A module that replaces one of the program's own cannot be read.
     #[error("{}: {what}", path.display())]
     Shader {
         /// The module's file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         what: String,
     },
     /// One buffer is larger than the device can bind.
@@ -109,17 +109,17 @@ pub enum Error {
         needed: u64,
         /// Bytes in use by this program.
         used: u64,
-        /// Bytes that the device (or the limit that was set) allows.
+        /// Bytes that the device, or the limit that was set, allows.
         limit: u64,
         /// Name of the device.
         device: String,
     },
-    /// The system or the driver had no memory left for a call.
+    /// The system or the driver ran out of memory in a call.
     #[error("{of} memory ran out during {call}")]
     Exhausted {
         /// The call.
         call: &'static str,
-        /// Whose memory.
+        /// The owner of the memory.
         of: &'static str,
     },
     /// The device stopped answering in this call.
@@ -138,12 +138,12 @@ pub enum Error {
 }
 
 impl Error {
-    /// Whether the cause is a lack of resources (exit code 5) and not the device itself (exit code 4).
+    /// Whether the cause is a lack of resources (exit code 5) rather than the device itself (exit code 4).
     pub fn is_resources(&self) -> bool {
         matches!(self, Self::TooLarge { .. } | Self::OutOfMemory { .. } | Self::Exhausted { .. })
     }
 
-    /// Whether the device is no more: nothing else can be done with it.
+    /// Whether the device is lost: it cannot be used any more.
     pub fn is_lost(&self) -> bool {
         matches!(self, Self::Lost(_))
     }

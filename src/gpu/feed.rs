@@ -1,4 +1,4 @@
-//! Values that go to the device while it works.
+//! Values sent to the device while it works.
 
 use super::buffer::{Buffer, RawBuffer};
 use super::device::Device;
@@ -11,9 +11,9 @@ use std::marker::PhantomData;
 
 /// Host memory from which recordings copy values to the device, in parts of equal length.
 ///
-/// A recording holds the part that it copies from until it was waited for; only a part that no recording holds is written again.
-/// With as many parts as there are recordings under way, the one being made included, the host never waits for one, and no memory is
-/// allocated later.
+/// A recording holds the part that it copies from until it has been waited for; only a part that no recording holds is
+/// written again. With as many parts as recordings in flight, the one being made included, the host never waits for a
+/// part, and no memory is allocated later.
 pub struct Feed<T> {
     device: Device,
     name: String,
@@ -28,7 +28,7 @@ impl<T: Pod> Feed<T> {
         parts as u64 * Buffer::<T>::bytes_of(len)
     }
 
-    /// Memory for `parts` recordings under way, each with up to `len` values.
+    /// Memory for `parts` recordings in flight, each with up to `len` values.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
@@ -50,10 +50,10 @@ impl<T: Pod> Feed<T> {
     /// Records a copy of `values` to the beginning of a buffer.
     ///
     /// # Errors
-    /// [`Error::OutOfMemory`], where more recordings are under way than there are parts.
+    /// [`Error::OutOfMemory`], if more recordings are in flight than there are parts.
     ///
     /// # Panics
-    /// When the values do not fit a part or the buffer.
+    /// If the values do not fit a part or the buffer.
     pub fn record(&mut self, recording: &mut Recording, values: &[T], to: &Buffer<T>) -> Result<(), Error> {
         assert!(values.len() <= self.len.min(to.len()), "{} values do not fit", values.len());
         let bytes: &[u8] = bytemuck::cast_slice(values);

@@ -5,7 +5,7 @@ use super::device::{Context, lock};
 use super::error::{During, Error};
 use ash::vk;
 
-/// What one submission needs besides its commands; kept for the next.
+/// Resources of one submission besides its commands; reused by the next.
 pub(super) struct Frame {
     pub commands: vk::CommandBuffer,
     pub fence: vk::Fence,
@@ -17,7 +17,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// A frame whose work is over, or a new one.
+    /// A frame whose work is finished, or a new one.
     pub fn take(context: &Context, queries: u32, room: Room) -> Result<Self, Error> {
         let new = Self {
             pool: vk::CommandPool::null(),
@@ -38,7 +38,7 @@ impl Frame {
         }
     }
 
-    /// Makes what is missing and resets what was used.
+    /// Creates what is missing and resets what was used.
     fn prepare(&mut self, context: &Context, queries: u32, room: Room) -> Result<(), Error> {
         let device = &context.raw;
         // SAFETY: a kept frame's work is over (its fence was waited for); new handles come from this device.
@@ -66,7 +66,7 @@ impl Frame {
     }
 
     /// # Safety
-    /// The frame's work must be over.
+    /// The frame's work has finished.
     pub unsafe fn destroy(self, device: &ash::Device) {
         // SAFETY: the caller's promise; handles are destroyed once.
         unsafe {

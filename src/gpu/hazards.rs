@@ -1,9 +1,9 @@
 //! Barriers derived from declared accesses.
 //!
-//! Each buffer remembers the uses that later commands have not been ordered after. A command that conflicts with one
-//! (either writes) gets a global memory barrier from those uses; one barrier clears the same uses of every other buffer too, so
-//! independent dispatches between two barriers stay unordered. A barrier that only kernels need ends before kernels alone: a GPU
-//! need not hold back its reading of commands for it. Any other ends before everything.
+//! Each buffer remembers the uses that later commands are not yet ordered after. A command that conflicts with one
+//! (either writes) gets a global memory barrier after those uses; one barrier clears the same uses of every other
+//! buffer too, so independent dispatches between two barriers stay unordered. A barrier that only kernels need ends
+//! before kernels alone, so that a GPU need not delay its reading of commands. Any other ends before everything.
 
 use ash::vk;
 use rustc_hash::FxHashMap;
@@ -15,7 +15,7 @@ pub enum Use {
     KernelRead,
     /// A kernel writes it.
     KernelWrite,
-    /// A dispatch takes its size from it.
+    /// A dispatch reads its size from it.
     IndirectRead,
     /// A copy reads it.
     TransferRead,
@@ -56,7 +56,7 @@ impl Use {
     }
 }
 
-/// Why a barrier must stand between two commands.
+/// The reason for a barrier between two commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Hazard {
     /// A kernel reads what a kernel wrote.
@@ -65,14 +65,14 @@ pub enum Hazard {
     WriteAfterRead,
     /// A kernel writes what a kernel wrote.
     WriteAfterWrite,
-    /// One of the two uses is a dispatch that takes its size from the buffer.
+    /// One of the two uses is a dispatch that reads its size from the buffer.
     Indirect,
     /// One of the two uses is a copy's, a fill's or an update's.
     Transfer,
 }
 
 impl Hazard {
-    /// All of them.
+    /// All hazards.
     pub const ALL: [Self; 5] =
         [Self::ReadAfterWrite, Self::WriteAfterRead, Self::WriteAfterWrite, Self::Indirect, Self::Transfer];
 
@@ -95,8 +95,8 @@ impl Hazard {
 
 const WRITES: u8 = Use::KernelWrite.bit() | Use::TransferWrite.bit();
 
-/// Uses that a barrier ends without further cost once it waits for others: it waits for whole stages, and for what these have
-/// to do before. The size of a dispatch is read before its kernel runs.
+/// Uses that a barrier for others ends at no further cost: it waits for whole stages and for their predecessors. The
+/// size of a dispatch is read before its kernel runs.
 const fn ended_with(uses: u8) -> u8 {
     const KERNELS: u8 = Use::KernelRead.bit() | Use::KernelWrite.bit();
     const TRANSFERS: u8 = Use::TransferRead.bit() | Use::TransferWrite.bit();
@@ -105,7 +105,7 @@ const fn ended_with(uses: u8) -> u8 {
     kernels | transfers
 }
 
-/// A global memory barrier before a command: the uses that must be over, and before what.
+/// A global memory barrier before a command: the uses to wait for, and the stages that wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Barrier {
     uses: u8,
@@ -118,7 +118,7 @@ impl Barrier {
         self.uses & earlier.bit() != 0
     }
 
-    /// Whether only what kernels read and write comes after it; the sizes of dispatches, copies and fills need not.
+    /// Whether only kernels' reads and writes wait for it, and not the sizes of dispatches, copies and fills.
     pub const fn ends_before_kernels_alone(self) -> bool {
         self.before_kernels_alone
     }
@@ -151,12 +151,12 @@ impl Barrier {
     }
 }
 
-/// Uses of one buffer that are not over.
+/// Pending uses of one buffer.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pending {
-    /// Before kernels.
+    /// For kernels.
     before_kernels: u8,
-    /// Before everything else.
+    /// For everything else.
     before_others: u8,
 }
 
@@ -166,7 +166,7 @@ impl Pending {
     }
 }
 
-/// Uses of each buffer (by its number) that nothing later has been ordered after yet.
+/// Pending uses of each buffer, by its number.
 #[derive(Clone, Debug, Default)]
 pub struct Hazards {
     pending: FxHashMap<u64, Pending>,
@@ -174,7 +174,7 @@ pub struct Hazards {
 }
 
 impl Hazards {
-    /// The pending uses that conflict with those of the next command, each with the use that it conflicts with.
+    /// The pending uses that conflict with the next command's, each with the conflicting use.
     pub(super) fn conflicts(&self, uses: &[(u64, Use)]) -> impl Iterator<Item = (Use, Use)> {
         uses.iter().flat_map(|&(buffer, later)| {
             let pending = self.pending.get(&buffer).map_or(0, |pending| pending.before(later));
@@ -183,7 +183,7 @@ impl Hazards {
         })
     }
 
-    /// Takes the next command's uses and gives the barrier that must come before it, if any.
+    /// Adds the next command's uses and returns the barrier that must come before it, if any.
     pub fn next(&mut self, uses: &[(u64, Use)]) -> Option<Barrier> {
         let (mut wait, mut before_kernels_alone) = (0, true);
         for (earlier, later) in self.conflicts(uses) {
@@ -211,7 +211,8 @@ impl Hazards {
         (wait != 0).then_some(Barrier { uses: wait, before_kernels_alone })
     }
 
-    /// A recording whose barriers were taken was never submitted: the next command waits for everything.
+    /// Handles a recording that was never submitted although its barriers were derived: the next command waits for
+    /// everything.
     pub fn doubt(&mut self) {
         self.doubted = true;
     }
@@ -292,7 +293,7 @@ mod tests {
     fn after_a_recording_that_was_not_submitted_all_is_waited_for() {
         let mut h = Hazards::default();
         h.next(&[(1, KernelWrite)]);
-        // This barrier never comes to pass.
+        // This barrier is never submitted.
         assert!(h.next(&[(1, KernelRead)]).is_some());
         h.doubt();
         assert_eq!(h.next(&[]), None);

@@ -40,7 +40,7 @@ impl Instance {
         let validation = validation && has_layer;
         let offered = |name| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
         let debug_utils = offered(ext::debug_utils::NAME) || validation;
-        // Loaders hide devices that lack parts of Vulkan, such as Apple's, from programs that do not ask for them.
+        // Loaders hide devices that lack parts of Vulkan, such as Apple's, unless the program asks for them.
         let portability = offered(khr::portability_enumeration::NAME);
 
         // SAFETY: as above; the layer is there.
@@ -65,7 +65,7 @@ impl Instance {
             .application_name(c"qirf-vk")
             .engine_name(c"qirf-vk")
             .api_version(vk::API_VERSION_1_2);
-        // Synchronisation validation sees a missing barrier that a driver running commands in order would hide.
+        // Synchronisation validation finds a missing barrier that a driver running commands in order would hide.
         let checks = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&checks);
         let flags = if portability {
@@ -81,9 +81,9 @@ impl Instance {
         if validation {
             info = info.push_next(&mut features);
         }
-        // Newer layers look at the buffers of kernels only if they are asked to. Older ones know no settings, and look across
-        // submissions only where the environment says so (.cargo/config.toml). The layer reads its settings from the chain; the
-        // extension's name is left out, because loaders that do not know it refuse it.
+        // Newer layers check kernels' buffers only on request. Older ones have no settings, and check across
+        // submissions only if the environment says so (.cargo/config.toml). The layer reads its settings from the
+        // chain; the extension's name is left out, because loaders that do not know it refuse it.
         let on = vk::TRUE;
         let shaders = [vk::LayerSettingEXT {
             p_layer_name: VALIDATION.as_ptr(),

@@ -1,8 +1,8 @@
-//! Shaders as the build script reflected them, and kernels: shaders with their arguments.
+//! Shaders as reflected by the build script, and kernels: shaders with their arguments.
 
 use super::buffer::RawBuffer;
 
-/// What a kernel does with a binding, from the shader's own qualifiers.
+/// A kernel's access to a binding, from the shader's own qualifiers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// `readonly`.
@@ -18,11 +18,11 @@ pub enum Access {
 pub struct BindingInfo {
     /// Its name in the shader.
     pub name: &'static str,
-    /// What the kernel does with it.
+    /// The kernel's access to it.
     pub access: Access,
 }
 
-/// A compute shader: SPIR-V and what was reflected from it.
+/// A compute shader: SPIR-V and its reflection.
 #[derive(Debug)]
 pub struct Shader {
     /// `room/stage`: the debug label and profiler name.
@@ -37,7 +37,7 @@ pub struct Shader {
     pub constants: &'static [u32],
     /// The constant that receives the subgroup size, if any.
     pub subgroup_constant: Option<u32>,
-    /// The constant that turns the order of workgroups round, if any.
+    /// The constant that reverses the order of workgroups, if any.
     pub backwards_constant: Option<u32>,
 }
 

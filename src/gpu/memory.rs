@@ -1,4 +1,4 @@
-//! Device memory: the allocator, and the account of what this program holds.
+//! Device memory: the allocator, and the count of bytes in use.
 
 use super::device::lock;
 use super::error::Error;
@@ -10,10 +10,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Bytes of a block that small buffers share.
 pub(super) const BLOCK: u64 = 64 << 20;
-/// Larger buffers have memory of their own: in a shared block each could leave almost its own size unused.
+/// Larger buffers have memory of their own: in a shared block, each could leave almost its own size unused.
 pub(super) const SHARED: u64 = 16 << 20;
 
-/// How a buffer of this size is allocated.
+/// The allocation scheme of a buffer of this size.
 pub(super) fn scheme(buffer: vk::Buffer, bytes: u64) -> AllocationScheme {
     if bytes > SHARED { AllocationScheme::DedicatedBuffer(buffer) } else { AllocationScheme::GpuAllocatorManaged }
 }
@@ -37,18 +37,18 @@ impl Memory {
         Ok(Self { allocator, used, peak, limit, enforced: AtomicBool::new(false), device: device.to_owned() })
     }
 
-    /// Holds the limit from here on; what the driver is probed with before does not count.
+    /// Enforces the limit from here on; the probe's memory does not count.
     pub fn enforce(&self) {
         self.enforced.store(true, Ordering::Relaxed);
         self.forget_peak();
     }
 
-    /// Counts the most bytes in use from here on.
+    /// Restarts the peak of bytes in use.
     pub fn forget_peak(&self) {
         self.peak.store(self.used.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 
-    /// Bytes in use now, and at most since [`Memory::forget_peak`].
+    /// Bytes in use: now, and the peak since [`Memory::forget_peak`].
     pub fn used(&self) -> (u64, u64) {
         (self.used.load(Ordering::Relaxed), self.peak.load(Ordering::Relaxed))
     }
@@ -58,7 +58,7 @@ impl Memory {
         self.limit
     }
 
-    /// Counts `bytes` as used, unless they go beyond the limit.
+    /// Counts `bytes` as used, unless this would exceed the limit.
     pub fn reserve(&self, name: &str, bytes: u64) -> Result<(), Error> {
         let used = self.used.fetch_add(bytes, Ordering::Relaxed) + bytes;
         if used > self.limit && self.enforced.load(Ordering::Relaxed) {
@@ -85,7 +85,7 @@ impl Memory {
         lock(&self.allocator).allocate(wanted).map_err(|e| self.error(wanted.name, bytes, &e))
     }
 
-    /// Frees what was allocated.
+    /// Frees an allocation.
     pub fn free(&self, allocation: Allocation) {
         let _ = lock(&self.allocator).free(allocation);
     }
@@ -98,7 +98,7 @@ impl Memory {
     fn error(&self, name: &str, bytes: u64, error: &AllocationError) -> Error {
         match error {
             AllocationError::OutOfMemory => self.out_of_memory(name, bytes),
-            // The allocator's words for a host without memory, and for too many allocations.
+            // The allocator's texts for a host out of memory and for too many allocations.
             AllocationError::FailedToMap(why) | AllocationError::Internal(why) => {
                 tracing::warn!("allocation of '{name}', {bytes} bytes: {why}");
                 Error::Exhausted { call: "allocate memory", of: "the host's" }

@@ -1,4 +1,4 @@
-//! Vulkan, and nothing of splats. Devices, memory, kernels, recordings with derived barriers, timestamps.
+//! The Vulkan layer, independent of splats: devices, memory, kernels, recordings with derived barriers, timestamps.
 #![allow(unsafe_code)] // Vulkan is called from this floor alone; each block states its invariant.
 
 mod buffer;

@@ -1,4 +1,4 @@
-//! The words of a shader's module, as a device takes them.
+//! SPIR-V modules in the form that a device takes.
 
 use super::error::Error;
 use super::kernel::Shader;
@@ -13,13 +13,13 @@ const OP_CAPABILITY: u32 = 17;
 const SIGNED_ZERO_INF_NAN_PRESERVE: u32 = 4461;
 const SIGNED_ZERO_INF_NAN_PRESERVE_CAPABILITY: u32 = 4466;
 
-/// Where modules come from, and what is added to them.
+/// The source of modules, and additions to them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Modules {
-    /// Modules here replace the program's own of the same name (tests of mutants).
+    /// Folder of modules that replace the program's own of the same name (tests of mutants).
     pub folder: Option<PathBuf>,
-    /// Whether modules declare that float32 infinities and NaN are kept: without it, Vulkan lets a driver assume that there
-    /// are none. Only devices with the property take it.
+    /// Whether modules declare that float32 infinities and NaN are kept: without it, Vulkan lets a driver assume that
+    /// there are none. Only devices with the property accept it.
     pub keep_nan: bool,
 }
 

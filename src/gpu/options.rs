@@ -1,4 +1,4 @@
-//! How to open a device, and the variables of the environment that programs and tests let speak for these options.
+//! Options for opening a device, and the environment variables from which programs and tests take them.
 
 use super::descriptors::Descriptors;
 use super::error::Error;
@@ -7,38 +7,40 @@ use super::tuning::TuningChoice;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// How to open a device. The default is the best device there is; [`DeviceOptions::from_env`] lets the environment choose.
+/// Options for opening a device. The default is the best device present; [`DeviceOptions::from_env`] lets the
+/// environment choose.
 #[derive(Clone, Debug, Default)]
 pub struct DeviceOptions {
-    /// Index, part of the name, `uuid:UUID`, `pci:ADDRESS`, or `free` for one that no other process holds by a lease; else
-    /// the best there is.
+    /// Index, part of the name, `uuid:UUID`, `pci:ADDRESS`, or `free` for one that no other process holds by a lease.
+    /// Default: the best device present.
     pub device: Option<String>,
-    /// Switch the validation layers on.
+    /// True to enable the validation layers.
     pub validation: bool,
-    /// Bytes of device memory that this program may use; where absent, what is free of a GPU's memory (all of it where the
-    /// driver does not tell), and all of a CPU device's.
+    /// Bytes of device memory that this program may use. Default: the free memory of a GPU (all of it if the driver
+    /// does not report it), and all memory of a CPU device.
     pub memory_limit: Option<u64>,
-    /// The tuning; else the one stored for this device ([`super::Device::store_tuning`]); else the row of its own class.
+    /// The tuning. Default: the one stored for this device ([`super::Device::store_tuning`]), else its class's row.
     pub tuning: Option<TuningChoice>,
-    /// How kernels get their buffers; else the best way that the device has.
+    /// The way to bind buffers to kernels. Default: the best one that the device has.
     pub descriptors: Option<Descriptors>,
-    /// The folder of leases, by which processes share the devices of a machine; else one in the system's temporary folder.
+    /// The folder of leases, by which processes share a machine's devices. Default: one in the system's temporary
+    /// folder.
     pub leases: Option<PathBuf>,
-    /// Make pipelines and run nothing, to learn what the driver's compiler makes of them: see [`super::Device::compiled`]. All
-    /// reads give zeros.
+    /// True to create pipelines and run nothing, to learn how the driver compiles them: see
+    /// [`super::Device::compiled`]. All reads return zeros.
     pub compile_only: bool,
-    /// What only tests ask of a device.
+    /// Options for tests only.
     #[doc(hidden)]
     pub harness: Harness,
 }
 
 impl DeviceOptions {
-    /// The options that the environment asks for: `QIRF_DEVICE`, `QIRF_VALIDATION`, `QIRF_TUNING` (empty: the row of the device's
-    /// own class), `QIRF_DESCRIPTORS`, `QIRF_LEASES`, and for tests `QIRF_LIMITS`, `QIRF_SUBGROUP`, `QIRF_SHADERS`,
-    /// `QIRF_DEVICE_FAULT` and `QIRF_ORDER`.
+    /// The options that the environment sets: `QIRF_DEVICE`, `QIRF_VALIDATION`, `QIRF_TUNING` (empty: the row of the
+    /// device's own class), `QIRF_DESCRIPTORS`, `QIRF_LEASES`, and for tests `QIRF_LIMITS`, `QIRF_SUBGROUP`,
+    /// `QIRF_SHADERS`, `QIRF_DEVICE_FAULT` and `QIRF_ORDER`.
     ///
     /// # Errors
-    /// [`Error::Variable`] for a text that its variable cannot have.
+    /// [`Error::Variable`] for an invalid text.
     pub fn from_env() -> Result<Self, Error> {
         let empty = std::env::var("QIRF_TUNING").is_ok_and(|text| text.is_empty());
         Ok(Self {
@@ -66,7 +68,7 @@ fn text(name: &str) -> Option<String> {
     std::env::var(name).ok().filter(|text| !text.is_empty())
 }
 
-/// The value of a variable's text.
+/// The value parsed from a variable's text.
 fn parsed<T: FromStr<Err = String>>(name: &'static str) -> Result<Option<T>, Error> {
     let Some(text) = text(name) else { return Ok(None) };
     text.parse().map(Some).map_err(|what| Error::Variable { name, text, what })

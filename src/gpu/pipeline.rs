@@ -1,4 +1,4 @@
-//! Pipelines, and the cache of them that outlives the process.
+//! Pipelines, and their cache on disk.
 
 use super::choose::select::Feature;
 use super::compiled::Compiled;
@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Instant;
 
-/// The specialization constant that is the workgroup's size in every shader (`glsl/lib/dispatch.glsl`).
+/// The specialization constant for the workgroup's size in every shader (`glsl/lib/dispatch.glsl`).
 const WORKGROUP: u32 = 0;
 
 /// A shader with its constants, ready to be dispatched.
@@ -35,7 +35,7 @@ type Variants = FxHashMap<Vec<u32>, Arc<Pipeline>>;
 
 /// A device's pipelines.
 pub(super) struct Pipelines {
-    /// By the name of their shader, and by their constants: found without a copy of either.
+    /// By shader name and by constants: looked up without copying either.
     made: Mutex<FxHashMap<&'static str, Variants>>,
     cache: vk::PipelineCache,
     file: Option<PathBuf>,
@@ -129,7 +129,7 @@ impl Pipeline {
     }
 
     /// # Safety
-    /// No submitted work may still use the pipeline.
+    /// No pending work uses the pipeline.
     unsafe fn destroy(&self, device: &ash::Device) {
         // SAFETY: the caller's promise; the handles were made by this device and are destroyed once.
         unsafe {
@@ -143,7 +143,7 @@ impl Pipeline {
 }
 
 impl Pipelines {
-    /// No pipelines yet, and the driver's cache as an earlier process left it.
+    /// No pipelines yet, and the driver's cache as saved by an earlier process.
     pub fn new(device: &ash::Device, cache_uuid: [u8; 16]) -> Result<Self, Error> {
         let name = format!("pipelines-{:032x}.bin", u128::from_be_bytes(cache_uuid));
         let file = dirs::cache_dir().map(|d| d.join("qirf-vk").join(name));
@@ -154,7 +154,7 @@ impl Pipelines {
         Ok(Self { made: Mutex::default(), cache, file })
     }
 
-    /// The pipelines of a recording's dispatches, in their order. Those that are not there yet are made side by side.
+    /// The pipelines of a recording's dispatches, in their order. Missing ones are created in parallel.
     pub fn of(&self, context: &Context, recording: &Recording) -> Result<Vec<Arc<Pipeline>>, Error> {
         let mut made = lock(&self.made);
         let mut found = Vec::with_capacity(recording.commands.len());
@@ -182,7 +182,7 @@ impl Pipelines {
         failed.map_or_else(|| self.of(context, recording), Err)
     }
 
-    /// Writes the driver's cache for the next process, unless it is as it was.
+    /// Writes the driver's cache for the next process, unless it is unchanged.
     pub fn save(&self, device: &ash::Device) {
         let Some(file) = &self.file else { return };
         // SAFETY: the cache is alive.
@@ -190,7 +190,7 @@ impl Pipelines {
         if std::fs::metadata(file).is_ok_and(|m| m.len() == data.len() as u64) {
             return;
         }
-        // A cache that cannot be written costs the next start some time and nothing else.
+        // Failing to write the cache only costs the next start some time.
         let temporary = file.with_extension(std::process::id().to_string());
         let saved = file
             .parent()
@@ -204,7 +204,7 @@ impl Pipelines {
     }
 
     /// # Safety
-    /// No submitted work may still use a pipeline, and none is made afterwards.
+    /// No pending work uses a pipeline, and none is made afterwards.
     pub unsafe fn destroy(&self, device: &ash::Device) {
         // SAFETY: the caller's promise.
         unsafe {
@@ -218,8 +218,8 @@ impl Pipelines {
     }
 }
 
-/// Makes pipelines on as many threads as the host has cores. Threads of their own: a thread of a pool might take up work that
-/// waits for the lock that is held meanwhile.
+/// Creates pipelines on as many threads as the host has cores. They are dedicated threads: a pool's thread might pick
+/// up work that waits for the lock held meanwhile.
 fn make(context: &Context, wanted: &[(Key, &'static Shader)]) -> Vec<(Key, Result<Pipeline, Error>)> {
     let cores = thread::available_parallelism().map_or(1, NonZero::get);
     thread::scope(|scope| {

@@ -1,6 +1,7 @@
-//! Does a device do what it says? Kernels are specialised for the width of its subgroups, and a driver that runs them at
-//! another would compute wrong pictures without an error. Mesa's llvmpipe before 25 (22.3, 23.2 and 24.0 were
-//! tried) stops an invocation after 65,535 iterations in total, in silence: every long tile list would be cut. One submission tells both.
+//! A check that a device works as it claims. Kernels are specialised for its subgroup size, and a driver that runs them
+//! with another would compute wrong pictures without an error. Mesa's llvmpipe before 25 (22.3, 23.2 and 24.0 were
+//! tried) silently stops an invocation after 65,535 iterations in total: every long tile list would be cut. One
+//! submission checks both.
 
 use super::choose::select::DeviceKind;
 use super::device::Device;
@@ -10,13 +11,13 @@ use crate::kernels::probe::{Loop, LoopPush, LoopSpec, Subgroups, SubgroupsSpec};
 
 /// More than the 65,535 at which old drivers stop.
 const ITERATIONS: u32 = 70_000;
-/// Invocations that tell of their subgroups: a workgroup that every device can have.
+/// Invocations that report their subgroups: a workgroup size that every device supports.
 const INVOCATIONS: u32 = 256;
 
-/// Probes a device and gives the width of its subgroups, which is the one that it tells wherever it can be pinned.
+/// Probes a device and returns its subgroup size, which equals the claimed one wherever it can be pinned.
 ///
 /// # Errors
-/// [`Error::Driver`] with what is wrong.
+/// [`Error::Driver`] with the fault.
 pub(super) fn check(device: &Device) -> Result<u32, Error> {
     let distrust =
         |what| Error::Driver { device: device.info().name.clone(), driver: device.info().driver.clone(), what };
@@ -25,7 +26,7 @@ pub(super) fn check(device: &Device) -> Result<u32, Error> {
     let mut recording = Recording::new();
     let spec = SubgroupsSpec { workgroup: INVOCATIONS };
     recording.dispatch(&Subgroups { seen: &lanes, spec }, Groups::Count(1));
-    // Only drivers for CPUs have such a limit; on the slowest of GPUs the loop would take a while.
+    // Only CPU drivers have such a limit; on the slowest GPUs the loop would take a while.
     let loops = device.info().kind == DeviceKind::Cpu;
     if loops {
         let kernel = Loop { result: &sum, push: LoopPush { iterations: ITERATIONS }, spec: LoopSpec::default() };
@@ -47,8 +48,8 @@ pub(super) fn check(device: &Device) -> Result<u32, Error> {
     width(bytemuck::cast_slice(&seen[..count])).map_err(distrust)
 }
 
-/// The width of subgroups that all agree on; each invocation tells the lanes of its subgroup, the driver's word for them, the
-/// number of subgroups, and its own place: subgroup and lane.
+/// The subgroup size that all invocations agree on. Each reports the lanes of its subgroup, the driver's value for
+/// them, the number of subgroups, and its own subgroup and lane.
 fn width(seen: &[[u32; 4]]) -> Result<u32, String> {
     let width = seen.first().map_or(0, |first| first[0]);
     let same = |at: usize, name: &str, told: u32, expected: u32| {
@@ -74,7 +75,7 @@ fn width(seen: &[[u32; 4]]) -> Result<u32, String> {
 mod tests {
     use super::*;
 
-    /// What a faultless device of this width tells.
+    /// The report of a sound device of this width.
     fn sound(width: u32) -> Vec<[u32; 4]> {
         (0..INVOCATIONS).map(|i| [width, width, INVOCATIONS / width, ((i / width) << 16) | (i % width)]).collect()
     }
@@ -88,7 +89,7 @@ mod tests {
 
     #[test]
     fn each_disagreement_is_named() {
-        // A driver for AMD's GPUs on Macs told 64 of subgroups of 32.
+        // A driver for AMD's GPUs on Macs reported 64 for subgroups of 32.
         let told = sound(32).into_iter().map(|[lanes, _, count, place]| [lanes, 64, count, place]).collect();
         let last = |change: fn([u32; 4]) -> [u32; 4]| {
             let mut seen = sound(32);

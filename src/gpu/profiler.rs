@@ -1,4 +1,4 @@
-//! Time by named scope, from device timestamps.
+//! Time per named scope, from device timestamps.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ impl Timings {
         entry.1 += 1;
     }
 
-    /// Total seconds of a scope; 0 where it never ran or the device has no timestamps.
+    /// Total seconds of a scope; 0 if it never ran or the device has no timestamps.
     pub fn seconds(&self, name: &str) -> f64 {
         self.scopes.get(name).map_or(0.0, |s| s.0)
     }
@@ -30,7 +30,7 @@ impl Timings {
         self.scopes.iter().map(|(name, (seconds, visits))| (*name, *seconds, *visits))
     }
 
-    /// Adds another's scopes to this.
+    /// Adds another's scopes to these.
     pub fn merge(&mut self, other: &Self) {
         for (name, seconds, visits) in other.iter() {
             let entry = self.scopes.entry(name).or_default();

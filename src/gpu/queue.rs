@@ -1,4 +1,4 @@
-//! The queue of a device: work goes in here and is waited for here, so that here a device tells that it was lost.
+//! A device's queue: submission, waiting, and detection of a lost device.
 
 use super::device::lock;
 use super::harness::fault::{Call, Fault, Faults};
@@ -7,12 +7,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
-/// Nobody waits so long for one submission unless the device is slow or hangs: the user hears of it.
+/// Time after which the user is told that a submission is slow or hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// One queue, and whether its device was lost.
 pub(super) struct Queue {
-    /// The family that it is of.
+    /// Its queue family.
     pub family: u32,
     raw: Mutex<vk::Queue>,
     lost: AtomicBool,
@@ -29,16 +29,16 @@ impl Queue {
         lock(&self.raw)
     }
 
-    /// Whether some call has told that the device was lost. It never comes back.
+    /// Whether a call has reported the device lost. It never recovers.
     pub fn is_lost(&self) -> bool {
         self.lost.load(Ordering::SeqCst)
     }
 
-    /// Hands over one command buffer, whose end signals the fence.
+    /// Submits one command buffer, whose end signals the fence.
     ///
     /// # Safety
-    /// `raw` is what [`Queue::lock`] gave; the command buffer is complete, and all that it uses lives until the fence was
-    /// waited for.
+    /// `raw` is the handle that [`Queue::lock`] returned; the command buffer is complete, and all its resources live
+    /// until the fence has been waited for.
     pub unsafe fn submit(
         &self,
         device: &ash::Device,
@@ -54,12 +54,12 @@ impl Queue {
         self.answered(unsafe { device.queue_submit(raw, &submit, fence) })
     }
 
-    /// Waits for a fence, as long as it takes. There is no limit: Vulkan promises that waits end when a device is lost, drivers
-    /// of GPUs watch their work themselves, software devices may be slow at will, and memory of work that may still run could
-    /// not be freed anyway.
+    /// Waits for a fence, as long as it takes. There is no limit: Vulkan guarantees that waits end when a device is
+    /// lost, GPU drivers watch their work themselves, software devices may be arbitrarily slow, and memory of work that
+    /// may still run could not be freed anyway.
     ///
     /// # Errors
-    /// A device that was lost. After any other error the work is over all the same, if Vulkan could tell in any way.
+    /// A lost device. After any other error the work has finished all the same, if Vulkan could tell in any way.
     ///
     /// # Safety
     /// The fence was submitted to this queue.
@@ -91,7 +91,7 @@ impl Queue {
                 );
             }
         };
-        // A fault on demand comes after the wait, since the device beneath works on.
+        // An injected fault comes after the wait, since the real device keeps working.
         let waited = waited.and_then(|()| self.known()).and(fault);
         self.answered(waited).or_else(|e| if self.is_lost() { Err(e) } else { self.idle(device) })
     }
@@ -107,7 +107,7 @@ impl Queue {
         self.answered(waited.and_then(|()| self.known()))
     }
 
-    /// Takes note of a loss.
+    /// Records a device loss.
     pub fn answered<T>(&self, result: Result<T, vk::Result>) -> Result<T, vk::Result> {
         if matches!(result, Err(vk::Result::ERROR_DEVICE_LOST)) {
             self.lost.store(true, Ordering::SeqCst);

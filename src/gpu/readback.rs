@@ -1,4 +1,4 @@
-//! Results that come to the host while the device goes on.
+//! Results that reach the host while the device keeps working.
 
 use super::buffer::{Buffer, RawBuffer};
 use super::device::Device;
@@ -13,7 +13,7 @@ use std::marker::PhantomData;
 
 /// Host memory that submissions copy their results into, one submission at a time.
 ///
-/// Only [`Readback::wait`] gives the results, so that the host never reads what the device still writes.
+/// Only [`Readback::wait`] returns results, so that the host never reads memory that the device still writes.
 pub struct Readback<T> {
     under_way: Option<Ticket>,
     raw: RawBuffer,
@@ -22,14 +22,14 @@ pub struct Readback<T> {
 }
 
 impl<T: Pod> Readback<T> {
-    /// Submits a recording, and after it copies of the first elements of each buffer, one behind the other. A submission that
-    /// nobody has waited for is waited for first.
+    /// Submits a recording, followed by copies of the first elements of each buffer, one behind the other. A submission
+    /// not yet waited for is waited for first.
     ///
     /// # Errors
     /// Device errors.
     ///
     /// # Panics
-    /// When a buffer holds fewer elements than asked for, or this memory too few.
+    /// If a buffer holds fewer elements than asked for, or this memory too few.
     pub fn submit(
         &mut self,
         device: &Device,
@@ -50,8 +50,8 @@ impl<T: Pod> Readback<T> {
         Ok(())
     }
 
-    /// Waits for the submission under way, if any; gives the results and the time of its scopes. What no submission wrote is
-    /// undefined.
+    /// Waits for the pending submission, if any; returns the results and the time of its scopes. Elements that no
+    /// submission wrote are undefined.
     ///
     /// # Errors
     /// Device errors.

@@ -1,4 +1,4 @@
-//! A recording: commands as data. Their buffers' uses are declared by what they are; barriers follow from them.
+//! A recording: commands as data. The commands declare how they use their buffers; barriers follow from that.
 
 use super::buffer::{Buffer, RawBuffer};
 use super::hazards::{Barrier, Hazards, Use};
@@ -7,12 +7,12 @@ use crate::kernels::constants::counts::{FEW_GROUPS, MAX_GROUPS};
 use bytemuck::Pod;
 use std::ops::Range;
 
-/// How many workgroups a dispatch starts.
+/// The number of workgroups that a dispatch starts.
 #[derive(Clone, Copy)]
 pub enum Groups<'a> {
-    /// This many, laid out in two dimensions where one does not hold them; kernels ask `group_index()`.
+    /// This many, laid out in two dimensions if one cannot hold them; kernels call `group_index()`.
     Count(u32),
-    /// As many as three words of a buffer say, from this word on; see `primitives::arguments`.
+    /// The three words of a buffer from this word on; see `primitives::arguments`.
     Indirect(&'a Buffer<u32>, u32),
 }
 
@@ -48,7 +48,7 @@ pub(super) enum Command {
         to_offset: u64,
         bytes: u64,
     },
-    /// A copy into memory that the host alone reads, and that has a place for each until it was waited for.
+    /// A copy into host-only memory; each copy has its own place until it has been waited for.
     ReadBack {
         from: RawBuffer,
         to: RawBuffer,
@@ -59,7 +59,8 @@ pub(super) enum Command {
     End,
 }
 
-/// Arguments of all dispatches of a recording, one after the other: an iteration has dozens of them with a dozen buffers each.
+/// Arguments of all dispatches of a recording, one after the other: an iteration has dozens of dispatches with a dozen
+/// buffers each.
 pub(super) struct Arguments {
     constants: Vec<u32>,
     push: Vec<u8>,
@@ -98,7 +99,7 @@ impl Arguments {
 }
 
 impl Command {
-    /// Replaces `uses` by the buffers that the command uses (by number), and how.
+    /// Replaces `uses` by the command's uses of buffers (by number).
     pub(super) fn uses(&self, arguments: &Arguments, uses: &mut Vec<(u64, Use)>) {
         uses.clear();
         match self {
@@ -124,7 +125,7 @@ impl Command {
         }
     }
 
-    /// What it is, or the kernel that it runs.
+    /// The kernel's name, or the kind of command.
     pub(super) fn name(&self) -> &'static str {
         match self {
             Self::Dispatch(dispatch) => dispatch.shader.name,
@@ -136,7 +137,7 @@ impl Command {
     }
 }
 
-/// Commands to run in order, as if each waited for those before that it depends on.
+/// Commands to run in order, as if each waited for the earlier ones that it depends on.
 pub struct Recording {
     pub(super) commands: Vec<Command>,
     pub(super) arguments: Arguments,
@@ -180,7 +181,7 @@ impl Recording {
     /// Writes a few values (at most 64 KiB) at the buffer's start; they travel inside the recording.
     ///
     /// # Panics
-    /// When `data` is larger than that, or than the buffer.
+    /// If `data` is larger than that, or than the buffer.
     pub fn update<T: Pod>(&mut self, buffer: &Buffer<T>, data: &[T]) {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         assert!(bytes.len() <= 65_536 && data.len() <= buffer.len() && bytes.len().is_multiple_of(4));
@@ -192,7 +193,7 @@ impl Recording {
     /// Copies `count` elements.
     ///
     /// # Panics
-    /// When either buffer is too short.
+    /// If either buffer is too short.
     pub fn copy<T: Pod>(&mut self, from: &Buffer<T>, to: &Buffer<T>, count: usize) {
         assert!(count <= from.len() && count <= to.len());
         self.copy_raw(from.raw(), 0, to.raw(), 0, (count * size_of::<T>()) as u64);
@@ -211,7 +212,7 @@ impl Recording {
         }
     }
 
-    /// Times and labels what `body` records.
+    /// Times and labels the commands that `body` records.
     pub fn scope<R>(&mut self, name: &'static str, body: impl FnOnce(&mut Self) -> R) -> R {
         self.commands.push(Command::Begin(name));
         let result = body(self);
@@ -219,7 +220,7 @@ impl Recording {
         result
     }
 
-    /// Names of the kernels dispatched, in order: what tests of "off is free" look at.
+    /// Names of the kernels dispatched, in order; tests use it to show that disabled features cost nothing.
     pub fn kernels(&self) -> Vec<&'static str> {
         self.dispatches().map(|d| d.shader.name).collect()
     }
@@ -232,7 +233,7 @@ impl Recording {
         })
     }
 
-    /// The barrier before each command, given what earlier recordings left pending.
+    /// The barrier before each command, given the uses that earlier recordings left pending.
     pub fn barriers(&self, hazards: &mut Hazards) -> Vec<Option<Barrier>> {
         let mut uses = Vec::new();
         let barrier = |command: &Command| {
@@ -242,7 +243,7 @@ impl Recording {
         self.commands.iter().map(barrier).collect()
     }
 
-    /// Lays dispatches out in two dimensions from few workgroups on, and moves all scopes to the beginning, empty.
+    /// Lays dispatches out in two dimensions from few workgroups on, and moves all scopes, empty, to the beginning.
     pub(super) fn loosen(&mut self) {
         for command in &mut self.commands {
             if let Command::Dispatch(Dispatch { size: Size::Direct(size @ [_, 1, 1]), .. }) = command

@@ -9,8 +9,8 @@ use ash::vk;
 use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
 
-/// Bytes that one staging transfer moves: larger arrays go in turns. So much comes from a block that the allocator keeps; drivers
-/// take milliseconds for host memory of its own.
+/// Bytes that one staging transfer moves; larger arrays take several. This much fits a block that the allocator keeps;
+/// drivers take milliseconds to allocate dedicated host memory.
 const STAGING_BYTES: u64 = memory::SHARED;
 
 /// Bytes of staging memory in use while an array of `bytes` moves to or from the device.
@@ -19,7 +19,7 @@ pub fn staging_bytes(bytes: u64) -> u64 {
 }
 
 impl<T: Pod> Buffer<T> {
-    /// Shows the host the first `count` elements, part by part with the place of each; waits for the device.
+    /// Passes the first `count` elements to `look` part by part, with the offset of each part; waits for the device.
     ///
     /// # Errors
     /// Device errors; memory for staging.
@@ -72,7 +72,7 @@ impl<T: Pod> Buffer<T> {
     /// Device errors; memory for staging.
     ///
     /// # Panics
-    /// When `data` is longer than the buffer.
+    /// If `data` is longer than the buffer.
     pub fn write(&self, device: &Device, data: &[T]) -> Result<(), Error> {
         assert!(data.len() <= self.len(), "{} elements do not fit a buffer of {}", data.len(), self.len());
         let bytes: &[u8] = bytemuck::cast_slice(data);
@@ -97,7 +97,7 @@ impl Device {
     /// A buffer that holds `data`.
     ///
     /// # Errors
-    /// As [`Device::buffer`]; device errors of the copy.
+    /// Errors of [`Device::buffer`]; device errors of the copy.
     pub fn upload<T: Pod>(&self, name: &str, data: &[T]) -> Result<Buffer<T>, Error> {
         let buffer = self.buffer(name, data.len())?;
         buffer.write(self, data)?;

@@ -13,7 +13,7 @@ use bytemuck::Pod;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-/// Work under way. Dropping it waits.
+/// Pending work. Dropping it waits.
 pub struct Ticket {
     context: Arc<Context>,
     frame: Option<Frame>,
@@ -36,7 +36,7 @@ impl Device {
     /// A buffer of `len` elements whose bytes are zero.
     ///
     /// # Errors
-    /// As [`Device::buffer`]; device errors.
+    /// Errors of [`Device::buffer`]; device errors.
     pub fn zeros<T: Pod>(&self, name: &str, len: usize) -> Result<Buffer<T>, Error> {
         let buffer = self.buffer(name, len)?;
         let mut recording = Recording::new();
@@ -53,7 +53,7 @@ impl Device {
         let context = self.context();
         context.counters.submissions.fetch_add(1, Ordering::Relaxed);
         if context.queue.is_lost() {
-            return Err(Error::Lost("queue submit")); // nothing that a lost device still holds is touched again
+            return Err(Error::Lost("queue submit")); // resources that a lost device still holds are never touched again
         }
         if context.disorder.is_some() {
             recording.loosen();
@@ -66,7 +66,8 @@ impl Device {
         }
         let room = context.binder.room(&recording);
         let frame = Frame::take(context, recording.scopes() as u32 * 2, room)?;
-        // The queue's lock spans deriving and submitting, so that barriers see the true order of submissions.
+        // The queue's lock covers deriving barriers and submitting, so that barriers match the true order of
+        // submissions.
         let queue = context.queue.lock();
         let barriers = context.ordered(&mut recording, &mut pipelines);
         let encoded = Encoder::new(context, &frame).encode(&recording, &barriers, &pipelines);
@@ -98,7 +99,7 @@ impl Device {
 }
 
 impl Ticket {
-    /// Waits for the work and gives the time of its scopes.
+    /// Waits for the work and returns the time of its scopes.
     ///
     /// # Errors
     /// Device errors.
@@ -109,7 +110,7 @@ impl Ticket {
     fn finish(&mut self) -> Result<Timings, Error> {
         let Some(frame) = self.frame.take() else { return Ok(Timings::default()) };
         let timings = self.timings(&frame);
-        // Its work is over or lost: the next submission takes it, or the context destroys it.
+        // Its work is finished or lost: the next submission reuses it, or the context destroys it.
         lock(&self.context.frames).push(frame);
         timings
     }

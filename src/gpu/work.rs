@@ -1,11 +1,11 @@
-//! Counted work: what a recording asks of a device, known before it runs and the same on every machine.
+//! Counted work: the commands and bytes of a recording, known before it runs and equal on every machine.
 
 use super::hazards::Hazards;
 use super::kernel::Access;
 use super::recording::{Arguments, Command, Recording};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What a recording asks of a device.
+/// The work of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
     /// Kernels started.
@@ -14,18 +14,18 @@ pub struct Work {
     pub transfers: usize,
     /// Barriers between commands.
     pub barriers: usize,
-    /// Bytes of all arrays that commands read: each binding counts in full, once a dispatch.
+    /// Bytes of all arrays that commands read: each binding counts in full, once per dispatch.
     pub read: u64,
     /// Bytes of all arrays that commands write, counted likewise.
     pub written: u64,
 }
 
-/// What the host has asked of a device so far.
+/// The host's requests to the device so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
     /// Submissions to the queue.
     pub submissions: u64,
-    /// Submissions that the host waited for at once, the device being idle until the next.
+    /// Submissions that the host waited for at once, leaving the device idle until the next.
     pub round_trips: u64,
 }
 
@@ -44,7 +44,7 @@ impl Counters {
 }
 
 impl Recording {
-    /// The work of this recording; `hazards` holds what earlier recordings left pending.
+    /// The work of this recording; `hazards` holds the uses that earlier recordings left pending.
     pub fn work(&self, hazards: &mut Hazards) -> Work {
         let barriers = self.barriers(hazards).iter().flatten().count();
         let none = Work { barriers, ..Work::default() };

@@ -15,12 +15,12 @@ pub struct Backward<'a> {
     /// ([`super::Renderer::make_room_for_responses`]). Atomic sums support no residual.
     pub residual: bool,
     /// Adds up each Gaussian's gradients by float atomics, in the arbitrary order of the device's threads, instead of
-    /// in the order of its slots; the baseline of the ordered sums. The slots are not valid afterwards.
+    /// in the order of its slots; the baseline for ordered sums. The slots are not valid afterwards.
     pub atomics: Option<&'a AtomicSums>,
     /// True if the gradient by the view direction is passed on to the mean.
     pub through_direction: bool,
-    /// n x (sum of the 2D mean's gradient norms in NDC units, number of views that saw it), which density control
-    /// reads. The pass adds to it, if given.
+    /// n x (sum of the 2D mean's gradient norms in NDC units, number of views that saw it), used by density control.
+    /// The pass adds to it, if given.
     pub growth: Option<&'a Buffer<[f32; 2]>>,
     /// True if gradients count there by their size in each tile, so that tiles do not cancel.
     pub absolute: bool,
@@ -55,9 +55,10 @@ impl Counters {
     pub const WORDS: usize = 4;
 
     /// The counters from those words.
+    /// The counters from those words.
     ///
     /// # Panics
-    /// When there are fewer words.
+    /// If there are fewer words.
     pub fn of(words: &[u32]) -> Self {
         Self { backward: BackwardCounts::of(words), pairs: words[3] }
     }

@@ -67,12 +67,12 @@ pub(super) fn depth_order(recording: &mut Recording, frame: &Frame) {
     });
 }
 
-/// Bits of a tile key: the largest key is `tiles`, which marks pairs without a tile.
+/// Number of bits of a tile key: the largest key is `tiles`, which marks pairs without a tile.
 fn key_bits(tiles: u32) -> u32 {
     32 - tiles.leading_zeros()
 }
 
-/// The pairs by tile, once sorted.
+/// The pairs, once sorted by tile.
 pub(super) fn sorted(frame: &Frame, tiles: u32) -> &Pairs {
     frame.pairs.sort.sorted(&frame.pairs.by_tile, key_bits(tiles))
 }

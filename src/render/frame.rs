@@ -15,7 +15,7 @@ pub(super) struct Launch {
     pub settings: Settings,
     pub subgroup: u32,
     pub tuning: Tuning,
-    /// True if the red of a picture is to be the number of Gaussians that each pixel blends.
+    /// True if the red channel of a picture is to hold the number of Gaussians that each pixel blends.
     pub count_blended: bool,
 }
 
@@ -24,13 +24,13 @@ impl Launch {
         Self { settings, subgroup: device.info().subgroup_size, tuning: device.tuning().clone(), count_blended: false }
     }
 
-    /// Invocations that walk a tile's list backwards.
+    /// Invocations that walk a tile's list backward.
     pub fn backward_workgroup(&self) -> u32 {
         if self.tuning.backward_batch > 0 { self.tuning.backward_workgroup } else { self.subgroup }
     }
 }
 
-/// What a renderer is for, each with all before it.
+/// Purpose of a renderer; each includes those before it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Purpose {
     /// Pictures.
@@ -54,17 +54,17 @@ pub struct Uses {
 }
 
 impl Uses {
-    /// Floats of a row of gradients: one for all Gaussians without a backward pass.
+    /// Floats in the rows of gradients: one in total without a backward pass.
     fn gradients(self, gaussians: usize) -> usize {
         if self.purpose == Purpose::Training { GRADIENT_ROW * gaussians } else { 1 }
     }
 
-    /// Slots with sums: one for all without scores.
+    /// Number of slots with sums: a single one without scores.
     fn slots(self, pairs: usize) -> usize {
         if self.purpose == Purpose::Pictures { 1 } else { pairs }
     }
 
-    /// Bytes of a Gaussian in the array that has most of them.
+    /// Bytes per Gaussian in the widest array.
     pub(super) fn row_bytes(self) -> usize {
         size_of::<[f32; 4]>().max(self.gradients(1) * size_of::<f32>())
     }
@@ -89,7 +89,7 @@ pub(super) struct Frame {
     pub pairs: PairBuffers,
     pub starts: Buffer<u32>,
     pub image: Buffer<[f32; 4]>,
-    /// Bound where a kernel has a buffer that it does not touch this time.
+    /// Bound in place of a buffer that a kernel does not touch this time.
     pub unused: Buffer<[f32; 4]>,
 }
 
@@ -129,7 +129,7 @@ impl PairBuffers {
 }
 
 impl Frame {
-    /// Capacity in tiles: the list of starts has one entry more.
+    /// Capacity in tiles: the list of starts has one more entry.
     pub fn tiles(&self) -> usize {
         self.starts.len() - 1
     }

@@ -1,4 +1,4 @@
-//! The Gaussians that a picture may show, found on the host: a test that never leaves one out.
+//! The Gaussians that a picture may show, found on the host by a conservative test.
 
 use super::settings::{Culling, Settings};
 use crate::gaussians::Gaussians;
@@ -7,19 +7,19 @@ use crate::scene::camera::{Camera, Whole};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-/// Standard deviations beyond which no Gaussian's alpha reaches 1/255: sqrt(2 ln 255), rounded up as `tiles.glsl` rounds.
+/// Standard deviations beyond which no Gaussian's alpha reaches 1/255: sqrt(2 ln 255), rounded up as in `tiles.glsl`.
 const DEVIATIONS: f64 = 3.34;
-/// Pixels around a picture whose Gaussians count as shown; many times what the kernels' rounding moves one.
+/// Margin around a picture within which Gaussians count as shown, in pixels; many times the kernels' rounding.
 const MARGIN: f64 = 2.0;
 /// Relative error of a position: many times that of the kernels' float32.
 const ROUNDING: f64 = 1e-4;
 
-/// What one axis of a picture sees.
+/// Visible range of one axis of a picture.
 struct Axis {
     /// Slopes of the picture's edges.
     low: f64,
     high: f64,
-    /// How far a Gaussian with a deviation of one world unit reaches, in world units at its own depth.
+    /// Reach of a Gaussian with a deviation of one world unit, in world units at its own depth.
     reach: f64,
     /// Error of a position at a distance of one world unit.
     slack: f64,
@@ -36,7 +36,7 @@ impl Axis {
         Self { low, high, reach: DEVIATIONS * (1.0 + steepest * steepest).sqrt(), slack }
     }
 
-    /// Whether a Gaussian may reach into the picture; also if a value is not a number.
+    /// Whether a Gaussian may reach into the picture; also true if a value is NaN.
     fn may_show(&self, at: f64, depth: f64, deviation: f64, distance: f64) -> bool {
         let reach = self.reach * deviation + self.slack * distance;
         let (left, right) = (at + reach < self.low * depth, at - reach > self.high * depth);
@@ -44,8 +44,8 @@ impl Axis {
     }
 }
 
-/// The Gaussians among `candidates` that a camera's picture may show, in their order; none of the others has a pixel in it.
-/// Drawing these alone gives the same picture, bit for bit.
+/// The Gaussians among `candidates` that a camera's picture may show, in their order; none of the others has a pixel in
+/// it. Drawing these alone gives the same picture, bit for bit.
 pub fn visible(model: &Gaussians, candidates: &[u32], camera: &Camera, settings: &Settings) -> Vec<u32> {
     if settings.culling != Culling::Exact {
         return candidates.to_vec();

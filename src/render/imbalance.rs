@@ -1,23 +1,23 @@
-//! How unequal a picture's parts are: counts that explain times, and the same on every device of one tuning.
+//! Imbalance of a picture's work: counts that explain times, equal on every device of one tuning.
 
 use super::Renderer;
 use crate::gpu::Result;
 use crate::scene::camera::Camera;
 use serde::Serialize;
 
-/// Lanes that work in step on most GPUs.
+/// Lanes that work in lockstep on most GPUs.
 const LANES: usize = 32;
 
-/// How the parts of a whole are distributed.
+/// Distribution of the sizes of parts.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Distribution {
     /// Parts that are not empty.
     pub count: u64,
-    /// Their sum.
+    /// Sum of the parts.
     pub sum: u64,
     /// The median part.
     pub p50: u32,
-    /// The part that 99 % of the others do not exceed.
+    /// The 99th percentile.
     pub p99: u32,
     /// The largest part.
     pub most: u32,
@@ -40,14 +40,15 @@ pub struct Imbalance {
     pub tile: Distribution,
     /// Tiles of a Gaussian.
     pub gaussian: Distribution,
-    /// Steps of lanes, busy or idle, in which the projection's backward pass adds up slots: 32 Gaussians in the model's order take
-    /// as many as the one with the most slots, unless a subgroup shares it. `gaussian.sum` if no lane ever waits.
+    /// Steps of lanes, busy or idle, in which the projection's backward pass adds up slots: 32 Gaussians in the model's
+    /// order take as many as the one with the most slots, unless a subgroup shares it. `gaussian.sum` if no lane ever
+    /// waits.
     pub project_backward_steps: u64,
-    /// The same for binning, which takes Gaussians from near to far.
+    /// The same for binning, which processes Gaussians from near to far.
     pub bin_steps: u64,
 }
 
-/// Steps of lanes over these numbers of slots; from `many` on (0: never) a subgroup shares a Gaussian's.
+/// Steps of lanes over these numbers of slots; from `many` slots on (0: never) a subgroup shares a Gaussian's.
 fn steps(slots: &[u32], many: u32) -> u64 {
     let of_group = |group: &[u32]| {
         let shared = |slots: u32| many > 0 && slots >= many;
@@ -60,7 +61,7 @@ fn steps(slots: &[u32], many: u32) -> u64 {
 }
 
 impl Renderer {
-    /// Counts of the picture drawn last, by this camera.
+    /// Counts of the last picture, drawn with this camera.
     ///
     /// # Errors
     /// Device errors.

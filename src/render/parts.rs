@@ -1,5 +1,6 @@
-//! Pictures of models that the device cannot hold at once: each picture takes the Gaussians that it may show, and is drawn in
-//! parts of whole tiles where even these are too many. The pixels are those of the whole model and picture, bit for bit.
+//! Pictures of models that the device cannot hold at once: each picture takes the Gaussians that it may show, and is
+//! drawn in parts of whole tiles if even these are too many. The pixels are those of the whole model and picture, bit
+//! for bit.
 
 use super::frame::Uses;
 use super::frustum;
@@ -10,15 +11,15 @@ use crate::gaussians::{Attributes, Gaussians};
 use crate::gpu::{Device, Error, Result, staging_bytes};
 use crate::scene::camera::Camera;
 
-/// Pairs of a Gaussian and a tile that estimates assume for each Gaussian. More are allowed as far as memory goes.
+/// Pairs of a Gaussian and a tile that estimates assume per Gaussian. More are allowed as far as memory permits.
 const PAIRS: usize = 8;
 
 /// A model to draw.
 #[derive(Clone, Copy)]
 pub enum Source<'a> {
-    /// All of it is on the device.
+    /// A model that is completely on the device.
     Device(&'a Resident),
-    /// It is on the host; the device gets the part that a picture shows.
+    /// A model on the host; the device gets the Gaussians that a picture shows.
     Host(&'a Gaussians),
 }
 
@@ -47,26 +48,26 @@ impl Source<'_> {
 pub struct Part<'a> {
     /// The part.
     pub camera: Camera,
-    /// The numbers of its Gaussians, rising.
+    /// Indices of its Gaussians, rising.
     pub members: &'a [u32],
     /// These Gaussians on the device.
     pub model: &'a Resident,
 }
 
-/// What became of a part.
+/// Outcome of a part.
 #[derive(Debug)]
 pub enum Outcome {
-    /// It was drawn.
+    /// The part was drawn.
     Done,
-    /// It is more than the device holds, for this reason; nothing has changed.
+    /// The part exceeds the device's resources, for this reason; nothing has changed.
     TooMany(Error),
 }
 
 impl Outcome {
-    /// A part for which there is no room is too large; other errors end the work.
+    /// Treats a lack of resources as a part that is too large, and returns any other error.
     ///
     /// # Errors
-    /// Those that are not for lack of resources.
+    /// Errors other than a lack of resources.
     pub fn of<T>(made: Result<T>) -> Result<std::result::Result<T, Self>> {
         match made {
             Ok(made) => Ok(Ok(made)),
@@ -76,18 +77,19 @@ impl Outcome {
     }
 }
 
-/// What a device holds besides the Gaussians of a picture and what their renderer needs.
+/// Memory of a device besides the Gaussians of a picture and their renderer.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Beside {
-    /// Bytes for each Gaussian.
+    /// Bytes per Gaussian.
     pub each: u64,
-    /// Those of them that lie in one array, at most.
+    /// Of these, bytes per Gaussian in the widest array.
     pub row: u64,
-    /// Bytes of anything else.
+    /// Other bytes.
     pub taken: u64,
 }
 
-/// The largest number of Gaussians of this SH degree that a device can hold and draw in pictures of `size`; 0 if there is none.
+/// The largest number of Gaussians of this SH degree that a device can hold and draw in pictures of `size`; 0 if not
+/// even one fits.
 pub fn capacity(device: &Device, degree: usize, size: [u32; 2], uses: Uses, beside: Beside) -> usize {
     let fits = |n: usize| {
         let pairs = u32::try_from(n.saturating_mul(PAIRS)).unwrap_or(u32::MAX);
@@ -98,7 +100,7 @@ pub fn capacity(device: &Device, degree: usize, size: [u32; 2], uses: Uses, besi
     largest(u32::MAX as usize, fits)
 }
 
-/// The largest number up to `limit` that fits, if every smaller one does; 0 for none.
+/// The largest number up to `limit` that fits, provided that every smaller number fits too; 0 if none does.
 pub fn largest(limit: usize, fits: impl Fn(usize) -> bool) -> usize {
     let (mut low, mut high) = (0, limit);
     while low < high {
@@ -112,8 +114,8 @@ pub fn largest(limit: usize, fits: impl Fn(usize) -> bool) -> usize {
     low
 }
 
-/// Whether the device can bind a picture of `size`, and each array of `n` Gaussians of this SH degree, of their renderer and of
-/// what lies beside them.
+/// Whether the device can bind a picture of `size`, and each array of `n` Gaussians of this SH degree, of their
+/// renderer and of `beside`.
 pub fn binds(device: &Device, n: usize, degree: usize, size: [u32; 2], (uses, beside): (Uses, Beside)) -> bool {
     let (limit, pixels) = (device.info().max_buffer_bytes, u64::from(size[0]) * u64::from(size[1]));
     widest(n, degree, uses, beside) <= limit && picture_bytes(pixels) <= limit
@@ -143,11 +145,12 @@ impl<'a> Parts<'a> {
         Self { model, most, drawn: 0 }
     }
 
-    /// Calls `body` for each part of a picture, from top to bottom and from left to right, so that the parts' tiles come in the
-    /// picture's own order; a part that is too large for the device is taken in two. `whole` allows no parts but the picture.
+    /// Calls `body` for each part of a picture, from top to bottom and from left to right, so that the parts' tiles
+    /// come in the picture's own order; a part that is too large for the device is split in two. With `whole`, the
+    /// picture is the only part allowed.
     ///
     /// # Errors
-    /// Those of `body`; what a single tile shows is too much for the device.
+    /// Errors of `body`; a single tile that is too much for the device.
     pub fn for_each<R: AsMut<Renderer>, E: From<Error>>(
         &mut self,
         renderer: &mut R,
@@ -187,7 +190,7 @@ impl<'a> Parts<'a> {
         Ok(())
     }
 
-    /// Whether the device holds a picture of this many Gaussians, as far as can be told before it is drawn.
+    /// Whether the device can hold a picture of this many Gaussians, as far as this is known before it is drawn.
     fn fits(&self, renderer: &Renderer, camera: &Camera, gaussians: usize) -> bool {
         gaussians <= self.most && picture_bytes(camera.pixels()) <= renderer.device().info().max_buffer_bytes
     }
@@ -225,8 +228,8 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// The halves of a picture, of whole tiles: its upper and lower rows of tiles, or of a single row the left and right tiles; none
-/// for a single tile.
+/// Two halves of a picture, each of whole tiles: upper and lower rows of tiles, or, for a single row, left and right
+/// tiles; `None` for a single tile.
 fn halves(camera: &Camera, tile: u32) -> Option<[Camera; 2]> {
     let Camera { width, height, .. } = *camera;
     let middle = |length: u32| (length > tile).then(|| length.div_ceil(tile) / 2 * tile);
@@ -237,7 +240,7 @@ fn halves(camera: &Camera, tile: u32) -> Option<[Camera; 2]> {
     Some([camera.part([0, 0], [x, height]), camera.part([x, 0], [width - x, height])])
 }
 
-/// Draws pictures of a model wherever it is.
+/// Draws pictures of a model on the device or on the host.
 pub struct Painter {
     renderer: Renderer,
     most: usize,
@@ -263,7 +266,7 @@ impl Painter {
                 let uses = Uses { style: settings.style, ..Uses::default() };
                 let beside = Beside { taken: device.memory_used().0, ..Beside::default() };
                 let most = capacity(device, model.degree(), size, uses, beside);
-                // It grows to the largest part that is drawn.
+                // The renderer grows to the largest part drawn.
                 Ok(Self { most, ..Self::new(device, settings, 1, [1, 1])? })
             }
         }

@@ -15,7 +15,7 @@ pub(super) fn record(
 ) {
     let Pass { launch, frame, options, .. } = *pass;
     let Sums { counts, first, rows: sums } = *sums;
-    // If no growth is requested, any buffer is bound in its place: the kernel does not touch it.
+    // Without growth any buffer is bound in its place: the kernel does not touch it.
     let unused = frame.unused.cast();
     let kernel = ProjectBackward {
         view: &frame.view,

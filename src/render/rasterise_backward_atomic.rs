@@ -1,5 +1,5 @@
-//! Backward pass of the rasterisation by float atomics: each Gaussian's sums over all of its tiles, in no order. The
-//! engine never trains with it; it shows what bit-identical runs cost.
+//! Backward pass of the rasterisation by float atomics: each Gaussian's sums over all of its tiles, in no fixed order.
+//! The engine never trains with it; it measures the cost of bit-identical runs.
 
 use super::atomic_sums::AtomicSums;
 use super::backward::{Pass, Sums};

@@ -27,11 +27,11 @@ pub struct Image {
 /// Outcome of rendering with an unknown pair count.
 #[derive(Debug)]
 pub enum Settled {
-    /// They did fit.
+    /// The pairs fitted, and the picture was drawn.
     Drawn,
-    /// There was no room for them, and there is now: the picture must be drawn again.
+    /// The pairs did not fit, and the buffers have grown: the picture must be drawn again.
     Grown,
-    /// The device cannot hold them, for this reason.
+    /// The device cannot hold the pairs, for this reason.
     TooMany(Error),
 }
 
@@ -91,7 +91,7 @@ impl Renderer {
         Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, uses) + guards
     }
 
-    /// The device that it renders on.
+    /// The device of this renderer.
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -101,7 +101,7 @@ impl Renderer {
         &self.launch.settings
     }
 
-    /// Changes the colour behind the Gaussians of later pictures.
+    /// Sets the colour behind the Gaussians of later pictures.
     pub fn set_background(&mut self, background: [f32; 3]) {
         self.launch.settings.background = background;
     }
@@ -125,7 +125,7 @@ impl Renderer {
         self.render_timed(model, camera).map(|(image, _, _)| image)
     }
 
-    /// Numbers of the Gaussians that each pixel blends, row by row. The picture is drawn as [`Renderer::render`] does.
+    /// Number of Gaussians that each pixel blends, row by row. The picture is drawn as in [`Renderer::render`].
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -157,7 +157,7 @@ impl Renderer {
         Ok(Image { width: camera.width, height: camera.height, pixels })
     }
 
-    /// Looks whether the pairs of the picture drawn last did fit, and makes room for them where it can.
+    /// Checks whether the pairs of the last picture fitted, and grows the pair buffers if possible.
     ///
     /// # Errors
     /// Device errors.
@@ -188,7 +188,7 @@ impl Renderer {
         Ok(self.frame.pairs.count.value.read(&self.device)?[1])
     }
 
-    /// Makes room for a model and a picture, which may need nearly all of the device: what it had goes first.
+    /// Makes room for a model and a picture, which may need nearly all of the device: the old buffers are freed first.
     ///
     /// # Errors
     /// Device memory.
@@ -229,8 +229,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Records the reset of the overflow of the pair buffers. If pairs do not fit from then on, all later iterations
-    /// have no effect.
+    /// Records the reset of the pair buffers' overflow. If pairs do not fit from then on, all later iterations have no
+    /// effect.
     pub fn reset_overflow(&self, recording: &mut Recording) {
         recording.update(&self.frame.pairs.count.value, &[0, 0]);
     }
@@ -258,7 +258,7 @@ impl Renderer {
         recording.scope(STAGES[3], |r| bin::tile_sort(r, frame, tiles));
     }
 
-    /// Records the rest of it: the picture, from the lists of [`Renderer::record_lists`].
+    /// Records the rest of the forward pass: the picture, from the lists of [`Renderer::record_lists`].
     pub fn record_blending(&self, recording: &mut Recording, camera: &Camera) {
         let (launch, frame) = (&self.launch, &self.frame);
         let tiles = self.tiles(camera) as u32;
@@ -279,7 +279,7 @@ impl Renderer {
         let grow = pairs > self.frame.pairs.count.limit();
         if grow {
             let room = |pairs: u32| PairBuffers::new(&self.device, pairs, self.uses);
-            // A quarter more, if there is room for it, saves growing again soon.
+            // A quarter more, if it fits, avoids growing again soon.
             self.frame.pairs = match room(pairs.saturating_add(pairs / 4)) {
                 Err(error) if error.is_resources() => room(pairs)?,
                 made => made?,

@@ -14,10 +14,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Culling {
-    /// The ellipse where alpha falls to 1/255, against each tile: nothing drawn is lost, nothing else is listed.
+    /// The ellipse where alpha falls to 1/255, tested against each tile: lists every pair that is drawn, and no other.
     #[default]
     Exact = tiles::EXACT,
-    /// The box of three standard deviations, as the reference does it; it cuts faint tails.
+    /// The box of three standard deviations, as in the reference; it cuts faint tails.
     ThreeSigma = tiles::THREE_SIGMA,
     /// Every tile.
     Off = tiles::OFF,
@@ -32,7 +32,7 @@ pub struct Settings {
     pub style: Style,
     /// Added to a splat's variance, in square pixels.
     pub dilation: f32,
-    /// Culling of tiles.
+    /// Method of culling tiles.
     pub culling: Culling,
     /// Blending ends before transmittance would fall below this.
     pub stop: f32,
@@ -53,13 +53,13 @@ impl Default for Settings {
     }
 }
 
-/// Effects that a model is trained with, and must be rendered with. Files store these fields among their own.
+/// Effects that a model is trained with and must be rendered with. Files store these fields among their own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Style {
-    /// Keep each Gaussian's energy when it is smaller than a pixel.
+    /// True to preserve the energy of Gaussians smaller than a pixel.
     pub antialias: bool,
-    /// Give each tile a depth order of its own: by the depth at which a Gaussian is densest along the ray through the
-    /// tile's middle. Otherwise one order, by the depth of means, holds for the whole picture.
+    /// True for a depth order per tile: by the depth at which a Gaussian is densest along the ray through the tile's
+    /// middle. Otherwise one order, by the depth of means, holds for the whole picture.
     #[serde(default)]
     pub depth_order: bool,
     /// Added to every splat's variance, in square pixels, one of [`Style::DILATIONS`]; if absent, 0.1 with `antialias`
@@ -72,7 +72,7 @@ impl Style {
     /// The dilations in use: near a pixel's own variance, and that of the 3DGS reference.
     pub const DILATIONS: [f32; 2] = [DILATION_ANTIALIAS, DILATION];
 
-    /// The style of a model of this mode.
+    /// The style for models of this mode.
     pub fn of(mode: RenderMode) -> Self {
         Self { antialias: mode.antialiased(), ..Self::default() }
     }
@@ -98,7 +98,7 @@ pub fn view(camera: &Camera, settings: &Settings, degree: usize, tile: u32) -> V
     let lost = (camera.centre() - centre.as_dvec3()).as_vec3();
     let row = |r: usize| [rotation[r][0] as f32, rotation[r][1] as f32, rotation[r][2] as f32, lost[r]];
     let Whole { size: whole, corner } = camera.whole();
-    // Positions in the picture are measured from here: origin() of lib/view.glsl.
+    // Picture coordinates are relative to this point: origin() of lib/view.glsl.
     let origin = DVec2::new(f64::from(whole[0] / 2), f64::from(whole[1] / 2));
     let [r, g, b] = settings.background;
     let limit = |size: u32, focal: f64| (FIELD_MARGIN * 0.5 * f64::from(size) / focal) as f32;

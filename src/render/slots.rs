@@ -14,7 +14,7 @@ pub struct Slots<'a> {
     pub pairs: &'a Buffer<u32>,
     /// Capacity in pairs.
     pub limit: u32,
-    /// By Gaussian: the number of its slots; 0 if the picture does not show it.
+    /// By Gaussian: number of its slots; 0 if the picture does not show it.
     pub tile_counts: &'a Buffer<u32>,
     /// By Gaussian: its first slot.
     pub first_slots: &'a Buffer<u32>,
@@ -36,7 +36,7 @@ pub struct Slots<'a> {
     pub tiles: u32,
     /// A tile's side in pixels.
     pub tile: u32,
-    /// Distance of the rows of tiles that are walked one after the other.
+    /// Distance between rows of tiles processed one after the other.
     pub stride: u32,
     /// Blending ends before transmittance would fall below this.
     pub stop: f32,
@@ -95,7 +95,7 @@ impl SlotSums {
         self.responses = None;
     }
 
-    /// Sums of T alpha, alpha and T alpha times the residual, for responses; and room for others' scores.
+    /// Sums of T alpha, alpha and T alpha times the residual, for responses; also holds the scores' sums.
     ///
     /// # Panics
     /// If there is no room, see [`super::TrainingRenderer::make_room_for_responses`].

@@ -1,4 +1,4 @@
-//! Adam, attribute by attribute or all at once, from the rows of gradients that the backward pass leaves.
+//! Adam, attribute by attribute or all at once, from the rows of gradients of the backward pass.
 
 pub use super::moments::{Moments, zeros};
 use super::rates::{Rates, Step};
@@ -17,7 +17,7 @@ use crate::render::TrainingRenderer;
 /// The profiler's scope.
 pub const STAGE: &str = "adam";
 
-/// The offset of each attribute's gradients in a row, and its SH band. The gradients of a band are those of the colour,
+/// The offset of each attribute's gradients in a row, and its SH band. A band's gradients are the colour's gradients
 /// times the basis.
 const PLACES: Attributes<(u32, u32)> = Attributes {
     means: (ROW_MEAN, NO_BAND),
@@ -32,7 +32,7 @@ const PLACES: Attributes<(u32, u32)> = Attributes {
 enum Outcome {
     /// A step of Adam.
     Stepped(Step),
-    /// Stored as first moments; second moments become 0, and parameters stay unchanged.
+    /// Gradients stored as first moments; second moments become 0, and parameters stay unchanged.
     Stored,
 }
 
@@ -46,7 +46,7 @@ pub fn record(recording: &mut Recording, renderer: &TrainingRenderer, training: 
     recording.scope(STAGE, |r| dispatch(r, renderer, &rows, moments, Outcome::Stepped(step)));
 }
 
-/// Records that the gradients of [`TrainingRenderer::record_backward`] are stored as first moments, for tests and sweeps.
+/// Records the storing of the gradients of [`TrainingRenderer::record_backward`] as first moments, for tests and sweeps.
 pub fn record_gradients(recording: &mut Recording, renderer: &TrainingRenderer, model: &Resident, moments: &Moments) {
     let rows = Rows { model, count: &model.count, len: model.len };
     recording.scope(STAGE, |r| dispatch(r, renderer, &rows, moments, Outcome::Stored));
@@ -62,7 +62,7 @@ struct Rows<'a> {
 }
 
 impl Outcome {
-    /// The kernels' form, and the step.
+    /// Parameters of the kernels: the count's form, and the step.
     fn parts(self) -> (u32, Step) {
         match self {
             Self::Stepped(step) => (UPDATE, step),
@@ -72,7 +72,7 @@ impl Outcome {
 }
 
 impl Step {
-    /// See `lib/adam_step.glsl`, as the next.
+    /// See `lib/adam_step.glsl`, as for the next.
     fn decays(&self) -> [f32; 4] {
         let [first, second] = self.decays;
         [first, 1.0 - first, second, 1.0 - second].map(|x| x as f32)
@@ -97,7 +97,7 @@ fn dispatch(
     }
 }
 
-/// One kernel an attribute.
+/// One kernel per attribute.
 fn each(recording: &mut Recording, renderer: &TrainingRenderer, first: &Rows<'_>, moments: &Moments, outcome: Outcome) {
     let Rows { model, count, len } = *first;
     let (form, step) = outcome.parts();
@@ -127,7 +127,7 @@ fn each(recording: &mut Recording, renderer: &TrainingRenderer, first: &Rows<'_>
     }
 }
 
-/// One kernel for all attributes, a block of Gaussians a workgroup, or one Gaussian an invocation.
+/// One kernel for all attributes: a block of Gaussians per workgroup, or one Gaussian per invocation.
 fn all(
     recording: &mut Recording,
     renderer: &TrainingRenderer,

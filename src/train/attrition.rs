@@ -1,7 +1,7 @@
-//! Attrition: Gaussians compete for opacity until a given number of them is left, instead of being cut at once ("natural
-//! selection" in GNS). A constant pressure lowers every opacity logit; the loss holds up those that pictures need. Every few
-//! iterations the faintest go, and a controller makes the pressure such that the last of the survivors would fade as the
-//! time runs out.
+//! Attrition: Gaussians compete for opacity until a given number is left, instead of being cut at once ("natural
+//! selection" in GNS). A constant pressure lowers every opacity logit; the loss holds up those that pictures need.
+//! Every few iterations the faintest Gaussians are removed, and a controller sets the pressure so that the last of the
+//! survivors would fade as time runs out.
 
 use super::rates::Pressure;
 use super::selection;
@@ -9,35 +9,36 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
-/// Distance, in logits, that the pressure at the start moves an opacity which no picture holds up.
+/// Distance, in logits, that the initial pressure moves an opacity which no picture holds up.
 const DRIFT: f64 = 10.0;
-/// The marginal opacity is to be this share of its first value at the start.
+/// Target of the marginal opacity, as a share of its first value at the start.
 const MARGIN: f64 = 0.8;
-/// It is to be 0 after this share of the time.
+/// Share of the time after which the target is 0.
 const FADED: f64 = 0.875;
-/// The pressure changes where the marginal opacity is outside these multiples of what it is to be.
+/// The pressure changes if the marginal opacity is outside these multiples of its target.
 const TOLERATED: RangeInclusive<f64> = 0.9..=1.1;
-/// Factors of a change.
+/// Factors of such a change.
 const LESS: f32 = 0.8;
 const MORE: f32 = 1.2;
-/// Attrition is over when there are no more than this multiple of the survivors.
+/// Attrition is over once the number of Gaussians is at most this multiple of the survivors.
 const NEARLY: f64 = 1.05;
-/// Pressure is divided by 1 - opacity, but by no less than this, ...
+/// Pressure is divided by 1 - opacity, but by no less than this.
 const LEAST_THROUGH: f32 = 0.05;
-/// ... for this share of the run; the opacities' learning rate stays raised for as long after the end.
+/// Share of the run for which this lower limit holds, and for which the opacities' learning rate stays raised after the
+/// end.
 const SETTLING: f64 = 1.0 / 30.0;
-/// Share of the run between two steps of the controller, and its least number of iterations.
+/// Share of the run between two steps of the controller, and the least number of iterations between them.
 const BETWEEN: (f64, u32) = (1.0 / 300.0, 4);
 
-/// How attrition goes, as written to `config.toml`.
+/// Settings of attrition, as written to `config.toml`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Attrition {
     /// Share of the run after which it ends at the latest.
     pub until: f64,
-    /// Learning rate of opacity logits meanwhile.
+    /// Learning rate of opacity logits during attrition.
     pub opacity_rate: f64,
-    /// Opacity below which a Gaussian goes.
+    /// Opacity below which a Gaussian is removed.
     pub faint: f64,
 }
 
@@ -47,15 +48,15 @@ impl Default for Attrition {
     }
 }
 
-/// The attrition of a run, under way or over.
+/// The attrition of a run, in progress or over.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AttritionState {
-    /// How it goes.
+    /// Its settings.
     pub settings: Attrition,
     /// Gaussians at its start.
     pub before: usize,
-    /// Gaussians that are to be left.
+    /// Number of Gaussians to keep.
     pub survivors: usize,
     /// Iterations done at its start.
     pub from: u32,
@@ -63,7 +64,7 @@ pub struct AttritionState {
     pub last: u32,
     /// Iterations of the run.
     pub length: u32,
-    /// What the marginal opacity was to be at the start: that of the last survivor.
+    /// Initial target of the marginal opacity, that of the last survivor.
     pub marginal: f32,
     /// Pressure on opacity logits, in units of the loss per logit.
     pub pressure: f32,
@@ -75,7 +76,7 @@ fn opacity(logit: f32) -> f64 {
     1.0 / (1.0 + (-f64::from(logit)).exp())
 }
 
-/// The `count`-th greatest opacity; 0 if there are fewer. One that is no number counts as 0.
+/// The `count`-th greatest opacity; 0 if there are fewer. NaN counts as 0.
 fn greatest(logits: &[f32], count: usize) -> f64 {
     // Opacity rises with its logit.
     let falling = |l: &f32| (!l.is_nan()).then(|| selection::key(-f64::from(*l)));
@@ -88,8 +89,8 @@ fn greatest(logits: &[f32], count: usize) -> f64 {
 }
 
 impl AttritionState {
-    /// Begins after iteration `from` of `length`. `logits` are all opacity logits and `moments` their moments, of which the second
-    /// decay by `decay` an iteration.
+    /// Begins after iteration `from` of `length`. `logits` are all opacity logits and `moments` their moments; second
+    /// moments decay by `decay` per iteration.
     pub fn new(
         settings: Attrition,
         survivors: usize,
@@ -100,7 +101,8 @@ impl AttritionState {
         // The rest is cut before the run's end, or never.
         let last = ((f64::from(length) * settings.until).round() as u32).min(length.saturating_sub(1)).max(from);
         let correction = 1.0 - decay.powf(f64::from(from.max(1)));
-        // The size of a usual gradient. Adam's steps do not depend on its unit, so any will do where there is none.
+        // The size of a typical gradient. Adam's steps do not depend on its unit, so without gradients any value will
+        // do.
         let mut sizes: Vec<f64> = moments.iter().map(|m| f64::from(m[1])).filter(|v| v.is_normal()).collect();
         let middle = sizes.len() / 2;
         let size = if sizes.is_empty() {
@@ -132,26 +134,26 @@ impl AttritionState {
         self.ended.is_none() && iteration > self.from && (iteration - self.from).is_multiple_of(every)
     }
 
-    /// Returns true if the rest is to be cut after iteration `iteration`, with this number of Gaussians.
+    /// Returns true if the rest is to be cut after iteration `iteration`, given this number of Gaussians.
     pub fn over(&self, iteration: u32, gaussians: usize) -> bool {
         iteration >= self.last || gaussians as f64 <= NEARLY * self.survivors as f64
     }
 
-    /// Pressure in iteration `iteration`; none once it is over.
+    /// Pressure in iteration `iteration`; `None` once attrition is over.
     pub fn pressure(&self, iteration: u32) -> Option<Pressure> {
         let first = iteration <= self.from + self.settling();
         let least_through = if first { LEAST_THROUGH } else { 1.0 };
         self.ended.is_none().then_some(Pressure { pressure: self.pressure, least_through })
     }
 
-    /// Learning rate of opacity logits in iteration `iteration`, if it is not the schedule's.
+    /// Learning rate of opacity logits in iteration `iteration`, if it differs from the schedule's.
     pub fn opacity_rate(&self, iteration: u32) -> Option<f64> {
         let raised = self.ended.is_none_or(|ended| iteration <= ended + self.settling());
         raised.then_some(self.settings.opacity_rate)
     }
 
-    /// Adapts the pressure after iteration `iteration`, and returns the rows that stay, rising: those that are not faint,
-    /// but never fewer than the survivors, as long as there are as many numbers among the logits.
+    /// Adapts the pressure after iteration `iteration`, and returns the rows that stay, rising: those that are not
+    /// faint, but never fewer than the survivors, unless too few logits are numbers.
     pub fn judge(&mut self, iteration: u32, logits: &[f32]) -> Vec<u32> {
         let passed = f64::from(iteration - self.from) / f64::from((self.last - self.from).max(1));
         let wanted = f64::from(self.marginal) * (1.0 - passed / FADED).max(0.0);
@@ -190,8 +192,8 @@ mod tests {
         AttritionState::new(Attrition::default(), survivors, [500, 1000], &logits, (moments, BETA2))
     }
 
-    /// The pressure at the start moves an opacity by ten logits until the end: Adam's steps are the rate, times the gradient
-    /// over its usual size.
+    /// The initial pressure moves an opacity by ten logits until the end: Adam's step is the rate times the gradient
+    /// over its typical size.
     #[test]
     fn it_begins_with_the_usual_gradient() {
         let moments = [0.0, 4e-6, 1e-6, 9e-6].map(|v| [1.0, v * (1.0 - BETA2.powf(500.0)) as f32]);
@@ -201,7 +203,7 @@ mod tests {
         let steps = 0.1 * 250.0;
         assert!((f64::from(c.pressure) / (2e-3 * 10.0 / steps) - 1.0).abs() < 1e-5, "{}", c.pressure);
         assert!([500, 550, 501].map(|i| c.pressure(i).unwrap().least_through) == [0.05, 1.0, 0.05]);
-        // No gradient anywhere: still a pressure.
+        // Without gradients there is still a pressure.
         assert!(attrition(2, &[0.9; 3], &[[0.0; 2]; 3]).pressure > 0.0);
         assert!(attrition(2, &[0.9; 3], &[[0.0, f32::NAN]; 3]).pressure > 0.0);
     }
@@ -226,7 +228,7 @@ mod tests {
             c.judge(iteration, &[0.9, marginal, 0.01].map(logit));
             (f64::from(c.pressure / begun) * 100.0).round()
         };
-        // Wanted: 0.4 at the start, falling to 0 at 500 + 0.875 * 250.
+        // Target: 0.4 at the start, falling to 0 at 500 + 0.875 * 250.
         assert_eq!(after(&mut c, 504, 0.39), 100.0);
         assert_eq!(after(&mut c, 508, 0.5), 120.0, "too slow");
         assert_eq!(after(&mut c, 512, 0.1), 96.0, "too fast");

@@ -16,7 +16,7 @@ use crate::primitives::{Count, Scan, WORKGROUP};
 /// Inputs of a density step besides the model and the schedule.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
-    /// The iteration that it follows; also a key of its random numbers.
+    /// The preceding iteration; also a key of its random numbers.
     pub iteration: u32,
     /// Seed of the run.
     pub seed: u32,
@@ -28,8 +28,8 @@ pub struct Step {
     pub most: usize,
 }
 
-/// Bytes that [`densify`] needs besides a model of `after` Gaussians, which it makes of `n`: arrays are replaced one by one, so that
-/// the widest, the moments of the last SH band, is there twice.
+/// Bytes that [`densify`] needs besides the resulting model of `after` Gaussians, made from one of `n`: arrays are
+/// replaced one by one, so the widest, the moments of the last SH band, exists twice.
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
     let choice = 3 * words(n) + Count::bytes() + Scan::bytes(device, n as u32) + 2 * words(after);
@@ -83,8 +83,8 @@ pub fn compact(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> R
     replace(device, training, kept, &vec![false; kept.len()])
 }
 
-/// Takes every trained row from the one in `sources`, with its moments unless it is `fresh`: then they are zero. The tail stays, and
-/// growth restarts at zero.
+/// Replaces every trained row by the one in `sources`, with its moments, or with zero moments if it is `fresh`. The
+/// tail stays, and growth restarts at zero.
 ///
 /// # Errors
 /// As [`densify`].
@@ -114,7 +114,7 @@ pub fn reset_opacity(recording: &mut Recording, training: &TrainingModel, opacit
 struct Choice {
     /// By Gaussian: the number of its successors, 0 if it is pruned.
     copies: Buffer<u32>,
-    /// By Gaussian: whether it is split.
+    /// By Gaussian: 1 if it is split.
     splits: Buffer<u32>,
     /// By Gaussian: the first row of its successors.
     offsets: Buffer<u32>,
@@ -139,7 +139,7 @@ impl Choice {
         }
     }
 
-    /// All grow whose gradient reaches the threshold, or a higher one under which there is room for them.
+    /// Grows every Gaussian whose gradient reaches the threshold, or a higher threshold under which the successors fit.
     fn unplanned(mut self, device: &Device, training: &TrainingModel, schedule: &Schedule, step: Step) -> Result<Self> {
         let n = training.trained();
         let mut threshold = if n < step.most { schedule.densify_gradient as f32 } else { f32::MAX };
@@ -155,7 +155,7 @@ impl Choice {
         }
     }
 
-    /// As many are halved as the plan says.
+    /// Halves the number of Gaussians that the plan sets.
     fn planned(
         mut self,
         device: &Device,
@@ -198,7 +198,7 @@ impl Choice {
         recording.dispatch(&kernel, count.groups(WORKGROUP));
     }
 
-    /// Finds the first successor of each, and their number.
+    /// Finds each Gaussian's first successor, and the number of successors.
     fn count(&mut self, device: &Device, training: &TrainingModel, mut recording: Recording) -> Result<()> {
         let count = training.count();
         let total = Count::new(device, "new Gaussians", u32::MAX, &[])?;
@@ -232,7 +232,7 @@ struct Rows {
 }
 
 impl Rows {
-    /// Room for the rows of `after` Gaussians, which are to be filled, and the tail's.
+    /// Room for the rows of `after` Gaussians, still to be filled, and the tail's.
     fn room(device: &Device, after: usize, old: &TrainingModel) -> Result<Self> {
         if old.tail() > 0 {
             return Self::of(device, vec![0; after], old);
@@ -240,7 +240,7 @@ impl Rows {
         Ok(Self { sources: device.buffer("sources", after)?, kinds: device.buffer("kinds", after)? })
     }
 
-    /// These rows of the old model, kept, and the tail's.
+    /// These rows of the old model, all kept, and the tail's.
     fn of(device: &Device, mut sources: Vec<u32>, old: &TrainingModel) -> Result<Self> {
         sources.extend(old.trained() as u32..old.model.len as u32);
         let kinds = device.buffer("kinds", sources.len())?;
@@ -250,8 +250,8 @@ impl Rows {
         Ok(Self { sources: device.upload("sources", &sources)?, kinds })
     }
 
-    /// Gathers the new model's rows from the old one's, a method's arrays included. Moments of new Gaussians, and growth, are zero.
-    /// Each array replaces the old one before the next is made.
+    /// Gathers the new model's rows from the old one's, a method's arrays included. Moments of new Gaussians are zero, and
+    /// so is growth. Each array replaces the old one before the next is made.
     fn gather(&self, device: &Device, training: &mut TrainingModel) -> Result<()> {
         let (degree, n) = (training.model.degree, self.sources.len());
         let trained = n - training.tail();

@@ -1,5 +1,5 @@
-//! The photos of a run where kernels can read them: all on the device if they fit its share, else sent one at a time from
-//! the host's memory or its file.
+//! The photos of a run in memory that kernels can read: all on the device if they fit its share, otherwise sent one at
+//! a time from the host's memory or a file.
 
 use super::error::Result;
 use crate::gpu::{Buffer, Device, Feed, Recording};
@@ -9,20 +9,19 @@ use std::thread::{self, JoinHandle};
 
 /// Share of the device's memory that photos may take.
 const DEVICE_SHARE: u64 = 4;
-/// Recordings under way, the one being made included: while the device works on one iteration, the next are encoded and their photos
-/// written where it fetches them.
+/// Recordings in flight, the one being made included: while the device works on one iteration, the next are encoded and
+/// their photos written to staging memory.
 pub(super) const UNDER_WAY: usize = 3;
 
-/// Photos where kernels can read them: a word a pixel, red in its lowest byte.
+/// Photos readable by kernels: one word per pixel, red in its lowest byte.
 pub enum DevicePhotos {
     /// All on the device.
     Resident(Vec<Buffer<u32>>),
-    /// One at a time, sent with each iteration.
+    /// Sent one at a time, with each iteration.
     Streamed(Stream),
 }
 
-/// Room for one photo on the device, memory that photos are fetched from, and the photo that a thread reads ahead: its number and its
-/// words.
+/// Room for one photo on the device, staging memory, and the photo that a thread reads ahead: its number and its words.
 pub struct Stream {
     room: Buffer<u32>,
     feed: Feed<u32>,
@@ -30,7 +29,7 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// The words of photo `at`, read ahead or now; `next` is read ahead.
+    /// The words of photo `at`, read ahead or now; starts reading `next` ahead.
     fn take(&mut self, photos: &[Photo], at: usize, next: usize) -> io::Result<Vec<u32>> {
         let here = match self.ahead.take() {
             Some((number, thread)) if number == at => {
@@ -39,7 +38,7 @@ impl Stream {
             _ => words(&photos[at].pixels),
         };
         let pixels = photos[next].pixels.clone();
-        // Where no thread can be had, the photo is read when it is needed.
+        // If no thread can be started, the photo is read when it is needed.
         self.ahead = thread::Builder::new().spawn(move || words(&pixels)).ok().map(|thread| (next, thread));
         here
     }
@@ -57,7 +56,7 @@ impl DevicePhotos {
         bytes <= limit / DEVICE_SHARE
     }
 
-    /// Uploads all photos if they take no more than a quarter of the memory allowed; else makes room for one.
+    /// Uploads all photos if they take at most a quarter of the memory allowed; otherwise makes room for one.
     ///
     /// # Errors
     /// Device memory; device errors; photos in a file that cannot be read.
@@ -72,8 +71,8 @@ impl DevicePhotos {
         Ok(Self::Streamed(Stream { room: device.buffer("photo", largest)?, feed, ahead: None }))
     }
 
-    /// Photo `at`, where the commands that are recorded after this find it; `next` is expected after it. A streamed photo replaces
-    /// the one before: the recordings are to be submitted in the order in which they were made.
+    /// The buffer of photo `at` for commands recorded after this; `next` is expected after it. A streamed photo
+    /// replaces the previous one, so recordings must be submitted in the order in which they were made.
     ///
     /// # Errors
     /// Device memory; photos in a file that cannot be read.

@@ -9,7 +9,7 @@ pub enum Error {
     /// The device floor.
     #[error(transparent)]
     Device(#[from] gpu::Error),
-    /// Nothing to train on.
+    /// No photos to train on.
     #[error("there is no photo to train on")]
     NoViews,
     /// A failure of the file that holds the photos beyond the host's share of memory.
@@ -23,7 +23,7 @@ pub enum Error {
         /// Photos to train on.
         photos: usize,
     },
-    /// A checkpoint whose arrays of a method are not those that the method has.
+    /// A checkpoint whose arrays do not match the method's.
     #[error("the checkpoint's arrays are not those of the method {method}")]
     Method {
         /// The method's name.
@@ -34,7 +34,7 @@ pub enum Error {
         "only {found} of {asked} random points found a place in {tries} tries, {near:.1} or more before {cameras} cameras that see it"
     )]
     Points {
-        /// Points with a place.
+        /// Points found.
         found: usize,
         /// Points asked for.
         asked: usize,

@@ -1,4 +1,5 @@
-//! Exposures: for each photo a 3 x 4 affine map of the rendered colours, learnt with the model and used in training only.
+//! Exposures: a 3 x 4 affine map of the rendered colours for each photo, learnt with the model and used in training
+//! only.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::adam::float64::{BETA1, BETA2};
@@ -8,14 +9,14 @@ use crate::primitives::WORKGROUP;
 
 /// Numbers of an affine map: three rows of red, green, blue and a constant.
 pub const SIZE: usize = shader::SIZE as usize;
-/// Initial learning rate if gains were measured: they are within a percent, so that little is left to learn.
+/// Initial learning rate if gains were measured: they are accurate to a percent, so that little is left to learn.
 const REFINE: f64 = 0.004;
 /// Initial learning rate otherwise: the 3DGS reference's, and a higher one for photos drawn less than a hundred times.
 const RATE: (f64, f64) = (0.01, 0.05);
-/// Share of the initial rate that is left at the end.
+/// Final learning rate as a share of the initial one.
 const LEFT: f64 = 0.1;
-/// Pull of each affine map towards its initial gains, in learning rates per step. No loss can tell a change that all photos
-/// share from a change of the model's colours: without the pull both drift apart for good.
+/// Pull of each affine map towards its initial gains, in learning rates per step. The loss cannot distinguish a change
+/// that all photos share from a change of the model's colours: without the pull both would drift.
 pub const PULL: f32 = 1.0;
 /// Largest number of workgroups that sum gradients.
 const GROUPS: u32 = 64;
@@ -49,7 +50,7 @@ pub struct Step<'a> {
 }
 
 impl<'a> Step<'a> {
-    /// A placeholder that no kernel reads.
+    /// Placeholder values that no kernel reads.
     fn none(idle: &'a Buffer<u32>) -> Self {
         Self { pairs: idle, limit: 0, number: 1, rate: 0.0 }
     }
@@ -118,14 +119,14 @@ impl Exposure {
         })
     }
 
-    /// Records the exposure of a picture as its photo has it, into [`Exposure::image`].
+    /// Records the application of a photo's exposure to its picture, into [`Exposure::image`].
     pub fn apply(&self, recording: &mut Recording, rendered: Rendered<'_>) {
         let idle = self.partials.cast();
         recording.scope(SCOPE, |r| self.phase(r, shader::APPLY, rendered, rendered.image, Step::none(&idle)));
     }
 
-    /// Records the backward pass: `gradient` changes from that by the exposed colours to that by the rendered ones. `step`
-    /// updates the map; without it the map stays unchanged.
+    /// Records the backward pass: `gradient` changes from the one by the exposed colours to the one by the rendered
+    /// colours. `step` updates the map; without it the map stays unchanged.
     pub fn backward(
         &self,
         recording: &mut Recording,

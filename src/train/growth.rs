@@ -1,5 +1,5 @@
-//! Growth to a planned number of Gaussians, on a schedule: which of them are halved at each density step. The thresholds of
-//! the 3DGS reference leave the number open, and its steps are too few in short runs.
+//! Growth to a planned number of Gaussians: selects the ones that each density step halves. The thresholds of the 3DGS
+//! reference leave the number open, and its steps are too few in short runs.
 
 use super::schedule::Schedule;
 use super::selection;
@@ -14,14 +14,15 @@ const LEAST_EVERY: u32 = 20;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Growth {
-    /// Gaussians at its end; by the photos and the length of the run if absent, see [`Growth::by_photos`].
+    /// Final number of Gaussians; if absent, derived from the photos and the length of the run, see
+    /// [`Growth::by_photos`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gaussians: Option<usize>,
     /// Least number of density steps, in short runs.
     pub steps: u32,
     /// True if gradients count by their size in each tile, so that tiles do not cancel.
     pub absolute: bool,
-    /// True if a Gaussian's chance is in proportion to its gradients; else those with the greatest are halved.
+    /// True if a Gaussian's chance is proportional to its gradients; otherwise those with the greatest are halved.
     pub sampled: bool,
 }
 
@@ -32,14 +33,14 @@ impl Default for Growth {
 }
 
 impl Growth {
-    /// The number for a run of `iterations` on photos with `pixels` pixels in all: the geometric mean of the two. Both limit
-    /// what can be learnt: a picture holds no more detail than it has pixels, and each Gaussian needs its steps.
+    /// The number for a run of `iterations` on photos with `pixels` pixels in all: the geometric mean of the two. Both
+    /// limit what can be learnt: a picture holds no more detail than it has pixels, and each Gaussian needs its steps.
     /// docs/decisions.md (50) has the figures.
     pub fn by_photos(pixels: u64, iterations: u32) -> usize {
         (pixels as f64 * f64::from(iterations)).sqrt() as usize
     }
 
-    /// The same plan with its number, by the photos if it has none.
+    /// The same plan with its number, derived from the photos if it has none.
     #[must_use]
     pub fn for_photos(self, pixels: u64, iterations: u32) -> Self {
         Self { gaussians: self.gaussians.or_else(|| Some(Self::by_photos(pixels, iterations))), ..self }
@@ -52,8 +53,8 @@ impl Growth {
             .clamp(LEAST_EVERY, schedule.densify_every.max(LEAST_EVERY))
     }
 
-    /// The number of Gaussians planned after iteration `iteration`: the square root of growth's share, so that most come early
-    /// and have time to learn. A plan without a number has no growth.
+    /// The number of Gaussians planned after iteration `iteration`: proportional to the square root of growth's elapsed
+    /// share, so that most come early and have time to learn. A plan without a number has no growth.
     pub fn planned(&self, schedule: &Schedule, iteration: u32) -> usize {
         let (from, until) = schedule.growing();
         // The last step is one interval before the end.
@@ -62,8 +63,8 @@ impl Growth {
         (self.gaussians.unwrap_or(0) as f64 * share.min(1.0).sqrt()) as usize
     }
 
-    /// Marks which `count` of the candidates are halved. `growth` holds each Gaussian's sum of gradients and number of views;
-    /// a candidate is one that `candidate` accepts and that has a gradient.
+    /// Marks which `count` of the candidates are halved. `growth` holds each Gaussian's sum of gradients and number of
+    /// views; a candidate is a Gaussian that `candidate` accepts and that has a gradient.
     pub fn choose(
         &self,
         growth: &[[f32; 2]],
@@ -78,7 +79,8 @@ impl Growth {
             .filter_map(|i| {
                 let [sum, views] = growth[i].map(f64::from);
                 let grows = sum.is_finite() && sum > 0.0;
-                // The least of exponential variables with these rates: a sample without replacement (Efraimidis, Spirakis).
+                // The smallest of exponential variables with these rates: a sample without replacement (Efraimidis,
+                // Spirakis).
                 let chance = || -(1.0 - random::uniform(&[key[0], key[1], i as u64])).ln() / sum;
                 grows.then(|| (if self.sampled { chance() } else { -sum / views.max(1.0) }, i))
             })
@@ -119,7 +121,7 @@ mod tests {
         assert!((1..=1000).filter(|i| none.densifies(*i)).count() >= 4);
     }
 
-    /// The plan rises with the square root of growth's share, and the last step reaches it all.
+    /// The plan rises with the square root of growth's elapsed share, and the last step reaches the full number.
     #[test]
     fn the_plan_is_reached_by_the_last_step() {
         for iterations in [1, 60, 1000, 30_000] {
@@ -155,7 +157,7 @@ mod tests {
         assert!((150..270).contains(&of(50)) && (10..80).contains(&of(10)), "{} {}", of(50), of(10));
     }
 
-    /// Equal gradients, gradients that are no numbers, and more room than candidates.
+    /// Equal gradients, NaN gradients, and more room than candidates.
     #[test]
     fn hard_choices() {
         let count = |growth: &[[f32; 2]], count: usize| {

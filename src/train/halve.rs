@@ -5,11 +5,11 @@ use crate::kernels::train::{Halve as Kernel, HalvePush, HalveSpec};
 use crate::primitives::WORKGROUP;
 use crate::scene::camera::{Camera, Whole};
 
-/// Shortest side of a halved picture, in pixels. Smaller pictures cost little, and show little.
+/// Shortest side of a halved picture, in pixels. Smaller pictures cost little and show little.
 const LEAST: u32 = 64;
 
-/// A camera at half its size, whose pixels are those of [`Halve`]; none if the picture would be too small. Corners of parts are
-/// even.
+/// A camera at half its size, with the pixels of [`Halve`]; `None` if the picture would be too small. Corners of parts
+/// are even.
 pub fn camera(camera: &Camera) -> Option<Camera> {
     let (width, height) = (camera.width / 2, camera.height / 2);
     let (focal, principal) = (camera.focal / 2.0, camera.principal / 2.0);
@@ -30,7 +30,7 @@ impl Halve {
         Buffer::<u32>::bytes_of(pixels(size) as usize)
     }
 
-    /// For photos that fit in `size`.
+    /// Room for photos of at most `size`.
     ///
     /// # Errors
     /// Device memory.
@@ -38,7 +38,7 @@ impl Halve {
         Ok(Self { photo: device.buffer("half photo", pixels(size) as usize)? })
     }
 
-    /// Records `photo`, of this size, at half its size into [`Halve::photo`].
+    /// Records the reduction of `photo`, of this size, to half its size, into [`Halve::photo`].
     pub fn record(&self, recording: &mut Recording, photo: &Buffer<u32>, size: [u32; 2]) {
         let kernel =
             Kernel { photo, halved: &self.photo, push: HalvePush { size }, spec: HalveSpec { workgroup: WORKGROUP } };

@@ -1,20 +1,20 @@
-//! The look of the host at a run: counters, pairs and the loss, which come with the last iteration before it.
+//! The host's check of a run: counters, pairs and loss, which arrive with the last iteration before it.
 
 use super::error::Result;
 use super::loss::Loss;
 use crate::gpu::{Buffer, Device, Readback, Recording, Timings};
 use crate::render::{BackwardCounts, Counters, TrainingRenderer};
 
-/// Words of [`Counters`], and of the loss's sums behind them.
+/// Words of [`Counters`]; the loss's sums follow them.
 const COUNTERS: usize = Counters::WORDS;
 const SUMS: usize = 4;
 
-/// Host memory for the results of a look.
+/// Host memory for the results of a check.
 pub(super) struct HostCheck {
     readback: Readback<u32>,
 }
 
-/// Results of a look.
+/// Results of a check.
 pub(super) struct Seen {
     /// Counters of the backward passes since [`HostCheck::begin`].
     pub counts: BackwardCounts,
@@ -22,7 +22,7 @@ pub(super) struct Seen {
     pub pairs: u32,
     /// Sums of the last loss.
     pub sums: [f32; SUMS],
-    /// Time of the submission that brought this.
+    /// Time of the submission that brought these results.
     pub timings: Timings,
 }
 
@@ -40,7 +40,7 @@ impl HostCheck {
         renderer.reset_overflow(recording);
     }
 
-    /// Submits the last iteration before the look.
+    /// Submits the last iteration before the check.
     pub fn submit(
         &mut self,
         device: &Device,
@@ -54,7 +54,7 @@ impl HostCheck {
         Ok(())
     }
 
-    /// Waits for it.
+    /// Waits for that submission.
     pub fn wait(&mut self) -> Result<Seen> {
         let (words, timings) = self.readback.wait()?;
         let (counters, sums) = words.split_at(COUNTERS);

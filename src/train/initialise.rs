@@ -17,13 +17,13 @@ use std::io;
 const OPACITY: f64 = 0.1;
 /// Floor of the mean squared distance to the nearest neighbours, in square world units.
 const LEAST_SQUARED_DISTANCE: f64 = 1e-7;
-/// Depths tried along a random ray; the one on which the photos agree best is taken.
+/// Depths tried along a random ray; the one at which the photos agree best is taken.
 const DEPTHS: u64 = 12;
 /// Number of views that must see a random point (or all views, if there are fewer).
 const SEEN_BY: usize = 3;
 /// Number of views in which a random point's colour is compared.
 const COMPARED: usize = 8;
-/// Half the side of the cube that Blender scenes lie in (the reference's).
+/// Half the side of the cube that contains Blender scenes (the reference's).
 const BLENDER_CUBE: f64 = 1.3;
 /// Rays tried before the search gives up: per point asked for, and at least.
 const TRIES: (u64, u64) = (50, 20_000);
@@ -57,7 +57,7 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
 pub fn from_points_in(points: &[Seed], unit: f64) -> Gaussians {
     let least = LEAST_SQUARED_DISTANCE * unit * unit;
     let entry = |(i, p): (usize, &Seed)| GeomWithData::new(p.position.to_array(), i);
-    // The tree cannot order a NaN; density control removes such a Gaussian.
+    // The tree cannot order NaN; density control removes such a Gaussian.
     let finite = |p: &Seed| p.position.is_finite();
     let tree = RTree::bulk_load(points.iter().enumerate().filter(|(_, p)| finite(p)).map(entry).collect());
     let log_scale = |i: usize, p: &Seed| -> f32 {
@@ -113,7 +113,7 @@ pub fn random_in(photos: &[Photo], count: usize, (blender, near): (bool, f32), s
             return Err(Error::Points { found, asked: count, tries: tried, near, cameras });
         }
         let missing = (count - found.len()) as u64;
-        // As many rays as the share that succeeded so far suggests, and a few more.
+        // As many rays as the success rate so far suggests, and a few more.
         let round = if tried == 0 { missing } else { missing * tried / (found.len() as u64).max(tried / 64) + 64 };
         let round = round.min(ROUND).min(most - tried);
         let rays = tried..tried + round;
@@ -134,7 +134,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The point on one random ray; none if no depth is suitable.
+    /// The point on one random ray; `None` if no depth is suitable.
     fn on_ray(&self, key: &[u64]) -> io::Result<Option<Seed>> {
         let draw = |n: u64| uniform(&[key[0], key[1], key[2], n]);
         let camera = &self.photos[(draw(0) * self.photos.len() as f64) as usize].camera;
@@ -156,12 +156,12 @@ impl Search<'_> {
                 best = Some((disagreement, Seed { position, colour }));
             }
         }
-        // A point that one camera sees well may hang before the lens of another.
+        // A point that one camera sees well may lie right before the lens of another.
         let clear = |seed: &Seed| self.photos.iter().all(|p| !before_lens(&p.camera, seed.position, self.near));
         Ok(best.map(|(_, seed)| seed).filter(clear))
     }
 
-    /// (variance of the colours, mean colour) of a point in the photos that see it; none if too few do.
+    /// (variance of the colours, mean colour) of a point in the photos that see it; `None` if too few do.
     fn agreement(&self, position: DVec3, key: &[u64]) -> io::Result<Option<(f64, DVec3)>> {
         let photos = self.photos;
         let start = (uniform(&[key[0], key[1], key[2], 999]) * photos.len() as f64) as usize;
@@ -193,7 +193,7 @@ fn before_lens(camera: &Camera, position: DVec3, near: f64) -> bool {
     project(camera, position).is_some_and(|(_, depth)| depth < near)
 }
 
-/// Pixel and depth of a world point; none if it lies outside the picture or behind the camera.
+/// Pixel and depth of a world point; `None` if it lies outside the picture or behind the camera.
 fn project(camera: &Camera, position: DVec3) -> Option<([u32; 2], f64)> {
     let p = camera.rotation * position + camera.translation;
     if p.z <= 0.0 {

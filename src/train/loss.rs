@@ -1,4 +1,4 @@
-//! The loss: L1, SSIM and on request L2 of a picture against a photo, and its gradient by the picture.
+//! The loss: L1, SSIM and optionally L2 of a picture against a photo, and its gradient by the picture.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::loss::{GRADIENT, MAP, MEANS};
@@ -11,12 +11,12 @@ use crate::response::Target;
 /// The profiler's scope.
 pub const STAGE: &str = "loss";
 
-/// How a device computes the loss.
+/// Method by which a device computes the loss.
 #[derive(Clone, Copy)]
 enum Shape {
-    /// Each invocation walks a run of a line, of so many rounds.
+    /// Each invocation walks a run of a line, of this many rounds.
     Runs(u32),
-    /// Each workgroup takes a square tile with sides of so many pixels.
+    /// Each workgroup takes a square tile with sides of this many pixels.
     Tiles(u32),
 }
 
@@ -38,7 +38,7 @@ impl Shape {
         }
     }
 
-    /// Number of window means that are kept between phases.
+    /// Number of window means kept between phases.
     fn means(self, pixels: usize) -> usize {
         if matches!(self, Self::Runs(_)) { 12 * pixels } else { 0 }
     }
@@ -47,16 +47,16 @@ impl Shape {
 /// Weights of the loss's terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weights {
-    /// Of mean |x - y|.
+    /// Weight of mean |x - y|.
     pub l1: f32,
-    /// Of 1 - mean SSIM.
+    /// Weight of 1 - mean SSIM.
     pub ssim: f32,
-    /// Of mean (x - y)^2.
+    /// Weight of mean (x - y)^2.
     pub l2: f32,
 }
 
 impl Weights {
-    /// Each weight so many times.
+    /// All weights multiplied by a factor.
     pub(super) fn times(self, factor: f32) -> Self {
         Self { l1: self.l1 * factor, ssim: self.ssim * factor, l2: self.l2 * factor }
     }
@@ -68,7 +68,7 @@ impl Default for Weights {
     }
 }
 
-/// Scratch memory of the loss for pictures of at most a number of pixels.
+/// Scratch memory of the loss for pictures up to a number of pixels.
 pub struct Loss {
     shape: Shape,
     means: Buffer<f32>,
@@ -79,11 +79,11 @@ pub struct Loss {
     pub gradient: Buffer<[f32; 4]>,
 }
 
-/// What the loss is computed of.
+/// Inputs of the loss.
 struct Job<'a> {
     image: &'a Buffer<[f32; 4]>,
     target: Target<'a>,
-    /// Over the number of values.
+    /// Weights divided by the number of values.
     weights: Weights,
     /// Meaning of the photo's fourth byte: `lib/photo.glsl`.
     alpha: u32,
@@ -165,7 +165,7 @@ impl Loss {
         }
     }
 
-    /// Records the sums that [`Loss::value`] reads, which only iterations that the host checks need.
+    /// Records the sums that [`Loss::value`] reads; needed only in iterations that the host checks.
     pub fn record_value(&self, recording: &mut Recording, size: [u32; 2]) {
         reduce(recording, &self.terms, self.shape.terms(size).iter().sum(), &self.sums);
     }
@@ -183,7 +183,7 @@ impl Loss {
         &self.sums
     }
 
-    /// The value of a loss of a picture of this size from its sums.
+    /// The loss of a picture of this size from its sums.
     pub fn value_of(sums: [f32; 4], [width, height]: [u32; 2], weights: Weights) -> f32 {
         let share = 1.0 / (3.0 * width as f32 * height as f32);
         weights.l1 * sums[0] * share + weights.ssim * (1.0 - sums[1] * share) + weights.l2 * sums[2] * share

@@ -1,11 +1,11 @@
-//! Masks hide parts of photos from the loss.
+//! Masks, which hide parts of photos from the loss.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::mask::{BACKWARD, HIDE};
 use crate::kernels::train::{Mask as Kernel, MaskPush, MaskSpec};
 use crate::primitives::WORKGROUP;
 
-/// A picture whose hidden parts show the background.
+/// A picture with the background in its hidden parts.
 pub struct Mask {
     /// The picture as the loss sees it.
     pub image: Buffer<[f32; 4]>,
@@ -18,7 +18,7 @@ impl Mask {
         Buffer::<[f32; 4]>::bytes_of(pixels)
     }
 
-    /// For pictures of at most `pixels`.
+    /// Room for pictures of at most `pixels`.
     ///
     /// # Errors
     /// Device memory.
@@ -26,7 +26,7 @@ impl Mask {
         Ok(Self { image: device.buffer("masked image", pixels)?, background })
     }
 
-    /// Records `image`, with the background where the photo's fourth byte hides it, into [`Mask::image`].
+    /// Records `image`, with the background wherever the photo's fourth byte hides it, into [`Mask::image`].
     pub fn apply(&self, recording: &mut Recording, photo: &Buffer<u32>, image: &Buffer<[f32; 4]>, pixels: u32) {
         self.phase(recording, HIDE, photo, image, pixels);
     }
@@ -36,7 +36,7 @@ impl Mask {
         self.phase(recording, BACKWARD, photo, gradient, pixels);
     }
 
-    /// `values` are the picture's pixels, or in the backward pass those of its gradient.
+    /// One pass over `values`: the picture's pixels, or in the backward pass those of its gradient.
     fn phase(
         &self,
         recording: &mut Recording,

@@ -1,6 +1,6 @@
-//! The mean of a run's last iterates. Learning rates do not fall to zero, so the last gradients leave each iterate beside the
-//! optimum; the mean lies nearer (B. T. Polyak, A. B. Juditsky: Acceleration of stochastic approximation by averaging, 1992).
-//! Parameters are averaged as they are stored: in this short time they hardly move.
+//! The mean of a run's last iterates. Learning rates do not fall to zero, so the last gradients leave each iterate
+//! beside the optimum; the mean lies nearer (B. T. Polyak, A. B. Juditsky: Acceleration of stochastic approximation by
+//! averaging, 1992). Parameters are averaged in their stored form: in this short time they hardly move.
 
 use super::error::Result;
 use super::schedule::Schedule;
@@ -10,7 +10,7 @@ use rayon::iter::{IndexedParallelIterator, IntoParallelRefMutIterator, ParallelI
 
 /// Largest number of iterates in a mean.
 const ITERATES: u32 = 20;
-/// Least number of values that a thread takes into the mean.
+/// Least number of values that a thread averages.
 const PART: usize = 1 << 16;
 
 /// The mean of iterates so far.
@@ -23,7 +23,7 @@ pub struct Mean {
 }
 
 impl Mean {
-    /// Takes a model of the same Gaussians into a mean, which begins with it if there is none.
+    /// Adds a model of the same Gaussians to a mean, which begins with it if there is none.
     ///
     /// # Errors
     /// Device errors; memory for staging.
@@ -39,14 +39,14 @@ impl Mean {
     }
 }
 
-/// Takes values into their means, as the last of so many.
+/// Adds values to their means as iterate number `iterates`.
 fn take(means: &mut [f32], values: &[f32], iterates: u32) {
     let pairs = means.par_iter_mut().zip(values).with_min_len(PART);
     pairs.for_each(|(mean, value)| *mean += (value - *mean) / iterates as f32);
 }
 
 impl Schedule {
-    /// Returns true if the iterate after iteration `iteration` is one of those whose mean is the result.
+    /// Returns true if the iterate after iteration `iteration` belongs to the mean that is the run's result.
     pub fn averages_iterates(&self, iteration: u32) -> bool {
         let (from, last) = (f64::from(self.iterations) * self.mean_from, self.iterations);
         let every = ((f64::from(last) - from) / f64::from(ITERATES)).ceil().max(1.0) as u32;
@@ -69,7 +69,7 @@ mod tests {
             let sum: f64 = iterates.iter().map(|values| f64::from(values[i])).sum();
             assert!((f64::from(*mean) - sum / 20.0).abs() < 1e-5, "{mean}, {}", sum / 20.0);
         }
-        // Equal iterates give themselves, to the bit.
+        // The mean of equal iterates is that iterate, to the bit.
         let mut same = iterates[0].clone();
         take(&mut same, &iterates[0], 7);
         assert_eq!(same, iterates[0]);

@@ -1,7 +1,8 @@
-//! The seam for methods of other papers: what they do in an iteration of training and between two of them.
+//! The interface for methods of other papers: their work within an iteration of training and between iterations.
 //!
-//! The training loop knows no method by name. A method is attached by [`Options::method`](super::Options::method); `src/lab/methods`
-//! holds those of this program, one each. Without one, no hook is called and nothing is recorded.
+//! The training loop knows no method by name. A method is attached by [`Options::method`](super::Options::method);
+//! `src/lab/methods` holds those of this program, one file each. Without one, no hook is called and nothing is
+//! recorded.
 
 use super::error::Result;
 use super::rates::Rates;
@@ -23,7 +24,7 @@ pub trait Method: Send + Sync {
         &[]
     }
 
-    /// Returns true if it takes the place of density control and of opacity resets.
+    /// Returns true if it replaces density control and opacity resets.
     fn replaces_density_control(&self) -> bool {
         false
     }
@@ -33,16 +34,16 @@ pub trait Method: Send + Sync {
         false
     }
 
-    /// Records what goes between [`TrainingRenderer::record_lists`] and [`TrainingRenderer::record_blending`].
+    /// Records commands between [`TrainingRenderer::record_lists`] and [`TrainingRenderer::record_blending`].
     fn before_blending(&self, _recording: &mut Recording, _now: &Iteration<'_>) {}
 
-    /// Records what goes between [`TrainingRenderer::record_backward`] and the step of Adam.
+    /// Records commands between [`TrainingRenderer::record_backward`] and the step of Adam.
     fn before_adam(&self, _recording: &mut Recording, _now: &Iteration<'_>) {}
 
-    /// Records what goes after the step of Adam.
+    /// Records commands after the step of Adam.
     fn after_adam(&self, _recording: &mut Recording, _now: &Iteration<'_>) {}
 
-    /// Changes the model on the host's behalf, after an iteration for which [`Method::acts`] is true.
+    /// Changes the model from the host, after an iteration for which [`Method::acts`] is true.
     ///
     /// # Errors
     /// Device memory; device errors. The model is then unchanged.
@@ -57,7 +58,7 @@ impl fmt::Debug for dyn Method {
     }
 }
 
-/// An iteration that is being recorded.
+/// An iteration being recorded.
 #[derive(Clone, Copy)]
 pub struct Iteration<'a> {
     /// The renderer that draws its picture.
@@ -66,17 +67,17 @@ pub struct Iteration<'a> {
     pub camera: &'a Camera,
     /// The model.
     pub model: &'a TrainingModel,
-    /// The run's seed and the iteration, of which the first is 1: keys of random numbers.
+    /// The run's seed and the number of the iteration, from 1: keys of random numbers.
     pub key: [u32; 2],
     /// Gradient of the loss by the picture's red, green, blue and alpha.
     pub image_gradient: &'a Buffer<[f32; 4]>,
-    /// True if the fourth component of the gradient is none by alpha.
+    /// True if the gradient's fourth component is not a gradient by alpha.
     pub colours: bool,
     /// Learning rates of the step of Adam.
     pub rates: Rates,
 }
 
-/// A run between two iterations.
+/// The state of a run between two iterations.
 pub struct Pause<'a> {
     /// The device.
     pub device: &'a Device,
@@ -84,30 +85,30 @@ pub struct Pause<'a> {
     pub model: &'a mut TrainingModel,
     /// The run's schedule.
     pub schedule: &'a Schedule,
-    /// The run's seed and the iteration that was the last.
+    /// The run's seed and the number of the last iteration.
     pub key: [u32; 2],
     /// Largest number of Gaussians.
     pub most: usize,
 }
 
-/// What a method changed between two iterations.
+/// The changes that a method made between two iterations.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Changed {
-    /// True if rows of the model came, went or moved.
+    /// True if rows of the model were added, removed or moved.
     pub rows: bool,
-    /// The cut that the method ends with, if it is over: its arrays are then freed, and it is never called again.
+    /// The cut that ends the method, if it is over: its arrays are then freed, and it is never called again.
     pub cut: Option<Cut>,
 }
 
-/// The cut to a given number of Gaussians at the end of a method.
+/// The cut to a given number of Gaussians that ends a method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cut {
-    /// Number of iterations done before it.
+    /// Iterations done before it.
     pub iteration: u32,
     /// Gaussians before it.
     pub before: usize,
-    /// Of these, those that the method would have kept by itself.
+    /// Number of these that the method itself would have kept.
     pub shown: usize,
     /// Gaussians kept.
     pub after: usize,

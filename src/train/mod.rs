@@ -37,7 +37,7 @@ pub use training_model::{Array, ArrayKind, TrainingModel};
 
 use crate::render;
 
-/// The stages of every iteration, in order, by the names of their timings.
+/// Names of the stages of every iteration in its timings, in order.
 pub const STAGES: [&str; 9] = {
     let ([a, b, c, d, e], [f, g]) = (render::STAGES, render::BACKWARD_STAGES);
     [a, b, c, d, e, loss::STAGE, f, g, adam::STAGE]

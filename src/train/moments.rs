@@ -4,7 +4,7 @@ use crate::gaussians::Attributes;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Recording, Result};
 
-/// First and second moment of every parameter, laid out as the parameters are.
+/// First and second moments of every parameter, laid out as the parameters are.
 pub type Moments = Attributes<Buffer<[f32; 2]>>;
 
 /// Moments of zero for a model.
@@ -15,7 +15,7 @@ pub fn zeros(device: &Device, model: &Resident) -> Result<Moments> {
     zeros_of(device, model.len, model.degree)
 }
 
-/// As [`zeros`], for `n` Gaussians of this SH degree.
+/// Zero moments for `n` Gaussians of this SH degree, as [`zeros`].
 pub(super) fn zeros_of(device: &Device, n: usize, degree: usize) -> Result<Moments> {
     let mut recording = Recording::new();
     let moments = Attributes::NAMES.zip(Attributes::widths(degree)).try_map(|(name, width)| {

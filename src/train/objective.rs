@@ -19,12 +19,12 @@ pub(super) struct Current<'a> {
     pub pixels: &'a Buffer<u32>,
     /// Width and height.
     pub size: [u32; 2],
-    /// The share of a whole photo's pixels that these are.
+    /// Share of the whole photo's pixels.
     pub share: f32,
 }
 
 impl<'a> Current<'a> {
-    /// The photo's pixels as this camera takes them.
+    /// The photo's pixels as seen by this camera.
     pub fn new(number: usize, pixels: &'a Buffer<u32>, camera: &Camera) -> Self {
         Self { number, pixels, size: [camera.width, camera.height], share: camera.share() as f32 }
     }
@@ -39,12 +39,12 @@ pub(super) struct Objective {
     background: [f32; 3],
     /// Exposures of the photos, if they have any.
     pub exposure: Option<Exposure>,
-    /// Hides the masked parts of photos, if they have masks.
+    /// Hides masked parts of photos, if they have masks.
     mask: Option<Mask>,
 }
 
 impl Objective {
-    /// For photos of at most `size`.
+    /// An objective for photos of at most `size`.
     pub fn new(device: &Device, photos: &[Photo], [width, height]: [u32; 2], options: &Options) -> Result<Self> {
         let pixels = width as usize * height as usize;
         let background = options.settings.background;
@@ -67,8 +67,8 @@ impl Objective {
         })
     }
 
-    /// Records the gradient by `rendered`, and the loss's sums if `with_value`; `step` updates the photo's exposure, none
-    /// leaves it unchanged. Returns the picture that the loss saw.
+    /// Records the gradient by `rendered`, and the loss's sums if `with_value`; `step` updates the photo's exposure,
+    /// which otherwise stays unchanged. Returns the picture that the loss saw.
     pub fn record<'a>(
         &'a self,
         recording: &mut Recording,
@@ -77,11 +77,11 @@ impl Objective {
         with_value: bool,
         step: Option<Step<'_>>,
     ) -> &'a Buffer<[f32; 4]> {
-        // The loss takes means over the pixels that it gets: a part of a photo counts as it does within the whole.
+        // The loss takes means over the pixels that it gets: this weights a part of a photo as within the whole.
         self.weighted(recording, rendered, current, (self.weights.times(current.share), with_value), step)
     }
 
-    /// Records half the gradient of the sum of the squared differences, that is, the differences of the picture from the photo.
+    /// Records half the gradient of the sum of squared differences, that is, the picture minus the photo.
     pub fn record_squares(&self, recording: &mut Recording, rendered: &Buffer<[f32; 4]>, current: Current<'_>) {
         // The loss takes means over pixels and colours.
         let half_sum = 1.5 * current.size[0] as f32 * current.size[1] as f32;
@@ -124,7 +124,8 @@ impl Objective {
         seen
     }
 
-    /// Records the residual of what the loss saw into the gradient's fourth component, after [`Objective::record`].
+    /// Records the residual of the picture that the loss saw into the gradient's fourth component, after
+    /// [`Objective::record`].
     pub fn record_residual(&self, recording: &mut Recording, seen: &Buffer<[f32; 4]>, current: Current<'_>) {
         record_residual(recording, seen, self.target(current), &self.loss.gradient);
     }

@@ -8,13 +8,13 @@ use crate::render::Settings;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Where the exposures of photos come from.
+/// Source of the photos' exposures.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Exposures {
-    /// Learnt with the model. They begin as these measured gains of red, green and blue, by photo; the list is empty if none
-    /// could be measured.
+    /// Learnt with the model. They begin as these measured gains of red, green and blue, by photo; the list is empty if
+    /// none could be measured.
     Learnt(Vec<[f32; 3]>),
-    /// Known: an affine map of [`super::exposure::SIZE`] numbers for each photo, which stays as it is.
+    /// Known: a fixed affine map of [`super::exposure::SIZE`] numbers for each photo.
     Known(Vec<f32>),
 }
 
@@ -33,7 +33,7 @@ impl Exposures {
 pub struct Options {
     /// The schedule of the run.
     pub schedule: Schedule,
-    /// Image formation.
+    /// Settings of image formation.
     pub settings: Settings,
     /// Key of all random numbers.
     pub seed: u32,
@@ -41,11 +41,11 @@ pub struct Options {
     pub degree: usize,
     /// Largest number of Gaussians, without the tail.
     pub most: usize,
-    /// Number of Gaussians at the model's end that are drawn and never change: what a block of a scene sees of the others. They
-    /// have no moments, and density control, resets, attrition and prunes leave them alone.
+    /// Number of Gaussians at the model's end that are drawn and never change: the part of the other blocks that a
+    /// block sees. They have no moments, and density control, resets, attrition and prunes leave them alone.
     pub tail: usize,
-    /// Mean of the scene's camera centres in world units, where the photos are only a part of the scene's; else that of the
-    /// photos' cameras.
+    /// Mean of the scene's camera centres in world units, if the photos are only a part of the scene's; default: the
+    /// mean of the photos' own cameras.
     pub cameras: Option<[f32; 3]>,
     /// The photos' exposures, if each has one of its own.
     pub exposure: Option<Exposures>,
@@ -53,7 +53,7 @@ pub struct Options {
     pub weights: Weights,
     /// Iterations, after the last density step, whose responses are averaged for [`super::Trainer::averages`]; may be empty.
     pub averaged: Range<u32>,
-    /// A method of another paper that the run is trained by, if any.
+    /// The method of another paper to train with, if any.
     pub method: Option<Arc<dyn Method>>,
     /// Initial capacity in (tile, Gaussian) pairs; results do not depend on it.
     pub pairs: u32,

@@ -6,10 +6,10 @@ use crate::kernels::constants::adam::float64::{BETA1, BETA2};
 /// Learning rates of one step, in units of the stored parameters.
 pub type Rates = Attributes<f32>;
 
-/// What attrition adds to the gradient of every opacity logit: see [`crate::reference::adam::pressed`].
+/// Attrition's addition to the gradient of every opacity logit: see [`crate::reference::adam::pressed`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pressure {
-    /// Added to each gradient, in units of the loss per logit.
+    /// Amount added to each gradient, in units of the loss per logit.
     pub pressure: f32,
     /// Least value of 1 - opacity, by which the pressure is divided.
     pub least_through: f32,

@@ -1,4 +1,4 @@
-//! Responses of photos to each Gaussian: from a pass over all photos, or averaged over iterations.
+//! Responses to each Gaussian, from a pass over all photos or averaged over iterations.
 
 use super::device_photos::DevicePhotos;
 use super::error::Result;
@@ -13,7 +13,7 @@ use crate::response::{self, Gather, Responses, Term, Views, Wanted, full_pass};
 use crate::scene::{Photo, camera};
 use std::ops::Range;
 
-/// Photos, and what compares pictures with them.
+/// Photos, and the objective that compares pictures with them.
 struct Compared<'a> {
     photos: &'a [Photo],
     device_photos: &'a mut DevicePhotos,
@@ -63,9 +63,9 @@ where
     })
 }
 
-/// Responses and scores, as `wanted`, of `photos` to a model that is not in training, wherever it is. Of the options, image
-/// formation, exposures, the loss's weights and the capacity in pairs matter. With `of`, the photos are a chunk of so
-/// many, as [`Views::of`].
+/// Responses and scores, as `wanted`, of `photos` to a model that is not in training, on the device or on the host. Of
+/// the options, image formation, exposures, the loss's weights and the capacity in pairs matter. With `of`, the photos
+/// are a chunk of that many, as in [`Views::of`].
 ///
 /// # Errors
 /// Device memory; device errors; photos that cannot be read; errors of `follow`.
@@ -94,7 +94,7 @@ where
     pass(&mut renderer, model, compared, wanted, (follow, of))
 }
 
-/// As [`responses`], but `each` receives those of each photo alone, with its number.
+/// Like [`responses`], but passes the results of each photo alone, with its number, to `each`.
 ///
 /// # Errors
 /// Device memory; device errors; photos that cannot be read; errors of `each`.
@@ -173,10 +173,10 @@ impl Trainer {
         self.responses_with(wanted, |_| Ok(()))
     }
 
-    /// As [`Trainer::responses`]; `follow` receives the number of photos done, and may end the pass by an error.
+    /// Like [`Trainer::responses`]; `follow` receives the number of photos done, and may end the pass by an error.
     ///
     /// # Errors
-    /// As [`Trainer::responses`]; errors of `follow`.
+    /// Errors of [`Trainer::responses`] and of `follow`.
     pub fn responses_with<E>(
         &mut self,
         wanted: Wanted,
@@ -190,10 +190,10 @@ impl Trainer {
         pass(&mut self.renderer, model, compared, wanted, (follow, None))
     }
 
-    /// As [`Trainer::responses`], but `each` receives those of each photo alone, with its number.
+    /// Like [`Trainer::responses`], but passes the results of each photo alone, with its number, to `each`.
     ///
     /// # Errors
-    /// As [`Trainer::responses`]; errors of `each`.
+    /// Errors of [`Trainer::responses`] and of `each`.
     pub fn responses_by_photo<E>(
         &mut self,
         wanted: Wanted,
@@ -207,7 +207,8 @@ impl Trainer {
         by_photo(&mut self.renderer, model, compared, wanted, each)
     }
 
-    /// Responses averaged over [`super::Options::averaged`], decayed to the last iteration done; none before those iterations.
+    /// Responses averaged over [`super::Options::averaged`], decayed to the last iteration done; `None` before those
+    /// iterations.
     ///
     /// # Errors
     /// Device errors.

@@ -17,7 +17,7 @@ pub struct Schedule {
     pub position_rate_end: f64,
     /// Learning rate of SH band 0.
     pub dc_rate: f64,
-    /// Learning rate of the bands above.
+    /// Learning rate of the higher SH bands.
     pub rest_rate: f64,
     /// Learning rate of opacity logits.
     pub opacity_rate: f64,
@@ -25,7 +25,8 @@ pub struct Schedule {
     pub scale_rate: f64,
     /// Learning rate of quaternions.
     pub rotation_rate: f64,
-    /// The decays of Adam's moments are the reference's, 0.9 and 0.999, to this power: 1, and more where iterations stand for more.
+    /// Exponent applied to the reference's decays of Adam's moments, 0.9 and 0.999: 1, or more if one iteration stands
+    /// for several.
     pub forgetting: f64,
     /// Density control begins after this share of the run.
     pub densify_from: f64,
@@ -50,7 +51,8 @@ pub struct Schedule {
     pub degree_every: f64,
     /// Share of the run that uses pictures of half their size.
     pub half_until: f64,
-    /// The result is the mean of up to 20 iterates after this share of the run, evenly spaced; with 1, the last iterate.
+    /// Share of the run after which up to 20 iterates, evenly spaced, are averaged for the result; with 1, the result
+    /// is the last iterate.
     pub mean_from: f64,
     /// Growth to a planned number; without it, all Gaussians grow whose gradient reaches the threshold.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -87,7 +89,7 @@ impl Default for Schedule {
     }
 }
 
-/// The mean is of iterates after this share of a run, if it is no reference's (docs/decisions.md).
+/// Share of a run after which iterates are averaged, except in the reference's schedule (docs/decisions.md).
 pub const MEAN_FROM: f64 = 0.95;
 
 /// Length of the run that the reference's rates are meant for.
@@ -112,8 +114,9 @@ impl Schedule {
         }
     }
 
-    /// The reference's schedule in `iterations`, the first part at a quarter of the pixels. In shorter runs positions, shapes
-    /// and higher SH bands have higher rates: with the published ones they do not converge in so few steps.
+    /// The reference's schedule scaled to `iterations`, the first part at a quarter of the pixels. Shorter runs have
+    /// higher rates for positions, shapes and higher SH bands: with the published ones these do not converge in so few
+    /// steps.
     pub fn of(iterations: u32) -> Self {
         let shorter = (REFERENCE / f64::from(iterations.max(1))).max(1.0);
         let whole = Self::default();
@@ -152,11 +155,12 @@ impl Schedule {
         }
     }
 
-    /// The schedule for a block that `views` of a scene's `all` views show. Its iterations stand for several of the whole schedule: it has
-    /// fewer of them, in all and between density steps and opacity resets. Learning rates are multiplied by the root of the views'
-    /// ratio, and decays of Adam's moments are taken to the power of it: Adam divides by the root of the mean square of gradients,
-    /// to which views that do not show a Gaussian add zeros; a block leaves most of those views out, so that its steps would be
-    /// shorter, and its moments would reach back over more views (docs/decisions.md).
+    /// The schedule for a block that `views` of a scene's `all` views show. One of its iterations stands for several of
+    /// the whole schedule's: it has fewer of them, in all and between density steps and opacity resets. Learning rates
+    /// are multiplied by the square root of the views' ratio, and decays of Adam's moments are raised to the power of
+    /// it: Adam divides by the root of the mean square of gradients, to which views that do not show a Gaussian add
+    /// zeros; a block leaves most of those views out, so its steps would be shorter, and its moments would reach back
+    /// over more views (docs/decisions.md).
     #[must_use]
     pub fn for_block(self, views: usize, all: usize) -> Self {
         let ratio = all.max(1) as f64 / views.max(1) as f64;
@@ -178,7 +182,7 @@ impl Schedule {
         }
     }
 
-    /// What the learning rates of [`Schedule::for_block`] are multiplied by.
+    /// Factor of the learning rates in [`Schedule::for_block`].
     pub fn longer_steps(views: usize, all: usize) -> f64 {
         (all.max(1) as f64 / views.max(1) as f64).sqrt()
     }
@@ -216,8 +220,8 @@ impl Schedule {
             && iteration.is_multiple_of(self.growth.map_or(self.densify_every, |g| g.every(self)))
     }
 
-    /// Returns true if large Gaussians are pruned at iteration `iteration`. A plan splits them instead: its many steps would take
-    /// away backgrounds time and again.
+    /// Returns true if large Gaussians are pruned at iteration `iteration`. A plan splits them instead: its many steps
+    /// would remove backgrounds again and again.
     pub fn prunes_large(&self, iteration: u32) -> bool {
         self.growth.is_none() && iteration > self.at(self.prune_scale_from)
     }
@@ -256,7 +260,8 @@ mod tests {
         assert_eq!(times(whole.for_block(0, 40)), [1, 1, 1]);
     }
 
-    /// The paper's run: every 100 of 500 < i < 15,000; reset every 3,000 before 15,000; large ones go after 3,000.
+    /// The paper's run: density steps every 100 of 500 < i < 15,000; reset every 3,000 before 15,000; large ones pruned
+    /// after 3,000.
     #[test]
     fn the_papers_run() {
         let s = of(30_000);
@@ -269,7 +274,7 @@ mod tests {
         assert_eq!(s.degree(30_000, 1), 1);
     }
 
-    /// Short runs take longer steps; runs of the published length, and longer ones, take the published steps.
+    /// Short runs take longer steps; runs of the published length or longer take the published steps.
     #[test]
     fn rates_scale_with_the_length() {
         for iterations in [30_000, 60_000] {

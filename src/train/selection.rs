@@ -1,13 +1,15 @@
-//! The smallest of many numbers, found on all cores: a histogram of their leading bits, then a selection within one bin.
+//! The smallest of many numbers, found on all cores: a histogram of their leading bits, then a selection within one
+//! bin.
 
 use rayon::prelude::*;
 
-/// Leading bits of a key that the histogram counts by: of a float its sign, its exponent and four bits of its mantissa.
+/// Leading bits of a key that the histogram counts by: for a float its sign, its exponent and four bits of its
+/// mantissa.
 const BITS: u32 = 16;
 /// Numbers that one thread counts at a time.
 const CHUNK: usize = 1 << 16;
 
-/// An integer that orders as [`f64::total_cmp`] does.
+/// An integer with the order of [`f64::total_cmp`].
 pub fn key(x: f64) -> u64 {
     let bits = x.to_bits();
     if bits >> 63 == 0 { bits ^ (1 << 63) } else { !bits }
@@ -25,7 +27,7 @@ fn bin(key: u64) -> usize {
 /// The key at place `n`, from 0, of all in ascending order.
 ///
 /// # Panics
-/// If there are not so many.
+/// If there are no more than `n` keys.
 pub fn nth(keys: &[u64], n: usize) -> u64 {
     assert!(n < keys.len(), "place {n} of {} keys", keys.len());
     let none = || vec![0_usize; 1 << BITS];
@@ -51,8 +53,8 @@ pub fn nth(keys: &[u64], n: usize) -> u64 {
     *within.select_nth_unstable(n - before).1
 }
 
-/// The `count` smallest of `scored` (a score and what it belongs to), or all if there are fewer; of equal scores those that come
-/// first. In their order.
+/// The `count` smallest of `scored` (score, item), or all if there are fewer, in their original order; among equal
+/// scores the first are taken.
 pub fn smallest(scored: Vec<(f64, usize)>, count: usize) -> Vec<usize> {
     if count >= scored.len() {
         return scored.into_iter().map(|(_, i)| i).collect();
@@ -83,7 +85,7 @@ mod tests {
         assert!(floats.windows(2).all(|pair| key(pair[0]) < key(pair[1])), "{:?}", floats.map(key));
     }
 
-    /// The same as by sorting, with equals and with more numbers than a thread counts at a time.
+    /// The result equals that of sorting, with equal numbers and with more numbers than a thread counts at a time.
     #[test]
     fn as_by_sorting() {
         for (n, values) in [(1, 1.0), (7, 3.0), (1000, 50.0), (200_000, 1e4), (200_000, 1e12)] {

@@ -22,7 +22,7 @@ impl Smoothing {
         Buffer::<View>::bytes_of(views)
     }
 
-    /// For these photos.
+    /// The smoothing for these photos.
     ///
     /// # Errors
     /// Device memory.
@@ -36,7 +36,7 @@ impl Smoothing {
         iteration.is_multiple_of(EVERY) || iteration == last
     }
 
-    /// Records that scales become no less than [`crate::reference::smoothing::least_scale`], in as many rows as are counted.
+    /// Records the raising of scales to at least [`crate::reference::smoothing::least_scale`], in the counted rows.
     pub fn record(&self, recording: &mut Recording, model: &Resident, count: &Count) {
         let kernel = Kernel {
             view: &self.views,

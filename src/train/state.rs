@@ -6,11 +6,11 @@ use super::rates::{Rates, Step};
 use super::schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
-/// Re-warmed, the positions' rate is as after this share of a run.
+/// Share of a run whose position rate re-warming returns to.
 const REWOUND: f64 = 1.0 / 6.0;
-/// For this share of the run after it, scales and rotations take steps ...
+/// Share of the run for which scales and rotations then take longer steps.
 const WARM: f64 = 0.1;
-/// ... so many times longer.
+/// Factor of these steps.
 const LONGER: f32 = 2.0;
 
 /// Events of a run so far, as stored in its checkpoints.
@@ -40,7 +40,7 @@ impl TrainState {
         Step { pressure, decays: schedule.decays(), ..Step::new(iteration, rates) }
     }
 
-    /// The attrition that is under way.
+    /// The attrition in progress.
     pub fn under_way(&self) -> Option<&AttritionState> {
         self.attrition.as_ref().filter(|a| a.ended.is_none())
     }
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
     use crate::train::attrition::Attrition;
 
-    /// Re-warmed after half a run, positions move as after a sixth of it, and reach the same end.
+    /// Re-warmed after half a run, positions move as after a sixth of it, and reach the same final rate.
     #[test]
     fn rewarmed_rates() {
         let schedule = Schedule { iterations: 1200, ..Schedule::default() };

@@ -1,4 +1,4 @@
-//! A model in training, with everything that is stored per Gaussian.
+//! A model in training, with all data stored per Gaussian.
 
 use super::mean::Mean;
 use super::moments::{self, Moments};
@@ -11,10 +11,10 @@ use crate::primitives::{Count, Scan};
 pub struct TrainingModel {
     /// The model; its last rows may be a tail that is drawn and never changes.
     pub model: Resident,
-    /// Moments of Adam, of the rows before the tail.
+    /// Adam's moments of the rows before the tail.
     pub moments: Moments,
-    /// n x (sum of the norms of the gradients by the 2D mean, in NDC units; number of views that saw it), which density
-    /// control reads.
+    /// n x (sum of the norms of the gradients by the 2D mean, in NDC units; number of views that saw it), used by
+    /// density control.
     pub growth: Buffer<[f32; 2]>,
     /// A method's arrays of the rows before the tail, while there are any.
     pub arrays: Vec<Array>,
@@ -23,35 +23,35 @@ pub struct TrainingModel {
     pub(super) tail: Option<Tail>,
 }
 
-/// An array of a method: so many numbers for each trained Gaussian, which follow it through density control and prunes, and are
-/// stored in checkpoints under the array's name.
+/// Description of a method's array: numbers of each trained Gaussian, which follow it through density control and
+/// prunes, and are stored in checkpoints under the array's name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArrayKind {
     /// Its name; see [`TrainingModel::array`].
     pub name: &'static str,
     /// Numbers per Gaussian.
     pub width: usize,
-    /// All of its numbers before the first iteration.
+    /// Initial value of all its numbers.
     pub first: f32,
-    /// True if a new Gaussian begins with zeros; else with the numbers of the one that it comes from.
+    /// True if a new Gaussian begins with zeros; otherwise it inherits its source's numbers.
     pub restarts: bool,
 }
 
 /// An array of a method on the device.
 pub struct Array {
-    /// What it is.
+    /// Its description.
     pub kind: ArrayKind,
     /// n x `kind.width` numbers.
     pub values: Buffer<f32>,
 }
 
 impl Array {
-    /// Bytes of arrays of so many numbers per Gaussian for `n` Gaussians.
+    /// Bytes of these arrays for `n` Gaussians.
     pub fn bytes(kinds: &[ArrayKind], n: usize) -> u64 {
         kinds.iter().map(|kind| Buffer::<f32>::bytes_of(n * kind.width)).sum()
     }
 
-    /// Arrays for `n` Gaussians; their content is undefined.
+    /// An array for `n` Gaussians; its content is undefined.
     ///
     /// # Errors
     /// Device memory.
@@ -79,7 +79,7 @@ impl Tail {
     /// `None` if `rows` is 0; else the last `rows` of `n` Gaussians.
     ///
     /// # Panics
-    /// If it is longer than the model.
+    /// If `rows` exceeds `n`.
     pub fn new(device: &Device, n: usize, rows: usize) -> Result<Option<Self>> {
         assert!(rows <= n, "a tail of {rows} rows in a model of {n}");
         let before = || Count::known(device, "trained Gaussians", (n - rows) as u32, &[Scan::block(device)]);
@@ -103,7 +103,7 @@ impl TrainingModel {
         Self::with_tail(device, model, 0)
     }
 
-    /// As [`TrainingModel::new`], of a model whose last `tail` rows are drawn and never change.
+    /// Like [`TrainingModel::new`], for a model whose last `tail` rows are drawn and never change.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -119,7 +119,7 @@ impl TrainingModel {
         Ok(Self { model, moments, growth, arrays: Vec::new(), mean: None, tail })
     }
 
-    /// The array of a method by its name.
+    /// A method's array by its name.
     pub fn array(&self, name: &str) -> Option<&Buffer<f32>> {
         self.arrays.iter().find(|array| array.kind.name == name).map(|array| &array.values)
     }
@@ -147,7 +147,7 @@ impl TrainingModel {
         self.tail.as_ref().map_or(0, |tail| tail.rows)
     }
 
-    /// Number of rows that are trained.
+    /// Number of trained rows.
     pub fn trained(&self) -> usize {
         self.model.len - self.tail()
     }

@@ -1,4 +1,4 @@
-//! How the world outside Vulkan addresses a device: by UUID, and by its place on the PCI bus.
+//! Addresses of devices outside Vulkan: by UUID, and by location on the PCI bus.
 
 use serde::{Serialize, Serializer};
 use std::fmt;
@@ -29,7 +29,7 @@ impl FromStr for Uuid {
     }
 }
 
-/// A place on the PCI bus.
+/// A location on the PCI bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PciAddress {
     /// Domain.

@@ -1,6 +1,6 @@
 //! Leases of devices: a locked file for each device that a process of `--device free` holds.
 //!
-//! The lock belongs to the open file and goes with the process, however that ends.
+//! The lock belongs to the open file and is released when the process ends, however it ends.
 
 use crate::gpu::choose::select::DeviceInfo;
 use std::fs::{self, File, OpenOptions};
@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 
 /// A device that this process holds.
 pub(in crate::gpu) struct Lease {
-    /// The lock is released when it is closed.
+    /// Closing it releases the lock.
     _file: File,
 }
 
 impl Lease {
-    /// Takes the lease called `name` in `folder`, or none if another process has it.
+    /// Takes the lease called `name` in `folder`; `None` if another process holds it.
     ///
     /// # Errors
     /// A folder or file that cannot be made or opened.
@@ -34,7 +34,7 @@ pub(in crate::gpu) fn folder() -> PathBuf {
     std::env::temp_dir().join("qirf-vk-leases")
 }
 
-/// The name of a device's lease, on a machine of this name: temporary folders may be shared by machines.
+/// The name of a device's lease on this machine: machines may share a temporary folder.
 pub(in crate::gpu) fn name(info: &DeviceInfo, machine: &str) -> String {
     let device = match (info.pci, info.uuid) {
         (Some(pci), _) => pci.to_string(),
@@ -44,13 +44,13 @@ pub(in crate::gpu) fn name(info: &DeviceInfo, machine: &str) -> String {
     format!("{machine}-{device}.lock").replace(|c: char| !c.is_ascii_alphanumeric() && !".-".contains(c), "-")
 }
 
-/// The name of this machine; empty where the system does not tell.
+/// The name of this machine; empty if the system does not report it.
 pub(in crate::gpu) fn machine() -> String {
     let told = fs::read_to_string("/proc/sys/kernel/hostname").ok().or_else(|| std::env::var("COMPUTERNAME").ok());
     told.map(|name| name.trim().to_owned()).unwrap_or_default()
 }
 
-/// Makes a folder in which all users may make files, as in the temporary folder.
+/// Creates a folder in which all users may create files, as in the temporary folder.
 fn make_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
@@ -61,7 +61,7 @@ fn make_folder(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Opens a file for its lock alone. One that is there, perhaps another user's, is only read.
+/// Opens a file for its lock alone. An existing one, perhaps another user's, is opened read-only.
 fn open(path: &Path) -> io::Result<File> {
     match File::open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {

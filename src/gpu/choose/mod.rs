@@ -12,7 +12,7 @@ use crate::gpu::error::Error;
 use select::{Candidate, DeviceInfo};
 use std::path::Path;
 
-/// What the user asked for.
+/// The device that the user asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Wish {
     /// The best one.
@@ -21,9 +21,9 @@ enum Wish {
     Free,
     /// The one with this UUID.
     Uuid(Uuid),
-    /// The one in this place on the PCI bus.
+    /// The one at this PCI address.
     Pci(PciAddress),
-    /// The one of this index, else one whose name has this part.
+    /// The one of this index; failing that, one whose name contains the text.
     Text(String),
 }
 
@@ -40,10 +40,11 @@ impl Wish {
     }
 }
 
-/// The device that `wanted` names: an index, part of a name in any case, `uuid:UUID`, `pci:ADDRESS`, or `free`, for one that
-/// comes with its lease. Without a wish the best usable one: discrete before integrated before virtual before CPU.
+/// Chooses the device that `wanted` names: an index, part of a name in any case, `uuid:UUID`, `pci:ADDRESS`, or `free`,
+/// for one that comes with its lease. Without `wanted`, chooses the best usable one: discrete before integrated before
+/// virtual before CPU.
 ///
-/// Devices that the environment hides are chosen by index and address alone.
+/// Devices that the environment hides can be chosen by index or address only.
 pub(in crate::gpu) fn choose(mut all: Vec<Candidate>, wanted: Option<&str>, leases: &Path) -> Result<Candidate, Error> {
     let wish = Wish::parse(wanted)?;
     let seen: Vec<(&DeviceInfo, usize)> = all.iter().map(|c| (&c.info, c.place)).collect();
@@ -58,7 +59,7 @@ pub(in crate::gpu) fn choose(mut all: Vec<Candidate>, wanted: Option<&str>, leas
     }
 }
 
-/// The position of the device that is wished for, among devices with their places.
+/// The position of the requested device among devices with their places.
 fn position(all: &[(&DeviceInfo, usize)], wish: &Wish) -> Option<usize> {
     match wish {
         Wish::Best | Wish::Free => ranked(all).first().copied(),
@@ -82,8 +83,8 @@ fn ranked(all: &[(&DeviceInfo, usize)]) -> Vec<usize> {
     visible
 }
 
-/// The first device of the best kind whose lease no other process holds. A worse kind is no substitute: its results have other
-/// bits, and it is a hundred times slower.
+/// The first device of the best kind whose lease no other process holds. A worse kind is no substitute: its results
+/// differ in their bits, and it is a hundred times slower.
 fn free(all: &[(&DeviceInfo, usize)], leases: &Path) -> Result<(usize, Option<Lease>), Error> {
     let ranked = ranked(all);
     let best = all[*ranked.first().ok_or_else(|| unknown(all, None))?].0;
@@ -100,7 +101,7 @@ fn free(all: &[(&DeviceInfo, usize)], leases: &Path) -> Result<(usize, Option<Le
     Err(Error::NoFreeDevice { held, kind: best.kind })
 }
 
-/// No device is there, or none is as it should be.
+/// The error for a request that no device satisfies.
 fn unknown(all: &[(&DeviceInfo, usize)], wanted: Option<&str>) -> Error {
     let hidden = all.iter().find_map(|(d, _)| d.hidden_by);
     match (wanted, hidden) {
@@ -149,7 +150,7 @@ mod tests {
         }
     }
 
-    /// A CPU device and three equal GPUs, of which the first is hidden, and the last comes before the other.
+    /// A CPU device and three equal GPUs; the first GPU is hidden, and the last comes before the other.
     fn node() -> Vec<(DeviceInfo, usize)> {
         let gpu = |i| device(i, "H200", DeviceKind::Discrete);
         let hidden = DeviceInfo { hidden_by: Some("CUDA_VISIBLE_DEVICES"), ..gpu(1) };

@@ -1,4 +1,4 @@
-//! What Vulkan tells of a device.
+//! Properties of a device as Vulkan reports them.
 
 use crate::gpu::choose::address::{PciAddress, Uuid};
 use crate::gpu::choose::select::{Candidate, DeviceInfo, DeviceKind, Feature};
@@ -9,10 +9,10 @@ use crate::kernels::needs;
 use ash::{ext, khr, vk};
 use std::ffi::CStr;
 
-/// Shared memory that kernels of every tuning fit into: what Vulkan promises.
+/// Shared memory that kernels of every tuning fit into: the minimum that Vulkan guarantees.
 pub(in crate::gpu) const SHARED_BYTES: u32 = 16 << 10;
 
-/// What Vulkan tells of a physical device. Nothing follows the structures' own pointers to each other.
+/// Vulkan's report on a physical device. The structures' own pointers to each other are never followed.
 #[derive(Default)]
 pub(in crate::gpu) struct Report {
     base: vk::PhysicalDeviceProperties,
@@ -53,7 +53,7 @@ impl Report {
         Ok(report)
     }
 
-    /// Adds what devices of Vulkan 1.2 tell beyond the basics.
+    /// Adds the properties that devices of Vulkan 1.2 report beyond the basic ones.
     fn extend(&mut self, instance: &ash::Instance, physical: vk::PhysicalDevice) {
         let names = [
             ext::subgroup_size_control::NAME,
@@ -117,7 +117,7 @@ impl Report {
         local.map(|(i, h)| (i, h.size)).max_by_key(|(_, size)| *size)
     }
 
-    /// The first thing that the engine needs and the device lacks, its limits as `info` has them.
+    /// The first requirement of the engine that the device does not meet, given its limits in `info`.
     pub fn missing(&self, info: &DeviceInfo) -> Option<String> {
         let operations = vk::SubgroupFeatureFlags::BASIC
             | vk::SubgroupFeatureFlags::VOTE
@@ -151,7 +151,7 @@ impl Report {
 
     /// Whether this is MoltenVK before 1.3: arrays whose sizes are specialization constants keep their default sizes there.
     fn ignores_sizes_of_arrays(&self) -> bool {
-        // Its version is written 1 02 11 for 1.2.11.
+        // MoltenVK writes version 1.2.11 as 1 02 11.
         self.driver.driver_id == vk::DriverId::MOLTENVK && self.base.driver_version < 1_03_00
     }
 
@@ -201,7 +201,7 @@ impl Report {
         let size = self.subgroup.subgroup_size;
         let pinned = optional.contains(&Feature::SubgroupSizeControl);
         let workgroup = limits.max_compute_work_group_invocations.min(limits.max_compute_work_group_size[0]);
-        // Where sizes are asked for, a workgroup has no more subgroups than this.
+        // If kernels request a subgroup size, a workgroup has at most this many subgroups.
         let asked = pinned && self.control.min_subgroup_size < self.control.max_subgroup_size;
         let subgroups = if asked { self.control.max_compute_workgroup_subgroups } else { u32::MAX };
         let max_workgroup = workgroup.min(subgroups.saturating_mul(size));
@@ -247,7 +247,7 @@ impl Report {
 mod tests {
     use super::*;
 
-    /// What a Mac with Apple's GPU tells through a version of MoltenVK.
+    /// The report of a Mac with Apple's GPU through a version of MoltenVK.
     fn moltenvk(version: u32) -> Report {
         let mut report = Report { families: vec![vk::QueueFamilyProperties::default()], ..Report::default() };
         report.families[0].queue_flags = vk::QueueFlags::COMPUTE;

@@ -1,4 +1,4 @@
-//! The Vulkan devices of this machine: what each is and can do.
+//! The Vulkan devices of this machine and their capabilities.
 
 use crate::gpu::choose::address::{PciAddress, Uuid};
 use crate::gpu::choose::lease::Lease;
@@ -24,7 +24,7 @@ pub enum DeviceKind {
     Virtual,
     /// A driver that runs kernels on the CPU.
     Cpu,
-    /// None of these.
+    /// Any other kind.
     Other,
 }
 
@@ -52,25 +52,25 @@ impl fmt::Display for DeviceKind {
     }
 }
 
-/// Features that the engine uses where they are, and never requires.
+/// Optional features: used if present, never required.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Feature {
-    /// Subgroups can be given a size.
+    /// Kernels can request a subgroup size.
     SubgroupSizeControl,
-    /// Floats in buffers can be added to atomically.
+    /// Atomic addition to floats in buffers.
     FloatAtomics,
-    /// The driver tells how much memory is free.
+    /// The driver reports how much memory is free.
     MemoryBudget,
-    /// The driver tells what its compiler makes of kernels.
+    /// The driver reports statistics of compiled kernels.
     KernelStatistics,
-    /// Kernels may ask that infinities and NaN are kept.
+    /// Kernels may request that infinities and NaN are kept.
     NanPreserve,
-    /// Buffers can be handed over inside command buffers.
+    /// Buffers can be bound inside command buffers.
     PushDescriptors,
-    /// Workgroups can be asked to consist of whole subgroups.
+    /// Kernels can request workgroups of whole subgroups.
     FullSubgroups,
-    /// The device is one of another interface underneath, such as Metal, and may lack parts of Vulkan.
+    /// The device sits on another interface, such as Metal, and may lack parts of Vulkan.
     PortabilitySubset,
 }
 
@@ -89,7 +89,7 @@ impl fmt::Display for Feature {
     }
 }
 
-/// What a Vulkan device is and can do, as `qirf-vk device` prints it.
+/// A Vulkan device's identity and capabilities, as `qirf-vk device` prints them.
 #[derive(Clone, Debug, Serialize)]
 pub struct DeviceInfo {
     /// Position in Vulkan's list: `--device INDEX`.
@@ -104,9 +104,9 @@ pub struct DeviceInfo {
     pub driver: String,
     /// Vulkan version, such as `1.4.305`.
     pub api: String,
-    /// Invocations in a subgroup, as pinned.
+    /// Invocations per subgroup, as pinned.
     pub subgroup_size: u32,
-    /// Smallest and largest subgroup that can be asked for.
+    /// Smallest and largest subgroup size that can be requested.
     pub subgroup_range: [u32; 2],
     /// Largest buffer that a kernel can bind, in bytes.
     pub max_buffer_bytes: u64,
@@ -124,16 +124,16 @@ pub struct DeviceInfo {
     pub timestamp_period: f32,
     /// Optional features found.
     pub optional: Vec<Feature>,
-    /// Number of its vendor on the PCI bus.
+    /// Its vendor's PCI number.
     pub vendor: u32,
     /// Its UUID: `--device uuid:UUID`.
     pub uuid: Option<Uuid>,
-    /// Its place on the PCI bus, where its driver tells: `--device pci:ADDRESS`.
+    /// Its PCI address, if its driver reports it: `--device pci:ADDRESS`.
     pub pci: Option<PciAddress>,
-    /// The variable of the environment that gives it to other jobs, if one does: then it must be named to be used.
+    /// The environment variable that reserves it for other jobs, if any: it must then be named to be used.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hidden_by: Option<&'static str>,
-    /// Why the engine cannot use this device, if so.
+    /// The reason why the engine cannot use this device, if any.
     pub missing: Option<String>,
 }
 
@@ -149,11 +149,11 @@ pub(in crate::gpu) struct Candidate {
     pub physical: vk::PhysicalDevice,
     pub queue_family: u32,
     pub pipeline_cache_uuid: [u8; 16],
-    /// Bytes of the largest device-local heap that the driver says are free for this program.
+    /// Bytes of the largest device-local heap that are free for this program, as reported by the driver.
     pub free_bytes: Option<u64>,
-    /// Its place among those of its kind, by the environment's order or Vulkan's.
+    /// Its place among devices of its kind, in the environment's order or Vulkan's.
     pub place: usize,
-    /// The lease, if it was chosen by one.
+    /// The lease, if it was chosen by lease.
     pub lease: Option<Lease>,
     pub info: DeviceInfo,
 }
@@ -167,7 +167,7 @@ pub fn list() -> Result<Vec<DeviceInfo>, Error> {
     Ok(candidates(&instance, Limits::NONE, None)?.into_iter().map(|c| c.info).collect())
 }
 
-/// The devices, as they are or as they imitate others.
+/// The devices, as they are or imitating others.
 pub(in crate::gpu) fn candidates(
     instance: &Instance,
     limits: Limits,

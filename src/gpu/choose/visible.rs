@@ -1,4 +1,4 @@
-//! Devices that the environment hides. Schedulers of clusters give GPUs to jobs by variables that Vulkan ignores.
+//! Devices that the environment hides. Cluster schedulers assign GPUs to jobs by variables that Vulkan ignores.
 
 use crate::gpu::choose::address::{PciAddress, Uuid};
 use crate::gpu::choose::select::{DeviceInfo, DeviceKind};
@@ -7,20 +7,20 @@ use crate::gpu::choose::select::{DeviceInfo, DeviceKind};
 const NVIDIA: u32 = 0x10de;
 const AMD: u32 = 0x1002;
 
-/// The variables of NVIDIA's GPUs, and of AMD's; each one indexes what those before it leave.
+/// The variables for NVIDIA's GPUs and for AMD's; each indexes the devices that the previous ones leave.
 const NVIDIA_VARIABLES: [&str; 1] = ["CUDA_VISIBLE_DEVICES"];
 const AMD_VARIABLES: [&str; 2] = ["ROCR_VISIBLE_DEVICES", "HIP_VISIBLE_DEVICES"];
-/// The job's GPUs on this machine, by Slurm's count of all of them.
+/// The job's GPUs on this machine, numbered by Slurm among all of them.
 const SLURM: &str = "SLURM_JOB_GPUS";
 
-/// What variables can say of a device.
+/// The names by which variables refer to a device.
 #[derive(Clone, Debug)]
 pub(in crate::gpu) struct Named {
     vendor: u32,
     discrete: bool,
     uuid: Option<Uuid>,
     pci: Option<PciAddress>,
-    /// AMD's own number of a GPU, by which `ROCR_VISIBLE_DEVICES` calls it.
+    /// AMD's own number of a GPU, used by `ROCR_VISIBLE_DEVICES`.
     serial: Option<String>,
 }
 
@@ -38,7 +38,7 @@ impl Named {
         }
     }
 
-    /// Whether an entry such as `GPU-4b2c` means this device. NVIDIA's may be cut short.
+    /// Whether an entry such as `GPU-4b2c` means this device. NVIDIA's UUIDs may be abbreviated.
     fn is(&self, entry: &str) -> bool {
         let Some(name) = entry.strip_prefix("GPU-").map(str::to_lowercase).filter(|name| !name.is_empty()) else {
             return false;
@@ -53,16 +53,16 @@ impl Named {
 /// Whether a device may be chosen without being named by index or address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gpu) enum Visibility {
-    /// It may, in this place among its kind.
+    /// Yes; this is its place among its kind.
     Place(usize),
-    /// This variable hides it.
+    /// No; this variable hides it.
     Hidden(&'static str),
 }
 
-/// What the variables make of each device. `variable` is a variable's text, if it is set.
+/// The visibility of each device. `variable` returns a variable's text, if it is set.
 ///
-/// Indices count the devices of one vendor by PCI address, as CUDA does where GPUs are equal or `CUDA_DEVICE_ORDER` is
-/// `PCI_BUS_ID`. As in CUDA, an entry that means no device ends the list.
+/// Indices count the devices of one vendor by PCI address, as CUDA does if all GPUs are equal or `CUDA_DEVICE_ORDER` is
+/// `PCI_BUS_ID`. As in CUDA, an entry that matches no device ends the list.
 pub(in crate::gpu) fn visibility(devices: &[Named], variable: &dyn Fn(&str) -> Option<String>) -> Vec<Visibility> {
     let mut all: Vec<Visibility> = (0..devices.len()).map(Visibility::Place).collect();
     let mut set = false;
@@ -78,7 +78,8 @@ pub(in crate::gpu) fn visibility(devices: &[Named], variable: &dyn Fn(&str) -> O
     if let Some(text) = variable(SLURM).filter(|_| !set) {
         let there = by_address(devices, |d| d.discrete);
         let asked = ranges(&text);
-        // Where the job is confined to its devices, there are no others to hide, and Slurm's indices count what is not there.
+        // A job confined to its devices sees no others that could be hidden, and Slurm's indices count devices that it
+        // cannot see.
         if !asked.is_empty() && there.len() > asked.len() {
             let kept = asked.into_iter().map_while(|i| there.get(i).copied()).collect();
             restrict(&mut all, &there, kept, SLURM);
@@ -94,7 +95,7 @@ fn by_address(devices: &[Named], kind: impl Fn(&Named) -> bool) -> Vec<usize> {
     positions
 }
 
-/// The devices among `left` that a list of indices and names means, in the list's order.
+/// The devices among `left` that a list of indices and names selects, in the list's order.
 fn listed(devices: &[Named], left: &[usize], text: &str) -> Vec<usize> {
     let means = |entry: &str| match entry.trim().parse::<usize>() {
         Ok(index) => left.get(index).copied(),
@@ -109,7 +110,7 @@ fn listed(devices: &[Named], left: &[usize], text: &str) -> Vec<usize> {
     kept
 }
 
-/// Hides the devices of `left` that are not in `kept`, and gives the others their places; returns `kept`.
+/// Hides the devices of `left` that are not in `kept`, and numbers the others; returns `kept`.
 fn restrict(all: &mut [Visibility], left: &[usize], kept: Vec<usize>, name: &'static str) -> Vec<usize> {
     if kept.is_empty() && !left.is_empty() {
         tracing::info!("{name} hides all {} devices that it speaks of", left.len());
@@ -120,11 +121,11 @@ fn restrict(all: &mut [Visibility], left: &[usize], kept: Vec<usize>, name: &'st
     kept
 }
 
-/// Indices such as `0,2-3`; empty where something else stands there.
+/// Indices such as `0,2-3`; empty if the text has another form.
 fn ranges(text: &str) -> Vec<usize> {
     let one = |part: &str| {
         let (first, last) = part.trim().split_once('-').unwrap_or((part.trim(), part.trim()));
-        // No machine has more; a slip of the pen must not fill the memory.
+        // No machine has more; a typo must not exhaust memory.
         let [first, last] = [first, last].map(|n| n.parse::<usize>().ok().filter(|n| *n < 4096));
         Some(first?..=last?)
     };
@@ -163,7 +164,7 @@ mod tests {
         let with = |text: &str| seen(&node(), &[("CUDA_VISIBLE_DEVICES", text)]);
         assert_eq!(with("0"), [hidden, Place(1), Place(0), hidden, Place(4)]);
         assert_eq!(with(" 2, 1"), [Place(1), Place(1), hidden, Place(0), Place(4)]);
-        // CUDA: an entry that means nothing ends the list; so does -1, and an empty list shows none.
+        // CUDA: an entry that matches nothing ends the list, as does -1; an empty list shows no device.
         assert_eq!(with("1,7,0"), [Place(0), Place(1), hidden, hidden, Place(4)]);
         for none in ["", "-1", "-1,0", "MIG-1234", "NoDevFiles"] {
             assert_eq!(with(none), [hidden, Place(1), hidden, hidden, Place(4)], "{none}");
@@ -200,7 +201,7 @@ mod tests {
         // By address: 01 (2), 21 (1), 81 (0), c1 (3).
         assert_eq!(seen(&node(), &[("SLURM_JOB_GPUS", "1,3")]), [slurm, Place(0), slurm, Place(1), Place(4)]);
         assert_eq!(seen(&node(), &[("SLURM_JOB_GPUS", "2-3")]), [Place(0), slurm, slurm, Place(1), Place(4)]);
-        // A job that is confined to its devices sees no others.
+        // A job confined to its devices sees no others.
         assert_eq!(seen(&node(), &[("SLURM_JOB_GPUS", "4-7")]), [0, 1, 2, 3, 4].map(Place));
         let both = seen(&node(), &[("SLURM_JOB_GPUS", "3"), ("CUDA_VISIBLE_DEVICES", "0")]);
         assert_eq!(both, seen(&node(), &[("CUDA_VISIBLE_DEVICES", "0")]));

@@ -1,4 +1,4 @@
-//! Faults of a device on demand, for tests: what no healthy driver shows, at a call that can be chosen.
+//! Device faults on demand, for tests: failures that no healthy driver shows, at a chosen call.
 
 use ash::vk;
 use std::str::FromStr;
@@ -7,37 +7,37 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// A call to the device's queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Call {
-    /// Handing work over.
+    /// Submitting work.
     Submit,
-    /// Waiting for work to be done.
+    /// Waiting for work.
     Wait,
 }
 
-/// What the device answers instead.
+/// The device's answer in place of the real one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// It is lost, and so for every later call.
+    /// Device lost, here and in every later call.
     Lost,
     /// The host has no memory left for this call.
     HostMemory,
     /// The device has no memory left for this call.
     DeviceMemory,
-    /// Nothing, for ever (waits only).
+    /// No answer, ever (waits only).
     Hang,
-    /// Nothing: the process ends on the spot, as when it is killed.
+    /// No answer: the process ends at once, as if it were killed.
     Kill,
 }
 
-/// One fault, once: in `QIRF_DEVICE_FAULT` its text is `CALL:N:ANSWER`, as in `submit:12:lost`. CALL is `submit` or `wait`; N
-/// counts such calls of the process's device from 1; ANSWER is `lost`, `host-memory`, `device-memory`, `kill`
-/// or, of waits, `hang`.
+/// One fault, once: the text of `QIRF_DEVICE_FAULT` is `CALL:N:ANSWER`, as in `submit:12:lost`. CALL is `submit` or
+/// `wait`; N counts such calls of the process's device from 1; ANSWER is `lost`, `host-memory`, `device-memory`, `kill`
+/// or, for waits, `hang`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// The call that fails.
     pub call: Call,
-    /// Which of these calls, from 1.
+    /// The number of that call, from 1.
     pub number: u64,
-    /// How it fails.
+    /// The answer to it.
     pub answer: Answer,
 }
 
@@ -67,7 +67,7 @@ impl FromStr for Fault {
     }
 }
 
-/// The fault of one device, and how near it is.
+/// The fault of one device, and its call counters.
 #[derive(Default)]
 pub(in crate::gpu) struct Faults {
     planned: Option<Fault>,
@@ -79,12 +79,12 @@ impl Faults {
         Self { planned, seen: AtomicU64::new(0) }
     }
 
-    /// Whether faults are made here at all: the device beneath is then sound.
+    /// Whether a fault is planned: the real device is then sound.
     pub fn are_planned(&self) -> bool {
         self.planned.is_some()
     }
 
-    /// What this call answers in place of the device; a hang is a time-out that every repetition ends in.
+    /// The answer to this call in place of the device's. A hang is a time-out at every repetition.
     pub fn at(&self, call: Call) -> Result<(), vk::Result> {
         let Some(fault) = self.planned.filter(|f| f.call == call) else { return Ok(()) };
         if self.seen.fetch_add(1, Ordering::Relaxed) + 1 != fault.number {

@@ -1,9 +1,9 @@
-//! Devices that this one imitates, for tests: tighter limits, and a driver that tells a wrong width of its subgroups.
+//! Imitated devices, for tests: tighter limits, and a driver that reports a wrong subgroup size.
 
 use crate::gpu::choose::select::{DeviceInfo, Feature};
 use std::str::FromStr;
 
-/// Upper bounds on what a device says that it can do. The numbers of makers are typical ones, not those of a certain driver.
+/// Upper bounds on a device's reported limits. The numbers for makers are typical, not those of a certain driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Largest buffer that a kernel can bind, in bytes.
@@ -19,7 +19,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// None at all.
+    /// No bounds.
     pub const NONE: Self = Self {
         buffer_bytes: u64::MAX,
         storage_buffers: u32::MAX,
@@ -41,10 +41,10 @@ impl Limits {
     /// Intel's integrated GPUs.
     pub const INTEL: Self =
         Self { buffer_bytes: 1 << 30, storage_buffers: 64, push_bytes: 128, workgroup: 1024, shared_bytes: 32 << 10 };
-    /// The least that Vulkan promises of a buffer.
+    /// The smallest buffers that Vulkan guarantees.
     pub const SMALL_BUFFERS: Self = Self { buffer_bytes: 128 << 20, ..Self::NONE };
 
-    /// Tightens what a device says of itself.
+    /// Tightens a device's reported limits.
     pub(in crate::gpu) fn on(&self, info: &mut DeviceInfo) {
         info.max_buffer_bytes = info.max_buffer_bytes.min(self.buffer_bytes);
         info.max_storage_buffers = info.max_storage_buffers.min(self.storage_buffers);
@@ -72,17 +72,17 @@ impl FromStr for Limits {
     }
 }
 
-/// What a driver is taken to tell of its subgroups, whatever they are; as text `16`, or `16,unpinned`.
+/// The subgroup size that a driver is made to report, whatever the real one; as text `16`, or `16,unpinned`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Claim {
     /// Invocations in a subgroup.
     pub subgroup: u32,
-    /// Whether it also lets kernels ask for that size.
+    /// Whether kernels may also request that size.
     pub pinned: bool,
 }
 
 impl Claim {
-    /// Puts the claim into the driver's mouth. Kernels then ask for no size: the driver would refuse this one.
+    /// Makes the driver report the claim. Kernels then request no size, because the driver would refuse this one.
     pub(in crate::gpu) fn on(self, info: &mut DeviceInfo) {
         info.subgroup_size = self.subgroup;
         info.subgroup_range = [self.subgroup; 2];

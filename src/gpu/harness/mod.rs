@@ -1,4 +1,4 @@
-//! What tests ask of a device: other limits, faults on demand, other orders of work, guarded buffers, mutated shaders.
+//! Test options of a device: other limits, faults on demand, other orders of work, guarded buffers, mutated shaders.
 
 pub(in crate::gpu) mod fault;
 pub(in crate::gpu) mod imitation;
@@ -15,14 +15,14 @@ use std::path::PathBuf;
 pub struct Harness {
     /// Limits of another device, where they are tighter.
     pub limits: Option<Limits>,
-    /// What the driver is taken to tell of its subgroups (tests of the probe).
+    /// Subgroup size that the driver is made to report (tests of the probe).
     pub claim: Option<Claim>,
     /// A folder whose modules, `ROOM-STAGE.spv`, replace the program's own (tests of mutants).
     pub shaders: Option<PathBuf>,
     /// Fill new buffers with NaN and give them red zones: see [`super::Device::overrun_buffers`].
     pub guarded: bool,
-    /// A fault to make.
+    /// A fault to inject.
     pub fault: Option<Fault>,
-    /// Another order of all that no barrier orders.
+    /// Another order of commands that no barrier orders.
     pub order: Option<Order>,
 }

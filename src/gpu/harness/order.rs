@@ -1,7 +1,7 @@
-//! Orders of work on which no result may depend, for tests. What no barrier orders is permuted, workgroups are numbered from
-//! the last one, and small dispatches have surplus workgroups as long ones do: a missing barrier then changes results even on
-//! a device that runs its commands one by one. Barriers can be
-//! forgotten, to show that it does.
+//! Orders of work on which no result may depend, for tests. Commands that no barrier orders are permuted, workgroups
+//! are numbered from the last one, and small dispatches get surplus workgroups as long ones do: a missing barrier then
+//! changes results even on a device that runs its commands one by one. Barriers can be dropped, to show that this
+//! works.
 
 use crate::gpu::device::{Context, Device, lock};
 use crate::gpu::hazards::{Barrier, Hazard, Hazards};
@@ -12,14 +12,14 @@ use std::mem::take;
 use std::str::FromStr;
 use std::sync::{Arc, Mutex};
 
-/// An order of the commands between two barriers of a submission. Scopes are empty, so their times say nothing.
+/// An order of the commands between two barriers of a submission. Scopes are empty, so their times mean nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// As they were recorded.
+    /// As recorded.
     Recorded,
     /// From the last to the first.
     Backwards,
-    /// At random, by a seed.
+    /// At random, from a seed.
     Shuffled(u64),
 }
 
@@ -35,10 +35,10 @@ impl FromStr for Order {
     }
 }
 
-/// A barrier that was derived.
+/// A derived barrier.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Derived {
-    /// What it stands before: a kernel's name, or `fill`, `update`, `copy`.
+    /// The command after it: a kernel's name, or `fill`, `update`, `copy`.
     pub before: &'static str,
     /// The hazards that it prevents, each once.
     pub hazards: Vec<Hazard>,
@@ -46,7 +46,7 @@ pub struct Derived {
     pub carried: bool,
 }
 
-/// Which of the derived barriers are left out.
+/// The derived barriers to leave out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Forget {
     /// None.
@@ -55,7 +55,7 @@ pub enum Forget {
     Nth(usize),
     /// Those that prevent this hazard and no other.
     All(Hazard),
-    /// What earlier submissions left to wait for.
+    /// Those that wait for earlier submissions.
     Carried,
 }
 
@@ -86,7 +86,7 @@ impl Disorder {
         Self(Mutex::new(State { order, forget: Forget::Nothing, submissions: 0, derived: Vec::new() }))
     }
 
-    /// Permutes a recording with its pipelines, one a dispatch; gives the barriers before its commands.
+    /// Permutes a recording with its pipelines, one per dispatch; returns the barriers before its commands.
     pub fn permute(
         &self,
         recording: &mut Recording,
@@ -167,10 +167,11 @@ impl Context {
 }
 
 impl Device {
-    /// Sets another order, and the barriers to leave out from here on. Gives those derived since the last call.
+    /// Sets another order, and the barriers to leave out from here on. Returns the barriers derived since the last
+    /// call.
     ///
     /// # Panics
-    /// When the device was opened without [`crate::gpu::DeviceOptions::order`].
+    /// If the device was opened without [`crate::gpu::DeviceOptions::order`].
     pub fn reorder(&self, order: Order, forget: Forget) -> Vec<Derived> {
         let disorder = self.context().disorder.as_ref().expect("the device was opened with an order");
         let mut state = lock(&disorder.0);

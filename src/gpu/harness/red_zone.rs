@@ -1,5 +1,6 @@
-//! Guards of buffers, for tests: each buffer is born full of NaN, so that an element that no kernel wrote shows, and ends in a
-//! red zone that no kernel may touch. Descriptors span the red zone too: a stray store lands there instead of being dropped.
+//! Guards of buffers, for tests: each new buffer is filled with NaN, so that elements that no kernel wrote show, and
+//! ends in a red zone that no kernel may touch. Descriptors include the red zone: a stray store lands there instead of
+//! being dropped.
 
 use crate::gpu::buffer::{RawBuffer, Storage};
 use crate::gpu::device::{Context, Device, lock};
@@ -12,13 +13,13 @@ const RED_ZONE: u64 = 256;
 /// A quiet NaN as a float; as a count it is large enough to be noticed.
 const POISON: u32 = 0x7fc0_dead;
 
-/// The words of a buffer's red zone: quiet NaN, each with bits of its own. A kernel that reads a NaN behind the end of one buffer
-/// and stores it behind the end of another, where it may come through any sum unchanged, is noticed, too.
+/// The words of a buffer's red zone: quiet NaN, each with different bits. A kernel that reads a NaN behind one buffer
+/// and stores it behind another, even unchanged through a sum, is therefore noticed too.
 fn red_zone_of(number: u64) -> impl Iterator<Item = u32> {
     (0..).map(move |k| 0x7fc0_0000 | (random::bits(&[number, k]) as u32 & 0x003f_ffff))
 }
 
-/// The guarded buffers of a device, and those whose red zone was written to.
+/// The guarded buffers of a device, and those whose red zone was overwritten.
 #[derive(Default)]
 pub(in crate::gpu) struct Guards {
     alive: Mutex<HashMap<u64, Weak<Storage>>>,
@@ -26,7 +27,7 @@ pub(in crate::gpu) struct Guards {
 }
 
 impl Guards {
-    /// Poisons a new buffer, red zone included, and watches it from now on.
+    /// Fills a new buffer and its red zone, and watches it from now on.
     pub fn watch(&self, buffer: &mut RawBuffer) {
         let (number, end) = (buffer.number(), buffer.bytes() as usize);
         let (body, red_zone) = buffer.mapped_mut().split_at_mut(end);
@@ -37,7 +38,7 @@ impl Guards {
         lock(&self.alive).insert(buffer.number(), Arc::downgrade(&buffer.0));
     }
 
-    /// Checks the red zone of a buffer that is dropped.
+    /// Checks the red zone of a dropped buffer.
     pub fn leave(&self, storage: &Storage) {
         lock(&self.alive).remove(&storage.number);
         if is_overrun(storage) {
@@ -60,11 +61,11 @@ impl Context {
 }
 
 impl Device {
-    /// Names of the buffers, alive or dropped, behind whose end a kernel wrote; always empty unless the device was opened with
-    /// [`crate::gpu::DeviceOptions::guarded`]. Submitted work must have been waited for.
+    /// Names of the buffers, alive or dropped, behind whose end a kernel wrote; always empty unless the device was
+    /// opened with [`crate::gpu::DeviceOptions::guarded`]. All submitted work must have been waited for.
     pub fn overrun_buffers(&self) -> Vec<String> {
         let Some(guards) = &self.context().guards else { return Vec::new() };
-        // Strong references first: the last one may be dropped here, and takes the lock itself.
+        // Strong references first: dropping the last one here takes the lock itself.
         let alive: Vec<Arc<Storage>> = lock(&guards.alive).values().filter_map(Weak::upgrade).collect();
         let mut names = lock(&guards.overrun).clone();
         names.extend(alive.iter().filter(|s| is_overrun(s)).map(|s| s.name.clone()));

@@ -1,4 +1,4 @@
-//! The tuning that a user asks for: a row of the table, with fields of their own.
+//! The tuning that a user asks for: a row of the table, with individual fields replaced.
 
 use crate::gpu::choose::select::DeviceInfo;
 use crate::gpu::error::Error;
@@ -8,7 +8,8 @@ use std::str::FromStr;
 
 /// A choice of tuning. By default it is the row of the device's own class.
 ///
-/// As text, in `--tuning` and `QIRF_TUNING`: a class, or fields, or both, such as `gpu`, `tile=8` or `nvidia,tile=8,sort_rows_max=8`.
+/// As text, in `--tuning` and `QIRF_TUNING`: a class, fields, or both, such as `gpu`, `tile=8` or
+/// `nvidia,tile=8,sort_rows_max=8`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TuningChoice {
     class: Option<DeviceClass>,
@@ -21,12 +22,12 @@ impl TuningChoice {
         Self { class: Some(class), fields: Vec::new() }
     }
 
-    /// Whether it changes nothing.
+    /// Whether it is the default.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }
 
-    /// The tuning of a device.
+    /// The tuning of a device under this choice.
     pub(in crate::gpu) fn on(&self, info: &DeviceInfo) -> Result<Tuning, Error> {
         let row = Tuning::new(self.class.unwrap_or(info.class), info.subgroup_size, info.max_workgroup);
         let tuning = self.over(&row).map_err(Error::Tuning)?;
@@ -34,7 +35,7 @@ impl TuningChoice {
         Ok(tuning)
     }
 
-    /// A row with the chosen fields.
+    /// A row with the chosen fields replaced.
     fn over(&self, row: &Tuning) -> Result<Tuning, String> {
         let mut fields = serde_json::to_value(row).map_err(|e| e.to_string())?;
         for (name, value) in &self.fields {

@@ -1,7 +1,7 @@
 //! Tuning: every number that depends on the class of device, in one table.
 //!
-//! All of them are specialization constants, or sizes of dispatches and scratch. None changes what is computed; most change
-//! the order in which sums are formed, and with it the last bits of results.
+//! All of them are specialization constants, or sizes of dispatches and scratch memory. None changes what is computed;
+//! most change the order of sums, and with it the last bits of results.
 
 pub(in crate::gpu) mod choice;
 pub(in crate::gpu) mod store;
@@ -16,15 +16,15 @@ use std::fmt;
 use std::str::FromStr;
 pub use variants::{Variant, variants};
 
-/// Classes of devices that the table has a row for.
+/// Classes of devices, one per row of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DeviceClass {
-    /// Lanes are a CPU's.
+    /// A CPU; lanes are the CPU's.
     Cpu,
     /// A CPU under SwiftShader, whose compilers have limits of their own.
     SwiftShader,
-    /// A GPU of none of the makers below.
+    /// A GPU of another maker.
     Gpu,
     /// A GPU by NVIDIA.
     Nvidia,
@@ -43,7 +43,7 @@ impl DeviceClass {
     pub const ALL: [Self; 8] =
         [Self::Cpu, Self::SwiftShader, Self::Gpu, Self::Nvidia, Self::Amd, Self::Intel, Self::Apple, Self::Qualcomm];
 
-    /// The class of a device, which may be a CPU, by its maker's number in the Vulkan (or PCI) registry.
+    /// The class of a device, CPU or not, from its vendor's number in the Vulkan (or PCI) registry.
     pub(in crate::gpu) fn of(is_cpu: bool, vendor: u32) -> Self {
         match (is_cpu, vendor) {
             (true, 0x1ae0) => Self::SwiftShader,
@@ -82,51 +82,52 @@ impl FromStr for DeviceClass {
     }
 }
 
-/// The shapes of kernels on one device; rooms read them by [`crate::gpu::Device::tuning`].
+/// Tuning of the kernels on one device; other code reads it through [`crate::gpu::Device::tuning`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tuning {
-    /// The class whose row of the table this is, some fields perhaps changed.
+    /// The class whose row of the table this is; individual fields may differ.
     pub class: DeviceClass,
-    /// Invocations in a subgroup: those of the device.
+    /// Invocations per subgroup: the device's.
     pub subgroup: u32,
     /// Side of a tile in pixels.
     pub tile: u32,
-    /// Distance of the rows of tiles that are walked one after the other; up to 1: rows in order.
+    /// Distance between rows of tiles processed one after the other; up to 1: rows in order.
     #[serde(default)]
     pub row_stride: u32,
-    /// Tiles of a Gaussian from which a subgroup writes its pairs, and adds up their sums, together; 0: each invocation works alone.
+    /// Number of tiles from which a subgroup jointly writes a Gaussian's pairs and adds up their sums; 0: each
+    /// invocation works alone.
     #[serde(default)]
     pub bin_many: u32,
     /// Invocations that walk a tile's list forward; they share its pixels.
     pub rasterise_workgroup: u32,
-    /// Splats staged in shared memory at a time on the way forward; 0 hands them round a single subgroup.
+    /// Splats staged in shared memory at a time in the forward pass; 0 broadcasts them within a single subgroup.
     pub rasterise_batch: u32,
-    /// Invocations that walk a tile's list backwards; they share its pixels. One subgroup where the batch is 0.
+    /// Invocations that walk a tile's list backward; they share its pixels. One subgroup if the batch is 0.
     #[serde(default)]
     pub backward_workgroup: u32,
-    /// Splats staged in shared memory at a time on the way back; 0 hands them round a single subgroup.
+    /// Splats staged in shared memory at a time in the backward pass; 0 broadcasts them within a single subgroup.
     #[serde(default)]
     pub backward_batch: u32,
     /// Invocations of a workgroup of a prefix sum.
     pub scan_workgroup: u32,
-    /// Words that each of them scans.
+    /// Words scanned per invocation.
     pub scan_rows: u32,
     /// Invocations of a workgroup of a sort.
     pub sort_workgroup: u32,
-    /// Workgroups that a sort aims at; the bounds of its rows come first.
+    /// Target number of workgroups of a sort; the limits on its rows take precedence.
     pub sort_workgroups: u32,
-    /// Fewest keys of an invocation of a sort.
+    /// Fewest keys per invocation of a sort.
     pub sort_rows_min: u32,
-    /// Most keys of an invocation of a sort.
+    /// Most keys per invocation of a sort.
     pub sort_rows_max: u32,
     /// Whether each invocation of a sort ranks a run of its own, without ballots.
     pub sort_serial: bool,
-    /// Gaussians whose attributes a workgroup of Adam updates one after the other, in one kernel; 1 where an invocation updates
-    /// all of one Gaussian, and 0 where each attribute has a kernel of its own.
+    /// Gaussians whose attributes a workgroup of Adam updates one after the other, in one kernel; 1: an invocation
+    /// updates all attributes of one Gaussian; 0: each attribute has a kernel of its own.
     #[serde(default)]
     pub adam_block: u32,
-    /// Side of a tile of the loss in pixels; 0 where invocations walk runs of lines instead.
+    /// Side of a tile of the loss in pixels; 0: invocations walk runs of lines instead.
     #[serde(default)]
     pub loss_tile: u32,
     /// Rounds of a run of the loss, 11 steps each.
@@ -135,22 +136,22 @@ pub struct Tuning {
     pub overlap_columns: u32,
     /// Invocations of a workgroup that measures the rate of copies.
     pub copy_workgroup: u32,
-    /// Words that each of them copies.
+    /// Words copied per invocation.
     pub copy_rows: u32,
     /// Workgroups that measure the rate of multiply-adds.
     pub multiply_workgroups: u32,
-    /// Rounds of each of them.
+    /// Rounds per workgroup.
     pub multiply_rounds: u32,
 }
 
 impl Tuning {
-    /// The row of a class, for a device of this width and these limits.
+    /// The row of a class, for a device of this subgroup size and largest workgroup.
     pub fn new(class: DeviceClass, subgroup: u32, max_workgroup: u32) -> Self {
         match class {
             DeviceClass::Cpu => Self::cpu(subgroup),
-            // Its compilers do not finish the loss's runs, rings of registers in unrolled loops.
+            // Its compilers do not finish the loss's runs, which are rings of registers in unrolled loops.
             DeviceClass::SwiftShader => Self { class, loss_tile: 16, adam_block: 0, ..Self::cpu(subgroup) },
-            // One row for all GPUs: one of NVIDIA's was measured, none of the others.
+            // One row for all GPUs: one by NVIDIA was measured, none by the others.
             DeviceClass::Gpu
             | DeviceClass::Nvidia
             | DeviceClass::Amd
@@ -160,58 +161,61 @@ impl Tuning {
         }
     }
 
-    /// Every lane is paid for by a core, a barrier costs more than lanes, starting a workgroup as much as hundreds of words:
-    /// few long runs, and one subgroup a workgroup. Numbers are decisions of docs/decisions.md.
+    /// On a CPU a core executes every lane, a barrier costs more than lanes, and starting a workgroup as much as
+    /// hundreds of words: few long runs, and one subgroup per workgroup. Numbers are those of docs/decisions.md.
     fn cpu(subgroup: u32) -> Self {
         Self {
             class: DeviceClass::Cpu,
             subgroup,
-            // 3: a smaller tile lists fewer splats that its pixels do not need.
+            // Decision 3: a smaller tile lists fewer splats that its pixels do not need.
             tile: 8,
-            // 74: each of up to four threads gets rows from all over the picture.
+            // Decision 74: each of up to four threads gets rows from all over the picture.
             row_stride: 4,
-            // Its lanes would take turns.
+            // The lanes would take turns.
             bin_many: 0,
-            // 19: one subgroup walks a tile, its pixels in registers, a splat a lane: 1.6 to 2 times as fast as batches.
+            // Decision 19: one subgroup walks a tile, its pixels in registers, a splat per lane: 1.6 to 2 times as fast
+            // as batches.
             rasterise_workgroup: subgroup,
             rasterise_batch: 0,
             backward_workgroup: subgroup,
             backward_batch: 0,
             scan_workgroup: subgroup,
             scan_rows: 2048 / subgroup,
-            // The counters of a block are cleared and scanned once, whatever its length. Not below 64 rows: Mesa unrolls loops of
-            // up to 32 steps, with which LLVM takes 6.5 s for the two phases of a digit's width, instead of 0.3 s.
+            // A block's counters are cleared and scanned once, whatever its length. Not below 64 rows: Mesa unrolls
+            // loops of up to 32 steps, with which LLVM takes 6.5 s instead of 0.3 s for the two phases of a digit's
+            // width.
             sort_workgroup: subgroup,
             sort_workgroups: 16,
             sort_rows_min: 64,
             sort_rows_max: 512,
             sort_serial: true,
-            // 76: starting a kernel costs as much as hundreds of words, and what elements share is read once.
+            // Decision 76: starting a kernel costs as much as hundreds of words, and data that attributes share is read
+            // once.
             adam_block: 1,
-            // 53: registers; tiles in shared memory make a whole iteration half as long again.
+            // Decision 53: registers; tiles in shared memory make a whole iteration half as long again.
             loss_tile: 0,
-            // 32: a load costs as much as five multiplications, and long runs read each value less often.
+            // Decision 32: a load costs as much as five multiplications, and long runs read each value less often.
             loss_rounds: 4,
             // Long tiles read a Gaussian less often.
             overlap_columns: 64_u32.next_multiple_of(subgroup),
             copy_workgroup: subgroup,
             copy_rows: 1024,
-            // Billions of operations: starting the work is then nothing.
+            // Billions of operations, so that the cost of starting is negligible.
             multiply_workgroups: 64,
             multiply_rounds: 512,
         }
     }
 
-    /// Splats of a batch on the way back: two rounds of a subgroup, up to 64, so that subgroups that take few of them need not
-    /// wait for others too often; but few enough for their sums.
+    /// Splats per batch in the backward pass: two rounds of a subgroup, up to 64, so that subgroups that take few of
+    /// them rarely wait for others; but few enough for their sums.
     fn backward_batch(subgroup: u32) -> u32 {
         if subgroup >= 64 { subgroup } else { 2 * subgroup }
     }
 
-    /// Occupancy first. What decision 82 names was measured, on an NVIDIA H200.
+    /// Occupancy first. Values that cite decision 82 were measured, on an NVIDIA H200.
     fn gpu(class: DeviceClass, subgroup: u32, max_workgroup: u32) -> Self {
         let tile = 16;
-        // Eight rank units a workgroup hold their counters in 8 KiB of shared memory, and in the end a block's keys.
+        // Eight rank units per workgroup hold their counters in 8 KiB of shared memory, and finally a block's keys.
         let sort_workgroup = (8 * subgroup).min(max_workgroup);
         let sort_rows_max = (2048 / sort_workgroup).clamp(1, 8);
         Self {
@@ -219,26 +223,28 @@ impl Tuning {
             subgroup,
             tile,
             row_stride: 1,
-            // 82: the pairs of one large Gaussian took longer than those of all others.
+            // Decision 82: the pairs of one large Gaussian took longer than those of all others.
             bin_many: 32,
-            // A pixel an invocation, a splat an invocation and batch.
+            // One pixel per invocation, one splat per invocation and batch.
             rasterise_workgroup: tile * tile,
             rasterise_batch: tile * tile,
-            // 56: two pixels an invocation; what a subgroup's 64 pixels do not show, it skips.
+            // Decision 56: two pixels per invocation; a subgroup skips splats that none of its 64 pixels shows.
             backward_workgroup: (tile * tile / 2).max(subgroup),
             backward_batch: Self::backward_batch(subgroup),
             scan_workgroup: 256.max(subgroup),
-            // 82: an invocation waits for each of its words.
+            // Decision 82: an invocation waits for each of its words.
             scan_rows: 4,
             sort_workgroup,
-            // 82: short runs, until the device is full.
+            // Decision 82: short runs, until the device is full.
             sort_workgroups: 128,
             sort_rows_min: sort_rows_max.min(4),
             sort_rows_max,
             sort_serial: false,
-            // 61: neighbouring lanes touch neighbouring words, rows of gradients are read once, and seven dispatches go.
+            // Decision 61: neighbouring lanes touch neighbouring words, rows of gradients are read once, and seven
+            // dispatches are saved.
             adam_block: 64,
-            // Neighbouring lanes load neighbouring pixels, and a workgroup each of them once: 15 KiB of shared memory.
+            // Neighbouring lanes load neighbouring pixels, and a workgroup loads each of them once: 15 KiB of shared
+            // memory.
             loss_tile: 16,
             // Short runs occupy more lanes.
             loss_rounds: 2,
@@ -253,13 +259,13 @@ impl Tuning {
 }
 
 impl Tuning {
-    /// Bytes of shared memory of the way back: sums of each splat and subgroup, splats, slots and takers.
+    /// Bytes of shared memory of the backward pass: sums per splat and subgroup, splats, slots and takers.
     fn backward_bytes(&self) -> u32 {
         let subgroups = self.backward_workgroup / self.subgroup;
         self.backward_batch * (subgroups * 4 * 12 + 40 + 8) + 4 * subgroups
     }
 
-    /// Tells which field a device cannot have, and why.
+    /// Reports the first field that does not fit a device, and why.
     pub(in crate::gpu) fn check(&self, info: &DeviceInfo) -> Result<(), String> {
         let subgroup = info.subgroup_size;
         if self.subgroup != subgroup {
@@ -353,7 +359,7 @@ mod tests {
     fn shapes_fit_every_subgroup() {
         for subgroup in [4, 8, 16, 32, 64, 128] {
             for row in [Tuning::cpu(subgroup), Tuning::gpu(DeviceClass::Gpu, subgroup, 1024)] {
-                // No CPU device has subgroups wider than its tiles' 64 pixels.
+                // No CPU device has subgroups wider than the 64 pixels of a tile.
                 assert!(subgroup > 64 || (row.tile * row.tile).is_multiple_of(row.rasterise_workgroup), "{row:?}");
                 assert!(row.overlap_columns.is_multiple_of(subgroup), "{row:?}");
                 for workgroup in [row.scan_workgroup, row.sort_workgroup, row.copy_workgroup] {

@@ -1,4 +1,4 @@
-//! The tuning that was measured to be the fastest on a device, in the cache folder, for later runs.
+//! The fastest tuning measured on a device, stored in the cache folder for later runs.
 
 use crate::gpu::choose::select::DeviceInfo;
 use crate::gpu::device::Device;
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::{fs, io};
 
-/// A file's content: the tuning, and the device and driver that it was measured on.
+/// Contents of the file: the tuning, and the device and driver that it was measured on.
 #[derive(Serialize, Deserialize)]
 struct Stored {
     device: String,
@@ -15,14 +15,15 @@ struct Stored {
     tuning: Tuning,
 }
 
-/// The file of a device; none where the system has no cache folder.
+/// The file of a device; `None` if the system has no cache folder.
 fn file(info: &DeviceInfo) -> Option<PathBuf> {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
     let name: String = info.name.chars().map(plain).collect();
     dirs::cache_dir().map(|folder| folder.join("qirf-vk").join(format!("tuning-{name}.json")))
 }
 
-/// The tuning stored for a device; none if there is none, if another driver's was measured, or if it does not fit.
+/// The tuning stored for a device; `None` if there is none, if it was measured with another driver, or if it does not
+/// fit.
 pub(in crate::gpu) fn read(info: &DeviceInfo) -> Option<Tuning> {
     let path = file(info)?;
     let text = fs::read_to_string(&path).ok()?;
@@ -35,13 +36,12 @@ pub(in crate::gpu) fn read(info: &DeviceInfo) -> Option<Tuning> {
 }
 
 impl Device {
-    /// The tuning that an earlier [`Device::store_tuning`] left for this device and driver.
+    /// The tuning stored by an earlier [`Device::store_tuning`] for this device and driver.
     pub fn stored_tuning(&self) -> Option<Tuning> {
         read(self.info())
     }
 
-    /// Stores a tuning for this device and driver: devices that are opened without a tuning have it from then on. Returns the
-    /// file.
+    /// Stores a tuning for this device and driver: later devices opened without a tuning use it. Returns the file.
     ///
     /// # Errors
     /// No cache folder; a file that cannot be written.
@@ -56,7 +56,7 @@ impl Device {
         Ok(path)
     }
 
-    /// Forgets the stored tuning, if there is one.
+    /// Removes the stored tuning, if any.
     ///
     /// # Errors
     /// A file that cannot be removed.

@@ -1,10 +1,10 @@
-//! Tunings that are worth measuring on a device: its class's row, and rows that differ from it in one respect.
+//! Tunings worth measuring on a device: its class's row, and rows that differ from it in one respect.
 
 use crate::gpu::choose::select::DeviceInfo;
 use crate::gpu::tuning::Tuning;
 use serde_json::Value;
 
-/// A tuning by a name that says in what it differs from the class's row.
+/// A tuning, named after its difference from the class's row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variant {
     /// Its name.
@@ -13,7 +13,7 @@ pub struct Variant {
     pub tuning: Tuning,
 }
 
-/// The row of the device's class, and those of its variants that fit the device.
+/// The row of the device's class, and its variants that fit the device.
 pub fn variants(info: &DeviceInfo) -> Vec<Variant> {
     let own = Tuning::new(info.class, info.subgroup_size, info.max_workgroup);
     let others = if own.rasterise_batch == 0 { alone(&own) } else { together(&own) };
@@ -22,7 +22,7 @@ pub fn variants(info: &DeviceInfo) -> Vec<Variant> {
     std::iter::once(("the class's row", own.clone())).chain(others).map(named).collect()
 }
 
-/// Variants of rows whose rasterisers are one subgroup a tile: CPU devices.
+/// Variants of rows whose rasterisers use one subgroup per tile: CPU devices.
 fn alone(own: &Tuning) -> Vec<(&'static str, Tuning)> {
     let own = || own.clone();
     vec![
@@ -64,7 +64,8 @@ fn together(own: &Tuning) -> Vec<(&'static str, Tuning)> {
 }
 
 impl Tuning {
-    /// This tuning with all fields in which others differ from it; of two others that differ in the same field, the first's.
+    /// This tuning with every field in which others differ from it; if two others differ in the same field, the first
+    /// one's.
     #[must_use]
     pub fn with_differences<'a>(&self, others: impl DoubleEndedIterator<Item = &'a Self>) -> Self {
         let fields = |tuning: &Self| match serde_json::to_value(tuning) {

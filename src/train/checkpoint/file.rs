@@ -1,5 +1,5 @@
-//! The file of a snapshot: safetensors, with all notes as JSON in one entry of the header, and a checksum of everything. A file is
-//! written completely or not at all.
+//! The file of a snapshot: safetensors, with all notes as JSON in one header entry, and a checksum of everything. A
+//! file is written completely or not at all.
 
 use super::Snapshot;
 use crate::gaussians::formats::{crc32, write_atomically};
@@ -13,27 +13,27 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// The entry of the file's header that holds all notes as JSON.
+/// The header entry that holds all notes as JSON.
 const NOTES: &str = "notes";
-/// The note that holds the number of iterations done.
+/// The note with the number of iterations done.
 const ITERATION: &str = "iteration";
-/// The note that holds the number of rows that were skipped because their gradients were no numbers.
+/// The note with the number of rows skipped because their gradients were not finite.
 const SKIPPED_ROWS: &str = "skipped_rows";
-/// The note that holds the events of the run as JSON, if there were any.
+/// The note with the events of the run as JSON, if there were any.
 const COURSE: &str = "course";
-/// Begins the names of a method's arrays.
+/// Prefix of the names of a method's arrays.
 const METHOD: &str = "method.";
-/// The note that holds the number of Gaussians that never change, if there are any.
+/// The note with the number of Gaussians that never change, if there are any.
 const TAIL: &str = "tail";
-/// The note that holds the number of iterates in the mean, if one is taken.
+/// The note with the number of iterates in the mean, if one is taken.
 const ITERATES: &str = "iterates";
-/// The note that holds the checksum of everything else.
+/// The note with the checksum of everything else.
 const CHECKSUM: &str = "crc32";
 
-/// Names of the notes that a [`Snapshot`] writes and reads itself; a caller's are others.
+/// Names of the notes that a [`Snapshot`] writes and reads itself; a caller's notes need other names.
 pub const OWN_NOTES: [&str; 6] = [ITERATION, SKIPPED_ROWS, COURSE, TAIL, ITERATES, CHECKSUM];
 
-/// CRC-32 of tensors and notes with their names, in the names' order.
+/// CRC-32 of tensors and notes with their names, ordered by name.
 fn checksum<'a>(tensors: impl Iterator<Item = (&'a str, &'a [u8])>, notes: &'a HashMap<String, String>) -> u32 {
     let notes = notes.iter().filter(|(key, _)| *key != CHECKSUM).map(|(key, text)| (key.as_str(), text.as_bytes()));
     let mut parts: Vec<(&str, &[u8])> = tensors.chain(notes).collect();
@@ -42,7 +42,7 @@ fn checksum<'a>(tensors: impl Iterator<Item = (&'a str, &'a [u8])>, notes: &'a H
 }
 
 impl Snapshot {
-    /// Writes the snapshot: to a temporary file, flushed to disk, then renamed.
+    /// Writes the snapshot to a temporary file, flushes it to disk, and renames it.
     ///
     /// # Errors
     /// [`Error::Io`] with the path.
@@ -69,7 +69,7 @@ impl Snapshot {
         add("growth".to_owned(), &self.growth);
         if !self.responses.1.is_empty() {
             add("responses".to_owned(), &self.responses.0);
-            // Integers, whose bits are stored as those of floats.
+            // Integers, stored as the float with the same bits.
             add("responses.seen".to_owned(), bytemuck::cast_slice(&self.responses.1));
         }
         if !self.exposures.0.is_empty() {
@@ -104,7 +104,7 @@ impl Snapshot {
             .iter()
             .map(|(name, len, bytes)| TensorView::new(Dtype::F32, vec![*len], bytes).map(|view| (name.clone(), view)))
             .collect();
-        // One after the other: a map's order changes from run to run.
+        // Sorted, because a map's order changes from run to run.
         let ordered: BTreeMap<String, String> = notes.into_iter().collect();
         let ordered = serde_json::to_string(&ordered).map_err(|e| stored(e.to_string()))?;
         let notes = [(NOTES.to_owned(), ordered)].into();
@@ -185,7 +185,7 @@ impl<'a> Stored<'a> {
         let bad = |e: SafeTensorError| damaged(path, "header", &e.to_string());
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(bad)?;
         let mut notes = header.metadata().clone().unwrap_or_default();
-        // Older checkpoints have them one by one.
+        // Older checkpoints have separate entries.
         if let Some(text) = notes.remove(NOTES) {
             notes = serde_json::from_str(&text).map_err(|e| damaged(path, NOTES, &e.to_string()))?;
         }
@@ -213,7 +213,7 @@ impl<'a> Stored<'a> {
         Ok(tensor.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
     }
 
-    /// A tensor of as many rows of a width.
+    /// A tensor of this many rows of this width.
     fn rows(&self, name: &str, rows: usize, width: usize) -> Result<Vec<f32>, Error> {
         match self.floats(name)? {
             values if values.len() == rows * width => Ok(values),
@@ -235,8 +235,8 @@ impl<'a> Stored<'a> {
         Ok(arrays)
     }
 
-    /// Refuses a file that is not the one that was written: a run resumed from a flipped bit would end with a different model, and
-    /// nobody would know.
+    /// Refuses a file whose checksum does not match: a run resumed from a flipped bit would silently end with a
+    /// different model.
     fn check(&self) -> Result<(), Error> {
         let all = self.file.tensors();
         let sum = checksum(all.iter().map(|(name, t)| (name.as_str(), t.data())), &self.notes);

@@ -1,4 +1,4 @@
-//! The whole state of a run: model, moments, growth, responses, exposures, iteration.
+//! The complete state of a run: model, moments, growth, responses, exposures, iteration.
 
 use super::error::Result;
 use super::exposure::{self, Exposure};
@@ -27,7 +27,7 @@ pub struct Snapshot {
     pub skipped_rows: u64,
     /// The model.
     pub model: Gaussians,
-    /// Number of Gaussians at its end that never change and have no moments.
+    /// Number of Gaussians at the model's end that never change and have no moments.
     pub tail: usize,
     /// Moments of each attribute, first and second interleaved; empty for bands that the model lacks.
     pub moments: Attributes<Vec<f32>>,
@@ -91,7 +91,7 @@ impl Trainer {
         extent: f64,
         mut options: Options,
     ) -> Result<Self> {
-        // A method ends once.
+        // A method that has ended is not attached again.
         options.method.take_if(|_| snapshot.state.cut.is_some());
         let kinds = options.method.as_ref().map(|method| method.arrays()).unwrap_or_default();
         let trained = snapshot.model.len() - snapshot.tail;

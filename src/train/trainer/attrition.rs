@@ -7,7 +7,7 @@ use crate::train::density::compact;
 use crate::train::error::Result;
 
 impl Trainer {
-    /// Begins attrition, which is to leave `survivors` Gaussians.
+    /// Begins attrition down to `survivors` Gaussians.
     ///
     /// # Errors
     /// Device errors.
@@ -20,26 +20,26 @@ impl Trainer {
         Ok(())
     }
 
-    /// Opacity logits of the Gaussians that are trained.
+    /// Opacity logits of the trained Gaussians.
     fn trained_logits(&self) -> Result<Vec<f32>> {
         let mut logits = self.training.model.parameters.opacity_logits.read(&self.device)?;
         logits.truncate(self.training.trained());
         Ok(logits)
     }
 
-    /// The attrition that is under way.
+    /// The attrition in progress.
     pub fn attrition(&self) -> Option<&AttritionState> {
         self.state.under_way()
     }
 
-    /// Ends attrition: pressure stops, and opacities' learning rate falls back soon.
+    /// Ends attrition: pressure stops, and the opacities' learning rate soon returns to the schedule's.
     pub fn end_attrition(&mut self) {
         if let Some(attrition) = &mut self.state.attrition {
             attrition.ended.get_or_insert(self.iteration);
         }
     }
 
-    /// Adapts the pressure and removes what has faded.
+    /// Adapts the pressure and removes faded Gaussians.
     pub(super) fn attrite(&mut self, iteration: u32) -> Result<()> {
         let Some(attrition) = self.attrition().filter(|a| a.acts(iteration)) else { return Ok(()) };
         let (mut attrition, logits) = (*attrition, self.trained_logits()?);
@@ -52,8 +52,8 @@ impl Trainer {
         Ok(())
     }
 
-    /// Takes longer steps again from here: the positions' rate is rewound and falls to the same end, scales and rotations move
-    /// faster for a while, and first moments become 0.
+    /// Takes longer steps again from here: the positions' rate is rewound and falls to the same end, scales and
+    /// rotations move faster for a while, and first moments become 0.
     ///
     /// # Errors
     /// Device errors.

@@ -9,8 +9,8 @@ use crate::train::loss::Weights;
 use crate::train::mean::Mean;
 
 impl Trainer {
-    /// Removes the trained Gaussians that `keep` does not mark; the others keep their moments. If `merged` is given (of as many
-    /// Gaussians as there are now), parameters are taken from it.
+    /// Removes the trained Gaussians that `keep` does not mark; the others keep their moments. Parameters are taken
+    /// from `merged` (as many Gaussians as there are now) if it is given.
     ///
     /// # Errors
     /// Device memory; device errors. The run is then unchanged.
@@ -40,7 +40,8 @@ impl Trainer {
         self.objective.weights = weights;
     }
 
-    /// Takes the model into the mean if that is due after iteration `iteration`. After the last, the mean becomes the model.
+    /// Adds the model to the mean if that is due after iteration `iteration`. After the last, the mean becomes the
+    /// model.
     pub(super) fn average(&mut self, iteration: u32) -> Result<()> {
         let schedule = &self.options.schedule;
         if !schedule.averages_iterates(iteration) {

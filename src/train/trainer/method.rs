@@ -11,7 +11,7 @@ impl Trainer {
         self.options.method.as_ref()
     }
 
-    /// Returns true if a method takes the place of density control.
+    /// Returns true if a method replaces density control.
     fn grows_otherwise(&self) -> bool {
         self.method().is_some_and(|method| method.replaces_density_control())
     }
@@ -26,7 +26,7 @@ impl Trainer {
         !self.grows_otherwise() && self.options.schedule.resets_opacity(iteration)
     }
 
-    /// What the method does between two iterations, if that is due after this one.
+    /// Runs the method's work between two iterations, if it is due after this one.
     pub(super) fn follow_method(&mut self, iteration: u32) -> Result<()> {
         let schedule = &self.options.schedule;
         let Some(method) = self.method().filter(|method| method.acts(schedule, iteration)).cloned() else {
@@ -47,7 +47,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// The cut that a method ended with, once it is done.
+    /// The cut that ended a method, once it is done.
     pub fn cut(&self) -> Option<Cut> {
         self.state.cut
     }

@@ -1,5 +1,6 @@
-//! The training loop. All of an iteration, from projection to Adam, runs on the device without waiting for the host. Every
-//! few iterations the host checks, grows buffers that were too small, and repeats the iterations that did not count.
+//! The training loop. A whole iteration, from projection to Adam, runs on the device without waiting for the host.
+//! Every few iterations the host checks, grows buffers that were too small, and repeats the iterations that did not
+//! count.
 
 mod attrition;
 mod keep;
@@ -57,7 +58,7 @@ pub struct Trainer {
     pub(in crate::train) iteration: u32,
     /// Events so far.
     pub(in crate::train) state: TrainState,
-    /// Rows skipped for gradients that were not finite, so far.
+    /// Rows skipped so far because a gradient was not finite.
     pub(in crate::train) skipped_rows: u64,
     last_loss: f32,
     pub(in crate::train) photos: Vec<Photo>,
@@ -66,7 +67,7 @@ pub struct Trainer {
     cameras: [f32; 3],
     pub(in crate::train) renderer: TrainingRenderer,
     pub(in crate::train) objective: Objective,
-    /// Memory for a photo at half its size, if the run begins with those.
+    /// Room for a photo at half its size, if the run begins with those.
     half: Option<Halve>,
     /// Keeps Gaussians from becoming too thin; only with anti-aliasing.
     smoothing: Option<Smoothing>,
@@ -151,7 +152,7 @@ impl Trainer {
         self.training.model.len
     }
 
-    /// Number of Gaussians that are trained: those before [`Options::tail`].
+    /// Number of trained Gaussians: those before [`Options::tail`].
     pub fn trained(&self) -> usize {
         self.training.trained()
     }
@@ -181,11 +182,11 @@ impl Trainer {
         self.skipped_rows
     }
 
-    /// Trains until `until` iterations are done, or until `follow` breaks: it is called after each stretch that the host checks,
-    /// and may be called once without a step where a picture's pairs did not fit.
+    /// Trains until `until` iterations are done, or until `follow` breaks. `follow` is called after each stretch that
+    /// the host checks; a stretch may contain no step if a picture's pairs did not fit.
     ///
     /// # Errors
-    /// As [`Trainer::advance`].
+    /// Errors of [`Trainer::advance`].
     pub fn run_until(
         &mut self,
         until: u32,
@@ -200,8 +201,8 @@ impl Trainer {
         Ok(self.progress())
     }
 
-    /// One stretch of [`Trainer::run_until`]: trains until `until` iterations are done, or until the host's next check if that
-    /// comes first.
+    /// One stretch of [`Trainer::run_until`]: trains until `until` iterations are done, or until the host's next check
+    /// if that comes first.
     ///
     /// # Errors
     /// Device memory; device errors. The model is then in its state after [`Trainer::iteration`] iterations.
@@ -245,7 +246,7 @@ impl Trainer {
         self.timings.merge(&seen.timings);
 
         self.skipped_rows += u64::from(seen.counts.skipped_rows);
-        // Without Gaussians no kernel runs that would count passes.
+        // Without Gaussians no kernel runs to count passes.
         self.iteration = if self.training.model.len == 0 { last } else { first + seen.counts.passes };
         if self.renderer.make_room_for_pairs(seen.pairs)? {
             tracing::debug!("{} pairs did not fit: iterations from {} are repeated", seen.pairs, self.iteration + 1);
@@ -307,7 +308,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Photos are drawn without replacement, and shuffled again after each round.
+    /// Draws photos without replacement, shuffled again after each round.
     fn view_of(&mut self, iteration: u32) -> usize {
         let n = self.photos.len() as u32;
         let (round, at) = ((iteration - 1) / n, (iteration - 1) % n);
@@ -366,7 +367,7 @@ impl Trainer {
         self.renderer.record_blending(recording, camera);
         let slots = self.renderer.slots(camera);
         let (length, photos) = (options.schedule.iterations, self.photos.len());
-        // Known exposures stay.
+        // Known exposures are not updated.
         let gains = options.exposure.as_ref().and_then(Exposures::learnt);
         let step = gains.map(|gains| exposure::Step {
             pairs: slots.pairs,
@@ -415,7 +416,7 @@ impl Trainer {
         changed.map_err(Into::into)
     }
 
-    /// Lends the model to work that needs memory, for which the renderer gives its buffers back.
+    /// Lends the model to work that needs memory; the renderer frees its buffers for the time.
     ///
     /// # Errors
     /// Device memory; errors of `work`.
@@ -426,8 +427,8 @@ impl Trainer {
         done
     }
 
-    /// Density control, opacity reset, a method's own work, attrition, the mean of iterates and smoothing, if they are due after this
-    /// iteration.
+    /// Runs density control, opacity reset, a method's own work, attrition, the mean of iterates and smoothing, if they
+    /// are due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
         if self.densifies(iteration) {
             let schedule = &self.options.schedule;
