@@ -7,8 +7,8 @@ use crate::gpu::{Buffer, Recording};
 use crate::kernels::constants::scan::APPLY;
 use crate::kernels::primitives::{Compact, CompactPush, CompactSpec};
 
-/// Records `kept` = the pairs (`keys[i]`, i) for i < count where `flags[i]` is 1 and not 0, in order, and sets `total` to their
-/// number.
+/// Records `kept` = the pairs (`keys[i]`, i) for i < count with `flags[i]` = 1 (else 0), in order, and sets `total` to
+/// their number.
 ///
 /// `count` must have been made with [`Scan::block`] among its sizes.
 pub fn compact(

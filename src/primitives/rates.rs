@@ -1,5 +1,4 @@
-//! What a device can do at best: bytes that it copies and float32 operations that it does in a second. The times of stages
-//! are held against them.
+//! Peak rates of a device: bytes copied and float32 operations per second. The times of stages are compared with them.
 
 use super::WORKGROUP;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
@@ -8,12 +7,13 @@ use crate::kernels::rates::{
     Copy as CopyKernel, CopyPush, CopySpec, MultiplyAdd as Kernel, MultiplyAddPush, MultiplyAddSpec,
 };
 
-/// Bytes that a measure of copying moves at least, small buffers again and again: starting a dispatch is then nothing.
+/// Least number of bytes that a measurement of copying moves, small buffers repeatedly: starting a dispatch is then
+/// negligible.
 const MOVED: u64 = 64 << 20;
-/// Dependent chains an invocation: as many as hide the latency of two units, and fit the 16 registers of AVX2.
+/// Dependent chains per invocation: enough to hide the latency of two units, few enough for the 16 registers of AVX2.
 const CHAINS: u32 = 12;
 
-/// How words are copied.
+/// Method of copying words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum By {
     /// A kernel, neighbouring lanes taking neighbouring words.
@@ -28,19 +28,19 @@ pub struct Copy {
     to: Buffer<f32>,
     by: By,
     times: u64,
-    /// Invocations of a workgroup, and words that each copies.
+    /// Invocations per workgroup, and words that each copies.
     shape: [u32; 2],
 }
 
 impl Copy {
-    /// Two buffers of so many words, each at most the device's largest.
+    /// Two buffers of this many words, each at most the device's largest.
     ///
     /// # Errors
     /// Device memory; device errors.
     pub fn new(device: &Device, words: usize, by: By) -> Result<Self> {
         let (from, to) = (device.buffer("rates: from", words)?, device.buffer("rates: to", words)?);
         let mut recording = Recording::new();
-        // Pages that nobody wrote may all be the same one.
+        // Pages never written may all map to the same one.
         recording.fill(&from, 1.0_f32.to_bits());
         recording.fill(&to, 0);
         device.run(recording)?;
@@ -54,17 +54,17 @@ impl Copy {
         2 * Buffer::<f32>::bytes_of(words)
     }
 
-    /// Bytes read and written by what [`Copy::record`] records.
+    /// Bytes read and written by one [`Copy::record`].
     pub fn moved(&self) -> u64 {
         self.times * 2 * self.from.raw().bytes()
     }
 
-    /// What is copied into: ones, once it was.
+    /// Destination of the copy: ones afterwards.
     pub fn target(&self) -> &Buffer<f32> {
         &self.to
     }
 
-    /// Records the copy, small ones several times.
+    /// Records the copy; small ones several times.
     pub fn record(&self, recording: &mut Recording) {
         let count = self.from.len() as u32;
         let [workgroup, rows] = self.shape;
@@ -83,7 +83,7 @@ impl Copy {
     }
 }
 
-/// Kernels of one workgroup, each of which waits for the one before: what a dispatch costs that does nothing.
+/// Kernels of one workgroup, each waiting for the previous one: the cost of a dispatch without work.
 pub struct Chain {
     words: [Buffer<f32>; 2],
     workgroup: u32,
@@ -122,7 +122,7 @@ pub struct MultiplyAdd {
 }
 
 impl MultiplyAdd {
-    /// So much work that starting it takes no time beside it.
+    /// Enough work to make its start negligible.
     ///
     /// # Errors
     /// Device memory.
@@ -136,7 +136,7 @@ impl MultiplyAdd {
         self.sums.raw().bytes()
     }
 
-    /// Operations, two a multiply-add, of what [`MultiplyAdd::record`] records.
+    /// Operations of one [`MultiplyAdd::record`], two per multiply-add.
     pub fn operations(&self) -> u64 {
         self.sums.len() as u64 * u64::from(self.rounds) * u64::from(UNROLLED) * u64::from(CHAINS) * 2
     }
@@ -152,7 +152,7 @@ impl MultiplyAdd {
         recording.dispatch(&kernel, Groups::Count(self.sums.len() as u32 / WORKGROUP));
     }
 
-    /// The sums, all of them `CHAINS` once the chains have settled.
+    /// The sums, all equal to `CHAINS` once the chains have settled.
     ///
     /// # Errors
     /// Device errors.

@@ -5,12 +5,13 @@ use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::scan::{APPLY, REDUCE, SPINE};
 use crate::kernels::primitives::{Scan as Kernel, ScanPush, ScanSpec};
 
-/// Most blocks that each sum those before them: a workgroup then reads 16 KiB. Where there are more, a phase of its own does.
+/// Largest number of blocks that each sum all previous ones: a workgroup then reads 16 KiB. More blocks take a phase of
+/// their own.
 const FEW_BLOCKS: u32 = 4096;
 
 /// Scratch memory and layout of a prefix sum over at most a given number of words.
 pub struct Scan {
-    /// Sums of blocks where these are few, else of the blocks before each.
+    /// Sums of blocks if these are few; otherwise of all previous blocks.
     pub(super) sums: Buffer<u32>,
     pub(super) few_blocks: bool,
     unasked: Count,
@@ -23,11 +24,11 @@ pub struct Scan {
 pub struct Words<'a> {
     /// The array that they are in.
     pub source: &'a Buffer<u32>,
-    /// Their places in it, if they are not simply its first.
+    /// Their positions in it, if they are not simply its first words.
     pub indices: Option<&'a Buffer<u32>>,
 }
 
-/// What phases share.
+/// Data that phases share.
 #[derive(Clone, Copy)]
 struct Job<'a> {
     count: &'a Count,
@@ -47,7 +48,7 @@ impl Scan {
         Buffer::<u32>::bytes_of(capacity.div_ceil(Self::block(device)) as usize) + Count::bytes()
     }
 
-    /// Scratch for scans of up to `capacity` words.
+    /// Scratch memory for scans of up to `capacity` words.
     ///
     /// # Errors
     /// Device memory.
@@ -75,8 +76,8 @@ impl Scan {
         self.phase(recording, APPLY, Job { count, words, target, total });
     }
 
-    /// Records the phases before the last: sums of blocks and, where these are many, of those before each and the total. Words
-    /// with indices are left in `target`.
+    /// Records the phases before the last: sums of blocks and, if these are many, of all previous blocks and the total.
+    /// Words with indices are left in `target`.
     pub(super) fn blocks(
         &self,
         recording: &mut Recording,
@@ -90,7 +91,8 @@ impl Scan {
         }
     }
 
-    /// The buffers that a phase binds for the total: the total's own in the phase that sets it, stand-ins in the others.
+    /// The buffers that a phase binds for the total: the total's own in the phase that sets it, placeholders in the
+    /// others.
     pub(super) fn set_in<'a>(&'a self, phase: u32, total: &'a Count) -> [&'a Buffer<u32>; 2] {
         if phase == if self.few_blocks { APPLY } else { SPINE } {
             [&total.value, &total.arguments]
@@ -102,7 +104,7 @@ impl Scan {
     fn phase(&self, recording: &mut Recording, phase: u32, job: Job<'_>) {
         let Job { count, words: Words { source, indices }, target, total } = job;
         let gather = indices.is_some();
-        // Phases are bound to what they read and write; small arrays that are bound anyway stand in for the rest.
+        // Each phase binds the arrays that it reads and writes, with small ones that are bound anyway as placeholders.
         let (reads, writes) = match phase {
             REDUCE => (true, gather),
             APPLY => (!gather, true),

@@ -7,8 +7,8 @@ use crate::kernels::primitives::{Sort as Kernel, SortPush, SortSpec};
 
 /// Largest width of a digit in bits.
 const DIGIT_BITS: u32 = 8;
-/// Most blocks that each sum the counts of those before them, 1 KiB a block. Where there are more, a phase of its own does, and blocks
-/// sort their keys in shared memory before they write them.
+/// Largest number of blocks that each sum the counts of all previous ones, 1 KiB per block. More blocks take a phase of
+/// their own, and sort their keys in shared memory before writing them.
 const FEW_BLOCKS: u32 = 128;
 
 /// Keys with their values.
@@ -62,7 +62,7 @@ impl Shape {
             .next_power_of_two();
         let serial = tuning.sort_serial;
         let few_blocks = !serial && capacity.div_ceil(workgroup * rows) <= FEW_BLOCKS;
-        // A block's words take the room of its counters.
+        // A block's words reuse the space of its counters.
         let staged = !serial && !few_blocks && workgroup * rows <= (workgroup / tuning.subgroup) << DIGIT_BITS;
         Self { workgroup, subgroup: tuning.subgroup, rows, serial, few_blocks, staged }
     }
@@ -76,7 +76,7 @@ impl Shape {
         (capacity.div_ceil(self.block()) + 1) << DIGIT_BITS
     }
 
-    /// Units of a workgroup that each rank a run of keys.
+    /// Units of a workgroup, each of which ranks a run of keys.
     fn units(self) -> u32 {
         if self.serial { self.workgroup } else { self.workgroup / self.subgroup }
     }
@@ -90,7 +90,7 @@ struct Digit {
 }
 
 impl Sort {
-    /// Pairs that one workgroup takes, for sorts of this capacity on this device.
+    /// Pairs per workgroup, for sorts of this capacity on this device.
     pub fn block(device: &Device, capacity: u32) -> u32 {
         Shape::of(device, capacity).block()
     }
@@ -101,7 +101,7 @@ impl Sort {
         Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(digits as usize)
     }
 
-    /// Scratch for sorts of up to `capacity` pairs.
+    /// Scratch memory for sorts of up to `capacity` pairs.
     ///
     /// # Errors
     /// Device memory.
@@ -145,7 +145,8 @@ impl Sort {
         let by_digit = Groups::Count((1_u32 << width).div_ceil(self.shape.units()));
         let phases = [(COUNT_DIGITS, blocks), (SCAN_DIGITS, by_digit), (SCATTER, blocks)];
         for (phase, groups) in phases.into_iter().filter(|(phase, _)| *phase != SCAN_DIGITS || !few_blocks) {
-            // Phases are bound to what they read and write; small arrays that are bound anyway stand in for the rest.
+            // Each phase binds the arrays that it reads and writes, with small ones that are bound anyway as
+            // placeholders.
             let read = |there: bool, buffer| if there { buffer } else { &count.value };
             let written = |buffer| if phase == SCATTER { buffer } else { &self.digits };
             let kernel = Kernel {

@@ -13,9 +13,9 @@ use std::ops::Range;
 pub struct Options {
     /// Parameters of N.
     pub metric: Metric,
-    /// Parameters of W and P; without them only N is assembled.
+    /// Parameters of W and P; if absent, only N is assembled.
     pub density: Option<Density>,
-    /// Bytes of N in a batch, which holds at least one block; results do not depend on it.
+    /// Bytes of N per batch, which holds at least one block; results do not depend on it.
     pub batch_bytes: usize,
 }
 
@@ -31,7 +31,7 @@ impl Options {
     }
 }
 
-/// Assembles N, and if asked for W and P, of all blocks of a partition.
+/// Assembles N and, if requested, W and P of all blocks of a partition.
 pub struct Assembly<'a> {
     pub(super) device: Device,
     model: &'a Resident,
@@ -60,10 +60,10 @@ pub struct BlockMatrices<'a> {
     pub overlap: &'a [f32],
     /// W, m x 8, column by column; empty unless [`Options::density`] asks for it.
     pub factor: &'a [f32],
-    /// Squares of what the rendering and the optimisation columns of H were divided by to make W: H = W sqrt(d). Zeros
+    /// Squares of the divisors that turned the rendering and the optimisation columns of H into W: H = W sqrt(d). Zeros
     /// without W.
     pub divisors: [f32; 2],
-    /// Lower triangle of P, packed as that of N; empty unless [`Density::full`].
+    /// Lower triangle of P, packed like N's; empty unless [`Density::full`].
     pub density: &'a [f32],
 }
 
@@ -79,14 +79,14 @@ impl BlockMatrices<'_> {
         (rows, repaired)
     }
 
-    /// What turns a row of W into the row of H that it was made from, column by column.
+    /// Factors, by column, that turn a row of W back into its row of H.
     pub fn scales(&self) -> Row {
         std::array::from_fn(|c| f64::from(self.divisors[c / RENDERING]).sqrt())
     }
 }
 
-/// Writes a packed lower triangle into the lower triangle of an m x m matrix, column by column (LAPACK's "L"). The upper one
-/// stays unchanged: a Cholesky factorisation does not read it.
+/// Writes a packed lower triangle into the lower triangle of an m x m matrix, column by column (LAPACK's "L"). The
+/// upper triangle stays unchanged: a Cholesky factorisation does not read it.
 ///
 /// # Panics
 /// If a slice is too short.
@@ -160,23 +160,24 @@ impl<'a> Assembly<'a> {
         let triangles = (4 * triangle(gaussians.min(LARGEST_BLOCK)) as u64).min(options.batch_bytes as u64);
         let rows = |n: usize| Buffer::<f32>::bytes_of(CHANNELS * n);
         let density = options.density.map_or(0, |density| {
-            // W is on the device and twice on the host, and the device's solver has the modes beside it.
+            // W is on the device and twice on the host, and the device's solver has the modes as well.
             rows(gaussians) + 4 * rows(gaussians.min(MOST_MEMBERS)) + if density.full { 3 * triangles } else { 0 }
         });
         lists + tiles + axes + 3 * triangles + density
     }
 
-    /// Allocates memory for the batches of a partition: block `b` has the Gaussians `members[starts[b]..starts[b + 1]]`.
+    /// Allocates memory for the batches of a partition: block `b` has the Gaussians `members[starts[b]..starts[b +
+    /// 1]]`.
     ///
-    /// `h` holds the rows of H, normalised over the scene, which contain the weights sqrt(eta) and sqrt(1 - eta). It is not
-    /// read if only N is asked for.
+    /// `h` holds the rows of H, normalised over the scene, which contain the weights sqrt(eta) and sqrt(1 - eta). It is
+    /// not read if only N is requested.
     ///
     /// # Errors
     /// [`Error::TooLarge`] for a block whose triangle a kernel cannot bind (8,191 members at 128 MiB); device memory.
     ///
     /// # Panics
-    /// If `starts` does not rise from 0 to the number of members, or if `h` does not hold one row per Gaussian although W is
-    /// asked for.
+    /// If `starts` does not rise from 0 to the number of members, or if `h` does not hold one row per Gaussian although
+    /// W is requested.
     pub fn new(
         device: &Device,
         model: &'a Resident,
@@ -216,7 +217,7 @@ impl<'a> Assembly<'a> {
         &self.batches
     }
 
-    /// Bytes of matrices that come back to the host, all batches together.
+    /// Bytes of matrices read back, all batches together.
     pub fn read_back(&self) -> u64 {
         self.batches.iter().flat_map(|b| self.counts(b)).map(|floats| 4 * floats as u64).sum()
     }

@@ -14,7 +14,7 @@ pub struct Block<'a> {
     pub matrices: BlockMatrices<'a>,
     /// Its members' opacities or their logits, m, which rank a block without any response.
     pub opacity: &'a [f32],
-    /// S_ii of its members, m (see [`self_overlap`]), for the raw overlap; else none.
+    /// S_ii of its members, m (see [`self_overlap`]), for the raw overlap; otherwise `None`.
     pub self_overlaps: Option<&'a [f64]>,
 }
 
@@ -27,13 +27,13 @@ pub fn self_overlap(log_scales: [f32; 3]) -> f64 {
 /// Options for solving blocks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solver {
-    /// Solver of the paper's eigenproblem; with [`Eigensolver::Device`] the host leaves it alone.
+    /// Solver of the paper's eigenproblem; with [`Eigensolver::Device`] the host does not solve it.
     pub eigensolver: Eigensolver,
     /// Added to the metric's diagonal.
     pub epsilon: f64,
     /// Share of the energy that the leading eigenvalues reach.
     pub tau: f64,
-    /// The column subset stops after this share of a block; the others are ranked by the gain that they would have then.
+    /// Share of a block after which the column subset stops; the others are ranked by their gain at that point.
     pub css_share: f64,
     /// Selectors to rank by.
     pub selectors: Vec<BlockSelector>,
@@ -60,7 +60,7 @@ pub struct Modes {
     pub r: u32,
     /// Participation of each member, m.
     pub participation: Vec<f64>,
-    /// True if the solver asked for failed, and another solved the block.
+    /// True if the requested solver failed, and another solved the block.
     pub fallback: bool,
     /// True if the metric was not positive definite and its canonical form was used.
     pub canonical: bool,
@@ -71,9 +71,9 @@ pub struct Modes {
 /// Results of one block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solved {
-    /// One for each of the solver's selectors, in their order.
+    /// One per selector of the solver, in the same order.
     pub ranked: Vec<(BlockSelector, Ranking)>,
-    /// The paper's eigenproblem; none if it is solved elsewhere.
+    /// Solution of the paper's eigenproblem; `None` if it is solved elsewhere.
     pub modes: Option<Modes>,
     /// Overlaps and responses that were not finite.
     pub repaired: usize,
@@ -149,7 +149,7 @@ impl Solver {
     }
 }
 
-/// Guards that a block called for.
+/// Numerical safeguards that a block triggered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Guards {
     /// Its metric was not positive definite, and its canonical form was used.
@@ -165,11 +165,11 @@ pub struct Collected {
     pub rankings: Vec<(BlockSelector, Ranking)>,
     /// Participation of each Gaussian in its block's leading modes, n.
     pub participation: Vec<f32>,
-    /// r of each block, blocks.
+    /// r of each block.
     pub r: Vec<u32>,
-    /// The eight largest eigenvalues of each block as shares of their sum, blocks; zeros where it has no response.
+    /// The eight largest eigenvalues of each block as shares of their sum; zeros for a block without any response.
     pub energies: Vec<[f64; CHANNELS]>,
-    /// Blocks that the solver asked for could not factorise.
+    /// Blocks that the requested solver could not factorise.
     pub fallbacks: usize,
     /// Blocks solved in their metric's canonical form.
     pub canonical: usize,
@@ -177,12 +177,12 @@ pub struct Collected {
     pub unseen: usize,
     /// Overlaps and responses that were not finite.
     pub repaired: usize,
-    /// Guards of each block, blocks.
+    /// Safeguards of each block.
     pub guards: Vec<Guards>,
 }
 
 impl Collected {
-    /// Room for `blocks` under these selectors' rankings.
+    /// Room for the rankings of `blocks` by these selectors.
     pub fn new(blocks: &Blocks, selectors: &[BlockSelector]) -> Self {
         let n = blocks.members.len();
         let ranking = |s: &BlockSelector| (*s, Ranking { rank: vec![0; n], gain: vec![0.0; n] });

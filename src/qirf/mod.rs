@@ -15,7 +15,7 @@ pub mod study;
 
 pub use crate::response::CHANNELS;
 
-/// Number of rendering channels of a response, which come first; the others are those of optimisation.
+/// Number of rendering channels of a response, which come first, before those of optimisation.
 pub const RENDERING: usize = crate::kernels::constants::responses::RENDERING as usize;
 
 /// One Gaussian's responses, or a row of H or W made of them.

@@ -7,12 +7,13 @@ use rayon::prelude::*;
 
 use super::{CHANNELS, RENDERING};
 
-/// Largest values are clamped at this percentile, in thousandths.
+/// Percentile, in thousandths, at which the largest values are clamped.
 const CLAMP_PERMILLE: usize = 999;
 
 /// Rows of H (n x 8, weighted by `eta`) from descriptors (n x 8, not negative).
 ///
-/// Values that are negative or not finite count as zero (see [`not_finite`]); a channel without positive values is zero everywhere.
+/// Values that are negative or not finite count as zero (see [`not_finite`]); a channel without positive values is zero
+/// everywhere.
 pub fn rows(descriptors: &[[f32; CHANNELS]], eta: f64) -> Vec<[f32; CHANNELS]> {
     let scales: Vec<(f64, f64)> = (0..CHANNELS).into_par_iter().map(|c| scale(descriptors, c)).collect();
     let eta = eta.clamp(0.0, 1.0);

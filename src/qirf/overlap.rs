@@ -9,16 +9,16 @@ use crate::kernels::qirf::{
 };
 use crate::primitives::WORKGROUP;
 
-/// The logarithm used for no dilation.
+/// The logarithm that stands for no dilation.
 const NO_DILATION: f32 = -1e30;
 
 /// Method of computing an overlap, all in float32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// QR of the stacked scaled axes. The engine uses no other method; the sweep shows what the other costs.
+    /// QR of the stacked scaled axes. The engine uses no other method; the sweep measures the cost of the other.
     #[default]
     Qr,
-    /// Determinant and adjugate of the summed covariances; NaN where they fail.
+    /// Determinant and adjugate of the summed covariances; NaN if they fail.
     Determinant,
 }
 
@@ -27,9 +27,9 @@ pub enum Method {
 pub struct Metric {
     /// Method of computation.
     pub method: Method,
-    /// Scales are raised to this share of their Gaussian's largest.
+    /// Share of a Gaussian's largest scale to which its other scales are raised.
     pub floor: f32,
-    /// Standard deviation, in world units, that is added to every axis in quadrature; 0 for none.
+    /// Standard deviation, in world units, added to every axis in quadrature; 0 for none.
     pub dilation: f32,
 }
 
@@ -42,7 +42,7 @@ impl Default for Metric {
 /// Records the lower triangles of a batch.
 ///
 /// The diagonal is exactly 1, and all other entries lie within [0, 1]. Scales are clamped to exp(-69)..exp(69), a zero
-/// quaternion counts as the identity, and a mean of NaN overlaps with nothing.
+/// quaternion counts as the identity, and a Gaussian with a NaN mean overlaps with nothing.
 pub(super) fn record(recording: &mut Recording, arrays: &Arrays, model: &Resident, batch: &Batch, metric: &Metric) {
     let kernel = Axes {
         members: &arrays.members,

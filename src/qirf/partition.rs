@@ -1,4 +1,5 @@
-//! Blocks of Gaussians: voxels of their centres, computed on the host, so that every device has the same blocks.
+//! Blocks of Gaussians: voxels of their centres, computed on the host, so that the blocks are the same for every
+//! device.
 //!
 //! A voxel index is floor(x / v) in float64, clamped to int32. Indices are packed with the Gaussian's own into one
 //! 128-bit key: x, y, z, Gaussian; sorted, blocks are runs and their members ascend.
@@ -11,9 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::random::mix;
 
-/// Splits of more members than this continue on two threads.
+/// Splits with more members than this use two threads.
 const PARALLEL: usize = 1 << 15;
-/// Search for the edge of a wanted occupancy: largest number of steps, and tolerance as the logarithm of a ratio.
+/// Search for the voxel edge that gives a wanted occupancy: largest number of steps, and tolerance as the logarithm of
+/// a ratio.
 const SEARCH: (usize, f64) = (24, 0.02);
 /// Levels of parent voxels: after 32 halvings an index is zero.
 const LEVELS: u32 = 32;
@@ -69,16 +71,16 @@ pub enum Partition {
     Paper {
         /// Edge in world units.
         voxel: f64,
-        /// Blocks of more members are split, which limits memory and time; the paper does not do so.
+        /// Blocks with more members are split, which limits memory and time; the paper does not do so.
         cap: usize,
     },
-    /// Voxels whose edge gives a mean occupancy; small blocks are joined in parent voxels, large ones are split.
+    /// Voxels with a wanted mean occupancy; small blocks are joined in parent voxels, large ones are split.
     Adaptive {
         /// Mean members of an occupied voxel.
         mean: usize,
-        /// Voxels of fewer members are joined in voxels of twice the edge, until no group is smaller.
+        /// Voxels with fewer members are joined in voxels of twice the edge, until no group is smaller.
         least: usize,
-        /// Blocks of more members are split at the median of their longest axis.
+        /// Blocks with more members are split at the median of their longest axis.
         most: usize,
     },
 }
@@ -87,9 +89,9 @@ pub enum Partition {
 pub const SPARSE: f64 = 0.15;
 
 impl Partition {
-    /// The paper's figures.
+    /// The paper's parameters.
     pub const PAPER: Self = Self::Paper { voxel: 0.03, cap: 4096 };
-    /// The best figures in measurements.
+    /// The best parameters in measurements.
     pub const ADAPTIVE: Self = Self::Adaptive { mean: 48, least: 8, most: 128 };
 }
 
@@ -108,7 +110,7 @@ pub struct Partitioned {
     pub voxel: f64,
     /// True if the paper's voxel was doubled.
     pub doubled: bool,
-    /// Gaussians that were joined in larger voxels because theirs held too few.
+    /// Gaussians in voxels that were joined because they held too few.
     pub rebinned: usize,
     /// Voxels that were split because they held too many.
     pub split: usize,
@@ -119,8 +121,8 @@ pub struct Partitioned {
 impl Partition {
     /// Blocks of Gaussians at `positions` (n, world units); equal positions give equal blocks on every machine.
     ///
-    /// Positions that are not a number share the lowest voxel. Only the `Adaptive` rule's last remainder can stay
-    /// below its least occupancy.
+    /// NaN positions share the lowest voxel. Only the last remainder of the `Adaptive` rule can stay below its least
+    /// occupancy.
     pub fn of(&self, positions: &[[f32; 3]]) -> Partitioned {
         match *self {
             Self::Paper { voxel, cap } => {
@@ -172,7 +174,8 @@ fn parent(key: u128) -> u128 {
     (key >> 33 & LOW) << 32 | key & 0xffff_ffff
 }
 
-/// Blocks of sorted keys: groups smaller than `least` are joined in their parents' voxels, those larger than `most` are split.
+/// Blocks of sorted keys: groups smaller than `least` are joined in their parents' voxels, those larger than `most` are
+/// split.
 fn gather(positions: &[[f32; 3]], mut keys: Vec<u128>, voxel: f64, least: usize, most: usize) -> Partitioned {
     let mut blocks = Blocks { members: Vec::with_capacity(keys.len()), starts: vec![0] };
     let (mut rebinned, mut split, mut fullest) = (0, 0, 0);
@@ -213,7 +216,7 @@ fn halve(members: &mut [u32], positions: &[[f32; 3]], most: usize) -> Vec<usize>
     }
     let axis = longest_axis(members, positions);
     let coordinate = |i: u32| positions[i as usize][axis];
-    // Coincident points differ by their index, so every split is into halves.
+    // Coincident points differ in their index, so every split is into halves.
     members.select_nth_unstable_by(n / 2, |&a, &b| coordinate(a).total_cmp(&coordinate(b)).then(a.cmp(&b)));
     let (low, high) = members.split_at_mut(n / 2);
     let (mut sizes, upper) = if n > PARALLEL {
@@ -264,7 +267,7 @@ fn occupied_by(positions: &[[f32; 3]], mean: f64) -> f64 {
     best.1
 }
 
-/// An edge from the spread of the middle nine tenths of a sample, which outliers do not affect.
+/// A first edge from the spread of the middle nine tenths of a sample, which outliers do not affect.
 fn first_guess(positions: &[[f32; 3]], mean: f64) -> f64 {
     let stride = (positions.len() / 4096).max(1);
     let spread = (0..3).map(|axis| {

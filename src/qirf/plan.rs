@@ -1,10 +1,10 @@
-//! Layout of blocks for the device: the batches that it assembles, the tiles that it works on, and the arrays.
+//! Layout of blocks for the device: batches to assemble, tiles of the matrices, and the arrays.
 
 use crate::gpu::{Buffer, Error, Result};
 use crate::kernels::constants::blocks::ROW_SHIFT;
 use std::ops::Range;
 
-/// Largest number of members of a batch: at 64 bytes of axes each, well within what a kernel can bind.
+/// Largest number of members of a batch: at 64 bytes of axes each, well within the size that a kernel can bind.
 pub(super) const MOST_MEMBERS: usize = 1 << 18;
 /// Largest number of members of a block: row and column of a tile's corner share a word.
 pub(super) const LARGEST_BLOCK: usize = 1 << 15;
@@ -30,19 +30,19 @@ pub struct Batch {
 /// Device arrays of the assembly.
 pub(super) struct Arrays {
     pub members: Buffer<u32>,
-    /// First member, size, offset of the triangle in its batch, unused.
+    /// Per block: first member, size, offset of the triangle in its batch, unused.
     pub blocks: Buffer<[u32; 4]>,
-    /// Block; first row and first column.
+    /// Per tile: block; first row and first column.
     pub tiles: Buffer<[u32; 2]>,
     pub axes: Buffer<[f32; 4]>,
     pub responses: Buffer<f32>,
     pub overlaps: Buffer<f32>,
-    /// W, m x 8 a block.
+    /// W, m x 8 per block.
     pub factors: Buffer<f32>,
     /// d of each block's two groups of channels.
     pub divisors: Buffer<f32>,
     pub densities: Buffer<f32>,
-    /// A tile's rows and columns.
+    /// Rows and columns of a tile.
     pub rows: u32,
     pub columns: u32,
 }

@@ -8,11 +8,11 @@ use crate::kernels::qirf::{Rrdm, RrdmPush, RrdmSpec};
 /// Parameters of the density matrix, besides the responses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Density {
-    /// Weight of the rendering responses; the optimisation responses have the rest.
+    /// Weight of the rendering responses; the optimisation responses get the rest.
     pub eta: f32,
     /// Added to each trace.
     pub epsilon: f32,
-    /// True if P itself is needed, as by `dsygvd` only.
+    /// True if P itself is needed, which only `dsygvd` does.
     pub full: bool,
 }
 
@@ -22,7 +22,7 @@ impl Default for Density {
     }
 }
 
-/// Records W, and P if asked for, from rows of H, which contain the weights sqrt(eta) and sqrt(1 - eta).
+/// Records W, and P if requested, from rows of H, which contain the weights sqrt(eta) and sqrt(1 - eta).
 pub(super) fn record(recording: &mut Recording, arrays: &Arrays, batch: &Batch, density: &Density) {
     let phases = [(FACTOR, &batch.blocks), (DENSITY, &batch.tiles)];
     for (phase, range) in phases.into_iter().take(if density.full { 2 } else { 1 }) {

@@ -10,59 +10,59 @@ use crate::render::{
 };
 use crate::scene::camera::{self, Camera};
 
-/// Views whose responses and scores are added on the device, in float32. The sums of such chunks are added on the host, in
-/// float64 and in their order: any machine that does some chunks of a pass gets the same sums.
+/// Views whose responses and scores are added on the device, in float32. The sums of such chunks are added on the host,
+/// in float64 and in their order: all machines that share the chunks of a pass get the same sums.
 pub const CHUNK: usize = 16;
 
-/// What a pass over all views gathers.
+/// The results of a pass over all views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wanted {
     /// Response channels, which need the backward pass.
     pub channels: bool,
     /// Scores, which need the picture alone.
     pub scores: bool,
-    /// True if scores compare pictures with photos, where there are photos.
+    /// True if scores compare pictures with photos, where these exist.
     pub residual: bool,
 }
 
 impl Wanted {
     /// Response channels alone.
     pub const CHANNELS: Self = Self { channels: true, scores: false, residual: false };
-    /// Scores alone, of the pictures as they are.
+    /// Scores alone, without photos.
     pub const SCORES: Self = Self { channels: false, scores: true, ..Self::CHANNELS };
     /// Response channels and scores.
     pub const BOTH: Self = Self { scores: true, ..Self::CHANNELS };
 
-    /// Bytes of device memory that the results take for `gaussians` Gaussians.
+    /// Bytes of device memory for the results of `gaussians` Gaussians.
     pub fn bytes(self, gaussians: usize) -> u64 {
         let of = |wanted: bool, bytes: fn(usize) -> u64| if wanted { bytes(gaussians) } else { 0 };
         of(self.channels, ResidentResponses::bytes) + of(self.scores, ResidentScores::bytes)
     }
 
-    /// What a device holds besides the Gaussians and their renderer, of which `taken` bytes are for anything else.
+    /// Memory of a device besides the Gaussians and their renderer; `taken` bytes of it serve other purposes.
     pub fn beside(self, taken: u64) -> Beside {
         let row = |wanted: bool, bytes: usize| if wanted { bytes as u64 } else { 0 };
         let channels = row(self.channels, CHANNELS * size_of::<f32>());
         Beside { each: self.bytes(1), row: channels.max(row(self.scores, size_of::<Score>())), taken }
     }
 
-    /// What the renderer of such a pass is for.
+    /// The purpose of the renderer for such a pass.
     pub fn purpose(self) -> Purpose {
         if self.channels { Purpose::Training } else { Purpose::Scores }
     }
 
-    /// Whether a pass needs gradients of pictures, and so whole pictures.
+    /// Whether a pass needs gradients of pictures, and therefore whole pictures.
     pub fn gradients(self) -> bool {
         self.channels || self.residual
     }
 
-    /// Pixels of the gradient of pictures of at most `size`: one that nobody reads where none is needed.
+    /// Pixels of the gradient for pictures of at most `size`; a single unread one if no gradient is needed.
     pub fn gradient_pixels(self, size: [u32; 2]) -> usize {
         if self.gradients() { size[0] as usize * size[1] as usize } else { 1 }
     }
 }
 
-/// What a gradient by the picture is of.
+/// The function whose gradient by the picture is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Term {
     /// The loss; the fourth component is the residual.
@@ -77,12 +77,12 @@ pub struct Views<'a, F> {
     pub cameras: &'a [Camera],
     /// Receives the number of views done, before each view and after the last; its error ends the pass.
     pub follow: F,
-    /// The number of views that means are over, if these are a chunk of them, of [`CHUNK`] or fewer: the chunk's part of the sums, see
-    /// [`Responses::sum`].
+    /// The number of views that the means are taken over, if these are a chunk of at most [`CHUNK`] of them; the
+    /// results are then this chunk's part of the sums, see [`Responses::sum`].
     pub of: Option<usize>,
 }
 
-/// What a pass gathers, in device memory.
+/// The results of a pass, in device memory.
 struct Gathered {
     responses: Option<ResidentResponses>,
     scores: Option<ResidentScores>,
@@ -103,7 +103,7 @@ impl Gathered {
         })
     }
 
-    /// Makes all zero.
+    /// Sets everything to zero.
     fn clear(&self, device: &Device) -> Result<()> {
         let mut recording = Recording::new();
         if let Some(responses) = &self.responses {
@@ -132,7 +132,7 @@ struct Pass<'a, G> {
 }
 
 impl<G> Pass<'_, G> {
-    /// Adds what view number `v` shows of a model, drawn by `camera`.
+    /// Adds the results of view number `v` of a model, drawn with `camera`.
     fn view<E: From<Error>>(
         &mut self,
         renderer: &mut TrainingRenderer,
@@ -174,8 +174,8 @@ impl<G> Pass<'_, G> {
     }
 }
 
-/// A renderer for [`full_pass`] over pictures of at most `size`, with an initial capacity of `pairs` (tile, Gaussian) pairs. That of
-/// a model on the host grows to the largest part.
+/// A renderer for [`full_pass`] over pictures of at most `size`, with an initial capacity of `pairs` (tile, Gaussian)
+/// pairs. For a model on the host it grows to the largest part.
 ///
 /// # Errors
 /// Device memory.
@@ -201,10 +201,10 @@ pub fn renderer(
 
 /// The mean response over all views, one by one, and scores, as `wanted`; deterministic.
 ///
-/// For a view and its picture, `gradient` records the gradient of a term into `image_gradient`, which has room for the largest
-/// view. It is asked for squares only if a residual is wanted. The model does not change. A model on the host goes to the device
-/// view by view, as far as the view may show it; the results are the same, bit for bit. Only scores without a residual are then
-/// gathered from parts of pictures. The renderer is one that [`renderer`] makes for the same `wanted`, or a trainer's.
+/// For a view and its picture, `gradient` records the gradient of a term into `image_gradient`, which has room for the
+/// largest view. Squares are requested only if a residual is wanted. The model does not change. Of a model on the host,
+/// each view's visible part is sent to the device; the results are the same, bit for bit. Parts of pictures then serve
+/// only for scores without a residual. The renderer comes from [`renderer`] for the same `wanted`, or from a trainer.
 ///
 /// # Errors
 /// Device memory; device errors; errors of `gradient` and of [`Views::follow`].
@@ -266,7 +266,7 @@ pub fn full_pass<'m, E: From<Error>>(
     Ok(Responses { channels, scores, cameras: cameras.to_vec(), dilation })
 }
 
-/// Gaussians of a part of a view at most.
+/// The largest number of Gaussians in a part of a view.
 fn most(renderer: &TrainingRenderer, model: &Gaussians, cameras: &[Camera], wanted: Wanted) -> usize {
     let device = renderer.device();
     let beside = wanted.beside(device.memory_used().0);

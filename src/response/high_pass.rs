@@ -1,12 +1,12 @@
-//! A substitute for the loss and its residual where there are no photos.
+//! A substitute for the loss and its residual for models without photos.
 
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
 use crate::kernels::constants::high_pass::{COLUMNS, ROWS, RUN};
 use crate::kernels::response::{HighPass as Kernel, HighPassPush, HighPassSpec};
 use crate::primitives::WORKGROUP;
 
-/// A substitute for the loss where there are no photos: L = sum C (C - blur C), with a blur of sigma 2 pixels and the bracket
-/// held constant.
+/// A substitute for the loss without photos: L = sum C (C - blur C), with a blur of sigma 2 pixels and the bracket held
+/// constant.
 pub struct HighPass {
     scratch: Buffer<f32>,
 }
@@ -25,7 +25,8 @@ impl HighPass {
         Ok(Self { scratch: device.buffer("blurred columns", 3 * pixels)? })
     }
 
-    /// Records C - blur C into the gradient, and the mean of its absolute value over the colours into the fourth component.
+    /// Records C - blur C into the gradient, and the mean of its absolute value over the colours into the fourth
+    /// component.
     pub fn record(
         &self,
         recording: &mut Recording,

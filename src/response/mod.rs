@@ -45,9 +45,9 @@ pub const CHANNEL_NAMES: [&str; CHANNELS] = [
 /// Responses of the pictures to each Gaussian, on the host.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Responses {
-    /// The eight channels, n; empty if they were not asked for.
+    /// The eight channels, n; empty if not requested.
     pub channels: Vec<[f32; CHANNELS]>,
-    /// Scores, n; empty if they were not asked for.
+    /// Scores, n; empty if not requested.
     pub scores: Vec<Score>,
     /// Cameras of the views of the scores.
     pub cameras: Vec<Camera>,

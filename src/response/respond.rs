@@ -8,7 +8,7 @@ use crate::primitives::WORKGROUP;
 use crate::render::TrainingRenderer;
 use crate::scene::camera::Camera;
 
-/// Share that each iteration keeps of the previous average.
+/// Share of the previous average that each iteration keeps.
 pub const KEEP: f64 = 0.995;
 
 /// Combination of the responses of several views.
@@ -28,7 +28,7 @@ pub enum Gather {
 
 /// Responses of all Gaussians, in device memory. The two arrays are the whole state.
 pub struct ResidentResponses {
-    /// n x 8: the values at the iteration that last showed the Gaussian, since averages decay lazily.
+    /// n x 8: values at the iteration that last showed the Gaussian, since averages decay lazily.
     pub values: Buffer<f32>,
     /// n: that iteration.
     pub seen: Buffer<u32>,
@@ -49,7 +49,7 @@ impl ResidentResponses {
         Ok(Self { values: device.zeros(values, CHANNELS * gaussians)?, seen: device.zeros(seen, gaussians)? })
     }
 
-    /// Given values, n, of a mean.
+    /// Responses with these values (n) of a mean.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -58,15 +58,16 @@ impl ResidentResponses {
         Ok(Self { values: device.upload(name, values.as_flattened())?, seen: device.zeros(seen, values.len())? })
     }
 
-    /// Records that all of them become zero.
+    /// Records the reset of all of them to zero.
     pub fn clear(&self, recording: &mut Recording) {
         recording.fill(&self.values, 0);
         recording.fill(&self.seen, 0);
     }
 
-    /// Records the responses of a view, after its [`TrainingRenderer::record_backward`] with [`residual`](crate::render::Backward::residual).
+    /// Records the responses of a view, after its [`TrainingRenderer::record_backward`] with
+    /// [`residual`](crate::render::Backward::residual).
     ///
-    /// Nothing changes if the view's pairs did not fit, as in training.
+    /// As in training, nothing changes if the view's pairs did not fit.
     pub fn record(
         &self,
         recording: &mut Recording,

@@ -1,4 +1,4 @@
-//! Scores of each Gaussian over a set of views: what the pictures show of it, and how they change if it is removed.
+//! Scores of each Gaussian over a set of views: its contribution to the pictures, and their change if it is removed.
 
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Groups, Recording, Result};
@@ -23,7 +23,8 @@ pub struct Score {
     pub significance: f32,
     /// Sum of w^2.
     pub squares: f32,
-    /// Sum of |phi|^2, over three colours: the squared error of removing it, where the pictures are their own truth.
+    /// Sum of |phi|^2, over three colours: the squared error of removing it, with the pictures as their own ground
+    /// truth.
     pub change: f32,
     /// Sum of phi . r, where r is the picture minus its photo; 0 without photos.
     pub along_residual: f32,
@@ -55,7 +56,7 @@ impl ResidentScores {
         Buffer::<Score>::bytes_of(gaussians)
     }
 
-    /// Scores of no view: zero.
+    /// Zero scores, before any view.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -64,7 +65,7 @@ impl ResidentScores {
         Ok(Self { values, subgroup: device.info().subgroup_size })
     }
 
-    /// Given scores, n.
+    /// Scores with these values, n.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -72,13 +73,13 @@ impl ResidentScores {
         Ok(Self { values: device.upload("scores", scores)?, subgroup: device.info().subgroup_size })
     }
 
-    /// Records that all of them become zero.
+    /// Records the reset of all of them to zero.
     pub fn clear(&self, recording: &mut Recording) {
         recording.fill(&self.values, 0);
     }
 
-    /// Records the scores of the picture recorded before, which the backward pass need not have seen; the slots' sums that
-    /// it left are overwritten. `residual` is the picture minus its photo, if there is one.
+    /// Records the scores of the picture recorded before, with or without a backward pass; overwrites the slots' sums
+    /// of the backward pass. `residual` is the picture minus its photo, if there is one.
     pub fn record(
         &self,
         recording: &mut Recording,

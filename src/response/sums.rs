@@ -1,13 +1,13 @@
-//! Sums of responses and scores over chunks of views: within a chunk in float32, as the device adds them; over chunks in
-//! float64, on the host.
+//! Sums of responses and scores over chunks of views: in float32 within a chunk, as the device adds them; in float64
+//! over chunks, on the host.
 
 use super::{CHANNELS, Responses, Score, Wanted};
 
-/// Numbers of a score, and which of them is a maximum.
+/// Numbers per score.
 const SCORES: usize = size_of::<Score>() / size_of::<f32>();
 const PEAK: usize = std::mem::offset_of!(Score, peak) / size_of::<f32>();
 
-/// Responses and scores of a chunk, n each; empty if they are not wanted.
+/// Responses and scores of a chunk, n each; empty if not wanted.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Rows {
     pub channels: Vec<[f32; CHANNELS]>,
@@ -54,7 +54,7 @@ impl Sums {
         }
     }
 
-    /// Adds a chunk's.
+    /// Adds the values of a chunk.
     pub fn add(&mut self, chunk: &Rows) {
         for (sum, row) in self.channels.iter_mut().zip(&chunk.channels) {
             sum.iter_mut().zip(row).for_each(|(sum, x)| *sum += f64::from(*x));
@@ -88,10 +88,11 @@ impl Responses {
         first
     }
 
-    /// The responses of a whole pass over `n` Gaussians from those of its chunks, in their order: the same bits as of one pass.
+    /// The responses of a whole pass over `n` Gaussians from those of its chunks, in their order: the same bits as from
+    /// one pass.
     ///
     /// # Errors
-    /// Those of the chunks.
+    /// Errors of the chunks.
     pub fn sum<E>(n: usize, wanted: Wanted, chunks: impl Iterator<Item = Result<Self, E>>) -> Result<Self, E> {
         let mut sums = Sums::zeros(n, wanted);
         let mut seen = Self::default();
@@ -114,7 +115,7 @@ mod tests {
         Rows { channels: vec![[contribution; CHANNELS]; 2], scores: vec![score; 2] }
     }
 
-    /// Float32 would lose the small ones, in any order but the best.
+    /// Float32 would lose the small ones in almost any order.
     #[test]
     fn chunks_add_up_in_float64() {
         let mut sums = Sums::zeros(2, Wanted::BOTH);

@@ -1,10 +1,11 @@
-//! What the pictures show of a Gaussian, and what they would show of two merged into one.
+//! The appearance of a Gaussian in the pictures, and the predicted appearance of two merged into one.
 //!
-//! Seen from a direction, a Gaussian adds a (c - b) g to a picture: g is its projected density with peak 1, a the opacity that
-//! the pictures show of it (opacity times the transmittance before it), c its colour, b the colour behind. So the squared
-//! error of replacing x and y by m is the integral of |x + y - m|^2, sums of products of Gaussians, which have closed forms.
-//! It is averaged over six directions, the axes of an icosahedron, and multiplied by the pixels that all views together have
-//! for a unit of area. A fourth channel, a times COVERAGE, counts what covers its background without differing from it.
+//! Seen from a direction, a Gaussian adds a (c - b) g to a picture: g is its projected density with peak 1, a its
+//! opacity as shown in the pictures (opacity times the transmittance before it), c its colour, b the colour behind. The
+//! squared error of replacing x and y by m is therefore the integral of |x + y - m|^2, sums of products of Gaussians,
+//! which have closed forms. It is averaged over six directions, the axes of an icosahedron, and multiplied by the
+//! number of pixels that all views together have per unit of area. A fourth channel, a times COVERAGE, accounts for
+//! Gaussians that cover their background without differing from it.
 
 use crate::gaussians::Gaussians;
 use crate::kernels::constants::sh::float64::SH_C0;
@@ -13,13 +14,13 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 
-/// Directions from which footprints are compared.
+/// Number of directions from which footprints are compared.
 pub const DIRECTIONS: usize = 6;
 /// Weight of coverage beside colours.
 const COVERAGE: f64 = 0.3;
 /// Share of the more visible Gaussian's transmittance in that of a merged one; the rest is the mean of both.
 const NEARER: f64 = 0.5;
-/// Opacities, as rendering limits them.
+/// Range of opacities, as in rendering.
 const OPACITIES: std::ops::RangeInclusive<f64> = 1e-4..=0.99;
 
 /// Measurements of a Gaussian.
@@ -31,7 +32,7 @@ pub struct Observation<'a> {
     pub widening: f64,
 }
 
-/// What the pictures show of a Gaussian.
+/// The appearance of a Gaussian in the pictures.
 #[derive(Clone, Debug)]
 pub struct Footprint {
     /// Centre in world units.
@@ -42,7 +43,7 @@ pub struct Footprint {
     pub opacity: f64,
     /// Mean transmittance before it.
     transmittance: f64,
-    /// Pixels of all views for a unit of area.
+    /// Pixels of all views per unit of area.
     density: f64,
     colour: DVec3,
     behind: DVec3,
@@ -97,7 +98,7 @@ pub(super) fn covariance(model: &Gaussians, i: usize) -> DMat3 {
 }
 
 impl Footprint {
-    /// The footprint of Gaussian `i`; none if no picture shows it or its values are not finite.
+    /// The footprint of Gaussian `i`; `None` if no picture shows it or its values are not finite.
     pub fn of(model: &Gaussians, i: usize, observation: &Observation<'_>) -> Option<Self> {
         let Observation { score, widening } = *observation;
         let (contribution, squares) = (f64::from(score.contribution), f64::from(score.squares));
@@ -111,7 +112,7 @@ impl Footprint {
         });
         let logit = f64::from(model.opacity_logits[i]);
         let opacity = (1.0 / (1.0 + (-logit).exp())).clamp(*OPACITIES.start(), *OPACITIES.end());
-        // Of a density g with peak a, the integral of a g is twice that of (a g)^2, over a.
+        // For a density g with peak a, the integral of a g is twice that of (a g)^2, over a.
         let amplitude = (2.0 * squares / contribution).min(opacity);
         let band = |k: usize| (0.5 + SH_C0 * f64::from(model.sh[0][3 * i + k])).max(0.0);
         let mut footprint = Self {
@@ -134,13 +135,13 @@ impl Footprint {
         TAU / DIRECTIONS as f64 * self.projections.iter().map(|p| p.root).sum::<f64>()
     }
 
-    /// The opacity that the pictures show.
+    /// The opacity as shown in the pictures.
     fn amplitude(&self) -> f64 {
         self.opacity * self.transmittance
     }
 
-    /// The footprint of two Gaussians merged into one with their mean and covariance, and with an opacity that contributes as much
-    /// as both, as far as opacities go.
+    /// The footprint of two Gaussians merged into one with their mean and covariance, and with an opacity that
+    /// contributes as much as both, as far as the range of opacities permits.
     #[must_use]
     pub fn merged(&self, other: &Self) -> Self {
         let contribution = self.contribution + other.contribution;
@@ -170,7 +171,7 @@ impl Footprint {
         merged
     }
 
-    /// Growth of the squared error over all views if two Gaussians are merged; infinite if it is not a number.
+    /// Growth of the squared error over all views if two Gaussians are merged; infinite instead of NaN.
     pub fn cost(&self, other: &Self) -> f32 {
         let merged = self.merged(other);
         let channels = |f: &Self| {
@@ -197,7 +198,7 @@ impl Footprint {
 mod tests {
     use super::*;
 
-    /// A Gaussian, and what 10 views with 100 x 100 pixels for a unit of area show of it if `transmittance` lies before it.
+    /// A Gaussian, and its scores in 10 views with 100 x 100 pixels per unit of area if `transmittance` lies before it.
     fn seen(mean: [f32; 3], axes: [f32; 3], opacity: f32, transmittance: f64, rgb: [f32; 3]) -> Footprint {
         let mut model = Gaussians::zeroed(1, 0);
         model.means[0] = mean;
@@ -269,12 +270,12 @@ mod tests {
         let m = x.merged(&y);
         let shown = |f: &Footprint| f.amplitude() * f.area() * f.density;
         assert!((shown(&m) / (shown(&x) + shown(&y)) - 1.0).abs() < 1e-9);
-        // Two that cover each other wholly cannot add up to more than an opaque one.
+        // Two that cover each other completely cannot add up to more than an opaque one.
         let opaque = seen([0.0; 3], [0.1; 3], 0.95, 1.0, [0.5; 3]);
         assert_eq!(opaque.merged(&opaque).opacity, *OPACITIES.end());
     }
 
-    /// Faint halves of a Gaussian at its own place cost almost nothing; other colours and distance cost more.
+    /// Faint halves of a Gaussian at its own place cost almost nothing; different colours and distance cost more.
     #[test]
     fn costs_grow_with_what_is_seen() {
         let half = seen([0.0; 3], [0.1; 3], 0.2, 1.0, [0.7, 0.2, 0.4]);

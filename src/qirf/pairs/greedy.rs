@@ -1,4 +1,4 @@
-//! Greedy merging: the pair of neighbours that costs least, again and again.
+//! Greedy merging: repeatedly the pair of neighbours that costs least.
 
 use super::footprint::Footprint;
 use rayon::prelude::*;
@@ -7,19 +7,19 @@ use rstar::primitives::GeomWithData;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Nearest Gaussians that each may merge with; pairs inherit the neighbours of both.
+/// Number of nearest Gaussians that each may merge with; merged Gaussians inherit the neighbours of both.
 const NEIGHBOURS: usize = 10;
 
 /// Gaussians that become one.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cluster {
-    /// Their numbers, rising.
+    /// Their indices, rising.
     pub members: Vec<usize>,
     /// Opacity of the merged one.
     pub opacity: f64,
 }
 
-/// A merge: the place that stays, the place that goes into it, and what became of them.
+/// A merge: the position that remains, the position merged into it, and the result.
 struct Merge {
     stays: u32,
     goes: u32,
@@ -27,7 +27,8 @@ struct Merge {
     contribution: f64,
 }
 
-/// Merges of pairs, cheapest first, which can be replayed to any number: a smaller model's merges begin with a larger one's.
+/// Merges of pairs, cheapest first, which can be replayed down to any number: a smaller model's merges begin with a
+/// larger one's.
 pub(super) struct Sequence {
     /// Opacity and contribution of each footprint before the first merge.
     begun: Vec<(f64, f64)>,
@@ -43,8 +44,8 @@ impl Sequence {
         Self { begun, merges: merging.merges }
     }
 
-    /// The clusters when at most `target`, which is not below the `least` of the sequence, are left; if no neighbours were left
-    /// before that, those that contribute least are dropped. In the order of the clusters' first members.
+    /// The clusters once at most `target` are left, which must not be below the `least` of the sequence; if neighbours
+    /// run out before, those that contribute least are dropped. Ordered by the clusters' first members.
     pub fn clusters(&self, target: usize) -> Vec<Cluster> {
         let n = self.begun.len();
         let mut into: Vec<u32> = (0..n as u32).collect();
@@ -78,13 +79,13 @@ impl Sequence {
 /// A pair in the queue: its cost as bits, which order like the cost, and its two numbers.
 type Entry = Reverse<(u32, u32, u32)>;
 
-/// Merged Gaussians get a number of their own, so that a pair in the queue is valid as long as both of its numbers live.
+/// Merged Gaussians get new numbers, so that a pair in the queue is valid as long as both of its numbers exist.
 struct Merging {
-    /// By place; the footprint of a merged Gaussian takes the place of its first part.
+    /// By position; the footprint of a merged Gaussian takes the position of its first part.
     footprints: Vec<Footprint>,
-    /// By number: its place, or GONE.
+    /// By number: its position, or GONE.
     place: Vec<u32>,
-    /// By place: numbers of the neighbours, some of them gone.
+    /// By position: numbers of the neighbours, some of them gone.
     links: Vec<Vec<u32>>,
     /// The merges so far.
     merges: Vec<Merge>,
@@ -108,7 +109,7 @@ impl Merging {
         Self { footprints, place: (0..n as u32).collect(), links, merges: Vec::new(), queue, left: n }
     }
 
-    /// Merges the pair that costs least; false if there is none.
+    /// Merges the pair that costs least; returns false if there is none.
     fn step(&mut self) -> bool {
         while let Some(Reverse((_, i, j))) = self.queue.pop() {
             let (a, b) = (self.place[i as usize], self.place[j as usize]);
@@ -146,7 +147,7 @@ impl Merging {
     }
 }
 
-/// The nearest ones of each, by distance and number; whoever is near to another has it as a neighbour, too.
+/// The nearest Gaussians of each, by distance and number; being neighbours is mutual.
 fn neighbours(footprints: &[Footprint]) -> Vec<Vec<u32>> {
     let point = |(i, f): (usize, &Footprint)| GeomWithData::new(f.mean.to_array(), i as u32);
     let tree = RTree::bulk_load(footprints.iter().enumerate().map(point).collect());

@@ -1,8 +1,8 @@
-//! Merging by pairs: neighbours become one Gaussian wherever the pictures show the least of it (docs/method.md).
+//! Merging by pairs: neighbours become one Gaussian wherever the pictures show it least (docs/method.md).
 //!
-//! The pictures tell how much of each Gaussian they show ([`Score`]); `footprint` predicts from that, in closed form, how
-//! the squared error of all pictures grows if two Gaussians become one; `greedy` merges the pair with the least growth, again
-//! and again; `moments` makes one Gaussian of each cluster, with its mean, covariance, visible mass and colours.
+//! [`Score`] measures each Gaussian's share in the pictures; from it `footprint` predicts, in closed form, the growth
+//! of the squared error of all pictures if two Gaussians become one; `greedy` repeatedly merges the pair with the least
+//! growth; `moments` replaces each cluster by one Gaussian with its mean, covariance, visible mass and colours.
 
 mod footprint;
 mod greedy;
@@ -17,30 +17,31 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Cameras that the size of a pixel is averaged over, at most.
+/// Largest number of cameras over which the size of a pixel is averaged.
 const MOST_CAMERAS: usize = 32;
 
 /// Result of merging a model's Gaussians by pairs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pairs {
-    /// Keep mask of exactly the wanted number, n. A cluster is kept in the place of its member that the pictures show most.
+    /// Keep mask with exactly the wanted number, n. A cluster is kept at the index of the member with the greatest
+    /// contribution to the pictures.
     pub keep: Vec<bool>,
-    /// The model, n; the kept Gaussians stand for their clusters.
+    /// The model, n; the kept Gaussians represent their clusters.
     pub model: Gaussians,
-    /// Number of each Gaussian's cluster, n; [`NO_CLUSTER`] for those that belong to none.
+    /// Number of each Gaussian's cluster, n; [`NO_CLUSTER`] for those in none.
     pub cluster: Vec<u32>,
-    /// Numbers of the merging.
+    /// Counts of the merging.
     pub counts: PairCounts,
 }
 
 /// Cluster of a Gaussian that no picture shows or that had no neighbour left.
 pub const NO_CLUSTER: u32 = u32::MAX;
 
-/// How a model's Gaussians were merged.
+/// Counts of a merging.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PairCounts {
-    /// Kept Gaussians that stand for several.
+    /// Kept Gaussians that represent several.
     pub clusters: usize,
     /// Gaussians merged into others.
     pub merged: usize,
@@ -56,16 +57,17 @@ pub fn merge(model: &Gaussians, scores: &[Score], cameras: &[Camera], dilation: 
     Sequence::new(model, scores, (cameras, dilation), target).pairs(model, scores, target)
 }
 
-/// The merges of a model's pairs in their order. A model of any number of Gaussians is made of the first of them.
+/// The merges of a model's pairs in their order. A prefix of them gives a model of any size.
 pub struct Sequence {
-    /// Numbers of the Gaussians that have footprints.
+    /// Indices of the Gaussians that have footprints.
     seen: Vec<usize>,
     merges: greedy::Sequence,
 }
 
 impl Sequence {
-    /// Merges pairs of Gaussians until `least` are left. `cameras` are those of the scores' views, and `dilation` is the variance in
-    /// square pixels that rendering adds to every Gaussian. Deterministic; equal costs by index.
+    /// Merges pairs of Gaussians until `least` are left. `cameras` are those of the scores' views, and `dilation` is
+    /// the variance in square pixels that rendering adds to every Gaussian. Deterministic; equal costs are ordered by
+    /// index.
     ///
     /// # Panics
     /// If there is not one score per Gaussian.
@@ -82,7 +84,7 @@ impl Sequence {
         Self { seen, merges: greedy::Sequence::new(footprints, least) }
     }
 
-    /// The same model, merged until `target` are left, which is not below the `least` of the sequence.
+    /// The same model, merged until `target` are left, which must not be below the `least` of the sequence.
     pub fn pairs(&self, model: &Gaussians, scores: &[Score], target: usize) -> Pairs {
         let n = model.len();
         let (keep, cluster) = (vec![false; n], vec![NO_CLUSTER; n]);
@@ -108,7 +110,7 @@ impl Sequence {
                 pairs.counts.merged += members.len() - 1;
             }
         }
-        // If fewer are seen than wanted, the first of the others are kept, too.
+        // If fewer are visible than wanted, the first of the others are kept, too.
         let missing = target.min(n) - made.len();
         pairs.keep.iter_mut().filter(|keep| !**keep).take(missing).for_each(|keep| *keep = true);
         let kept = pairs.keep.iter().filter(|k| **k).count();
@@ -117,7 +119,7 @@ impl Sequence {
     }
 }
 
-/// Area in world units that a pixel covers at a point: the mean over the cameras that it lies before.
+/// Area in square world units that a pixel covers at a point: the mean over the cameras that see it in front of them.
 fn pixel_area(cameras: &[Camera], point: DVec3) -> f64 {
     let stride = cameras.len().div_ceil(MOST_CAMERAS).max(1);
     let (mut sum, mut count) = (0.0, 0.0);

@@ -1,4 +1,4 @@
-//! One Gaussian in place of a cluster: mean, covariance and colours are means weighted by contribution.
+//! One Gaussian for a cluster: mean, covariance and colours are means weighted by contribution.
 
 use super::footprint::covariance;
 use super::greedy::Cluster;
@@ -20,13 +20,13 @@ pub(super) struct Merged {
     sh: Vec<Vec<f32>>,
 }
 
-/// The member that the pictures show most, the first of equals.
+/// The member with the greatest contribution to the pictures, the first of equals.
 pub(super) fn heaviest(scores: &[Score], members: &[usize]) -> usize {
     let weight = |i: usize| scores[i].contribution;
     members.iter().copied().reduce(|a, b| if weight(b) > weight(a) { b } else { a }).expect("a cluster has members")
 }
 
-/// The Gaussian that stands for a cluster; none for a cluster of one, which stays as it is.
+/// The Gaussian that represents a cluster; `None` for a cluster of one, which stays unchanged.
 pub(super) fn merged(model: &Gaussians, scores: &[Score], cluster: &Cluster) -> Option<Merged> {
     let Cluster { members, opacity } = cluster;
     if members.len() < 2 {
@@ -62,7 +62,7 @@ pub(super) fn merged(model: &Gaussians, scores: &[Score], cluster: &Cluster) -> 
 }
 
 impl Merged {
-    /// Writes it into a model, in place of Gaussian `i`.
+    /// Writes it into a model, replacing Gaussian `i`.
     pub fn store(&self, model: &mut Gaussians, i: usize) {
         model.means[i] = self.mean;
         model.log_scales[i] = self.log_scales;

@@ -1,5 +1,5 @@
-//! The generalized eigenproblem on the device: the low-rank solver in float32, a batch of blocks at a time, so that only
-//! participations are read back.
+//! The generalized eigenproblem on the device: the low-rank solver in float32, a batch of blocks at a time, so that
+//! only participations are read back.
 
 use crate::gpu::{Error, Groups, Readback, Recording, Timings};
 use crate::kernels::constants::participation;
@@ -8,7 +8,7 @@ use crate::qirf::CHANNELS;
 use crate::qirf::assemble::Assembly;
 use crate::qirf::plan::Batch;
 
-/// Numbers of a block's solution besides those of its members.
+/// Numbers in a block's solution besides those per member.
 const EXTRA: usize = participation::EXTRA as usize;
 
 /// Parameters of the eigenproblem, besides its matrices.
@@ -31,13 +31,13 @@ impl Default for Problem {
 pub struct Solution<'a> {
     /// Participation of each member, by W; zero if the solver failed.
     pub q: &'a [f32],
-    /// The same by H, which compares members of different blocks.
+    /// The same by H, which makes members of different blocks comparable.
     pub gain: &'a [f32],
-    /// Eigenvalues, descending; those that are negative by rounding are 0.
+    /// Eigenvalues, descending; negative ones from rounding are set to 0.
     pub lambda: [f32; CHANNELS],
     /// The fewest eigenvalues that reach tau.
     pub r: usize,
-    /// True if N + epsilon I was not positive definite in float32: the host has to solve this block.
+    /// True if N + epsilon I was not positive definite in float32: the host must solve this block.
     pub failed: bool,
 }
 
@@ -47,19 +47,19 @@ fn floats(batch: &Batch) -> usize {
 }
 
 impl Assembly<'_> {
-    /// Bytes of solutions that come back to the host, all batches together.
+    /// Bytes of solutions read back, all batches together.
     pub fn solutions_read_back(&self) -> u64 {
         self.batches().iter().map(|b| 4 * floats(b) as u64).sum()
     }
 
-    /// Assembles and solves every batch on the device, and calls `body` with the number and the solution of each block, in
-    /// order, while the device works on the next batch. Returns the device times.
+    /// Assembles and solves every batch on the device, and calls `body` with the number and the solution of each block,
+    /// in order, while the device works on the next batch. Returns the device times.
     ///
     /// # Errors
     /// Device memory; device errors; the first error of `body`.
     ///
     /// # Panics
-    /// If the assembly was not asked for W.
+    /// If W was not requested of the assembly.
     pub fn solve_each<E: From<Error>>(
         &self,
         problem: Problem,

@@ -15,8 +15,8 @@ use std::fmt;
 /// Slack of the energy's comparison with tau, so that float32 and float64 agree on a sum that hits it exactly.
 const ENERGY_SLACK: f64 = 1e-6;
 
-/// Solver of the eigenproblem: the same solution at different costs. A block that a solver cannot factorise goes to the next
-/// one that can: from the device to `LowRank`, from there to the metric's canonical form.
+/// Solver of the eigenproblem: the same solution at different costs. A block that a solver cannot factorise falls back
+/// to the next: from the device to `LowRank`, from there to the metric's canonical form.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Eigensolver {
@@ -27,14 +27,14 @@ pub enum Eigensolver {
     LowRank,
     /// The same in float32; the 8x8 part stays float64.
     LowRankF32,
-    /// All of it in float32 on the device, from which only participations and eigenvalues come back ([`device`]).
+    /// All of it in float32 on the device; only participations and eigenvalues are read back ([`device`]).
     Device,
 }
 
 impl Eigensolver {
     /// All solvers, the slowest first.
     pub const ALL: [Self; 4] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32, Self::Device];
-    /// Those that run on the host.
+    /// The solvers that run on the host.
     pub const HOST: [Self; 3] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32];
 }
 
@@ -49,7 +49,7 @@ impl fmt::Display for Eigensolver {
     }
 }
 
-/// A block's metric as the eigenproblem sees it: m x m, symmetric, epsilon on its diagonal.
+/// A block's metric in the eigenproblem: m x m, symmetric, epsilon on its diagonal.
 #[derive(Clone, Debug)]
 pub struct Gram {
     library: &'static dyn Library,
@@ -61,7 +61,7 @@ pub struct Gram {
 }
 
 impl Gram {
-    /// N + epsilon I of `m` x `m`; with `self_overlaps` S_ii the raw S_ij = N_ij sqrt(S_ii S_jj) takes N's place.
+    /// N + epsilon I of size `m` x `m`; with `self_overlaps` S_ii, the raw S_ij = N_ij sqrt(S_ii S_jj) replaces N.
     ///
     /// # Panics
     /// If `overlap` does not hold m x m numbers.
@@ -92,7 +92,7 @@ impl Gram {
         Self { library, ..self }
     }
 
-    /// As [`Gram::new`], from the packed lower triangle of N.
+    /// Like [`Gram::new`], from the packed lower triangle of N.
     ///
     /// # Panics
     /// If `packed` does not hold m (m + 1) / 2 numbers.
@@ -110,7 +110,7 @@ impl Gram {
         self.m == 0
     }
 
-    /// Largest over smallest eigenvalue: infinite where the metric is not positive definite, `None` where it is empty or
+    /// Largest over smallest eigenvalue: infinite if the metric is not positive definite, `None` if it is empty or
     /// the solver does not converge.
     pub fn condition(&self) -> Option<f64> {
         let mut vectors = self.values.clone();
@@ -119,10 +119,10 @@ impl Gram {
         Some(if least > 0.0 { most / least } else { f64::INFINITY })
     }
 
-    /// An orthonormal basis for what the metric can tell apart: columns v_k / sqrt(d_k) of its eigenpairs (d_k, v_k),
-    /// those with d_k below `least` dropped (canonical orthogonalisation); m x p, column-major.
+    /// An orthonormal basis of the functions that the metric distinguishes: columns v_k / sqrt(d_k) of its eigenpairs
+    /// (d_k, v_k), without those with d_k below `least` (canonical orthogonalisation); m x p, column-major.
     ///
-    /// `None` only where the solver does not converge.
+    /// `None` only if the solver does not converge.
     fn canonical(&self, least: f64) -> Option<Vec<f64>> {
         let mut vectors = self.values.clone();
         let values = self.library.syevd(self.m, &mut vectors)?;
@@ -174,7 +174,8 @@ impl Factor {
         Self { library: serving(), form: Form::Identity }
     }
 
-    /// Factors `metric`, in float32 for [`Eigensolver::LowRankF32`] and else in float64; falls back to its canonical form.
+    /// Factors `metric`, in float32 for [`Eigensolver::LowRankF32`] and otherwise in float64; falls back to its
+    /// canonical form.
     pub fn new(metric: &Gram, solver: Eigensolver) -> Self {
         let Gram { library, m, ref values, epsilon, .. } = *metric;
         let factored = match solver {
@@ -274,7 +275,7 @@ impl Factor {
 }
 
 /// Solves a block: `w` are the rows of W (m x 8), `density` is the packed lower triangle of P, which only
-/// [`Eigensolver::Dsygvd`] reads. Returns the metric's factor, too.
+/// [`Eigensolver::Dsygvd`] reads. Also returns the metric's factor.
 ///
 /// # Panics
 /// If `dsygvd` gets no P.
@@ -294,7 +295,7 @@ pub fn solve(metric: &Gram, w: &[Row], density: &[f32], solver: Eigensolver, tau
 /// Norm of row i of (N + eps I)^(-1/2) W for each member, for each of the matrices in `w`: the Löwdin scores.
 pub fn lowdin(metric: &Gram, w: &[&[Row]]) -> Vec<Vec<f64>> {
     let m = metric.m;
-    // Half of epsilon: rounding leaves the eigenvalues of duplicates on either side of it, and all of them count here.
+    // Half of epsilon: rounding puts the eigenvalues of duplicates on either side of it, and all of them count here.
     let Some(basis) = (m > 0).then(|| metric.canonical(0.5 * metric.epsilon)).flatten() else {
         return w.iter().map(|w| w.iter().map(norm).collect()).collect();
     };
@@ -322,7 +323,7 @@ pub fn norm(row: &Row) -> f64 {
     row.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// The fewest leading eigenvalues (descending) whose sum reaches `tau` of `total`; 1 if there is nothing.
+/// The fewest leading eigenvalues (descending) whose sum reaches `tau` of `total`; 1 if all are zero.
 fn leading(spectrum: &[f64], total: f64, tau: f64) -> usize {
     let mut sum = 0.0;
     let enough = |&lambda: &f64| {
@@ -336,7 +337,7 @@ fn columns<T: Real>(w: &[Row]) -> Vec<T> {
     (0..CHANNELS).flat_map(|c| w.iter().map(move |row| T::of(row[c]))).collect()
 }
 
-/// P u = lambda (N + eps I) u as it stands, and the Cholesky factor that it leaves; `None` where that fails.
+/// Solves P u = lambda (N + eps I) u directly; also returns the Cholesky factor that this leaves. `None` if that fails.
 fn generalized(metric: &Gram, density: &[f32], tau: f64) -> Option<(Participation, Factor)> {
     let m = metric.m;
     assert_eq!(density.len(), m * (m + 1) / 2, "P of {m} members");
@@ -345,7 +346,7 @@ fn generalized(metric: &Gram, density: &[f32], tau: f64) -> Option<(Participatio
     let mut b = metric.values.clone();
     let ascending = metric.library.sygvd(m, &mut p, &mut b)?;
     let descending: Vec<f64> = ascending.iter().rev().map(|l| l.max(0.0)).collect();
-    // P has rank at most 8: further eigenvalues are rounding.
+    // P has rank at most 8: further eigenvalues are rounding errors.
     let known = &descending[..m.min(CHANNELS)];
     let r = leading(known, known.iter().sum(), tau);
     let mut spectrum = [0.0; CHANNELS];

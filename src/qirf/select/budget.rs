@@ -8,7 +8,7 @@ use crate::qirf::partition::Blocks;
 
 /// Shares are rounded to millionths, so that counts are computed from integers.
 const MILLION: u128 = 1_000_000;
-/// Largest share of the kept Gaussians that the detail safeguard may choose.
+/// Largest share of the kept Gaussians, as one in this many, that the detail safeguard may choose.
 const MOST_DETAIL: usize = 5;
 
 /// Distribution of the count over blocks.
@@ -28,7 +28,7 @@ pub enum Budget {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Keep {
-    /// The paper's rule: each block keeps max(r, ceil(kappa m)), and the detail safeguard is added.
+    /// The paper's rule: each block keeps max(r, ceil(kappa m)), plus the detail safeguard.
     Paper {
         /// Smallest share of a block.
         kappa: f64,
@@ -40,10 +40,10 @@ pub enum Keep {
 }
 
 impl Keep {
-    /// The share that is kept unless another is asked for: the paper's mean.
+    /// The default share: the paper's mean.
     pub const SHARE: f64 = 0.28;
 
-    /// The number that it keeps of `n`, apart from the paper's rule, which goes by blocks: that one counts as its smallest share.
+    /// The number kept of `n`. The paper's rule depends on the blocks; it counts here as its smallest share.
     pub fn count(self, n: usize) -> usize {
         let of = |share: f64| ((millionths(share) * n as u128 + MILLION / 2) / MILLION) as usize;
         match self {
@@ -58,11 +58,11 @@ impl Keep {
 pub struct Choice {
     /// Keep mask: one mark per Gaussian, n.
     pub keep: Vec<bool>,
-    /// Kept by rank or gain.
+    /// Number kept by rank or gain.
     pub main: usize,
-    /// Kept by the detail safeguard.
+    /// Number kept by the detail safeguard.
     pub detail: usize,
-    /// Marks of those that the detail safeguard kept; empty without it.
+    /// Marks of the Gaussians kept by the detail safeguard; empty without it.
     pub saved: Vec<bool>,
 }
 
@@ -86,7 +86,7 @@ pub struct Safeguard<'a> {
 /// block.
 ///
 /// # Panics
-/// If the arrays disagree with `blocks` on their lengths.
+/// If the lengths of the arrays disagree with `blocks`.
 pub fn choose(
     blocks: &Blocks,
     ranking: &Ranking,
@@ -128,7 +128,8 @@ pub fn choose(
     choice
 }
 
-/// Distributes `total` in proportion to the blocks' members by largest remainder, ties by index; the shares sum to `total`.
+/// Distributes `total` in proportion to the blocks' members by largest remainder, ties by index; the shares sum to
+/// `total`.
 ///
 /// No block gets more than its members, if `total` is at most the number of all members.
 pub fn quotas(blocks: &Blocks, total: usize) -> Vec<usize> {
@@ -154,12 +155,13 @@ fn by_rank(blocks: &Blocks, ranking: &Ranking, quotas: &[usize], keep: &mut [boo
     }
 }
 
-/// Keeps the `count` of greatest gain that are not kept yet; equal gains by rank in the block, then by index.
+/// Keeps the `count` Gaussians of greatest gain among those not kept yet; equal gains by rank in the block, then by
+/// index.
 fn by_gain(ranking: &Ranking, count: usize, keep: &mut [bool]) {
     best(count, keep, |i| rounded(ranking.gain[i]), |i| ranking.rank[i]);
 }
 
-/// Keeps the `count` of greatest score that are not kept yet; equal scores by index.
+/// Keeps the `count` Gaussians of greatest score among those not kept yet; equal scores by index.
 fn by_score(scores: &[f64], count: usize, keep: &mut [bool]) {
     best(count, keep, |i| rounded(scores[i]), |_| 0);
 }

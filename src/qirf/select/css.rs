@@ -1,4 +1,5 @@
-//! Greedy column subset (Q9): repeatedly keep the function that explains most of the weighted rest, and subtract what it explains.
+//! Greedy column subset (Q9): repeatedly keep the function that explains most of the weighted remainder, and subtract
+//! its part.
 //!
 //! R := N; pick argmax_i g_i / R_ii over R_ii > 1e-4, g_i = sum_j w_j^2 R_ji^2; R -= R_i R_i^T / R_ii. R is never
 //! formed: R = N - C C^T with one column of C a pick, and with c that column and t = w^2 c
@@ -7,14 +8,15 @@
 use super::Ranking;
 use super::rounded;
 
-/// Functions with less than this left are explained by the picked ones.
+/// Functions with a smaller remainder than this are explained by the picked ones.
 const EXHAUSTED: f64 = 1e-4;
 /// Entries of C below this count as zero: they change gains by far less than the rounding of ranks.
 const NOTHING: f64 = 1e-7;
 
-/// Order of a block by greedy column subset of `overlap` (m x m) with weights `w` (m); after `picks` by the remaining gains.
+/// Order of a block by greedy column subset of `overlap` (m x m) with weights `w` (m); after `picks` picks, by the
+/// remaining gains.
 ///
-/// A gain is that at the pick, limited to the previous one; explained functions follow in the order of their weights.
+/// A gain is taken at the pick, limited to the previous one; explained functions follow in the order of their weights.
 pub fn order(overlap: &[f32], w: &[f64], picks: usize) -> Ranking {
     let m = w.len();
     let finite = |n: f32| if n.is_finite() { f64::from(n) } else { 0.0 };
@@ -55,7 +57,7 @@ pub fn order(overlap: &[f32], w: &[f64], picks: usize) -> Ranking {
     finish(picked, &g, &left, w, &open, last)
 }
 
-/// Ranks of the picked functions, then of the others by their present gains, then of explained ones by weight.
+/// Ranks of the picked functions, then of the others by their current gains, then of explained ones by weight.
 fn finish(picked: Vec<(u32, f64)>, g: &[f64], left: &[f64], w: &[f64], open: &[bool], last: f64) -> Ranking {
     let m = w.len();
     let ceiling = if last.is_finite() { last } else { f64::MAX };
@@ -77,14 +79,15 @@ fn finish(picked: Vec<(u32, f64)>, g: &[f64], left: &[f64], w: &[f64], open: &[b
     ranked
 }
 
-/// A column of C: the part of each function that a picked one explains. Most overlaps are zero, so the support is stored.
+/// A column of C: the part of each function that a picked one explains. Most overlaps are zero, so only the support is
+/// stored.
 struct Column {
     dense: Vec<f64>,
     support: Vec<u32>,
 }
 
 impl Column {
-    /// R_i scaled, from row i of N and the columns so far.
+    /// R_i, scaled, from row i of N and the columns so far.
     fn new(row: &[f64], columns: &[Self], i: usize, scale: f64) -> Self {
         let mut dense = row.to_vec();
         for column in columns.iter().filter(|column| column.dense[i] != 0.0) {

@@ -5,13 +5,13 @@ use rayon::prelude::*;
 /// Exponents of d = g^gamma v^nu s^-rho alpha^delta.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exponents {
-    /// Of the gradient g.
+    /// Exponent of the gradient g.
     pub gamma: f64,
-    /// Of the visibility v.
+    /// Exponent of the visibility v.
     pub nu: f64,
-    /// Of 1/s, s = sqrt(s1 s2) over the two largest axes.
+    /// Exponent of 1/s, s = sqrt(s1 s2) over the two largest axes.
     pub rho: f64,
-    /// Of the opacity.
+    /// Exponent of the opacity.
     pub delta: f64,
 }
 
@@ -21,12 +21,12 @@ impl Default for Exponents {
     }
 }
 
-/// Input of the score, n each.
+/// Inputs of the score, n each.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
-    /// Size of the positional gradient; its unit does not matter.
+    /// Norm of the positional gradient, in any unit.
     pub gradient: &'a [f32],
-    /// Visibility; its unit does not matter.
+    /// Visibility, in any unit.
     pub visibility: &'a [f32],
     /// Natural logarithms of the axes' standard deviations.
     pub log_scales: &'a [[f32; 3]],

@@ -1,4 +1,4 @@
-//! Merging (Q10): dropped functions are projected onto the kept ones of their block, if that makes the local error smaller.
+//! Merging (Q10): dropped functions are projected onto the kept ones of their block, if that lowers the local error.
 //!
 //! A Gaussian's function is alpha c phi; with phi of unit norm its coefficient is alpha c sqrt(S_ii), and the squared
 //! error of coefficients e is e^T N e. X = (N_AA + 1e-3 I)^-1 N_AD acts on unit-norm functions; alpha scales the
@@ -7,7 +7,7 @@
 use crate::kernels::constants::sh::float64::SH_C0;
 use crate::qirf::dense::{Cholesky, serving};
 
-/// Added to the diagonal of the kept functions' overlaps, so that near duplicates share their load.
+/// Added to the diagonal of the kept functions' overlaps, so that near duplicates share the projection.
 const RIDGE: f64 = 1e-3;
 /// Smallest share to which merging lowers a kept opacity.
 const LEAST_SHARE: f64 = 0.5;
@@ -34,14 +34,14 @@ pub struct Merged {
     pub dropped: f64,
     /// Squared function error after merging.
     pub merged: f64,
-    /// True if the kept functions were changed, because the error fell.
+    /// True if the error fell and the kept functions were changed.
     pub accepted: bool,
 }
 
 /// Changes the kept functions of a block so that they also represent the dropped ones, if that lowers the local error.
 ///
-/// `overlap` is N, m x m. Only `alpha` and `sh` of kept members change. `None` if there is nothing to merge, or the
-/// kept ones' overlaps cannot be factored.
+/// `overlap` is N, m x m. Only `alpha` and `sh` of kept members change. `None` if there is nothing to merge, or if the
+/// overlaps of the kept members cannot be factored.
 ///
 /// # Panics
 /// If the arrays disagree on the block's size, or `width` is below 3.
@@ -59,7 +59,7 @@ pub fn merge(overlap: &[f32], keep: &[bool], functions: &mut Functions) -> Optio
     let mut factor: Vec<f64> =
         kept.iter().flat_map(|&i| kept.iter().map(move |&j| (i, j))).map(|(i, j)| n(i, j)).collect();
     (0..a).for_each(|i| factor[i * a + i] += RIDGE);
-    // The projection of a sum is the sum of projections: only the sums of alpha and alpha c are projected, not each function.
+    // Projection is linear: only the sums of alpha and alpha c are projected, not each function.
     let before = functions.clone();
     let root: Vec<f64> = before.self_overlaps.iter().map(|s| s.max(0.0).sqrt()).collect();
     let weight = |d: usize| before.alpha[d] * root[d];
@@ -117,7 +117,8 @@ impl Functions {
     }
 }
 
-/// e^T N e summed over opacity and three colours, where e is the difference of the block's functions to those of `now`.
+/// e^T N e summed over opacity and three colours, where e is the difference between the block's functions and those of
+/// `now`.
 fn error(
     m: usize,
     n: impl Fn(usize, usize) -> f64,

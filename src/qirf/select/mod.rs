@@ -19,7 +19,7 @@ use super::partition::Blocks;
 pub struct Ranking {
     /// Rank of each Gaussian in its block; 0 is the first to keep.
     pub rank: Vec<u32>,
-    /// Worth of each Gaussian, comparable across blocks.
+    /// Value of each Gaussian, comparable across blocks.
     pub gain: Vec<f64>,
 }
 

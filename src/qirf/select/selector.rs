@@ -15,19 +15,19 @@ use crate::wording::unknown;
 
 /// Salt of the random selector's numbers.
 const SALT: u64 = 0x5e1e_c702;
-/// `LightGaussian`: exponent of the volume, and the quantile of volumes by which it is divided.
+/// `LightGaussian`: exponent of the volume, and the quantile of volumes that normalises it.
 const LIGHT: (f64, f64) = (0.1, 0.9);
 
 /// Selectors that rank by the overlaps of a block. The others score each Gaussian alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockSelector {
-    /// The paper's: participation in the generalized eigenproblem.
+    /// Participation in the generalized eigenproblem, as in the paper.
     Gnso,
     /// Participation with the identity as the metric.
     Ordinary,
     /// Norm of the rows of (N + eps I)^(-1/2) W.
     Lowdin,
-    /// Greedy column subset of N weighed by response.
+    /// Greedy column subset of N, weighted by response.
     Css,
 }
 
@@ -52,15 +52,15 @@ pub enum Selector {
     /// Greedy column subset.
     #[default]
     Css,
-    /// Greatest T alpha over pixels (`RadSplat`, by rank).
+    /// Largest T alpha over pixels (`RadSplat`, by rank).
     Radsplat,
     /// Global significance (`LightGaussian`).
     Lightgaussian,
-    /// Change of the squared error if it alone is removed.
+    /// Change of the squared error if only this Gaussian is removed.
     Removal,
-    /// Squared change of the pictures if it alone is removed, whatever the photos show (`GaussianPOP`).
+    /// Squared change of the pictures if only this Gaussian is removed, whatever the photos show (`GaussianPOP`).
     Change,
-    /// Pairs of neighbours become one Gaussian where the pictures show the least of it ([`crate::qirf::pairs`]).
+    /// Merging of pairs of neighbours wherever the pictures show it least ([`crate::qirf::pairs`]).
     Pairs,
 }
 
@@ -82,7 +82,7 @@ impl Selector {
         (Self::Pairs, "pairs"),
     ];
 
-    /// The selector of blocks, for selectors that need overlaps; none for those that score each Gaussian alone.
+    /// The selector of blocks, for selectors that need overlaps; `None` for those that score each Gaussian alone.
     pub fn of_blocks(self) -> Option<BlockSelector> {
         match self {
             Self::Gnso => Some(BlockSelector::Gnso),
@@ -93,7 +93,8 @@ impl Selector {
         }
     }
 
-    /// What it reads of a pass over the training views. The detail safeguard beside every selector but `pairs` reads channels.
+    /// The results that it needs of a pass over the training views. With every selector but `pairs`, the detail
+    /// safeguard needs channels.
     pub fn reads(self) -> Wanted {
         match self {
             Self::Contribution | Self::Radsplat | Self::Lightgaussian | Self::Change => Wanted::BOTH,
@@ -103,7 +104,7 @@ impl Selector {
         }
     }
 
-    /// Score of each Gaussian (n), higher is kept first; none for selectors of blocks and for `pairs`.
+    /// Score of each Gaussian (n), the highest kept first; `None` for selectors of blocks and for `pairs`.
     ///
     /// # Panics
     /// If the array that the selector reads is shorter than `statistics.opacity`.
@@ -125,7 +126,7 @@ impl Selector {
         }
     }
 
-    /// The ranking by [`Selector::score`]; none for selectors of blocks and for `pairs`.
+    /// The ranking by [`Selector::score`]; `None` for selectors of blocks and for `pairs`.
     pub fn ranking(self, blocks: &Blocks, statistics: &Statistics<'_>, seed: u64) -> Option<Ranking> {
         self.score(statistics, seed).map(|score| Ranking::by_score(blocks, &score))
     }

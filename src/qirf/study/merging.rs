@@ -11,8 +11,8 @@ use crate::qirf::select::merge::{Functions, merge};
 use rayon::prelude::*;
 
 impl Study {
-    /// Merges dropped Gaussians of `model` into kept ones: opacities and colours of kept ones change if that lowers the error
-    /// of their block. `model` is the one that was studied, and `resident` holds it.
+    /// Merges dropped Gaussians of `model` into kept ones: opacities and colours of kept ones change if that lowers the
+    /// error of their block. `model` is the studied model, and `resident` its copy on the device.
     ///
     /// # Errors
     /// Device memory; device errors.

@@ -41,10 +41,11 @@ pub enum Error {
 /// Result of a study.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Bytes of overlaps per batch, of which two are in flight: enough to keep every core busy, little besides a model.
+/// Bytes of overlaps per batch, of which two are in flight: enough to keep every core busy, little compared with a
+/// model.
 const BATCH_BYTES: usize = 16 << 20;
 
-/// Peak device memory of a study of `n` Gaussians by `solver`, and of the pass before it, which gathers `wanted`; in bytes.
+/// Peak device memory, in bytes, of a study of `n` Gaussians by `solver` and of the preceding pass for `wanted`.
 pub fn bytes(n: usize, wanted: Wanted, solver: Eigensolver) -> u64 {
     let density = Density { full: solver == Eigensolver::Dsygvd, ..Density::default() };
     let batches = Options { batch_bytes: BATCH_BYTES, density: Some(density), ..Options::default() };
@@ -78,7 +79,7 @@ pub struct Basis {
     pub epsilon: f64,
     /// Share of the energy that the leading eigenvalues reach.
     pub tau: f64,
-    /// Weight of the rendering channels; those of optimisation have the rest.
+    /// Weight of the rendering channels; those of optimisation get the rest.
     pub eta: f64,
 }
 
@@ -114,13 +115,13 @@ pub struct Seconds {
     pub wall: f64,
 }
 
-/// A model's blocks, and its order by each selector asked for.
+/// A model's blocks, and its order by each requested selector.
 pub struct Study {
     /// Blocks, and statistics of the partition.
     pub partitioned: Partitioned,
     /// Each selector's order.
     pub rankings: Vec<(Selector, Ranking)>,
-    /// The solver of the blocks; none if no selector needs them.
+    /// The solver of the blocks; `None` if no selector needs them.
     pub solver: Option<Eigensolver>,
     /// Results of the solved blocks; their rankings have moved to `rankings`.
     pub collected: Collected,
@@ -128,12 +129,12 @@ pub struct Study {
     pub detail: Vec<f64>,
     /// Times of the parts.
     pub seconds: Seconds,
-    /// Bytes of matrices and solutions that came back from the device.
+    /// Bytes of matrices and solutions read back from the device.
     pub read_back: u64,
     dilation: f32,
 }
 
-/// Blocks that were merged.
+/// Counts of blocks by the result of merging.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Merging {
     /// Blocks whose kept Gaussians now also represent the dropped ones.
@@ -226,7 +227,7 @@ impl Study {
     /// safeguard keeps.
     ///
     /// # Panics
-    /// If the study was not asked for that selector.
+    /// If the study was made without that selector.
     pub fn choose(&self, selector: Selector, budget: Budget, keep: Keep, detail: f64) -> Choice {
         let (_, ranking) = self.rankings.iter().find(|(s, _)| *s == selector).expect("a selector that was studied");
         let safeguard = (detail > 0.0).then_some(Safeguard { scores: &self.detail, share: detail });

@@ -1,4 +1,5 @@
-//! The solution of all blocks: the device assembles one batch while the host solves the previous one, or solves it, too.
+//! The solution of all blocks: the device assembles one batch while the host solves the previous one, or solves it
+//! itself.
 
 use super::{BATCH_BYTES, Basis, Observed, Overlap, Result, Seconds, Study, self_overlaps};
 use crate::gpu::{self, Device, Timings};
@@ -21,7 +22,7 @@ impl Seconds {
     }
 }
 
-/// What the solution of blocks reads.
+/// Inputs of the solution of blocks.
 struct Job<'a> {
     device: &'a Device,
     observed: Observed<'a>,
