@@ -1,4 +1,5 @@
-//! The laboratory: what compares ways of pruning, measures the engine, and trains by methods of other papers. No product command depends on it.
+//! The laboratory: comparison of pruning methods, measurement of the engine, and training methods of other papers. No
+//! product command depends on it.
 
 pub mod compare;
 pub mod methods;

@@ -1,4 +1,4 @@
-//! A compression in tasks: evidence by chunks of views, one choice, scores by views held out.
+//! A compression in tasks: evidence by chunks of views, one choice, scores by held-out views.
 
 use super::files::{Files, crc32_of_file};
 use super::task::{Listed, Scores, Stage, Task};
@@ -13,12 +13,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Views held out that a task scores.
+/// Number of held-out views per scoring task.
 const SCORED: usize = 16;
 const CHOOSE: Task = Task::whole(Stage::Choose);
 const REPORT: Task = Task::whole(Stage::Report);
 
-/// All that the results of a compression depend on.
+/// Everything that the results of a compression depend on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CompressPlan {
@@ -30,11 +30,11 @@ pub struct CompressPlan {
     pub gaussians: usize,
     /// The compression.
     pub config: CompressConfig,
-    /// Chunks of views that responses are taken from.
+    /// Number of chunks of views for responses.
     pub chunks: usize,
-    /// Views held out.
+    /// Number of held-out views.
     pub test_views: usize,
-    /// Names of the photos trained on, and of those held out; none of the model's own pictures.
+    /// Names of the training photos and of the held-out photos; empty if the model's own pictures are used.
     pub photos: [Vec<String>; 2],
     /// Conditions of the measurement, for the report.
     pub protocol: Value,
@@ -47,7 +47,7 @@ struct Chosen {
 }
 
 impl CompressPlan {
-    /// Plans the compression of the model that `path` holds.
+    /// Plans the compression of the model in `path`.
     ///
     /// # Errors
     /// Errors of the compression itself; [`Error::Usage`] for fine-tuning; a model that cannot be read again.
@@ -62,7 +62,7 @@ impl CompressPlan {
         let stages::Census { chunks, test_views, photos, background, protocol } =
             stages::census(session, model, &config)?;
         if let ViewSource::Photos(selection) = &mut config.views {
-            // Tasks decode few photos, and could not tell it by all.
+            // Tasks decode only a few photos, but the choice depends on all of them.
             selection.background = Some(background);
         }
         let path = absolute(path)?;
@@ -86,7 +86,7 @@ impl CompressPlan {
         Scores { views: self.test_views, each: SCORED }
     }
 
-    /// All tasks; each comes after those that it needs. `output` names the compressed model's file.
+    /// All tasks; each comes after those that it needs. `output` is the name of the compressed model's file.
     pub(super) fn tasks(&self, output: &str) -> Vec<Listed> {
         let evidence = self.evidence().map(|task| Listed::new(task, [], [format!("{task}.safetensors")], CHUNK));
         let choose = Listed::new(CHOOSE, self.evidence(), [output, "prune.json"], self.chunks);
@@ -94,7 +94,7 @@ impl CompressPlan {
         evidence.chain([choose]).chain(self.scores().listed(CHOOSE)).chain([report]).collect()
     }
 
-    /// Reads the files of a task, to find damaged ones.
+    /// Reads the files of a task, to detect damaged ones.
     pub(super) fn check(&self, files: &Files, task: Task) -> Result<(), Error> {
         match task.stage {
             Stage::Evidence => files.part(task, self.gaussians).map(drop),
@@ -133,7 +133,7 @@ impl CompressPlan {
         }
     }
 
-    /// The model, as it was when the plan was made.
+    /// The model, unchanged since the plan was made.
     fn model(&self) -> Result<Gaussians, Error> {
         let path = &self.model;
         if crc32_of_file(path)? != self.model_crc32 {
@@ -143,7 +143,7 @@ impl CompressPlan {
         Ok(formats::read(path)?.gaussians)
     }
 
-    /// All figures, as `qirf-vk compress --json` prints them, without times and memory.
+    /// All figures, as printed by `qirf-vk compress --json`, without times and memory.
     fn report(&self, session: &Session<'_>, files: &Files) -> Result<Vec<u8>, Error> {
         let Chosen { prune } = files.beside(CHOOSE)?;
         let mut views: Vec<ViewStages> = Vec::new();

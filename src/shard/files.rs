@@ -1,4 +1,4 @@
-//! The files of a plan's tasks: where they are, and what is read from them.
+//! The files of a plan's tasks: their paths, and readers of their contents.
 
 use super::part::{Part, Stored};
 use super::sealed;
@@ -14,7 +14,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Notes of a state of training that name its plan and its task.
+/// Notes of a training state that name its plan and its task.
 const NOTES: [&str; 2] = ["plan", "task"];
 
 /// The files of a plan in its folder.
@@ -41,7 +41,7 @@ impl Files {
         self.listed.iter().find(|listed| listed.task == task)
     }
 
-    /// The paths of a task's files; none for a task that the plan does not have.
+    /// The paths of a task's files; empty for a task that the plan does not have.
     pub fn outputs(&self, task: Task) -> Vec<PathBuf> {
         self.listed(task).map_or(Vec::new(), |l| l.outputs.iter().map(|name| self.folder.join(name)).collect())
     }
@@ -54,12 +54,12 @@ impl Files {
         self.outputs(task).pop().unwrap_or_default()
     }
 
-    /// Folder for what a task needs on its way: it goes when the task is done.
+    /// Folder for a task's temporary files, removed when the task is done.
     pub fn scratch(&self, task: Task) -> PathBuf {
         self.folder.join("work").join(format!("{}-{}", self.hash, task.to_string().replace('/', "-")))
     }
 
-    /// The responses that a task wrote, of `n` Gaussians.
+    /// The responses that a task wrote, for `n` Gaussians.
     pub fn part(&self, task: Task, n: usize) -> Result<Stored, Error> {
         Part::read(&self.first(task), n, &self.hash, &task.to_string())
     }
@@ -79,7 +79,7 @@ impl Files {
         sealed::bytes(&self.hash, &task.to_string(), content)
     }
 
-    /// The state of training that a task wrote.
+    /// The training state that a task wrote.
     pub fn state(&self, task: Task) -> Result<Snapshot, Error> {
         let path = self.first(task);
         let mut snapshot = Snapshot::read(&path)?;
@@ -91,7 +91,7 @@ impl Files {
         Ok(snapshot)
     }
 
-    /// The bytes of a state of training.
+    /// The bytes of a training state.
     pub fn state_bytes(&self, task: Task, mut snapshot: Snapshot) -> Result<Vec<u8>, Error> {
         snapshot.notes = NOTES.map(str::to_owned).into_iter().zip([self.hash.clone(), task.to_string()]).collect();
         snapshot.bytes().map_err(Error::writing)
@@ -107,7 +107,7 @@ impl Files {
         Ok(content)
     }
 
-    /// The model that a task wrote, with what it noted beside.
+    /// The model that a task wrote, with the notes beside it.
     pub fn model<T: DeserializeOwned>(&self, task: Task) -> Result<(Gaussians, T), Error> {
         let content = self.beside(task)?;
         Ok((formats::read(&self.first(task))?.gaussians, content))

@@ -1,5 +1,6 @@
-//! Jobs divided into tasks: pure functions from files to files, which any engine may run in any order that their needs allow,
-//! on one device in turn or on many at once. The results have the bytes of the undivided job (docs/cluster.md).
+//! Jobs divided into tasks: pure functions from files to files, which any workflow engine may run in any order that
+//! respects their dependencies, on one device in turn or on many at once. The results have the bytes of the undivided
+//! job (docs/cluster.md).
 
 pub mod blocks;
 mod compression;
@@ -34,13 +35,13 @@ pub struct Shard {
 /// State of a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
-    /// Its files are there and whole.
+    /// Its files are present and intact.
     Done,
     /// Another process is running it.
     Running,
-    /// Its files are not there.
+    /// Its files are missing.
     Missing,
-    /// A file is there that is not its own, or is damaged.
+    /// One of its files is damaged or not its own.
     Damaged(String),
 }
 
@@ -57,7 +58,7 @@ impl Shard {
     /// Opens a folder with a plan.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Part`] for a file that is no plan of this version.
+    /// [`Error::Read`]; [`Error::Part`] for a file that is not a plan of this version.
     pub fn open(folder: &Path) -> Result<Self, Error> {
         let plan = Plan::read(folder)?;
         let files = plan.files(folder);
@@ -85,11 +86,11 @@ impl Shard {
         Err(Error::OtherDevice { planned: self.plan.fingerprint.clone(), here: fingerprint.to_owned() })
     }
 
-    /// Does a task, unless it is done, and tells the watcher what it took. Waits while another process does it.
+    /// Runs a task, unless it is done, and reports its cost to the watcher. Waits while another process runs it.
     ///
     /// # Errors
-    /// [`Error::Usage`] for a task that the plan does not have; [`Error::Part`] for parts that are damaged or of another plan;
-    /// those of the work itself.
+    /// [`Error::Usage`] for a task that the plan does not have; [`Error::Part`] for parts that are damaged or of
+    /// another plan; errors of the work itself.
     pub fn run(&self, session: &Session<'_>, task: Task) -> Result<(), Error> {
         self.has(task)?;
         let _lock = self.lock(task)?;
@@ -111,10 +112,10 @@ impl Shard {
         Ok(())
     }
 
-    /// Does all tasks that are not done, one after the other; `follow` hears of each before it begins.
+    /// Runs all tasks that are not done, one after the other; calls `follow` before each.
     ///
     /// # Errors
-    /// As [`Shard::run`]; [`Error::Interrupted`].
+    /// Errors of [`Shard::run`]; [`Error::Interrupted`].
     pub fn all(&self, session: &Session<'_>, mut follow: impl FnMut(Task)) -> Result<(), Error> {
         for task in self.tasks() {
             if self.state_of_files(task) != State::Done {
@@ -136,10 +137,10 @@ impl Shard {
         self.tasks().map(|task| (task, state(task))).collect()
     }
 
-    /// Does a task again and compares the bytes with those of its files. Returns the files that differ.
+    /// Runs a task again and compares the bytes with those of its files. Returns the files that differ.
     ///
     /// # Errors
-    /// As [`Shard::run`]; files that cannot be read.
+    /// Errors of [`Shard::run`]; files that cannot be read.
     pub fn verify(&self, session: &Session<'_>, task: Task) -> Result<Vec<PathBuf>, Error> {
         self.has(task)?;
         let mut wrong = Vec::new();
@@ -163,8 +164,8 @@ impl Shard {
         self.files.folder.join("locks").join(task.to_string().replace('/', "-"))
     }
 
-    /// The lock of a task, which goes with the process, however that ends. Where the file system has no locks there is none: a task
-    /// that two processes do has the same result.
+    /// The lock of a task, released when the process ends, however it ends. `None` on a file system without locks: two
+    /// processes that run the same task produce the same result.
     fn lock(&self, task: Task) -> Result<Option<File>, Error> {
         let path = self.lock_file(task);
         let failed = |source| Error::Write { path: path.clone(), source };
@@ -190,7 +191,7 @@ impl Shard {
         whole.map_or_else(|error| State::Damaged(error.to_string()), |()| State::Done)
     }
 
-    /// The files of a task with their contents, in the order in which they are written.
+    /// The files of a task with their contents, in the order of writing.
     fn work(&self, session: &Session<'_>, task: Task) -> Result<impl Iterator<Item = (PathBuf, Vec<u8>)>, Error> {
         let contents = self.plan.job.work(session, &self.files, task)?;
         Ok(self.files.outputs(task).into_iter().zip(contents))

@@ -12,9 +12,9 @@ use std::path::Path;
 /// Words of a score.
 const SCORES: usize = size_of::<Score>() / size_of::<u32>();
 
-/// A chunk's responses, to be stored.
+/// A chunk's responses, before storing.
 pub(super) struct Part {
-    /// Hash of the plan that it belongs to.
+    /// Hash of its plan.
     pub plan: String,
     /// The task's name.
     pub task: String,
@@ -22,12 +22,12 @@ pub(super) struct Part {
     pub responses: Responses,
 }
 
-/// A part as its file has it.
+/// A part as stored in its file.
 #[derive(Debug)]
 pub(super) struct Stored {
     /// Numbers of the Gaussians that have rows, rising.
     index: Vec<u32>,
-    /// Their rows, one after the other; empty if they were not asked for.
+    /// Their rows, one after the other; empty if not requested.
     channels: Vec<u32>,
     scores: Vec<u32>,
 }
@@ -91,7 +91,7 @@ impl Part {
             [("channels", cast_slice(&channels)), ("index", cast_slice(&index)), ("scores", cast_slice(&scores))];
         let sum = checksum(arrays.into_iter().chain([("plan", plan.as_bytes()), ("task", task.as_bytes())]));
         let notes = [("plan", plan.clone()), ("task", task.clone()), ("crc32", sum.to_string())];
-        // One after the other: a map's order changes from run to run.
+        // Sorted, because a map's order changes from run to run.
         let notes: HashMap<String, String> =
             [("part".to_owned(), serde_json::to_string(&notes).map_err(|e| Error::encoding("a part", e))?)].into();
         let views: Vec<(&str, TensorView<'_>)> =
@@ -99,10 +99,10 @@ impl Part {
         safetensors::serialize(views, Some(notes)).map_err(|e| Error::encoding("a part", e))
     }
 
-    /// Reads a part of `n` Gaussians that task `task` of plan `plan` wrote.
+    /// Reads a part for `n` Gaussians that task `task` of plan `plan` wrote.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Part`] for a damaged one and for one of another plan or task.
+    /// [`Error::Read`]; [`Error::Part`] if it is damaged or belongs to another plan or task.
     pub fn read(path: &Path, n: usize, plan: &str, task: &str) -> Result<Stored, Error> {
         let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
         Self::parse(&bytes, n, plan, task).map_err(|what| Error::Part {
@@ -164,7 +164,7 @@ mod tests {
         assert_eq!(seen(&part.responses), [1, 4]);
     }
 
-    /// Whatever byte changes, the part is refused, or read as it was.
+    /// Whichever byte changes, the part is refused or read correctly.
     #[test]
     fn damage_is_noticed() {
         let part = part();

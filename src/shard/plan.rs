@@ -1,4 +1,4 @@
-//! The plan of a divided job: all that its results depend on, and the list of its tasks.
+//! The plan of a divided job: everything that its results depend on, and the list of its tasks.
 
 use super::compression::CompressPlan;
 use super::files::Files;
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// The format and version that mark a plan as this program's.
 const MADE_BY: &str = "qirf-vk shard";
 
-/// The plan of a job in tasks. How many processes do them appears nowhere: the results do not depend on it.
+/// The plan of a job in tasks. It does not contain the number of processes: the results do not depend on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
@@ -23,7 +23,7 @@ pub struct Plan {
     made_by: String,
     /// Version of the program.
     version: String,
-    /// Fingerprint of the device that made the plan: what its kernels compute.
+    /// Fingerprint of the results of the device that made the plan.
     pub fingerprint: String,
     /// Name of the resulting model's file.
     pub output: String,
@@ -31,7 +31,7 @@ pub struct Plan {
     pub job: Job,
 }
 
-/// A job that is divided.
+/// A divided job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Job {
@@ -65,7 +65,7 @@ impl Job {
 }
 
 impl Plan {
-    /// The plan of a job whose model is to have this file name, on a device with this fingerprint.
+    /// The plan of a job on a device with this fingerprint; `output` is the file name of the resulting model.
     pub fn new(job: Job, output: &str, fingerprint: String) -> Self {
         let version = env!("CARGO_PKG_VERSION").to_owned();
         Self { made_by: MADE_BY.to_owned(), version, fingerprint, output: output.to_owned(), job }
@@ -74,7 +74,7 @@ impl Plan {
     /// Reads the plan of a folder.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Part`] for a file that is no plan of this version.
+    /// [`Error::Read`]; [`Error::Part`] for a file that is not a plan of this version.
     pub fn read(folder: &Path) -> Result<Self, Error> {
         let path = file(folder);
         let bytes = std::fs::read(&path).map_err(|source| Error::Read { path: path.clone(), source })?;
@@ -106,7 +106,7 @@ impl Plan {
         Output::json(&file(folder), "plan.json", self)
     }
 
-    /// The files of its tasks in `folder`. Their hash, which parts carry, tells plans apart.
+    /// The files of its tasks in `folder`. Their hash, which parts contain, identifies the plan.
     pub(super) fn files(&self, folder: &Path) -> Files {
         let hash = format!("{:08x}", crc32([serde_json::to_string(self).unwrap_or_default().as_bytes()]));
         Files { folder: folder.to_owned(), hash, listed: self.job.tasks(&self.output) }

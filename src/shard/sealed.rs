@@ -33,7 +33,7 @@ pub(super) fn bytes(plan: &str, task: &str, content: &impl Serialize) -> Result<
 /// The content of a file that task `task` of plan `plan` wrote.
 ///
 /// # Errors
-/// [`Error::Read`]; [`Error::Part`] for a damaged one and for one of another plan or task.
+/// [`Error::Read`]; [`Error::Part`] if it is damaged or belongs to another plan or task.
 pub(super) fn read<T: DeserializeOwned>(path: &Path, plan: &str, task: &str) -> Result<T, Error> {
     let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
     parse(&bytes, plan, task).map_err(|what| Error::Part { path: path.to_owned(), what, task: task.to_owned() })
@@ -57,7 +57,7 @@ fn parse<T: DeserializeOwned>(bytes: &[u8], plan: &str, task: &str) -> Result<T,
 mod tests {
     use super::*;
 
-    /// Numbers come back with all their bits, or the seal would break.
+    /// Numbers keep all their bits, or the checksum would not match.
     #[test]
     fn numbers_come_back() {
         let content: Vec<f64> = (1..5000).map(|i| f64::from(i).sin() * 10f64.powi(i % 40 - 20)).collect();
@@ -74,7 +74,7 @@ mod tests {
         for at in 0..good.len() {
             let mut damaged = good.clone();
             damaged[at] ^= 1;
-            // A flipped bit of white space or of a name's last letter may still read as the same.
+            // A flipped bit of white space or of a name's last letter may still have the same meaning.
             assert!(read(&damaged).is_err() || read(&damaged).as_ref() == Ok(&content), "byte {at}");
         }
         assert!(parse::<Vec<f64>>(&good, "abd", "score/0001").is_err_and(|e| e.contains("another plan")));

@@ -1,10 +1,10 @@
-//! Tasks of a divided job: each reads files and writes files, whole or not at all.
+//! Tasks of a divided job: each reads files and writes files completely or not at all.
 
 use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// The kinds of tasks, by the names that they have in files and on the command line.
+/// The kinds of tasks, with their names in files and on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
     /// Trains a coarse model of the whole scene.
@@ -54,17 +54,17 @@ impl Stage {
     }
 }
 
-/// A task: a stage, and which part of it if it has several.
+/// A task: a stage, and the number of its part if it has several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Task {
     /// The stage.
     pub stage: Stage,
-    /// Number of the part, of a stage that is divided.
+    /// Number of the part, for a divided stage.
     pub part: Option<usize>,
 }
 
 impl Task {
-    /// The task of a stage that is not divided.
+    /// The task of an undivided stage.
     pub const fn whole(stage: Stage) -> Self {
         Self { stage, part: None }
     }
@@ -111,9 +111,9 @@ pub struct Listed {
     pub task: Task,
     /// The tasks whose files it reads.
     pub needs: Vec<Task>,
-    /// Its files, from the plan's folder, in the order in which they are written.
+    /// Its files, relative to the plan's folder, in the order of writing.
     pub outputs: Vec<String>,
-    /// Work, for engines that begin with the longest task: views drawn or trained on.
+    /// Amount of work, in views drawn or trained on, for workflow engines that start with the longest task.
     pub work: usize,
 }
 
@@ -130,12 +130,12 @@ impl Listed {
     }
 }
 
-/// The tasks that score a model in views, some views each.
+/// Tasks that score a model, some views each.
 #[derive(Clone, Copy)]
 pub(super) struct Scores {
     /// Views to score.
     pub views: usize,
-    /// Views that a task scores; the last may score fewer.
+    /// Views per task; the last may score fewer.
     pub each: usize,
 }
 

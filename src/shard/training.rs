@@ -1,5 +1,6 @@
-//! A run in blocks as tasks: a coarse model, its division, the blocks up to the prune, evidence by chunks of photos, one choice,
-//! the blocks to a second and a third meeting and to their end, the joined model, and its scores by parts of the photos.
+//! A run in blocks as tasks: a coarse model, its division, the blocks up to the prune, evidence by chunks of photos,
+//! one choice, the blocks to a second and a third meeting and to their end, the joined model, and its scores by parts
+//! of the photos.
 
 use super::files::Files;
 use super::task::{Listed, Scores, Stage, Task};
@@ -15,7 +16,7 @@ use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-/// Photos that a task scores.
+/// Photos per scoring task.
 const SCORED: usize = 48;
 const COARSE: Task = Task::whole(Stage::Coarse);
 const ASSIGN: Task = Task::whole(Stage::Assign);
@@ -26,7 +27,7 @@ const CHOOSE: Task = Task::whole(Stage::Choose);
 const JOIN: Task = Task::whole(Stage::Join);
 const REPORT: Task = Task::whole(Stage::Report);
 
-/// Notes beside the blocks that met.
+/// Notes beside the collected blocks of a meeting.
 #[derive(Serialize, Deserialize)]
 struct Collected {
     /// The first row of each block.
@@ -63,10 +64,10 @@ struct Pruned {
     prune: Option<PruneRecord>,
 }
 
-/// Notes beside a block after the second meeting; those of all blocks stand beside the joined model.
+/// Notes beside a block after the second meeting; those of all blocks are stored beside the joined model.
 #[derive(Clone, Serialize, Deserialize)]
 struct Ended {
-    /// Its own Gaussians; copies of its neighbours' follow them.
+    /// Number of its own Gaussians; copies of its neighbours' follow them.
     gaussians: usize,
     prune: Option<PruneRecord>,
     skipped_rows: u64,
@@ -110,7 +111,7 @@ impl BlockRun {
         Task::parts(Stage::Evidence, self.chunks())
     }
 
-    /// All tasks; each comes after those that it needs. `output` names the model's file.
+    /// All tasks; each comes after those that it needs. `output` is the name of the model's file.
     pub(super) fn tasks(&self, output: &str) -> Vec<Listed> {
         let prunes = self.config.prune.is_some();
         let iterations = self.config.schedule.iterations as usize;
@@ -122,7 +123,7 @@ impl BlockRun {
         let evidence = |task: Task| Listed::new(task, [ASSIGN, FIRST], [stored(task)], CHUNK);
         let choose = Listed::new(CHOOSE, [FIRST].into_iter().chain(self.chunks_of_evidence()), ["choose.json"], CHUNK);
         let tune = |task: Task| {
-            // Without a prune it trains its neighbours' Gaussians along, and reads theirs, too.
+            // Without a prune it also trains its neighbours' Gaussians, and therefore reads their files, too.
             let own = Task { stage: Stage::Dense, ..task };
             let came: Vec<Task> = if prunes { vec![CHOOSE, own] } else { self.dense_blocks().collect() };
             Listed::new(task, [ASSIGN, FIRST].into_iter().chain(came), [stored(task), beside(task)], each / 2)
@@ -157,7 +158,7 @@ impl BlockRun {
         tasks
     }
 
-    /// Reads the files of a task, to find damaged ones.
+    /// Reads the files of a task, to detect damaged ones.
     pub(super) fn check(files: &Files, task: Task) -> Result<(), Error> {
         match task.stage {
             Stage::Coarse | Stage::Dense => files.state(task).map(drop),
@@ -221,7 +222,7 @@ impl BlockRun {
         }
     }
 
-    /// The scene that the copies of blocks become, and its notes.
+    /// The scene of the blocks' blended copies, and its notes.
     fn blended(&self, files: &Files, task: Task, blocks: impl Iterator<Item = Task>) -> Result<Vec<Vec<u8>>, Error> {
         let met = Met::read(files, SECOND)?;
         let of = copies(&files.sealed(ASSIGN)?, &met.meeting());
@@ -277,7 +278,7 @@ impl BlockRun {
         files.with_model(task, &finished.state.model, self.config.style.mode(), Ended::of(&finished))
     }
 
-    /// All figures, as `qirf-vk eval` has them, without times, memory and the frame rate; with those of the blocks.
+    /// All figures, as printed by `qirf-vk eval`, without times, memory and the frame rate; plus those of the blocks.
     fn report(&self, session: &Session<'_>, files: &Files) -> Result<Vec<u8>, Error> {
         let (model, Joined { blocks }) = files.model(JOIN)?;
         let layout: Layout = files.sealed(ASSIGN)?;

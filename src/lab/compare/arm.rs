@@ -9,10 +9,10 @@ use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use crate::wording::unknown;
 
-/// Shares of the run at which an arm prunes that does so in two steps, as `RadSplat` does.
+/// Shares of the run at which an arm with two prunes makes them, as in `RadSplat`.
 pub const TWICE: [f64; 2] = [16.0 / 30.0, 24.0 / 30.0];
 
-/// What may follow an arm's name: any of these, in any order, each once.
+/// Suffixes of an arm's name: any of these, in any order, each once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Suffix {
     Budget,
@@ -26,7 +26,7 @@ enum Suffix {
 }
 
 impl Suffix {
-    /// All, with the text that begins each and what help calls it.
+    /// All suffixes: the text that begins each, and its name in the help.
     const ALL: [(Self, &str, &str); 8] = [
         (Self::Budget, ":", ":BUDGET"),
         (Self::Merge, "+merge", "+merge"),
@@ -38,7 +38,7 @@ impl Suffix {
         (Self::Share, "@", "@SHARE"),
     ];
 
-    /// Their names in a sentence.
+    /// Names of suffixes, as a list in a sentence.
     fn list(suffixes: &[Self]) -> String {
         let named = |s: &Self| Self::ALL.iter().find(|row| row.0 == *s).map_or("", |row| row.2);
         let names: Vec<&str> = suffixes.iter().map(named).collect();
@@ -59,7 +59,7 @@ struct Suffixes {
 }
 
 impl Suffixes {
-    /// Divides an arm's text into its name and its suffixes.
+    /// Splits an arm's text into its name and its suffixes.
     fn split(text: &str) -> Result<(&str, Self), String> {
         let end = |text: &str| -> usize {
             let begins = [":", "@", "+", "-detail"].iter().filter_map(|begin| text.find(begin));
@@ -104,20 +104,20 @@ impl Suffixes {
     }
 }
 
-/// What an arm with a name of its own is.
+/// The meaning of an arm with a name of its own.
 #[derive(Clone, Copy)]
 enum Base {
-    /// The pruning that the comparison is given.
+    /// The pruning that was given to the comparison.
     Given,
     /// The pruning of the QIRF paper.
     Paper,
-    /// Another arm in full, and the shares of the run at which it prunes if it does so in two steps.
+    /// Another arm in full, and the shares of the run for its prunes if there are two.
     Other(&'static str, [f64; 2]),
-    /// Not pruned; the share that others keep says how it grows.
+    /// Not pruned; its growth follows from the share that others keep.
     NotPruned(fn(Keep) -> Grown),
 }
 
-/// An arm with a name of its own, which is no selector's.
+/// An arm with a name of its own instead of a selector's.
 struct Named {
     name: &'static str,
     about: &'static str,
@@ -135,7 +135,7 @@ const ALL: &[Suffix] = &{
     all
 };
 const PROCESS: &[Suffix] = &[Suffix::Rewarm, Suffix::Thresholds, Suffix::Share];
-/// Pairs are merged over the whole model, so that they have neither budget nor detail.
+/// Pairs are merged over the whole model: without budget or detail safeguard.
 const PAIRS: &[Suffix] = &[Suffix::Attrition, Suffix::Twice, Suffix::Rewarm, Suffix::Thresholds, Suffix::Share];
 
 const NAMED: [Named; 9] = [
@@ -148,7 +148,7 @@ const NAMED: [Named; 9] = [
         base: Base::Other("opacity:global-detail+attrition", TWICE),
         takes: PROCESS,
     },
-    // GaussianPOP: what the pictures change if one Gaussian goes, in two cuts.
+    // GaussianPOP: the change of the pictures if one Gaussian is removed, in two cuts.
     Named {
         name: "pop",
         about: "change:global-detail in two cuts",
@@ -187,7 +187,7 @@ const NAMED: [Named; 9] = [
     },
 ];
 
-/// What an arm may be, for help: suffixes, then the arms that have names of their own.
+/// The possible arms, for help: suffixes, then the arms with names of their own.
 pub fn help() -> String {
     let mut text = format!(
         "An arm is a selector's name, followed by any of {}, in any order; +twice prunes at 16/30 and 24/30 of the run. Other arms \
@@ -200,42 +200,42 @@ pub fn help() -> String {
     text
 }
 
-/// How an arm's model grows.
+/// Growth of an arm's model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Grown {
-    /// With the other arms: it continues from their checkpoint at the prune point.
+    /// Shared with the other arms: it continues from their checkpoint at the prune point.
     Together,
     /// By the thresholds of the 3DGS reference, from the beginning.
     ByThresholds,
-    /// From the beginning to the number that would be kept of the other arms' Gaussians; it is not pruned.
+    /// From the beginning to the number that would be kept of the other arms' Gaussians; not pruned.
     To(Keep),
-    /// From the beginning to that number by relocation, as in 3DGS-MCMC; it is not pruned.
+    /// From the beginning to that number by relocation, as in 3DGS-MCMC; not pruned.
     Relocating(Keep),
-    /// From the beginning as the other arms, with learnt masks that leave that number; it is not pruned otherwise.
+    /// From the beginning like the other arms, with learnt masks that leave that number; not pruned otherwise.
     Masked(MaskMethod, Keep),
 }
 
-/// One way to reach a model.
+/// One way to obtain a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arm {
     /// Its name, as given on the command line.
     pub name: String,
-    /// Its choice of Gaussians; none if it is not pruned.
+    /// Its choice of Gaussians; `None` if it is not pruned.
     pub compression: Option<PruneRule>,
-    /// True if attrition goes before it.
+    /// True if attrition precedes the prune.
     pub attrition: bool,
-    /// True if rates are re-warmed after it.
+    /// True if rates are re-warmed after the prune.
     pub rewarm: bool,
-    /// Shares of the run at which it prunes, if it does so in two steps.
+    /// Shares of the run for its prunes, if there are two.
     pub twice: Option<[f64; 2]>,
-    /// How its model grows.
+    /// Growth of its model.
     pub grown: Grown,
 }
 
 impl Arm {
-    /// Reads the name of a selector, or of one of the arms that [`help`] lists, with suffixes. A selector alone prunes without
-    /// attrition, divides its count per block and does not merge. `given` is the meaning of `default`, and gives every arm its share,
-    /// its detail and its blocks.
+    /// Reads the name of a selector, or of one of the arms that [`help`] lists, with suffixes. A selector alone prunes
+    /// without attrition, divides its count per block and does not merge. `given` is the meaning of `default`, and
+    /// gives every arm its share, detail and blocks.
     ///
     /// # Errors
     /// A sentence that names the fault.
@@ -286,7 +286,7 @@ impl Arm {
         Self { compression: Some(compression), ..Self::not_pruned(Grown::Together) }
     }
 
-    /// Changes it as its suffixes say.
+    /// Applies suffixes.
     fn take(&mut self, suffixes: &Suffixes) {
         if let Some(compression) = &mut self.compression {
             if let Some(share) = suffixes.share {
@@ -310,16 +310,17 @@ impl Arm {
         }
     }
 
-    /// Its folder's name, valid on every file system.
+    /// The name of its folder, valid on every file system.
     #[must_use]
     pub fn folder(name: &str) -> String {
         name.replace([':', '@'], "-")
     }
 
-    /// The arm's run: the shared one's, with the arm's pruning and growth. `gaussians` is their number at the
-    /// shared run's prune point.
+    /// The arm's run: the shared run with the arm's pruning and growth. `gaussians` is their number at the shared run's
+    /// prune point.
     pub fn configuration(&self, shared: &RunConfig, gaussians: usize) -> RunConfig {
-        // All arms have the loss of the fine-tuning from the same iteration on, also those that prune later or not at all.
+        // All arms switch to the loss of the fine-tuning at the same iteration, even those that prune later or not at
+        // all.
         let fork = |pruning: &Pruning| pruning.at.first().copied();
         let prune = match (&self.compression, &shared.prune) {
             (Some(compression), Some(pruning)) => Some(Pruning {
@@ -365,7 +366,7 @@ impl Arm {
     }
 }
 
-/// The same pruning in two steps at these shares of the run, to exactly as many of `gaussians`.
+/// The same pruning in two steps at these shares of the run, with the same final count of `gaussians`.
 fn twice(mut pruning: Pruning, at: [f64; 2], gaussians: usize) -> Pruning {
     pruning.at = at.to_vec();
     if let Keep::Share(_) = pruning.compression.keep {
@@ -461,7 +462,7 @@ mod tests {
         }
     }
 
-    /// Suffixes mean the same in every order.
+    /// The order of suffixes does not matter.
     #[test]
     fn suffixes_in_any_order() {
         let process = Pruning::default();

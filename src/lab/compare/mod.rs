@@ -1,5 +1,5 @@
-//! `qirf-vk compare`: one model trained to the prune point, and every arm from that one checkpoint with the same seed,
-//! loss and iterations.
+//! `qirf-vk compare`: one model trained to the prune point, and every arm continued from that checkpoint with the same
+//! seed, loss and iterations.
 
 mod arm;
 mod page;
@@ -28,11 +28,11 @@ pub fn write_page(compared: &CompareRecord, folder: &Path) -> Result<(), Error> 
     Output::text(&folder.join("compare.html"), &page::page(compared, folder))
 }
 
-/// Number of rounds in which the arms' frame rates are taken in turn.
+/// Number of rounds in which the arms' frame rates are measured in turn.
 const ROUNDS: usize = 5;
 
-/// The configuration and the folder of each part of a comparison: one in `folder` itself without a number of seeds, else one a
-/// seed inside it, from the configuration's own seed on.
+/// The configuration and the folder of each part of a comparison: `folder` itself without a number of seeds; otherwise
+/// one subfolder per seed, from the configuration's own seed on.
 pub fn of_seeds(shared: &RunConfig, seeds: Option<u32>, folder: &Path) -> Vec<(RunConfig, PathBuf)> {
     let of_seed = |k: u32| {
         let seed = shared.seed.wrapping_add(k);
@@ -41,11 +41,11 @@ pub fn of_seeds(shared: &RunConfig, seeds: Option<u32>, folder: &Path) -> Vec<(R
     seeds.map_or_else(|| vec![(shared.clone(), folder.to_owned())], |n| (0..n).map(of_seed).collect())
 }
 
-/// Compares `arms` on one scene with `seeds` seeds (at least one), from the configuration's own on, each in a folder of its own
-/// inside `folder`.
+/// Compares `arms` on one scene with `seeds` seeds (at least one), from the configuration's own on, each in a folder of
+/// its own inside `folder`.
 ///
 /// # Errors
-/// As [`compare`].
+/// Errors of [`compare`].
 pub fn compare_seeds(
     session: &Session<'_>,
     shared: &RunConfig,
@@ -115,7 +115,7 @@ fn arm_output(folder: &Path, name: &str) -> Result<Output, Error> {
     Output::new(&folder.join("arms").join(Arm::folder(name)))
 }
 
-/// Takes one arm to its end, from the fork or from the beginning, or reuses its result of an earlier comparison.
+/// Takes one arm to its end, from the fork or from the beginning, or reuses its result from an earlier comparison.
 fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume: bool) -> Result<ArmRecord, Error> {
     let output = arm_output(folder, &arm.name)?;
     let gaussians = fork.snapshot.model.len();
@@ -173,7 +173,7 @@ fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecor
     }
 }
 
-/// Times all arms' models in turn, so that other work on the machine affects all of them alike.
+/// Measures all arms' frame rates in turn, so that other work on the machine affects all of them alike.
 fn frame_rates(setup: &Setup<'_>, arms: &mut [ArmRecord], folder: &Path) -> Result<(), Error> {
     let Setup { session, config, prepared, .. } = setup;
     let settings = prepared.settings(config.style);

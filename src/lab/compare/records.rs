@@ -12,10 +12,10 @@ pub struct ArmRecord {
     pub name: String,
     /// Mean PSNR of the held-out views in dB; null if all are equal or there are none.
     pub psnr: Option<f64>,
-    /// With several seeds: the standard deviation of their PSNRs in dB; null if one of them has none.
+    /// Standard deviation, in dB, of the PSNRs of several seeds; null if one of them has none.
     #[serde(default)]
     pub psnr_spread: Option<f64>,
-    /// With several seeds: the PSNR with each, in their order.
+    /// PSNR with each of several seeds, in their order.
     #[serde(default)]
     pub psnr_by_seed: Vec<Option<f64>>,
     /// Mean SSIM of the held-out views.
@@ -36,7 +36,7 @@ pub struct ArmRecord {
     pub psnr_pruned: Option<f64>,
     /// Its prunes.
     pub prunes: Vec<PruneRecord>,
-    /// The cut that its method ended with; absent without one.
+    /// The cut that ended its method; absent without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cut: Option<Cut>,
     /// Scores by view.
@@ -56,7 +56,7 @@ pub struct CompareRecord {
     pub scene: String,
     /// Iterations of every arm.
     pub iterations: u32,
-    /// The seeds; figures of arms are means over them, prunes and views those of the first.
+    /// The seeds; figures of arms are means over them, prunes and views are those of the first.
     pub seeds: Vec<u32>,
     /// The iteration at which the arms fork.
     pub prune_point: u32,
@@ -66,7 +66,7 @@ pub struct CompareRecord {
     pub arms: Vec<ArmRecord>,
 }
 
-/// The mean and the sample standard deviation of values; none unless all are there, and no deviation of fewer than two.
+/// Mean and sample standard deviation of values; `None` unless all values exist, and no deviation for fewer than two.
 fn statistics(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
     let Some(values) = values.iter().copied().collect::<Option<Vec<f64>>>().filter(|v| !v.is_empty()) else {
         return (None, None);
@@ -78,7 +78,7 @@ fn statistics(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
 }
 
 impl ArmRecord {
-    /// This arm's record with means over `of`, the arm with each seed.
+    /// This arm's record with means over `of`, the same arm with each seed.
     fn mean(self, of: &[&Self]) -> Self {
         let option = |value: fn(&Self) -> Option<f64>| of.iter().map(|a| value(a)).collect::<Vec<_>>();
         let mean = |value: fn(&Self) -> Option<f64>| statistics(&option(value)).0;
@@ -106,12 +106,12 @@ impl CompareRecord {
         self.arms.iter().any(|a| !a.psnr_by_seed.is_empty())
     }
 
-    /// The folder of seed `seed` inside that of a comparison with several.
+    /// The folder of seed `seed` inside that of a comparison with several seeds.
     pub fn folder_of(seed: u32) -> String {
         format!("seed-{seed}")
     }
 
-    /// This comparison and `others`, which have the same arms with other seeds, as one with means.
+    /// This comparison merged with `others`, the same arms with other seeds, into one with means.
     #[must_use]
     pub fn mean(&self, others: &[Self]) -> Self {
         let all = || std::iter::once(self).chain(others);

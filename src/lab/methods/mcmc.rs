@@ -1,6 +1,6 @@
-//! Growth by relocation at a fixed count ("3DGS as Markov Chain Monte Carlo", Kheradmand et al. 2024): instead of being removed,
-//! a dead Gaussian moves to a live one and shares its place, so that the picture changes little. The fair alternative to
-//! pruning a larger model.
+//! Growth by relocation at a fixed count ("3DGS as Markov Chain Monte Carlo", Kheradmand et al. 2024): instead of being
+//! removed, a dead Gaussian moves to a live one and shares its place, so that the picture changes little. The fair
+//! alternative to pruning a larger model.
 
 use crate::gpu::Recording;
 use crate::kernels::constants::mcmc::{NOISE, REGULARISE};
@@ -19,19 +19,19 @@ use serde::{Deserialize, Serialize};
 /// Its name in `config.toml`, and the profiler's scope.
 pub const NAME: &str = "mcmc";
 
-/// Most Gaussians that share a place: the paper's limit.
+/// Largest number of Gaussians that share a place: the paper's limit.
 const MOST_COPIES: usize = 51;
 
-/// Growth by relocation, as written to `config.toml`; the plan of growth says how many Gaussians there are. The values are the
-/// paper's.
+/// Growth by relocation, as written to `config.toml`; the plan of growth sets the number of Gaussians. The values are
+/// the paper's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Mcmc {
-    /// Share of the run after which nothing moves to another place any more.
+    /// Share of the run after which Gaussians are no longer relocated.
     pub until: f64,
     /// Opacity at which a Gaussian is dead.
     pub dead: f64,
-    /// Factor of the positions' learning rate that gives the noise.
+    /// Factor from the positions' learning rate to the noise.
     pub noise: f64,
     /// Weight of the mean opacity in the loss.
     pub opacity: f64,
@@ -45,8 +45,8 @@ impl Default for Mcmc {
     }
 }
 
-/// The opacity of `copies` Gaussians that share the place of one with opacity `opacity`, and the factor of their scales:
-/// together they let as much light through, and have the same mass along a ray.
+/// The opacity of `copies` Gaussians that share the place of one with opacity `opacity`, and the factor of their
+/// scales: together they let as much light through, and have the same mass along a ray.
 pub fn shared(opacity: f64, copies: usize) -> (f64, f64) {
     let each = 1.0 - (1.0 - opacity).powf(1.0 / copies as f64);
     let mut mass = 0.0;
@@ -65,13 +65,13 @@ pub fn shared(opacity: f64, copies: usize) -> (f64, f64) {
 pub struct Moves {
     /// By new row: the old row that it takes its parameters from.
     pub sources: Vec<u32>,
-    /// By old row: how many new rows take theirs from it; 0 for the dead.
+    /// By old row: number of new rows that take their parameters from it; 0 for dead Gaussians.
     pub copies: Vec<usize>,
 }
 
 impl Mcmc {
-    /// Moves dead Gaussians to live ones, and adds others until there are `count`. Chances are in proportion to opacities, given
-    /// as logits. Without live Gaussians nothing moves.
+    /// Moves dead Gaussians to live ones, and adds others until there are `count`. Probabilities are proportional to
+    /// opacities, which are given as logits. Without live Gaussians nothing moves.
     pub fn choose(&self, logits: &[f32], count: usize, key: [u32; 2]) -> Moves {
         let opacity = |l: f32| 1.0 / (1.0 + (-f64::from(l)).exp());
         let live = |l: f32| !l.is_nan() && opacity(l) > self.dead;
@@ -91,7 +91,7 @@ impl Mcmc {
                 continue;
             }
             let at = random::uniform(&[u64::from(key[0]), u64::from(key[1]), row as u64]) * whole;
-            // The first whose sum exceeds it: a live one, since those of the dead add nothing.
+            // The first whose sum exceeds it: a live one, since dead ones add nothing.
             let from = sums.partition_point(|sum| *sum <= at).min(logits.len() - 1);
             sources[row] = from as u32;
         }
@@ -103,10 +103,10 @@ impl Mcmc {
 }
 
 impl Mcmc {
-    /// Reads it from a configuration.
+    /// Reads the settings from a configuration.
     ///
     /// # Errors
-    /// A sentence that names the number that is wrong.
+    /// A sentence that names the wrong number.
     pub fn read(config: &MethodConfig) -> std::result::Result<Self, String> {
         let read: Self = config.read()?;
         within("method.until", read.until, &(0.0..=1000.0))?;
@@ -130,8 +130,8 @@ impl Mcmc {
         record(recording, renderer, model, REGULARISE, push);
     }
 
-    /// Records the random steps of faint Gaussians, after Adam. `rate` is the positions' learning rate; `key` the run's seed and
-    /// the iteration.
+    /// Records the random steps of faint Gaussians, after Adam. `rate` is the positions' learning rate; `key` the run's
+    /// seed and the iteration.
     pub fn noise(
         &self,
         recording: &mut Recording,
@@ -185,12 +185,12 @@ impl Method for Mcmc {
         self.noise(recording, now.renderer, now.model, now.rates.means, now.key);
     }
 
-    /// Moves the dead, and adds as many as planned.
+    /// Moves dead Gaussians, and adds the planned number.
     fn between(&self, pause: &mut Pause<'_>) -> Result<Changed> {
         let Pause { device, model, schedule, key, most } = pause;
         let parameters = &model.model.parameters;
         let (mut logits, mut scales) = (parameters.opacity_logits.read(device)?, parameters.log_scales.read(device)?);
-        // The tail stays as it is.
+        // The tail stays unchanged.
         logits.truncate(model.trained());
         scales.truncate(3 * logits.len());
         let planned = schedule.growth.map_or(0, |plan| plan.planned(schedule, key[1])).min(*most);
@@ -218,7 +218,8 @@ impl Method for Mcmc {
 mod tests {
     use super::*;
 
-    /// Copies let as much light through as the one whose place they share, and have its mass along a ray through the middle.
+    /// Copies let as much light through as the Gaussian whose place they share, and have its mass along a ray through
+    /// the middle.
     #[test]
     fn sharing_keeps_light_and_mass() {
         for opacity in [0.006, 0.1, 0.5, 0.9, 0.999] {
@@ -244,7 +245,7 @@ mod tests {
     #[test]
     fn the_dead_move_to_the_live_by_opacity() {
         let logit = |o: f64| (o / (1.0 - o)).ln() as f32;
-        // Dead at 0.001; live ones of 0.1, 0.3 and 0.6; one that is no number.
+        // Dead at 0.001; live ones of 0.1, 0.3 and 0.6; one NaN.
         let logits: Vec<f32> = (0..4000)
             .map(|i| match i % 4 {
                 0 => logit(0.001),

@@ -1,5 +1,5 @@
-//! Methods of other papers that change how a model is trained, each behind the seam [`Method`]: the training loop knows none of
-//! them. `compare` has an arm for each, and `run --config` repeats such an arm.
+//! Methods of other papers that change how a model is trained, each an implementation of [`Method`]: the training loop
+//! knows none of them. `compare` has an arm for each, and `run --config` repeats such an arm.
 
 pub mod learnt_mask;
 pub mod mcmc;
@@ -14,7 +14,7 @@ use mcmc::Mcmc;
 use std::fmt::Display;
 use std::sync::Arc;
 
-/// Reads a method's settings, and makes the method.
+/// Reads a method's settings, and creates the method.
 type Make = fn(&MethodConfig, &Device) -> Result<Arc<dyn Method>, Error>;
 
 /// All methods, by their names in `config.toml`.
@@ -30,10 +30,10 @@ fn wrong(what: impl Display) -> Error {
     Error::Usage(format!("config.toml: {what}"))
 }
 
-/// Makes the method that a configuration names: what [`Session::methods`](crate::pipeline::Session::methods) is to be.
+/// Creates the method that a configuration names, for [`Session::methods`](crate::pipeline::Session::methods).
 ///
 /// # Errors
-/// [`Error::Usage`] for an unknown name or a setting that is wrong; device memory.
+/// [`Error::Usage`] for an unknown name or a wrong setting; device memory.
 pub fn make(config: &MethodConfig, device: &Device) -> Result<Arc<dyn Method>, Error> {
     let known = METHODS.iter().find(|(name, _)| *name == config.name);
     let (_, make) = known.ok_or_else(|| wrong(unknown(&config.name, "a method", METHODS.map(|(name, _)| name))))?;

@@ -43,15 +43,15 @@ type Measure = fn(&Context<'_>, &[String]) -> Result<AxisRecord, Error>;
 struct Row {
     axis: Axis,
     name: &'static str,
-    /// The default rungs, the most exact first; those of the effects depend on the scene and are found there.
+    /// The default rungs, the most exact first; for effects they depend on the scene.
     rungs: &'static [&'static str],
     /// The engine's own rung.
     default: &'static str,
-    /// Other names that are rungs, for an error message.
+    /// Description of other names that are rungs, for an error message.
     hint: Option<&'static str>,
-    /// Fails where a name is no rung, with a reason of its own or none.
+    /// Fails if a name is not a rung, with a specific reason or none.
     check: fn(&str) -> Result<(), Option<String>>,
-    /// The measurement; none where rungs are whole trainings.
+    /// The measurement; `None` if rungs are whole trainings.
     measure: Option<Measure>,
 }
 
@@ -60,7 +60,7 @@ fn known<T>(value: Option<T>) -> Result<(), Option<String>> {
     value.map(|_| ()).ok_or(None)
 }
 
-/// In the order of the variants.
+/// The table, in the order of the variants.
 const TABLE: [Row; 10] = [
     Row {
         axis: Axis::Solver,
@@ -190,12 +190,12 @@ impl Axis {
         self.row().default
     }
 
-    /// The measurement of its rungs on one model; none where they are whole trainings.
+    /// The measurement of its rungs on one model; `None` if they are whole trainings.
     pub(super) fn measure(self) -> Option<Measure> {
         self.row().measure
     }
 
-    /// Whether a name is one of its rungs.
+    /// Checks that a name is one of its rungs.
     fn check(self, name: &str) -> Result<(), String> {
         let Row { name: axis, rungs, hint, check, .. } = self.row();
         let there = || hint.map_or_else(|| format!("there are {}", rungs.join(", ")), ToOwned::to_owned);
@@ -208,7 +208,7 @@ impl Axis {
 pub struct Asked {
     /// The axis.
     pub axis: Axis,
-    /// Rungs, each once. Of the effects, none means that the scene determines which are switched.
+    /// Rungs, each once. For effects, an empty list means that the scene determines which are switched.
     pub rungs: Vec<String>,
 }
 

@@ -11,7 +11,7 @@ use crate::qirf::rrdm::Density;
 use crate::qirf::study::Basis;
 use crate::qirf::{CHANNELS, Row, normalise};
 
-/// Approximate number of Gaussians whose blocks are measured: of a larger model, blocks are skipped evenly.
+/// Approximate number of Gaussians whose blocks are measured: in a larger model, blocks are skipped evenly.
 const SAMPLE: usize = 1 << 15;
 
 /// Blocks of a partition at even steps, with about [`SAMPLE`] Gaussians in total.
@@ -21,7 +21,8 @@ pub fn sampled(model: &Gaussians, partition: Partition) -> Blocks {
     Blocks::of((0..all.len()).step_by(step).map(|b| all.block(b)))
 }
 
-/// `count` blocks of exactly `m` Gaussians: the `m` nearest to each of `count` at even steps. None if there are fewer.
+/// `count` blocks of exactly `m` Gaussians: the `m` nearest to each of `count` Gaussians at even steps. Empty if there
+/// are fewer.
 pub fn of_size(model: &Gaussians, m: usize, count: usize) -> Blocks {
     let n = model.len();
     let nearest = |k: usize| {
@@ -54,7 +55,7 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Members.
+    /// Number of members.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
@@ -65,7 +66,7 @@ pub fn rows(context: &Context<'_>, eta: f64) -> Vec<[f32; CHANNELS]> {
     normalise::rows(&context.subject.responses.channels, eta)
 }
 
-/// The eigenproblems of blocks, as the device assembles them.
+/// The eigenproblems of blocks, as assembled by the device.
 ///
 /// # Errors
 /// Device memory; device errors.

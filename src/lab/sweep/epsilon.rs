@@ -17,11 +17,11 @@ use crate::qirf::study::{Basis, Observed, Study, dilation};
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// Largest number of blocks whose condition number is computed: an eigensolve each.
+/// Largest number of blocks whose condition number is computed, by an eigendecomposition each.
 const CONDITIONED: usize = 60;
-/// Share of Gaussians that is kept.
+/// Share of Gaussians kept.
 const KEPT: f64 = 0.28;
-/// The most exact rung: the metric with only enough added to avoid singularity.
+/// The most exact rung: the smallest addition to the metric that avoids singularity.
 const LEAST: f64 = 1e-6;
 
 /// The engine's basis with this rung's value.

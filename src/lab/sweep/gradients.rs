@@ -26,7 +26,7 @@ const RUNS: usize = 4;
 /// Steps of the short trainings whose final pictures are compared.
 const STEPS: u32 = 20;
 
-/// Summation of one rung; `sums` is none for the ordered sums.
+/// Summation of one rung; `sums` is `None` for the ordered sums.
 struct Way {
     name: String,
     sums: Option<AtomicSums>,
@@ -48,7 +48,7 @@ impl<'a> Bench<'a> {
         let mut renderer = TrainingRenderer::new(device, context.subject.settings, model.len, size, pairs)?;
         let mut photos = Vec::new();
         for (k, view) in views.iter().enumerate() {
-            // The subject's own pictures have no error: each view then trains on its neighbour's picture.
+            // The subject's own pictures have no error, so each view trains on its neighbour's picture.
             let size = |v: &Photo| (v.camera.width, v.camera.height);
             let next = &views[(k + 1) % views.len()];
             let other = context.own_pictures && size(next) == size(view);

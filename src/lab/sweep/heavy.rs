@@ -25,7 +25,7 @@ pub struct Training<'a> {
     pub config: &'a RunConfig,
     /// Preset of its schedule at any length.
     pub preset: Preset,
-    /// When and how it prunes.
+    /// Time and rule of its prunes.
     pub pruning: &'a Pruning,
 }
 
@@ -44,10 +44,11 @@ fn arms_of(asked: &Asked, given: Keep) -> Vec<(&str, String)> {
     asked.rungs.iter().map(|name| (name.as_str(), arm(name))).collect()
 }
 
-/// Measures keep and selector, one or both, from one checkpoint at the prune point; nothing if neither is requested.
+/// Measures keep and selector, one or both, from one checkpoint at the prune point; measures nothing if neither is
+/// requested.
 ///
 /// # Errors
-/// Those of a comparison.
+/// Errors of a comparison.
 pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let given = &training.pruning.compression;
     let asked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis, Axis::Keep | Axis::Selector)).collect();
@@ -140,7 +141,7 @@ fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> RungReco
 /// Measures the axis of lengths: schedules scale as a whole, so that each rung is a separate run.
 ///
 /// # Errors
-/// Those of a run.
+/// Errors of a run.
 pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Iterations, "Length of the run", ["PSNR / dB", "held-out photos", "s of training"]);
@@ -163,7 +164,8 @@ pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRe
     Ok(axis.judged(["every rung trained for as long.", "the held-out views cannot tell these lengths apart."]))
 }
 
-/// The effect of a decision and the opposite choice; none if that would switch on what the photos lack.
+/// The effect of a decision and the opposite choice; `None` if that would enable an effect that the photos do not
+/// support.
 fn switched(decision: &Decision) -> Option<(Effect, Choice)> {
     match (decision.name.trigger(), decision.on) {
         (Trigger::Always, _) | (Trigger::Photos | Trigger::Request, false) => None,
@@ -175,7 +177,7 @@ fn switched(decision: &Decision) -> Option<(Effect, Choice)> {
 /// Measures the axis of effects: switches each effect to the opposite of the run's choice, if possible.
 ///
 /// # Errors
-/// Those of a run.
+/// Errors of a run.
 pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Effects, "What is simulated", ["PSNR / dB", "held-out photos", "ms an iteration"]);

@@ -43,7 +43,7 @@ pub struct Context<'a> {
     pub seconds: f64,
 }
 
-/// Measures one light axis; none for a heavy one.
+/// Measures one light axis; returns `None` for a heavy one.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
@@ -59,7 +59,7 @@ pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>,
 /// Measures the requested heavy axes: first those that share a checkpoint.
 ///
 /// # Errors
-/// Those of runs and comparisons.
+/// Errors of runs and comparisons.
 pub fn heavy(training: &heavy::Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let begun = Instant::now();
     let mut out = heavy::forked(training, asked)?;

@@ -1,5 +1,5 @@
 //! The axis of overlap formulas: on the subject's own neighbouring pairs, on the thin ones among them, and on the same
-//! Gaussians laid flat.
+//! Gaussians flattened.
 
 use super::Context;
 use super::axis::Axis;
@@ -80,7 +80,7 @@ struct Fate {
 }
 
 impl Fate {
-    /// Over the pairs that `counts` selects, at their places in the packed triangles.
+    /// Errors of the pairs that `counts` selects by their positions in the packed triangles.
     fn of(found: &[f32], truth: &[f32], counts: &[bool]) -> Self {
         let mut fate = Self::default();
         for ((n, t), _) in found.iter().zip(truth).zip(counts).filter(|(_, c)| **c) {

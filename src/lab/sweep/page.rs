@@ -79,7 +79,7 @@ fn plot(axis: &AxisRecord) -> Markup {
     let mut points: Vec<Point> = axis.rungs.iter().filter_map(point).collect();
     let mut legend = ["on the Pareto front", "not on the front; the default is ringed"];
     if axis.abscissa.is_some() {
-        // The Pareto front is of times, which are not shown here: the line goes through the values of epsilon.
+        // Times, which the Pareto front is about, are not shown here: the line goes through the values of epsilon.
         legend = ["values of epsilon; the default is ringed", "dilations"];
         for point in &mut points {
             point.front = !point.label.starts_with("t=");

@@ -44,7 +44,7 @@ impl Far {
         self.values += 3 * image.pixels.len();
     }
 
-    /// PSNR in dB; none for equal pictures.
+    /// PSNR in dB; `None` for equal pictures.
     fn psnr(&self) -> Option<f64> {
         let mean = self.squares / self.values.max(1) as f64;
         (mean > 0.0).then(|| -10.0 * mean.log10())
@@ -219,7 +219,7 @@ fn drawn(
         rung.figures.insert("largest_error", far.largest);
         rung.figures.insert("pairs", far.pairs);
         tell(&mut rung, way);
-        // Equal pictures are exact, whatever drew them.
+        // Equal pictures are exact, however they were drawn.
         rung.exact |= rung.accuracy.is_none();
         axis.rungs.push(rung);
     }

@@ -62,13 +62,13 @@ pub struct RungRecord {
     pub name: String,
     /// True if it is the engine's default.
     pub default: bool,
-    /// True if no rung is faster and as accurate, nor as fast and more accurate.
+    /// True if no rung is both faster and at least as accurate, nor as fast and more accurate.
     pub front: bool,
-    /// Accuracy by the axis's measure; null if it does not exist, such as the PSNR of equal pictures.
+    /// Accuracy by the axis's measure; null if undefined, such as the PSNR of equal pictures.
     pub accuracy: Option<f64>,
     /// True if it equals the reference of accuracy.
     pub exact: bool,
-    /// Time in the axis's unit: the device's timestamps if it did the work, else the host's clock.
+    /// Time in the axis's unit: by the device's timestamps if it did the work, otherwise by the host's clock.
     pub time: Option<Spread>,
     /// Time by the host's clock, in the same unit.
     pub wall: Option<Spread>,
@@ -77,7 +77,7 @@ pub struct RungRecord {
 }
 
 impl RungRecord {
-    /// A rung without any measure yet.
+    /// A rung without measurements.
     pub fn new(axis: Axis, name: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -142,24 +142,24 @@ pub struct AxisRecord {
     pub against: &'static str,
     /// The unit of times.
     pub time: &'static str,
-    /// The figure that the plot shows in place of time; none for time.
+    /// The figure that the plot shows instead of time, if any.
     pub abscissa: Option<&'static str>,
     /// The rungs.
     pub rungs: Vec<RungRecord>,
     /// The cost of the next more exact rung, in a sentence.
     pub sentence: String,
-    /// Where the axis is flat, and why; empty if it is not.
+    /// Ranges in which the axis is flat, with reasons; empty if there are none.
     pub flat: Vec<String>,
     /// Notes for the reader.
     pub notes: Vec<String>,
     /// Further tables.
     pub tables: Vec<Table>,
-    /// Seconds of measuring.
+    /// Seconds spent measuring.
     pub seconds: f64,
 }
 
 impl AxisRecord {
-    /// An axis without rungs yet, whose accuracy is an error.
+    /// An axis without rungs, whose accuracy is an error.
     pub fn new(axis: Axis, title: &'static str, [accuracy, against, time]: [&'static str; 3]) -> Self {
         Self {
             axis,
@@ -178,7 +178,7 @@ impl AxisRecord {
         }
     }
 
-    /// Marks the front, and fills in the cost of exactness and where the axis is flat; `why` explains flat times, then
+    /// Marks the Pareto front, and fills in the cost of exactness and the flat ranges; `why` explains flat times, then
     /// flat accuracies.
     #[must_use]
     pub fn judged(mut self, why: [&str; 2]) -> Self {
@@ -222,7 +222,7 @@ impl AxisRecord {
         let of = |r: &RungRecord| Some((r.badness(self.better)?, r.seconds()?));
         let others = || self.rungs.iter().filter(|r| !r.default).filter_map(|r| Some((r, of(r)?)));
         let next = others().filter(|(_, (bad, _))| *bad < own).max_by(|(_, a), (_, b)| {
-            // The smallest step; of equal ones the faster.
+            // The smallest step; among equal ones the faster.
             a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1))
         });
         if let Some((rung, _)) = next {

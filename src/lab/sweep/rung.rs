@@ -1,4 +1,4 @@
-//! The rungs of the axes: their values, and the readers of their names.
+//! The rungs of the axes: their values, and the parsers of their names.
 
 use super::axis::Axis;
 use crate::effects::{Choice, Effect, Overrides, Trigger};
@@ -16,7 +16,7 @@ pub struct Rung<T> {
     pub value: T,
 }
 
-/// The rungs of these names; a name without a value is left out, since the parser of `--axis` refuses it.
+/// The rungs of these names; a name without a value, which the parser of `--axis` refuses, is left out.
 pub(super) fn rungs<T>(names: &[String], read: impl Fn(&str) -> Option<T>) -> Vec<Rung<T>> {
     names.iter().filter_map(|name| Some(Rung { name: name.clone(), value: read(name)? })).collect()
 }
@@ -79,7 +79,7 @@ pub(super) fn culling(name: &str) -> Option<Culling> {
     }
 }
 
-/// The transmittance of a rung; that of the default has a margin that avoids ties: see [`Settings`].
+/// The transmittance of a rung; the default has a margin that avoids ties: see [`Settings`].
 pub(super) fn stop(name: &str) -> Option<f32> {
     if name == Axis::Stop.default_rung() {
         return Some(Settings::default().stop);
@@ -118,7 +118,7 @@ pub(super) fn sums(name: &str) -> Option<Sums> {
     }
 }
 
-/// Above 0 and up to 1.
+/// A number above 0 and up to 1.
 pub(super) fn share(name: &str) -> Option<f64> {
     name.parse().ok().filter(|v| *v > 0.0 && *v <= 1.0)
 }
@@ -132,7 +132,7 @@ pub(super) fn fraction(name: &str) -> Option<f64> {
     (value > 0.0 && value <= 1.0).then_some(value)
 }
 
-/// An effect and its choice; none for the unchanged run.
+/// An effect and its choice; `None` for the unchanged run.
 pub(super) fn switch(name: &str) -> Result<Option<(Effect, Choice)>, String> {
     if name == Axis::Effects.default_rung() {
         return Ok(None);

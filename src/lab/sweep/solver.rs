@@ -21,13 +21,14 @@ use std::time::Instant;
 
 /// Block sizes measured separately, with the number of blocks of each.
 const SIZES: [(usize, usize); 4] = [(16, 8), (64, 8), (256, 3), (1024, 1)];
-/// Share of a block whose set is compared: the paper's kappa.
+/// Share of a block that is kept in the compared sets: the paper's kappa.
 const KAPPA: (usize, usize) = (22, 100);
-/// The reference of the other solvers: float64 from W on. P reaches `dsygvd` in float32, as the device assembles it.
+/// The reference of the other solvers: float64 from W on. P reaches `dsygvd` in float32, as assembled by the device.
 const EXACT: Eigensolver = Eigensolver::LowRank;
 /// The solver whose time the others' times are compared with.
 const SLOWEST: Eigensolver = Eigensolver::Dsygvd;
-/// Members beyond which the device's kernel, one subgroup per block, is skipped; blocks have at most 128 by default.
+/// Largest block for the device's kernel, which uses one subgroup per block; blocks have at most 128 members by
+/// default.
 const DEVICE_MOST: usize = 512;
 
 /// Eigenvalues and participation of one block.
@@ -62,7 +63,7 @@ fn distance(found: &[Solution], truth: &[Solution]) -> Distance {
     let mut d = Distance { lambda: 0.0, q: 0.0, jaccard: 1.0, failed: 0 };
     let mut sets = [Vec::new(), Vec::new()];
     for (a, b) in found.iter().zip(truth) {
-        // A block that failed on the device is solved by the host: it has the host's answer.
+        // A block that failed on the device is solved by the host, and has the host's solution.
         d.failed += usize::from(a.failed);
         let a = if a.failed { b } else { a };
         let most = |v: &[f64]| v.iter().copied().fold(0.0, f64::max).max(f64::MIN_POSITIVE);
@@ -94,7 +95,7 @@ impl<'a> Measured<'a> {
         Ok(Self { problems, assembly, basis })
     }
 
-    /// Solves all blocks; the host's solvers on all threads if `parallel`, else on one.
+    /// Solves all blocks; the host's solvers use all threads if `parallel`, otherwise one.
     fn run(&self, context: &Context<'_>, solver: Solver, parallel: bool) -> Result<(Vec<Solution>, Sample), Error> {
         if solver.eigensolver != Eigensolver::Device {
             let one = |p: &Problem| solve(p, solver, &self.basis);

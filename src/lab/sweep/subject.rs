@@ -29,7 +29,7 @@ pub struct Subject {
     pub responses: Responses,
     /// Views with their ground truth.
     pub views: Vec<Photo>,
-    /// Image formation.
+    /// Settings of image formation.
     pub settings: Settings,
     /// Description for records.
     pub described: Described,
@@ -62,9 +62,10 @@ fn few<T>(all: Vec<T>, count: usize) -> Vec<T> {
 }
 
 /// The subject of a scene: a briefly trained model, or the given one, with responses from the training photos. It is
-/// kept in `folder`.
+/// stored in `folder`.
 ///
 /// # Errors
+/// Errors of a run.
 /// Those of a run.
 pub fn of_scene(
     session: &Session<'_>,
@@ -102,7 +103,7 @@ pub fn of_scene(
     Ok(subject.told(&config.scene, format!("{from}; responses and views are of the scene's training photos")))
 }
 
-/// The subject of a model, which is drawn in its mode: virtual cameras of this size around it, and its own pictures over a
+/// The subject of a model, drawn in its mode: virtual cameras of this size around it, and its own pictures over a
 /// background.
 ///
 /// # Errors

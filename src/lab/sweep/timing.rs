@@ -6,7 +6,7 @@ use crate::pipeline::Watcher;
 use serde::Serialize;
 use std::time::Instant;
 
-/// Smallest and largest number of rounds; the one before them, which also compiles, is not counted.
+/// Smallest and largest number of rounds; a first round, which also compiles, is not counted.
 const ROUNDS: (usize, usize) = (3, 48);
 /// A rung that takes this many times as long as the median one is skipped after the smallest number of rounds.
 const SLOW: f64 = 4.0;
@@ -14,7 +14,7 @@ const SLOW: f64 = 4.0;
 /// Seconds of one turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
-    /// By the device's own timestamps; none if it has none, or did nothing.
+    /// By the device's own timestamps; `None` if it has none, or did nothing.
     pub device: Option<f64>,
     /// By the host's clock.
     pub wall: f64,
@@ -37,7 +37,7 @@ impl Sample {
         }
     }
 
-    /// Both clocks times a factor.
+    /// Both times multiplied by a factor.
     #[must_use]
     pub fn times(self, factor: f64) -> Self {
         Self { device: self.device.map(|d| d * factor), wall: self.wall * factor }
@@ -63,7 +63,7 @@ impl Spread {
         self.q1 <= other.q3 && other.q1 <= self.q3
     }
 
-    /// The spread of at least one value; none for an empty list.
+    /// The spread of at least one value; `None` for an empty list.
     pub fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
         let last = values.len().checked_sub(1)?;

@@ -1,4 +1,4 @@
-//! The beginning of a block's run: its parts of photos, and its checkpoint.
+//! Beginning of a block's run: its parts of photos, and its checkpoint.
 
 use super::layout::Block;
 use super::run::BlockRun;
@@ -67,10 +67,10 @@ impl Setup<'_> {
         (0..model.len()).filter(|i| shown[*i]).collect()
     }
 
-    /// The checkpoint in `output`, if it is of this run; else what `begin` says, after these prunes.
+    /// The checkpoint in `output`, if it belongs to this run; otherwise the state from `begin`, after these prunes.
     ///
     /// # Errors
-    /// [`Error::Memory`] if the device has too little; a checkpoint that cannot be read; those of `begin`.
+    /// [`Error::Memory`] if the device has too little; a checkpoint that cannot be read; errors of `begin`.
     pub(super) fn start(
         &mut self,
         output: &Output,

@@ -1,20 +1,20 @@
-//! The scene of blocks that trained each other's margins along: near a border each Gaussian is a mean of its copies.
+//! Blending of blocks that also trained each other's margins: near a border each Gaussian is a mean of its copies.
 
 use super::layout::{GROWN, Layout};
 use super::meeting::Meeting;
 use crate::gaussians::{Attributes, Gaussians};
 
-/// The place of each of a block's Gaussians in the scene, and its weight there.
+/// The row of each of a block's Gaussians in the scene, and its weight there.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Copies {
     /// By Gaussian of the block: its row in the scene.
     pub rows: Vec<usize>,
-    /// By Gaussian of the block: the weight of this copy in the mean, 0..=1; those of a row's copies add up to 1.
+    /// By Gaussian of the block: weight of this copy in the mean, 0..=1; the weights of a row's copies add up to 1.
     shares: Vec<f32>,
 }
 
-/// The copies that each block has after it has trained its own Gaussians and its margin from a meeting on. A copy weighs as much as its
-/// Gaussian lay deep in the block's grown cell: half at a border, nothing where the margin ends.
+/// The copies of each block after it has trained its own Gaussians and its margin from a meeting on. A copy's weight is
+/// the depth of its Gaussian in the block's grown cell: half at a border, zero where the margin ends.
 pub fn copies(layout: &Layout, meeting: &Meeting<'_>) -> Vec<Copies> {
     let means = &meeting.collected.means;
     let trained = |b: usize| -> Vec<(usize, f64)> {
@@ -28,7 +28,7 @@ pub fn copies(layout: &Layout, meeting: &Meeting<'_>) -> Vec<Copies> {
     }
     let of_block = |(b, copies): (usize, Vec<(usize, f64)>)| {
         let own = meeting.rows(b);
-        // A Gaussian that has left all grown cells is its own block's.
+        // A Gaussian outside all grown cells belongs to its own block.
         let share = |(row, depth): (usize, f64)| {
             let share = if sums[row] > 0.0 { depth / sums[row] } else { f64::from(own.contains(&row)) };
             (row, share as f32)
@@ -40,11 +40,12 @@ pub fn copies(layout: &Layout, meeting: &Meeting<'_>) -> Vec<Copies> {
 }
 
 impl Copies {
-    /// Adds the block's share to a scene that begins with zeros. Parameters are averaged as they are stored: the copies of a Gaussian
-    /// are a part of a run apart, and their quaternions have one sign. A Gaussian of one copy becomes that copy, to the bit.
+    /// Adds the block's share to a scene that begins with zeros. Parameters are averaged in their stored form: the
+    /// copies of a Gaussian are only a part of a run apart, and their quaternions have the same sign. A Gaussian with
+    /// one copy equals that copy, to the bit.
     ///
     /// # Panics
-    /// If the block has not one Gaussian a row.
+    /// If the block does not have one Gaussian per row.
     pub fn add_to(&self, scene: &mut Gaussians, block: &Gaussians) {
         assert_eq!(block.len(), self.rows.len(), "one Gaussian a row");
         let widths = Attributes::widths(scene.degree());
@@ -102,7 +103,7 @@ mod tests {
         let back = blended(&of, &same, 300);
         let off = |a: f32, b: f32| (a - b).abs() < 1e-6;
         assert!(back.sh[1].iter().zip(&model.sh[1]).all(|(a, b)| off(*a, *b)), "equal copies give the scene");
-        // The second block has moved all it trains by one.
+        // The second block has moved everything that it trains by one.
         let mut moved = same;
         for logit in &mut moved[1].opacity_logits {
             *logit += 1.0;

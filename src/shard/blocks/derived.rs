@@ -1,4 +1,4 @@
-//! The configurations that follow from that of a run in blocks: of the coarse model, and of each block.
+//! Configurations derived from that of a run in blocks: of the coarse model, and of each block.
 
 use super::layout::Block;
 use crate::pipeline::Error;
@@ -6,7 +6,7 @@ use crate::pipeline::config::{ResponseSource, RunConfig};
 use crate::random;
 use crate::train::schedule::Schedule;
 
-/// The coarse model has one of this many iterations of the run, if blocks begin with it; and if they begin with points.
+/// The run's iterations divided by the coarse model's: if blocks begin with it, and if they begin with points.
 const COARSE: [u32; 2] = [4, 8];
 /// Share of a block's iterations before the neighbours are replaced by the trained ones, if the run does not prune.
 const HALF: f64 = 0.5;
@@ -25,7 +25,7 @@ pub(super) fn check(config: &RunConfig) -> Result<(), Error> {
     }
 }
 
-/// The run of the coarse model, on pictures of the size divided by `divisor`; `points` says whether blocks begin with points.
+/// The run of the coarse model, on pictures reduced by `divisor`; `points` is true if blocks begin with points.
 pub(super) fn coarse(config: &RunConfig, divisor: u32, points: bool) -> RunConfig {
     let part = COARSE[usize::from(points)];
     let resolution = match config.resolution.as_deref() {
@@ -37,7 +37,7 @@ pub(super) fn coarse(config: &RunConfig, divisor: u32, points: bool) -> RunConfi
     };
     let mut schedule = config.schedule.clone();
     schedule.iterations = (schedule.iterations / part).max(1);
-    // The number goes with the root of pixels and iterations, as `Growth::by_photos` has it.
+    // The number is proportional to the root of pixels and iterations, as in `Growth::by_photos`.
     let share = 1.0 / (f64::from(divisor) * f64::from(part).sqrt());
     if let Some(plan) = &mut schedule.growth {
         plan.gaussians = plan.gaussians.map(|n| (n as f64 * share) as usize);
@@ -45,8 +45,8 @@ pub(super) fn coarse(config: &RunConfig, divisor: u32, points: bool) -> RunConfi
     RunConfig { resolution, schedule, prune: None, ..config.clone() }
 }
 
-/// The iterations at which the blocks meet: before the prune, halfway from there to the end, but not before attrition ends, and halfway
-/// from that to the end.
+/// The iterations at which the blocks meet: before the prune; halfway from there to the end, but not before attrition
+/// ends; and halfway from that to the end.
 pub(super) fn meetings(config: &RunConfig) -> [u32; 3] {
     let (length, schedule) = (config.schedule.iterations, &config.schedule);
     let at = |share: f64| (f64::from(length) * share).round() as u32;
@@ -59,8 +59,8 @@ pub(super) fn meetings(config: &RunConfig) -> [u32; 3] {
     [first, second, second.midpoint(length)]
 }
 
-/// The configuration of block number `b` of a run on `all` photos: as many rounds over its photos as the whole run has, in longer
-/// steps, and its share of the Gaussians.
+/// The configuration of block number `b` of a run on `all` photos: as many rounds over its photos as the whole run
+/// makes, in longer steps, and its share of the Gaussians.
 pub(super) fn of_block(config: &RunConfig, (block, b): (&Block, usize), all: usize) -> RunConfig {
     let views = block.crops.len();
     let mut schedule = config.schedule.clone().for_block(views, all);
@@ -100,7 +100,7 @@ mod tests {
             let coarse = coarse(&of, 4, false);
             assert_eq!(coarse.resolution.as_deref(), Some(small));
             assert_eq!((coarse.schedule.iterations, coarse.prune), (250, None));
-            // A quarter of the width, and half for the length.
+            // A quarter for the width, and half for the length.
             assert_eq!(coarse.schedule.growth.and_then(|plan| plan.gaussians), Some(125));
             assert_eq!(super::coarse(&of, 4, true).schedule.iterations, 125);
         }

@@ -1,4 +1,4 @@
-//! The first Gaussians of a block.
+//! The initial Gaussians of a block.
 
 use crate::gaussians::Gaussians;
 use crate::pipeline::start;
@@ -6,7 +6,7 @@ use crate::scene::Point;
 use crate::shard::kd_tree::Grown;
 use crate::train::initialise::{self, Seed};
 
-/// A cell begins with the coarse model if that has more than so many Gaussians in it for each point.
+/// A cell begins with the coarse model if that has more than this many Gaussians in it per point.
 const FEW: usize = 10;
 
 /// The Gaussians that a block's training begins with, of those in its grown cell: the capture's points, at most `most` of them; `coarse`,
@@ -59,7 +59,7 @@ mod tests {
         let model = first((&points, 1.0), &grown, coarse.clone(), usize::MAX);
         assert!(model.len() > 50 && model.means == inside(&points), "{}", model.len());
         assert!(model.degree() == 2 && model.validate().is_ok());
-        // Points beyond the cell are neighbours, too: all have the same distance to the nearest.
+        // Points outside the cell are neighbours, too: all have the same distance to the nearest.
         let all_equal = model.log_scales[1..].iter().all(|scale| scale == &model.log_scales[1]);
         assert!(all_equal, "{:?}", model.log_scales);
         assert_eq!(first((&points, 1.0), &grown, coarse.clone(), 20).len(), 20);

@@ -28,7 +28,7 @@ pub struct Crop {
 pub struct Block {
     /// The parts of photos that it trains on, in the order of the photos.
     pub crops: Vec<Crop>,
-    /// Share of all that is painted in the photos which Gaussians in its grown cell paint: 0..=1.
+    /// Contribution of the Gaussians in its grown cell, as a share of that of all Gaussians in the photos: 0..=1.
     pub painted: f64,
 }
 
@@ -36,22 +36,22 @@ pub struct Block {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Layout {
-    /// The cells, which own all places.
+    /// The cells, which divide all of space.
     pub cells: Cells,
     /// One block for each cell.
     pub blocks: Vec<Block>,
-    /// Pixels of all crops divided by those of all photos: what the division costs.
+    /// Pixels of all crops divided by those of all photos: the cost of the division.
     pub omega: f64,
     /// Exposures of the photos, twelve numbers each; empty if there are none.
     pub exposures: Vec<f32>,
 }
 
 impl Layout {
-    /// The blocks of these cells, by what the photos' cameras show of a model that fills them; without exposures. `weights` says how
-    /// much each of its Gaussians paints.
+    /// The blocks of these cells, according to what the photos' cameras see of a model that fills them; without
+    /// exposures. `weights` is the contribution of each of its Gaussians.
     ///
     /// # Panics
-    /// If there is not one weight a Gaussian, or not one row of `seen` a camera.
+    /// If there is not one weight per Gaussian, or not one row of `seen` per camera.
     pub fn new(cells: Cells, model: &Gaussians, weights: &[f32], cameras: &[Camera], seen: &Seen) -> Self {
         assert_eq!(
             (model.len(), cameras.len()),
@@ -73,7 +73,7 @@ impl Layout {
         Self { cells, blocks, omega, exposures: Vec::new() }
     }
 
-    /// A block's share of what no Gaussian paints: all blocks have the same.
+    /// A block's share of the light that no Gaussian contributes: the same for all blocks.
     pub(super) fn of_nothing(&self) -> f32 {
         1.0 / self.blocks.len().max(1) as f32
     }

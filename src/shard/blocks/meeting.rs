@@ -1,4 +1,4 @@
-//! Synchronises the blocks: all Gaussians, and the rows each block trains next.
+//! Meetings, which synchronise the blocks: all Gaussians, and the rows each block trains next.
 
 use super::layout::{Block, GROWN, Layout};
 use super::members::{select, with_margin};
@@ -15,11 +15,11 @@ pub struct Meeting<'a> {
     pub starts: &'a [usize],
 }
 
-/// Gives the block of a number as it came to a meeting.
+/// Returns a block's state as it came to a meeting.
 pub(super) type Came<'a> = &'a dyn Fn(usize) -> Result<Snapshot, Error>;
 
 impl Meeting<'_> {
-    /// The rows that came with block number `b`.
+    /// The rows that block number `b` contributed.
     pub(super) fn rows(&self, b: usize) -> Range<usize> {
         self.starts[b]..self.starts.get(b + 1).copied().unwrap_or(self.collected.len())
     }
@@ -29,20 +29,20 @@ impl Meeting<'_> {
         layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !self.rows(b).is_empty())
     }
 
-    /// The rows of others in the grown cell of block number `b`; they rise.
+    /// Other blocks' rows in the grown cell of block number `b`, rising.
     pub(super) fn margin(&self, layout: &Layout, b: usize) -> Vec<usize> {
         let own = self.rows(b);
         let grown = layout.cells.grown(b, GROWN);
         (0..self.collected.len()).filter(|i| !own.contains(i) && grown.contains(self.collected.means[*i])).collect()
     }
 
-    /// The rows that block number `b` trains if it trains its margin along: its own, then those of the margin.
+    /// The rows that block number `b` trains together with its margin: its own, then the margin's.
     pub(super) fn trained_by(&self, layout: &Layout, b: usize) -> Vec<usize> {
         let margin = if self.trains(layout, b).is_some() { self.margin(layout, b) } else { Vec::new() };
         self.rows(b).chain(margin).collect()
     }
 
-    /// Block number `b` as it came, followed by these collected rows of others, which rise.
+    /// The state of block number `b` as it came, followed by these collected rows of other blocks, rising.
     pub(super) fn with(&self, came: Came<'_>, b: usize, margin: &[usize]) -> Result<Snapshot, Error> {
         let mut state = came(b)?;
         for other in 0..self.starts.len() {

@@ -1,4 +1,4 @@
-//! The Gaussians of a block: those that it trains, those that it only sees, and those that it hands on.
+//! The Gaussians of a block: those that it trains, those that it only sees, and those that it passes on.
 
 use crate::gaussians::{Attributes, Gaussians};
 use crate::shard::kd_tree::Cells;
@@ -8,12 +8,12 @@ use std::collections::BTreeMap;
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// A model's rows, by what a block does with them.
+/// A model's rows, divided by their role in a block.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Members {
-    /// Rows in the grown cell, which it trains; rising.
+    /// Rows in the grown cell, which the block trains; rising.
     pub trained: Vec<usize>,
-    /// The others, which it sees; rising.
+    /// All other rows, which it only sees; rising.
     pub seen: Vec<usize>,
 }
 
@@ -27,7 +27,7 @@ impl Members {
     }
 }
 
-/// A state before any iteration; the last `tail` Gaussians are to stay as they are.
+/// A state before any iteration; the last `tail` Gaussians never change.
 pub(super) fn beginning(model: Gaussians, tail: usize) -> Snapshot {
     let moments = Attributes::widths(model.degree()).map(|width| vec![0.0; 2 * width * (model.len() - tail)]);
     Snapshot {
@@ -51,10 +51,11 @@ fn trained(snapshot: &Snapshot) -> Range<usize> {
     0..snapshot.model.len() - snapshot.tail
 }
 
-/// These rows of a state with their moments. The tail, exposures and a method's arrays go, growth and averaged responses restart.
+/// These rows of a state with their moments. The tail, exposures and a method's arrays are dropped; growth and averaged
+/// responses restart.
 ///
 /// # Panics
-/// If a row is of the tail.
+/// If a row belongs to the tail.
 pub(super) fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
     let widths = Attributes::widths(snapshot.model.degree());
     let moments = widths.zip(snapshot.moments.each_ref()).map(|(width, moments)| {
@@ -74,19 +75,19 @@ pub(super) fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
     }
 }
 
-/// The rows that a block hands on before the first meeting: the trained ones that its cell owns, in their order. A row that lies in a
-/// neighbour's cell is the neighbour's to hand on.
+/// The rows that a block passes on before the first meeting: the trained ones that its cell owns, in their order. A row
+/// in a neighbour's cell is passed on by that neighbour.
 pub fn owned(snapshot: &Snapshot, cells: &Cells, cell: usize) -> Snapshot {
     let rows: Vec<usize> = trained(snapshot).filter(|i| cells.owner(snapshot.model.means[*i]) == cell).collect();
     select(snapshot, &rows)
 }
 
-/// The rows that a block hands on after a meeting: its trained ones without the last `margin`, wherever they lie.
+/// The rows that a block passes on after a meeting: its trained ones except the last `margin`, wherever they lie.
 pub(super) fn own(snapshot: &Snapshot, margin: usize) -> Snapshot {
     select(snapshot, &(0..trained(snapshot).end - margin).collect::<Vec<_>>())
 }
 
-/// A block without a tail, with rows of a neighbour behind its own, to be trained like these.
+/// A block without a tail, with rows of a neighbour behind its own, all of them trained.
 pub(super) fn with_margin(mut block: Snapshot, margin: &Snapshot) -> Snapshot {
     block.model.append(&margin.model);
     block.moments = block.moments.zip(margin.moments.each_ref()).map(|(own, more)| [&own[..], more].concat());
@@ -94,7 +95,7 @@ pub(super) fn with_margin(mut block: Snapshot, margin: &Snapshot) -> Snapshot {
     block
 }
 
-/// The state of a block that goes on with these neighbours behind it.
+/// The state with which a block resumes, with these neighbours as its tail.
 ///
 /// # Panics
 /// If the neighbours have more bands than the block's model.
@@ -146,7 +147,7 @@ mod tests {
         Snapshot { iteration: 9, moments: widths.map(rows), growth, ..beginning(model, tail) }
     }
 
-    /// Whatever blocks train in their margins, together they hand every Gaussian on once, with its own moments.
+    /// Whatever the blocks train in their margins, together they pass on every Gaussian once, with its own moments.
     #[test]
     fn blocks_hand_everything_on_once() {
         let whole = model(200, 1);
@@ -177,7 +178,7 @@ mod tests {
         assert_eq!(handed, (0..200).collect::<Vec<_>>());
     }
 
-    /// A margin that is trained behind a block's rows has its own moments, and is not handed on.
+    /// A margin that is trained behind a block's rows has its own moments, and is not passed on.
     #[test]
     fn a_margin_comes_and_goes() {
         let (state, neighbour) = (snapshot(model(20, 1), 0), snapshot(model(30, 1), 0));

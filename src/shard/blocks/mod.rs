@@ -1,4 +1,5 @@
-//! Training a scene in blocks: who trains what, which views show a block, what a block hands on, and the stages of the whole.
+//! Training a scene in blocks: which Gaussians each trains, which views show it, which Gaussians it passes on, and the
+//! stages of the whole run.
 
 mod begin;
 mod blend;

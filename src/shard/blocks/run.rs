@@ -1,5 +1,5 @@
-//! Training a scene in blocks, stage by stage: a coarse model of the whole, its division, each block up to the prune, one choice
-//! among all Gaussians, and each block from one meeting to the next and to its end.
+//! Training a scene in blocks, stage by stage: a coarse model of the whole scene, its division, each block up to the
+//! prune, one choice among all Gaussians, and each block from one meeting to the next and to its end.
 
 use super::derived::{check, coarse, meetings, of_block};
 use super::first::first;
@@ -33,27 +33,27 @@ use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 
-/// Largest sides of photos from which the coarse model takes them at half and at a quarter of their size.
+/// Largest sides of photos beyond which the coarse model uses them at half and at a quarter of their size.
 const LARGE: [u32; 2] = [256, 1024];
 
-/// Divisors of the sides of photos for the coarse model.
+/// Factor by which the sides of photos are divided for the coarse model.
 fn divisor(largest: [u32; 2]) -> u32 {
     1 << LARGE.iter().filter(|least| largest.iter().max() >= Some(*least)).count()
 }
 
-/// A run in blocks: all that its results depend on.
+/// A run in blocks: everything that its results depend on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BlockRun {
-    /// The run, with the decisions on its effects and the number of Gaussians that it plans to grow to.
+    /// The run, with the decisions on its effects and the planned number of Gaussians.
     pub config: RunConfig,
     /// Number of blocks.
     pub blocks: usize,
-    /// Names of the photos that are trained on.
+    /// Names of the training photos.
     pub photos: Vec<String>,
     /// Names of the photos held out.
     pub held_out: Vec<String>,
-    /// Largest picture of these, width and height.
+    /// Largest width and height among these photos.
     pub image_size: [u32; 2],
     /// Parts of the scene that its readers left out.
     pub skipped: Skipped,
@@ -61,20 +61,20 @@ pub struct BlockRun {
 
 /// A block after a meeting.
 pub struct BlockState {
-    /// Its Gaussians with their moments; after the second meeting its copies of its neighbours' follow.
+    /// Its Gaussians with their moments; after the second meeting followed by its copies of its neighbours' Gaussians.
     pub state: Snapshot,
     /// Number of these copies.
     pub copies: usize,
-    /// Its prune; absent without one. Times are left out: they differ from process to process.
+    /// Its prune, if it had one. Times are left out: they differ between processes.
     pub prune: Option<PruneRecord>,
 }
 
 impl BlockRun {
-    /// Plans a run in blocks: reads the scene, decides on its effects, and fixes all that tasks must agree on. Without a number of
-    /// blocks there are as many as make each fit the device.
+    /// Plans a run in blocks: reads the scene, decides on its effects, and fixes everything that tasks must agree on.
+    /// Without a number of blocks, uses as many as are needed for each to fit the device.
     ///
     /// # Errors
-    /// Those of reading a scene; no photo to train on; [`Error::Usage`] for a run that cannot be divided.
+    /// Errors of reading a scene; no photo to train on; [`Error::Usage`] for a run that cannot be divided.
     pub fn plan(session: &Session<'_>, config: &RunConfig, blocks: Option<usize>) -> Result<Self, Error> {
         check(config)?;
         let mut config = config.clone();
@@ -109,7 +109,7 @@ impl BlockRun {
         Ok(Self { config, blocks, photos, held_out, image_size, skipped: prepared.scene.skipped })
     }
 
-    /// Chunks of photos that responses are taken from; none without a prune.
+    /// Number of chunks of photos for responses; 0 without a prune.
     pub fn chunks(&self) -> usize {
         if self.config.prune.is_some() { self.photos.len().div_ceil(CHUNK) } else { 0 }
     }
@@ -119,11 +119,11 @@ impl BlockRun {
         open(&self.config.selection())?.only(&self.photos)
     }
 
-    /// A coarse model of the whole scene, by a short run on small pictures. It continues from the checkpoint in `output`, if there
-    /// is one.
+    /// A coarse model of the whole scene, by a short run on small pictures. It continues from the checkpoint in
+    /// `output`, if there is one.
     ///
     /// # Errors
-    /// As of a run; photos other than the plan's.
+    /// Errors of a run; photos other than the plan's.
     pub fn coarse(&self, session: &Session<'_>, output: &Output) -> Result<Snapshot, Error> {
         let opened = self.opened()?;
         let points = self.config.init == Init::Points && !opened.scene.points.is_empty();
@@ -135,7 +135,7 @@ impl BlockRun {
         Ok(run.checkpoint()?.snapshot)
     }
 
-    /// The blocks of the scene that a coarse model shows in pictures of the size that it was trained on.
+    /// The blocks of the scene, from pictures of a coarse model in the size that it was trained on.
     ///
     /// # Errors
     /// Device memory; device errors; [`Error::Interrupted`].
@@ -157,11 +157,11 @@ impl BlockRun {
         Ok(Layout { exposures: exposures.clone(), ..Layout::new(cells, coarse, &weights, &cameras, &seen) })
     }
 
-    /// Block number `b` up to the prune, behind what the coarse model has of the others: its own Gaussians with their moments. It
-    /// continues from the checkpoint in `output`, if there is one.
+    /// Block number `b` up to the prune, with the coarse model in place of the other blocks: its own Gaussians with
+    /// their moments. It continues from the checkpoint in `output`, if there is one.
     ///
     /// # Errors
-    /// As of a run; photos other than the plan's.
+    /// Errors of a run; photos other than the plan's.
     pub fn dense(
         &self,
         session: &Session<'_>,
@@ -194,7 +194,7 @@ impl BlockRun {
     /// Responses of a chunk of photos to the Gaussians of all blocks.
     ///
     /// # Errors
-    /// As of a compression.
+    /// Errors of a compression.
     pub fn evidence(
         &self,
         session: &Session<'_>,
@@ -207,10 +207,11 @@ impl BlockRun {
         stages::evidence(session, collected, &config, (chunk, &self.photos, exposures))
     }
 
-    /// The number of Gaussians of each block that a choice among all of them keeps, by the responses of all chunks in their order.
+    /// The number of Gaussians of each block that a choice among all of them keeps, by the responses of all chunks in
+    /// their order.
     ///
     /// # Errors
-    /// As of a compression; those of the chunks.
+    /// Errors of a compression and of the chunks.
     pub fn choose(
         &self,
         session: &Session<'_>,
@@ -224,12 +225,12 @@ impl BlockRun {
         Ok((record.timeless(), (0..meeting.starts.len()).map(quota).collect()))
     }
 
-    /// Block number `b` from the first meeting to the second, behind the Gaussians of the others. It prunes to `quota` Gaussians; without
-    /// one, Gaussians of others that lie in the grown cell are trained along: what one block does at a border, the other expects. It
-    /// continues from the checkpoint in `output`, if there is one.
+    /// Block number `b` from the first meeting to the second, with the Gaussians of the others frozen. It prunes to
+    /// `quota` Gaussians; without a quota it also trains other blocks' Gaussians that lie in its grown cell, since each
+    /// side of a border expects what the other does. It continues from the checkpoint in `output`, if there is one.
     ///
     /// # Errors
-    /// As of a run; photos other than the plan's.
+    /// Errors of a run; photos other than the plan's.
     pub fn tune(
         &self,
         session: &Session<'_>,
@@ -254,12 +255,12 @@ impl BlockRun {
         Ok(BlockState { state: own(&snapshot, margin.len()), copies: 0, prune })
     }
 
-    /// Block number `b` from the second meeting to the third, after what it did as its prune. It trains Gaussians of others that lie in the
-    /// grown cell along with its own, and hands them on behind these, as copies for [`copies`](super::copies). It continues from the
-    /// checkpoint in `output`, if there is one.
+    /// Block number `b` from the second meeting to the third, after its prune if there was one. It trains other blocks'
+    /// Gaussians in its grown cell along with its own, and passes them on behind these, as copies for
+    /// [`copies`](super::copies). It continues from the checkpoint in `output`, if there is one.
     ///
     /// # Errors
-    /// As of a run; photos other than the plan's.
+    /// Errors of a run; photos other than the plan's.
     pub fn settle(
         &self,
         session: &Session<'_>,
@@ -273,11 +274,11 @@ impl BlockRun {
         self.along_with_margin(session, (layout, b, meeting), scene, (until, prune), output)
     }
 
-    /// Block number `b` from the third meeting to the end: as [`BlockRun::settle`], whose result is `settled`, in the scene that the
-    /// blocks' copies became, `blended`.
+    /// Block number `b` from the third meeting to the end: like [`BlockRun::settle`], whose result is `settled`, in
+    /// `blended`, the scene of the blocks' blended copies.
     ///
     /// # Errors
-    /// As of a run; photos other than the plan's.
+    /// Errors of a run; photos other than the plan's.
     pub fn finish(
         &self,
         session: &Session<'_>,
@@ -292,7 +293,8 @@ impl BlockRun {
         self.along_with_margin(session, (layout, b, meeting), scene, (until, prune.as_ref()), output)
     }
 
-    /// Block number `b` and its margin, which are `rows` of the scene, until an iteration of the block's run; `before` gives their state.
+    /// Trains block number `b` and its margin, the `rows` of the scene, up to an iteration of the block's run; `before`
+    /// gives their state.
     fn along_with_margin(
         &self,
         session: &Session<'_>,
@@ -311,7 +313,7 @@ impl BlockRun {
         Ok(BlockState { state: own(&snapshot, 0), copies: rows.len() - meeting.rows(b).len(), prune })
     }
 
-    /// The number of Gaussians that the run grows to in one piece, if it has a plan.
+    /// The number of Gaussians that the undivided run grows to, if it has a plan.
     fn planned(&self) -> Option<usize> {
         self.config.schedule.growth?.gaussians.map(|n| n.min(self.config.max_gaussians))
     }
@@ -323,15 +325,15 @@ impl BlockRun {
         let views = ViewSource::Photos(self.config.selection());
         let mut compression = pruning.compression.clone();
         if let (Keep::Share(share), Some(planned)) = (compression.keep, self.planned()) {
-            // Blocks may grow to a few more or fewer together than the run in one piece does.
+            // Together, blocks may grow to slightly more or fewer Gaussians than the undivided run.
             compression.keep = Keep::Count((share * planned as f64).round().max(1.0) as usize);
         }
         Ok((CompressConfig { compression, views, style: *style, fine_tune: 0, seed: *seed }, pruning))
     }
 }
 
-/// Trains a block to iteration `until` with all other Gaussians of the scene frozen, resuming from the checkpoint or from the state
-/// that `before` gives. Returns its state and its prune, if it has had one.
+/// Trains a block to iteration `until` with all other Gaussians of the scene frozen, resuming from the checkpoint or
+/// from the state that `before` gives. Returns its state and its prune, if it has had one.
 fn train_block<'a>(
     setup: &mut Setup<'a>,
     (scene, trained, before): (&Gaussians, &[usize], impl FnOnce(&Setup<'a>) -> Result<Snapshot, Error>),

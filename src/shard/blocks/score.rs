@@ -12,10 +12,10 @@ use std::ops::Range;
 use std::path::Path;
 
 impl BlockRun {
-    /// Measures the joined model on some of the photos, by their numbers: those held out come first, then those trained on.
+    /// Measures the joined model on some of the photos, by number: held-out photos come first, then training photos.
     ///
     /// # Errors
-    /// As of an evaluation; photos other than the plan's.
+    /// Errors of an evaluation; photos other than the plan's.
     pub fn score(&self, session: &Session<'_>, model: &Gaussians, photos: Range<usize>) -> Result<Assessment, Error> {
         let RunConfig { style, exposure, .. } = self.config;
         let evaluation = Evaluation { selection: self.config.selection(), style, exposure };
@@ -25,7 +25,8 @@ impl BlockRun {
         eval::part(session, model, &evaluation, [held_out, trained])
     }
 
-    /// The record of the joined model, read from `file`, by what was measured on all photos. Tells the watcher of empty pictures.
+    /// The record of the joined model, read from `file`, from the measurements on all photos. Reports empty pictures to
+    /// the watcher.
     pub fn record(&self, session: &Session<'_>, (file, model): (&Path, &Gaussians), measured: Assessment) -> RunRecord {
         measured.held_out.warn(session.watcher);
         let (config, selection) = (&self.config, self.config.selection());

@@ -10,16 +10,19 @@ use crate::response::{Score, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
 use glam::DVec3;
 
-/// Least share of a view's picture that a block paints for the view to train it; and if it is taken in the block's cell.
+/// Least share of a view's picture that a block must contribute for the view to train it; and the least share if the
+/// camera is in the block's cell.
 const LEAST: f64 = 0.02;
 const LEAST_INSIDE: f64 = 0.005;
-/// Pixels around what a block paints.
+/// Margin in pixels around a block's part of a picture.
 const MARGIN: f64 = 16.0;
-/// Corners of parts of pictures are multiples of this: the largest side of a tile, so that parts have the whole picture's pixels.
+/// Corners of parts of pictures are multiples of this: the largest side of a tile, so that parts have the whole
+/// picture's pixels.
 const STEP: u32 = 16;
-/// Share of what a block paints that may lie beyond each side of its rectangle: single large Gaussians do not decide it.
+/// Share of a block's contribution that may lie beyond each side of its rectangle, so that single large Gaussians do
+/// not decide it.
 const STRAYS: f64 = 0.005;
-/// Standard deviations of a Gaussian that count as painted.
+/// Radius of a Gaussian's rectangle in standard deviations.
 const WIDTH: f64 = 3.0;
 
 /// Visibility of a block in a view.
@@ -27,22 +30,23 @@ const WIDTH: f64 = 3.0;
 pub struct BlockVisibility {
     /// Sum of T alpha of the block's Gaussians over the picture's pixels.
     pub share: f64,
-    /// The part of the picture that holds it, with a margin: upper left corner and size in pixels; none if it shows nothing.
+    /// The part of the picture that contains the block, with a margin: upper left corner and size in pixels; `None` if
+    /// the view does not show it.
     pub part: Option<([u32; 2], [u32; 2])>,
 }
 
 impl BlockVisibility {
-    /// True if the view is one to train the block with; `inside` says that it was taken in the block's grown cell.
+    /// True if the view is to train the block; `inside` is true if its camera is in the block's grown cell.
     pub fn trains(&self, inside: bool) -> bool {
         self.part.is_some() && self.share >= if inside { LEAST_INSIDE } else { LEAST }
     }
 }
 
-/// By view, what it shows of each block.
+/// By view: the visibility of each block.
 pub type Seen = Vec<Vec<BlockVisibility>>;
 
-/// Draws `model` from each camera, at the size of the second list, and adds up what its blocks paint. `owners` names the block of
-/// each Gaussian, of `blocks`.
+/// Draws `model` from each camera, at the size of the second list, and adds up the contributions of its blocks.
+/// `owners` is the block of each Gaussian, out of `blocks`.
 ///
 /// # Errors
 /// Device memory; device errors; [`Error::Interrupted`].
@@ -75,7 +79,7 @@ pub fn seen(
     Ok(rows)
 }
 
-/// Visibility of each block in one view, by the scores of its picture of so many pixels.
+/// Visibility of each block in one view, from the scores of its picture with this number of pixels.
 fn of_view(
     model: &Gaussians,
     scores: &[Score],
@@ -94,7 +98,7 @@ fn of_view(
     painted.iter().map(shown).collect()
 }
 
-/// The rectangle of a Gaussian in a picture, in pixels, and how much it paints there.
+/// The rectangle of a Gaussian in a picture, in pixels, and its contribution there.
 #[derive(Clone, Copy)]
 struct Painted {
     low: [f64; 2],
@@ -115,7 +119,7 @@ impl Painted {
     }
 }
 
-/// The rectangle that holds all but strays of what a block paints, of `sum` in all, with its margin.
+/// The rectangle that contains a block's contribution, `sum` in all, except strays, with its margin.
 fn part(painted: &[Painted], sum: f64, camera: &Camera) -> Option<([u32; 2], [u32; 2])> {
     if painted.is_empty() {
         return None;
@@ -147,7 +151,8 @@ fn part(painted: &[Painted], sum: f64, camera: &Camera) -> Option<([u32; 2], [u3
 mod tests {
     use super::*;
 
-    /// Two spots before a camera that looks along z: block 0 on the left, block 1 on the right; one more that nothing shows.
+    /// Two spots before a camera that looks along z: block 0 on the left, block 1 on the right; one more that is not
+    /// visible.
     fn view() -> (Gaussians, Vec<Score>, Camera) {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, 320, 240);
         let mut model = Gaussians::zeroed(3, 0);

@@ -1,9 +1,10 @@
 //! Each block's share of the error in pixels that several blocks paint.
 //!
-//! All blocks train at once, each behind the others as they were. If every block corrected a shared pixel's whole error, the
-//! sum would overshoot. A block therefore trains towards the picture as it was, plus its share of the difference to the photo, which is the
-//! share of the picture that the Gaussians it trains have painted. To first order, the shares of all blocks add up to the photo, and in a
-//! margin that two blocks train, each makes good the whole error: its copies of the other's Gaussians go when the blocks meet.
+//! All blocks train at once, each with the others as they were. If every block corrected a shared pixel's whole error,
+//! the sum would overshoot. A block therefore trains towards the earlier picture plus its share of the difference to
+//! the photo, which is the share of the picture contributed by the Gaussians it trains. To first order, the shares of
+//! all blocks add up to the photo; in a margin that two blocks train, each corrects the whole error, since its copies
+//! of the other's Gaussians are dropped when the blocks meet.
 
 use crate::gaussians::Gaussians;
 use crate::kernels::constants::sh::float64::SH_C0;
@@ -14,8 +15,8 @@ use crate::scene::{AlphaRole, Photo, camera};
 use crate::train::{self, Exposures, exposure};
 use std::io;
 
-/// Turns `photo` into what a block is to paint: `share`, whose red channel is the block's share of each pixel, of the way from the picture
-/// `before`, drawn over the background and exposed by `map`, to the photo.
+/// Turns `photo` into a block's training target: from the picture `before`, drawn over the background and exposed by
+/// `map`, towards the photo by `share`, whose red channel is the block's share of each pixel.
 ///
 /// # Errors
 /// If the photo lies in a file that cannot be read.
@@ -59,8 +60,9 @@ fn in_white(model: &Gaussians, rows: &[usize]) -> Gaussians {
 }
 
 impl Setup<'_> {
-    /// Replaces the photos by what the block is to paint of them. `model` is the scene as the block finds it, of which it paints `rows`, and
-    /// the share `nothing` of what no Gaussian paints: 0..=1, over all blocks 1.
+    /// Replaces the photos by the block's training targets. `model` is the scene as the block finds it, `rows` are the
+    /// block's Gaussians in it, and `nothing` is the block's share of the light that no Gaussian contributes: 0..=1,
+    /// with sum 1 over all blocks.
     ///
     /// # Errors
     /// Device memory; device errors; photos that cannot be read.

@@ -19,8 +19,8 @@ pub struct Contraction {
 }
 
 impl Contraction {
-    /// Keeps the shape of the cube around the box of these points, such as the cameras' centres. Points that are not finite do not
-    /// count; without any, or with equal ones only, the cube is that of half side 1.
+    /// A contraction that keeps the shape of the cube around these points, such as the cameras' centres. Points that
+    /// are not finite do not count; without any, or with equal ones only, the cube has half side 1.
     pub fn around(points: impl IntoIterator<Item = DVec3>) -> Self {
         let mut finite = points.into_iter().filter(|p| p.is_finite());
         let first = finite.next().unwrap_or(DVec3::ZERO);
@@ -29,7 +29,8 @@ impl Contraction {
         Self { centre: (low + 0.5 * (high - low)).to_array(), radius: if half > 0.0 { half } else { 1.0 } }
     }
 
-    /// The place of a position in world units, each coordinate within -2..=2; NaN if one of its coordinates is.
+    /// The contracted position of a position in world units, each coordinate within -2..=2; NaN if one of its
+    /// coordinates is.
     pub fn of(&self, position: [f32; 3]) -> [f64; 3] {
         let p: [f64; 3] = std::array::from_fn(|i| (f64::from(position[i]) - self.centre[i]) / self.radius);
         if p.iter().any(|x| x.is_nan()) {

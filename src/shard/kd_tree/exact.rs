@@ -1,4 +1,4 @@
-//! Numbers are stored as the integers that have their bits: text would round them.
+//! Serialisation of floats as the integers with their bits: text would round them.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -11,7 +11,7 @@ pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D:
     u64::deserialize(deserializer).map(f64::from_bits)
 }
 
-/// As [`serialize`] and [`deserialize`], for three.
+/// Like [`serialize`] and [`deserialize`], for three numbers.
 pub mod three {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -24,7 +24,7 @@ pub mod three {
     }
 }
 
-/// As [`three`], for many.
+/// Like [`three`], for many rows.
 pub mod rows {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 

@@ -1,8 +1,8 @@
-//! A cell under division: what lies in it, and where it is halved.
+//! A cell during division: its members, and where to halve it.
 
 use rayon::prelude::*;
 
-/// Share of a cell's weight beyond either end of its side: strays do not make a cell long.
+/// Share of a cell's weight beyond either end of a side: strays do not make a cell long.
 const STRAYS: f64 = 0.05;
 
 /// A position in contracted space, with its weight.
@@ -12,13 +12,13 @@ pub(super) struct Member {
     pub weight: f64,
 }
 
-/// A cell under division.
+/// A cell during division.
 pub(super) struct Leaf {
     members: Vec<Member>,
     pub weight: f64,
-    /// The length of each side that holds all but strays.
+    /// Length of each side, without strays.
     pub sides: [f64; 3],
-    /// No face divides it.
+    /// True if no face can divide it.
     pub whole: bool,
 }
 
@@ -42,8 +42,8 @@ impl Leaf {
         Self { members, weight, sides, whole: false }
     }
 
-    /// Divides the cell across its longest side into halves of nearly equal weight. It keeps the lower one; returns axis and place
-    /// of the face, and the upper one. None if all members coincide.
+    /// Divides the cell across its longest side into halves of nearly equal weight, and keeps the lower one; returns
+    /// axis and position of the face, and the upper half. `None` if all members coincide.
     pub fn halve(&mut self) -> Option<(u8, f64, Self)> {
         let mut axes = [0, 1, 2];
         axes.sort_by(|a, b| self.sides[*b].total_cmp(&self.sides[*a]));
@@ -54,7 +54,8 @@ impl Leaf {
         Some((axis as u8, at, Self::new(upper)))
     }
 
-    /// Sorts the members along an axis, and finds the first of the upper half: where coordinates differ, nearest to half the weight.
+    /// Sorts the members along an axis, and finds the first of the upper half: at the change of coordinate nearest to
+    /// half the weight.
     fn middle(&mut self, axis: usize) -> Option<usize> {
         sort(&mut self.members, axis);
         let (mut below, mut best) = (0.0, None);
@@ -70,7 +71,8 @@ impl Leaf {
     }
 }
 
-/// Sorts along an axis; equal coordinates by the others and by weight, so that sums do not depend on the order before.
+/// Sorts along an axis; equal coordinates by the other axes and by weight, so that sums do not depend on the previous
+/// order.
 fn sort(members: &mut [Member], axis: usize) {
     let key = |m: &Member| [m.place[axis], m.place[(axis + 1) % 3], m.place[(axis + 2) % 3], m.weight];
     members.par_sort_unstable_by(|a, b| {

@@ -1,5 +1,6 @@
-//! Division of unbounded space into cells, for blocks of a scene that are trained apart: a kd-tree over weighted positions in
-//! contracted space. Only +, -, x, / and comparisons in float64, so that every host agrees to the bit.
+//! Division of unbounded space into cells, for the separate training of a scene's blocks: a kd-tree over weighted
+//! positions in contracted space. It uses only +, -, x, / and comparisons in float64, so that every host agrees to the
+//! bit.
 
 mod contraction;
 mod exact;
@@ -11,7 +12,7 @@ use leaf::{Leaf, Member};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// One division: `cell` keeps what lies below `at` on this axis of contracted space, and a new cell gets the rest.
+/// One division: `cell` keeps the part below `at` on this axis of contracted space, and a new cell gets the rest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Split {
@@ -26,16 +27,16 @@ struct Split {
 #[serde(deny_unknown_fields)]
 pub struct Cells {
     contraction: Contraction,
-    /// In the order of their making: number k makes cell k + 1.
+    /// In order of creation: number k creates cell k + 1.
     splits: Vec<Split>,
-    /// By cell, the length of each side in contracted space that holds all but strays.
+    /// By cell: length of each side in contracted space, without strays.
     #[serde(with = "exact::rows")]
     sides: Vec<[f64; 3]>,
 }
 
 impl Cells {
-    /// At most `count` cells of nearly equal weight: the heaviest is halved, again and again, along its longest side. There are
-    /// fewer where positions coincide. Positions that are not finite, and weights that are not positive, do not count.
+    /// At most `count` cells of nearly equal weight: the heaviest is repeatedly halved along its longest side. There
+    /// are fewer if positions coincide. Positions that are not finite, and weights that are not positive, do not count.
     ///
     /// # Panics
     /// If there is not one weight per position.
@@ -86,7 +87,7 @@ impl Cells {
         positions.par_iter().map(|position| self.owner(*position) as u32).collect()
     }
 
-    /// A cell that is grown on all sides by `share` of their lengths in contracted space; shares are not negative.
+    /// A cell grown on all sides by `share` of their lengths in contracted space; shares are not negative.
     pub fn grown(&self, cell: usize, share: f64) -> Grown<'_> {
         let margins = self.sides.get(cell).map_or([0.0; 3], |sides| sides.map(|side| share * side));
         Grown { cells: self, cell, faces: self.faces(cell), margins }
@@ -109,19 +110,19 @@ impl Cells {
     }
 }
 
-/// A cell that is grown on all sides.
+/// A cell grown on all sides.
 #[derive(Clone, Copy, Debug)]
 pub struct Grown<'a> {
     cells: &'a Cells,
     cell: usize,
-    /// The cell's own, lower and upper.
+    /// Lower and upper faces of the cell itself.
     faces: ([f64; 3], [f64; 3]),
     /// Margin beyond each face of an axis.
     margins: [f64; 3],
 }
 
 impl Grown<'_> {
-    /// True if a position lies in it. It contains what the cell owns, whatever its margins.
+    /// Whether it contains a position. It contains every position that the cell owns, whatever its margins.
     pub fn contains(&self, position: [f32; 3]) -> bool {
         if self.cells.owner(position) == self.cell {
             return true;
@@ -134,9 +135,9 @@ impl Grown<'_> {
         (0..3).all(inside)
     }
 
-    /// Depth of a position inside it, from 0 at the grown faces over 1/2 at the cell's own to 1 as far within these. Cells of
-    /// different sides may have different depths at their common face. What a cell owns has at least 1/2, also where its sides
-    /// have no length.
+    /// Depth of a position inside it: 0 at the grown faces, 1/2 at the cell's own faces, and 1 as far inside these.
+    /// Cells of different sides may have different depths at their common face. Every position that a cell owns has at
+    /// least 1/2, even if its sides have no length.
     pub fn depth(&self, position: [f32; 3]) -> f64 {
         if !self.contains(position) {
             return 0.0;
@@ -145,7 +146,7 @@ impl Grown<'_> {
         (0..3).fold(1.0, |least, axis| {
             let margin = self.margins[axis];
             let within = (place[axis] - low[axis]).min(high[axis] - place[axis]);
-            // Positions that are not numbers, and cells without a margin, have no nearest face.
+            // NaN positions, and cells without a margin, have no nearest face.
             if margin > 0.0 && within < margin { least.min(0.5 + 0.5 * within / margin) } else { least }
         })
     }
@@ -267,14 +268,15 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever its bits are, a position has one owner, which the faces agree with, and which stays when cells grow.
+        /// Whatever its bits, a position has exactly one owner, which agrees with the faces and does not change when
+        /// cells grow.
         #[test]
         fn every_position_has_exactly_one_owner(
             bits in prop::array::uniform3(any::<u32>()), near in prop::array::uniform3(-4.0_f32..4.0), face in 0_usize..40, seed in 0_u64..50,
         ) {
             let cells = Cells::new(unit(), &cloud(300, seed), &[1.0; 300], 20);
             let split = cells.splits[face % cells.splits.len()];
-            // On a face, as near as float32 comes to it.
+            // On a face, as closely as float32 permits.
             let mut on_face = near;
             let axis = usize::from(split.axis);
             on_face[axis] = (split.at * 3.0 + unit().centre[axis]) as f32;

@@ -1,4 +1,4 @@
-//! Learnt masks on the device: which Gaussians a picture shows, gradients by the masks, and a step of Adam for their scores.
+//! Learnt masks on the device: hiding masked Gaussians, gradients by the masks, and a step of Adam for their scores.
 
 use super::{LearntMasks, MaskMethod, NAME, greatest};
 use crate::gpu::{Buffer, Device, Groups, Recording};
@@ -16,7 +16,7 @@ use crate::train::method::{Changed, Cut, Iteration, Method, Pause};
 use crate::train::schedule::Schedule;
 use crate::train::{ArrayKind, Result, TrainingModel};
 
-/// The scores of the masks, by method, and their first and second moments.
+/// Names of the masks' scores, by method, and of their first and second moments.
 const SCORES: &str = "mask scores";
 const MOMENTS: &str = "mask scores.moments";
 const ARRAYS: [[ArrayKind; 2]; 2] = {
@@ -31,9 +31,9 @@ const ARRAYS: [[ArrayKind; 2]; 2] = {
 
 /// A run's learnt masks.
 pub struct LearntMask {
-    /// How they are learnt.
+    /// Their settings.
     pub settings: LearntMasks,
-    /// The number of Gaussians that the picture recorded last does not mask.
+    /// Number of Gaussians that the picture recorded last does not mask.
     pub shown: Buffer<u32>,
 }
 
@@ -78,7 +78,7 @@ impl Method for LearntMask {
         }
     }
 
-    /// Records the step of the masks, while the parameters are those that the picture was drawn with.
+    /// Records the step of the masks, while the parameters are still those of the drawn picture.
     fn before_adam(&self, recording: &mut Recording, now: &Iteration<'_>) {
         let Some(picture) = self.picture(now) else { return };
         if self.settings.method.samples() {
@@ -104,7 +104,7 @@ impl Method for LearntMask {
     }
 }
 
-/// A picture whose Gaussians have masks.
+/// A picture of Gaussians with masks.
 #[derive(Clone, Copy)]
 pub struct Masked<'a> {
     /// The renderer that draws it.
@@ -113,20 +113,21 @@ pub struct Masked<'a> {
     pub camera: &'a Camera,
     /// The model.
     pub model: &'a TrainingModel,
-    /// By Gaussian: the score of its mask.
+    /// By Gaussian: score of its mask.
     pub scores: &'a Buffer<f32>,
     /// The scores' first and second moments.
     pub moments: &'a Buffer<f32>,
-    /// The number of Gaussians that are not masked.
+    /// Number of Gaussians that are not masked.
     pub shown: &'a Buffer<u32>,
-    /// How masks are learnt.
+    /// Settings of the masks.
     pub settings: &'a LearntMasks,
     /// The run's seed and the iteration (the first is 1): the key of random masks, and the number of Adam's step.
     pub key: [u32; 2],
 }
 
 impl Masked<'_> {
-    /// Records that masked Gaussians are hidden: between [`TrainingRenderer::record_lists`] and [`TrainingRenderer::record_blending`].
+    /// Records the hiding of masked Gaussians, between [`TrainingRenderer::record_lists`] and
+    /// [`TrainingRenderer::record_blending`].
     pub fn hide(&self, recording: &mut Recording) {
         let (slots, [seed, iteration]) = (self.renderer.slots(self.camera), self.key);
         let kernel = Kernel {
@@ -145,8 +146,8 @@ impl Masked<'_> {
         });
     }
 
-    /// Records the gradients by the masks into the slots' sums by blue, which the backward pass no longer needs then. `colours`
-    /// says that the fourth component of the gradient by the picture is none.
+    /// Records the gradients by the masks into the slots' sums by blue, which the backward pass no longer needs by
+    /// then. With `colours`, the fourth component of the gradient by the picture is not a gradient.
     pub fn gradients(&self, recording: &mut Recording, by_image: &Buffer<[f32; 4]>, colours: bool) {
         let slots = self.renderer.slots(self.camera);
         let subgroup = self.renderer.device().info().subgroup_size;
@@ -173,8 +174,8 @@ impl Masked<'_> {
         recording.scope(NAME, |r| r.dispatch(&kernel, Groups::Count(slots.tiles)));
     }
 
-    /// Records a step of Adam for the scores, from the rows of gradients or from [`Masked::gradients`], while the parameters are those
-    /// that the picture was drawn with. A Gaussian with a gradient that is not finite keeps its score.
+    /// Records a step of Adam for the scores, from the rows of gradients or from [`Masked::gradients`], while the
+    /// parameters are still those of the drawn picture. A Gaussian with a non-finite gradient keeps its score.
     pub fn step(&self, recording: &mut Recording) {
         let (slots, [seed, iteration]) = (self.renderer.slots(self.camera), self.key);
         let left = |beta: f64| 1.0 - beta.powf(f64::from(iteration));

@@ -1,7 +1,7 @@
-//! Masks that are learnt with the model (Compact3DGS, Lee et al. 2024; MaskGaussian, Liu et al. 2025): each Gaussian has a score, and
-//! pictures leave out those whose mask is 0. The loss grows with the masks' mean, so that Gaussians which pictures do not need
-//! are masked; those go at density steps and, after these, at intervals. No method takes a number: at the end of a window the model
-//! is cut to it by the scores.
+//! Masks learnt with the model (Compact3DGS, Lee et al. 2024; MaskGaussian, Liu et al. 2025): each Gaussian has a
+//! score, and pictures leave out those whose mask is 0. The loss grows with the masks' mean, so that Gaussians which
+//! pictures do not need are masked; these are removed at density steps and, afterwards, at intervals. Neither method
+//! takes a target number: at the end of a window the model is cut to it by the scores.
 
 mod device;
 
@@ -17,24 +17,24 @@ use serde::{Deserialize, Serialize};
 /// Its name in `config.toml`, and the profiler's scope.
 pub const NAME: &str = "learnt mask";
 
-/// Length of the run that the published rate is meant for, the rate itself, and the power by which shorter runs have a higher rate
-/// and weight.
+/// Length of the run that the published rate is meant for, the rate itself, and the exponent by which shorter runs have
+/// a higher rate and weight.
 const REFERENCE: (f64, f64, f64) = (30_000.0, 0.01, 0.7);
 /// Share of the run between two removals after the last density step.
 const BETWEEN: f64 = 1.0 / 30.0;
-/// `MaskGaussian`: one that is masked in as many draws goes.
+/// `MaskGaussian`: a Gaussian that is masked in this many draws is removed.
 const DRAWS: i32 = 10;
-/// Salt of the numbers that decide on that.
+/// Salt of the random numbers for these draws.
 const SALT: u64 = 0x6d61_736b;
 
-/// How masks are learnt.
+/// Method of learning masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MaskMethod {
     /// Compact3DGS: the sigmoid of the score, rounded: 0 up to 0.01.
     Compact3dgs,
-    /// `MaskGaussian`: drawn anew in every iteration, 1 with the sigmoid of the score as its chance. The score is the difference of
-    /// that method's two.
+    /// `MaskGaussian`: drawn anew in every iteration, 1 with the sigmoid of the score as its probability. The score is
+    /// the difference of that method's two scores.
     MaskGaussian,
 }
 
@@ -60,8 +60,9 @@ impl MaskMethod {
         }
     }
 
-    /// Weight of the masks in the loss of a run of the published length. Theirs, 5e-4 and 5e-4 to 1e-3, leave more Gaussians; with
-    /// these about as many are left as are usually to be kept. docs/decisions.md (71) has the figures.
+    /// Weight of the masks in the loss of a run of the published length. The published weights, 5e-4 and 5e-4 to 1e-3,
+    /// leave more Gaussians; with these about as many remain as are usually to be kept. docs/decisions.md (71) has the
+    /// figures.
     fn weight(self) -> f64 {
         match self {
             Self::Compact3dgs => 1.85e-3,
@@ -76,7 +77,7 @@ impl MaskMethod {
 pub struct LearntMasks {
     /// Method that learns them.
     pub method: MaskMethod,
-    /// Gaussians that are left at the end of the window; never fewer before.
+    /// Number of Gaussians left at the end of the window; never fewer before.
     pub survivors: usize,
     /// Share of the run at which the window ends.
     pub until: f64,
@@ -86,10 +87,10 @@ pub struct LearntMasks {
     pub weight: f64,
 }
 
-/// The `count` rows with the greatest scores, rising; of equal ones the first.
+/// The `count` rows with the greatest scores, rising; among equal scores the first.
 pub(super) fn greatest(scores: &[f32], count: usize) -> Vec<u32> {
     let mut rows: Vec<u32> = (0..scores.len() as u32).collect();
-    // Stable. What is no number goes first.
+    // Stable sort; NaN is removed first.
     let rank = |i: &u32| Some(scores[*i as usize]).filter(|s| !s.is_nan()).unwrap_or(f32::NEG_INFINITY);
     rows.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
     rows.truncate(count);
@@ -98,19 +99,20 @@ pub(super) fn greatest(scores: &[f32], count: usize) -> Vec<u32> {
 }
 
 impl LearntMasks {
-    /// Masks of a run of this length, which are to leave this number of Gaussians.
+    /// Masks of a run of this length that are to leave `survivors` Gaussians.
     pub fn of(method: MaskMethod, survivors: usize, iterations: u32) -> Self {
         let (length, rate, power) = REFERENCE;
         let shorter = (length / f64::from(iterations.max(1))).max(1.0).powf(power);
         Self { method, survivors, until: 0.75, rate: rate * shorter, weight: method.weight() * shorter }
     }
 
-    /// Learning rate of the stored score: a difference of two scores, which move against each other, moves twice as fast.
+    /// Learning rate of the stored score: the difference of two scores that move against each other moves twice as
+    /// fast.
     pub fn step_rate(&self) -> f64 {
         if self.method.samples() { 2.0 * self.rate } else { self.rate }
     }
 
-    /// Number of Gaussians that their masks show rather than not.
+    /// Number of Gaussians that are more likely shown than masked.
     pub fn shown(&self, scores: &[f32]) -> usize {
         scores.iter().filter(|s| **s > self.method.least()).count()
     }
@@ -122,7 +124,7 @@ impl LearntMasks {
             if !self.method.samples() {
                 return score > LEAST_SCORE;
             }
-            // The chance that all draws are 0.
+            // The probability that all draws are 0.
             let goes = (1.0 / (1.0 + f64::from(score).exp())).powi(DRAWS);
             random::uniform(&[u64::from(seed), u64::from(iteration), u64::from(*i), SALT]) >= goes
         };
@@ -130,13 +132,13 @@ impl LearntMasks {
         if stay.len() < self.survivors { greatest(scores, self.survivors) } else { stay }
     }
 
-    /// The iteration after which masks end: the first at least, the last at most.
+    /// The iteration after which masks end: at least the first, at most the last.
     pub fn last(&self, schedule: &Schedule) -> u32 {
         let last = (f64::from(schedule.iterations) * self.until).round() as u32;
         last.clamp(1, schedule.iterations.max(1))
     }
 
-    /// Returns true if masked Gaussians go after iteration `iteration`.
+    /// Returns true if masked Gaussians are removed after iteration `iteration`.
     pub fn thins(&self, schedule: &Schedule, iteration: u32) -> bool {
         let every = ((f64::from(schedule.iterations) * BETWEEN).round() as u32).max(1);
         let later = iteration >= schedule.growing().1 && iteration.is_multiple_of(every);
@@ -144,10 +146,10 @@ impl LearntMasks {
         iteration == last || iteration < last && (later || schedule.densifies(iteration))
     }
 
-    /// Reads it from a configuration.
+    /// Reads the masks' settings from a configuration.
     ///
     /// # Errors
-    /// A sentence that names the number that is wrong.
+    /// A sentence that names the wrong number.
     pub fn read(config: &MethodConfig) -> Result<Self, String> {
         let read: Self = config.read()?;
         within("method.survivors", read.survivors, &(1..=MOST_GAUSSIANS))?;
@@ -178,7 +180,7 @@ mod tests {
         assert_eq!((compact(2).shown(&scores), compact(2).judge(&[], [1, 2]).len()), (3, 0));
     }
 
-    /// A share of (1 - P)^10 goes at once; draws depend on seed and iteration.
+    /// A share of (1 - P)^10 is removed at once; draws depend on seed and iteration.
     #[test]
     fn those_that_ten_draws_mask_go() {
         let masks = LearntMasks::of(MaskMethod::MaskGaussian, 1, 1000);
@@ -203,7 +205,7 @@ mod tests {
         assert_eq!(LearntMasks::of(MaskMethod::MaskGaussian, 1, 30_000).step_rate(), 0.02);
     }
 
-    /// Every density step, and each thirtieth of the run after them, up to the end of the window.
+    /// Every density step, and each thirtieth of the run after these, up to the end of the window.
     #[test]
     fn when_the_masked_go() {
         let masks = LearntMasks::of(MaskMethod::Compact3dgs, 1, 3000);
