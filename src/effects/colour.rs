@@ -19,9 +19,9 @@ pub const GAINS: f64 = 0.02;
 pub const EXPLAINED: f64 = 1.0 / 3.0;
 /// Deviation of a point's colours above which they depend on the view: larger than the noise of thumbnails.
 pub const DEVIATION: f64 = 0.005;
-/// Share of points, the smoothest, whose deviation counts: colours of others change with the texture around them.
+/// Share of points, the smoothest, whose deviation counts: the colours of others change with the texture around them.
 const SMOOTH: f64 = 0.1;
-/// The highest degree is chosen whose held-back error is at most this factor times the smallest.
+/// The highest degree is chosen whose held-out error is at most this factor times the smallest.
 const AS_GOOD: f64 = 1.005;
 /// Range of channels that are neither lost in noise nor clipped.
 const USABLE: (f64, f64) = (0.06, 0.94);
@@ -31,7 +31,7 @@ const ROUNDS: usize = 8;
 const COMMON: (usize, usize) = (3, 20);
 /// Smallest number of observations of a point for a fit of its dependence on the view.
 const OBSERVED: usize = 8;
-/// Number of parts of a point's observations, each held back once.
+/// Number of parts of a point's observations, each held out once.
 const FOLDS: usize = 4;
 /// Strength of the pull of SH coefficients towards 0, in observations.
 const RIDGE: f64 = 1.0;
@@ -143,8 +143,8 @@ fn from_point(seen: &[(usize, f64)], gains: &[f64]) -> Vec<f64> {
     left.into_iter().map(|l| l - point).collect()
 }
 
-/// The exposures in the photos' headers: reported, but not used. Cameras that expose automatically give darker motifs
-/// more light, so that stops show the settings, not how photos differ.
+/// The exposures in the photos' headers: reported, but not used. Cameras with automatic exposure give darker scenes
+/// more light, so that stops reflect the settings, not the photos' differences.
 fn headers(set: &TrainingSet<'_>) -> String {
     let views = set.train.par_iter().filter_map(|i| set.scene.views.get(*i));
     let stops: Vec<f64> = views.filter_map(View::exposure_stops).collect();
@@ -178,14 +178,14 @@ pub fn exposure(set: &TrainingSet<'_>, tracks: &[Vec<Observation>], gains: &Gain
         100.0 * gains.explained
     );
     let decision = Decision::by(Effect::Exposure, gains.spread, GAINS, evidence);
-    // Either measure can keep it off; if one is far below its threshold, the other's nearness does not matter.
+    // Either measure can switch it off; if one is far below its threshold, the other's closeness does not matter.
     let (explains, near) = (gains.explained > EXPLAINED, is_near(gains.explained, EXPLAINED));
     let near = (decision.near_threshold && (explains || near)) || (near && decision.on);
     Decision { on: decision.on && explains, near_threshold: near, ..decision }
 }
 
-/// Degree of a scene whose colours call for none: the first band is cheap and small, and compensates for shapes that
-/// are not right yet and look different from each side; higher bands fit the photos at the cost of all other views.
+/// Degree of a scene whose colours need none: the first band is cheap and small, and compensates for shapes that are
+/// not right yet and look different from each side; higher bands fit the photos at the cost of all other views.
 const LEAST_DEGREE: usize = 1;
 
 /// The SH degree that the colours of points call for; the highest allowed if there are no such points.

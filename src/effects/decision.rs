@@ -21,7 +21,7 @@ pub struct Decision {
     /// SH degree; only for [`Effect::ViewDependence`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub degree: Option<usize>,
-    /// Device seconds of training that it took; null if it has no stage of its own, or nothing was trained.
+    /// Device seconds of training spent on it; null if it has no stage of its own, or nothing was trained.
     pub seconds: Option<f64>,
     /// The evidence, in a sentence.
     pub evidence: String,
@@ -38,7 +38,7 @@ pub fn is_on(decisions: &[Decision], effect: Effect) -> bool {
 }
 
 impl Decision {
-    /// The decision that compares a number with its threshold.
+    /// The decision from a comparison of a number with its threshold.
     pub(super) fn by(name: Effect, measured: f64, threshold: f64, evidence: String) -> Self {
         Self {
             near_threshold: is_near(measured, threshold),

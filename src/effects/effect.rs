@@ -20,7 +20,7 @@ pub enum Effect {
     Masks,
     /// Photos have several sizes or intrinsics.
     Cameras,
-    /// Each tile orders Gaussians by the depths that its own ray sees.
+    /// Each tile orders Gaussians by the depths along its own ray.
     DepthOrder,
 }
 
@@ -29,11 +29,11 @@ pub enum Effect {
 pub enum Trigger {
     /// A measure of the scene passes a threshold; other scenes can be trained with the effect, too.
     Measure,
-    /// The photos contain something, such as masks, without which there is nothing to simulate.
+    /// The photos have a property, such as masks, without which there is nothing to simulate.
     Photos,
-    /// Nothing: the effect is on at the user's request only.
+    /// None: the effect is on at the user's request only.
     Request,
-    /// Nothing: the effect costs nothing and is always simulated.
+    /// None: the effect costs nothing and is always simulated.
     Always,
 }
 
@@ -79,7 +79,7 @@ impl Effect {
         }
     }
 
-    /// The profiler scope that measures this effect's time alone; none if its time is part of other stages.
+    /// The profiler scope that measures this effect's time alone; `None` if its time is part of other stages.
     pub const fn scope(self) -> Option<&'static str> {
         match self {
             Self::Exposure => Some("exposure"),

@@ -54,7 +54,7 @@ fn footprint_ratios(set: &TrainingSet<'_>) -> Vec<f64> {
     (0..count).filter_map(ratio).filter(|r| r.is_finite()).collect()
 }
 
-/// World units that a pixel covers at a point's depth; none if the view does not show the point.
+/// World units that a pixel covers at a point's depth; `None` if the view does not show the point.
 fn footprint(view: &View, position: DVec3) -> Option<f64> {
     let camera = &view.camera;
     let p = camera.rotation * position + camera.translation;
@@ -66,7 +66,7 @@ fn footprint(view: &View, position: DVec3) -> Option<f64> {
     inside.then(|| p.z / camera.focal.element_product().sqrt())
 }
 
-/// Substitute points for a scene without any: a ball around the place where the cameras look, whose radius is half
+/// Substitute points for a scene without any: a ball around the point where the cameras look, whose radius is half
 /// their distance (Blender scenes: the unit ball, inside the reference's cube).
 fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
     let cameras = || set.views().map(|v| &v.camera);

@@ -39,8 +39,8 @@ pub use training_set::{THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 
 use colour::Gains;
 
-/// Decides on every effect, in the order of [`Effect::ALL`]; also gives the gains of the photos. `most` is the highest SH
-/// degree allowed.
+/// Decides on every effect, in the order of [`Effect::ALL`]; also returns the gains of the photos. `most` is the
+/// highest SH degree allowed.
 ///
 /// The evidence always comes from the scene, also for effects that the user decided.
 pub fn decide(set: &TrainingSet<'_>, overrides: &Overrides, most: usize) -> (Vec<Decision>, Gains) {

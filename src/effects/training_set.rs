@@ -65,7 +65,7 @@ impl Thumbnail {
                 pixels.extend(sum.map(|s| ((s + n / 2) / n) as u8));
             }
         }
-        // Squares at the rim may be cut off: the scale is that of whole ones.
+        // Squares at the edge may be cut off: the scale is that of whole ones.
         let scale = f64::from(side);
         let Camera { focal, principal, .. } = photo.camera;
         let camera =
@@ -73,8 +73,8 @@ impl Thumbnail {
         Ok(Self { camera, pixels, alpha_role: photo.alpha_role })
     }
 
-    /// The colour at a world point, interpolated between the four nearest pixels, and the range of brightness of the nearest
-    /// sixteen; none near the photo's rim or where one of them is not opaque.
+    /// The colour at a world point, interpolated between the four nearest pixels, and the range of brightness of the
+    /// nearest sixteen; `None` near the photo's edge or if one of them is not opaque.
     pub(super) fn colour_of(&self, position: DVec3) -> Option<(DVec3, f64)> {
         let p = self.camera.rotation * position + self.camera.translation;
         if p.z <= 0.0 {

@@ -41,7 +41,7 @@ pub enum Error {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// A file that is not one of LPIPS weights.
+    /// A file that does not hold LPIPS weights.
     #[error("{}: {what}", path.display())]
     Weights {
         /// The file.

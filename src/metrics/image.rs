@@ -1,4 +1,4 @@
-//! Pictures as the metrics take them, the 8-bit round trip and PSNR.
+//! Pictures in the form that the metrics take, the 8-bit round trip and PSNR.
 
 use super::Error;
 use rayon::prelude::*;
@@ -45,16 +45,16 @@ impl<'a> Image<'a> {
     }
 }
 
-/// The values after being stored as 8 bits: clamped to [0, 1] and rounded to the nearest of 256 levels; NaN becomes 0.
+/// The values as after storage in 8 bits: clamped to [0, 1] and rounded to the nearest of 256 levels; NaN becomes 0.
 pub fn round_trip_8bit(pixels: &[f32]) -> Vec<f32> {
-    // The cast to u8 saturates, and takes NaN to 0.
+    // The cast to u8 saturates, and maps NaN to 0.
     pixels.iter().map(|v| f32::from((v * 255.0 + 0.5) as u8) / 255.0).collect()
 }
 
 /// Peak signal-to-noise ratio in dB for the peak 1, over all pixels and channels; infinite for identical images.
 ///
 /// # Errors
-/// [`Error::Sizes`] where the sizes differ.
+/// [`Error::Sizes`] if the sizes differ.
 pub fn psnr(a: &Image<'_>, b: &Image<'_>) -> Result<f64, Error> {
     a.same_size(b)?;
     let row = a.width * 3;

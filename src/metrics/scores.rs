@@ -14,11 +14,11 @@ pub struct Networks {
 
 impl Networks {
     /// Reads `given` (`--lpips-weights`: a file, or a folder with `lpips-vgg.safetensors` and
-    /// `lpips-alex.safetensors`), else what `QIRF_LPIPS` names, else the user's data folder, where missing files are no
-    /// error.
+    /// `lpips-alex.safetensors`), otherwise the path in `QIRF_LPIPS`, otherwise the user's data folder, where missing
+    /// files are no error.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::Weights`] for a file that was named but cannot be used, or is broken.
+    /// [`Error::Read`] and [`Error::Weights`] for a named file that cannot be used, or a broken one.
     pub fn find(given: Option<&Path>) -> Result<Self, Error> {
         let named = std::env::var_os("QIRF_LPIPS").filter(|v| !v.is_empty());
         match (given, &named) {
@@ -66,11 +66,10 @@ impl Networks {
     }
 }
 
-/// The figures of one picture, or their means; `None` (null in JSON) for a figure that does not exist, explained in
-/// `notes`.
+/// The figures of one picture, or their means; `None` (null in JSON) for an undefined figure, explained in `notes`.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scores {
-    /// PSNR in dB; `None` where it is infinite.
+    /// PSNR in dB; `None` if it is infinite.
     pub psnr: Option<f64>,
     /// Mean SSIM.
     pub ssim: f64,
@@ -88,7 +87,7 @@ pub struct Scores {
 /// All figures of `rendered` against `truth`, both after the 8-bit round trip.
 ///
 /// # Errors
-/// [`Error::Sizes`] where the sizes differ; an image too small for LPIPS is a note.
+/// [`Error::Sizes`] if the sizes differ; an image too small for LPIPS is a note.
 pub fn evaluate(rendered: &Image<'_>, truth: &Image<'_>, networks: &Networks) -> Result<Scores, Error> {
     rendered.same_size(truth)?;
     let (a, b) = (round_trip_8bit(rendered.pixels()), round_trip_8bit(truth.pixels()));

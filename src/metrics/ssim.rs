@@ -20,10 +20,11 @@ pub fn window() -> [f64; 2 * RADIUS + 1] {
     raw.map(|w| w / sum)
 }
 
-/// Mean SSIM over pixels and channels: Gaussian window 11 x 11, sigma 1.5, zeros outside the image; 1 for identical.
+/// Mean SSIM over pixels and channels: Gaussian window 11 x 11, sigma 1.5, zeros outside the image; 1 for identical
+/// images.
 ///
 /// # Errors
-/// [`Error::Sizes`] where the sizes differ.
+/// [`Error::Sizes`] if the sizes differ.
 pub fn ssim(a: &Image<'_>, b: &Image<'_>) -> Result<f64, Error> {
     a.same_size(b)?;
     if a.pixels() == b.pixels() {
@@ -38,7 +39,7 @@ pub fn ssim(a: &Image<'_>, b: &Image<'_>) -> Result<f64, Error> {
 #[derive(Default)]
 struct Scratch([Vec<f64>; 5]);
 
-/// Sum of SSIM over row `y`: down the columns and then along the row, all three channels side by side.
+/// Sum of SSIM over row `y`: down the columns and then along the row, all three channels together.
 fn row(scratch: &mut Scratch, a: &Image<'_>, b: &Image<'_>, y: usize) -> f64 {
     let (length, border, weights) = (a.width() * 3, RADIUS * 3, window());
     let [ex, ey, exx, eyy, exy] = &mut scratch.0;

@@ -1,4 +1,4 @@
-//! The page of a compression: its figures, the held-out views, and what the blocks say.
+//! The page of a compression: its figures, the held-out views, and statistics of the blocks.
 
 use super::format::{NONE, bytes, count, decimals, percent, seconds};
 use super::page::{self, Column, Section, Tile, absent, table, tiles};

@@ -1,6 +1,6 @@
-//! Numbers as people read them.
+//! Numbers formatted for readers.
 
-/// Placeholder of a value that does not exist.
+/// Placeholder of a missing value.
 pub const NONE: &str = "–";
 
 /// A whole number in groups of three digits.
@@ -16,7 +16,7 @@ pub fn count(n: usize) -> String {
     out
 }
 
-/// A number with `places` decimals; a dash if it is none or not finite.
+/// A number with `places` decimals; a dash if it is absent or not finite.
 pub fn decimals(value: impl Into<Option<f64>>, places: usize) -> String {
     match value.into() {
         Some(v) if v.is_finite() => format!("{v:.places$}").replacen('-', "−", 1),

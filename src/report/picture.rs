@@ -12,12 +12,12 @@ const LONGEST: u32 = 800;
 /// JPEG quality, of 100.
 const QUALITY: u8 = 90;
 
-/// A picture of a run at its own size; none if it is missing or cannot be decoded.
+/// A picture of a run at its own size; `None` if it is missing or cannot be decoded.
 pub fn read(path: &Path) -> Option<RgbImage> {
     Some(image::open(path).ok()?.to_rgb8())
 }
 
-/// Absolute difference times `gain`; none if the sizes differ.
+/// Absolute difference times `gain`; `None` if the sizes differ.
 pub fn difference(a: &RgbImage, b: &RgbImage, gain: u8) -> Option<RgbImage> {
     (a.dimensions() == b.dimensions()).then(|| {
         let mut out = a.clone();
@@ -26,7 +26,8 @@ pub fn difference(a: &RgbImage, b: &RgbImage, gain: u8) -> Option<RgbImage> {
     })
 }
 
-/// The picture as a `data:` URI, scaled down to at most 800 pixels: PNG or JPEG, whichever is smaller. None if it is empty.
+/// The picture as a `data:` URI, scaled down to at most 800 pixels: PNG or JPEG, whichever is smaller. `None` if it is
+/// empty.
 pub fn data_uri(picture: &RgbImage) -> Option<String> {
     let longest = picture.width().max(picture.height());
     let smaller = (longest > LONGEST).then(|| {

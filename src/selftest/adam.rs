@@ -105,8 +105,8 @@ fn furthest(params: &mut Params) -> f64 {
     most
 }
 
-/// Gradients of the picture that are zero, so small that their square is zero, so large that their square is infinite,
-/// and NaN in one pixel.
+/// Gradients of the picture that are zero, that are so small that their square is zero, that are so large that their
+/// square is infinite, and that are NaN in one pixel.
 pub(super) fn extremes(device: &Device) -> Result<Vec<Measure>> {
     let size = 48 * 48;
     let mut zero = steps(device, &vec![[0.0; 4]; size], false)?;

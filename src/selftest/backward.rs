@@ -72,7 +72,7 @@ pub fn expected(model: &Gaussians, camera: &Camera, settings: Settings, weights:
     reference::gradients(&Params::from(model), camera, &rasterise::twin(settings), &by_image, Some(&by_alpha)).params
 }
 
-/// Norm of the difference over the twin's norm, or over `least` where that is larger: the worst of all attributes.
+/// Norm of the difference over the twin's norm, or over `least` if that is larger: the worst of all attributes.
 pub fn relative(got: &mut Params, expected: &mut Params, least: f64) -> f64 {
     let pairs = got.groups_mut().into_iter().zip(expected.groups_mut());
     pairs.fold(0.0, |most, ((_, g), (_, e))| {
@@ -82,8 +82,8 @@ pub fn relative(got: &mut Params, expected: &mut Params, least: f64) -> f64 {
     })
 }
 
-/// A millionth of the largest gradient that the weights could give: the scale for gradients that vanish, such as that
-/// of a ball's rotation.
+/// A millionth of the largest gradient that the weights can cause: the scale for gradients that vanish, such as that of
+/// a ball's rotation.
 pub fn least(weights: &[[f32; 4]]) -> f64 {
     1e-6 * weights.as_flattened().iter().map(|w| f64::from(w.abs())).sum::<f64>()
 }
@@ -150,14 +150,15 @@ pub(super) fn coincident(device: &Device) -> Result<Vec<Measure>> {
 }
 
 /// 10,000 layers without a stop: transmittance leaves float32's range on the way. The colour behind a layer is the
-/// pixel less the colour before it: its rounding, 1e-7 of the pixel, remains where the colour itself has long vanished.
+/// pixel minus the colour before it: its rounding, 1e-7 of the pixel, remains long after the colour itself has
+/// vanished.
 pub(super) fn chain(device: &Device) -> Result<Vec<Measure>> {
     compare(device, &layers(10_000, 1e-5, -3.9), &straight_on(), Settings { stop: 0.0, ..Settings::default() }, ALLOWED)
 }
 
 /// One pixel behind layers of one colour and opacity, before black: dL/dalpha is a difference of nearly equal values,
-/// and its error that of two sums with one rounding per layer drawn. Measures the worst layer's error over (8 + the
-/// root of the number of layers drawn) roundings of the colour: 0.65 of them, and as many if exponentials are off by two
+/// and its error is that of two sums with one rounding per layer drawn. Measures the worst layer's error in units of (8
+/// + the root of the number of layers drawn) roundings of the colour: 0.65, even if exponentials are off by two
 /// roundings.
 pub(super) fn alike(device: &Device) -> Result<Vec<Measure>> {
     let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.5, 1, 1);

@@ -1,5 +1,5 @@
-//! A device's fingerprint: what it computes for the embedded scene, bit for bit. Two machines whose fingerprints are equal may
-//! share the tasks of a job whose result is to have the same bytes everywhere.
+//! A device's fingerprint: its results for the embedded scene, bit for bit. Two machines with equal fingerprints may
+//! share the tasks of a job whose result must have the same bytes everywhere.
 
 use super::backward::{there_and_back, weights};
 use super::random::Kind;
@@ -22,14 +22,14 @@ use crate::train::{Options, Trainer};
 use bytemuck::Pod;
 use std::ops::ControlFlow;
 
-/// The variable that stands in for the fingerprint, for tests of what a foreign machine is told.
+/// The variable that replaces the fingerprint, for tests of the errors on a foreign device.
 const STAND_IN: &str = "QIRF_FINGERPRINT";
-/// Iterations of training in it.
+/// Iterations of training in the fingerprint.
 const ITERATIONS: u32 = 3;
 
-/// What `device` makes of the embedded scene with its tuning: six checksums (CRC-32 of all bits) in hexadecimal digits, of a
-/// picture, of gradients, of three iterations of training, of responses and scores, of the choices in solved blocks, and of
-/// merged blocks and pairs.
+/// The results of `device` for the embedded scene with its tuning, as six checksums (CRC-32 of all bits) in hexadecimal
+/// digits: of a picture, of gradients, of three iterations of training, of responses and scores, of the choices in
+/// solved blocks, and of merged blocks and pairs.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -60,7 +60,7 @@ pub fn fingerprint(device: &Device) -> Result<String, Error> {
     Ok(sums.map(|sum| format!("{sum:08x}")).collect::<Vec<_>>().join("-"))
 }
 
-/// A photo of noise; the seed is its number.
+/// A photo of noise, seeded with its number.
 fn photo(camera: Camera, number: u64) -> Photo {
     let mut r = Random(97 + number);
     let pixels: Vec<u8> =
@@ -68,7 +68,7 @@ fn photo(camera: Camera, number: u64) -> Photo {
     Photo::opaque(camera, pixels)
 }
 
-/// Checksums of the choices in solved blocks, and of what merging makes of blocks and pairs.
+/// Checksums of the choices in solved blocks, and of merged blocks and pairs.
 fn blocks(device: &Device, model: &Gaussians, responses: &Responses) -> Result<[u32; 2], Error> {
     let resident = Resident::upload(device, model)?;
     let observed = Observed { resident: &resident, model, responses };

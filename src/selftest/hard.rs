@@ -55,16 +55,16 @@ pub struct Block {
 }
 
 impl Block {
-    /// Rows of W, zero in the channels that the case does not have.
+    /// Rows of W, zero in channels that the case does not have.
     pub fn rows(&self) -> Vec<Row> {
         let row = |row: &Vec<f64>| -> Row { std::array::from_fn(|c| row.get(c).copied().unwrap_or(0.0)) };
         self.w.iter().map(row).collect()
     }
 
-    /// Error of eigenvalues and participations, relative to the largest, that is allowed for float64 (or float32).
+    /// Allowed error of eigenvalues and participations, relative to the largest, for float64 (or float32).
     pub fn tolerance(name: &str, float32: bool) -> f64 {
         match (name, float32) {
-            // Rounding of N itself, 6e-8, is divided by epsilon = 1e-4 where functions are nearly linearly dependent.
+            // Rounding of N itself, 6e-8, is divided by epsilon = 1e-4 if functions are nearly linearly dependent.
             // Roots and quotients that are off by two roundings multiply the errors of copies by six, to 7e-3.
             ("B2_equal_duplicates" | "B3_noisy_duplicates_rank1" | "B4_32_copies" | "B9_dense_line_64", true) => 2e-2,
             ("B9_dense_line_64" | "B3_noisy_duplicates_rank1" | "B4_32_copies", _) | (_, true) => 2e-3,
@@ -72,7 +72,7 @@ impl Block {
         }
     }
 
-    /// Columns of W as the device takes them, m x 8, column by column.
+    /// Columns of W in the device's layout, m x 8, column by column.
     pub(super) fn columns(&self) -> Vec<f32> {
         let rows = self.rows();
         (0..CHANNELS).flat_map(|c| rows.iter().map(move |row| row[c] as f32)).collect()

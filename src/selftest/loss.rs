@@ -57,8 +57,8 @@ impl Case {
     }
 }
 
-/// Float32's window sums are off by 1e-7 of their terms, and covariances made of them are divided by C2 = 9e-4: an
-/// error of 1e-4 times the squared brightness in SSIM, and so in value and gradient.
+/// Float32's window sums are off by 1e-7 of their terms, and covariances computed from them are divided by C2 = 9e-4:
+/// an error of 1e-4 times the squared brightness in SSIM, and therefore in value and gradient.
 fn worst(device: &Device, cases: impl IntoIterator<Item = Case>, allowed: [f64; 2]) -> Result<Vec<Measure>> {
     let (mut value, mut gradient) = (0.0, 0.0);
     for case in cases {
@@ -74,8 +74,8 @@ pub(super) fn noise(device: &Device) -> Result<Vec<Measure>> {
     worst(device, sizes.map(|(w, h)| Case::noise(w, h, 1.2, u64::from(w * 64 + h))), [1e-5, 1e-4])
 }
 
-/// Window sums of equal values differ by their own rounding alone, and one shade is 3: errors of 9e-5 and 1.5e-4; quotients that are
-/// off by two roundings make them 9e-5 and 2.1e-4.
+/// Window sums of equal values differ only by their own rounding, and one shade is 3: errors of 9e-5 and 1.5e-4; with
+/// quotients off by two roundings, 9e-5 and 2.1e-4.
 pub(super) fn constant(device: &Device) -> Result<Vec<Measure>> {
     let shades = [(0.0, 0), (1.0, 255), (0.0, 255), (1.0, 0), (0.5, 128), (0.25, 192), (3.0, 255)];
     let cases =

@@ -1,6 +1,6 @@
 //! Numeric checks of a device against the host. `qirf-vk selftest` runs them on the user's machine, since drivers
-//! differ. Each room adds its cases to [`cases`]; a case computes something on the device and on the host, and reports
-//! the error seen and the error allowed.
+//! differ. Each room adds its cases to [`cases`]; a case computes a result on the device and on the host, and reports
+//! the error measured and the error allowed.
 
 mod adam;
 pub mod backward;
@@ -23,21 +23,22 @@ use crate::gpu::{self, Device, Groups, Recording};
 use crate::kernels::probe::{Loop, LoopPush, LoopSpec};
 use serde::Serialize;
 
-/// An error of rounding up to this many times its bound is a warning, and a larger one a wrong result. Every bound holds on llvmpipe
-/// at four widths of subgroups, in both shapes of kernels, with sums in reverse order, and with every exponential, logarithm, root
-/// and quotient off by two units in the last place: another device's rounding stays below it, or little above. Mistakes
-/// in formulas are far above: of eleven, each exceeded a bound 23 times or more (docs/numerics.md).
+/// A rounding error of up to this many times its bound is a warning, and a larger one a wrong result. Every bound holds
+/// on llvmpipe at four subgroup sizes, with both variants of kernels, with sums in reverse order, and with every
+/// exponential, logarithm, root and quotient off by two units in the last place: another device's rounding stays below
+/// it, or little above. Mistakes in formulas are far above: of eleven, each exceeded a bound 23 times or more
+/// (docs/numerics.md).
 pub const ROUNDING: f64 = 4.0;
 
-/// How an error stands to its bound.
+/// Comparison of an error with its bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// Within its bound.
     Pass,
-    /// Beyond its bound, but by less than [`ROUNDING`]: a device that rounds otherwise explains it.
+    /// Beyond its bound, but by less than [`ROUNDING`]: explained by a device that rounds differently.
     Rounding,
-    /// A wrong result, or none.
+    /// A wrong result, or no result.
     Wrong,
 }
 
@@ -48,18 +49,18 @@ pub struct Check {
     pub room: &'static str,
     /// The quantity computed, and the measure of its error.
     pub name: String,
-    /// The error seen; none where the case could not be run or gave no number.
+    /// The error measured; `None` if the case could not be run or gave NaN.
     pub seen: Option<f64>,
     /// The error allowed.
     pub allowed: f64,
-    /// How the two compare.
+    /// Comparison of the two.
     pub verdict: Verdict,
     /// The reason why the case could not be run.
     pub problem: Option<String>,
 }
 
 impl Check {
-    /// True if the error seen is within the error allowed.
+    /// True if the error measured is within the error allowed.
     pub fn passed(&self) -> bool {
         self.verdict == Verdict::Pass
     }
@@ -68,9 +69,9 @@ impl Check {
 /// A bound.
 #[derive(Clone, Copy, Debug)]
 enum Allowed {
-    /// Of an error of rounding, which devices share to a factor.
+    /// For rounding errors, which are similar on all devices.
     Rounding(f64),
-    /// Of anything else: a count, or a value that no rounding exceeds.
+    /// For everything else: a count, or a value that rounding cannot exceed.
     Exact(f64),
 }
 
@@ -89,7 +90,7 @@ impl Allowed {
     }
 }
 
-/// (measure, error seen, error allowed).
+/// (measure, error measured, error allowed).
 type Measure = (&'static str, f64, Allowed);
 type Body = fn(&Device) -> gpu::Result<Vec<Measure>>;
 
@@ -107,7 +108,7 @@ impl Case {
         self.room
     }
 
-    /// What it computes.
+    /// The quantity it computes.
     pub fn name(&self) -> &'static str {
         self.name
     }
@@ -115,7 +116,7 @@ impl Case {
     /// Runs the case; a device error is a failed check with its reason.
     ///
     /// # Errors
-    /// A lost device, and a lack of memory: neither shows that numbers are wrong.
+    /// A lost device or a lack of memory: neither shows that numbers are wrong.
     pub fn run(&self, device: &Device) -> gpu::Result<Vec<Check>> {
         let check = |name, seen: Option<f64>, allowed: Allowed, problem| {
             let (allowed, verdict) = (allowed.value(), allowed.verdict(seen));

@@ -15,7 +15,7 @@ use glam::{DMat3, DQuat, DVec3};
 /// Centre, log-scales, quaternion.
 pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
 
-/// N of each pair of successive rows, as the device computes it.
+/// N of each pair of successive rows, computed on the device.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -64,7 +64,7 @@ pub(super) fn known(device: &Device) -> Result<Vec<Measure>> {
         }
         if name.starts_with("P1_") {
             measures.push((*name, seen, Rounding(pair.abs_tol_f32)));
-            // With the floor its discs are as thick as the others', and its overlap must be as accurate.
+            // With the floor, its discs are as thick as the others', and its overlap must be as accurate.
             measures.push(("P1 floored", floored, Rounding(1e-5)));
         } else {
             measures.push((*name, worse(seen, floored), Rounding(pair.abs_tol_f32)));
@@ -135,8 +135,8 @@ pub fn errors(device: &Device, rows: &[Row], method: Method) -> Result<(Vec<f64>
 
 fn random(device: &Device, count: usize) -> Result<Vec<Measure>> {
     let mut measures = Vec::new();
-    // Float32 rounds each axis by 6e-8. Near-parallel discs of the floor's 1e-3 amplify this a thousandfold, in
-    // distance and in tilt: 5e-5, and 1.8e-4 where roots and quotients are off by two roundings.
+    // Float32 rounds each axis by 6e-8. Near-parallel discs at the floor of 1e-3 amplify this a thousandfold, in
+    // distance and in tilt: 5e-5, and 1.8e-4 if roots and quotients are off by two roundings.
     for (parallel, seed, allowed) in [(false, 41, 1e-5), (true, 42, 4e-4)] {
         let (errors, nan) = errors(device, &random_rows(count, parallel, seed), Method::Qr)?;
         let most = errors.last().copied().unwrap_or(f64::INFINITY);

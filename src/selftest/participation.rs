@@ -40,8 +40,8 @@ fn against(solve: impl Fn(&Block) -> Result<Solution>, float32: bool) -> Result<
     Ok(measures)
 }
 
-/// Whether the paper's members are kept. One that is as good as the last of them, within a share of the largest
-/// participation, may take its place: copies differ by rounding alone.
+/// Whether the paper's members are kept. A member as good as the last of them, within a share of the largest
+/// participation, may replace it: copies differ only by rounding.
 fn keeps_the_best(block: &Block, kept: impl Fn(usize) -> bool, slack: f64) -> bool {
     let best = |i: usize| block.paper_topk.contains(&(i as u32));
     let slack = slack * block.q.iter().copied().fold(0.0, f64::max);
@@ -65,7 +65,7 @@ fn by_solver(solver: Eigensolver) -> Result<Vec<Measure>> {
         let Participation { spectrum, r, q, canonical } = solved(block, solver);
         Ok((spectrum.to_vec(), r, q, canonical))
     };
-    // P of dsygvd comes in float32, as the device gives it.
+    // P reaches dsygvd in float32, as assembled by the device.
     against(solve, solver != Eigensolver::LowRank)
 }
 

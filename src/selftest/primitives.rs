@@ -8,7 +8,7 @@ use crate::random::Random;
 
 const LARGE: u32 = 1_000_003;
 
-/// Sizes where a subgroup, a workgroup or a block begins or ends.
+/// Sizes at and next to those of a subgroup, a workgroup and a block.
 fn sizes(device: &Device) -> Vec<u32> {
     let mut sizes = vec![0, 1];
     for edge in [device.info().subgroup_size, 256, Scan::block(device), 1 << 16] {
@@ -37,7 +37,8 @@ fn exclusive_sum(data: &[u32]) -> (Vec<u32>, u32) {
     (sums, sum)
 }
 
-/// Words that differ in the sums before each of `data`, and in the total; sums beyond 32 bits count as that total alone.
+/// Number of words that differ in the prefix sums of `data`, and in the total; for sums beyond 32 bits, in the total
+/// alone.
 fn scan(device: &Device, data: &[u32]) -> Result<f64> {
     let n = data.len() as u32;
     let source = device.upload("source", data)?;

@@ -33,7 +33,7 @@ fn hard(name: impl Into<String>, mean: [f32; 3], log_scale: [f32; 3], rotation: 
     Hard { name: name.into(), mean, log_scale, rotation, logit }
 }
 
-/// Round the near plane, inside the camera, far away, beside the view, larger than the screen, smaller than a pixel.
+/// Around the near plane, inside the camera, far away, beside the view, larger than the screen, smaller than a pixel.
 pub fn places() -> Vec<Hard> {
     let at = |name: &str, mean: [f32; 3], log_scale: f32| {
         hard(name, mean, [log_scale, log_scale - 0.5, log_scale + 0.3], TURNED, 1.0)
@@ -72,7 +72,7 @@ pub fn rotations() -> Vec<Hard> {
         .into()
 }
 
-/// Opacity logits at both ends.
+/// Opacity logits at both ends of the range.
 pub fn logits() -> Vec<Hard> {
     let logits = [f32::NEG_INFINITY, -40.0, -5.5, 40.0, 100.0, f32::INFINITY];
     logits.map(|l| hard(format!("logit {l}"), [0.1, 0.0, 2.0], [-1.5, -1.2, -2.0], TURNED, l)).into()
@@ -100,8 +100,8 @@ pub struct CaseErrors {
     pub differs: bool,
     /// Largest alpha.
     pub alpha: f32,
-    /// Error of its gradients, relative to the twin's, but at least to a millionth of the most that the weights could
-    /// give.
+    /// Error of its gradients, relative to the twin's, but at least to a millionth of the largest that the weights can
+    /// cause.
     pub gradient: f64,
     /// Updates skipped.
     pub skipped: u32,
@@ -163,8 +163,8 @@ pub(super) fn all_places(device: &Device) -> Result<Vec<Measure>> {
     all(device, &places(), ALLOWED)
 }
 
-/// For a Gaussian that covers everything the pixels' shares nearly cancel: the order in which a device adds its lanes
-/// changes the sum by 4e-4 of itself (3e-5 one lane after the other, 4e-4 in pairs, llvmpipe).
+/// For a Gaussian that covers everything, the pixels' shares nearly cancel: the order in which a device adds its lanes
+/// changes the sum by a relative 4e-4 (3e-5 one lane after the other, 4e-4 in pairs, llvmpipe).
 pub(super) fn all_scales(device: &Device) -> Result<Vec<Measure>> {
     all(device, &scales(), 3.0 * ALLOWED)
 }

@@ -1,4 +1,4 @@
-//! Pictures against the float64 twin, against themselves, and against those without culling.
+//! Pictures against the float64 twin, against repeated ones, and against those without culling.
 
 use super::Allowed::{Exact, Rounding};
 use super::Measure;
@@ -57,7 +57,7 @@ fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Setting
     for (pixel, (rgb, alpha)) in image.pixels.iter().zip(expected.image.iter().zip(&expected.alpha)) {
         for (got, wanted) in pixel.iter().zip([rgb[0], rgb[1], rgb[2], *alpha]) {
             let error = (f64::from(*got) - wanted).abs();
-            // NaN must not slip through a maximum.
+            // NaN must not be lost in a maximum.
             let error = if error.is_nan() { f64::INFINITY } else { error };
             sum += error;
             beyond += usize::from(error > 1e-4);
@@ -130,7 +130,7 @@ pub(super) fn odd_sizes(device: &Device) -> Result<Vec<Measure>> {
 }
 
 /// More tiles than a dispatch has groups in one dimension, and Gaussians half a million pixels from the corner, where
-/// float32 resolves positions to 1/16 of a pixel: measured from the corner the largest error would be 1e-2.
+/// float32 resolves positions to 1/16 of a pixel: relative to the corner, the largest error would be 1e-2.
 pub(super) fn widest(device: &Device) -> Result<Vec<Measure>> {
     let model = Kind { count: 200, seed: 16, degree: 0, ..MILD }.model();
     let [_, _, largest] = errors(device, &model, &camera(1_048_592, 1), Settings::default())?;

@@ -1,4 +1,4 @@
-//! Running the cases: one after the other, or several side by side.
+//! Running the cases, one after the other or several in parallel.
 
 use super::{Case, Check, cases};
 use crate::gpu::{self, Device};
@@ -7,15 +7,15 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-/// What a run of the cases tells while it goes on.
+/// Progress of a run of the cases.
 pub enum News<'a> {
-    /// The cases under way are now these.
+    /// The cases being run now.
     UnderWay(&'a [&'static Case]),
-    /// A case is over; cases come in their order, whichever ended first.
+    /// A case has finished; cases are reported in their order, whichever ended first.
     Done(&'a [Check]),
 }
 
-/// What workers tell.
+/// A worker's message.
 enum Step {
     Begun(usize, &'static Case),
     Done(usize, gpu::Result<Vec<Check>>),
@@ -24,11 +24,11 @@ enum Step {
 /// Cases that no worker has taken yet, by position.
 type Waiting = Mutex<VecDeque<(usize, &'static Case)>>;
 
-/// Runs the cases, all or only the quick ones, on handles of one device, each on a thread of its own. Drivers of CPU devices
+/// Runs the cases, all or only the quick ones, on handles of one device, each on its own thread. Drivers of CPU devices
 /// compile a kernel at its first dispatch, on the thread of the queue, so that two handles keep two cores busy.
 ///
 /// # Errors
-/// A lost device, and a lack of memory; the first error of `watch`, which hears the news on the caller's thread.
+/// A lost device or a lack of memory; the first error of `watch`, which is called on the caller's thread.
 pub fn run<E: From<gpu::Error>>(
     handles: &[Device],
     only_quick: bool,
@@ -50,15 +50,15 @@ pub fn run<E: From<gpu::Error>>(
     })
 }
 
-/// Takes cases from one end until none is left, or one fails for want of a device. From both ends two workers meet late, and
-/// so seldom compile the same kernel at the same time.
+/// Takes cases from one end until none is left, or one fails for lack of a device. Two workers from both ends meet
+/// late, and therefore seldom compile the same kernel at the same time.
 fn work(device: &Device, waiting: &Waiting, from_the_end: bool, tell: &Sender<Step>) {
     loop {
         let mut cases = waiting.lock().unwrap_or_else(PoisonError::into_inner);
         let next = if from_the_end { cases.pop_back() } else { cases.pop_front() };
         drop(cases);
         let Some((index, case)) = next else { return };
-        // Where nobody hears any more, the caller has ended with an error.
+        // If nobody receives any more, the caller has ended with an error.
         let _ = tell.send(Step::Begun(index, case));
         let done = case.run(device);
         let over = done.is_err();
@@ -68,7 +68,7 @@ fn work(device: &Device, waiting: &Waiting, from_the_end: bool, tell: &Sender<St
     }
 }
 
-/// Brings what the workers tell into order.
+/// Puts the workers' messages into order.
 fn gather<E: From<gpu::Error>>(
     hear: &Receiver<Step>,
     watch: &mut impl FnMut(News<'_>) -> Result<(), E>,

@@ -1,5 +1,5 @@
-//! The connection of one client: its requests go to the queue, and pictures come back, which are encoded here and not where they
-//! are drawn.
+//! The connection of one client: its requests go to the queue, and its pictures are encoded here, away from the thread
+//! that draws them.
 
 use super::protocol::{Encoding, Header, Message};
 use super::requests::{Outgoing, Requests};
@@ -17,20 +17,20 @@ use tungstenite::{Error as SocketError, Message as Packet, WebSocket};
 
 /// Largest message of a client in bytes.
 const MOST_MESSAGE: usize = 4 << 10;
-/// Messages that a client may send in a second; a page sends some 100.
+/// Messages that a client may send per second; a page sends some 100.
 const MOST_MESSAGES: u32 = 2_000;
-/// Time that a picture may take to leave.
+/// Time limit for sending a picture.
 const STALLED: Duration = Duration::from_secs(10);
-/// Time between two questions whether a page is still there, and after which one that does not answer has left.
+/// Time between pings to a page, and time after which a page that does not answer counts as gone.
 const ALIVE: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(60)];
-/// Time between looks at the outbox, while a picture is awaited and while none is.
+/// Polling intervals of the outbox, while a picture is awaited and otherwise.
 const PACES: [Duration; 2] = [Duration::from_millis(1), Duration::from_millis(20)];
-/// Kinds of errors of a read that only waited; the last one follows SIGCONT.
+/// Error kinds of a read that merely timed out; the last one follows SIGCONT.
 const MEANWHILE: [io::ErrorKind; 3] = [io::ErrorKind::WouldBlock, io::ErrorKind::TimedOut, io::ErrorKind::Interrupted];
-/// Quality of a moving picture's JPEG.
+/// JPEG quality of moving pictures.
 const QUALITY: u8 = 80;
 
-/// Converses until one side ends it.
+/// Serves a client until one side closes the connection.
 pub fn converse(stream: TcpStream, rest: Vec<u8>, requests: &Requests, control: bool) {
     let config = WebSocketConfig::default()
         .max_message_size(Some(MOST_MESSAGE))
@@ -63,7 +63,7 @@ struct Talk<'a> {
 }
 
 impl Talk<'_> {
-    /// Returns why it ended.
+    /// Returns the reason for closing.
     fn run(&self, socket: &mut WebSocket<TcpStream>) -> (CloseCode, &'static str) {
         let mut pace = None;
         let mut second = (Instant::now(), 0);
@@ -142,7 +142,7 @@ fn packet(outgoing: Outgoing) -> Result<Packet, Error> {
     })
 }
 
-/// A frame's bytes: its header, and its picture encoded.
+/// A frame's bytes: its header and its encoded picture.
 fn frame(header: Header, image: &Image) -> Result<Vec<u8>, Error> {
     let mut out = header.to_bytes().to_vec();
     match header.encoding {

@@ -1,8 +1,8 @@
 //! Access control: only the holder of the printed address may connect.
 //!
-//! Every user of a shared machine can reach its loopback ports, and any page of any site can send requests there. So a request
-//! needs the token of the address, exchanged for a cookie that other sites cannot use; its `Host` must be this machine's own
-//! name (against names rebound by DNS); and a WebSocket's `Origin` must be that same host.
+//! Every user of a shared machine can reach its loopback ports, and any page of any site can send requests there. A
+//! request therefore needs the token of the address, exchanged for a cookie that other sites cannot use; its `Host`
+//! must be this machine's own name (against names rebound by DNS); and a WebSocket's `Origin` must be that same host.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 
@@ -11,7 +11,7 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 pub struct Guard {
     token: String,
     port: u16,
-    /// The address bound to, if it is not the usual one.
+    /// The bound address, if it is not the usual one.
     host: Option<String>,
 }
 
@@ -20,13 +20,13 @@ pub struct Guard {
 pub enum Verdict {
     /// Serve it.
     Pass,
-    /// The address holds the token: set the cookie.
+    /// Accept it and set the cookie: its address contains the token.
     Enter,
     /// Refuse it with this sentence.
     Refuse(&'static str),
 }
 
-/// Parts of a request that the guard reads.
+/// The parts of a request that the guard checks.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Asked<'a> {
     /// Query of the address, without `?`.
@@ -64,7 +64,7 @@ impl Guard {
         format!("{}={}; Path=/; SameSite=Strict; HttpOnly", self.name(), self.token)
     }
 
-    /// Cookies do not tell ports apart: each server names its own.
+    /// Cookies do not depend on the port, so each server uses its own name.
     fn name(&self) -> String {
         format!("qirf-vk-{}", self.port)
     }
@@ -89,7 +89,8 @@ impl Guard {
         Verdict::Refuse("the token is missing or wrong; use the whole address that qirf-vk printed")
     }
 
-    /// True if a `Host` is this machine's: a loopback name, at any port, since a tunnel may change it; or the address bound to.
+    /// Whether a `Host` is this machine: a loopback name, at any port, since a tunnel may change it; or the bound
+    /// address.
     fn own(&self, host: &str) -> bool {
         let name = match host.rsplit_once(':') {
             Some((name, port)) if port.parse::<u16>().is_ok() => name,
@@ -97,13 +98,13 @@ impl Guard {
         };
         ["127.0.0.1", "localhost", "[::1]"].contains(&name)
             || self.host.as_ref().is_some_and(|bound| match bound.as_str() {
-                // Bound to every address: any address of digits is this machine's, and no name can be rebound to it.
+                // Bound to every address: any numeric address is this machine's, and no name can be rebound to it.
                 "0.0.0.0" | "::" => name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok(),
                 own => name.trim_matches(['[', ']']) == own,
             })
     }
 
-    /// Compares in a time that does not depend on where the two differ.
+    /// Compares in a time that does not depend on the position of a difference.
     fn is_token(&self, given: &str) -> bool {
         given.len() == self.token.len() && given.bytes().zip(self.token.bytes()).fold(0, |d, (a, b)| d | (a ^ b)) == 0
     }

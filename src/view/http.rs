@@ -1,4 +1,4 @@
-//! The little of HTTP/1.1 that a page needs: GET requests of at most 8 KiB within ten seconds, one a connection.
+//! A minimal HTTP/1.1 server: GET requests of at most 8 KiB within ten seconds, one per connection.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 const MOST_HEAD: usize = 8 << 10;
 /// Largest number of headers.
 const MOST_HEADERS: usize = 64;
-/// Time for a request to arrive, and for an answer to leave.
+/// Time limit for receiving a request, and for sending an answer.
 pub const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A request's head.
@@ -18,7 +18,7 @@ pub struct HttpRequest {
     pub path: String,
     /// Query, without `?`.
     pub query: String,
-    /// Headers that a viewer reads.
+    /// `Host`.
     pub host: String,
     /// `Origin`.
     pub origin: Option<String>,
@@ -26,7 +26,7 @@ pub struct HttpRequest {
     pub cookie: String,
     /// `Sec-WebSocket-Key` of a request to upgrade.
     pub socket_key: Option<String>,
-    /// Bytes that came after the head.
+    /// Bytes received after the head.
     pub rest: Vec<u8>,
 }
 
@@ -56,7 +56,7 @@ impl Status {
 /// Reads a request's head.
 ///
 /// # Errors
-/// The status to answer with; none if the client is gone.
+/// The status to answer with; `None` if the client is gone.
 pub fn read(stream: &mut TcpStream) -> Result<HttpRequest, Option<Status>> {
     let deadline = Instant::now() + PATIENCE;
     let mut head = Vec::with_capacity(1024);
@@ -83,7 +83,7 @@ pub fn read(stream: &mut TcpStream) -> Result<HttpRequest, Option<Status>> {
     }
 }
 
-/// Parses a head; none while it is incomplete.
+/// Parses a head; `None` while it is incomplete.
 fn parse(bytes: &[u8]) -> Result<Option<HttpRequest>, Status> {
     let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
     let mut parsed = httparse::Request::new(&mut headers);
@@ -118,7 +118,7 @@ fn parse(bytes: &[u8]) -> Result<Option<HttpRequest>, Status> {
     Ok(Some(request))
 }
 
-/// Nothing on a page comes from, or goes to, another place.
+/// A page may not load from, or send to, any other place.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob: data:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 

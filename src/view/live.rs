@@ -1,7 +1,8 @@
-//! Watches a run: draws its model between iterations, within a share of the time, and passes on what pages ask for.
+//! A watcher of a run: draws its model between iterations, within a share of the time, and passes on the pages'
+//! requests.
 //!
-//! The model is only read, on the thread and the queue that train it, so that a run's bytes do not depend on who watches.
-//! Without a page, a look costs one atomic load.
+//! The model is only read, on the thread and the queue that train it, so that a run's bytes do not depend on being
+//! watched. Without a page, a check costs one atomic load.
 
 use super::painter::{PaintInput, Painter};
 use super::protocol::Control;
@@ -18,20 +19,20 @@ use serde_json::json;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Share of the time that pictures may take, until a page asks for another.
+/// Share of the time that pictures may take, unless a page requests another.
 const SHARE: f64 = 0.05;
-/// Largest share that a page may ask for.
+/// Largest share that a page may request.
 const MOST_SHARE: f64 = 0.9;
-/// Largest credit in seconds, so that a page that comes late does not halt the run.
+/// Largest credit in seconds, so that a page that connects late does not halt the run.
 const MOST_CREDIT: f64 = 0.25;
-/// Iterations at a time while a page waits for a picture.
+/// Iterations between checks while a page waits for a picture.
 const PACE: u32 = 2;
 /// Time between two reports of progress.
 const NEWS: Duration = Duration::from_millis(400);
 /// Timeout for a request or a control while the run is paused.
 const PAUSED: Duration = Duration::from_millis(50);
 
-/// A watcher that lets pages look at the run, beside another one.
+/// A watcher that lets pages view the run, wrapped around another watcher.
 pub struct Live<'a> {
     beside: &'a (dyn Watcher + Sync),
     server: &'a Server,
@@ -55,7 +56,7 @@ struct State {
 }
 
 impl<'a> Live<'a> {
-    /// Watches beside `beside`, which is asked and told everything too.
+    /// Wraps `beside`, to which every call is passed on.
     pub fn new(
         beside: &'a (dyn Watcher + Sync),
         server: &'a Server,
@@ -81,7 +82,7 @@ impl<'a> Live<'a> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Notes what pages asked for; false if that is nothing.
+    /// Takes in the pages' controls; returns false if there are none.
     fn hear(&self, state: &mut State) -> bool {
         let controls = self.server.requests().controls();
         for control in &controls {
@@ -97,7 +98,7 @@ impl<'a> Live<'a> {
         !controls.is_empty()
     }
 
-    /// Hears pages, and tells them how the run is doing.
+    /// Takes in the pages' controls, and sends them the run's progress.
     fn converse(&self, state: &mut State, trainer: &Trainer) {
         if self.hear(state) || state.told.is_none_or(|t| t.elapsed() > NEWS) {
             self.tell(state, trainer);
@@ -114,7 +115,7 @@ impl<'a> Live<'a> {
         self.server.requests().tell(&news.to_string());
     }
 
-    /// Draws the next request; false if there is none.
+    /// Draws the next request; returns false if there is none.
     fn draw(&self, state: &mut State, trainer: &Trainer, patience: Duration) -> bool {
         let Some((client, request)) = self.server.requests().next_request(patience) else { return false };
         let begun = Instant::now();
@@ -125,7 +126,8 @@ impl<'a> Live<'a> {
             None => Painter::new(self.device, *trainer.settings(), trainer.len()),
         };
         let requests = self.server.requests();
-        // Viewer errors never stop training; the training loop reports a lost device itself, and its memory comes first.
+        // Viewer errors never stop training; the training loop reports a lost device itself, and its memory takes
+        // precedence.
         match made.and_then(|mut painter| painter.draw(&self.subject, input, &request).map(|drawn| (painter, drawn))) {
             Ok((painter, drawn)) => {
                 state.painter = Some(painter);
@@ -153,8 +155,8 @@ impl Watcher for Live<'_> {
         let requests = self.server.requests();
         if requests.present() == 0 {
             let mut state = self.state();
-            self.hear(&mut state); // the last words of a page that left
-            // Whoever paused a run and left does not halt it for ever.
+            self.hear(&mut state); // the last messages of a page that left
+            // A run paused by a page that has left resumes.
             (state.paused, state.share, state.credit) = (false, SHARE, 0.0);
             (state.looked, state.painter) = (Instant::now(), None);
             return;

@@ -1,8 +1,9 @@
-//! A viewer for browsers, drawn by this program's own renderer: what is seen is what is measured.
+//! A viewer for browsers, drawn by this program's own renderer: it shows the pictures that are measured.
 //!
-//! One port serves one page, and one WebSocket a client. A client requests pictures ([`protocol`]); the newest request of each
-//! waits in the requests; whoever owns the device takes it from there and draws it ([`StaticView`], and [`Live`] for a run). Moving pictures are JPEG and
-//! may leave Gaussians out; still pictures are the very PNG files that `qirf-vk render` writes.
+//! One port serves one page, and one WebSocket per client. A client requests pictures ([`protocol`]); the queue keeps
+//! the newest request of each; the owner of the device takes requests from the queue and draws them ([`StaticView`],
+//! and [`Live`] for a run). Moving pictures are JPEG and may leave Gaussians out; still pictures are exactly the PNG
+//! files that `qirf-vk render` writes.
 
 pub mod alone;
 mod client;

@@ -1,4 +1,5 @@
-//! Pictures other than colours: a model painted in other colours and drawn by the same kernels, and what is made of the result.
+//! Pictures of other quantities than colours: a model in false colours, drawn by the same kernels, and the conversion
+//! of the result.
 
 use super::protocol::Picture;
 use crate::gaussians::resident::Resident;
@@ -12,21 +13,22 @@ use crate::render::Image;
 use crate::scene::camera::Camera;
 use glam::DVec3;
 
-/// Shares of the Gaussians in front of the camera between whose depths the scale of a depth picture lies.
+/// Quantiles, over the Gaussians in front of the camera, of the depths at the ends of a depth picture's scale.
 const DEPTHS: [f64; 2] = [0.02, 0.98];
-/// Gaussians sampled for that scale.
+/// Number of Gaussians sampled for that scale.
 const SAMPLES: usize = 5_000;
-/// Number of Gaussians at the upper end of the scale of a picture of counts, which is logarithmic.
+/// Number of Gaussians at the upper end of a count picture's logarithmic scale.
 const MOST_BLENDED: f32 = 255.0;
-/// Difference at the upper end of the scale of an error picture.
+/// Difference at the upper end of an error picture's scale.
 const LARGEST_ERROR: f32 = 0.25;
 
-/// SH coefficient of degree 0 that gives a colour.
+/// SH coefficient of degree 0 for a colour.
 fn coefficient(colour: f32) -> f32 {
     ((f64::from(colour) - 0.5) / SH_C0) as f32
 }
 
-/// A model of the same Gaussians in other colours, 3 a Gaussian in [0, 1]. It shares all buffers but the colours'.
+/// The same Gaussians in other colours, 3 numbers per Gaussian in [0, 1]. The model shares all buffers except the
+/// colours.
 ///
 /// # Errors
 /// Device memory; device errors.
@@ -45,7 +47,7 @@ pub fn of_degree(device: &Device, model: &Resident, degree: usize) -> Result<Res
     Ok(Resident::new(device, model.parameters.clone(), degree.min(model.degree), model.len)?)
 }
 
-/// Depth of each Gaussian as a share of a scale, 3 equal numbers each, and the scale's ends in world units.
+/// Depth of each Gaussian as a share of a scale, as 3 equal numbers, and the scale's ends in world units.
 pub fn depths(means: &[[f32; 3]], camera: &Camera) -> (Vec<f32>, [f64; 2]) {
     let (forward, origin) = (camera.rotation.row(2), camera.centre());
     let depth = |m: &[f32; 3]| (DVec3::from_array(m.map(f64::from)) - origin).dot(forward);
@@ -59,7 +61,7 @@ pub fn depths(means: &[[f32; 3]], camera: &Camera) -> (Vec<f32>, [f64; 2]) {
     (means.iter().flat_map(|m| [share(m); 3]).collect(), [near, far])
 }
 
-/// The colour of a block, or of none.
+/// The colour of a block, or of no block.
 fn block_colour(block: u32) -> [f32; 3] {
     let bits = mix(u64::from(block));
     let colour = std::array::from_fn(|c| 0.15 + 0.8 * ((bits >> (16 * c)) & 0xffff) as f32 / 65535.0);
@@ -77,12 +79,12 @@ pub fn blocks(means: &[[f32; 3]]) -> Vec<f32> {
     colours
 }
 
-/// Colours of what a prune had nothing to say about, kept, had a kept one stand for, and dropped.
+/// Colours for Gaussians outside the prune, kept, kept in place of merged ones, and dropped.
 const PLAIN: [f32; 3] = [0.35, 0.37, 0.40];
 const KEPT: [f32; 3] = [0.20, 0.75, 0.30];
 const MERGED: [f32; 3] = [0.95, 0.80, 0.20];
 const DROPPED: [f32; 3] = [0.85, 0.15, 0.12];
-/// Colours of guards, the first that applies.
+/// Colours of guards; the first that applies is used.
 const GUARDS: [(u8, [f32; 3]); 4] = [
     (diagnostics::REPAIRED, [0.90, 0.20, 0.75]),
     (diagnostics::CANONICAL, [0.95, 0.60, 0.15]),
@@ -90,7 +92,7 @@ const GUARDS: [(u8, [f32; 3]); 4] = [
     (diagnostics::DETAIL, [0.30, 0.85, 0.85]),
 ];
 
-/// Colours, 3 a Gaussian, of what a prune said in this picture; none for pictures that no prune tells of.
+/// Colours, 3 numbers per Gaussian, of a prune's diagnostics in this picture; `None` for pictures without any.
 pub fn told(picture: Picture, facts: &Diagnostics) -> Option<Vec<f32>> {
     let fate = |flags: &u8| match flags {
         f if f & diagnostics::KEPT != 0 => KEPT,
@@ -109,7 +111,7 @@ pub fn told(picture: Picture, facts: &Diagnostics) -> Option<Vec<f32>> {
     })
 }
 
-/// For each score the share of all that are lower, 0 to 1; what is no number is the lowest.
+/// For each score the share of all that are lower, 0 to 1; NaN is the lowest.
 fn shares(scores: &[f32]) -> Vec<f32> {
     let key = |s: &f32| if s.is_nan() { f32::NEG_INFINITY } else { *s + 0.0 };
     let mut sorted: Vec<f32> = scores.iter().map(key).collect();
@@ -122,7 +124,7 @@ fn shares(scores: &[f32]) -> Vec<f32> {
 const SCALE: [[f32; 3]; 5] =
     [[0.09, 0.07, 0.35], [0.12, 0.45, 0.85], [0.25, 0.75, 0.45], [0.95, 0.85, 0.25], [0.80, 0.12, 0.10]];
 
-/// The scale's colour of a share; what is no number counts as the largest.
+/// The scale's colour for a share; NaN counts as the largest.
 fn scale(share: f32) -> [f32; 3] {
     let share = if share.is_nan() { 1.0 } else { share };
     let at = share.clamp(0.0, 1.0) * (SCALE.len() - 1) as f32;
@@ -131,7 +133,7 @@ fn scale(share: f32) -> [f32; 3] {
     std::array::from_fn(|c| SCALE[below][c] * (1.0 - part) + SCALE[below + 1][c] * part)
 }
 
-/// A picture of depths from one whose red holds them, weighted by opacity.
+/// A picture of depths, from one whose red channel holds them, weighted by opacity.
 pub fn depth_picture(mut image: Image) -> Image {
     for pixel in &mut image.pixels {
         let [value, _, _, alpha] = *pixel;
@@ -141,7 +143,7 @@ pub fn depth_picture(mut image: Image) -> Image {
     image
 }
 
-/// A picture of how many Gaussians each pixel blends, and their mean.
+/// A picture of the number of Gaussians that each pixel blends, and their mean.
 pub fn count_picture([width, height]: [u32; 2], counts: &[u32]) -> (Image, f32) {
     let colour = |count: &u32| {
         let [r, g, b] = scale((1.0 + *count as f32).ln() / (1.0 + MOST_BLENDED).ln());

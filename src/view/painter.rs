@@ -1,4 +1,4 @@
-//! Draws one request with a model on the device, whoever owns that model.
+//! Draws one request with a model on the device, for any owner of that model.
 
 use super::paint;
 use super::protocol::{Encoding, Figure, Header, MOST_PIXELS, Picture, Request, RequestCamera};
@@ -18,13 +18,13 @@ use std::time::Instant;
 pub struct PaintInput<'a> {
     /// The model.
     pub whole: &'a Resident,
-    /// Its most visible part, which replaces it in this picture's colours.
+    /// Its most visible part, which replaces it in this picture of colours.
     pub reduced: Option<&'a Resident>,
-    /// Red, green, blue of the other model's picture, which an error picture away from photos compares with.
+    /// Red, green, blue of the other model's picture, the reference of an error picture at a free camera.
     pub other: Option<&'a [f32]>,
     /// Diagnostics of its prune.
     pub facts: Option<&'a Diagnostics>,
-    /// True if the model does not change, so that it is painted once.
+    /// True if the model does not change, so that it is coloured only once.
     pub fixed: bool,
     /// Iteration of the run; 0 without one.
     pub iteration: u32,
@@ -32,24 +32,24 @@ pub struct PaintInput<'a> {
 
 /// A finished picture.
 pub struct Drawn {
-    /// The header that precedes it on its way to the client.
+    /// The header sent before the picture.
     pub header: Header,
     /// The picture.
     pub image: Image,
 }
 
-/// A renderer, and what it remembers from request to request.
+/// A renderer, with state kept from request to request.
 pub struct Painter {
     device: Device,
     renderer: Renderer,
     /// The photo compared with last.
     photo: Option<(usize, Photo)>,
-    /// The model that does not change, as it was painted last.
+    /// The unchanging model in its last false colours.
     painted: Option<(Picture, Resident)>,
 }
 
 impl Painter {
-    /// An painter for models of up to `gaussians`; it grows with pictures and models.
+    /// A painter for models of up to `gaussians` Gaussians; it grows with pictures and models.
     ///
     /// # Errors
     /// Device memory.
@@ -106,7 +106,7 @@ impl Painter {
             }
         };
         let header = Header {
-            // The false colours of other pictures mean numbers: JPEG would change them.
+            // The false colours of other pictures encode numbers, which JPEG would change.
             encoding: if request.still || request.picture != Picture::Colour { Encoding::Png } else { Encoding::Jpeg },
             reduced: reduced.is_some(),
             size: [image.width, image.height],
@@ -122,7 +122,7 @@ impl Painter {
     /// Red, green, blue of each pixel of the model's picture.
     ///
     /// # Errors
-    /// As [`Painter::draw`].
+    /// Errors of [`Painter::draw`].
     pub fn colours(&mut self, subject: &Subject, model: &Resident, request: &Request) -> Result<Vec<f32>, Error> {
         self.renderer.set_background(subject.background);
         let image = self.renderer.render(model, &camera(request, subject.capture.as_ref())?)?;
@@ -150,8 +150,8 @@ impl Painter {
         Ok(model.parameters.means.cast::<[f32; 3]>().read(&self.device)?)
     }
 
-    /// The reference that an error picture compares `rendered` with: the photo at a photo's camera, whose mask then hides parts of both,
-    /// else the other model.
+    /// The reference that an error picture compares `rendered` with: the photo at a photo's camera, whose mask then
+    /// hides parts of both; otherwise the other model.
     fn truth(
         &mut self,
         subject: &Subject,

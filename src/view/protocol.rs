@@ -1,7 +1,7 @@
 //! The messages between a page and the program over the WebSocket.
 //!
-//! A page sends JSON: requests, acknowledgements and controls. The program answers with binary frames, 32 bytes of
-//! [`Header`] before an encoded picture, and with JSON that tells how a run is doing.
+//! A page sends JSON: requests, acknowledgements and controls. The program answers with binary frames, a [`Header`] of
+//! 32 bytes before an encoded picture, and with JSON about the progress of a run.
 
 use crate::scene::camera::Camera;
 use glam::{DMat3, DQuat, DVec3};
@@ -9,18 +9,18 @@ use serde::{Deserialize, Serialize};
 
 /// Largest number of pixels of a picture.
 pub const MOST_PIXELS: u64 = 8 << 20;
-/// Field of view that a request may have, in radians.
+/// Range of the field of view of a request, in radians.
 const FIELDS: std::ops::RangeInclusive<f64> = 0.01..=3.0;
 
-/// A message of the page.
+/// A message from the page.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Message {
-    /// Draw this; it replaces an earlier request that was not drawn yet.
+    /// Draw this picture; replaces an earlier request that is not drawn yet.
     Request(Request),
     /// The frame of this number has been shown.
     Shown(u32),
-    /// Steer the run.
+    /// Control the run.
     Control(Control),
 }
 
@@ -28,7 +28,7 @@ pub enum Message {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Request {
-    /// Number of the request, which its frame repeats.
+    /// Number of the request, repeated in its frame.
     pub number: u32,
     /// Camera.
     pub camera: RequestCamera,
@@ -37,13 +37,13 @@ pub struct Request {
     /// Content.
     #[serde(default)]
     pub picture: Picture,
-    /// Model, by its place in the list.
+    /// Index of the model in the list.
     #[serde(default)]
     pub model: usize,
     /// Highest SH degree drawn.
     #[serde(default = "all_degrees")]
     pub degree: usize,
-    /// Colour behind the Gaussians; none for the subject's own.
+    /// Colour behind the Gaussians; default: the subject's own.
     #[serde(default)]
     pub background: Option<[f32; 3]>,
     /// True for a whole and lossless picture; false while the camera moves.
@@ -59,9 +59,9 @@ fn all_degrees() -> usize {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum RequestCamera {
-    /// That of a photo of the capture, by its number, at the working size; the request's size does not matter.
+    /// The camera of a photo of the capture, by its number, at the working size; the request's size is ignored.
     Photo(usize),
-    /// A free one.
+    /// A free camera.
     Pose {
         /// Centre in world coordinates.
         position: [f64; 3],
@@ -83,7 +83,7 @@ pub enum Picture {
     Depth,
     /// Opacity.
     Alpha,
-    /// Blocks, each in a colour of its own: of the default partition, or those of the model's prune.
+    /// Blocks, each in its own colour: of the default partition, or those of the model's prune.
     Blocks,
     /// Mean absolute difference over the channels from the photo, or from the other model.
     Error,
@@ -91,25 +91,25 @@ pub enum Picture {
     Count,
     /// Gaussians that the prune kept, merged and dropped.
     Kept,
-    /// Scores by which the model's prune chose.
+    /// Scores that the model's prune was based on.
     Score,
     /// Participation in the leading modes of the prune's blocks.
     Participation,
-    /// Guards that the model's prune called for.
+    /// Guards that acted in the model's prune.
     Guards,
 }
 
-/// A request to steer a run.
+/// A control of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Control {
-    /// Halt training; pictures are still drawn.
+    /// Pause training; pictures are still drawn.
     Pause,
-    /// Go on.
+    /// Resume.
     Resume,
     /// Write a checkpoint.
     Checkpoint,
-    /// Write a checkpoint and end, as Ctrl-C does.
+    /// Write a checkpoint and stop, like Ctrl-C.
     Stop,
     /// Share of the time, 0 to 1, that pictures may take.
     Share(f64),
@@ -142,11 +142,11 @@ impl RequestCamera {
 pub enum Encoding {
     /// JPEG, 4:2:0.
     Jpeg = 0,
-    /// PNG, 8 bits a channel.
+    /// PNG, 8 bits per channel.
     Png = 1,
 }
 
-/// A figure that belongs to a picture.
+/// A figure sent with a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Figure {
     /// None.
@@ -209,7 +209,7 @@ impl Header {
         out
     }
 
-    /// Reads a header; none if the bytes are of another layout.
+    /// Reads a header; `None` if the bytes have another layout.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (head, words) = bytes.get(..Self::BYTES)?.split_at(4);
         let encoding = match head {

@@ -1,5 +1,5 @@
-//! Clients and their requests. The newest request of a client replaces an older one, and a client that has not shown its last frames
-//! gets no others, so that latency cannot build up.
+//! Clients and their requests. The newest request of a client replaces an older one, and a client that has not shown
+//! its last frames gets no new ones, so that latency cannot build up.
 
 use super::protocol::{Control, Header, Request};
 use crate::pipeline::Error;
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 /// Largest number of clients.
 pub const MOST_CLIENTS: usize = 4;
-/// Largest number of frames that a client was sent and has not shown.
+/// Largest number of frames sent to a client that it has not shown yet.
 pub const MOST_IN_FLIGHT: u32 = 2;
 
 /// A message to a client.
@@ -24,7 +24,7 @@ pub enum Outgoing {
     Text(String),
 }
 
-/// One page.
+/// One connected page.
 struct Client {
     request: Option<Request>,
     in_flight: u32,
@@ -45,7 +45,7 @@ struct Clients {
 pub struct Requests {
     clients: Mutex<Clients>,
     wake: Condvar,
-    /// Number of clients: what a run without any reads.
+    /// Number of clients: all that a run reads while there are none.
     present: AtomicUsize,
     closed: AtomicBool,
 }
@@ -55,7 +55,7 @@ impl Requests {
         self.clients.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Lets a client in; none if there are too many.
+    /// Admits a client; `None` if there are too many.
     pub(super) fn enter(&self, outbox: Sender<Outgoing>) -> Option<u64> {
         let mut clients = self.clients();
         if clients.by_id.len() >= MOST_CLIENTS || self.closed() {
@@ -82,7 +82,7 @@ impl Requests {
         }
     }
 
-    /// Notes that a client has shown a frame.
+    /// Records that a client has shown a frame.
     pub(super) fn shown(&self, id: u64) {
         if let Some(client) = self.clients().by_id.get_mut(&id) {
             client.in_flight = client.in_flight.saturating_sub(1);
@@ -90,7 +90,7 @@ impl Requests {
         }
     }
 
-    /// Passes on a request to steer the run.
+    /// Passes on a control of the run.
     pub(super) fn control(&self, control: Control) {
         self.clients().controls.push(control);
         self.wake.notify_all();
@@ -106,12 +106,12 @@ impl Requests {
         self.present.load(Ordering::Acquire)
     }
 
-    /// True if a client waits for a picture that it can be sent.
+    /// True if a client waits for a picture and may be sent one.
     pub fn waiting(&self) -> bool {
         self.clients().by_id.values().any(|c| c.request.is_some() && c.in_flight < MOST_IN_FLIGHT)
     }
 
-    /// The next request to fulfil, with its client; waits for one until `patience` is over.
+    /// The next request to draw, with its client; waits for one for up to `patience`.
     pub fn next_request(&self, patience: Duration) -> Option<(u64, Request)> {
         let take = |clients: &mut Clients| -> Option<(u64, Request)> {
             let ready = |(id, c): (&u64, &Client)| (c.request.is_some() && c.in_flight < MOST_IN_FLIGHT).then_some(*id);
@@ -131,7 +131,7 @@ impl Requests {
         take(&mut clients)
     }
 
-    /// Requests to steer the run since the last call.
+    /// Controls of the run since the last call.
     pub fn controls(&self) -> Vec<Control> {
         std::mem::take(&mut self.clients().controls)
     }
@@ -141,7 +141,7 @@ impl Requests {
         self.send(id, Outgoing::Frame(header, image));
     }
 
-    /// Tells a client why the picture that it requested does not come.
+    /// Sends a client the reason why its request was not drawn.
     pub fn refuse(&self, id: u64, request: &Request, error: &Error) {
         self.shown(id);
         self.send(id, Outgoing::Text(json!({ "error": error.to_string(), "number": request.number }).to_string()));
@@ -150,7 +150,7 @@ impl Requests {
     /// Sends a text to every client.
     pub fn tell(&self, text: &str) {
         for client in self.clients().by_id.values() {
-            // A client that is gone is removed by its own thread.
+            // The client's own thread removes it once it is gone.
             let _ = client.outbox.send(Outgoing::Text(text.to_owned()));
         }
     }
@@ -161,7 +161,7 @@ impl Requests {
         }
     }
 
-    /// Ends all conversations.
+    /// Closes all connections.
     pub fn close(&self) {
         self.closed.store(true, Ordering::Release);
         self.wake.notify_all();

@@ -16,7 +16,7 @@ use tungstenite::handshake::derive_accept_key;
 /// Largest number of connections at a time.
 const MOST_CONNECTIONS: usize = 32;
 
-/// Time for pages to hear that the program ends.
+/// Time for pages to receive the message that the program ends.
 const FAREWELL: Duration = Duration::from_millis(300);
 
 const PAGE: &str = include_str!("page.html");
@@ -55,7 +55,7 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens and answers from threads of its own.
+    /// Listens and answers on its own threads.
     ///
     /// # Errors
     /// [`Error::Usage`] if the address cannot be bound.
@@ -80,7 +80,7 @@ impl Server {
         Ok(Self { site, address })
     }
 
-    /// The address to open in a browser. It holds the token.
+    /// The address to open in a browser. It contains the token.
     pub fn url(&self) -> String {
         let ip = if self.address.ip().is_unspecified() { own_address() } else { None };
         let address = SocketAddr::new(ip.unwrap_or(self.address.ip()), self.address.port());
@@ -102,7 +102,7 @@ impl Drop for Server {
             _ => self.address,
         };
         let _ = TcpStream::connect_timeout(&here, Duration::from_millis(200));
-        // Pages are told, unless one does not listen.
+        // Pages are notified, unless one does not read.
         let begun = Instant::now();
         while self.site.requests.present() > 0 && begun.elapsed() < FAREWELL {
             std::thread::sleep(Duration::from_millis(2));
@@ -110,7 +110,7 @@ impl Drop for Server {
     }
 }
 
-/// The address by which other machines reach this one; no packet is sent to find it.
+/// This machine's address as seen by other machines; no packet is sent to find it.
 fn own_address() -> Option<IpAddr> {
     let socket = UdpSocket::bind("0.0.0.0:0").ok()?;
     socket.connect("192.0.2.1:9").ok()?;

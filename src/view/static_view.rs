@@ -1,4 +1,4 @@
-//! Draws requests models that do not change.
+//! Draws requests with models that do not change.
 
 use super::painter::{Drawn, PaintInput, Painter};
 use super::protocol::{Picture, Request};
@@ -9,23 +9,24 @@ use crate::gpu::Device;
 use crate::pipeline::Error;
 use crate::render::Settings;
 
-/// One Gaussian in this many is drawn in a reduced picture: those of the largest product of opacity and area.
+/// A reduced picture draws one in this many Gaussians: those with the largest product of opacity and area.
 const REDUCED: usize = 4;
 /// Smallest model that is worth reducing.
 const LEAST_REDUCED: usize = 20_000;
-/// Milliseconds of a whole moving picture beyond which moving pictures are reduced.
+/// Drawing time, in milliseconds, of a whole moving picture above which moving pictures are reduced.
 const SLOW_MS: f32 = 45.0;
-/// Milliseconds that a whole picture is estimated at, below which moving pictures are whole again.
+/// Estimated drawing time, in milliseconds, of a whole picture below which moving pictures are whole again.
 const FAST_MS: f32 = 40.0;
 
 /// A model on the device.
 struct ViewerModel {
-    /// Draws it in its own style.
+    /// Draws the model in its own style.
     painter: Painter,
     whole: Resident,
     /// Its most visible quarter, for moving pictures on slow devices.
     reduced: Option<Resident>,
-    /// True if moving pictures are reduced: slow devices take a time for each Gaussian, hardly for each pixel.
+    /// True if moving pictures are reduced: on slow devices the time depends on the number of Gaussians, hardly on
+    /// pixels.
     reduce: bool,
 }
 
@@ -35,7 +36,7 @@ pub struct StaticView<'a> {
     shown: Vec<ViewerModel>,
 }
 
-/// The Gaussians of the largest product of opacity and area, one in [`REDUCED`], in their order.
+/// One in [`REDUCED`] of the Gaussians, those with the largest product of opacity and area, in their order.
 fn most_visible(model: &Gaussians) -> Gaussians {
     let size = |i: usize| {
         let mut scales = model.log_scales[i];
@@ -54,7 +55,7 @@ fn most_visible(model: &Gaussians) -> Gaussians {
 }
 
 impl<'a> StaticView<'a> {
-    /// A static_view with all models of the subject on the device.
+    /// A static view with all models of the subject on the device.
     ///
     /// # Errors
     /// Device memory; device errors.
@@ -63,7 +64,7 @@ impl<'a> StaticView<'a> {
             let usual = shown.style.over(subject.background);
             let settings = Settings { near: subject.near(usual.near), ..usual };
             let mut model = shown.gaussians.clone();
-            // As `render` does: bands that change no colour by a step of eight bits are not drawn.
+            // As in `render`: bands that change no colour by a step of eight bits are not drawn.
             model.sh.truncate(model.degree_in_effect() + 1);
             let whole = Resident::upload(device, &model)?;
             let reduced = (model.len() >= LEAST_REDUCED).then(|| most_visible(&model));

@@ -1,4 +1,4 @@
-//! The subject of a viewer: models, and the capture that they were made from.
+//! The subject of a viewer: models, and the capture from which they were made.
 
 use crate::gaussians::Gaussians;
 use crate::pipeline::Error;
@@ -15,7 +15,7 @@ use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use serde_json::{Value, json};
 use std::collections::HashMap;
 
-/// Quality of photos' JPEG.
+/// JPEG quality of photos.
 const PHOTO_QUALITY: u8 = 92;
 
 /// A model that does not change.
@@ -24,20 +24,20 @@ pub struct Model {
     pub name: String,
     /// The Gaussians.
     pub gaussians: Gaussians,
-    /// The style that they have to be drawn with.
+    /// The style to draw them in.
     pub style: Style,
-    /// Diagnostics of a prune of them.
+    /// Diagnostics of their prune.
     pub facts: Option<Diagnostics>,
 }
 
-/// Purpose of a viewer: it decides which controls a page has.
+/// Purpose of a viewer, which determines the page's controls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Job {
-    /// They are shown.
+    /// Showing models.
     Show,
-    /// A model in training by a run, which can be resumed.
+    /// Watching a run, which can be resumed.
     Run,
-    /// A model in training after a prune, without checkpoints.
+    /// Watching training after a prune, without checkpoints.
     Compression,
 }
 
@@ -47,11 +47,11 @@ pub struct Subject {
     pub title: String,
     /// Purpose of the viewer.
     pub job: Job,
-    /// At least one model; none while a job is watched, whose model changes.
+    /// At least one model; empty while a job is watched, whose model changes.
     pub models: Vec<Model>,
     /// Colour behind the Gaussians.
     pub background: [f32; 3],
-    /// Position and size of the first model; none where there is a capture.
+    /// Position and size of the first model; `None` if there is a capture.
     pub outline: Option<Outline>,
     /// Photos and their cameras.
     pub capture: Option<Capture>,
@@ -63,7 +63,7 @@ pub struct Capture {
     pub scene: Scene,
     /// The working size.
     pub resize: Resize,
-    /// Views that were trained on, and held out.
+    /// Division into training views and held-out views.
     pub split: Split,
     /// PSNR of held-out views in dB, by name; empty if unknown.
     pub psnr: HashMap<String, f64>,
@@ -86,7 +86,7 @@ impl Capture {
         photos.remove(0).map_err(Error::Scene)
     }
 
-    /// The background that photos are usually drawn on: white where they have alpha, as in Blender's scenes, else black.
+    /// The usual background of the photos: white if they have alpha, as in Blender's scenes, otherwise black.
     pub fn background(&self) -> [f32; 3] {
         let alpha = self.photo(0).is_ok_and(|photo| photo.alpha_role == AlphaRole::Alpha);
         if alpha { [1.0; 3] } else { [0.0; 3] }
@@ -95,7 +95,7 @@ impl Capture {
     /// Photo `n` as JPEG, over a background.
     ///
     /// # Errors
-    /// Those of [`Capture::photo`].
+    /// Errors of [`Capture::photo`].
     pub fn photo_jpeg(&self, n: usize, background: [f32; 3]) -> Result<Vec<u8>, Error> {
         let photo = self.photo(n)?;
         let bytes: Vec<u8> = truth(&photo, background)?.into_iter().map(byte).collect();
@@ -136,13 +136,13 @@ fn pose(camera: &Camera) -> Value {
 }
 
 impl Subject {
-    /// Up in the world.
+    /// Up direction of the world.
     fn upwards(&self) -> DVec3 {
         let outline = || self.outline.as_ref().map_or(DVec3::NEG_Y, |o| o.up);
         self.capture.as_ref().map_or_else(outline, Capture::up)
     }
 
-    /// Everything that the page needs to know at its start.
+    /// The initial data of the page.
     pub fn description(&self, device: &str, control: bool) -> Value {
         let model = |m: &Model| {
             json!({
@@ -197,7 +197,8 @@ impl Subject {
     }
 }
 
-/// The point that a first camera turns about: on its axis, as far as the other cameras' mean centre or the points lie.
+/// The point about which a first camera turns: on its axis, at the distance of the other cameras' mean centre or of the
+/// points.
 fn sight(camera: &Camera, centre: DVec3, scene: &Scene) -> DVec3 {
     let forward = camera.rotation.row(2);
     let mut depths: Vec<f64> =

@@ -51,7 +51,7 @@ impl Conv {
         (rows.start * self.stride).saturating_sub(self.pad)..end.min(height)
     }
 
-    /// Output `rows`, from an input that holds all the rows that they need.
+    /// Output `rows`, from an input that contains all the rows that they need.
     pub fn forward(&self, input: &Map, rows: Range<usize>) -> Map {
         let (width, channels) = (self.places(input.width).unwrap_or(0), self.bias.len());
         let mut out = Map { first: rows.start, width, channels, data: vec![0.0; rows.len() * width * channels] };
@@ -80,7 +80,7 @@ impl Conv {
         });
     }
 
-    /// The input window of output pixel (x, y), zeros outside; `patch` holds zeros.
+    /// The input window of output pixel (x, y), zeros outside; `patch` holds zeros before.
     fn gather(&self, input: &Map, y: usize, x: usize, patch: &mut [f32]) {
         let left = (x * self.stride) as isize - self.pad as isize;
         let columns = left.max(0) as usize..((left + self.size as isize).max(0) as usize).min(input.width);
@@ -119,7 +119,7 @@ mod tests {
         (0..count).map(|_| next()).collect()
     }
 
-    /// By the definition, in float64.
+    /// The convolution by its definition, in float64.
     fn plain(conv: &Conv, oihw: &[f32], input: &Map, rows: Range<usize>) -> Vec<f64> {
         let mut out = Vec::new();
         for y in rows {

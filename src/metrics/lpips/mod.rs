@@ -55,7 +55,7 @@ pub struct Lpips {
     stages: Vec<Stage>,
 }
 
-/// Convolutions (each with its ReLU), the feature map's head, and the pool that leads to the next stage.
+/// Convolutions (each with its ReLU), the feature map's head, and the pool before the next stage.
 struct Stage {
     convs: Vec<Conv>,
     head: Vec<f32>,
@@ -76,7 +76,7 @@ impl Lpips {
     /// The LPIPS distance of two images of one size, at least 0 and exactly 0 for identical images.
     ///
     /// # Errors
-    /// [`Error::Sizes`] where the sizes differ, [`Error::TooSmall`] where the deepest feature map would be empty.
+    /// [`Error::Sizes`] if the sizes differ, [`Error::TooSmall`] if the deepest feature map would be empty.
     pub fn distance(&self, a: &Image<'_>, b: &Image<'_>, range: Range) -> Result<f64, Error> {
         self.distance_in_strips(a, b, range, STRIP)
     }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rows of a feature map, channels innermost; rows that it lacks read as zeros.
+/// Rows of a feature map, channels innermost; missing rows read as zeros.
 #[derive(Clone)]
 pub(super) struct Map {
     /// Index of the first row held.
@@ -22,7 +22,7 @@ impl Map {
         self.data.len() / (self.width * self.channels).max(1)
     }
 
-    /// Row `y` of the map; none if it is not held.
+    /// Row `y` of the map; `None` if it is not held.
     pub fn row(&self, y: isize) -> Option<&[f32]> {
         let at = usize::try_from(y).ok()?.checked_sub(self.first)?;
         let length = self.width * self.channels;
@@ -30,7 +30,7 @@ impl Map {
     }
 }
 
-/// Number of positions of a window along an axis of `n` pixels; none if no window fits.
+/// Number of positions of a window along an axis of `n` pixels; `None` if no window fits.
 pub(super) fn window_places(n: usize, size: usize, stride: usize, pad: usize) -> Option<usize> {
     Some((n + 2 * pad).checked_sub(size)? / stride + 1)
 }
@@ -51,13 +51,13 @@ impl Pool {
         Map { first: 0, width, channels, data: Vec::new() }
     }
 
-    /// Appends the pooled `rows` of `from`, which holds all the rows that they cover.
+    /// Appends the pooled `rows` of `from`, which contains all the rows that they cover.
     pub fn append(self, from: &Map, rows: Range<usize>, to: &mut Map) {
         let (channels, length) = (to.channels, to.width * to.channels);
         let start = to.data.len();
         to.data.resize(start + rows.len() * length, 0.0);
         to.data[start..].par_chunks_mut(length).zip(rows).for_each(|(out, row)| {
-            // Features come from a ReLU, so that zero is a valid start.
+            // Features come from a ReLU, so zero is a valid start.
             for source in (0..self.size).filter_map(|k| from.row((row * self.stride + k) as isize)) {
                 for (x, pixel) in out.chunks_exact_mut(channels).enumerate() {
                     let window = &source[x * self.stride * channels..][..self.size * channels];

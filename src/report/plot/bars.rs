@@ -33,7 +33,7 @@ pub fn bars(title: &str, bars: &[Bar]) -> Markup {
     drawing_of_bars(title, bars).figure()
 }
 
-/// As `bars`, for a page or a sheet.
+/// Like `bars`, for a page or a sheet.
 pub fn drawing_of_bars(title: &str, bars: &[Bar]) -> Drawing {
     let positive = |v: f64| if v.is_finite() { v.max(0.0) } else { 0.0 };
     let longest = bars.iter().map(|b| positive(b.value)).fold(0.0, f64::max);
@@ -50,7 +50,7 @@ pub fn drawing_of_bars(title: &str, bars: &[Bar]) -> Drawing {
     Drawing::new(title, &[], [WIDTH, bars.len().max(1) as f64 * ROW + 6.0], drawing)
 }
 
-/// A name, its end cut off if it is too long.
+/// A name, truncated if it is too long.
 fn cut(name: &str) -> String {
     if name.chars().count() <= NAME {
         return name.to_owned();
@@ -80,7 +80,7 @@ impl Columns<'_> {
         let [left, right] = Frame::across();
         let width = (right - left) / self.bins.len().max(1) as f64;
         let middle = |k: usize| left + (k as f64 + 0.5) * width;
-        // Names every `stride`-th column, so that the names fit.
+        // Only every `stride`-th column is named, so that the names fit.
         let stride = self.bins.len().div_ceil(NUMBERED).max(1);
         let names: Vec<(f64, &str)> =
             self.bins.iter().enumerate().step_by(stride).map(|(k, (name, _))| (middle(k), name.as_str())).collect();

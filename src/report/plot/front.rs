@@ -24,8 +24,8 @@ pub struct Point {
     pub default: bool,
 }
 
-/// Positions of accuracies on the vertical axis. Exact results have no place on a logarithmic axis, nor among decibels:
-/// they are drawn one step beyond all others.
+/// Positions of accuracies on the vertical axis. Exact results have no position on a logarithmic or decibel axis: they
+/// are drawn one step beyond all others.
 #[derive(Clone, Copy, Debug)]
 pub struct Accuracies {
     log: bool,
@@ -47,7 +47,7 @@ impl Accuracies {
         Self { log, beyond }
     }
 
-    /// A rung's position; none if it is neither measured nor exact.
+    /// A rung's position; `None` if it is neither measured nor exact.
     pub fn place(self, accuracy: Option<f64>, exact: bool) -> Option<f64> {
         match accuracy {
             Some(a) if self.log && a <= 0.0 => Some(self.beyond),

@@ -1,5 +1,5 @@
-//! Plots as one SVG file without dependencies: with its own style, and its own ground, since a page that shows it may
-//! be dark when the reader's scheme is light.
+//! Plots as one self-contained SVG file: with its own style, and its own background, since a page that shows it may be
+//! dark when the reader's scheme is light.
 
 use super::{COLOURS, Drawing, colour, px};
 use maud::{PreEscaped, html};

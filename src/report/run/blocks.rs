@@ -1,4 +1,5 @@
-//! What the blocks of each prune say: their solver and sizes, the spectrum of their eigenproblems, and what was kept of them.
+//! Statistics of each prune's blocks: their solver and sizes, the spectrum of their eigenproblems, and their kept
+//! Gaussians.
 
 use crate::pipeline::records::{PruneRecord, PruneSeconds};
 use crate::report::format::{count, decimals, percent, seconds, short};

@@ -82,7 +82,7 @@ fn some(n: usize) -> String {
     if n == 0 { "none".to_owned() } else { count(n) }
 }
 
-/// Counts of what was repaired, skipped or left out.
+/// Counts of repaired, skipped and omitted values.
 pub fn guards(results: &RunRecord) -> Markup {
     let (g, s) = (&results.guards, &results.guards.scene);
     let names = |names: &Names| {

@@ -8,7 +8,7 @@ use crate::report::plot::{Axis, Bar, Columns, bars};
 use crate::train::method::Cut;
 use maud::{Markup, html};
 
-/// The cut that a method ended with, in a sentence.
+/// The cut that ended a method, in a sentence.
 pub fn cut(cut: &Cut) -> String {
     let Cut { iteration, before, shown, after } = *cut;
     format!(

@@ -1,7 +1,7 @@
-//! A page that holds a model and draws it by itself: no network, no program beside it.
+//! A page that contains a model and draws it by itself: without a network, and without a program beside it.
 //!
-//! The model lies in the page as SPZ 3, whose bytes the vertex shader unpacks; a worker sorts by depth; quads are blended back to
-//! front. Projection, colour, dilation and anti-aliasing are those of `glsl/render/project.comp`.
+//! The page contains the model as SPZ 3, whose bytes the vertex shader unpacks; a worker sorts by depth; quads are
+//! blended back to front. Projection, colour, dilation and anti-aliasing follow `glsl/render/project.comp`.
 
 use crate::gaussians::formats::{self, RenderMode, SpzVersion};
 use crate::gaussians::outline::outline;
@@ -16,21 +16,21 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 const PAGE: &str = include_str!("page.html");
-/// The script's parts, in order; what they import from each other is in one page.
+/// The script's parts, in order; all imports between them are resolved within the page.
 const SCRIPTS: [&str; 2] = [include_str!("../camera.js"), include_str!("viewer.js")];
-/// Shapes of windows for which the framing is worked out, width by height.
+/// Aspect ratios of windows, width by height, for which the framing is computed.
 const SHAPES: [f64; 8] = [0.45, 0.6, 0.8, 1.0, 1.35, 1.8, 2.4, 3.5];
 
-/// What a page shows besides its model.
+/// Contents of a page besides its model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PageOptions {
     /// The title, shown above the picture.
     pub title: String,
     /// Red, green and blue behind the Gaussians, 0 to 1.
     pub background: [f32; 3],
-    /// World direction that is up.
+    /// Up direction in the world.
     pub up: DVec3,
-    /// The camera to begin with; by default one from which the whole model is seen.
+    /// The initial camera; by default one that sees the whole model.
     pub start: Option<Camera>,
     /// A picture from that camera, as a `data:` URI, for the time until the model is drawn.
     pub poster: Option<String>,
@@ -50,7 +50,7 @@ impl Default for PageOptions {
     }
 }
 
-/// The page of a model; `name` stands in messages.
+/// The page of a model; `name` appears in messages.
 ///
 /// # Errors
 /// [`Error::Unsupported`] if SPZ cannot hold the model, [`Error::Inconsistent`].
@@ -99,12 +99,12 @@ impl Shell {
     }
 }
 
-/// Text within an element or a quoted attribute.
+/// Escapes text for an element or a quoted attribute.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// What the script needs to know.
+/// Parameters of the script.
 fn scene(model: &Gaussians, mode: RenderMode, options: &PageOptions) -> Value {
     let settings = Style::of(mode).over(options.background);
     let up = options.up.normalize();
