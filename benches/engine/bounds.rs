@@ -1,12 +1,11 @@
 //! The minimum work of a stage, whatever its code: bytes between memory and device, and float32 operations. Divided by
 //! the rates of the group `device`, it gives a lower bound on the time of any code of this algorithm on that device.
-//!
-//! Bytes: a kernel's inputs are read once and its outputs written once, however often it really touches them; data that
-//! one kernel passes to the next count as both. Gathers count the requested bytes, not the cache lines that contain
-//! them. A Gaussian that is not visible counts as its mean alone. Operations are counted from the shaders by hand, low
-//! where in doubt: an addition, multiplication, division, root, exponential or logarithm is one; comparisons,
+//! Bytes: a kernel's inputs are read once and its outputs written once, however often it really touches them; data
+//! passed from one kernel to the next counts as both. Gathers count the requested bytes, not the cache lines that
+//! contain them. A Gaussian that is not visible counts as its mean alone. Operations are counted from the shaders by
+//! hand, low where in doubt: an addition, multiplication, division, root, exponential or logarithm is one; comparisons,
 //! selections, integers and moves between lanes are none. Rates of operations are those of multiply-adds, two each, so
-//! that the bound is too low for roots and exponentials.
+//! the bound is too low for roots and exponentials.
 
 use super::facts;
 use qirf_vk::gaussians::Gaussians;
@@ -16,14 +15,14 @@ use qirf_vk::scene::camera::Camera;
 /// Bytes and operations.
 #[derive(Clone, Copy, Default)]
 pub struct Bound {
-    /// Read and written.
+    /// Bytes read and written.
     pub bytes: f64,
-    /// In float32.
+    /// Operations in float32.
     pub operations: f64,
 }
 
 impl Bound {
-    /// Notes this as the bound of a benchmark, with other numbers of it.
+    /// Records this as the bound of a benchmark, with other numbers of it.
     pub fn note(self, group: &str, rest: &[&str], others: &[(&str, f64)]) {
         let own = [("bytes", self.bytes), ("operations", self.operations)];
         facts::note(group, rest, &[&own, others].concat());
@@ -48,7 +47,7 @@ const FORM: f64 = 44.0;
 /// Floats of a row of lib/gradient_row.glsl.
 const ROW: f64 = 18.0;
 
-/// Operations of render/project.comp for a visible Gaussian, its colour left out.
+/// Operations of render/project.comp for a visible Gaussian, without its colour.
 const PROJECT: f64 = 248.0;
 /// Operations of the SH basis, by degree.
 const BASIS: [f64; 4] = [0.0, 3.0, 15.0, 40.0];
@@ -56,7 +55,7 @@ const BASIS: [f64; 4] = [0.0, 3.0, 15.0, 40.0];
 const BLEND: f64 = 20.0;
 /// Operations of the innermost loop of lib/backward_pixels.glsl and lib/backward_alone.glsl, without the sums over lanes.
 const WALK: f64 = 44.0;
-/// Operations of render/project_backward.comp without those of the SH; and those of the SH by degree.
+/// Operations of render/project_backward.comp without the SH; and those of the SH by degree.
 const PROJECT_BACKWARD: f64 = 400.0;
 const DIRECTION: [f64; 4] = [0.0, 20.0, 70.0, 135.0];
 /// Operations of train/adam.comp for a parameter: moments 7, step 8.
@@ -94,7 +93,7 @@ impl Picture {
     }
 
     /// Pixels of all tiles' lists, which the rasteriser walks. Pixels that finish early walk less, but not by much in
-    /// any bench.
+    /// any benchmark.
     fn pair_pixels(self) -> f64 {
         self.pairs * f64::from(self.tile * self.tile)
     }

@@ -16,10 +16,10 @@ const SMALL: f64 = 0.02;
 /// Sizes of Gaussians in a picture of one size: 16 times the pairs from the first to the last.
 const SIZES: [f64; 6] = [0.02, 2.0, 4.0, 6.0, 8.0, 10.0];
 const HEIGHT: u32 = 360;
-/// An opacity of 2 %, so that no pixel finishes before its list ends, however many Gaussians lie over it.
+/// An opacity of 2 %, so that no pixel finishes before its list ends, however many Gaussians cover it.
 const FAINT: f32 = -3.9;
 
-/// 20 k Gaussians: first at five sizes of picture, then at one size with larger and larger Gaussians.
+/// 20 k Gaussians: first at five sizes of picture, then at one size with increasingly large Gaussians.
 pub fn cost(criterion: &mut Criterion) {
     let mut group = group(criterion, "cost");
     let heights = HEIGHTS.map(|height| ("pixels", height, SMALL));

@@ -9,10 +9,10 @@ use qirf_vk::render::{Culling, Renderer, STAGES, Settings};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Culling off is left out: it lists every Gaussian in all of the tiles.
+/// Rungs without culling off, which lists every Gaussian in all tiles.
 const RUNGS: [(&str, Culling); 2] = [("exact", Culling::Exact), ("3-sigma", Culling::ThreeSigma)];
 
-/// The model `flowers_lod2` of the shared data, or none where those are missing.
+/// The model `flowers_lod2` of the shared data; `None` if it is missing.
 fn flowers() -> Option<Gaussians> {
     let shared = std::env::var_os("QIRF_SHARED")
         .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared")), PathBuf::from);

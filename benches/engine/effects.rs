@@ -1,5 +1,5 @@
-//! `effects`: time that each effect adds to an iteration, against one with all of them off, the two taking turns; and
-//! all off against all off, which shows how far equal runs differ here.
+//! `effects`: time that each effect adds to an iteration, compared in turns with one that has all of them off; and all
+//! off against all off, which shows how far equal runs differ here.
 
 use super::iteration::{options, scene, train};
 use super::{device, facts, group};
@@ -37,7 +37,7 @@ fn trainer(options: Options, alpha_role: AlphaRole) -> Trainer {
     trainer
 }
 
-/// Distortion is not among them: photos are resampled when they are loaded, which does not affect iterations.
+/// Distortion is left out: photos are resampled when they are loaded, which does not affect iterations.
 pub fn effects(criterion: &mut Criterion) {
     let mut group = group(criterion, "effects");
     let mut off = trainer(options(0), AlphaRole::Opaque);

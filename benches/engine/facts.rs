@@ -1,5 +1,5 @@
 //! Facts about each benchmark, beside criterion's figures: one file each in `facts/` of criterion's folder. `make
-//! figures` makes tables and bounds of both.
+//! figures` makes tables and bounds from both.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ fn home() -> PathBuf {
         .unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("target/criterion"))
 }
 
-/// Notes numbers of the benchmark `group/rest[0]/rest[1]`: its name in criterion's files.
+/// Records numbers of the benchmark `group/rest[0]/rest[1]`, its name in criterion's files.
 pub fn note(group: &str, rest: &[&str], numbers: &[(&str, f64)]) {
     let id = [&[group], rest].concat().join("/");
     let numbers: serde_json::Map<_, _> = numbers.iter().map(|(k, v)| ((*k).to_owned(), (*v).into())).collect();
@@ -19,9 +19,9 @@ pub fn note(group: &str, rest: &[&str], numbers: &[(&str, f64)]) {
     write(&format!("facts/{name}.json"), &serde_json::json!({ "id": id, "numbers": numbers }));
 }
 
-/// Notes the device under measure and the machine round it.
+/// Records the measured device and its machine.
 pub fn note_device(info: &qirf_vk::gpu::DeviceInfo, quick: bool) {
-    // The load before this process: other programs that ran beside it.
+    // The load before this process: from other programs running beside it.
     let load = std::fs::read_to_string("/proc/loadavg").ok();
     let load = load.as_deref().and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
     let cpus = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! An orbit round a model, and its pairs counted by the float64 twin.
+//! An orbit around a model, and its pairs counted by the float64 twin.
 
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
@@ -8,7 +8,7 @@ use qirf_vk::scene::camera::Camera;
 /// Pictures of an orbit.
 pub const VIEWS: u32 = 8;
 
-/// Cameras at even steps on a circle round the model's median, near enough for the bulk of it to fill the picture.
+/// Cameras at even steps on a circle around the model's median, near enough for its bulk to fill the picture.
 pub fn orbit(model: &Gaussians, width: u32, height: u32) -> Vec<Camera> {
     let quantile = |axis: usize, share: usize| {
         let mut values: Vec<f32> = model.means.iter().map(|m| m[axis]).collect();

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 const GAUSSIANS: usize = 10_000;
 const SIZE: [u32; 2] = [144, 256];
 
-/// A photo of one crowd as the target of another: every pixel has an error.
+/// A picture of one crowd as the target of another: every pixel has an error.
 fn photo(model: &Gaussians, camera: &Camera) -> Photo {
     let resident = Resident::upload(device(), model).unwrap();
     let mut renderer = Renderer::new(device(), Settings::default(), model.len(), camera.width, camera.height).unwrap();
@@ -28,7 +28,7 @@ pub fn options(degree: usize) -> Options {
     Options { schedule: Schedule::still(), degree, most: GAUSSIANS, pairs: 1 << 20, ..Options::default() }
 }
 
-/// A model of SH of this degree and a camera, with the photo that it learns there.
+/// A model with SH of this degree and a camera, with the photo that it learns there.
 pub fn scene(degree: usize) -> (Gaussians, Camera, Photo) {
     let camera = scenes::camera(SIZE[0], SIZE[1], 0.0);
     let view = photo(&scenes::crowd(GAUSSIANS, degree, 1.0, 3), &camera);

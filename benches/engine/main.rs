@@ -1,6 +1,6 @@
-//! Benchmarks by stage: `cargo bench --bench engine [-- GROUP]`. Groups and what they show: docs/performance.md.
+//! Benchmarks by stage: `cargo bench --bench engine [-- GROUP]`. docs/performance.md explains the groups.
 //!
-//! Times of stages are the device's own timestamps; where a device has none, only whole submissions are timed, by the
+//! Times of stages are the device's own timestamps; on a device without any, only whole submissions are timed, by the
 //! host's clock. `QIRF_BENCH_QUICK=1` takes as few samples as criterion allows. Facts about each benchmark, and its
 //! minimum work, go into files beside criterion's.
 #![allow(missing_docs)] // criterion's macros
@@ -26,7 +26,7 @@ use qirf_vk::gpu::{Device, DeviceOptions, Timings};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-/// The device under measure, opened once: validation off.
+/// The measured device, opened once, without validation.
 fn device() -> &'static Device {
     static DEVICE: OnceLock<Device> = OnceLock::new();
     DEVICE.get_or_init(|| {
@@ -68,7 +68,7 @@ fn group<'a>(criterion: &'a mut Criterion, name: &str) -> BenchmarkGroup<'a, Wal
 /// Name of the row for a whole picture or iteration.
 const WHOLE: &str = "whole, by the host's clock";
 
-/// 10 k, 100 k, ... as groups and tables call them.
+/// Names such as 10 k and 100 k for groups and tables.
 fn thousands(n: usize) -> String {
     format!("{}k", n / 1000)
 }

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 const GAUSSIANS: usize = 24_576;
 
-/// Blocks of 48, as the default partition has them on average, and of 512, its largest.
+/// Blocks of 48 members, the default partition's average, and of 512, its largest.
 pub fn overlap(criterion: &mut Criterion) {
     let resident = Resident::upload(device(), &scenes::crowd(GAUSSIANS, 0, 1.0, 5)).unwrap();
     let members: Vec<u32> = (0..GAUSSIANS as u32).collect();

@@ -21,8 +21,8 @@ pub fn sort(criterion: &mut Criterion) {
         let sort = Sort::new(device, n).unwrap();
         let run = || {
             let mut recording = Recording::new();
-            // The last result lies where the keys were: each run sorts the same unsorted keys. The copy is not timed
-            // where the device has timestamps.
+            // The last result overwrites the keys: each run sorts a fresh copy of the same keys. The copy is not timed
+            // if the device has timestamps.
             recording.copy(&fresh, &pairs.keys, n as usize);
             recording.scope("sort", |r| {
                 sort.record(r, &count, &pairs, 32);

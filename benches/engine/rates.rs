@@ -1,4 +1,4 @@
-//! `device`: the device's best rates, from which the bounds of all other groups are computed.
+//! `device`: the device's peak rates, from which the bounds of all other groups are computed.
 
 use super::{device, facts, group, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
@@ -6,15 +6,15 @@ use qirf_vk::gpu::Recording;
 use qirf_vk::primitives::rates::{By, Chain, Copy, MultiplyAdd};
 use std::time::{Duration, Instant};
 
-/// MiB of each of two buffers: within a core's cache, within a shared one, and in memory. The largest is what every
-/// device of Vulkan 1.2 can bind.
+/// Size in MiB of each of two buffers: within a core's cache, within a shared one, and in memory. The largest is the
+/// size that every device of Vulkan 1.2 can bind.
 const SIZES: [usize; 4] = [1, 8, 32, 128];
 
 /// Bytes copied, counting both reads and writes, and float32 operations, two per multiply-add.
 pub fn rates(criterion: &mut Criterion) {
     let device = device();
     let mut group = group(criterion, "device");
-    // The fastest sample is the rate: many samples, so that one has the device to itself.
+    // The fastest sample is the rate: many samples, so that at least one has the device to itself.
     group.sample_size(40);
     for mib in SIZES {
         for (by, name) in [(By::Kernel, "copy by a kernel"), (By::Command, "copy by command")] {

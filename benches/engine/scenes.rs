@@ -12,8 +12,8 @@ pub fn noise(seed: u64, i: u64) -> u32 {
     (x >> 32) as u32
 }
 
-/// `n` Gaussians in a ball of radius 2: discs and needles, most of them faint, as trained models have them. Their size
-/// falls with the root of their number, as in scenes of one surface seen more finely; `size` multiplies it.
+/// `n` Gaussians in a ball of radius 2: discs and needles, most of them faint, as in trained models. Their size falls
+/// with the root of their number, as in models of one surface at finer detail; `size` multiplies it.
 pub fn crowd(n: usize, degree: usize, size: f64, seed: u64) -> Gaussians {
     let mut at = 0;
     let mut uniform = |low: f64, high: f64| {

@@ -1,6 +1,7 @@
 //! `participation host`: the host's eigensolvers by members of a block, in blocks per second; `select`: from rankings
-//! to a keep mask; `selection`: whole studies of blocks by each solver and by column subset, the device's and the host's parts apart.
-//! The device's solver alone is the group `participation`; `qirf-vk sweep` measures all of them on a scene's own blocks.
+//! to a keep mask; `selection`: whole studies of blocks by each solver and by column subset, with the device's and the
+//! host's parts separate. The device's solver alone is the group `participation`; `qirf-vk sweep` measures all of them
+//! on a scene's own blocks.
 
 use super::{device, facts, group, quick, scenes, scenes::noise, thousands};
 use criterion::{BenchmarkId, Criterion, Throughput};
@@ -22,7 +23,7 @@ fn block(m: usize) -> (Gram, Vec<[f64; CHANNELS]>) {
     (Gram::new(m, &overlap, None, 1e-4), (0..m).map(row).collect())
 }
 
-/// Every solver of the host at the sizes that a partition may give.
+/// Every solver of the host at the block sizes that a partition may produce.
 pub fn participation(criterion: &mut Criterion) {
     let mut group = group(criterion, "participation host");
     for m in [16_usize, 64, 256] {
@@ -42,8 +43,8 @@ pub fn participation(criterion: &mut Criterion) {
 /// A part of a study's time, by its name.
 type Part = (&'static str, fn(&Seconds) -> f64);
 
-/// Studies of 100 k and 1 M Gaussians in blocks of about 48: by each solver of the eigenproblem, and by column subset. Rows
-/// `device` and `host` are the parts of a study that run side by side; bytes that come back go into the facts.
+/// Studies of 100 k and 1 M Gaussians in blocks of about 48: by each solver of the eigenproblem, and by column subset.
+/// Rows `device` and `host` are the concurrent parts of a study; bytes read back go into the facts.
 pub fn selection(criterion: &mut Criterion) {
     let parts: [Part; 3] =
         [("whole", |s| s.wall), ("device", |s| s.overlap + s.rrdm + s.participation), ("host", |s| s.solve)];

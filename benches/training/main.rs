@@ -1,6 +1,8 @@
-//! `cargo bench --bench training -- [OPTIONS]`: an iteration of training by stage, at a fixed number of Gaussians, as one JSON document.
+//! `cargo bench --bench training -- [OPTIONS]`: an iteration of training by stage, at a fixed number of Gaussians, as
+//! one JSON document.
 //!
-//! Nothing moves (`Schedule::still`), so that every iteration of a photo does the same work. What is compared is measured in turns.
+//! Nothing moves (`Schedule::still`), so that every iteration of a photo does the same work. Compared variants are
+//! measured in turns.
 #![allow(missing_docs)] // as other benchmarks
 
 #[path = "../engine/scenes.rs"]
@@ -20,7 +22,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Gaussians of the generated crowds, on GPUs; on CPU devices the first number of these by 50.
+/// Gaussians of the generated crowds on GPUs; on CPU devices only the first of these numbers, divided by 50.
 const CROWDS: [usize; 3] = [500_000, 1_000_000, 3_000_000];
 /// Size of generated pictures: 1.01 Mpixel.
 const SIZE: [u32; 2] = [1216, 832];
@@ -89,7 +91,8 @@ impl Arguments {
         self.model.iter().map(read).collect()
     }
 
-    /// The photos: of the capture at its own size, or pictures of a crowd that is not the model, so that every pixel has an error.
+    /// The photos: of the capture at its own size, or pictures of a crowd other than the model, so that every pixel has
+    /// an error.
     fn photos(&self, device: &Device) -> Result<Vec<Photo>, Box<dyn Error>> {
         if let Some(folder) = &self.scene {
             let mut scene = Scene::open(folder, &OpenOptions::default())?;
@@ -123,7 +126,7 @@ fn measure(device: &Device, model: &Gaussians, photos: &[Photo], iterations: u32
     let pairs = u32::try_from(4 * model.len())?;
     let options = Options { schedule, degree: model.sh.len() - 1, most: model.len(), pairs, ..Options::default() };
     let mut trainer = Trainer::new(device, model, photos.to_vec(), 1.0, options)?;
-    // Every photo once: pair lists grow, and drivers compile.
+    // Every photo once, so that pair lists grow and drivers compile.
     advance(&mut trainer, u32::try_from(photos.len())?.max(32))?;
     let (before, begun) = (trainer.timings().clone(), Instant::now());
     advance(&mut trainer, iterations)?;
@@ -187,7 +190,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 }
 
-/// The median time of a stage over the rounds of a model and a variant; none where it was not measured.
+/// The median time of a stage over the rounds of a model and a variant; `None` if it was not measured.
 fn median(rows: &[Value], [model, variant, stage]: [&Value; 3]) -> Option<f64> {
     let same = rows.iter().filter(|row| row["model"] == *model && row["variant"] == *variant);
     let mut times: Vec<f64> = same.filter_map(|row| row["ms"][stage.as_str()?].as_f64()).collect();

@@ -129,7 +129,7 @@ impl<T: Copy> Gaussians<T> {
         }
     }
 
-    /// As [`Gaussians::attributes`], to be changed.
+    /// Like [`Gaussians::attributes`], mutable.
     pub fn attributes_mut(&mut self) -> Attributes<&mut [T]> {
         let mut bands = self.sh.iter_mut();
         Attributes {

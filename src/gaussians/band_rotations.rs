@@ -1,27 +1,28 @@
-//! Turning real spherical harmonics: the matrix of each band for an orthonormal map of directions.
+//! Rotation of real spherical harmonics: the matrix of each band for an orthonormal map of directions.
 
 use super::sh::{self, COEFFICIENTS};
 use super::{Gaussians, MAX_SH_DEGREE};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-/// Heights of Gauss and Legendre's rule of four nodes, which is exact to degree 7, and their weights.
+/// Heights of the Gauss-Legendre rule with four nodes, which is exact to degree 7, and their weights.
 const HEIGHTS: [(f64, f64); 4] = [
     (-0.861136311594052575224, 0.347854845137453857373),
     (-0.339981043584856264803, 0.652145154862546142627),
     (0.339981043584856264803, 0.652145154862546142627),
     (0.861136311594052575224, 0.347854845137453857373),
 ];
-/// Directions on each height: exact for products of two bands of degree 3, which turn six times at most.
+/// Directions at each height: exact for products of two bands of degree 3, which contain at most the sixth harmonic
+/// around the axis.
 const ROUND: u32 = 8;
-/// Gaussians of a task.
+/// Gaussians per task.
 const TASK: usize = 4096;
 
-/// The matrices by which the bands of a model change when its Gaussians turn (or mirror) by an orthonormal matrix R, so that the
-/// colour seen along R d afterwards is the one seen along d before.
+/// The matrices by which a model's bands change when its Gaussians are rotated (or mirrored) by an orthonormal matrix
+/// R, so that the colour seen along R d afterwards is the one seen along d before.
 ///
-/// By projection: with Y the basis of [`sh::basis`], entry (j, i) of a band's matrix is the integral of `Y_j(d) Y_i(R^T d)` over the
-/// sphere, which a rule of 32 directions gives exactly.
+/// By projection: with Y the basis of [`sh::basis`], entry (j, i) of a band's matrix is the integral of `Y_j(d) Y_i(R^T
+/// d)` over the sphere, which a rule of 32 directions computes exactly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BandRotations {
     /// By degree from 0; (2 l + 1) squared numbers, row by row.
@@ -29,7 +30,7 @@ pub struct BandRotations {
 }
 
 impl BandRotations {
-    /// Those of an orthonormal matrix.
+    /// The matrices for an orthonormal matrix.
     pub fn new(rotation: DMat3) -> Self {
         let back = rotation.transpose();
         let mut whole = [[0.0; COEFFICIENTS]; COEFFICIENTS];
@@ -60,7 +61,7 @@ impl BandRotations {
         &self.bands[l]
     }
 
-    /// Turns the coefficients of all bands above 0; band 0 is the same from everywhere.
+    /// Rotates the coefficients of all bands above 0; band 0 is equal in all directions.
     ///
     /// # Panics
     /// If the model has more bands than [`MAX_SH_DEGREE`] + 1.
@@ -112,7 +113,7 @@ mod tests {
         DMat3::from_axis_angle(axis, random.within(-180.0, 180.0).to_radians())
     }
 
-    /// The twin: colours seen along turned directions, summed up from the basis.
+    /// The twin: colours seen along rotated directions, summed from the basis.
     #[test]
     fn colours_turn_with_the_model() {
         let mut random = Random(5);
@@ -138,7 +139,7 @@ mod tests {
         }
     }
 
-    /// The matrices are a representation: orthonormal, and the product's is the product.
+    /// The matrices are a representation: orthonormal, and the matrix of a product is the product of the matrices.
     #[test]
     fn matrices_are_orthonormal_and_multiply() {
         let mut random = Random(9);

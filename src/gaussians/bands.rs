@@ -14,7 +14,7 @@ impl Gaussians {
     }
 
     /// The lowest SH degree at which no colour differs by 1/255 from its value with all bands. A pixel is a weighted
-    /// mean of colours, with weights that sum to 1 at most, and so differs no more than they do.
+    /// mean of colours, with weights that sum to at most 1, and so does not differ by more.
     pub fn degree_in_effect(&self) -> usize {
         let mut rest = vec![0.0; 3 * self.len()];
         for l in (1..self.sh.len()).rev() {

@@ -24,7 +24,7 @@ pub enum Error {
         /// The fault, then the remedy.
         what: String,
     },
-    /// The file or the request is legal, but this program does not handle it.
+    /// The file or the request is legal, but this program does not support it.
     #[error("{}: {what}", path.display())]
     Unsupported {
         /// The file.

@@ -20,8 +20,8 @@ pub const MAX_SH_DEGREE: usize = 3;
 
 /// A 3DGS model as stored: one array per attribute, all of the same length `n`.
 ///
-/// Stored values are those that the optimiser changes: scales are logarithms, opacities are logits, quaternions are
-/// (w, x, y, z) of any length. This is the layout of the standard 3DGS PLY without its interleaving.
+/// Stored values are those that the optimiser changes: scales are logarithms, opacities are logits, quaternions are (w,
+/// x, y, z) of any length. This is the layout of the standard 3DGS PLY without its interleaving.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians<T = f32> {
     /// Centres in world units, n.

@@ -4,7 +4,7 @@ use super::Gaussians;
 use crate::scene::orbit::Outline;
 use glam::DVec3;
 
-/// Gaussians sampled: enough for quantiles, and quick for models of millions.
+/// Number of Gaussians sampled: enough for quantiles, and quick for models of millions.
 const SAMPLES: usize = 200_000;
 /// Number of heights at which a model's width is measured.
 const RINGS: usize = 32;
@@ -27,7 +27,7 @@ pub fn outline(model: &Gaussians, up: DVec3) -> Outline {
     };
     let side = up.any_orthonormal_vector();
     let axes = [side, up.cross(side), up];
-    // First the bulk: what lies within four times the median distance from the median point.
+    // First the bulk: all Gaussians within four times the median distance from the median point.
     let median: DVec3 = axes.iter().map(|a| *a * along(*a, &samples, 0.5)).sum();
     let typical = quantile(samples.iter().map(|(p, w)| (p.distance(median), *w)).collect(), 0.5);
     let bulk: Vec<_> = samples.iter().copied().filter(|(p, _)| p.distance(median) <= 4.0 * typical).collect();
@@ -45,14 +45,14 @@ pub fn outline(model: &Gaussians, up: DVec3) -> Outline {
     let total: f64 = bulk.iter().map(|b| b.1).sum();
     let mut rings = Vec::new();
     for (i, slice) in slices.into_iter().enumerate() {
-        // A height with nothing but a few floaters does not belong to the outline.
+        // A height with only a few floaters does not belong to the outline.
         if slice.iter().map(|s| s.1).sum::<f64>() > 2e-4 * total {
             let height = low + (high - low) * (i as f64 + 0.5) / RINGS as f64 - centre.dot(up);
             rings.push((height, quantile(slice, 0.985)));
         }
     }
     if rings.iter().all(|r| r.1 <= 0.0) && high <= low {
-        // A single Gaussian has no extent but its own.
+        // A single Gaussian has only its own extent.
         let own = model.log_scales.first().map_or(0.0, |s| f64::from(s[0].max(s[1]).max(s[2])));
         rings = vec![(0.0, (3.0 * own.exp()).clamp(1e-6, 1e6))];
     }

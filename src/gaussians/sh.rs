@@ -1,7 +1,7 @@
 //! Real spherical harmonics to degree 3 (3DGS's signs) and their derivatives by the direction.
 //!
-//! The polynomials hold on the unit sphere only; off it they are one extension of many, so that a derivative has a
-//! meaning only once its radial part is removed (see [`through_normalisation`]).
+//! The polynomials hold on the unit sphere only; off it they are one extension of many, so a derivative has a meaning
+//! only once its radial part is removed (see [`through_normalisation`]).
 
 use crate::kernels::constants::sh::float64::{
     SH_C0, SH_C1, SH_C2_XX, SH_C2_XY, SH_C2_ZZ, SH_C3_XXX, SH_C3_XXZ, SH_C3_XYZ, SH_C3_XZZ, SH_C3_ZZZ,
@@ -60,7 +60,7 @@ pub fn basis_gradient(d: DVec3) -> [DVec3; COEFFICIENTS] {
     ]
 }
 
-/// Gradient by an offset `r d` given the gradient `dl_dd` by its unit direction `d`: (I - d d^T) dl_dd / r.
+/// Gradient by an offset `r d`, given the gradient `dl_dd` by its unit direction `d`: (I - d d^T) dl_dd / r.
 pub fn through_normalisation(d: DVec3, r: f64, dl_dd: DVec3) -> DVec3 {
     (dl_dd - d * d.dot(dl_dd)) / r
 }

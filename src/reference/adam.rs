@@ -2,14 +2,14 @@
 
 pub use crate::kernels::constants::adam::float64::{BETA1, BETA2, EPSILON, GREATEST_GRADIENT};
 
-/// The gradient by an opacity logit under the pressure of an attrition: `pressure` is added, divided by 1 - opacity or by
-/// `least_through` if that is more.
+/// The gradient by an opacity logit under the pressure of an attrition: `pressure` is added, divided by 1 - opacity or
+/// by `least_through`, whichever is larger.
 pub fn pressed(gradient: f64, logit: f64, pressure: f64, least_through: f64) -> f64 {
     gradient + pressure / (1.0 / (1.0 + logit.exp())).max(least_through)
 }
 
-/// Updates `row` in place by step `step` (the first is 1) with learning rate `rate` and these decays of the moments. Returns
-/// false if the row was skipped.
+/// Updates `row` in place by step `step` (the first is 1) with learning rate `rate` and these decays of the moments.
+/// Returns false if the row was skipped.
 ///
 /// A row with any gradient that is not finite, or beyond [`GREATEST_GRADIENT`], keeps its values and both moments; the
 /// caller counts it. All four slices have the row's length.
@@ -68,8 +68,8 @@ mod tests {
         }
     }
 
-    /// Pressure lowers opaque Gaussians' logits faster, up to a limit, and whatever their size; without a limit below 1 it
-    /// is the same for all.
+    /// Pressure lowers opaque Gaussians' logits faster, up to a limit, and whatever their size; without a limit below 1
+    /// it is the same for all.
     #[test]
     fn pressure_is_finite_and_grows_with_opacity() {
         assert_eq!(pressed(-3.0, 0.0, 1.0, 0.05), -1.0, "half opaque");
@@ -77,7 +77,7 @@ mod tests {
         assert_eq!([-9.0, 0.0, 9.0].map(|logit| pressed(2.0, logit, 0.5, 1.0)), [2.5; 3]);
     }
 
-    /// A constant gradient moves a parameter by the rate each step, whatever its size: bias correction works.
+    /// A constant gradient of any size moves a parameter by the rate in each step: bias correction works.
     #[test]
     fn constant_gradient_moves_at_the_rate() {
         for size in [1e-6, 1.0, 1e15] {

@@ -46,8 +46,8 @@ pub fn depth_order(projected: &[Result<Projected, Culled>]) -> Vec<u32> {
     seen.into_iter().map(|(_, i)| i).collect()
 }
 
-/// Lists every tile's Gaussians in depth order, the picture's or the tile's own; with a smooth cut-off every Gaussian is in
-/// every tile.
+/// Lists every tile's Gaussians in depth order, the picture's or the tile's own; with a smooth cut-off every Gaussian
+/// is in every tile.
 pub fn bin(projected: &[Result<Projected, Culled>], camera: &Camera, settings: &Settings) -> Tiles {
     let side = settings.tile;
     let (columns, rows) = (camera.width.div_ceil(side), camera.height.div_ceil(side));
@@ -85,7 +85,7 @@ pub fn bin(projected: &[Result<Projected, Culled>], camera: &Camera, settings: &
 
 /// Calls `each` with every tile that the Gaussian's ellipse {power <= extent} touches, row by row.
 ///
-/// Counting and emission both use it, so that they never disagree.
+/// Counting and emission both use it, so that they always agree.
 pub fn touched(p: &Projected, camera: &Camera, settings: &Settings, mut each: impl FnMut(usize)) {
     let (side, all) = (settings.tile, settings.smooth_cutoff);
     let columns = camera.width.div_ceil(side);
@@ -113,10 +113,10 @@ pub fn touched(p: &Projected, camera: &Camera, settings: &Settings, mut each: im
     }
 }
 
-/// Least power on the rectangle x, y (low, high), measured from the Gaussian's centre.
+/// Least power on the rectangle x, y (low, high), relative to the Gaussian's centre.
 ///
-/// Power is convex with its minimum, zero, at the origin. From a rectangle without the origin the least point sees it
-/// across an edge that faces it: at most one vertical and one horizontal. On a line the minimum is in closed form.
+/// Power is convex with its minimum, zero, at the origin. If the rectangle does not contain the origin, the least point
+/// lies on an edge that faces it: at most one vertical and one horizontal. On a line the minimum has a closed form.
 pub fn least_power([a, b, c]: [f64; 3], x: (f64, f64), y: (f64, f64)) -> f64 {
     let power = |x: f64, y: f64| 0.5 * (a * x * x + c * y * y) + b * x * y;
     let nearest = (0f64.clamp(x.0, x.1), 0f64.clamp(y.0, y.1));

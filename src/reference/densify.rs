@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 /// Ratio of a parent's scales to those of its halves after a split.
 pub const SHRINK: f64 = 1.6;
 
-/// A half along its parent's longest axis.
+/// One half after a split along its parent's longest axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lengthwise {
     /// Mean, in world units.
@@ -22,13 +22,13 @@ pub struct Lengthwise {
 /// Thresholds of density control.
 #[derive(Clone, Copy, Debug)]
 pub struct Thresholds {
-    /// Mean gradient norm of the 2D mean, in NDC units, from which on a Gaussian grows.
+    /// Mean gradient norm of the 2D mean, in NDC units, at which a Gaussian grows.
     pub gradient: f64,
     /// Largest axis, as a share of the reach, above which a growing Gaussian is split instead of being cloned.
     pub clone_scale: f64,
     /// Opacity below which a Gaussian is pruned.
     pub opacity: f64,
-    /// Largest axis, as a share of the reach, above which a Gaussian is pruned; none while large Gaussians are kept.
+    /// Largest axis, as a share of the reach, above which a Gaussian is pruned; `None` while large Gaussians are kept.
     pub scale: Option<f64>,
     /// The scene's extent in world units: the smallest reach.
     pub extent: f64,
@@ -47,8 +47,8 @@ pub enum Kind {
     Half,
 }
 
-/// Source row and kind of each row of the new model. `growth` holds for each Gaussian the sum of its gradient norms and the
-/// number of views that saw it.
+/// Source row and kind of each row of the new model. `growth` holds for each Gaussian the sum of its gradient norms and
+/// the number of views that saw it.
 pub fn densify(params: &Params, growth: &[[f64; 2]], thresholds: &Thresholds) -> Vec<(usize, Kind)> {
     let mut rows = Vec::new();
     for (i, &[sum, views]) in growth.iter().enumerate() {
@@ -62,7 +62,7 @@ pub fn densify(params: &Params, growth: &[[f64; 2]], thresholds: &Thresholds) ->
         let largest = scales.into_iter().fold(f64::MIN, f64::max).exp() / reach;
         let grows = views > 0.0 && sum / views >= thresholds.gradient;
         let splits = grows && largest > thresholds.clone_scale;
-        // A split is judged by the halves that it would leave.
+        // A split is judged by the resulting halves.
         let left = if splits { largest / SHRINK } else { largest };
         if thresholds.scale.is_some_and(|most| left > most) {
             continue;
@@ -77,7 +77,7 @@ pub fn densify(params: &Params, growth: &[[f64; 2]], thresholds: &Thresholds) ->
     rows
 }
 
-/// The random number of a key, 32 bits: PCG's output permutation over one linear congruential step.
+/// The 32-bit random number of a key: PCG's output permutation over one linear congruential step.
 pub(super) fn hash(x: u32) -> u32 {
     let x = x.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
     let x = ((x >> ((x >> 28) + 4)) ^ x).wrapping_mul(277_803_737);
@@ -92,7 +92,7 @@ pub(super) fn normals(key: [u32; 4]) -> [f64; 2] {
     [radius * (TAU * turn).cos(), radius * (TAU * turn).sin()]
 }
 
-/// Where the half of a split that becomes row `row` of the new model moves, from its parent `parent`; in world units.
+/// Offset, in world units, of the half that becomes row `row` of the new model, from its parent `parent`.
 pub fn offset_of_half(params: &Params, parent: usize, row: u32, seed: u32, iteration: u32) -> DVec3 {
     let [x, y] = normals([seed, iteration, row, 0]);
     let scales = DVec3::from(params.log_scales[parent].map(f64::exp));
@@ -101,8 +101,8 @@ pub fn offset_of_half(params: &Params, parent: usize, row: u32, seed: u32, itera
     rotation(stored.map(|q| q / length)) * (scales * DVec3::new(x, y, normals([seed, iteration, row, 1])[0]))
 }
 
-/// The two halves of Gaussian `i` along its longest axis, of equal ones the first. Where the parent's three deviations end,
-/// theirs do, too; across it they are thinner, and they are fainter (Improved-GS's values).
+/// The two halves of Gaussian `i` along its longest axis, the first among equal axes. They end where the parent's three
+/// deviations end; across the axis they are thinner, and they are fainter (Improved-GS's values).
 pub fn lengthwise(params: &Params, i: usize) -> [Lengthwise; 2] {
     const SHARE: f64 = 0.45;
     let (stored, log_scales) = (params.rotations[i], params.log_scales[i]);

@@ -19,22 +19,23 @@ use crate::scene::camera::Camera;
 pub struct Settings {
     /// Colour behind everything.
     pub background: [f64; 3],
-    /// True if opacity includes the factor sqrt(max(det0/det, 2.5e-5)) that undoes the dilation's added area.
+    /// True if opacity includes the factor sqrt(max(det0/det, 2.5e-5)), which compensates for the area added by the
+    /// dilation.
     pub antialias: bool,
     /// Added to a projected Gaussian's variance, in square pixels.
     pub dilation: f64,
     /// Side in pixels of the squares that share a list of Gaussians.
     pub tile: u32,
     /// True if each tile orders its list by the depths at which the ray through its middle meets the Gaussians;
-    /// otherwise the whole picture is ordered by the depth of means. Tiles of one pixel order each pixel.
+    /// otherwise the whole picture is ordered by the depth of means. Tiles of one pixel give each pixel its own order.
     pub depth_order: bool,
     /// Gaussians at this camera-space depth, or nearer, are culled.
     pub near: f64,
-    /// Tests only: neither the 1/255 skip nor the transmittance stop, so that finite differences hold.
+    /// Tests only: without the 1/255 skip and the transmittance stop, so that finite differences hold.
     pub smooth_cutoff: bool,
     /// True if the gradient by the view direction is passed on to the mean.
     pub direction_gradient: bool,
-    /// A pixel stops before the contribution that would bring its transmittance below this.
+    /// A pixel stops before the contribution that would lower its transmittance below this.
     pub transmittance_stop: f64,
     /// SH bands above this degree are ignored.
     pub sh_degree: usize,

@@ -1,4 +1,4 @@
-//! Learnt masks: which Gaussians a picture shows, and gradients by masks and by their scores.
+//! Learnt masks: hiding masked Gaussians, and gradients by masks and by their scores.
 
 use super::densify::hash;
 use super::project::sigmoid;
@@ -8,27 +8,28 @@ use super::{Gradients, Rendered, Settings};
 use crate::scene::camera::Camera;
 use glam::DVec3;
 
-/// The number that is added to a score where masks are drawn at random: standard logistic, by key.
+/// Random number added to a score if masks are drawn: standard logistic, by key.
 pub fn logistic(key: [u32; 3]) -> f64 {
     let bits = [key[0], key[1], key[2], 4].into_iter().rev().fold(0, |h, k| hash(k ^ h));
     let u = (f64::from(bits >> 9) + 0.5) / f64::from(1 << 23);
     (u / (1.0 - u)).ln()
 }
 
-/// Whether a mask is 1: with a random number, if the score plus that is positive; else if the sigmoid of the score exceeds 0.01.
+/// Whether a mask is 1: with a random number, if the score plus that is positive; otherwise if the sigmoid of the score
+/// exceeds 0.01.
 pub fn shows(score: f64, random: Option<f64>) -> bool {
     random.map_or_else(|| sigmoid(score) > 0.01, |r| score + r > 0.0)
 }
 
-/// Gradient by the mask of Gaussian `i` at 1, where the mask multiplies its scales and its opacity, from the gradients by its
-/// parameters: d(M s)/dM = s and d(M o)/dM = o.
+/// Gradient by the mask of Gaussian `i` at 1, if the mask multiplies its scales and its opacity, from the gradients by
+/// its parameters: d(M s)/dM = s and d(M o)/dM = o.
 pub fn gradient_of_scales_and_opacity(gradients: &Gradients, logit: f64, i: usize) -> f64 {
     let by_scales: f64 = gradients.params.log_scales[i].iter().sum();
     by_scales + gradients.params.opacity_logits[i] / sigmoid(-logit)
 }
 
-/// Gradient by the mask of every Gaussian, where a mask multiplies alpha. A picture is linear in each mask alone, so that the slope
-/// is the difference between the pictures with the Gaussian and without it. Stops make this untrue: they must be off.
+/// Gradient by the mask of every Gaussian, if a mask multiplies alpha. A picture is linear in each mask alone, so the
+/// slope is the difference between the pictures with and without the Gaussian. Stops break this and must be off.
 pub fn gradients(
     rendered: &Rendered,
     shown: &[bool],
@@ -58,8 +59,8 @@ pub fn gradients(
     (0..shown.len()).map(one).collect()
 }
 
-/// Gradient by a score, from the one by its mask: the mask changes as its sigmoid does. `weight` is that of the masks' mean in the
-/// loss, or of its square where masks are drawn at random; `mean` the mean of `n` masks.
+/// Gradient by a score, from the gradient by its mask: the mask is taken to change as its sigmoid does. `weight` is
+/// that of the masks' mean in the loss, or of its square if masks are drawn at random; `mean` is the mean of `n` masks.
 pub fn by_score(slope: f64, score: f64, random: Option<f64>, weight: f64, [mean, n]: [f64; 2]) -> f64 {
     let soft = score + random.unwrap_or(0.0);
     let by_mean = if random.is_some() { 2.0 * weight * mean } else { weight };

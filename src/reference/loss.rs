@@ -10,7 +10,7 @@
 
 use crate::metrics::ssim::{C1, C2, RADIUS, window};
 
-/// Weight of 1 - SSIM; L1 has the rest.
+/// Weight of 1 - SSIM; L1 gets the rest.
 pub const SSIM_WEIGHT: f64 = 0.2;
 
 /// Value and gradient of the loss.
@@ -37,7 +37,7 @@ pub fn loss(rendered: &[[f64; 3]], truth: &[[f64; 3]], width: usize, ssim_weight
         let (map, by_x) = ssim_map(&x, &y, width);
         for p in 0..count {
             let difference = x[p] - y[p];
-            // No slope at equality, where signum would give one.
+            // The slope is zero at equality, where signum would give one.
             let sign = if difference == 0.0 { 0.0 } else { difference.signum() };
             l1 += difference.abs() * share;
             ssim += map[p] * share;

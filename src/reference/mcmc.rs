@@ -4,15 +4,15 @@ use super::densify::normals;
 use super::project::{rotation, sigmoid};
 use glam::DVec3;
 
-/// What is added to the gradients by the logit and by the log-scales: those of `opacity` times the opacity and of `scale` times
-/// the sum of the scales.
+/// Additions to the gradients by the logit and by the log-scales: the gradients of `opacity` times the opacity and of
+/// `scale` times the sum of the scales.
 pub fn regularise(logit: f64, log_scales: [f64; 3], opacity: f64, scale: f64) -> (f64, [f64; 3]) {
     let shown = sigmoid(logit);
     (opacity * shown * (1.0 - shown), log_scales.map(|s| scale * s.exp()))
 }
 
 /// The random step of Gaussian `row`: `factor` times its covariance times a normal vector, times a logistic function of
-/// its opacity, which is 1/2 at 0.005 and falls to nothing within some hundredths. None where a value is not finite.
+/// its opacity, which is 1/2 at 0.005 and falls to almost 0 within some hundredths. `None` if a value is not finite.
 pub fn noise(
     logit: f64,
     log_scales: [f64; 3],

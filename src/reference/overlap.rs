@@ -3,16 +3,17 @@
 //! With d = p_i - p_j: ln N = 3/2 ln 2 + 1/2 sum(ln s_i + ln s_j) - 1/2 ln |Si + Sj| - 1/2 d^T (Si + Sj)^-1 d.
 //! [`Form::Qr`] never forms Si + Sj: in the frame of the flatter Gaussian the 6x3 stack [diag(s_i); diag(s_j) Rj^T Ri]
 //! has a QR factor with R^T R = Ri^T (Si + Sj) Ri, so the determinant is that of R and the exponent |R^-T Ri^T d|^2.
-//! The other form shows what forming the sum costs, in float64 and in float32.
+//! The other form shows the cost of forming the sum, in float64 and in float32.
 //!
-//! Householder's method is also the device's. The device's tests compare with a second twin (`tests/device/overlap/twin.rs`)
-//! that shares neither code nor method with it, and `selftest` with values that were computed elsewhere.
+//! The device uses Householder's method, too. The device's tests compare with a second twin
+//! (`tests/device/overlap/twin.rs`) that shares neither code nor method with this one, and `selftest` with values
+//! computed by other means.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 pub use crate::kernels::constants::axes::float64::SCALE_FLOOR;
 
-/// A Gaussian without its opacity and colour, which an overlap does not depend on.
+/// A Gaussian without its opacity and colour, on which an overlap does not depend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Primitive {
     /// Centre in world units.
@@ -47,7 +48,7 @@ pub fn overlap(a: &Primitive, b: &Primitive) -> f64 {
     overlap_as::<f64>(Form::Qr, &a.floored(), &b.floored())
 }
 
-/// N of two Gaussians by `form`, computed in `T` throughout, without a floor; NaN where the form breaks down.
+/// N of two Gaussians by `form`, computed in `T` throughout, without a floor; NaN if the form breaks down.
 pub fn overlap_as<T: Real>(form: Form, a: &Primitive, b: &Primitive) -> f64 {
     let (a, b) = (Shape::<T>::of(a), Shape::<T>::of(b));
     let ln = match form {
@@ -127,7 +128,7 @@ struct Shape<T> {
 impl<T: Real> Shape<T> {
     fn of(p: &Primitive) -> Self {
         let [w, x, y, z] = p.quaternion.map(T::of);
-        // Divided by the largest first: neither a tiny nor a huge quaternion leaves the range of float32.
+        // Divided by the largest first, so that neither a tiny nor a huge quaternion leaves the range of float32.
         let absolute = |v: T| if v < T::of(0.0) { -v } else { v };
         let largest = [w, x, y, z].map(absolute).into_iter().fold(T::of(0.0), |a, b| if b > a { b } else { a });
         let [w, x, y, z] = [w, x, y, z].map(|v| v / largest);

@@ -1,12 +1,13 @@
-//! Participation of a block's members in its leading modes, by the definition: P u = lambda (N + eps I) u with P = W W^T (Q7),
-//! q_i = sum over the leading k of lambda_k u_ik^2 (Q8).
+//! Participation of a block's members in its leading modes, by definition: P u = lambda (N + eps I) u with P = W W^T
+//! (Q7), q_i = sum over the leading k of lambda_k u_ik^2 (Q8).
 //!
-//! Plainly: N + eps I = L L^T, then all m eigenpairs of L^-1 P L^-T by Jacobi rotations. No LAPACK, no use of P's low rank.
+//! Computed directly: N + eps I = L L^T, then all m eigenpairs of L^-1 P L^-T by Jacobi rotations. It uses neither
+//! LAPACK nor P's low rank.
 
 use super::rrdm;
 use crate::random::uniform;
 
-/// Rotations stop when the off-diagonal part has fallen below this share of the matrix.
+/// Rotations stop when the off-diagonal part is below this share of the matrix.
 const CONVERGED: f64 = 1e-30;
 /// Largest number of sweeps of rotations; convergence is quadratic from about the third on.
 const SWEEPS: usize = 60;
@@ -16,7 +17,7 @@ const SLACK: f64 = 1e-6;
 /// The solution of one block of m members.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Participation {
-    /// All m eigenvalues, descending; those that are negative by rounding are 0.
+    /// All m eigenvalues, descending; negative ones from rounding are set to 0.
     pub spectrum: Vec<f64>,
     /// The fewest eigenvalues whose sum reaches tau of the whole, at least 1.
     pub r: usize,
@@ -25,7 +26,7 @@ pub struct Participation {
 }
 
 /// Solves a block: `overlap` is N (m x m, symmetric), `w` the rows of W (m x 8), `epsilon` is added to N's diagonal and
-/// `tau` is the share of the energy that the leading modes reach. `None` where N + epsilon I is not positive definite.
+/// `tau` is the share of the energy that the leading modes reach. `None` if N + epsilon I is not positive definite.
 ///
 /// # Panics
 /// If `overlap` does not hold m x m numbers.
@@ -35,7 +36,7 @@ pub fn participation(overlap: &[f64], w: &[[f64; 8]], epsilon: f64, tau: f64) ->
     let mut l = overlap.to_vec();
     (0..m).for_each(|i| l[i * m + i] += epsilon);
     factorise(&mut l, m)?;
-    // L^-1 P L^-T: P is symmetric, so that both sides are the same substitution, transposed between.
+    // L^-1 P L^-T: P is symmetric, so both sides are the same substitution, with a transposition between.
     let mut c = rrdm::p(w);
     for _ in 0..2 {
         (0..m).for_each(|column| substitute(&l, m, &mut c, column));
@@ -54,13 +55,14 @@ pub fn participation(overlap: &[f64], w: &[[f64; 8]], epsilon: f64, tau: f64) ->
     Some(Participation { spectrum, r, q })
 }
 
-/// What rounding may change of each member's participation, m, where the solver works with unit roundoff `roundoff` (2^-24 for
-/// float32): the largest change over `draws` random changes of the input of the size of the solver's backward error.
+/// The change of each member's participation, m, that rounding can cause in a solver with unit roundoff `roundoff`
+/// (2^-24 for float32): the largest change over `draws` random changes of the input of the size of the solver's
+/// backward error.
 ///
-/// A Cholesky factor is exact for a matrix that differs by gamma |L| |L^T|, whose entries are at most gamma (1 + epsilon) because
-/// N's diagonal is 1; gamma grows as sqrt(m) roundoff (Higham and Mary 2019). W and its substitution differ by a few roundings.
-/// This is statistical condition estimation (Kenney and Laub 1994). `None` where N + epsilon I, so changed, is not positive
-/// definite.
+/// A Cholesky factor is exact for a matrix that differs by gamma |L| |L^T|, whose entries are at most gamma (1 +
+/// epsilon) because N's diagonal is 1; gamma grows as sqrt(m) roundoff (Higham and Mary 2019). W and its substitution
+/// differ by a few roundings. This is statistical condition estimation (Kenney and Laub 1994). `None` if N + epsilon I,
+/// changed in this way, is not positive definite.
 ///
 /// # Panics
 /// If `overlap` does not hold m x m numbers.
@@ -89,7 +91,7 @@ pub fn uncertainty(
     Some(most)
 }
 
-/// The lower Cholesky factor in place of the lower triangle (row by row); `None` where a pivot is not positive.
+/// The lower Cholesky factor in place of the lower triangle (row by row); `None` if a pivot is not positive.
 fn factorise(a: &mut [f64], m: usize) -> Option<()> {
     for c in 0..m {
         for row in c..m {
@@ -107,7 +109,7 @@ fn factorise(a: &mut [f64], m: usize) -> Option<()> {
     Some(())
 }
 
-/// A column x of `matrix` becomes L^-1 x.
+/// Replaces a column x of `matrix` by L^-1 x.
 fn substitute(l: &[f64], m: usize, matrix: &mut [f64], column: usize) {
     for row in 0..m {
         let before: f64 = (0..row).map(|k| l[row * m + k] * matrix[k * m + column]).sum();
@@ -170,7 +172,7 @@ fn rotate(a: &mut [f64], vectors: &mut [f64], m: usize, [p, q]: [usize; 2]) {
     }
 }
 
-/// The fewest leading eigenvalues (descending) whose sum reaches `tau` of the whole; 1 if there is nothing.
+/// The fewest leading eigenvalues (descending) whose sum reaches `tau` of the total; 1 if all are zero.
 fn leading(spectrum: &[f64], tau: f64) -> usize {
     let total: f64 = spectrum.iter().sum();
     let mut sum = 0.0;

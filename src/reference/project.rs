@@ -19,7 +19,7 @@ use crate::scene::camera::Camera;
 /// Reason for leaving a Gaussian out of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Culled {
-    /// Not beyond the near plane.
+    /// At or before the near plane.
     Near,
     /// The quaternion's largest component is below [`MIN_QUATERNION`].
     Quaternion,
@@ -38,7 +38,7 @@ pub struct Projected {
     pub mean: DVec2,
     /// Camera-space z.
     pub depth: f64,
-    /// Its densest point on each ray.
+    /// Finds its densest point on each ray.
     pub densest: Densest,
     /// Image covariance, dilation included, in square pixels: xx, xy, yy.
     pub covariance: [f64; 3],
@@ -52,8 +52,9 @@ pub struct Projected {
     pub extent: f64,
 }
 
-/// Finds the point at which a ray from the camera meets a Gaussian at its densest. With A the map from camera space to standard
-/// deviations along the axes, density falls with |A (t ray - position)|^2, which is least at t = (A ray . A position) / |A ray|^2.
+/// Finds the point on a ray from the camera at which a Gaussian is densest. With A the map from camera space to
+/// standard deviations along the axes, density falls with |A (t ray - position)|^2, which is least at t = (A ray . A
+/// position) / |A ray|^2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Densest {
     /// A times the least standard deviation: no entry is greater than 1.
@@ -72,7 +73,7 @@ impl Densest {
         Self { whitened, position, reach: (2.0 * ALPHA_MIN_INVERSE.ln()).sqrt() * depth_row.length() }
     }
 
-    /// Camera-space z of that point on the ray (x, y, 1); the centre's if a disc is seen edge-on.
+    /// Camera-space z of that point on the ray (x, y, 1); the centre's for a disc seen edge-on.
     pub fn depth_along(&self, ray: DVec2) -> f64 {
         let along = self.whitened * ray.extend(1.0);
         let depth = along.dot(self.whitened * self.position) / along.length_squared();
@@ -88,7 +89,7 @@ pub struct Geometry {
     pub position: DVec3,
     /// x/z and y/z, clamped for the Jacobian.
     pub slope: DVec2,
-    /// For x/z and y/z: true if inside the clamp's bounds.
+    /// For x/z and y/z: true if within the clamp's bounds.
     pub free: [bool; 2],
     /// Unit quaternion w, x, y, z.
     pub quaternion: [f64; 4],
@@ -118,7 +119,7 @@ pub struct Geometry {
     pub projected: Projected,
 }
 
-/// The ellipse of one Gaussian in the image: its covariance, and values that follow from that alone.
+/// The ellipse of one Gaussian in the image: its covariance, and values derived from it.
 struct Ellipse {
     covariance: [f64; 3],
     conic: [f64; 3],
@@ -128,7 +129,7 @@ struct Ellipse {
 }
 
 impl Ellipse {
-    /// From the rows of T = J V.
+    /// The ellipse with these rows of T = J V.
     fn new(t0: DVec3, t1: DVec3, dilation: f64) -> Result<Self, Culled> {
         let (xx, xy, yy) = (t0.length_squared(), t0.dot(t1), t1.length_squared());
         let det0 = t0.cross(t1).length_squared();
@@ -230,7 +231,7 @@ pub fn sigmoid(x: f64) -> f64 {
     if x >= 0.0 { 1.0 / (1.0 + e) } else { e / (1.0 + e) }
 }
 
-/// The unit quaternion and the stored length; none where the largest component is below [`MIN_QUATERNION`].
+/// The unit quaternion and the stored length; `None` if the largest component is below [`MIN_QUATERNION`].
 ///
 /// Dividing by the largest component first keeps |q|^2 in range (1e20 squared overflows float32).
 pub fn unit_quaternion(q: [f64; 4]) -> Option<([f64; 4], f64)> {

@@ -97,7 +97,7 @@ fn ewa_backward(
     let Whitened { k: [kx, ky, kz], e, .. } = whitened;
     let z = geometry.position.z;
     let along = e.map(|row| row.dot(geometry.depth_row));
-    // By x/z and y/z: through the image position always, through the Jacobian where it is not clamped.
+    // By x/z and y/z: always through the image position; through the Jacobian only where it is not clamped.
     let free = DVec2::new(f64::from(u8::from(geometry.free[0])), f64::from(u8::from(geometry.free[1])));
     let through_jacobian = -DVec2::new(kx * along[0], ky * along[0] + kz * along[1]) / z;
     let dl_dslope = camera.focal * (dl_dmean2d + free * through_jacobian);
@@ -110,7 +110,7 @@ fn ewa_backward(
 fn axes_backward(geometry: &Geometry, whitened: &Whitened) -> (DVec3, [f64; 4]) {
     let (w, e, s) = (whitened.w, whitened.e, geometry.scale);
     let log_scale = e[0] * w[0] + e[1] * w[1];
-    let least = s.max(DVec3::splat(f64::MIN_POSITIVE)); // an axis of no length has no gradient by its turn
+    let least = s.max(DVec3::splat(f64::MIN_POSITIVE)); // an axis of zero length has no gradient by its rotation
     let spin = (e[0] * s).cross(w[0] / least) + (e[1] * s).cross(w[1] / least);
     let [real, x, y, z] = geometry.quaternion;
     let imaginary = DVec3::new(x, y, z);

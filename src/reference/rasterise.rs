@@ -35,7 +35,7 @@ pub struct Sample {
     pub clamped: bool,
 }
 
-/// The Gaussian's opacity at pixel (x, y); none where the pixel skips it.
+/// The Gaussian's opacity at pixel (x, y); `None` if the pixel skips it.
 ///
 /// power = 1/2 d^T conic d. The device completes the square: with the covariance's entries, t = dx - (xy/yy) dy and
 /// power = 1/2 (t^2 yy/det + dy^2/yy), which is never negative; on needles in float32 it is 15 to 180 times more
@@ -50,7 +50,8 @@ pub fn sample(p: &Projected, x: u32, y: u32, settings: &Settings) -> Option<Samp
     (!skipped).then_some(Sample { offset, alpha, clamped: free > ALPHA_MAX })
 }
 
-/// Walks a pixel's contributions front to back: `each(place in list, Gaussian, sample, T before it)`. Returns T behind them all.
+/// Walks a pixel's contributions front to back: `each(index in list, Gaussian, sample, T before it)`. Returns T behind
+/// them all.
 pub fn walk<'a>(
     list: &[u32],
     projected: &'a [Result<Projected, Culled>],

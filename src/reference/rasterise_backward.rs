@@ -38,7 +38,8 @@ pub struct SlotSums {
     pub colour: DVec3,
     /// Sum of T alpha.
     pub contribution: f64,
-    /// Sum over tiles of the gradient by the mean in pixels, each component by its size; zero in a single tile's sums.
+    /// Sum over tiles of the absolute gradient by the mean in pixels, component by component; zero in a single tile's
+    /// sums.
     pub pull: DVec2,
 }
 
@@ -68,11 +69,11 @@ impl SlotSums {
 pub struct ImageGradient<'a> {
     /// By the pixels' red, green and blue.
     pub colour: &'a [[f64; 3]],
-    /// By their opacities; none means zeros.
+    /// By their opacities; `None` means zeros.
     pub alpha: Option<&'a [f64]>,
 }
 
-/// The sums of every Gaussian of the model, zero where it touches no pixel. The order of summation is fixed, as in the
+/// The sums of every Gaussian of the model, zero if it touches no pixel. The order of summation is fixed, as in the
 /// forward pass.
 pub fn rasterise_backward(
     projected: &[Result<Projected, Culled>],

@@ -7,8 +7,8 @@ use crate::scene::camera::Camera;
 
 /// Responses of a view whose loss has the gradient `dl_dimage` by its pixels, with a residual by pixel; n x 8.
 ///
-/// Rendering: 1 where shown; sums over pixels of T alpha, of T alpha times the residual and of alpha, each divided by
-/// the number of pixels. Optimisation: norms of the gradients by position in units of the Gaussian's own axes, by
+/// Rendering: 1 if shown; sums over pixels of T alpha, of T alpha times the residual and of alpha, each divided by the
+/// number of pixels. Optimisation: norms of the gradients by position in units of the Gaussian's own axes, by
 /// log-scale, by logit, and by SH over all bands.
 pub fn respond(
     params: &Params,
@@ -44,11 +44,11 @@ pub fn respond(
     channels
 }
 
-/// What a pixel blends of a Gaussian.
+/// A Gaussian's contribution to a pixel.
 pub(super) struct Sample {
-    /// Number of the pixel.
+    /// Index of the pixel.
     pub pixel: usize,
-    /// Number of the Gaussian.
+    /// Index of the Gaussian.
     pub gaussian: usize,
     /// Its opacity at the centre.
     pub opacity: f64,
@@ -64,7 +64,7 @@ pub(super) struct Sample {
     pub phi: DVec3,
 }
 
-/// Passes on each contribution that a pixel blends, front to back.
+/// Calls `each` for every contribution that a pixel blends, front to back.
 pub(super) fn each_sample(params: &Params, camera: &Camera, settings: &Settings, mut each: impl FnMut(&Sample)) {
     let Rendered { projected, tiles, composite } = render(params, camera, settings);
     for t in 0..tiles.offsets.len() - 1 {

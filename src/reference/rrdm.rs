@@ -2,13 +2,13 @@
 
 use crate::kernels::constants::responses;
 
-/// Channels of rendering in a row; the others are those of optimisation.
+/// Number of rendering channels in a row, which come before those of optimisation.
 const RENDERING: usize = responses::RENDERING as usize;
 
 /// Rows of W (m x 8) from unweighted, normalised responses (m x 8) at balance `eta`.
 ///
-/// W = [sqrt(eta / (tr_r + epsilon)) Hr, sqrt((1 - eta) / (tr_o + epsilon)) Ho], tr the sum of squares of each group (Q5). A
-/// group that is zero everywhere stays zero, whatever epsilon is.
+/// W = [sqrt(eta / (tr_r + epsilon)) Hr, sqrt((1 - eta) / (tr_o + epsilon)) Ho], tr the sum of squares of each group
+/// (Q5). A group that is zero everywhere stays zero, whatever epsilon is.
 pub fn w(responses: &[[f64; 8]], eta: f64, epsilon: f64) -> Vec<[f64; 8]> {
     let trace = |channels: std::ops::Range<usize>| -> f64 {
         responses.iter().flat_map(|row| &row[channels.clone()]).map(|x| x * x).sum()

@@ -6,10 +6,10 @@ use super::respond::{Sample, each_sample};
 use super::{Params, Settings};
 use crate::scene::camera::Camera;
 
-/// Scores of a Gaussian in a view; see [`crate::response::Score`] for each of them.
+/// Scores of a Gaussian in a view; [`crate::response::Score`] explains each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Score {
-    /// Sum of w = T alpha, its largest, the pixels that blend the Gaussian, the sum of opacity x T.
+    /// Sum of w = T alpha, its largest value, the number of pixels that blend the Gaussian, the sum of opacity x T.
     pub weights: [f64; 4],
     /// Sums of w^2, of |phi|^2, and of phi . residual.
     pub changes: [f64; 3],

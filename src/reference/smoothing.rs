@@ -1,12 +1,12 @@
-//! 3D smoothing: the least scale of a Gaussian that photos sample at intervals.
+//! 3D smoothing: the least scale of a Gaussian, given the intervals at which photos sample it.
 
 use crate::kernels::constants::smoothing::float64::MARGIN;
 use crate::scene::camera::Camera;
 use glam::{DVec2, DVec3};
 
-/// Least scale of a Gaussian at `mean`, in world units: sqrt(0.2) pixels of the photo that samples it finest (Yu et
-/// al., Mip-Splatting, 2024, whose filter widens every Gaussian by as much). None if no photo sees it; Gaussians up to
-/// [`MARGIN`] of a photo's size beyond its border count as seen.
+/// Least scale of a Gaussian at `mean`, in world units: sqrt(0.2) pixels of the photo that samples it most finely (Yu
+/// et al., Mip-Splatting, 2024, whose filter widens every Gaussian by as much). `None` if no photo sees it; Gaussians
+/// up to [`MARGIN`] of a photo's size beyond its border count as seen.
 pub fn least_scale(mean: DVec3, cameras: &[Camera], near: f64) -> Option<f64> {
     let interval = |c: &Camera| {
         let p = c.rotation * mean + c.translation;
