@@ -1,5 +1,5 @@
-//! Work that rasterisers leave out: the forward one loads no splats behind what covers a tile, and a subgroup of the backward one
-//! skips splats that none of its pixels draws.
+//! Work that rasterisers leave out: the forward pass loads no splats behind those that make a tile opaque, and a
+//! subgroup of the backward pass skips splats that none of its pixels draws.
 
 use crate::support::{device, finish};
 use bytemuck::Zeroable;
@@ -10,7 +10,8 @@ use qirf_vk::kernels::render::{Rasterise, RasteriseBackward, RasteriseBackwardSp
 const TILE: u32 = 16;
 const LISTED: u32 = 2000;
 
-/// A tile that every splat covers, and one that every splat misses, each with as many splats: the batches that each loads.
+/// The number of batches loaded by a tile that every splat covers, and by one that every splat misses, with as many
+/// splats each.
 fn loaded(device: &Device, workgroup: u32, batch: u32) -> [f32; 2] {
     let view = View { size: [2 * TILE, TILE], whole: [2 * TILE, TILE], tiles: [2, 1], ..View::zeroed() };
     // Position and two factors; third factor, log2 of the opacity, cut, red: see lib/splat.glsl.
@@ -57,21 +58,21 @@ fn a_covered_tile_loads_one_batch() {
     for (workgroup, batch) in [(256, 256), (128, 128), (64, 64), (subgroup, 0)] {
         if workgroup % subgroup == 0 {
             let all = LISTED.div_ceil(if batch == 0 { subgroup } else { batch });
-            // Three splats of an opacity of 0.99 end a pixel.
+            // Three splats with an opacity of 0.99 end a pixel.
             assert_eq!(loaded(&device, workgroup, batch), [1.0, all as f32], "batches of {batch}");
         }
     }
     finish(&device);
 }
 
-/// Splats of one tile, at positions of their own, whose alpha falls to 1/255 after `reach` pixels: the number of subgroups that drew
-/// each on the way back.
+/// The number of subgroups that drew each splat in the backward pass. The splats lie in one tile, each at its own
+/// position, and their alpha falls to 1/255 after `reach` pixels.
 fn takers(device: &Device, workgroup: u32, at: &[[f32; 2]], reach: f32, opacity: f32) -> Vec<f32> {
     let view = View { size: [TILE, TILE], whole: [TILE, TILE], tiles: [1, 1], ..View::zeroed() };
     let (n, subgroup) = (at.len() as u32, device.info().subgroup_size);
     let cut = (255.0 * opacity).log2();
     let factor = cut.sqrt() / reach;
-    // Positions count from the picture's middle.
+    // Positions are relative to the picture's middle.
     let middle = TILE as f32 / 2.0;
     let geometry: Vec<[f32; 4]> = at.iter().map(|[x, y]| [x - middle, y - middle, factor, 0.0]).collect();
     let shape = vec![[factor, opacity.log2(), cut, 0.5]; at.len()];
@@ -116,11 +117,11 @@ fn subgroups_skip_what_they_do_not_draw() {
     let workgroup = 128;
     let subgroups = (workgroup / device.info().subgroup_size) as f32;
     let centres: Vec<[f32; 2]> = (0..TILE * TILE).map(|p| [(p % TILE) as f32 + 0.5, (p / TILE) as f32 + 0.5]).collect();
-    // One pixel is one subgroup's; between four pixels there is none; a wide splat is everybody's.
+    // One pixel belongs to one subgroup; no pixel lies between four pixels; a wide splat reaches all subgroups.
     assert_eq!(takers(&device, workgroup, &centres, 0.6, 0.5), vec![1.0; centres.len()]);
     let corners: Vec<[f32; 2]> = centres.iter().map(|[x, y]| [x + 0.5, y + 0.5]).collect();
     assert_eq!(takers(&device, workgroup, &corners, 0.6, 0.5), vec![0.0; centres.len()]);
-    // Behind three of an opacity of 0.99, every pixel is done.
+    // Behind three splats with an opacity of 0.99, every pixel is done.
     let wide = takers(&device, workgroup, &[[8.0, 8.0]; 40], 1e4, 1.0);
     assert_eq!(wide, [vec![subgroups; 3], vec![0.0; 37]].concat());
     finish(&device);

@@ -1,4 +1,5 @@
-//! Culling on a real model: it saves pairs and does not change the picture. Gaussians of many tiles are binned as others are.
+//! Culling on a real model: it saves pairs and does not change the picture. Gaussians with many tiles are binned like
+//! others.
 
 #[path = "../../benches/engine/flowers.rs"]
 mod flowers;
@@ -59,7 +60,8 @@ fn bin_loses_nothing_of_flowers() {
     finish(&device);
 }
 
-/// Needles and discs from a pixel to the whole picture, more of them than a workgroup takes, half of them before the camera.
+/// Needles and discs from a pixel to the whole picture, more of them than a workgroup takes, half of them before the
+/// camera.
 pub fn crowd_of_all_sizes() -> Gaussians {
     let (mut r, n) = (Random(5), 600);
     let mut within = |low: f64, high: f64| (low + (high - low) * r.unit()) as f32;
@@ -74,7 +76,7 @@ pub fn crowd_of_all_sizes() -> Gaussians {
     }
 }
 
-/// Counted on the twin's lists: they explain times on devices where lanes wait for one another.
+/// Checked against the twin's lists. The counts explain times on devices whose lanes wait for one another.
 #[test]
 fn the_imbalance_of_a_picture_is_counted() {
     let model = crowd_of_all_sizes();
@@ -91,7 +93,7 @@ fn the_imbalance_of_a_picture_is_counted() {
     let mut slots = vec![0; model.len()];
     (0..lists.len()).flat_map(|t| twin.tiles.list(t)).for_each(|i| slots[*i as usize] += 1);
     let (pairs, longest) = (lists.iter().sum::<usize>() as u64, lists.iter().max().copied().unwrap() as u32);
-    // Float32 may list a Gaussian in a tile that it touches with less than 1/255.
+    // Float32 may list a Gaussian in a tile where its alpha stays below 1/255.
     let near = |got: u64, right: u64| got >= right && got <= right + right / 100;
     assert!(near(counted.tile.sum, pairs) && counted.gaussian.sum == counted.tile.sum, "{pairs} pairs");
     assert!(near(counted.tile.most.into(), longest.into()), "{longest} in the longest list");

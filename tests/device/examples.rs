@@ -1,4 +1,4 @@
-//! The programs of `tools/examples`, as a reader runs them.
+//! The programs of `tools/examples`, run as a reader would.
 
 #[path = "../../tools/examples/kernel.rs"]
 #[allow(dead_code)] // partly used by its main alone
@@ -20,7 +20,7 @@ fn ring() -> PathBuf {
     source("tools/examples/ring.ply")
 }
 
-/// Eight pictures, each with bright pixels of its own.
+/// Eight pictures, each with different bright pixels.
 #[test]
 fn a_model_is_rendered_from_eight_sides() {
     let folder = tempfile::tempdir().unwrap();
@@ -54,7 +54,7 @@ fn a_scene_is_trained_and_the_loss_falls() {
     let mut losses = Vec::new();
     train::train(&scene, &model, 200, |at| losses.push(at.loss)).unwrap();
     assert_eq!(losses.len(), 10);
-    // Each loss is of one photo; the mean of three is significant.
+    // Each loss belongs to one photo; the mean of three is significant.
     let (first, last) = (losses[..3].iter().sum::<f32>(), losses[7..].iter().sum::<f32>());
     assert!(last < 0.8 * first, "{losses:?}");
     assert!(formats::read(&model).unwrap().gaussians.len() >= 100);

@@ -1,4 +1,4 @@
-//! The guards of the tests' buffers can fail.
+//! The tests' guards of buffers do detect violations.
 
 use crate::support::{device, new_device};
 use qirf_vk::gpu::{Buffer, Recording};
@@ -38,7 +38,7 @@ fn what_no_kernel_wrote_is_no_number() {
     let got = target.read(&device).unwrap();
     assert_eq!(got[..2], [4.0, 2.0]);
     assert!(got[2..].iter().all(|v| v.is_nan()), "{got:?}");
-    // Memory that was used before is poisoned again.
+    // Reused memory is poisoned again.
     drop((target, source));
     let again: Buffer<f32> = device.buffer("again", 64).unwrap();
     assert!(again.read(&device).unwrap().iter().all(|v| v.is_nan()));

@@ -1,4 +1,4 @@
-//! Guards against NaN and infinity on drivers that assume there are none: tests of other files, with rewritten modules.
+//! Guards against NaN and infinity on drivers that assume there are none: other files' tests with rewritten modules.
 
 use super::{effects, overlap, participation, rasterise, respond, train};
 use crate::support::no_nan::{self, Outcome};
@@ -34,7 +34,7 @@ fn selftest(device: &Device) {
     assert!(failed.is_empty(), "{failed:#?}");
 }
 
-/// `QIRF_MODULES` names another folder of modules to rewrite: those of an older commit, to see which tests notice.
+/// `QIRF_MODULES` names another folder of modules to rewrite, such as an older commit's, to see which tests fail.
 fn guards_hold(outcome: Outcome) {
     let own = source("glsl/spirv");
     let modules = std::env::var_os("QIRF_MODULES").map_or(own, Into::into);

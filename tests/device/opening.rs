@@ -1,4 +1,5 @@
-//! Devices other than this machine's, as far as options can imitate them: they get the same bits, or are refused by name.
+//! Devices other than this machine's, as far as options can imitate them: they give the same bits, or are refused by
+//! name.
 
 use super::train::runs::{self, bits, train, trainer};
 use crate::support::{finish, opened, options};
@@ -75,7 +76,7 @@ fn the_width_of_subgroups_is_probed() {
         let what = format!("its subgroups have {width} invocations, not the {subgroup} that it tells");
         assert!(error.to_string().contains(&what), "{error}");
     }
-    // The width found is used where none can be asked for.
+    // If no size can be requested, the measured width is used.
     let device = Device::open(&claiming(width * 2, false)).unwrap();
     assert_eq!((device.info().subgroup_size, device.tuning().subgroup), (width, width));
     assert!(trained(3, &options()) == trained(3, &claiming(width * 2, false)));

@@ -1,4 +1,4 @@
-//! Results do not depend on the order of what no barrier orders; and they would, if a barrier were missing.
+//! Results do not depend on the order of commands that no barrier orders; with a missing barrier they would.
 
 mod barriers;
 
@@ -17,7 +17,7 @@ use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Exposures, Options, Trainer};
 
-/// Iterations before the prune, of which the last ones average responses; density steps after 10 and 20.
+/// Iterations before the prune, the last of which average responses; density steps after 10 and 20.
 const BEFORE: u32 = 30;
 const AFTER: u32 = 34;
 
@@ -41,7 +41,7 @@ fn new_trainer(device: &Device, photos: usize) -> Trainer {
     Trainer::new(device, &c.start, c.train[..photos].to_vec(), c.extent, all_effects()).unwrap()
 }
 
-/// A state as words.
+/// The bits of a state.
 fn words(s: &Snapshot) -> Vec<u32> {
     let moments = Vec::from(s.moments.each_ref().into_array()).into_iter().flatten();
     let others = [&s.growth, &s.responses.0, &s.exposures.0, &s.exposures.1].into_iter().flatten();
@@ -49,7 +49,7 @@ fn words(s: &Snapshot) -> Vec<u32> {
     bits(&s.model).into_iter().chain(floats).chain(s.responses.1.iter().copied()).collect()
 }
 
-/// The pass over the views, and overlaps and participation of blocks of any size; what each of them gives, as words.
+/// The results, as words, of the pass over the views and of overlaps and participation for blocks of any size.
 fn respond_and_assemble(device: &Device, trainer: &mut Trainer) -> Vec<u32> {
     let responses = trainer.responses(qirf_vk::response::Wanted::BOTH).unwrap();
     let scores: &[f32] = bytemuck::cast_slice(&responses.scores);
@@ -112,10 +112,11 @@ fn the_same_bytes(class: DeviceClass) {
     finish(&device);
 }
 
-/// More Gaussians and tiles than a device in disorder has workgroups in a row, so that it starts surplus ones in every kernel of
-/// training and of responses, as any device does beyond 65,535.
+/// More Gaussians and tiles than a device in disorder has workgroups in a row, so that it starts surplus ones in every
+/// kernel of training and of responses, as any device does beyond 65,535.
 fn long_dispatches(device: &Device) -> Vec<u32> {
-    // One less than workgroups of 64, so that the first surplus one begins right behind the arrays' ends, where red zones are.
+    // One less than a multiple of 64, so that the first surplus workgroup begins right behind the arrays' ends, in the
+    // red zones.
     const GAUSSIANS: usize = 71 * 64 - 1;
     let at = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
     let model = Gaussians {
@@ -155,7 +156,7 @@ fn surplus_workgroups_find_nothing_to_do() {
     }
 }
 
-/// Each tile is walked once, whatever the distance between rows, also one beyond their number.
+/// Each tile is walked once, whatever the distance between rows, even one beyond their number.
 #[test]
 fn tiles_are_walked_in_any_order() {
     for class in [DeviceClass::Cpu, DeviceClass::Gpu] {

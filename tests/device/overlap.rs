@@ -13,7 +13,7 @@ use twin::Twin;
 
 pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
 
-/// A model of these rows, without colour and half transparent.
+/// A model with these rows, without colour and half transparent.
 pub fn model(rows: &[Row]) -> Gaussians {
     Gaussians {
         means: rows.iter().map(|r| r.0).collect(),

@@ -81,7 +81,7 @@ fn the_devices_solver_agrees_with_float64() {
     finish(&device);
 }
 
-/// Batches of many blocks: a dispatch of one of them touches no other's.
+/// Batches of many blocks: the dispatch for one batch touches no other.
 #[test]
 fn many_blocks_whatever_the_batch() {
     let device = device();
@@ -161,7 +161,7 @@ fn equals_in_blocks_of_one_to_eight() {
                 let all = || s.q.iter().chain(s.gain).chain(&s.lambda);
                 assert!(s.q.len() == b + 1 && s.gain.len() == b + 1 && all().all(|v| v.is_finite()), "{told}");
                 assert!(!s.failed && (response > 0.0 || all().all(|v| *v == 0.0)), "{told}");
-                // m equal functions share one: their parts may differ by rounding over epsilon, 6e-8 / 1e-4.
+                // m equal functions share one: their parts may differ by rounding divided by epsilon, 6e-8 / 1e-4.
                 let most = s.q.iter().copied().fold(0.0, f32::max);
                 assert!(s.q.iter().all(|q| most - q <= 2e-2 * most), "{told}");
                 Ok(())
@@ -171,7 +171,7 @@ fn equals_in_blocks_of_one_to_eight() {
     finish(&device);
 }
 
-/// Blocks with an overlap or a response that is not finite fail and say so; their neighbours do not notice.
+/// Blocks with an overlap or a response that is not finite fail and report it; their neighbours are not affected.
 #[test]
 fn blocks_that_are_not_finite_fail() {
     not_finite(&device());
@@ -213,7 +213,7 @@ pub fn not_finite(device: &Device) {
         assert_eq!(bits(&got[3]), bits(&right[0]), "{bad}: the sound one");
         for (b, solution) in got.iter().enumerate().filter(|(b, _)| *b != 3) {
             let (failed, rest) = solution.split_last().unwrap();
-            // An overlap of 3e38 is finite, and its Cholesky factor may be, too.
+            // An overlap of 3e38 is finite, and its Cholesky factor may be finite, too.
             if bad.is_finite() && *failed == 0.0 {
                 continue;
             }
@@ -223,7 +223,7 @@ pub fn not_finite(device: &Device) {
     finish(device);
 }
 
-/// A block as the solver takes it.
+/// A block in the solver's input format.
 struct Matrices {
     /// N's lower triangle, packed.
     triangle: Vec<f32>,
@@ -231,7 +231,7 @@ struct Matrices {
     factor: Vec<f32>,
 }
 
-/// The device's solutions of blocks of one size: q, lambda, r and whether it failed.
+/// The device's solutions of blocks of one size: q, lambda, r and failure.
 fn solutions(device: &Device, blocks: &[Matrices]) -> Vec<Vec<f32>> {
     let m = blocks[0].factor.len() / 8;
     let row = |b: usize| [(b * m) as u32, m as u32, (b * blocks[0].triangle.len()) as u32, 0];

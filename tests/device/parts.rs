@@ -1,4 +1,4 @@
-//! Pictures drawn in parts, of the Gaussians that each part may show: the same bits as the whole.
+//! Pictures drawn in parts, from the Gaussians that each part may show: the same bits as the whole.
 
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish, opened};
@@ -11,7 +11,7 @@ use qirf_vk::render::{Beside, Image, Painter, Parts, Renderer, Settings, Source,
 use qirf_vk::response::{self, CHUNK, HighPass, Responses, Term, Views, Wanted, full_pass};
 use qirf_vk::scene::camera::Camera;
 
-/// A cloud of `n` Gaussians: most of them small, some needles, some that fill a picture, all round the origin.
+/// A cloud of `n` Gaussians around the origin: most of them small, some needles, some that fill a picture.
 fn cloud(n: usize, seed: u64) -> Gaussians {
     let mut random = Random(seed);
     let mut model = Gaussians::zeroed(n, 1);
@@ -77,7 +77,7 @@ fn parts_have_the_pixels_of_the_whole() {
                 let mut parts = Parts::new(&model, most);
                 let image = match parts.render(&mut renderer, camera) {
                     Ok(image) => image,
-                    // A single tile may show more than the fewest.
+                    // A single tile may show more than the smallest limit.
                     Err(Error::TooLarge { .. }) if most == 150 => continue,
                     Err(error) => panic!("{error}"),
                 };
@@ -115,7 +115,7 @@ fn what_a_picture_may_show_is_few_and_enough() {
     finish(&device);
 }
 
-/// Values that are not numbers are for the kernels to judge: they are never left out.
+/// NaN values are left to the kernels: such Gaussians are never left out.
 #[test]
 fn odd_gaussians_are_kept() {
     let camera = small_camera(48, 32);
@@ -129,13 +129,13 @@ fn odd_gaussians_are_kept() {
     assert!([0, 1, 2].iter().all(|i| members.contains(i)), "{members:?}");
 }
 
-/// A device whose largest buffer has `bytes`.
+/// A device whose largest buffer has `bytes` bytes.
 fn small(bytes: u64) -> Device {
     let limits = Limits { buffer_bytes: bytes, ..Limits::NONE };
     opened(|options| options.harness.limits = Some(limits))
 }
 
-/// The largest buffer holds a tenth of the model.
+/// The largest buffer can hold a tenth of the model.
 #[test]
 fn models_larger_than_the_device_are_drawn() {
     let model = cloud(20_000, 4);
@@ -156,7 +156,7 @@ fn models_larger_than_the_device_are_drawn() {
     finish(&device);
 }
 
-/// Responses and scores of a model on the host, or on the device, over more views than a chunk has.
+/// Responses and scores of a model on the host, or on the device, over more views than one chunk.
 fn evidence(device: &Device, model: &Gaussians, wanted: Wanted, on_host: bool) -> Responses {
     let cameras: Vec<Camera> = (0..CHUNK + 3)
         .map(|v| {
@@ -187,7 +187,7 @@ fn responses_of_models_larger_than_the_device_have_the_same_bits() {
         let scores: &[f32] = cast_slice(&r.scores);
         r.channels.as_flattened().iter().chain(scores).map(|v| v.to_bits()).collect::<Vec<_>>()
     };
-    // Scores are taken part by part; gradients need what a whole view shows.
+    // Scores are computed part by part; gradients need everything that a view shows.
     for (wanted, bytes) in [(Wanted::SCORES, 64 << 10), (Wanted::BOTH, 210_000)] {
         let right = {
             let device = device();

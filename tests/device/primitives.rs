@@ -1,4 +1,4 @@
-//! Primitives against the host, at every size where a block, a subgroup or a power of two begins or ends.
+//! Primitives against the host, at every size at or next to a block, a subgroup or a power of two.
 
 use crate::support::{device, finish};
 use qirf_vk::gpu::{Buffer, Device, Recording};
@@ -6,7 +6,7 @@ use qirf_vk::primitives::{
     Count, Pairs, Scan, Segments, Sort, WORKGROUP, Words, compact, gather, reduce, segmented_sum,
 };
 
-/// Sizes round every boundary: subgroups, workgroups, blocks, powers of two.
+/// Sizes around every boundary: subgroups, workgroups, blocks, powers of two.
 fn sizes(device: &Device) -> Vec<u32> {
     let subgroup = device.info().subgroup_size;
     let mut sizes = vec![0, 1, 2, 3];
@@ -42,7 +42,7 @@ fn without_sentinel(device: &Device, buffer: &Buffer<u32>) -> Vec<u32> {
 #[test]
 fn scan_is_exact() {
     let device = device();
-    // The sums of so many blocks are scanned in two rounds.
+    // The sums of this many blocks are scanned in two rounds.
     let two_rounds = (device.tuning().scan_workgroup + 1) * Scan::block(&device);
     for n in sizes(&device).into_iter().chain([two_rounds]) {
         let data: Vec<u32> = (0..n).map(|i| noise(1, u64::from(i)) % 1000).collect();
@@ -73,12 +73,12 @@ fn scan_is_exact() {
     finish(&device);
 }
 
-/// Room for more words than a scan has few blocks for: it then has a phase for their sums.
+/// Room for more words than a scan of few blocks: the scan then has a phase for their sums.
 fn many_blocks(device: &Device) -> u32 {
     5000 * Scan::block(device)
 }
 
-/// A total beyond 32 bits must not pass for one that fits, wherever in the scan it gets too large.
+/// A total beyond 32 bits must not appear to fit, wherever in the scan it becomes too large.
 #[test]
 fn totals_saturate() {
     let device = device();
@@ -114,7 +114,7 @@ fn totals_saturate() {
     finish(&device);
 }
 
-/// With room for these keys alone, and with room for more blocks than sum each other's counts.
+/// With room for these keys alone, and with room for more blocks than can sum each other's counts.
 fn check_sort(device: &Device, keys: &[u32], bits: u32) {
     let n = keys.len() as u32;
     let values: Vec<u32> = (0..n).collect();
@@ -189,7 +189,7 @@ fn compact_and_gather() {
             &(0..n).map(|i| u32::from(noise(4, u64::from(i)).is_multiple_of(3))).collect::<Vec<_>>(),
         );
     }
-    // All kept, and none kept.
+    // All kept, then none.
     for flag in [0, 1] {
         for n in [1, 256, Scan::block(&device) + 1, 70_001] {
             check_compact(&device, &vec![flag; n as usize]);
@@ -198,7 +198,7 @@ fn compact_and_gather() {
     finish(&device);
 }
 
-/// The words are gathered once, and left where their sums are to be.
+/// The words are gathered once, into the target of the sums.
 #[test]
 fn scan_of_gathered_words() {
     let device = device();
@@ -303,7 +303,7 @@ fn reduce_counts_every_element_once() {
         let words = |i: u32, c: u64| (noise(7 + c, u64::from(i)) % 100) as f32;
         let mut source: Vec<[f32; 4]> = (0..n).map(|i| [0, 1, 2, 3].map(|c| words(i, c))).collect();
         let expected = [0, 1, 2, 3].map(|c| source.iter().map(|r| r[c]).sum::<f32>());
-        source.extend([[f32::NAN; 4]; 3]); // beyond the count: must not enter the sum
+        source.extend([[f32::NAN; 4]; 3]); // beyond the count: must not be included in the sum
         let source = device.upload("source", &source).unwrap();
         let sum = device.upload("sum", &[[f32::NAN; 4]]).unwrap();
         let mut recording = Recording::new();

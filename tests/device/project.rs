@@ -44,7 +44,7 @@ fn logits_of_any_size() {
     table(&logits());
 }
 
-/// q and -q are one rotation: the same picture to the bit, and gradients of opposite sign for the quaternion alone.
+/// q and -q are the same rotation: the same picture to the bit, and opposite gradients for the quaternion alone.
 #[test]
 fn a_quaternion_and_its_negative() {
     let device = device();

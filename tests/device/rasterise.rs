@@ -12,7 +12,7 @@ use qirf_vk::reference::{self, Rendered};
 use qirf_vk::render::{Culling, Image, Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
 
-/// Renders one picture with a renderer of its own.
+/// Renders one picture with its own renderer.
 fn render(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Image {
     let resident = Resident::upload(device, model).unwrap();
     let mut renderer = Renderer::new(device, settings, model.len(), camera.width, camera.height).unwrap();
@@ -28,8 +28,8 @@ fn allowed(camera: &Camera, [x, y]: [u32; 2]) -> f64 {
     1e-5 + 2.2 * 2_f64.powi(-24) * (from(x, camera.width) + from(y, camera.height) + camera.focal.max_element())
 }
 
-/// Additional error allowed at a pixel because a contribution of the twin's lies so near 1/255, or a transmittance so
-/// near the stop, that float32 may decide otherwise.
+/// Additional error allowed at a pixel because one of the twin's contributions is so near 1/255, or a transmittance so
+/// near the stop, that float32 may decide differently.
 fn undecided(twin: &Rendered, camera: &Camera, settings: &reference::Settings, [x, y]: [u32; 2]) -> f64 {
     let all = reference::Settings { smooth_cutoff: true, ..settings.clone() };
     // Positions as above, six times steeper: the logarithm of alpha where it falls to 1/255.
@@ -53,8 +53,8 @@ fn undecided(twin: &Rendered, camera: &Camera, settings: &reference::Settings, [
     slack
 }
 
-/// Fails where a pixel's error is neither within [`allowed`] nor that of a contribution that is [`undecided`]. Returns
-/// the largest error among the decided pixels, and the number of undecided ones.
+/// Fails if a pixel's error is neither within [`allowed`] nor that of a contribution that is [`undecided`]. Returns the
+/// largest error among the decided pixels, and the number of undecided ones.
 fn decided(
     name: &str,
     image: &Image,
@@ -115,7 +115,8 @@ fn golden_pictures() {
                     "{} view {v} {what}: mean {mean:.2e}, beyond 1e-4 {share:.1e}, largest {largest:.1e}",
                     case.name
                 );
-                // A contribution that float32 puts on the other side of 1/255 moves a pixel by up to 4e-3; nothing else may.
+                // A contribution that float32 puts on the other side of 1/255 moves a pixel by up to 4e-3; nothing else
+                // may.
                 assert!(mean < 5e-6 && share <= 3e-4 && largest < 8e-3, "{} view {v} {what}", case.name);
             }
             let name = format!("{} view {v}", case.name);
@@ -181,7 +182,7 @@ fn culling_loses_nothing_and_pictures_repeat_to_the_bit() {
     finish(&device);
 }
 
-/// Pixels count what they blend: all of a stack, of opaque layers those before the stop, and of a crowd what the twin does.
+/// The counts of blended Gaussians: for a stack all, for opaque layers those before the stop, for a crowd the twin's.
 #[test]
 fn pixels_count_what_they_blend() {
     let device = device();
@@ -208,7 +209,7 @@ fn pixels_count_what_they_blend() {
     }
     for (width, height) in [(1, 1), (17, 3), (90, 61)] {
         let (counted, twin) = counts(&crowd(400, 5), &camera(width, height));
-        // A contribution that lies so near 1/255 that float32 decides otherwise counts one more or less.
+        // A contribution so near 1/255 that float32 decides differently changes the count by one.
         let apart: Vec<u32> = counted.iter().zip(&twin).map(|(a, b)| a.abs_diff(*b)).filter(|d| *d > 0).collect();
         println!(
             "{width}x{height}: {} of {} pixels apart, up to {} blended",
@@ -222,12 +223,12 @@ fn pixels_count_what_they_blend() {
     finish(&device);
 }
 
-/// Buffers keep what a view of more Gaussians left behind the count of the next one.
+/// Buffers still contain results of a view with more Gaussians behind the count of the next one.
 #[test]
 fn a_view_of_fewer_gaussians_follows_one_of_more() {
     let device = device();
     let (model, most) = (crowd(1000, 11), camera(64, 48));
-    // Sees those that are the nearest in the other view.
+    // A camera that sees the Gaussians nearest to the other camera.
     let few = Camera::look_at(DVec3::ZERO, DVec3::new(0.0, 0.0, -3.0), DVec3::NEG_Y, 0.9, 64, 48);
     let drawn = |camera| {
         let settings = reference::Settings::default();
@@ -260,7 +261,7 @@ fn the_twin_agrees_at_any_size() {
         assert!(exempt <= 2, "{name}");
         assert!(width < 10 || image.pixels.iter().filter(|p| p[3] > 0.0).count() >= 7, "{name}: something is drawn");
 
-        // The error if positions were measured from the picture's corner: they round to 1/16 pixel in the middle of the
+        // The error if positions were relative to the picture's corner: they round to 1/16 pixel in the middle of the
         // widest.
         let mut from_the_corner = twin.projected.clone();
         for p in from_the_corner.iter_mut().flatten() {
@@ -295,7 +296,7 @@ fn far_from_the_origin() {
     println!("far from the origin: largest {largest:.1e}, undecided {exempt}");
     assert!(exempt <= 2 && image.pixels.iter().any(|p| p[3] > 0.5));
 
-    // The result of a centre stored in a single float32.
+    // The result for a centre stored in a single float32.
     let mut rounded = camera.clone();
     rounded.translation = -(rounded.rotation * camera.centre().as_vec3().as_dvec3());
     let naive = reference::render(&reference::Params::from(&model), &rounded, &settings).composite.image;

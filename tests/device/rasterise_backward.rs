@@ -15,7 +15,7 @@ use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::TrainingModel;
 use qirf_vk::train::adam::record_gradients;
 
-/// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, as the device computes them.
+/// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, computed on the device.
 fn gradients(
     device: &Device,
     model: &Gaussians,
@@ -28,7 +28,7 @@ fn gradients(
     gradients_and_growth(device, model, camera, settings, weights, backward).0
 }
 
-/// The same by a backward pass with these options, and what it adds up for density control.
+/// The same from a backward pass with these options, and its sums for density control.
 fn gradients_and_growth(
     device: &Device,
     model: &Gaussians,
@@ -42,7 +42,7 @@ fn gradients_and_growth(
     let mut renderer = TrainingRenderer::new(device, settings, model.len(), size, 1 << 12).unwrap();
     let image_gradient = device.upload("image gradient", weights).unwrap();
     loop {
-        renderer.draw(&training.model, camera).unwrap(); // so that the pairs have room
+        renderer.draw(&training.model, camera).unwrap(); // makes room for the pairs
         let pairs = renderer.pairs().unwrap();
         if !renderer.make_room_for_pairs(pairs).unwrap() {
             break;
@@ -143,7 +143,7 @@ fn differentiates_as_another_engine(name: &str, fixture: &Fixture) {
     finish(&device);
 }
 
-/// Fails where a gradient is not the twin's within its own bound. Returns the twin's.
+/// Fails if a gradient differs from the twin's by more than its own bound. Returns the twin's.
 fn each_within(
     name: &str,
     got: &Params,
@@ -185,8 +185,8 @@ fn project_backward_and_rasterise_backward_give_the_twins_gradients() {
     finish(&device);
 }
 
-/// A subgroup that adds up a Gaussian's slots together, and invocations that store their rows together, against invocations that work
-/// alone: sums of positive and negative numbers in another order differ by roundings.
+/// Subgroups that jointly add up a Gaussian's slots, and invocations that jointly store their rows, against invocations
+/// that work alone: sums of positive and negative numbers in another order differ by rounding.
 #[test]
 fn slots_added_up_together_or_alone() {
     let model = crowd_of_all_sizes();
@@ -205,7 +205,7 @@ fn slots_added_up_together_or_alone() {
         compare(name, &mut gradients, &mut alone.0.clone(), 3e-6);
         assert!(growth.len() == model.len() && growth.iter().filter(|g| g[1] > 0.0).count() > 200);
         for (i, (got, expected)) in growth.iter().zip(&alone.1).enumerate() {
-            // Sizes have one sign: a thousand additions are within a thousand roundings.
+            // Absolute values have one sign: a thousand additions are within a thousand roundings.
             assert!(
                 got[1] == expected[1] && (got[0] - expected[0]).abs() <= 1e-4 * expected[0],
                 "{name}, {i}: {got:?}, {expected:?}"
@@ -214,8 +214,8 @@ fn slots_added_up_together_or_alone() {
     }
 }
 
-/// Every size of picture that is drawn, also backwards: one pixel, a sliver, and more tiles than a dispatch has groups in one
-/// dimension.
+/// Every size of picture, also in the backward pass: one pixel, a sliver, and more tiles than a dispatch has groups in
+/// one dimension.
 #[test]
 fn the_twins_gradients_at_any_size() {
     let device = device();
@@ -232,7 +232,7 @@ fn the_twins_gradients_at_any_size() {
     finish(&device);
 }
 
-/// Layers on one pixel, alike or of different colours: the largest error of dL/dalpha, in roundings (2^-24) of the
+/// Layers on one pixel, equal or of different colours: the largest error of dL/dalpha, in roundings (2^-24) of the
 /// brightest layer's contribution, and the number of layers that the pixel blended.
 fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> (f64, usize) {
     let camera = Camera {
@@ -260,7 +260,7 @@ fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> 
     let twin = reference::render(&params, &camera, &settings);
     let worth = twin.projected.iter().flatten().fold(0.0, |m: f64, p| m.max(p.colour.element_sum()));
     let opacity = 1.0 / (1.0 + (-f64::from(logit)).exp());
-    let slope = opacity * (1.0 - opacity); // of alpha by the logit
+    let slope = opacity * (1.0 - opacity); // derivative of alpha by the logit
     let pairs = got.opacity_logits.iter().zip(&expected.opacity_logits);
     let off = pairs.fold(0.0, |m: f64, (g, e)| m.max((g - e).abs() / slope));
     let drawn = twin.composite.contribution.iter().filter(|c| **c > 0.0).count();
@@ -269,9 +269,8 @@ fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> 
 }
 
 /// dL/dalpha is T (colour - colour behind): for equal layers it is the light that the last one transmits, a difference
-/// of nearly equal numbers. The colour behind is the pixel less the layers before, both sums of as many roundings as
-/// there are layers: the error is absolute, and grows as a random walk of roundings of the brightest layer, not with
-/// the gradient.
+/// of nearly equal numbers. The colour behind is the pixel minus the layers before, both sums with one rounding per
+/// layer: the error is absolute, and grows as a random walk of roundings of the brightest layer, not with the gradient.
 #[test]
 fn stacks_of_layers_alike() {
     let device = device();
@@ -289,7 +288,7 @@ fn stacks_of_layers_alike() {
             }
         }
     }
-    // As many as the densest tile has in the forward tests.
+    // As many layers as the densest tile of the forward tests.
     let (error, drawn) = layers(&device, 100_000, -5.5, false, 0.0);
     println!("{drawn} drawn, {error:.1} roundings");
     assert!(drawn == 100_000 && error < 8.0 + 100_000_f64.sqrt());

@@ -8,7 +8,7 @@ use qirf_vk::primitives::rates::{By, Chain, Copy, MultiplyAdd};
 fn rates_do_the_work_that_they_count() {
     let device = device();
     for by in [By::Kernel, By::Command] {
-        // Not a multiple of any workgroup.
+        // Not a multiple of any workgroup size.
         let copy = Copy::new(&device, 100_003, by).unwrap();
         let mut recording = Recording::new();
         copy.record(&mut recording);

@@ -16,7 +16,7 @@ use qirf_vk::scene::AlphaRole;
 use qirf_vk::scene::camera::Camera;
 
 const SIZE: [u32; 2] = [45, 37];
-/// Place of the peak among the scores.
+/// Index of the peak among the scores.
 const PEAK: usize = 1;
 
 /// Two cameras; the second is moved, so that the views differ.
@@ -33,7 +33,7 @@ fn image_weights(seed: u64) -> Vec<[f32; 4]> {
     (0..SIZE[0] * SIZE[1]).map(|_| [weight(-1.0), weight(-1.0), weight(-1.0), weight(0.0)]).collect()
 }
 
-/// Compares each channel by its error relative to the channel's norm over the Gaussians.
+/// Compares each channel, by its error relative to the channel's norm over the Gaussians.
 fn compare<const N: usize>(name: &str, got: &[[f32; N]], expected: &[[f64; N]], allowed: f64) {
     assert_eq!(got.len(), expected.len());
     for k in 0..N {
@@ -193,7 +193,7 @@ fn high_pass_and_residual_are_their_twins() {
             assert!((0..4).all(|c| (f64::from(got[c]) - expected[c]).abs() < 1e-5), "{w} x {h}, pixel {at}");
         }
 
-        // Half-transparent photos over a background; the gradient's colours stay.
+        // Half-transparent photos over a background; the gradient's colours do not change.
         let photo: Vec<u32> = (0..n).map(|_| (r.unit() * f64::from(u32::MAX)) as u32).collect();
         let photos = device.upload("photo", &photo).unwrap();
         let background = [0.2_f32, 0.5, 0.9];
@@ -246,12 +246,12 @@ pub fn gradients_not_finite(device: &Device) {
     finish(device);
 }
 
-/// What the scores say of a removal is what the picture does: for one Gaussian at a time, and of the twin in float64.
+/// Scores predict the change of the picture after a removal: for one Gaussian at a time, with the twin in float64.
 #[test]
 fn a_score_tells_how_the_picture_changes() {
     let camera = &cameras()[0];
     let model = narrowed(&random_scene(camera, 4));
-    // Without the early stop: what lies behind a pixel's end shows once something before it is gone.
+    // Without the early stop: Gaussians behind a pixel's end appear once one before it is removed.
     let settings = reference::Settings { transmittance_stop: 0.0, ..reference::Settings::default() };
     let picture = |model: &Gaussians| reference::render(&Params::from(model), camera, &settings).composite.image;
     let whole = picture(&model);

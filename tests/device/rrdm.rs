@@ -1,4 +1,4 @@
-//! W and P on the device against their float64 twin, with bounds that are derived; and the eigenproblems made of them.
+//! W and P on the device against their float64 twin, with derived bounds; and the eigenproblems made from them.
 
 use super::overlap::{Row, blocks, model};
 use crate::support::{Random, device, finish};
@@ -20,15 +20,15 @@ const TINY: f64 = f32::MIN_POSITIVE as f64;
 /// Blocks of a subgroup's size and of others, for subgroups of 4 to 32.
 const SIZES: [usize; 9] = [1, 2, 8, 9, 31, 32, 33, 127, 128];
 
-/// Rows of H, whatever the Gaussians are.
+/// Kinds of rows of H, independent of the Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Rows {
     Random,
     /// No Gaussian has any response.
     Zero,
-    /// One has.
+    /// Only one Gaussian has a response.
     OneLive,
-    /// All have the same.
+    /// All have the same response.
     Copies,
     /// From 1e-12 to 1e12.
     Spread,
@@ -51,7 +51,7 @@ impl Rows {
     }
 }
 
-/// W of a block by the twin, from rows that hold the weights of `eta`, as the device gets them.
+/// W of a block by the twin, from the device's rows, which contain the weights of `eta`.
 fn twin(rows: &[[f32; 8]], eta: f32, epsilon: f32) -> Vec<[f64; 8]> {
     let share = |c: usize| f64::from(if c < 4 { eta } else { 1.0 - eta });
     // A channel of weight zero is zero.
@@ -61,9 +61,9 @@ fn twin(rows: &[[f32; 8]], eta: f32, epsilon: f32) -> Vec<[f64; 8]> {
     rrdm::w(&rows.iter().map(bare).collect::<Vec<_>>(), f64::from(eta), f64::from(epsilon))
 }
 
-/// Checks W, its divisors and P of a block. A trace is a sum of 4 m squares, at least four at a time, and of a subgroup's lanes:
-/// at most m + 7 roundings. Division, epsilon and the root's reciprocal add 2.5, 0.5 and 2 units in the last place, of which each
-/// is two roundings; the reciprocal root halves what comes before it.
+/// Checks W, its divisors and P of a block. A trace is a sum of 4 m squares, at least four at a time, and of a
+/// subgroup's lanes: at most m + 7 roundings. Division, epsilon and the root's reciprocal add 2.5, 0.5 and 2 units in
+/// the last place, each of which is two roundings; the reciprocal root halves the error before it.
 fn compare(block: &BlockMatrices<'_>, rows: &[[f32; 8]], (eta, epsilon): (f32, f32), told: &str) {
     let m = block.m;
     let w = twin(rows, eta, epsilon);
@@ -103,7 +103,7 @@ fn compare(block: &BlockMatrices<'_>, rows: &[[f32; 8]], (eta, epsilon): (f32, f
             let back = got[c] * scales[c];
             let dead = scales[c] == 0.0;
             let expected = f64::from(h[c]);
-            // What is too small for W is lost.
+            // Values too small for W are lost.
             let lost = TINY * scales[c];
             assert!(dead || (back - expected).abs() <= (of_w + of_divisor) * expected + lost, "{told}: H comes back");
         }
@@ -134,10 +134,10 @@ pub fn hard_cases(device: &Device) {
     let members: Vec<u32> = (0..n).map(|i| (i * 7 + 3) % n).collect();
     let resident = Resident::upload(device, &model(&gaussians)).unwrap();
     for kind in Rows::ALL {
-        // Members meet the rows in their own order, so that a block has one live row.
+        // Members get the rows in their own order, so that a block has one live row.
         let of_members = kind.of(&starts);
         for (eta, epsilon) in [(0.75, 1e-4), (0.0, 1e-4), (1.0, 1e-4), (0.3, 0.0), (0.75, 1e-12)] {
-            // A channel without weight is zero, as normalisation leaves it.
+            // A channel without weight is zero, as after normalisation.
             let weigh =
                 |row: &[f32; 8]| std::array::from_fn(|c| if [eta, 1.0 - eta][c / 4] > 0.0 { row[c] } else { 0.0 });
             let mut h = vec![[0.0; 8]; n as usize];
@@ -163,7 +163,7 @@ pub fn hard_cases(device: &Device) {
     finish(device);
 }
 
-/// Gaussians apart, with the neighbours' overlaps alone, and exact copies of one.
+/// Separate Gaussians, which overlap with neighbours only, or exact copies of one.
 fn apart_or_copies(copies: bool) -> (Vec<Row>, Vec<u32>) {
     let (mut gaussians, starts) = blocks(&SIZES, 5);
     let (one, _) = blocks(&[1], 3);
@@ -177,8 +177,8 @@ fn apart_or_copies(copies: bool) -> (Vec<Row>, Vec<u32>) {
     (gaussians, starts)
 }
 
-/// The device's solution of the hard cases is the twin's within what rounding may do to it, or is said to have failed; with
-/// epsilon 0 where N is well conditioned, and 1e-12 where it is not.
+/// The device's solution of the hard cases equals the twin's within the uncertainty from rounding, or is reported as
+/// failed; with epsilon 0 if N is well conditioned, and 1e-12 otherwise.
 #[test]
 fn solutions_of_the_hard_cases_are_the_twins_or_fail() {
     solved_hard_cases(&device());
@@ -214,7 +214,8 @@ pub fn solved_hard_cases(device: &Device) {
                     failed += usize::from(solution.failed);
                     assert!(solution.q.iter().chain(solution.gain).all(|q| q.is_finite()), "{told}");
                     let (Some(twin), Some(unsure)) = &expected[b] else {
-                        // Float32 cannot tell that metric from one that is not positive definite; the answer is the host's.
+                        // Float32 cannot distinguish that metric from one that is not positive definite; the host must
+                        // solve it.
                         assert!(copies, "{told}: the twin solves it");
                         return Ok(());
                     };
@@ -238,8 +239,8 @@ pub fn solved_hard_cases(device: &Device) {
     finish(device);
 }
 
-/// A study of exact copies and of Gaussians apart: whatever the solver and epsilon, the ranks of a block are a permutation, all
-/// numbers are finite, and a block that a solver cannot factorise is solved by the next and counted.
+/// A study of exact copies and of separate Gaussians: for every solver and epsilon, the ranks of a block are a
+/// permutation, all numbers are finite, and a block that a solver cannot factorise is solved by the next and counted.
 #[test]
 fn every_solver_answers_for_every_block() {
     let device = device();

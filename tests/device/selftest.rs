@@ -53,7 +53,7 @@ rooms!(
     ssim: "ssim",
 );
 
-/// A dropped term, a wrong clamp and a wrong constant, each in a case that has to notice.
+/// A dropped term, a wrong clamp and a wrong constant, each in a case that must detect it.
 const MISTAKES: [(&str, &str, Mistake); 3] = [
     (
         "overlap",

@@ -1,4 +1,4 @@
-//! Kernels in the shapes that GPUs get, on whatever device there is: the quick selftest of every room whose kernels differ.
+//! Kernels with the tunings of GPUs, on any device: the quick selftest of every room whose kernels differ.
 
 use crate::support::{finish, opened};
 use qirf_vk::gpu::{DeviceClass, TuningChoice};

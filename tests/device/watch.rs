@@ -1,4 +1,4 @@
-//! The watcher is awake: validation layers tell of a barrier that was forgotten, within a submission and between two.
+//! The watcher works: validation layers report a dropped barrier, within a submission and between two.
 
 use crate::support::opened;
 use qirf_vk::gpu::{Buffer, Device, Forget, Groups, Hazard, Order, Recording};
@@ -12,7 +12,7 @@ fn copy(recording: &mut Recording, source: &Buffer<f32>, target: &Buffer<f32>) {
     recording.dispatch(&Copy { source, target, push, spec }, Groups::Count(1));
 }
 
-/// Validation messages of two copies, the second of which reads what the first one wrote.
+/// Number of validation messages for two copies, the second of which reads the first one's result.
 fn messages(device: &Device, forget: Forget, two_submissions: bool) -> usize {
     let [a, b, c] = ["first", "second", "third"].map(|name| device.buffer::<f32>(name, COUNT).unwrap());
     let before = Device::validation_messages();

@@ -9,7 +9,7 @@ use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Trainer};
 use std::ops::ControlFlow;
 
-/// An iteration's work as it was last measured.
+/// An iteration's work as last measured.
 struct Expected {
     tuning: DeviceClass,
     gaussians: usize,
@@ -21,7 +21,7 @@ struct Expected {
     written: f64,
 }
 
-/// At 1 M Gaussians SH of degree 2: llvmpipe binds at most 128 MiB at a time.
+/// SH of degree 2 at 1 M Gaussians: llvmpipe binds at most 128 MiB at a time.
 const EXPECTED: [Expected; 4] = [
     expected(DeviceClass::Cpu, 10_000, 3, [32, 33], [42.5, 33.9]),
     expected(DeviceClass::Gpu, 10_000, 3, [27, 28], [30.0, 23.0]),
@@ -89,7 +89,7 @@ fn an_iteration_does_the_work_that_is_known() {
             work.barriers,
             adam.iter().map(|a| a.read + a.written).sum::<u64>() as f64 / n as f64,
         );
-        // Measured with subgroups of 8: counters of sorts are more or fewer bytes at other widths.
+        // Measured with subgroups of 8: at other widths, counters of sorts take more or fewer bytes.
         let share = if device.info().subgroup_size == 8 { 0.03 } else { 0.1 };
         let near = |got: f64, right: f64| (got - right).abs() <= share * right;
         if (work.dispatches, work.barriers) != (expected.dispatches, expected.barriers)
@@ -102,8 +102,8 @@ fn an_iteration_does_the_work_that_is_known() {
     assert!(wrong.is_empty(), "measured otherwise before: {wrong:#?}");
 }
 
-/// The host submits 16 iterations, and then looks at guards, pairs and the loss, which come with the last of them: the device is
-/// never idle for a question.
+/// The host submits 16 iterations before it checks guards, pairs and the loss, which arrive with the last of them: the
+/// device never idles for a question.
 #[test]
 fn the_host_asks_nothing_between_iterations() {
     let device = opened(DeviceClass::Cpu);
@@ -117,7 +117,8 @@ fn the_host_asks_nothing_between_iterations() {
     assert_eq!((trainer.iteration(), submissions, round_trips), (32, 16, 0));
 }
 
-/// What `tools/host-cost` counts the host's instructions of; `QIRF_ITERATIONS` says how many.
+/// The work for which `tools/host-cost` counts the host's instructions; `QIRF_ITERATIONS` sets the number of
+/// iterations.
 #[test]
 #[ignore = "tools/host-cost runs it under callgrind"]
 fn iterations_to_count() {

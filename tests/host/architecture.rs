@@ -43,7 +43,7 @@ enum Place {
 
 const PLACES: [Place; 5] = [Place::Host, Place::Twin, Place::Test, Place::Bench, Place::Label];
 
-/// Shaders that are a step of another stage, whose places they share.
+/// Shaders that are a step of another stage and share its places.
 const STEPS: &[(&str, &str)] = &[
     ("primitives/arguments", "primitives/scan"),
     ("qirf/axes", "qirf/overlap"),
@@ -92,7 +92,7 @@ const EXEMPT: &[(&str, Place, &str)] = &[
     ("lab/mcmc", Place::Bench, "two dispatches, in runs that grow by relocation"),
 ];
 
-/// Rooms whose shaders are no stage: they probe and measure the device itself.
+/// Rooms whose shaders are not stages: they probe and measure the device itself.
 const NO_STAGES: &[&str] = &["lib", "probe", "rates"];
 
 fn root() -> &'static Path {
@@ -268,7 +268,7 @@ fn a_stage_has_one_name_everywhere() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Drivers may assume that there is no NaN, and then both are false: `glsl/lib/finite.glsl` compares bits instead.
+/// Drivers may assume that there is no NaN, which makes both false: `glsl/lib/finite.glsl` compares bits instead.
 #[test]
 fn shaders_ask_for_nan_by_bits() {
     let shaders = files("glsl", "comp").into_iter().chain(files("glsl", "glsl"));

@@ -1,4 +1,4 @@
-//! Each detector on a scene that calls for its effect, and on those that do not.
+//! Each detector on a scene that calls for its effect, and on scenes that do not.
 
 use crate::support::shared;
 use qirf_vk::effects::{Decision, Effect, Overrides, is_on};
@@ -65,7 +65,8 @@ fn shared_scenes_call_for_what_they_show() {
         let found = decisions(&scenes.join(name));
         assert_eq!(is_on(&found, Effect::Distortion), distortion, "{name}");
         assert_eq!(is_on(&found, Effect::Transparency), transparency, "{name}");
-        // King's light changes with the view, which is no exposure; the other detectors need points, which it lacks.
+        // King's light changes with the view, which is not an exposure; the other detectors need points, which it
+        // lacks.
         for off in [Effect::Masks, Effect::DepthOrder, Effect::Exposure] {
             assert!(!is_on(&found, off), "{name}");
         }

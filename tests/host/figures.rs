@@ -15,7 +15,7 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// Criterion's folder as the benchmarks would have left it.
+/// Criterion's folder as left by the benchmarks.
 fn unfolded(recorded: &serde_json::Value) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let write = |path: PathBuf, value: &serde_json::Value| {
@@ -63,7 +63,7 @@ fn the_pages_here_take_their_figures() {
         for (name, body) in parts {
             assert!(filled.contains(body.trim_end()), "{file}: {name}");
         }
-        // Every plot that a page shows is made.
+        // Every plot that a page shows is generated.
         for shown in filled.split("figures/").skip(1).filter_map(|rest| rest.split_once(".svg)")) {
             assert!(plots.iter().any(|(name, _)| *name == format!("{}.svg", shown.0)), "{file}: {}", shown.0);
         }
@@ -101,7 +101,7 @@ fn the_same_measurements_give_the_same_bytes() {
     assert!(all_of(&recorded()).unwrap() == all_of(&recorded()).unwrap());
 }
 
-/// Times that are 2 ms + 3 ms per million pixels + 5 ms per million pairs, and a copy of 1 byte per nanosecond.
+/// Times of 2 ms + 3 ms per million pixels + 5 ms per million pairs, and a copy rate of 1 byte per nanosecond.
 #[test]
 fn bounds_and_straight_lines_are_what_they_should() {
     let mut recorded = recorded();
@@ -238,7 +238,7 @@ fn a_comparison_without_pictures_is_refused() {
     assert!(renders(folder.path()).map(|_| ()).unwrap_err().contains("a.png"), "sizes differ");
 }
 
-/// The comparison of one scene, as `make results` leaves it.
+/// The comparison of one scene, as left by `make results`.
 fn compared(psnr: f64) -> serde_json::Value {
     let arm = |name: &str, psnr: f64, gaussians: usize| {
         serde_json::json!({ "name": name, "psnr": psnr, "psnr_spread": 0.126, "psnr_pruned": null, "ssim": 0.91234,

@@ -49,7 +49,8 @@ fn one_point_and_none() {
     assert!(model.len() == 1 && model.log_scales[0].iter().all(|s| s.is_finite()));
 }
 
-/// The floor of 1e-7 squared units holds where points coincide, and the search does not grow with the square of them.
+/// The floor of 1e-7 squared units holds if points coincide, and the search time does not grow quadratically with their
+/// number.
 #[test]
 fn coincident_points() {
     let floor = 0.5 * 1e-7_f64.ln();
@@ -81,7 +82,7 @@ fn ring(count: usize, size: [u32; 2]) -> Vec<Photo> {
         .collect()
 }
 
-/// Cameras in a row, all looking the same way: their axes never meet.
+/// Cameras in a row, all with the same direction: their axes never meet.
 fn row(count: usize) -> Vec<Photo> {
     let mut views = ring(count, [40, 30]);
     for (i, view) in views.iter_mut().enumerate() {
@@ -196,7 +197,7 @@ fn random_points_do_not_depend_on_threads() {
     assert_eq!(one, with(4));
 }
 
-/// Points lie at depths on which the photos agree: a wall whose colours are known.
+/// Points are placed at depths at which the photos agree: a wall whose colours are known.
 #[test]
 fn depths_on_which_the_photos_agree_are_preferred() {
     let mut views = ring(10, [64, 48]);
@@ -220,12 +221,12 @@ fn depths_on_which_the_photos_agree_are_preferred() {
     }
     let seeds = random(&views, 3000, false, 1).unwrap();
     let near = seeds.iter().filter(|s| s.position.z.abs() < 0.8).count() as f64 / seeds.len() as f64;
-    // Log-uniform depths alone put ln(4.8 / 3.2) / ln(15) = 15 % of them there.
+    // Log-uniform depths alone would put ln(4.8 / 3.2) / ln(15) = 15 % of them there.
     println!("{} points, {:.0} % near the wall", seeds.len(), 100.0 * near);
     assert!(near > 0.4, "{near}");
 }
 
-/// Readers refuse such points; if one came through, it would be one Gaussian that density control removes.
+/// Readers refuse such points; one that came through would be a single Gaussian that density control removes.
 #[test]
 fn points_that_are_not_finite() {
     for bad in [f64::NAN, f64::INFINITY, 1e300] {

@@ -9,7 +9,7 @@ use qirf_vk::scene::camera::Camera;
 
 const SIZE: [u32; 2] = [45, 37];
 
-/// A gradient of the picture, and the loss that has it.
+/// A gradient of the picture, and the loss with that gradient.
 fn weights() -> (Vec<[f64; 3]>, Vec<f64>) {
     let mut r = Random(8);
     let pixels = (SIZE[0] * SIZE[1]) as usize;
@@ -28,7 +28,7 @@ fn smooth() -> Settings {
     Settings { smooth_cutoff: true, background: [0.3, 0.1, 0.7], ..Settings::default() }
 }
 
-/// The slope by a mask that multiplies scales and opacity is the difference quotient of the loss.
+/// The slope by a mask that multiplies scales and opacity equals the difference quotient of the loss.
 #[test]
 fn masks_of_scales_and_opacity() {
     let camera = small_camera(SIZE[0], SIZE[1]);
@@ -37,7 +37,7 @@ fn masks_of_scales_and_opacity() {
     let gradients = gradients(&params, &camera, &smooth(), &by_colour, Some(&by_alpha));
     let h = 1e-5;
     for i in 0..params.len() {
-        // Clamped opacities have no slope; their quotient meets the clamp's edge.
+        // Clamped opacities have no slope; their difference quotient reaches the clamp's edge.
         if params.opacity_logits[i] > 4.0 {
             continue;
         }
@@ -54,8 +54,8 @@ fn masks_of_scales_and_opacity() {
     }
 }
 
-/// The slope by a mask that multiplies alpha: of one that is shown, that by the logarithm of its opacity; of a masked one, the
-/// quotient of the loss where it begins to be shown.
+/// The slope by a mask that multiplies alpha: for a shown Gaussian, the slope by the logarithm of its opacity; for a
+/// masked one, the difference quotient of the loss where it begins to be shown.
 #[test]
 fn masks_of_alpha() {
     let (camera, settings) = (small_camera(SIZE[0], SIZE[1]), smooth());
@@ -65,7 +65,7 @@ fn masks_of_alpha() {
     let shown: Vec<bool> = (0..params.len()).map(|i| i % 3 > 0).collect();
     let slopes = learnt_mask::gradients(&render(&params, &camera, &settings), &shown, &camera, &settings, gradient);
 
-    // Shown with an opacity so small that nothing is left of it.
+    // Shown with a negligible opacity.
     let opacity = |i: usize, factor: f64| factor / (1.0 + (-params.opacity_logits[i]).exp());
     let with = |i: usize, factor: f64| {
         let mut p = params.clone();
@@ -90,7 +90,7 @@ fn masks_of_alpha() {
     assert!(checked[0] > 4 && checked[1] > 10, "{checked:?}");
 }
 
-/// Random masks are 1 as often as their chance says, whatever else the key holds.
+/// Random masks are 1 as often as their probability says, whatever the rest of the key is.
 #[test]
 fn random_masks_follow_their_chance() {
     for (score, chance) in [(9.0, 0.999_88), (1.0, 0.731), (-2.0, 0.1192), (-20.0, 0.0)] {

@@ -25,7 +25,7 @@ fn picture(width: usize, height: usize, seed: u32) -> Vec<f32> {
         .collect()
 }
 
-/// The VGG16 weights that tools/lpips-weights made, if any.
+/// The VGG16 weights made by tools/lpips-weights, if present.
 fn found_vgg() -> Option<Lpips> {
     Networks::find(None).expect("usable weights").vgg
 }

@@ -1,5 +1,5 @@
-//! Float32 errors of formulas as usually written, beside ours: the figures of docs/numerics.md.
-//! `cargo test --test host naive -- --nocapture` prints them; each test checks the order of both.
+//! Float32 errors of formulas as usually written, beside ours: the figures of docs/numerics.md. `cargo test --test host
+//! naive -- --nocapture` prints them; each test checks the magnitude of both.
 
 use crate::support::seed;
 use qirf_vk::random::uniform;
@@ -78,7 +78,7 @@ fn naive_power() {
             let along = draw(-300.0, 300.0).clamp(-length, length) / length;
             let off = [draw(-1.5, 1.5), draw(-1.5, 1.5)];
             let d: [f32; 2] = std::array::from_fn(|k| (f64::from(rows[k][0]) * along + off[k]) as f32);
-            // Both from the same determinant: only the distance differs.
+            // Both use the same determinant: only the distance differs.
             let [t0, t1] = rows;
             let (a, b, c) = (dot(t0, t0) + 0.3, dot(t0, t1), dot(t1, t1) + 0.3);
             let n = cross(t0, t1);
@@ -147,7 +147,7 @@ fn naive_backward() {
     }
 }
 
-/// A quaternion's rotation by its square, and after a division by its largest component.
+/// A quaternion's rotation by its square, and after division by its largest component.
 #[test]
 fn naive_quaternion() {
     for length in [1e-25_f32, 1e-20, 1e-3, 1.0, 1e19, 1e20, 1e30] {
@@ -173,7 +173,8 @@ fn naive_quaternion() {
     }
 }
 
-/// The share of a fixed picture that a layer of opacity alpha hides when logits are large: 1 - sigmoid(x) for the gradient.
+/// The share of a fixed picture that a layer of opacity alpha hides when logits are large: 1 - sigmoid(x) for the
+/// gradient.
 #[test]
 fn naive_sigmoid_slope() {
     for logit in [0.0_f32, 5.0, 10.0, 15.0, 17.0, 20.0, 40.0] {
@@ -186,7 +187,7 @@ fn naive_sigmoid_slope() {
     }
 }
 
-/// Adam's second moment tends to the gradient's square: beyond 1e18 (our limit) it would overflow float32 for good.
+/// Adam's second moment tends to the gradient's square: beyond 1e18 (our limit) it would overflow float32 permanently.
 #[test]
 fn naive_second_moment() {
     for gradient in [1e-24_f32, 1e-15, 1.0, 1e18, 1e20] {
@@ -249,7 +250,7 @@ fn naive_layers_alike() {
         };
         let product: fn(f32, f32) -> f32 = |t, alpha| t * (1.0 - alpha);
         let difference: fn(f32, f32) -> f32 = |t, alpha| t - t * alpha;
-        // White layers: T - behind / (1 - alpha), behind being the picture less the layers before.
+        // White layers: T - behind / (1 - alpha), with behind = the picture minus the layers before.
         let back = |next: fn(f32, f32) -> f32| {
             let (_, mut behind) = forward(next);
             let (mut t, mut worst) = (1.0_f32, 0.0_f64);

@@ -24,7 +24,7 @@ fn blocks(sizes: &[usize]) -> Blocks {
     Blocks { members: (0..sizes.iter().sum::<usize>() as u32).collect(), starts }
 }
 
-/// A block's matrices as the device gives them, made by the twin.
+/// A block's matrices in the device's format, computed by the twin.
 pub struct Made {
     /// N's lower triangle, packed.
     overlap: Vec<f32>,
@@ -36,7 +36,7 @@ pub struct Made {
 }
 
 impl Made {
-    /// From N (m x m) and rows of H, which hold the weights of eta = 0.75, at epsilon 1e-4.
+    /// Matrices from N (m x m) and rows of H, which contain the weights of eta = 0.75, at epsilon 1e-4.
     pub fn new(overlap: &[f32], rows: &[[f32; CHANNELS]]) -> Self {
         let (m, eta, epsilon) = (rows.len(), 0.75_f64, 1e-4);
         let share = |c: usize| if c < 4 { eta } else { 1.0 - eta };

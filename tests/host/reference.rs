@@ -125,7 +125,7 @@ fn the_golden_loss() {
     assert!(error < 1e-13, "gradient {error:e}");
 }
 
-/// Asserts that each group agrees in norm, and each element to the same fraction of the group's greatest.
+/// Asserts that each group agrees in norm, and each element to the same fraction of the group's greatest value.
 fn assert_agree(label: &str, analytic: &Params, quotients: &Params, tolerance: f64) {
     let (mut analytic, mut quotients) = (analytic.clone(), quotients.clone());
     let mut report = Vec::new();
@@ -142,7 +142,7 @@ fn assert_agree(label: &str, analytic: &Params, quotients: &Params, tolerance: f
 fn gradients_are_difference_quotients() {
     let camera = small_camera(32, 32);
     let pixels = 32 * 32;
-    // Seeds whose kinks (alpha at 0.99) and depth ties lie further off than the steps: 1 and 5 need steps of 2e-6.
+    // Seeds whose kinks (alpha at 0.99) and depth ties are further away than the steps: 1 and 5 need steps of 2e-6.
     for (seed, antialias, dilation, sh_degree) in [(3, false, 0.3, 3), (2, true, 0.3, 3), (4, true, 0.1, 1)] {
         let params = random_scene(&camera, seed);
         let background = [0.3, 0.7, 0.1];
@@ -152,7 +152,7 @@ fn gradients_are_difference_quotients() {
         let by_image: Vec<[f64; 3]> = (0..pixels).map(|_| [0; 3].map(|_| random.within(-1.0, 1.0))).collect();
         let by_alpha: Vec<f64> = (0..pixels).map(|_| random.within(-1.0, 1.0)).collect();
 
-        // The scene takes every branch that a derivative could get wrong.
+        // The scene takes every branch in which a derivative could be wrong.
         let all: Vec<_> =
             (0..params.len()).map(|i| geometry(&params, i, &camera, &settings).expect("in view")).collect();
         for free in [[false, true], [true, false], [false, false]] {
@@ -187,13 +187,13 @@ fn mean_gradient_without_the_direction() {
     assert_ne!(a.params.means, b.params.means);
     assert_eq!(a.params.rotations, b.params.rotations);
     for i in 0..params.len() {
-        // The difference is tangential: moving along the ray changes no direction.
+        // The difference is tangential: moving along the ray does not change the direction.
         let along = DVec3::from(params.means[i]) - camera.centre();
         let difference = DVec3::from(a.params.means[i]) - DVec3::from(b.params.means[i]);
         assert!(along.dot(difference).abs() <= 1e-12 * along.length() * (1.0 + difference.length()));
         assert_eq!(a.mean2d_ndc[i], b.mean2d_ndc[i]);
     }
-    // A shift of the principal point moves every image mean alike: an independent check of mean2d_ndc.
+    // A shift of the principal point moves every image mean equally: an independent check of mean2d_ndc.
     let sum = |camera: &Camera| {
         let image = render(&params, camera, &full).composite.image;
         image.iter().zip(&by_image).map(|(a, b)| a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).sum::<f64>()
@@ -208,7 +208,7 @@ fn mean_gradient_without_the_direction() {
     }
 }
 
-/// Loss and renderer together: the gradient that training follows.
+/// Loss and renderer together: the gradient that training uses.
 #[test]
 fn loss_through_the_renderer() {
     let camera = small_camera(16, 16);
@@ -222,7 +222,7 @@ fn loss_through_the_renderer() {
     assert_agree("loss", &analytic.params, &quotients, 1e-7);
 }
 
-/// Tiles and the exact extent only skip: every Gaussian against every pixel gives the same bits.
+/// Tiles and the exact extent only skip pairs: every Gaussian against every pixel gives the same bits.
 #[test]
 fn tiles_change_nothing() {
     for (width, height, seed) in [(50, 37, 1), (17, 3, 2), (1, 1, 3), (64, 64, 4)] {

@@ -92,7 +92,7 @@ fn blender_axes_become_ours_and_its_split_is_kept() {
     assert_eq!((camera.width, camera.height), (40, 30));
     assert!((camera.focal - DVec2::splat(20.0 / 0.5_f64.tan())).length() < 1e-12);
     assert!((camera.centre() - DVec3::new(2.0, 0.0, 4.0)).length() < 1e-12);
-    // OpenGL's camera looks along its -z with y up: a point above and ahead comes out with y negative, z positive.
+    // OpenGL's camera looks along its -z with y up: a point above and ahead is at negative y and positive z.
     let seen = camera.rotation * DVec3::new(2.0, 1.0, 1.0) + camera.translation;
     assert!((seen - DVec3::new(0.0, -1.0, 3.0)).length() < 1e-12);
     assert!((opened.extent(&[1, 2]) - 1.1).abs() < 1e-12);
@@ -139,7 +139,7 @@ fn transforms_find_other_photo_folders_and_masks() {
     assert_eq!(masks, [scene.path().join("own.png"), scene.path().join("masks/b.png")]);
     let photo = opened.views[0].load_photo(Resize::Full).unwrap();
     assert_eq!((photo.alpha_role, photo.pixels.len()), (AlphaRole::Mask, 4 * 32 * 24));
-    // A file in the folder that is not part of the scene is not taken for the scene.
+    // A file in the folder that is not part of the scene is not mistaken for it.
     says(&message(open(&scene.path().join("own.png"))), &["holds no scene"]);
 }
 
@@ -162,7 +162,7 @@ fn missing_misshapen_and_damaged_photos_are_skipped_and_counted() {
     write(&scene.path().join("sparse/0"), row(&["a.png", "b.png", "c.png", "d.jpg", "e.jpg"]).binary());
     let images = scene.path().join("images");
     picture(&images.join("b.png"), 64, 48);
-    picture(&images.join("c.png"), 48, 64); // turned
+    picture(&images.join("c.png"), 48, 64); // rotated
     picture(&images.join("d.jpg"), 64, 48);
     picture(&images.join("e.jpg"), 64, 48);
     let whole = fs::read(images.join("d.jpg")).unwrap();
@@ -189,7 +189,7 @@ fn a_folder_of_smaller_photos_rescales_cameras() {
     let scene = tempfile::tempdir().unwrap();
     write(&scene.path().join("sparse/0"), row(&["sub/a.JPG", "b.png"]).text());
     picture(&scene.path().join("images/b.png"), 64, 48);
-    picture(&scene.path().join("images_4/sub/a.png"), 16, 12); // another extension than listed
+    picture(&scene.path().join("images_4/sub/a.png"), 16, 12); // not the listed extension
     picture(&scene.path().join("images_4/b.png"), 16, 12);
     picture(&scene.path().join("masks/b.png.png"), 64, 48);
     picture(&scene.path().join("masks_4/sub/a.png"), 16, 12);

@@ -1,4 +1,4 @@
-//! A headless Chromium, steered through its own debugging protocol.
+//! A headless Chromium, controlled through its debugging protocol.
 
 use super::skip;
 use serde_json::{Value, json};
@@ -12,7 +12,7 @@ use tungstenite::{Message, WebSocket};
 
 /// Names of the program.
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
-/// Patience with a loaded machine.
+/// Time limit, long enough for a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A browser with one page.
@@ -21,9 +21,9 @@ pub struct Browser {
     _profile: TempDir,
     socket: WebSocket<TcpStream>,
     number: u64,
-    /// What the page logged, and what it threw.
+    /// Messages that the page logged, and errors that it threw.
     pub complaints: Vec<String>,
-    /// Addresses that it asked for.
+    /// Addresses that it requested.
     pub requests: Vec<String>,
 }
 
@@ -40,7 +40,7 @@ fn connect(url: &str) -> WebSocket<TcpStream> {
 }
 
 impl Browser {
-    /// Opens a page; none where no browser is installed, and the test is skipped.
+    /// Opens a page; `None` if no browser is installed, and the test is skipped.
     pub fn open(url: &str) -> Option<Self> {
         let Some(program) = installed() else {
             skip("no chromium");
@@ -84,7 +84,7 @@ impl Browser {
         Some(browser)
     }
 
-    /// Calls a method of the protocol; notes the events that arrive before its result.
+    /// Calls a method of the protocol; records the events that arrive before its result.
     pub fn call(&mut self, method: &str, parameters: &Value) -> Value {
         self.number += 1;
         let text = json!({ "id": self.number, "method": method, "params": parameters }).to_string();
@@ -114,7 +114,7 @@ impl Browser {
         }
     }
 
-    /// The value of an expression on the page, once it is settled.
+    /// The value of an expression on the page, once it has settled.
     pub fn value(&mut self, expression: &str) -> Value {
         let parameters = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
         let answer = self.call("Runtime.evaluate", &parameters);
@@ -126,7 +126,7 @@ impl Browser {
     #[track_caller]
     pub fn until(&mut self, expression: &str) {
         let begun = Instant::now();
-        // What a page has not made yet is not true yet.
+        // An expression about objects that the page has not created yet is not true yet.
         let settled = format!("(() => {{ try {{ return Boolean({expression}) }} catch {{ return false }} }})()");
         while self.value(&settled) != json!(true) {
             if begun.elapsed() > PATIENCE {
@@ -137,7 +137,7 @@ impl Browser {
         }
     }
 
-    /// A mouse event at a place on the page.
+    /// A mouse event at a position on the page.
     pub fn mouse(&mut self, kind: &str, [x, y]: [f64; 2], more: &Value) {
         let mut parameters = json!({ "type": kind, "x": x, "y": y, "button": "left", "clickCount": 1 });
         for (key, value) in more.as_object().into_iter().flatten() {
@@ -146,7 +146,7 @@ impl Browser {
         self.call("Input.dispatchMouseEvent", &parameters);
     }
 
-    /// Presses a key, and lets it go.
+    /// Presses and releases a key.
     pub fn key(&mut self, key: &str) {
         for kind in ["keyDown", "keyUp"] {
             self.call("Input.dispatchKeyEvent", &json!({ "type": kind, "key": key }));

@@ -4,10 +4,10 @@ use qirf_vk::gpu::{Device, DeviceOptions};
 use std::ops::Deref;
 use std::sync::{Mutex, PoisonError};
 
-/// Devices that passed tests gave back. Opening one and making its pipelines takes longer than most tests.
+/// Devices returned by tests that passed. Opening one and creating its pipelines takes longer than most tests.
 static FREE: Mutex<Vec<Device>> = Mutex::new(Vec::new());
 
-/// A device for one test alone. It goes back unless the test fails.
+/// A device for one test alone. It is returned unless the test fails.
 pub struct Lent(Option<Device>);
 
 impl Deref for Lent {
@@ -26,7 +26,7 @@ impl Drop for Lent {
     }
 }
 
-/// A device under validation layers whose buffers begin as NaN behind red zones; earlier tests may have used it.
+/// A device with validation layers whose buffers begin as NaN and end in red zones; earlier tests may have used it.
 pub fn device() -> Lent {
     let free = FREE.lock().unwrap_or_else(PoisonError::into_inner).pop();
     Lent(Some(free.unwrap_or_else(new_device)))
@@ -40,7 +40,7 @@ pub fn options() -> DeviceOptions {
     options
 }
 
-/// A fresh device of the same options but for a change.
+/// A fresh device with the same options after `change`.
 pub fn opened(change: impl FnOnce(&mut DeviceOptions)) -> Device {
     let mut options = options();
     change(&mut options);

@@ -1,14 +1,14 @@
-//! Fields of JSON documents, held against their description in docs/metrics.md.
+//! Fields of JSON documents, compared with their description in docs/metrics.md.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Fields whose own fields have names by the case, or are described with other documents.
+/// Fields whose own fields have varying names, or are described with other documents.
 const OPEN: [&str; 11] =
     ["device", "effects", "figures", "gaussians", "guards", "protocol", "prune", "tables", "test", "train", "views"];
 
-/// Fails for fields of a document that its section of docs/metrics.md does not name.
+/// Fails if a document has fields that its section of docs/metrics.md does not name.
 pub fn documented(section: &str, document: &Value) {
     let page = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/metrics.md")).unwrap();
     let text = page.split("\n## ").find(|text| text.split(['\n', ',']).next() == Some(section)).expect(section);

@@ -1,5 +1,5 @@
-//! Readers for the golden cases of `tests/golden` and of the shared data: just enough PLY, COLMAP text and raw float32 for
-//! tests that must not trust the engine's own.
+//! Readers for the golden cases of `tests/golden` and of the shared data: a minimum of PLY, COLMAP text and raw float32
+//! for tests that must not trust the engine's own readers.
 
 use super::{shared_as_well, source};
 
@@ -26,7 +26,7 @@ impl Case {
         folders(&here()).map(Self::read).collect()
     }
 
-    /// These, and the other cases of the shared data where there are some.
+    /// These, and the other cases of the shared data if present.
     pub fn all() -> Vec<Self> {
         let known = |path: &PathBuf| path.file_name().is_some_and(|name| here().join(name).is_dir());
         let shared = shared_as_well("golden").into_iter().flat_map(|root| folders(&root).collect::<Vec<_>>());
@@ -52,7 +52,7 @@ impl Case {
         }
     }
 
-    /// The settings as the device takes them.
+    /// The settings in the device's form.
     pub fn device_settings(&self) -> render::Settings {
         let dilation = Some(self.settings.dilation as f32);
         let style = render::Style { antialias: self.settings.antialias, dilation, ..render::Style::default() };
@@ -151,7 +151,7 @@ pub struct Fixture {
 }
 
 impl Fixture {
-    /// By name: four Gaussians of the source tree, and sixteen of the shared data where they are.
+    /// By name: four Gaussians of the source tree, and sixteen of the shared data if present.
     pub fn all() -> Vec<(&'static str, Self)> {
         let tiny = Self::read(&here().join("another-engine/tiny_case.safetensors"));
         let basic = shared_as_well("fixtures/gsplat-cuda-gradients/basic_case.safetensors");
@@ -201,7 +201,7 @@ impl Fixture {
     }
 }
 
-/// Value and gradient of the loss where photo and picture are close, far apart and equal (`loss.py`).
+/// Value and gradient of the loss for a photo and a picture that are close, far apart and equal (`loss.py`).
 #[derive(serde::Deserialize)]
 #[serde(from = "Channels")]
 pub struct Loss {

@@ -1,8 +1,9 @@
-//! A bound on float32's error in every gradient of every Gaussian, so that one wrong Gaussian among many does not hide in a norm.
+//! A bound on float32's error in every gradient of every Gaussian, so that one wrong Gaussian among many does not hide
+//! in a norm.
 //!
-//! A gradient is J s, with s the rasteriser's sums over pixels and J the projection's linear map. Each term of s is bounded
-//! by its own size in roundings; |J| |s| follows from the twin, one sum at a time. A term is
-//! h = alpha (T q - R / (1 - alpha)), where R, what lies behind, is a difference of sums over all layers: its error counts in
+//! A gradient is J s, with s the rasteriser's sums over pixels and J the projection's linear map. Each term of s is
+//! bounded by its own size in roundings; |J| |s| follows from the twin, one sum at a time. A term is h = alpha (T q - R
+//! / (1 - alpha)), where R, the part behind, is a difference of sums over all layers: its error is a number of
 //! roundings of W, the sum of |w q| over all layers, not of R.
 
 use glam::DVec3;
@@ -14,7 +15,7 @@ use qirf_vk::reference::rasterise_backward::SlotSums;
 use qirf_vk::reference::{Params, Settings, render};
 use qirf_vk::scene::camera::Camera;
 
-/// A contribution to a pixel: place in the tile's list, sample, transmittance before it, and |q| <= worth.
+/// A contribution to a pixel: index in the tile's list, sample, transmittance before it, and |q| <= worth.
 struct Layer<'a> {
     place: usize,
     projected: &'a Projected,
@@ -22,7 +23,7 @@ struct Layer<'a> {
     transmittance: f64,
     worth: f64,
     drawn: bool,
-    /// Float32 may draw it though the twin does not, or the other way round, or clamp it.
+    /// True if float32 may draw it and the twin does not, or vice versa, or if float32 may clamp it.
     undecided: bool,
 }
 
@@ -31,7 +32,7 @@ impl Layer<'_> {
         self.transmittance * self.sample.alpha
     }
 
-    /// Bound on |h|, with all that the pixel's layers are worth behind it.
+    /// Bound on |h|, given the total |w q| of the pixel's layers, all of which may lie behind.
     fn term(&self, total: f64) -> f64 {
         self.sample.alpha * (self.transmittance * self.worth + total / (1.0 - self.sample.alpha))
     }
@@ -57,8 +58,9 @@ pub fn gradient_bounds(params: &Params, camera: &Camera, settings: &Settings, we
     through_projection(params, camera, settings, &sums)
 }
 
-/// Relative error of a term. Alpha and offsets suffer from rounded positions, up to six times as much as they are pixels
-/// from the picture's middle (see `rasterise`); transmittance and the sum behind from as many roundings as there are layers.
+/// Relative error of a term. Alpha and offsets suffer from rounded positions, by up to six times their distance in
+/// pixels from the picture's middle (see `rasterise`); transmittance and the sum behind suffer from one rounding per
+/// layer.
 fn roundings(camera: &Camera, [x, y]: [u32; 2], layers: usize) -> f64 {
     let from = |at: u32, size: u32| (f64::from(at) - f64::from(size / 2)).abs();
     let positions = from(x, camera.width) + from(y, camera.height) + camera.focal.max_element();
@@ -99,7 +101,7 @@ fn layers<'a>(
     layers
 }
 
-/// Adds what a pixel's terms may be wrong by: roundings of each, and all of what undecided layers change.
+/// Adds the possible errors of a pixel's terms: roundings of each, and the whole effect of undecided layers.
 fn add_pixel(sums: &mut [SlotSums], list: &[u32], layers: &[Layer<'_>], weights: [f64; 4], roundings: f64) {
     let total: f64 = layers.iter().filter(|l| l.drawn).map(|l| l.weight() * l.worth).sum();
     for layer in layers {
@@ -113,7 +115,7 @@ fn add_pixel(sums: &mut [SlotSums], list: &[u32], layers: &[Layer<'_>], weights:
         }
         let sum = &mut sums[list[layer.place] as usize];
         let d = layer.sample.offset.abs();
-        // An offset of a pixel's fraction is no better known than its position.
+        // An offset of less than a pixel is no more accurate than its position.
         let d = d.max(glam::DVec2::splat(layer.projected.covariance[0].min(layer.projected.covariance[2]).sqrt()));
         sum.zeroth += error;
         sum.first += error * d;
@@ -161,8 +163,8 @@ fn through_projection(params: &Params, camera: &Camera, settings: &Settings, sum
     bounds
 }
 
-/// Compares each gradient with its bound; returns the largest share of a bound that an error takes. At least `sharp` of the gradients
-/// that are not zero must be larger than three bounds, so that the bounds could notice a missing one.
+/// Compares each gradient with its bound; returns the largest ratio of an error to its bound. At least `sharp` of the
+/// nonzero gradients must exceed three bounds, so that the bounds would detect a missing one.
 pub fn within(name: &str, got: &Params, expected: &Params, bounds: &Params, sharp: f64) -> f64 {
     let (mut got, mut expected, mut bounds) = (got.clone(), expected.clone(), bounds.clone());
     let n = expected.opacity_logits.len();

@@ -1,4 +1,5 @@
-//! Shared by the three test programs: devices, small scenes, golden cases, input files, and the place of shared data.
+//! Shared by the three test programs: devices, small scenes, golden cases, input files, and the location of shared
+//! data.
 #![allow(dead_code, unused_imports)] // each program uses its own part
 
 #[cfg(unix)]

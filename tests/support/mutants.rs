@@ -1,4 +1,4 @@
-//! Devices whose shaders are not the program's own: with a mistake in one, or all rewritten.
+//! Devices with modified shaders: with a mistake in one, or all rewritten.
 
 use super::device::opened;
 use qirf_vk::gpu::{Device, DeviceOptions};
@@ -7,17 +7,17 @@ use std::path::Path;
 use std::process::Command;
 use tempfile::TempDir;
 
-/// A mistake: in this file below `glsl`, this text becomes another.
+/// A mistake: a text of this file below `glsl` is replaced by another.
 pub struct Mistake {
     pub file: &'static str,
     pub right: &'static str,
     pub wrong: &'static str,
-    /// The shaders that it changes, as `ROOM/STAGE`.
+    /// The shaders affected, as `ROOM/STAGE`.
     pub shaders: &'static [&'static str],
 }
 
 impl Mistake {
-    /// A device that makes this mistake; its modules must stay as long as it makes pipelines.
+    /// A device that makes this mistake; its modules must exist as long as it creates pipelines.
     pub fn device(&self) -> (Device, TempDir) {
         let folder = self.modules();
         let mut options = DeviceOptions::from_env().unwrap();
@@ -25,13 +25,13 @@ impl Mistake {
         (Device::open(&options).unwrap(), folder)
     }
 
-    /// A folder with the modules of the shaders that it changes.
+    /// A folder with the modules of the affected shaders.
     pub fn modules(&self) -> TempDir {
         let folder = tempfile::tempdir().unwrap();
         let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("glsl");
         let text = fs::read_to_string(sources.join(self.file)).unwrap();
         assert_eq!(text.matches(self.right).count(), 1, "{}: {}", self.file, self.right);
-        // Its own folder comes first where shaders include.
+        // Includes are searched in this folder first.
         let changed = folder.path().join(self.file);
         fs::create_dir_all(changed.parent().unwrap()).unwrap();
         fs::write(&changed, text.replace(self.right, self.wrong)).unwrap();
@@ -49,7 +49,7 @@ impl Mistake {
     }
 }
 
-/// A validated device with the modules of this folder, each rewritten; they must stay as long as it makes pipelines.
+/// A validated device with the modules of this folder, each rewritten; they must exist as long as it creates pipelines.
 pub fn rewritten(modules: &Path, mut rewrite: impl FnMut(&[u32]) -> Vec<u32>) -> (Device, TempDir) {
     let folder = tempfile::tempdir().unwrap();
     for entry in fs::read_dir(modules).unwrap().map(Result::unwrap) {

@@ -1,5 +1,5 @@
-//! The program's shaders as a driver may compile them that assumes that no float is NaN or infinite. Vulkan allows that
-//! assumption, unless a module forbids it and the device can keep NaN.
+//! The program's shaders, as compiled by a driver that assumes that no float is NaN or infinite. Vulkan allows that
+//! assumption unless a module forbids it and the device can keep NaN.
 
 use super::mutants::rewritten;
 use qirf_vk::gpu::Device;
@@ -12,30 +12,30 @@ const EXT_INST: u32 = 12;
 const IS_NAN: u32 = 156;
 const IS_INF: u32 = 157;
 const LOGICAL_NOT: u32 = 168;
-/// The first comparison. They come in pairs: the ordered form, false where an operand is NaN, then the unordered form, true
-/// there.
+/// The first comparison. They come in pairs: the ordered form, false if an operand is NaN, then the unordered form,
+/// true in that case.
 const F_ORD_EQUAL: u32 = 180;
 const F_ORD_NOT_EQUAL: u32 = 182;
 const F_UNORD_GREATER_THAN_EQUAL: u32 = 191;
-/// By pair: what is true where the comparison is false, if there is no NaN. Equal, not equal, less, greater, less or
-/// equal, greater or equal.
+/// By pair: the comparison that is true where this one is false, if there is no NaN. Equal, not equal, less, greater,
+/// less or equal, greater or equal.
 const OPPOSITE: [u32; 6] = [1, 0, 5, 4, 3, 2];
-/// Instructions of GLSL.std.450 whose result is open where an operand is NaN.
+/// Instructions of GLSL.std.450 whose result is undefined if an operand is NaN.
 const F_MIN: u32 = 37;
 const F_MAX: u32 = 40;
 const F_CLAMP: u32 = 43;
-/// The same instruction with another result: the operand that is a number.
+/// The same instruction with a defined result: the operand that is a number.
 const N_MIN: u32 = 79;
 const N_MAX: u32 = 80;
 const N_CLAMP: u32 = 81;
 
-/// What such a driver makes of comparisons with NaN, `a < b` and `!(a < b)`. The program's own modules say false and true. Both
-/// as true would change only the first, which the first outcome does, too.
+/// Results that such a driver gives for comparisons with NaN, `a < b` and `!(a < b)`. The program's own modules give
+/// false and true. Both as true would change only the first, which the first outcome does, too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// True, and so false.
+    /// True, and therefore false.
     Unordered,
-    /// False; and `a >= b`, false as well.
+    /// False; and `a >= b` is false as well.
     BothFalse,
 }
 
@@ -53,8 +53,8 @@ pub struct Changed {
     pub extremes: usize,
 }
 
-/// Rewrites a module: NaN and infinity are never found, comparisons come out as told, and minima, maxima and clamps take
-/// another operand where one is NaN.
+/// Rewrites a module: NaN and infinity are never found, comparisons have the given outcome, and minima, maxima and
+/// clamps take the other operand if one is NaN.
 pub fn rewrite(words: &[u32], outcome: Outcome, changed: &mut Changed) -> Vec<u32> {
     let mut out = words[..HEADER].to_vec();
     let mut comparisons: Vec<(u32, [u32; 3])> = Vec::new(); // result; pair, operands
@@ -66,7 +66,7 @@ pub fn rewrite(words: &[u32], outcome: Outcome, changed: &mut Changed) -> Vec<u3
         match (words[at] & 0xffff, &words[at + 1..at + length]) {
             (IS_NAN | IS_INF, &[kind, result, x]) => {
                 changed.tests += 1;
-                // No number differs from itself, and of NaN the ordered form says nothing.
+                // No number differs from itself, and for NaN the ordered form is false.
                 instruction = vec![F_ORD_NOT_EQUAL | 5 << 16, kind, result, x, x];
             }
             (operation @ F_ORD_EQUAL..=F_UNORD_GREATER_THAN_EQUAL, &[_, result, a, b]) => {
@@ -98,7 +98,7 @@ pub fn rewrite(words: &[u32], outcome: Outcome, changed: &mut Changed) -> Vec<u3
     out
 }
 
-/// A device with the modules of this folder, rewritten; they must stay as long as it makes pipelines.
+/// A device with the modules of this folder, rewritten; they must exist as long as it creates pipelines.
 pub fn device(modules: &Path, outcome: Outcome) -> (Device, TempDir, Changed) {
     let mut changed = Changed::default();
     let (device, folder) = rewritten(modules, |words| rewrite(words, outcome, &mut changed));

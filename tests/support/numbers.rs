@@ -2,7 +2,7 @@
 
 pub use qirf_vk::random::Random;
 
-/// The seed of random hard cases, printed so that a failure can be repeated: `QIRF_SEED`, else 1.
+/// The seed of random hard cases, printed so that a failure can be repeated: `QIRF_SEED`, by default 1.
 pub fn seed() -> u64 {
     let seed = std::env::var("QIRF_SEED").ok().and_then(|s| s.parse().ok()).unwrap_or(1);
     println!("QIRF_SEED={seed}");

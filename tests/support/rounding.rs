@@ -1,5 +1,5 @@
-//! The program's shaders as a device would run them whose exponentials, logarithms, roots, sines and quotients are less exact:
-//! each is off by up to 2^-23 of its value, which is one to two units in the last place.
+//! The program's shaders as on a device whose exponentials, logarithms, roots, sines and quotients are less exact: each
+//! is off by up to 2^-23 of its value, which is one to two units in the last place.
 
 const HEADER: usize = 5;
 /// Word of the header: one more than the largest id.
@@ -19,10 +19,10 @@ const F_MUL: u32 = 133;
 const F_DIV: u32 = 136;
 const U_MOD: u32 = 137;
 const SHIFT_RIGHT: u32 = 194;
-/// Of GLSL.std.450: sine and cosine, exp, log, exp2, log2, sqrt, inversesqrt.
+/// Instructions of GLSL.std.450: sine and cosine, exp, log, exp2, log2, sqrt, inversesqrt.
 const INEXACT: [u32; 8] = [13, 14, 27, 28, 29, 30, 31, 32];
 
-/// A float type, and what errors of its values are made with.
+/// A float type, and the constants for errors of its values.
 struct Kind {
     float: u32,
     words: u32,
@@ -46,7 +46,7 @@ impl Module {
         self.bound - 1
     }
 
-    /// An instruction with a result; gives its id.
+    /// Appends an instruction with a result; returns the result's id.
     fn made(&mut self, operation: u32, kind: u32, operands: &[u32]) -> u32 {
         let id = self.id();
         self.push(operation, &[&[kind, id], operands].concat());
@@ -83,7 +83,7 @@ impl Module {
         kinds
     }
 
-    /// `result`, off by what the bits of `operand` choose.
+    /// `result`: the exact value with an error chosen by the bits of `operand`.
     fn off(&mut self, kind: &Kind, result: u32, exact: u32, operand: u32) {
         let [multiplier, sixteen, five, step, least] = kind.constants;
         let bits = self.made(BITCAST, kind.words, &[operand]);
@@ -97,7 +97,7 @@ impl Module {
     }
 }
 
-/// Rewrites a module; adds to the number of results that it made less exact.
+/// Rewrites a module; adds to the number of results made less exact.
 pub fn rewrite(words: &[u32], changed: &mut usize) -> Vec<u32> {
     let mut module = Module { out: words[..HEADER].to_vec(), bound: words[BOUND] };
     let (mut types, mut kinds) = (Vec::new(), Vec::new());

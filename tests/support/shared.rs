@@ -1,10 +1,10 @@
-//! The place of shared data, and skipping of tests without them.
+//! The location of shared data, and skipping of tests without them.
 
 use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 
-/// A path below the folder of shared data (`../shared`, or `QIRF_SHARED`); none if it is missing, and the test is
+/// A path below the folder of shared data (`../shared`, or `QIRF_SHARED`); `None` if it is missing, and the test is
 /// skipped.
 pub fn shared(part: &str) -> Option<PathBuf> {
     let path = shared_root().join(part);
@@ -15,7 +15,7 @@ pub fn shared(part: &str) -> Option<PathBuf> {
     None
 }
 
-/// The same for the larger part of a test that runs without them: that part is skipped.
+/// The same for the larger part of a test that can run without them: that part is skipped.
 pub fn shared_as_well(part: &str) -> Option<PathBuf> {
     let path = shared_root().join(part);
     if path.exists() {
@@ -29,13 +29,14 @@ fn shared_root() -> PathBuf {
     std::env::var_os("QIRF_SHARED").map_or_else(|| source("../shared"), PathBuf::from)
 }
 
-/// A path in the source tree, or in `QIRF_SOURCE` where the tests run without one (`tools/gpu-report`).
+/// A path in the source tree, or in `QIRF_SOURCE` if the tests run without one (`tools/gpu-report`).
 pub fn source(part: &str) -> PathBuf {
     let root = std::env::var_os("QIRF_SOURCE").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
     PathBuf::from(root).join(part)
 }
 
-/// Notes that the running test, or a part of it, is skipped. `tools/test` counts the lines: libtest itself counts the test as passed.
+/// Records that the running test, or a part of it, is skipped. `tools/test` counts the lines: libtest itself counts the
+/// test as passed.
 pub fn skip(reason: &str) {
     println!("skipped: {reason}");
     if std::env::var_os("QIRF_SOURCE").is_some() {

@@ -4,7 +4,7 @@ use super::Random;
 use glam::{DVec2, DVec3};
 use qirf_vk::{gaussians::Gaussians, reference::Params, scene::camera::Camera};
 
-/// A turned camera with unequal focal lengths and a shifted principal point, looking near the origin from 4 units.
+/// A rotated camera with unequal focal lengths and a shifted principal point, looking near the origin from 4 units.
 pub fn small_camera(width: u32, height: u32) -> Camera {
     let mut camera =
         Camera::look_at(DVec3::new(0.3, -0.4, -4.0), DVec3::new(0.1, 0.2, 0.0), DVec3::NEG_Y, 0.9, width, height);
@@ -13,9 +13,9 @@ pub fn small_camera(width: u32, height: u32) -> Camera {
     camera
 }
 
-/// 24 Gaussians before `camera`, unnormalised quaternions, SH 3: most in view, and those that take the odd branches:
-/// beyond the Jacobian's clamp in x, in y and in both, opaque ones (clamped alpha), dark ones (clamped colour), and some
-/// so small that the anti-aliasing factor sits on its floor.
+/// 24 Gaussians before `camera`, unnormalised quaternions, SH 3: most in view, and some for the rare branches: beyond
+/// the Jacobian's clamp in x, in y and in both, opaque ones (clamped alpha), dark ones (clamped colour), and some so
+/// small that the anti-aliasing factor is at its floor.
 pub fn random_scene(camera: &Camera, seed: u64) -> Params {
     let mut random = Random(seed);
     let mut params = Params { sh: vec![Vec::new(); 4], ..Params::default() };
@@ -78,7 +78,7 @@ pub fn one(camera: &Camera, position: DVec3) -> Params {
     }
 }
 
-/// A scene's parameters as a model stores them.
+/// A scene's parameters in a model's storage format.
 pub fn narrowed(wide: &Params) -> Gaussians {
     Gaussians {
         means: wide.means.iter().map(|m| m.map(|v| v as f32)).collect(),

@@ -1,4 +1,4 @@
-//! Depth order by tile: two intersecting discs, for which one order of the whole picture must be wrong.
+//! Depth order by tile: two intersecting discs, for which no single order of the whole picture is right.
 
 use crate::support::runs::config;
 use crate::support::{device, finish, new_device};
@@ -15,8 +15,8 @@ use qirf_vk::synth::{SynthOptions, write};
 
 const SIZE: [u32; 2] = [100, 64];
 
-/// A red and a blue disc that cross like the leaves of a revolving door; their middles are equally far to 1 part in
-/// 1000.
+/// A red and a blue disc that cross like the leaves of a revolving door; the distances of their middles differ by less
+/// than 1 part in 1000.
 fn crossed() -> Gaussians {
     let mut model = Gaussians::zeroed(2, 0);
     for (i, turn) in [0.7, -0.7].into_iter().enumerate() {
@@ -30,7 +30,7 @@ fn crossed() -> Gaussians {
     model
 }
 
-/// A camera straight ahead, turned aside by an angle.
+/// A camera straight ahead, turned by an angle.
 fn camera(turn: f64) -> Camera {
     let eye = DQuat::from_rotation_y(turn) * DVec3::new(0.0, 0.0, -4.0);
     Camera::look_at(eye, DVec3::ZERO, DVec3::NEG_Y, 0.8, SIZE[0], SIZE[1])
@@ -79,7 +79,7 @@ fn leaves_of_a_door_are_both_before_each_other() {
     finish(&device);
 }
 
-/// No leaf pops before the other when the camera turns past the angle at which the middles change places.
+/// Neither leaf pops before the other when the camera turns past the angle at which the order of the middles changes.
 #[test]
 fn nothing_pops() {
     let device = device();
@@ -104,7 +104,7 @@ fn runs_are_trained_in_that_order() {
     let scene = folder.path().join("scene");
     let options = SynthOptions { views: 9, width: 48, height: 36, points: 300, ..Default::default() };
     write(&scene, &options, &|_| ()).expect("a synthetic scene");
-    let device = new_device(); // its peak of memory is this run's
+    let device = new_device(); // its peak of memory belongs to this run alone
     for choice in [Choice::Auto, Choice::On] {
         let mut config = config(&scene, 60);
         config.effects.set(Effect::DepthOrder, choice);

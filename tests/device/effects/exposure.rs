@@ -22,7 +22,7 @@ fn value(n: usize, seed: usize) -> f64 {
     ((n * 2654435761 + seed * 40503) % 1009) as f64 / 1009.0
 }
 
-/// Exposed picture, gradient by the picture and the step of the affine, against float64.
+/// Exposed picture, gradient by the picture and the step of the affine map, against float64.
 #[test]
 fn the_kernel_is_its_twin() {
     kernel_and_twin(&device());
@@ -76,7 +76,7 @@ pub fn kernel_and_twin(device: &Device) {
             let right = if mine { -0.01 * (slope.signum() + pulled) } else { 0.0 };
             assert!((moved - right).abs() < 1e-5, "{k}: {moved} {slope}");
         }
-        // An iteration whose pairs did not fit changes nothing, nor does a NaN gradient.
+        // An iteration whose pairs did not fit changes nothing, and neither does a NaN gradient.
         for (limit, slope) in [(4, 1.0), (5, f32::NAN)] {
             let slope = device.upload("slope", &vec![[slope; 4]; pixels]).unwrap();
             let mut recording = Recording::new();
@@ -134,7 +134,7 @@ fn train(trainer: &mut Trainer, until: u32) {
     trainer.run_until(until, |_, _| ControlFlow::Continue(())).unwrap();
 }
 
-/// If exposures and masks are off, they have no kernel and no buffer.
+/// Disabled exposures and masks have no kernel and no buffer.
 #[test]
 fn off_is_free() {
     let device = device();
@@ -183,7 +183,7 @@ fn exposures_are_kept_in_checkpoints() {
     finish(&device);
 }
 
-/// Exposures that are known stay as they are, bit for bit, and the loss sees the model through them: resumed with the maps that a
+/// Known exposures do not change, bit for bit, and the loss sees the model through them: resumed with the maps that a
 /// run has learnt, the first picture is as near to its photo as that run's.
 #[test]
 fn known_exposures_stay() {
@@ -214,7 +214,7 @@ fn known_exposures_stay() {
     finish(&device);
 }
 
-/// The gains measured on the photos are the factors that the photos were multiplied by.
+/// The gains measured on the photos equal the factors that the photos were multiplied by.
 #[test]
 fn gains_are_those_that_the_photos_were_made_with() {
     for (views, width) in [(24, 64), (48, 64), (48, 128)] {

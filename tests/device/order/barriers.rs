@@ -1,4 +1,4 @@
-//! Mutants: each derived barrier is forgotten in turn, in orders in which commands that it kept apart change places.
+//! Mutants: each derived barrier is dropped in turn, in orders that swap the commands it separated.
 
 use super::{BEFORE, all_effects, capture, new_trainer, respond_and_assemble, train, words};
 use crate::support::opened;
@@ -14,7 +14,7 @@ const ORDERS: [Order; 3] = [Order::Backwards, Order::Shuffled(1), Order::Shuffle
 /// Few, so that a pass over them is short.
 const PHOTOS: usize = 2;
 
-/// What is done between two undisturbed steps, and what it gives.
+/// Work between two undisturbed steps; returns its results.
 type Work = fn(&Device, &mut Trainer) -> Vec<u32>;
 
 struct Part {
@@ -24,7 +24,7 @@ struct Part {
     work: Work,
 }
 
-/// Two iterations, of which the second is submitted before the first is over.
+/// Two iterations, the second of which is submitted before the first has finished.
 fn iterate(_: &Device, trainer: &mut Trainer) -> Vec<u32> {
     train(trainer, trainer.iteration() + 2);
     words(&trainer.snapshot().unwrap())
@@ -57,8 +57,8 @@ impl<'a> Bench<'a> {
         Self { device, part, state: trainer.snapshot().unwrap() }
     }
 
-    /// Does an iteration, so that every buffer holds something, and the work in this order without those barriers; gives its
-    /// results, and what was derived.
+    /// Runs an iteration, so that every buffer has contents, and then the work in this order without those barriers;
+    /// returns its results and the derived barriers.
     fn run(&self, order: Order, forget: Forget) -> (Vec<u32>, Vec<Derived>) {
         let c = capture();
         self.device.reorder(Order::Recorded, Forget::Nothing);
@@ -70,7 +70,7 @@ impl<'a> Bench<'a> {
         (result, self.device.reorder(Order::Recorded, Forget::Nothing))
     }
 
-    /// The orders in which results differ, and the validation messages, when the barriers are forgotten.
+    /// The number of orders in which results differ, and of validation messages, without these barriers.
     fn killed(&self, forget: Forget, right: &[u32]) -> (usize, usize) {
         let before = Device::validation_messages();
         let differing = ORDERS.iter().filter(|order| self.run(**order, forget).0 != right).count();
@@ -94,7 +94,8 @@ fn kind(derived: &Derived) -> String {
     name
 }
 
-/// Whatever is forgotten changes bits or raises a validation message. In a process of its own: messages fail other tests.
+/// Every dropped barrier changes bits or raises a validation message. Runs in its own process, because messages fail
+/// other tests.
 #[test]
 fn a_forgotten_barrier_is_noticed() {
     let name = "device::order::barriers::some_forgotten_barriers";
@@ -114,7 +115,7 @@ fn some_forgotten_barriers() {
         assert_ne!(bench.killed(Forget::Nth(n), &right), (0, 0), "{n}, before {}: {}", barrier.before, kind(barrier));
     }
     assert_eq!(bench.killed(Forget::All(Hazard::ReadAfterWrite), &right).0, ORDERS.len());
-    // Software devices run submissions one after the other: only the validation layers see these.
+    // Software devices run submissions one after the other: only the validation layers detect these.
     assert!(bench.killed(Forget::Carried, &right).1 > 0, "what earlier submissions left to wait for");
 }
 
@@ -123,7 +124,7 @@ fn in_recorded_order() -> Device {
     opened(|options| options.harness.order = order)
 }
 
-/// Prints which forgotten barriers were noticed; `make mutants` runs it.
+/// Prints which dropped barriers were detected; `make mutants` runs it.
 #[test]
 #[ignore = "minutes, and validation messages that are wanted"]
 fn each_derived_barrier() {

@@ -22,7 +22,7 @@ fn known_pairs_by_two_formulas() {
         assert!(errors[0] <= pair.abs_tol_f32, "{name}");
         broken += usize::from(errors[1].is_nan() || errors[1] > pair.abs_tol_f32);
     }
-    // The determinant fails on the thin discs and at the scenes' ends.
+    // The determinant fails for the thin discs and at the extreme scene scales.
     assert!(broken >= 4, "{broken}");
     finish(&device);
 }

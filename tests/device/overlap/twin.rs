@@ -1,6 +1,6 @@
-//! A second float64 twin of the overlap, exact to about 1e-9 for scales floored at a thousandth. `reference::overlap` takes the
-//! device's own method, Householder QR; this one takes modified Gram-Schmidt, applied twice, and shares no code with either, so
-//! that an error of the method would show. It also knows the dilation.
+//! A second float64 twin of the overlap, exact to about 1e-9 for scales floored at a thousandth. `reference::overlap`
+//! uses the device's own method, Householder QR; this one uses modified Gram-Schmidt, applied twice, and shares no code
+//! with either, so that an error of the method would show. It also supports dilation.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -13,7 +13,7 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// From stored values; scales are floored at `floor` of the largest and dilated before that.
+    /// A twin of stored values; scales are floored at `floor` of the largest, and before that dilated.
     pub fn new(mean: [f32; 3], log_scale: [f32; 3], q: [f32; 4], floor: f64, dilation: f64) -> Self {
         let q = q.map(f64::from);
         let rotation = DMat3::from_quat(DQuat::from_xyzw(q[1], q[2], q[3], q[0]).normalize());
@@ -22,7 +22,7 @@ impl Twin {
         Self { mean: DVec3::from(mean.map(f64::from)), scale, rotation }
     }
 
-    /// Modified Gram-Schmidt, twice, of the stacked 6 x 3 matrix of scaled axes in the frame of `self`.
+    /// Modified Gram-Schmidt, applied twice, of the stacked 6 x 3 matrix of scaled axes in the frame of `self`.
     pub fn overlap(&self, other: &Self) -> f64 {
         let unit = self.scale.max_element().max(other.scale.max_element());
         let (a, b) = (self.scale / unit, other.scale / unit);

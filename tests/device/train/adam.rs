@@ -85,7 +85,7 @@ impl Twin {
         Self { first: params.zeros_like(), second: params.zeros_like(), params }
     }
 
-    /// One step; a Gaussian with any gradient that is not finite stays unchanged. Returns the number of such Gaussians.
+    /// One step; a Gaussian with any non-finite gradient stays unchanged. Returns the number of such Gaussians.
     fn step(&mut self, gradients: &mut Params, step: Step) -> usize {
         let n = self.params.len();
         let rates = step.rates.into_array();
@@ -113,7 +113,7 @@ impl Twin {
     }
 }
 
-/// Step number `number`; the decays are the reference's to the power `forgetting`.
+/// Step number `number`; the decays are the reference's raised to the power `forgetting`.
 fn step(number: u32, forgetting: f64) -> Step {
     let schedule = Schedule { iterations: 40, position_rate: 5e-3, forgetting, ..Schedule::default() };
     Step { decays: schedule.decays(), ..Step::new(number, schedule.rates(number, 1.7)) }
@@ -124,8 +124,8 @@ pub(crate) fn weights(count: usize, seed: u64) -> Vec<[f32; 4]> {
     (0..count).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect()
 }
 
-/// The device's gradients, Adam in float64: after ten steps each parameter agrees with the twin's, up to roundings of
-/// the parameter itself (2^-24 of it each step) and of the steps (1.3e-5 of each: 1 - 0.999 in float32).
+/// The device's gradients with Adam in float64: after ten steps each parameter agrees with the twin's, up to roundings
+/// of the parameter itself (2^-24 of it each step) and of the steps (1.3e-5 of each: 1 - 0.999 in float32).
 #[test]
 fn adam_of_every_attribute() {
     [1.0, 5.0].into_iter().for_each(ten_steps);
@@ -167,7 +167,7 @@ fn ten_steps(forgetting: f64) {
             assert!((off / size).sqrt() < allowed, "{name}'s moment {which}: {:.1e}", (off / size).sqrt());
         }
     }
-    // Storing gradients is counted as an iteration too: 20 in all.
+    // Storing gradients also counts as an iteration: 20 in all.
     assert_eq!(bench.renderer.backward_counts().unwrap(), BackwardCounts { skipped_rows: 0, passes: 20 });
     finish(&device);
 }
@@ -267,7 +267,7 @@ pub fn gradients_not_finite(device: &Device) {
 
 type Spoil = fn(&mut Gaussians);
 
-/// Parameters that are not finite (a damaged model, until the next density step removes them) harm no other Gaussian.
+/// Parameters that are not finite (a damaged model, until the next density step removes them) affect no other Gaussian.
 #[test]
 fn parameters_that_are_not_finite_harm_no_other() {
     parameters_not_finite(&device());

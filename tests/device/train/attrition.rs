@@ -1,4 +1,4 @@
-//! Attrition: pressure on opacities against the twin's, exact bytes when resumed, and models that make it hard.
+//! Attrition: pressure on opacities against the twin's, exact bytes after resuming, and difficult models.
 
 use super::adam::{Bench, weights};
 use super::runs::{bits, capture, options, resumed, train, trainer};
@@ -10,7 +10,7 @@ use qirf_vk::train::attrition::Attrition;
 use qirf_vk::train::rates::{Pressure, Rates, Step};
 use qirf_vk::train::{Options, Trainer};
 
-/// Three steps under pressure move opacities as the twin's do, and nothing else.
+/// Three steps under pressure move opacities like the twin's, and nothing else.
 #[test]
 fn pressure_moves_opacities_alone() {
     let device = device();
@@ -60,7 +60,7 @@ fn contested() -> Options {
 const BEGUN: u32 = 80;
 const ATTRITION: Attrition = Attrition { until: 0.95, opacity_rate: 0.1, faint: 0.005 };
 
-/// Trains to the attrition's end and past it, pausing where asked; returns the model and the number of Gaussians before
+/// Trains to the attrition's end and beyond, pausing at `pause`; returns the model and the number of Gaussians before
 /// the cut.
 fn contest(trainer: &mut Trainer, survivors: usize, pause: Option<u32>) -> (Vec<u32>, usize) {
     train(trainer, BEGUN);
@@ -85,7 +85,8 @@ fn finish_contest(trainer: &mut Trainer, pause: Option<u32>) -> (Vec<u32>, usize
     (bits(&trainer.download().unwrap()), left)
 }
 
-/// Fewer and fewer are left, and a run that was stopped in the middle, or after the re-warming, ends with the same bytes.
+/// Fewer and fewer Gaussians are left, and a run that was stopped in the middle, or after the re-warming, ends with the
+/// same bytes.
 #[test]
 fn it_resumes_to_the_same_bytes() {
     let device = device();
@@ -100,13 +101,13 @@ fn it_resumes_to_the_same_bytes() {
     assert!(second.attrition() == first.attrition() && second.attrition().is_some());
     assert!(finish_contest(&mut second, None).0 == right, "resumed in the middle");
 
-    // A checkpoint after the end still knows that rates were re-warmed.
+    // A checkpoint after the end still records that rates were re-warmed.
     let done = resumed(&device, &whole.snapshot().unwrap(), contested()).snapshot().unwrap();
     assert!(done.state == whole.snapshot().unwrap().state && done.state.rewarmed.is_some());
     finish(&device);
 }
 
-/// Equal opacities, rows that are no numbers, and more survivors than Gaussians.
+/// Equal opacities, NaN rows, and more survivors than Gaussians.
 #[test]
 fn hard_models_end_with_the_survivors() {
     let device = device();

@@ -1,4 +1,4 @@
-//! Parts of photos: what they show trains a model as it does within the whole photo.
+//! Parts of photos: a part trains a model just as it does within the whole photo.
 
 use super::runs::{bits, capture, options, train};
 use crate::support::{device, finish};
@@ -40,7 +40,7 @@ fn inside(model: &Gaussians, camera: &Camera) -> Vec<usize> {
     (0..model.len()).filter(within).collect()
 }
 
-/// Gradients, which first moments are a tenth of, and density control's statistics are those of the whole photo.
+/// Gradients (ten times the first moments) and density control's statistics equal those of the whole photo.
 #[test]
 fn a_part_keeps_the_photos_measure() {
     let device = device();
@@ -67,7 +67,7 @@ fn a_part_keeps_the_photos_measure() {
     finish(&device);
 }
 
-/// A part that is the whole photo trains the same bits, and a run on parts gives the same bits again.
+/// A part that is the whole photo trains the same bits, and a repeated run on parts gives the same bits.
 #[test]
 fn runs_on_parts() {
     let device = device();

@@ -43,7 +43,7 @@ pub(crate) fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
     (model, growth)
 }
 
-/// A model in training, whose moments are all different and not zero.
+/// A model in training, with moments that are all different and not zero.
 pub(crate) fn held(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> TrainingModel {
     let training = TrainingModel::new(device, model).unwrap();
     for (a, buffer) in attributes(&training).into_iter().enumerate() {
@@ -85,7 +85,7 @@ fn densify_decides_as_its_twin_and_gathers_rows() {
 }
 
 pub fn decisions(device: &Device) {
-    // Large Gaussians are pruned at iteration 600 of a run of 2,000, and not yet at iteration 600 of 30,000.
+    // Large Gaussians are pruned at iteration 600 of a run of 2,000, but not yet at iteration 600 of 30,000.
     for (iterations, large_goes) in [(30_000, false), (2000, true)] {
         for count in [1, 31, 700] {
             let schedule = Schedule { iterations, ..Schedule::default() };
@@ -128,7 +128,7 @@ pub fn decisions(device: &Device) {
     finish(device);
 }
 
-/// Halves are samples of their parent: in its axes, divided by its scales, they are standard normal.
+/// Halves are samples of their parent: along its axes, divided by its scales, they are standard normal.
 #[test]
 fn split_halves_are_samples_of_their_parent() {
     let device = device();
@@ -184,7 +184,7 @@ fn split_halves_are_samples_of_their_parent() {
     finish(&device);
 }
 
-/// If the limit lets only some Gaussians grow, those with the largest gradients do.
+/// If the limit lets only some Gaussians grow, these are the ones with the largest gradients.
 #[test]
 fn the_limit_is_kept() {
     let device = device();

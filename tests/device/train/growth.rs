@@ -13,7 +13,7 @@ use qirf_vk::train::density::{Step, densify};
 use qirf_vk::train::growth::Growth;
 use qirf_vk::train::schedule::Schedule;
 
-/// The gradients that density control reads, over the whole picture and tile by tile.
+/// The gradients used by density control, over the whole picture and tile by tile.
 #[test]
 fn gradients_as_the_twin_adds_them_up() {
     let device = device();
@@ -53,7 +53,7 @@ fn gradients_as_the_twin_adds_them_up() {
     finish(&device);
 }
 
-/// The planned number is there, halves lie where the twin puts them, everything else is unchanged.
+/// The planned number is reached, halves lie at the twin's positions, everything else is unchanged.
 #[test]
 fn halves_lie_along_the_longest_axis() {
     let device = device();

@@ -37,7 +37,7 @@ fn the_device_halves_as_its_twin_does() {
     finish(&device);
 }
 
-/// A point seen at a pixel's corner is seen at half of that in the half picture, odd sizes or not.
+/// A point seen at a pixel's corner is seen at half that position in the half picture, for odd and even sizes.
 #[test]
 fn the_camera_sees_what_the_photo_shows() {
     let camera = Camera::look_at(DVec3::new(0.3, 0.2, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, 201, 151);

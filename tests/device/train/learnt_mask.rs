@@ -1,4 +1,5 @@
-//! Learnt masks on the device: pictures without the masked, slopes and steps against the float64 twin, and whole runs.
+//! Learnt masks on the device: pictures without the masked Gaussians, slopes and steps against the float64 twin, and
+//! whole runs.
 
 use super::adam::weights;
 use super::runs::{bits, capture, options, train};
@@ -65,7 +66,7 @@ impl Bench {
         Masked { renderer, camera, model, scores, moments, shown, settings, key: [5, 77] }
     }
 
-    /// The picture, and its backward pass with the slopes by masks.
+    /// Records the picture and its backward pass with the slopes by masks.
     fn there_and_back(&self) {
         let (mut recording, model) = (Recording::new(), &self.training.model);
         self.renderer.record_lists(&mut recording, model, &self.camera);
@@ -99,7 +100,7 @@ fn model() -> Gaussians {
     narrowed(&random_scene(&small_camera(SIZE[0], SIZE[1]), 1))
 }
 
-/// Scores of which a threshold masks every third.
+/// Scores for which a threshold masks every third.
 fn thirds(n: usize) -> Vec<f32> {
     (0..n).map(|i| if i % 3 > 0 { 1.0 } else { -9.0 }).collect()
 }
@@ -108,7 +109,7 @@ fn shown(scores: &[f32]) -> Vec<bool> {
     scores.iter().map(|s| reference::learnt_mask::shows(f64::from(*s), None)).collect()
 }
 
-/// The picture has the bits of one of a model without the masked, and these have no gradients.
+/// The picture has the bits of a model's without the masked Gaussians, and these have no gradients.
 #[test]
 fn the_masked_are_not_drawn() {
     let (model, device) = (model(), device());
@@ -156,7 +157,7 @@ fn slopes_as_the_twin_has_them() {
         let worst = got.iter().zip(&right).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs())) / largest;
         println!("{name} masked: largest slope {largest:.3}, largest error {worst:.1e} of it");
         assert!(largest > 1.0 && worst < 1e-5, "{name}: {worst}");
-        // Of those that are shown, the opacity's slope is the same where no alpha is clamped.
+        // For Gaussians that are shown, the opacity's slope is the same wherever no alpha is clamped.
         let rows = bench.rows();
         for i in (0..model.len()).filter(|i| scores[*i] > 0.0 && model.opacity_logits[*i] < 4.0) {
             let by_opacity = f64::from(rows[i * ROW as usize + ROW_LOGIT as usize])
@@ -167,7 +168,8 @@ fn slopes_as_the_twin_has_them() {
     finish(&device);
 }
 
-/// A step moves scores and moments as the twin does: by both methods, of faint and opaque Gaussians, and of scores at both ends.
+/// A step moves scores and moments like the twin's: with both methods, for faint and opaque Gaussians, and for scores
+/// at both ends.
 #[test]
 fn steps_as_the_twin_has_them() {
     let (mut model, device) = (model(), device());
@@ -203,7 +205,7 @@ fn steps_as_the_twin_has_them() {
             let near = |a: f32, b: f64, room: f64| f64::from(a) == b || (f64::from(a) - b).abs() <= room;
             let room = 2e-5 * gradient.abs() + 1e-7;
             assert!(near(moments[i][0], m[0], room), "{method:?} {i}: {:?} {m:?} {v:?}", moments[i]);
-            // The step's size does not depend on the gradient's; its sign is sure where that is not nearly 0.
+            // The step's size does not depend on the gradient's; its sign is certain unless that is nearly 0.
             if gradient == 0.0 || gradient.abs() > 1e-4 {
                 assert!(near(after[i], value[0], 1e-4), "{method:?} {i}: {} {value:?}", after[i]);
             }
@@ -214,7 +216,7 @@ fn steps_as_the_twin_has_them() {
     finish(&device);
 }
 
-/// A Gaussian whose gradients are not finite keeps its score; a score that is no number masks, and harms no other.
+/// A Gaussian whose gradients are not finite keeps its score; a NaN score masks, and affects no other Gaussian.
 #[test]
 fn what_is_not_finite_stays_where_it_is() {
     let (model, device) = (model(), device());
@@ -253,13 +255,13 @@ fn what_is_not_finite_stays_where_it_is() {
 }
 
 fn masked(device: &Device, method: MaskMethod, survivors: usize) -> Arc<dyn Method> {
-    // So much weight that most are masked within the hundred iterations.
+    // A weight so large that most are masked within the hundred iterations.
     let settings = LearntMasks { weight: 0.15, rate: 0.3, ..LearntMasks::of(method, survivors, 110) };
     Arc::new(LearntMask::new(device, settings).unwrap())
 }
 
-/// Runs with masks end with exactly the survivors, and with the same bytes: with little room for pairs, or interrupted before the
-/// cut and after it. Without masks there is no kernel of theirs.
+/// Runs with masks end with exactly the survivors, and with the same bytes: with little room for pairs, or interrupted
+/// before or after the cut. Without masks none of their kernels runs.
 #[test]
 fn masked_runs_end_with_the_same_bytes() {
     let (device, c) = (device(), capture());
@@ -304,7 +306,7 @@ fn masked_runs_end_with_the_same_bytes() {
     finish(&device);
 }
 
-/// A model without Gaussians, and one with fewer than are to be left.
+/// A model without Gaussians, and one with fewer than the survivors.
 #[test]
 fn nothing_to_mask() {
     let (device, c) = (device(), capture());

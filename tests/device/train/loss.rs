@@ -17,7 +17,7 @@ struct Case {
     weights: Weights,
 }
 
-/// Value, l1, SSIM and squares left out; gradient by red, green, blue.
+/// Value (L1, SSIM and squares are left out); gradient by red, green, blue.
 fn expected(case: &Case) -> (f64, Vec<[f64; 3]>) {
     let width = case.size[0] as usize;
     let x: Vec<[f64; 3]> = case.image.iter().map(|p| [p[0], p[1], p[2]].map(f64::from)).collect();
@@ -132,7 +132,7 @@ fn noise_of_any_size() {
     finish(&device);
 }
 
-/// Smooth and nearly equal pictures, which training ends with: variances are small against the squared means.
+/// Smooth and nearly equal pictures, as at the end of training: variances are small relative to the squared means.
 #[test]
 fn smooth_pictures() {
     let device = device();
@@ -195,8 +195,8 @@ fn flat_and_saturated_pictures() {
     finish(&device);
 }
 
-/// Radiance has no upper bound: where float32 cannot distinguish a variance from zero, results stay finite and SSIM in
-/// bounds.
+/// Radiance has no upper bound: if float32 cannot distinguish a variance from zero, results stay finite and SSIM within
+/// its range.
 #[test]
 fn glaring_pictures_stay_finite() {
     let device = device();

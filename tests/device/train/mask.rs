@@ -13,7 +13,7 @@ fn mask_hides_as_its_twin_does_and_takes_the_gradient_back() {
         let mut r = Random(n as u64);
         let mut pixels = || -> Vec<[f32; 4]> { (0..n).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect() };
         let (image, gradient) = (pixels(), pixels());
-        // Wholly hidden, wholly seen, and all between.
+        // Completely hidden, completely visible, and everything between.
         let photo: Vec<u32> = (0..n as u32).map(|i| [0, 255, i % 256][i as usize % 3] << 24 | 0x0012_3456).collect();
         let held = Mask::new(&device, n, background).unwrap();
         let photos = device.upload("photo", &photo).unwrap();

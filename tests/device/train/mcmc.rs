@@ -16,14 +16,14 @@ use std::sync::Arc;
 
 const SETTINGS: Mcmc = Mcmc { until: 0.8, dead: 0.005, noise: 3.0, opacity: 40.0, scale: 70.0 };
 
-/// Rows gain the slopes, and means move, as the twin says: to 1e-5 of the size of each; whatever the shape.
+/// Rows gain the slopes, and means move, as in the twin: to 1e-5 of the size of each, for every shape.
 #[test]
 fn slopes_and_noise_as_the_twin_has_them() {
     let device = device();
     let camera = small_camera(45, 37);
     let mut model = narrowed(&random_scene(&camera, 1));
     let n = model.len();
-    // From dead to opaque, so that every part of the logistic function is there; needles and discs; and hard cases.
+    // From dead to opaque, so that every part of the logistic function occurs; needles and discs; and hard cases.
     for i in 0..n {
         model.opacity_logits[i] = -9.0 + 14.0 * i as f32 / n as f32;
         model.log_scales[i][i % 3] -= 6.0;

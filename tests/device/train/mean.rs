@@ -1,4 +1,5 @@
-//! The mean of the last iterates: against float64, over changes of the number of Gaussians, and with the same bytes when resumed.
+//! The mean of the last iterates: against float64, over changes of the number of Gaussians, and with the same bytes
+//! after resuming.
 
 use super::runs::{bits, options, resumed, train, trainer};
 use crate::support::{device, finish};
@@ -9,7 +10,7 @@ use qirf_vk::train::schedule::Schedule;
 const TAIL: usize = 40;
 const LAST: u32 = 110;
 
-/// Takes the mean of the iterates after this share of the run.
+/// Options that average the iterates after this share of the run.
 fn averaging(mean_from: f64) -> Options {
     Options { schedule: Schedule { mean_from, ..options().schedule }, tail: TAIL, ..options() }
 }
@@ -52,7 +53,7 @@ fn the_result_is_the_mean_of_the_last_iterates() {
     finish(&device);
 }
 
-/// Rows of different Gaussians, opacities that were reset, and models of different degrees are not averaged.
+/// Rows of different Gaussians, reset opacities, and models of different degrees are not averaged.
 #[test]
 fn other_changes_begin_it_anew() {
     let device = device();
@@ -72,7 +73,7 @@ fn other_changes_begin_it_anew() {
     begins(&|_| (), 90);
     begins(&|schedule| schedule.densify_every = 100, 100);
     begins(&|schedule| schedule.opacity_reset_every = 102, 102);
-    // A band comes with iteration 103.
+    // A band is added at iteration 103.
     begins(&|schedule| schedule.degree_every = 103.0 / f64::from(LAST), 104);
     finish(&device);
 }

@@ -144,8 +144,8 @@ fn a_run_of_fixed_size_takes_what_was_expected() {
     assert!((0.7..=1.0).contains(&share), "with learnt masks, which leave half: {share}");
 }
 
-/// A growing run holds the old and the new model at once for a moment, and its peak depends on the steps: within a half
-/// below the estimate.
+/// A growing run briefly holds the old and the new model at once, and its peak depends on the steps: at most half below
+/// the estimate.
 #[test]
 fn a_growing_run_stays_within_the_estimate() {
     let share = share(&new_device(), 20_000, 1, true, None);

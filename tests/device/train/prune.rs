@@ -26,7 +26,7 @@ fn responses_change_nothing() {
     let seen = responses.channels.iter().filter(|r| r[0] > 0.0).count();
     assert!(seen > n / 2, "{seen} of {n} seen");
     assert!(responses.channels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
-    // A Gaussian contributes where it is seen, and nowhere else.
+    // A Gaussian has a response exactly where it is visible.
     assert!(responses.channels.iter().zip(&responses.scores).all(|(r, s)| (r[0] > 0.0) == (s.hits > 0.0)));
     finish(&device);
 }
@@ -86,7 +86,7 @@ fn counts_are_exact() {
     finish(&device);
 }
 
-/// Merged pairs take the places of some of their members, exactly as many as asked for, and training goes on with them.
+/// Merged pairs replace some of their members, exactly as many as requested, and training continues with them.
 #[test]
 fn pairs_train_on() {
     let device = device();

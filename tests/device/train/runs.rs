@@ -24,7 +24,7 @@ pub(crate) struct Capture {
     pub(crate) extent: f64,
 }
 
-/// Eight photos of 64 x 48, of which seven are trained on, made once.
+/// Eight photos of 64 x 48, seven of them for training, made once.
 pub(crate) fn capture() -> &'static Capture {
     static MADE: OnceLock<Capture> = OnceLock::new();
     MADE.get_or_init(|| {
@@ -84,7 +84,7 @@ pub(crate) fn trainer(device: &Device, options: Options) -> Trainer {
     Trainer::new(device, &c.start, c.train.clone(), c.extent, options).unwrap()
 }
 
-/// A run that goes on from the file of a checkpoint.
+/// A run resumed from the file of a checkpoint.
 pub(crate) fn resumed(device: &Device, snapshot: &Snapshot, options: Options) -> Trainer {
     let (c, folder) = (capture(), tempfile::tempdir().unwrap());
     let file = folder.path().join("checkpoint.safetensors");
@@ -151,7 +151,7 @@ fn the_same_bytes_however_it_is_run() {
     assert!(right == bits(&run(&device, Options { pairs: 64, ..options() })), "a tiny pair buffer");
     assert!(right == bits(&run(&device, Options { pairs: 1500, ..options() })), "a pair buffer that is soon too small");
 
-    // Unplanned stops, and calls that have nothing left to do, above all at density steps.
+    // Unplanned stops, and calls with nothing left to do, above all at density steps.
     let mut halting = trainer(&device, options());
     for until in [1, 7, 20, 20, 40, 41, 50, 50, 80, 30, 109, 110, 110] {
         train(&mut halting, until);
@@ -228,7 +228,7 @@ fn streamed_photos_give_the_same_bytes() {
     assert!(a == b, "random points");
 }
 
-/// They travel in the submission of the iteration that needs them: nobody waits for them.
+/// Streamed photos travel in the submission of the iteration that needs them: nothing waits for them.
 #[test]
 fn streamed_photos_cost_no_submission_and_no_wait() {
     let device = opened(|options| options.memory_limit = Some(48 << 20));
@@ -242,7 +242,7 @@ fn streamed_photos_cost_no_submission_and_no_wait() {
     assert_eq!((after.submissions - before.submissions, after.round_trips - before.round_trips), (16, 0));
 }
 
-/// Reading ahead is a guess: other views, repeats and reversals still give the requested photo.
+/// Reading ahead is a guess: with other views, repeats and reversals, the requested photo is still returned.
 #[test]
 fn reading_ahead_changes_nothing() {
     let device = opened(|options| options.memory_limit = Some(100_000));

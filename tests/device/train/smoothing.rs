@@ -50,7 +50,7 @@ pub fn least_scales(device: &Device) {
     model.means[..3].copy_from_slice(&strange);
     model.log_scales[3] = [f32::NAN, -20.0, 1.0];
 
-    // The kernel goes by the count on the device: what lies behind stays.
+    // The kernel uses the count on the device: rows behind it do not change.
     let counted = n - 100;
     let resident = Resident::upload(device, &model).unwrap();
     let mut recording = Recording::new();
@@ -78,7 +78,7 @@ pub fn least_scales(device: &Device) {
     }
     println!("{raised} raised, {unseen} of unseen ones left, worst {worst:e}");
     assert!(raised > 1000 && unseen > 1000);
-    // A Gaussian at a photo's border may count as seen in float32 and not in float64, or the other way round.
+    // A Gaussian at a photo's border may count as seen in float32 and not in float64, or vice versa.
     assert!(worst < 1e-5, "{worst}");
     assert_eq!(after.means[2], strange[2]);
     finish(device);
@@ -109,7 +109,7 @@ fn runs_end_within_the_bound_and_resume_to_the_same_bytes() {
     assert!(on.0 > 1.0 - 1e-4 && on.1 > 50, "{on:?}");
     assert!(off.0 < 0.9, "the scene has Gaussians that need smoothing: {off:?}");
 
-    // With a small initial capacity iterations are repeated. And the run is interrupted where no smoothing is due.
+    // With a small initial capacity iterations are repeated. The run is also interrupted where no smoothing is due.
     assert_eq!(bits(&run(Options { pairs: 64, ..antialiased() })), bits(&whole));
     let mut first = trainer(antialiased());
     train(&mut first, 41);

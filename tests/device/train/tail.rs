@@ -1,4 +1,4 @@
-//! A model whose last rows are drawn and never change: what a block of a scene sees of the others.
+//! A model whose last rows are drawn and never change: the part of the other blocks that a block sees.
 
 use super::runs::{bits, capture, options, train};
 use crate::support::{device, finish};
@@ -24,7 +24,7 @@ fn trainer(device: &Device, options: Options) -> Trainer {
     Trainer::new(device, &c.start, c.train.clone(), c.extent, Options { tail: TAIL, ..options }).unwrap()
 }
 
-/// The last rows of a model, and how many are before them.
+/// The last rows of a model, and the number of rows before them.
 fn tail(model: &Gaussians) -> (Gaussians, usize) {
     let before = model.len() - TAIL;
     (model.select(&(before..model.len()).collect::<Vec<_>>()), before)
@@ -34,7 +34,7 @@ fn growing(growth: Option<Growth>) -> Options {
     Options { schedule: Schedule { growth, ..options().schedule }, ..options() }
 }
 
-/// Steps, density control of both kinds, and opacity resets pass the tail by; the rest moves and grows.
+/// Steps, density control of both kinds, and opacity resets leave the tail unchanged; the rest moves and grows.
 
 #[test]
 fn the_tail_never_changes() {
@@ -46,7 +46,7 @@ fn the_tail_never_changes() {
         let model = trainer.download().unwrap();
         let ((before, _), (after, trained)) = (tail(start), tail(&model));
         assert!(trained != start.len() - TAIL && trained == trainer.trained(), "{trained}");
-        // Bands that came later are zero.
+        // Bands added later are zero.
         let mut before = before;
         before.sh.extend((before.sh.len()..after.sh.len()).map(|l| vec![0.0; TAIL * Gaussians::band_width(l)]));
         assert!(bits(&before) == bits(&after), "{growth:?}");
@@ -60,8 +60,8 @@ fn the_tail_never_changes() {
     finish(&device);
 }
 
-/// Rows that no camera sees change nothing: with them as the tail, the others end with the bits that they have alone. Random
-/// numbers and counts of density control therefore are those of the trained rows.
+/// Rows that no camera sees change nothing: with them as the tail, the others end with the bits that they have alone.
+/// Random numbers and counts of density control therefore depend on the trained rows only.
 
 #[test]
 fn an_invisible_tail_changes_nothing() {
@@ -90,7 +90,7 @@ fn an_invisible_tail_changes_nothing() {
     finish(&device);
 }
 
-/// Attrition and prunes take from the trained rows alone.
+/// Attrition and prunes remove trained rows only.
 
 #[test]
 fn attrition_and_prunes_leave_the_tail() {
@@ -120,7 +120,7 @@ fn attrition_and_prunes_leave_the_tail() {
     finish(&device);
 }
 
-/// A prune chooses from the trained rows alone, merges into them alone, and counts them alone.
+/// A prune chooses from the trained rows only, merges into them only, and counts them only.
 #[test]
 fn prunes_choose_beside_the_tail() {
     let device = device();
@@ -145,7 +145,7 @@ fn prunes_choose_beside_the_tail() {
     finish(&device);
 }
 
-/// A run with a tail ends with the same bits after an interruption; its checkpoint knows the tail.
+/// A run with a tail ends with the same bits after an interruption; its checkpoint stores the tail's length.
 
 #[test]
 fn a_tail_is_resumed() {
@@ -184,7 +184,7 @@ fn the_tail_is_drawn() {
     finish(&device);
 }
 
-/// The cameras' mean of the whole scene, where it is given, takes the place of the photos' own.
+/// The mean of the whole scene's cameras, if given, replaces that of the photos' own.
 
 #[test]
 fn the_scenes_cameras_come_from_outside() {

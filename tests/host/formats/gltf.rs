@@ -1,4 +1,4 @@
-//! glTF: other programs' layouts, places of nodes, our own files, and hostile ones.
+//! glTF: other programs' layouts, node transforms, our own files, and hostile ones.
 
 use std::fs;
 
@@ -11,7 +11,7 @@ use super::writers::angle;
 use crate::support::files::gltf::{Layout, bundle, glb, glb_changed, glb_of_spz, gltf};
 use crate::support::files::make;
 
-/// Asserts equality but for the rounding of exponentials, and for steps of integers where there are.
+/// Asserts equality up to the rounding of exponentials, and up to integer steps if there are any.
 #[track_caller]
 fn assert_near(a: &Gaussians, b: &Gaussians, steps: f32) {
     assert_eq!((a.len(), a.degree(), &a.means, &a.sh), (b.len(), b.degree(), &b.means, &b.sh));
@@ -63,7 +63,7 @@ fn a_written_glb_is_read_back_to_the_last_bit_of_exponentials() {
             assert_eq!(first.len(), fs::read(&path).unwrap().len());
         }
     }
-    // The document as the specification wants it.
+    // The document as required by the specification.
     let bytes = fs::read(&path).unwrap();
     let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
     let json: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
@@ -110,14 +110,14 @@ fn nodes_move_turn_and_scale() {
     };
     let moved = placed(json!({ "translation": [1, 2, 3], "scale": [2, 2, 2] })).unwrap();
     for i in 0..12 {
-        // glTF's x and y point the other way.
+        // glTF's x and y point in the opposite directions.
         let [x, y, z] = as_is.means[i];
         let expected = [2.0 * x - 1.0, 2.0 * y - 2.0, 2.0 * z + 3.0];
         assert!((0..3).all(|k| (moved.means[i][k] - expected[k]).abs() < 1e-6));
         assert!((moved.log_scales[i][0] - as_is.log_scales[i][0] - 2f32.ln()).abs() < 1e-6);
     }
     assert_eq!(moved.sh, as_is.sh);
-    // Half a turn about z, as quaternion and as matrix: the axes of the file are then ours.
+    // Half a turn about z, as quaternion and as matrix: the axes of the file then equal ours.
     let half =
         [json!({ "rotation": [0, 0, 1, 0] }), json!({ "matrix": [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] })];
     for node in half {
@@ -152,7 +152,7 @@ fn an_spz_inside_is_read_in_the_axes_of_gltf() {
             let inside = read(&glb_of_spz(&file, early), "m.glb").unwrap();
             assert_eq!(inside.format, Format::Gltf);
             for (a, b) in alone.means.iter().zip(&inside.gaussians.means) {
-                // From right-up-back to ours, and from left-up-front: half a turn about y between them.
+                // From right-up-back to ours, and from left-up-front: they differ by half a turn about y.
                 assert_eq!([-a[0], a[1], -a[2]], *b);
             }
             assert_eq!(alone.log_scales, inside.gaussians.log_scales);
@@ -211,7 +211,7 @@ fn hostile_documents_are_refused() {
     refused("meshopt", &|d| d["bufferViews"][0]["extensions"] = json!({ "EXT_meshopt_compression": {} }));
     refused("version 1.0", &|d| d["asset"]["version"] = "1.0".into());
     refused("more than 65536 entries", &|d| d["nodes"] = vec![json!({}); 65_537].into());
-    // One mesh placed as often as the file is long is too often.
+    // One mesh placed as often as the file has bytes is too often.
     refused("placed too often", &|d| {
         d["nodes"] = vec![json!({ "mesh": 0 }); 5000].into();
         d["scenes"] = json!([{ "nodes": (0..5000).collect::<Vec<_>>() }]);

@@ -51,7 +51,7 @@ fn no_gaussians_are_legal() {
 fn a_truncated_body_says_what_is_whole_and_what_is_claimed() {
     let ply = make::ply(&make::model(7, 1), Encoding::Ascii, false);
     let lines: Vec<&[u8]> = ply.split_inclusive(|&b| b == b'\n').collect();
-    // Behind it: three rows of vertices and one of faces.
+    // Cut off three rows of vertices and one of faces.
     let cut = lines[..lines.len() - 4].concat();
     let text = message(&cut, "m.ply");
     assert!(
@@ -325,7 +325,7 @@ fn truncation_at_any_byte_is_refused_or_salvaged_but_never_panics() {
         assert!(read(&bytes, name).is_ok(), "{name}: {:?}", read(&bytes, name));
         for end in 0..bytes.len() {
             if let Ok(loaded) = read(&bytes[..end], name) {
-                // Only a file without a count of its own, or one that lacks an unneeded last line of text, may still be
+                // Only a file without its own count, or one that lacks an unneeded last line of text, may still be
                 // read.
                 loaded.gaussians.validate().unwrap();
                 let needless = matches!(name, "c.ply" | "n.usda") && end + 5 >= bytes.len();
@@ -362,7 +362,7 @@ proptest! {
         }
     }
 
-    /// The first bytes hold the counts and types: damage concentrated there reaches the deepest checks.
+    /// The first bytes contain the counts and types: damage concentrated there reaches the deepest checks.
     #[test]
     fn damaged_headers_never_panic(
         flips in prop::collection::vec((0usize..64, any::<u8>()), 1..4),

@@ -94,7 +94,7 @@ fn minimal_formats_agree() {
             assert!((spz.log_scales[i][0] - splat.log_scales[i][0]).abs() <= 0.5 / 16.0 + 1e-5, "{name}");
         }
     }
-    // The older two were stored without the turn about x that the format requires; nothing in the files shows it.
+    // The older two were stored without the turn about x that the format requires; nothing in the files indicates it.
     for (old, new) in raw.means.iter().zip(&splat.means) {
         assert_eq!([old[0], -old[1], -old[2]], *new);
     }
@@ -139,7 +139,7 @@ fn playbot_sog_agrees_with_its_ply() {
         // most 9.6e-3 (as in SPZ), twice that as an angle.
         assert!((sigmoid(ply.opacity_logits[i]) - sigmoid(sog.opacity_logits[j])).abs() <= 0.5 / 255.0);
         assert!(angle(ply.rotations[i], sog.rotations[j]) < 1.92e-2);
-        // The PLY was written from codebook values: other attributes are the same up to rounding.
+        // The PLY was written from codebook values: other attributes are equal up to rounding.
         for axis in 0..3 {
             assert!((ply.log_scales[i][axis] - sog.log_scales[j][axis]).abs() < 1e-5);
         }

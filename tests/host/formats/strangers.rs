@@ -1,4 +1,4 @@
-//! Other people's readers and writers, where `tools/readers` has fetched them.
+//! Other people's readers and writers, if `tools/readers` has fetched them.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -12,7 +12,7 @@ use super::writers::{angle, matched};
 use crate::support::files::make;
 use crate::support::{skip, source};
 
-/// A file of the fetched readers; none if it is missing, and the test is skipped.
+/// A file of the fetched readers; `None` if it is missing, and the test is skipped.
 fn reader(file: &str) -> Option<PathBuf> {
     let path = source("target/readers").join(file);
     if path.exists() {
@@ -22,7 +22,7 @@ fn reader(file: &str) -> Option<PathBuf> {
     None
 }
 
-/// What a program prints; it must succeed.
+/// The output of a program, which must succeed.
 fn printed(command: &mut Command) -> String {
     let output = command.output().expect("the program starts");
     let said = String::from_utf8_lossy(&output.stderr);
@@ -30,7 +30,7 @@ fn printed(command: &mut Command) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// A folder with a model in it, whose values every format can hold.
+/// A folder with a model whose values every format can hold.
 fn folder(n: usize, degree: usize, name: &str) -> (TempDir, PathBuf, Gaussians) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -51,7 +51,7 @@ fn khronos_validator_finds_nothing_wrong_with_our_glb() {
         let issues: Value =
             serde_json::from_str(&printed(Command::new("node").args(["-e", VALIDATE]).arg(&validator).arg(&path)))
                 .unwrap();
-        // This version knows no extension's attributes; it checks everything that they share with others.
+        // This version does not know extensions' attributes; it checks everything that they share with others.
         let known = |m: &&Value| {
             let ours = m["pointer"].as_str().is_some_and(|p| p.contains("/attributes/KHR_gaussian_splatting:"));
             m["code"] == "UNSUPPORTED_EXTENSION" || m["code"] == "MESH_PRIMITIVE_INVALID_ATTRIBUTE" && ours
@@ -88,7 +88,7 @@ fn openusd_finds_our_values() {
         let sh = rows("radiance:sphericalHarmonicsCoefficients");
         assert_eq!((positions.len(), orientations.len(), scales.len(), sh.len()), (40, 40, 40, 40 * 9));
         for i in 0..40 {
-            // Right-up-back: y and z the other way.
+            // Right-up-back: y and z are negated.
             let [x, y, z] = model.means[i];
             assert_eq!(positions[i], [x, -y, -z].map(f64::from));
             assert!((scales[i][1].ln() - f64::from(model.log_scales[i][1])).abs() < 1e-6);
@@ -101,7 +101,7 @@ fn openusd_finds_our_values() {
     }
 }
 
-/// Asserts that two models are the same but for rounding; `flipped`: but for half a turn about x.
+/// Asserts that two models are equal up to rounding and, if `flipped`, up to half a turn about x.
 fn assert_same(a: &Gaussians, b: &Gaussians, flipped: bool, steps: f32, what: &str) {
     assert_eq!((a.len(), a.degree()), (b.len(), b.degree()), "{what}");
     let sign = if flipped { -1.0 } else { 1.0 };
@@ -119,7 +119,7 @@ fn assert_same(a: &Gaussians, b: &Gaussians, flipped: bool, steps: f32, what: &s
             (sigmoid(a.opacity_logits[i]) - sigmoid(b.opacity_logits[j])).abs() <= 1e-5 + steps,
             "{what}: opacity {i}"
         );
-        // An ellipsoid is the same after half a turn about an axis of its own.
+        // An ellipsoid is unchanged by half a turn about one of its own axes.
         let [w, x, y, z] = b.rotations[j];
         let alike = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
         let turned = alike.map(|q| angle(a.rotations[i], q)).into_iter().fold(f64::INFINITY, f64::min);
@@ -147,7 +147,7 @@ fn splat_transform_reads_our_files_as_we_do() {
         let copy = folder.path().join("copy.ply");
         splat_transform(&program, &path, &copy);
         let (ours, theirs) = (formats::read(&path).unwrap().gaussians, formats::read(&copy).unwrap().gaussians);
-        // It writes the axes of an SPZ into a PLY as they are; the official library turns them, as we do.
+        // It writes the axes of an SPZ into a PLY unchanged; the official library turns them, as we do.
         assert_same(&ours, &theirs, name == "m.spz", 0.0, name);
     }
 }

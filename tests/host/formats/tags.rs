@@ -1,4 +1,4 @@
-//! Tags of anti-aliased models: written, kept, and read from files of other tools.
+//! Tags of anti-aliased models: written, preserved, and read from files of other tools.
 
 use std::fs;
 
@@ -7,7 +7,7 @@ use qirf_vk::gaussians::formats::{self, RenderMode, SpzVersion};
 use super::readers::read;
 use crate::support::files::make::{self, Encoding};
 
-/// A PLY with further lines in its header.
+/// A PLY with additional lines in its header.
 fn commented(ply: &[u8], comments: &[u8]) -> Vec<u8> {
     let at = ply.windows(8).position(|w| w == b"element ").expect("an element");
     [&ply[..at], comments, &ply[at..]].concat()
@@ -28,7 +28,7 @@ fn written_tags_are_read_back_from_every_format() {
         }
         assert!(written[0].0 != written[1].0 && written[0].1 == written[1].1, "{name}: the tag alone differs");
     }
-    // Other tools look for these words, and for none in plain files.
+    // Other tools look for these words, which plain files must not contain.
     let (ply, spz, sog) = ("a.ply", "a.spz", "a.sog");
     let contains = |bytes: &[u8], words: &str| bytes.windows(words.len()).any(|w| w == words.as_bytes());
     for (name, words) in [(ply, "\ncomment SplatRenderMode: mip\n"), (sog, "\"model\":\"antialiased\"")] {
@@ -60,7 +60,7 @@ fn comments_count_in_every_kind_of_ply() {
             assert_eq!((tagged.mode, tagged.doubt), (RenderMode::AntiAliased, None), "{tag}");
             assert!(tagged.gaussians == plain.gaussians);
         }
-        // A damaged tag costs the tag and not the model; comments in other encodings do no harm.
+        // A damaged tag loses the tag and not the model; comments in other encodings do no harm.
         let damaged = read(&commented(file, b"comment SplatRenderMode: m\xffp\n"), "m.ply").unwrap();
         assert_eq!(damaged.mode, RenderMode::Plain);
         assert!(damaged.doubt.unwrap().contains("not understood") && damaged.gaussians == plain.gaussians);
@@ -77,7 +77,7 @@ fn the_bit_of_spz_counts_in_every_version() {
         file[14] |= 1;
         let tagged = read(&file, "m.spz").unwrap();
         assert_eq!((tagged.mode, tagged.doubt), (RenderMode::AntiAliased, None), "version {version}");
-        // Bits that are not known mean nothing.
+        // Unknown bits are ignored.
         file[14] = 0x80;
         assert_eq!(read(&file, "m.spz").unwrap().mode, RenderMode::Plain);
     }

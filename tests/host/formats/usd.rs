@@ -32,7 +32,7 @@ fn layers_and_packages_are_read_back_to_the_last_bit_of_exponentials() {
             }
         }
     }
-    // A package's file is stored, and begins at a multiple of 64 bytes.
+    // A package's file is stored uncompressed, and begins at a multiple of 64 bytes.
     let bytes = fs::read(folder.path().join("m.usdz")).unwrap();
     let start = bytes.windows(6).position(|w| w == b"#usda ").unwrap();
     assert_eq!(start % 64, 0);
@@ -87,7 +87,7 @@ fn layers_of_other_programs_are_read() {
     assert!(near(m.means[0], [1.0, -3.0, 2.0]) && near(m.means[2], [0.0, -2.0, 0.0]), "{:?}", m.means);
     assert!(near(m.log_scales[0], [0.0, 2.5f32.ln(), 0.5f32.ln()]));
     assert_eq!((m.sh[0][1], loaded.repairs.clamped_opacities), (0.2, 2));
-    // Brighter above: the coefficient of z becomes that of -y, which has a sign of its own.
+    // Brighter above: the coefficient of z becomes that of -y, with a changed sign.
     let row = &m.sh[1][9..18];
     assert!((row[0] - 7.0).abs() < 1e-5 && row[3].abs() < 1e-5, "{row:?}");
 }

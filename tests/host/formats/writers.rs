@@ -9,7 +9,7 @@ use qirf_vk::glam::{Mat3, Quat, Vec3};
 
 use crate::support::files::make;
 
-/// Asserts that `b`, read back from SPZ, is `a` within SPZ's steps.
+/// Asserts that `b`, read back from SPZ, equals `a` within SPZ's steps.
 pub fn assert_within_spz(a: &Gaussians, b: &Gaussians, mean_step: f32) {
     assert_eq!((a.len(), a.degree()), (b.len(), b.degree()));
     let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
@@ -24,8 +24,8 @@ pub fn assert_within_spz(a: &Gaussians, b: &Gaussians, mean_step: f32) {
         }
         let (p, q) = (sigmoid(a.opacity_logits[i]), sigmoid(b.opacity_logits[i]));
         assert!((p - q).abs() <= 0.5 / 255.0 + 1e-5, "opacity {i}: {p} {q}");
-        // Half a step of sqrt(1/2)/511 in three components is 1.2e-3; the fourth, at least 1/2, adds up to 2.1e-3 across
-        // it: a chord of 2.4e-3, and a rotation turns by twice that.
+        // Half a step of sqrt(1/2)/511 in three components is 1.2e-3; the fourth, at least 1/2, adds up to 2.1e-3
+        // across it: a chord of 2.4e-3, and a rotation turns by twice that.
         assert!(angle(a.rotations[i], b.rotations[i]) < 4.8e-3, "rotation {i}");
     }
     for l in 1..=a.degree() {
@@ -131,11 +131,11 @@ fn covariance(model: &Gaussians, i: usize) -> [f32; 9] {
     (scaled * scaled.transpose()).to_cols_array()
 }
 
-/// Steps of every rung are as wide as it says; each rung takes more bytes than the one before, and loses less.
+/// Steps of every rung are as wide as declared; each rung takes more bytes than the previous one, and loses less.
 #[test]
 fn rungs_of_the_ladders_lose_less_and_less() {
     let mut model = make::model(3000, 2);
-    // Neighbours are alike in scenes: SH that vary with the place.
+    // Neighbours are similar in scenes: SH that vary with the position.
     for l in 1..=2 {
         let width = Gaussians::band_width(l);
         for i in 0..model.len() {
@@ -171,7 +171,7 @@ fn rungs_of_the_ladders_lose_less_and_less() {
     assert_eq!(formats::ladder(Path::new("a.ply"), 2).rungs, [formats::Precision::Fixed]);
 }
 
-/// Random attributes are the worst case for codebooks; SH of few kinds, as in scenes, are reproduced well.
+/// Random attributes are the worst case for codebooks; SH with few distinct rows, as in scenes, are reproduced well.
 #[test]
 fn sog_round_trip_stays_within_its_steps() {
     let folder = tempfile::tempdir().unwrap();
@@ -204,8 +204,8 @@ fn sog_round_trip_stays_within_its_steps() {
             b.sort_unstable_by(f32::total_cmp);
             // Half a step of 0.03.
             assert!((0..3).all(|k| (a[k] - b[k]).abs() < 0.0151), "scales {i}: {a:?} {b:?}");
-            // Half a step of sqrt(2)/255 in each of three components and its effect on the fourth turn by 0.026 at most, and the
-            // scales' 0.015 count twice. The axes may come in another order.
+            // Half a step of sqrt(2)/255 in each of three components and its effect on the fourth turn by 0.026 at
+            // most, and the scales' 0.015 count twice. The axes may come in another order.
             let (x, y) = (covariance(&model, i), covariance(&back, j));
             let most = x.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
             assert!(x.iter().zip(y).all(|(x, y)| (x - y).abs() < 0.08 * most), "shape {i}: {x:?} {y:?}");
@@ -254,7 +254,7 @@ fn compressed_ply_round_trip_stays_within_its_steps() {
                 }
             }
         }
-        // Chunk by chunk it is packed to the same words again.
+        // Repacked chunk by chunk, it gives the same words.
         let first = fs::read(&path).unwrap();
         formats::write(&path, &model, formats::RenderMode::AntiAliased).unwrap();
         assert!(fs::read(&path).unwrap() == first);

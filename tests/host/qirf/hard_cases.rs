@@ -1,4 +1,4 @@
-//! The design's hard cases: `hard-cases.json` holds 12 pairs with overlaps of 60-digit arithmetic, and 10 blocks.
+//! The design's hard cases: `hard-cases.json` contains 12 pairs with overlaps from 60-digit arithmetic, and 10 blocks.
 
 use qirf_vk::qirf::dense::LIBRARIES;
 use qirf_vk::qirf::participation::{Eigensolver, Gram, norm, solve};
@@ -24,7 +24,7 @@ fn first(rank: &[u32], k: usize) -> Vec<u32> {
 fn overlap_of_the_pairs_in_float64() {
     assert_eq!(pairs().count(), 12);
     for (name, pair, a, b) in pairs() {
-        // The floor raises P1's scales alone; its overlap is 1 all the same.
+        // The floor raises only P1's scales; its overlap is still 1.
         for (a, b) in [(&a, &b), (&b, &a)] {
             let n = overlap(a, b);
             assert!((n - pair.expected).abs() <= 1e-9 * pair.expected.max(1e-3), "{name}: {n} for {}", pair.expected);

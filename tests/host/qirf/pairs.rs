@@ -29,7 +29,7 @@ fn sheet(side: usize) -> Gaussians {
     model
 }
 
-/// All are seen alike.
+/// Equal scores for all.
 fn even(model: &Gaussians) -> Vec<Score> {
     let score = Score { contribution: 20.0, squares: 6.0, hits: 60.0, behind: [10.0; 3], ..Score::default() };
     vec![score; model.len()]
@@ -67,7 +67,7 @@ fn neighbours_of_one_colour_merge() {
     }
 }
 
-/// A cluster of two has their mean, covariance and colours, weighted by what the pictures show of them.
+/// A cluster of two has their mean, covariance and colours, weighted by their contributions to the pictures.
 #[test]
 fn moments_are_those_of_both() {
     let mut model = sheet(2).select(&[0, 1]);
@@ -106,7 +106,7 @@ fn what_no_picture_shows_goes_first() {
     assert_eq!(kept(&none), [0, 1, 2, 3, 4, 5, 6]);
 }
 
-/// Coincident ones, far ones, damaged rows and measurements, no cameras, and an empty model.
+/// Coincident and distant Gaussians, damaged rows and measurements, no cameras, and an empty model.
 #[test]
 fn hard_cases() {
     let mut model = sheet(12);

@@ -44,8 +44,8 @@ proptest! {
         let (n, rows) = random_block(m, density, seed);
         let made = Made::new(&n, &rows);
         let [full, low, single] = Eigensolver::HOST.map(|solver| made.solved(solver, library));
-        // P comes in float32: its rounding, at most 2^-24 of its trace, grows by the metric's condition. N's diagonal is 1, so
-        // that the condition bounds the inverse, too.
+        // P comes in float32: its rounding, at most 2^-24 of its trace, grows by the metric's condition. N's diagonal
+        // is 1, so the condition bounds the inverse, too.
         let condition = Gram::new(m, &n, None, 1e-4).condition().unwrap();
         let trace: f64 = made.matrices().rows().0.iter().flatten().map(|x| x * x).sum();
         let allowed = 0.5_f64.powi(22) * trace * condition;
@@ -61,7 +61,7 @@ proptest! {
         for (a, b) in full.q.iter().zip(&low.q) {
             prop_assert!(near || (a - b).abs() <= q_allowed, "{a} and {b}, {q_allowed:.1e} allowed");
         }
-        // u^T (N + eps I) u = 1 holds the sum: q of all eight weighs the metric's inverse by P.
+        // u^T (N + eps I) u = 1 fixes the sum: q of all eight weights the metric's inverse by P.
         prop_assert!(low.r <= CHANNELS.min(m));
     }
 }
@@ -112,7 +112,7 @@ fn float32_keeps_the_same_set_of_separate_functions() {
 
 #[test]
 fn an_indefinite_metric_falls_back_to_its_canonical_form() {
-    // Eigenvalues 1 + 1.2, 1 - 1.2 and 1: no Gram matrix, as rounding might leave it.
+    // Eigenvalues 1 + 1.2, 1 - 1.2 and 1: not a Gram matrix, as rounding might produce.
     let n = [1.0, 1.2, 0.0, 1.2, 1.0, 0.0, 0.0, 0.0, 1.0];
     let metric = Gram::new(3, &n, None, 1e-4);
     let w: Vec<Row> = vec![[1.0; CHANNELS], [1.0; CHANNELS], [0.5; CHANNELS]];
@@ -120,7 +120,8 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
     for (library, solver) in everyone() {
         let solved = solve(&metric.clone().by(library), &w, &p, solver, 0.95).0;
         assert!(solved.canonical, "{solver}");
-        // Along (1, 1)/sqrt 2: lambda = 16 / 2.2001; along e_3: 8/4 / 1.0001; their sum is of rank one, 8 columns alike.
+        // Along (1, 1)/sqrt 2: lambda = 16 / 2.2001; along e_3: 8/4 / 1.0001; their sum has rank one, with 8 equal
+        // columns.
         let expected = 16.0 / 2.2001 + 2.0 / 1.0001;
         assert!((solved.spectrum[0] - expected).abs() < 1e-6, "{solver}: {}", solved.spectrum[0]);
         assert!(solved.q.iter().all(|q| q.is_finite() && *q > 0.0));
@@ -218,10 +219,10 @@ fn a_batch_gives_what_its_blocks_give_and_damage_is_counted() {
         }
         all.take(&blocks, b, solved);
     }
-    // N is symmetric: its broken entry stands twice.
+    // N is symmetric: its broken entry occurs twice.
     assert_eq!((all.unseen, all.repaired, all.rankings.len(), all.r.len()), (1, 3, 4, 5));
     assert!(all.participation.iter().all(|q| q.is_finite() && *q >= 0.0));
-    // Without any response opacity decides.
+    // Without any response, opacity decides.
     assert_eq!(solved[4].ranked[0].1.rank, [2, 0, 1]);
 }
 

@@ -1,4 +1,4 @@
-//! Blocks: each Gaussian in one, caps kept, degenerate positions.
+//! Blocks: each Gaussian in exactly one, caps respected, degenerate positions.
 
 use proptest::prelude::*;
 use qirf_vk::qirf::partition::{Partition, Partitioned};
@@ -28,7 +28,7 @@ fn cloud(n: usize, seed: u64) -> Vec<[f32; 3]> {
     (0..n as u64).map(|i| std::array::from_fn(|c| (4.0 * uniform(&[seed, i, c as u64]) - 2.0) as f32)).collect()
 }
 
-/// Points on the surface of a sphere, as scenes are surfaces.
+/// Points on the surface of a sphere, since scenes are surfaces.
 fn shell(n: usize) -> Vec<[f32; 3]> {
     let point = |p: [f32; 3]| {
         let length = p.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-6);
@@ -88,7 +88,8 @@ fn coincident_points_are_split_by_index() {
     }
 }
 
-/// Blocks are made on the host alone, so that every device has the same; nor does the number of threads matter.
+/// Blocks are made on the host alone, so that they are the same for every device; the number of threads does not matter
+/// either.
 #[test]
 fn one_thread_makes_the_same_blocks_as_many() {
     let mut positions = shell(60_000);

@@ -55,7 +55,7 @@ fn ties_go_by_index() {
     let ranking = Ranking::by_score(&blocks, &[1.0; 10]);
     let kept = |budget| indices(&choose(&blocks, &ranking, &[1, 1], budget, Keep::Count(4), None).keep);
     assert_eq!(kept(Budget::PerBlock), [0, 1, 5, 6]);
-    assert_eq!(kept(Budget::Global), [0, 1, 5, 6]); // equal gains: by place in the block, then by index
+    assert_eq!(kept(Budget::Global), [0, 1, 5, 6]); // equal gains: by rank in the block, then by index
     assert_eq!(rank(&[1.0, 2.0, 1.0 + 1e-6, f64::NAN, 2.0 - 1e-6]), [2, 0, 3, 4, 1]);
     assert_eq!(rounded(-0.0).to_bits(), 0);
     assert!(rounded(1.0 + 1e-3) > 1.0 && rounded(1.0 + 1e-4) == 1.0);
@@ -80,7 +80,8 @@ fn equals_are_ranked_by_index_in_blocks_of_any_size() {
             assert!(modes.r == 1 && modes.spectrum.iter().all(|l| l.is_finite()));
             for (selector, ranked) in &solved.ranked {
                 let told = format!("{selector:?}, {m} of overlap {across}, response {response}");
-                // After the column subset picks the first of overlapping equals, the others are still equal: by index.
+                // After the column subset picks the first of overlapping equals, the others are still equal: ordered by
+                // index.
                 assert_eq!(ranked.rank, (0..m as u32).collect::<Vec<_>>(), "{told}");
                 assert!(ranked.gain.iter().all(|g| g.is_finite()), "{told}");
             }
@@ -127,7 +128,7 @@ fn the_papers_rule_keeps_kappa_or_r_and_detail_on_top() {
     let choice = choose(&blocks, &ranking, &[3, 5, 2, 8], Budget::Global, keep, safeguard);
     assert_eq!((choice.main, choice.detail), (22 + 5 + 1 + 3, 5));
     assert_eq!(indices(&choice.keep).len(), 36);
-    // ceil(0.22 x 50) is 11, whatever 0.22 is in binary.
+    // ceil(0.22 x 50) is 11, whatever the binary value of 0.22.
     let blocks = super::blocks(&[50]);
     let ranking = Ranking::by_score(&blocks, &[0.0; 50]);
     assert_eq!(choose(&blocks, &ranking, &[1], Budget::PerBlock, keep, None).main, 11);

@@ -1,4 +1,4 @@
-//! Damaged files: every reader, cut short or with flipped bits, gives a scene or an error, never a panic.
+//! Damaged files: every reader returns a scene or an error for truncated files and flipped bits, and never panics.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Lenses: every model's distortion undone, and ideal pinholes that the photo covers.
+//! Lenses: undoing every model's distortion, and ideal pinholes that the photo covers.
 
 use glam::DVec2;
 use qirf_vk::scene::lens::{Lens, LensModel};
@@ -19,7 +19,7 @@ fn undistort_is_the_inverse_of_distort() {
                 let point = (DVec2::new(f64::from(i) * 8.0, f64::from(j) * 8.0) - lens.principal) / lens.focal;
                 let back = lens.undistort(lens.distort(point)).unwrap_or(DVec2::INFINITY);
                 worst = worst.max((back - point).length());
-                // And the other way: each pixel of the photo.
+                // And in the other direction: each pixel of the photo.
                 if let Some(point) = lens.undistort(point) {
                     let pixel = lens.project(point);
                     worst = worst.max((pixel - DVec2::new(f64::from(i) * 8.0, f64::from(j) * 8.0)).length() / 1e3);
@@ -40,7 +40,7 @@ fn opencv_values_agree_with_the_formula_by_hand() {
     let x = 0.5 * radial + 2.0 * 0.002 * 0.125 - 0.003 * (0.3125 + 0.5);
     let y = 0.25 * radial - 2.0 * 0.003 * 0.125 + 0.002 * (0.3125 + 0.125);
     assert!((lens.distort(DVec2::new(0.5, 0.25)) - DVec2::new(x, y)).length() < 1e-15);
-    // The equidistant fisheye puts a ray at 45 degrees at radius pi / 4.
+    // The equidistant fisheye maps a ray at 45 degrees to radius pi / 4.
     let fisheye = Lens::from_colmap(LensModel::OpenCvFisheye, 4, 4, &[1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
     assert!((fisheye.distort(DVec2::X).x - std::f64::consts::FRAC_PI_4).abs() < 1e-15);
 }

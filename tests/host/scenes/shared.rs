@@ -40,7 +40,7 @@ fn king() {
     cameras.dedup();
     assert_eq!(cameras.len(), 23);
     assert!(scene.points.iter().all(|p| p.track.len() >= 2), "every point has its track");
-    // Each point's reprojection into the views of its track lies within the picture: axes and order are right.
+    // Each point's projection into the views of its track lies within the picture: axes and order are right.
     let mut inside = (0, 0);
     for point in &scene.points {
         for &v in &point.track {

@@ -1,4 +1,4 @@
-//! COLMAP text as the synthetic scenes have it.
+//! COLMAP text in the form of the synthetic scenes.
 
 use super::quantile;
 use glam::{DQuat, DVec2, DVec3};
@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// A COLMAP text model, read anew here so that a fault of the writer cannot hide in a shared reader.
+/// A COLMAP text model with its own reader, so that a fault of the writer cannot hide in a shared one.
 pub struct Model {
     pub cameras: BTreeMap<u32, (String, DVec2, Vec<f64>)>,
     pub images: BTreeMap<u32, Shot>,

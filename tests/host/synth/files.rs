@@ -52,7 +52,7 @@ fn what_others_keep_in_a_folder_stays() {
     let file = dir.path().join("thesis.tex");
     assert!(matches!(synth::write(&file, &small, &|_| ()), Err(Error::NotFolder(_))));
 
-    // A synth scene is renewed; the user's own files in it are left alone, even if named like a photo.
+    // An existing synthetic scene is replaced; the user's own files in it are left alone, even if named like a photo.
     let (scene, _) = make(&options(5, &[Effect::Masks]));
     for added in ["model.ply", "images/view_0099.png", "images/mine.png"] {
         fs::write(scene.path().join(added), "mine").unwrap();

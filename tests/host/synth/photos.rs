@@ -21,7 +21,7 @@ fn colours_depend_on_the_view_as_the_effects_say() {
         (quantile(d.clone(), 0.5), quantile(d, 0.95))
     };
     let (matte, default, glossy) = (spread(&[Effect::Matte]), spread(&[]), spread(&[Effect::Glossy]));
-    // The difference left without gloss is the texture within a pixel.
+    // The remaining difference without gloss is the texture within a pixel.
     assert!(matte.0 < 8.0, "matte points change by {} of 255", matte.0);
     assert!(glossy.0 > 1.5 * matte.0, "glossy {} against matte {}", glossy.0, matte.0);
     assert!(default.0 > 1.15 * matte.0, "default {} against matte {}", default.0, matte.0);
@@ -53,7 +53,7 @@ fn masks_hide_all_that_moves() {
         let (with, without) = (open(moving.path(), "images").to_rgb8(), open(still.path(), "images").to_rgb8());
         assert!(mask.pixels().any(|p| p[0] == 0), "nothing moves in view {i}");
         for (x, y, p) in mask.enumerate_pixels() {
-            // Outside of the mask the photo is that of the scene without the moving object, to the byte.
+            // Outside the mask the photo is that of the scene without the moving object, to the byte.
             assert!(p[0] == 0 || with.get_pixel(x, y) == without.get_pixel(x, y), "view {i}: ({x}, {y}) is not hidden");
         }
         hidden.push(mask.into_raw());

@@ -1,4 +1,4 @@
-//! The strip of land: its cameras look down from a grid, and its ends show nothing of each other.
+//! The strip of land: its cameras look down from a grid, and those at one end see nothing of the other.
 
 use super::colmap::{Model, Shot};
 use super::{make, options};

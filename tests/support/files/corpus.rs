@@ -20,15 +20,15 @@ use std::path::Path;
 pub enum Reader {
     /// A model from bytes; the name's extension counts.
     Model,
-    /// The plain bytes of an SPZ file, which gzip wraps after the damage.
+    /// The plain bytes of an SPZ file, which are gzipped after the damage.
     Gzipped,
     /// A file of the SOG folder.
     SogPart,
-    /// A `.gltf` or its buffer, beside each other.
+    /// A `.gltf` or its buffer, in one folder.
     GltfPart,
     /// A file of a scene's folder.
     Scene,
-    /// The same, a PNG whose checksums are corrected after the damage.
+    /// The same for a PNG whose checksums are corrected after the damage.
     ScenePng,
     Config,
     Checkpoint,
@@ -312,7 +312,7 @@ impl Input {
     }
 }
 
-/// The result, or none; a refusal must have a message.
+/// The result, if any; a refusal must have a message.
 fn said<T, E: std::fmt::Display>(read: Result<T, E>) -> Option<T> {
     match read {
         Ok(value) => Some(value),
@@ -340,7 +340,7 @@ fn model<E: std::fmt::Display>(bytes: usize, read: Result<Loaded, E>, folder: &P
     true
 }
 
-/// Checks for finite cameras, tracks within the views, and photos of their cameras' sizes.
+/// Checks for finite cameras, tracks within the views, and photos with their cameras' sizes.
 fn scene(folder: &Path) -> bool {
     let Some(mut scene) = said(Scene::open(folder, &OpenOptions::default())) else { return false };
     for view in &scene.views {

@@ -1,30 +1,30 @@
-//! glTF files in the ways that other programs write them, built from the specification and not by the code under test.
+//! glTF files in the forms that other programs write, built from the specification and not by the code under test.
 
 use base64::Engine;
 use qirf_vk::gaussians::Gaussians;
 use serde_json::{Value, json};
 
-/// How the numbers lie in the file.
+/// Layout of the numbers in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// One buffer view for each attribute.
     Planar,
     /// All attributes of a Gaussian side by side in one view.
     Interleaved,
-    /// Zeros, of which a sparse accessor replaces every one.
+    /// Zeros, all of which a sparse accessor replaces.
     Sparse,
     /// Rotations, scales and opacities in integers.
     Quantised,
 }
 
-/// An attribute: name, numbers of an element, values.
+/// An attribute: name, numbers per element, values.
 struct Column {
     name: String,
     width: usize,
     values: Vec<f32>,
 }
 
-/// A model's attributes in glTF's axes: x and y mirrored, and with them coefficients of odd m.
+/// A model's attributes in glTF's axes: x and y mirrored, and accordingly the coefficients of odd m.
 fn columns(model: &Gaussians) -> Vec<Column> {
     let own = |name: &str| format!("KHR_gaussian_splatting:{name}");
     let column = |name: String, width: usize, values: Vec<f32>| Column { name, width, values };
@@ -52,7 +52,7 @@ fn turned([w, x, y, z]: [f32; 4]) -> [f32; 4] {
 
 const KINDS: [&str; 5] = ["", "SCALAR", "", "VEC3", "VEC4"];
 
-/// The bytes of a buffer, and what lies where in them.
+/// The bytes of a buffer, and its views and accessors.
 #[derive(Default)]
 struct Buffer {
     binary: Vec<u8>,
@@ -60,7 +60,7 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Adds a view of bytes; its number.
+    /// Adds a view of bytes; returns its number.
     fn view(&mut self, bytes: &[u8]) -> usize {
         let start = self.binary.len();
         self.binary.extend(bytes);
@@ -69,7 +69,7 @@ impl Buffer {
         self.views.len() - 1
     }
 
-    /// Adds all values of a column; its accessor.
+    /// Adds all values of a column; returns its accessor.
     fn column(&mut self, c: &Column, integers: bool) -> Value {
         let mut accessor = json!({ "componentType": 5126, "count": c.values.len() / c.width, "type": KINDS[c.width] });
         let floats = || c.values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
@@ -150,7 +150,7 @@ pub fn bundle(document: &Value, binary: &[u8]) -> Vec<u8> {
     out
 }
 
-/// A GLB; `change` may alter its document.
+/// A GLB whose document `change` may alter.
 pub fn glb_changed(model: &Gaussians, layout: Layout, change: impl FnOnce(&mut Value)) -> Vec<u8> {
     let (mut document, binary) = parts(model, layout);
     change(&mut document);
@@ -173,7 +173,7 @@ pub fn gltf(model: &Gaussians, layout: Layout, uri: Option<&str>) -> (Vec<u8>, V
     (document.to_string().into_bytes(), binary)
 }
 
-/// A GLB that holds an SPZ file, under the draft's name or an earlier one.
+/// A GLB that contains an SPZ file, under the draft's name or an earlier one.
 pub fn glb_of_spz(spz: &[u8], early: bool) -> Vec<u8> {
     let packed = json!({ "bufferView": 0 });
     let extension = if early {

@@ -28,7 +28,7 @@ pub fn model(n: usize, degree: usize) -> Gaussians {
     model
 }
 
-/// Coefficient `k` of bands 1 and up, one colour.
+/// Coefficient `k` of bands 1 and up, for one colour.
 pub fn rest(model: &Gaussians, i: usize, channel: usize, k: usize) -> f32 {
     let l = (k + 1).isqrt();
     model.sh[l][i * Gaussians::band_width(l) + 3 * (k - (l * l - 1)) + channel]
@@ -39,7 +39,7 @@ pub fn rest_count(model: &Gaussians) -> usize {
     (model.degree() + 1).pow(2) - 1
 }
 
-/// One named value of each row of the standard layout, rotations first: readers must accept any order.
+/// One named value per column of the standard layout, rotations first: readers must accept any order.
 fn columns(model: &Gaussians, i: usize) -> Vec<(String, f32)> {
     let mut row: Vec<(String, f32)> = Vec::new();
     let mut push = |name: &str, values: &[f32]| {
@@ -195,7 +195,7 @@ pub fn usda(n: usize) -> Vec<u8> {
     .into_bytes()
 }
 
-/// The same in a package.
+/// The same layer in a package.
 pub fn usdz(n: usize) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
@@ -262,7 +262,8 @@ pub fn splat(model: &Gaussians) -> Vec<u8> {
     out
 }
 
-/// A `.ksplat` file of one section: one full bucket of 4, one partly filled with the rest (5 to 8 Gaussians in all).
+/// A `.ksplat` file of one section: one full bucket of 4, and one partly filled with the rest (5 to 8 Gaussians in
+/// all).
 pub fn ksplat(n: usize, level: u16, degree: usize) -> Vec<u8> {
     assert!(n > 4 && n <= 8);
     let (mean, value, sh) = [(12, 4, 4), (6, 2, 2), (6, 2, 1)][level as usize];
@@ -292,7 +293,7 @@ pub fn ksplat(n: usize, level: u16, degree: usize) -> Vec<u8> {
             12 => (0..3).for_each(|axis| out.extend((i as f32 + 0.25 * axis as f32).to_le_bytes())),
             _ => (0..3).for_each(|axis| out.extend((32767 + 1000 * i as u16 + axis).to_le_bytes())),
         }
-        // One half in float or half precision for three scales and four components.
+        // The value one, as float or half, for three scales and four components.
         for _ in 0..7 {
             if value == 4 { out.extend(0.5f32.to_le_bytes()) } else { out.extend(0x3800u16.to_le_bytes()) }
         }

@@ -1,4 +1,4 @@
-//! Writers of small scenes, for the readers to read.
+//! Writers of small scenes, as input for the readers.
 
 use std::fmt::Write;
 use std::fs;
@@ -142,7 +142,7 @@ pub fn write<'a>(root: &Path, files: impl IntoIterator<Item = (&'a str, Vec<u8>)
     }
 }
 
-/// A picture whose red grows to the right, green downwards.
+/// A picture whose red increases to the right, and green downwards.
 pub fn picture(path: &Path, width: u32, height: u32) {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     let pixel = |x, y| image::Rgb([(255 * x / width) as u8, (255 * y / height) as u8, 90]);
