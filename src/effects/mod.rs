@@ -4,7 +4,7 @@
 //! | effect | on when | detector | what it switches |
 //! |---|---|---|---|
 //! | `view_dependence` | colours of a point depend on the direction of view; otherwise degree 1 | [`colour`] | SH bands: arrays, moments, gradients |
-//! | `exposure` | photos differ in brightness by more than 2 % | [`colour`] | `train/exposure`: 12 parameters a photo, its scope "exposure" |
+//! | `exposure` | photos differ in brightness by more than 2 % | [`colour`] | `train/exposure`: 12 parameters per photo, its scope "exposure" |
 //! | `antialias` | a point's pixel footprints differ by more than 1.5 | [`geometry`] | ANTIALIAS of `render/project` and its backward; `train/smoothing`: its cameras, its scope "antialias" |
 //! | `distortion` | a lens moves a pixel by more than 0.5 | [`geometry`] | photos are resampled once as they are loaded |
 //! | `transparency` | photos have transparent pixels | [`geometry`] | ALPHA of `train/loss`, the white background |

@@ -19,7 +19,7 @@ pub enum Error {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// The element, row, stream or field, with its byte offset where there is one.
+        /// The element, row, stream or field, with its byte offset if there is one.
         record: String,
         /// The fault, then the remedy.
         what: String,

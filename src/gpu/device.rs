@@ -310,7 +310,7 @@ fn create(
     let mut atomic = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default().shader_buffer_float32_atomic_add(true);
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
     let mut wanted = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut vulkan_1_2);
-    // Where the extension is present, it must be enabled.
+    // The extension must be enabled if it is present.
     if info.has(Feature::PortabilitySubset) {
         extensions.push(khr::portability_subset::NAME.as_ptr());
     }

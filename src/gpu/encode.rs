@@ -171,7 +171,7 @@ impl<'a> Encoder<'a> {
         }
         let (stage, query) = (vk::PipelineStageFlags::BOTTOM_OF_PIPE, self.queries);
         self.queries += 1;
-        // SAFETY: the command buffer is being recorded; the frame has two queries a scope.
+        // SAFETY: the command buffer is being recorded; the frame has two queries per scope.
         unsafe {
             self.context.raw.cmd_write_timestamp(self.frame.commands, stage, self.frame.queries, query);
         }

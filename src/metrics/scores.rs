@@ -15,7 +15,7 @@ pub struct Networks {
 impl Networks {
     /// Reads `given` (`--lpips-weights`: a file, or a folder with `lpips-vgg.safetensors` and
     /// `lpips-alex.safetensors`), otherwise the path in `QIRF_LPIPS`, otherwise the user's data folder, where missing
-    /// files are no error.
+    /// files are not an error.
     ///
     /// # Errors
     /// [`Error::Read`] and [`Error::Weights`] for a named file that cannot be used, or a broken one.

@@ -10,7 +10,8 @@
 //! K = (kx ky; 0 kz) = (sqrt(yy/det), -xy/yy sqrt(yy/det); 0, 1/sqrt(yy)), and W = K T, whose columns are no longer than 1,
 //!   dL/dT = K^T E,  E = (K S K^T) W   [+ d (sum h) K Q0 T],   since Q0 - Q = Q (d I) Q0,
 //!   W_0 = kx (t1 x (t0 x t1) + d t0) / yy,  W_1 = kz t1,  Q0 T = (t1 x n; n x t0) / det0 with n = t0 x t1.
-//! Of column k, dL/d ln s_k = E_k . W_k; a turn w of the axes in their own frame has dL/dw = sum over rows of (s E) x (W / s),
+//! For column k, dL/d ln s_k = E_k . W_k; a rotation w of the axes in their own frame has dL/dw = sum over rows of
+//! (s E) x (W / s),
 //! and the quaternion's gradient is 2 q (0, dL/dw). Since t0 = fx/z (V_0 - ux V_2), t1 = fy/z (V_1 - uy V_2):
 //!   dL/dux = -fx/z e0 . V_2,  dL/duy = -fy/z e1 . V_2,  dL/dz at fixed ux, uy = -(sum of dL/d ln s_k) / z,  e = K^T E.
 //! A clamped ux is a constant: x gets no gradient through it, while z keeps the last term.

@@ -27,7 +27,7 @@ fn bin(key: u64) -> usize {
 /// The key at place `n`, from 0, of all in ascending order.
 ///
 /// # Panics
-/// If there are no more than `n` keys.
+/// If there are only `n` keys or fewer.
 pub fn nth(keys: &[u64], n: usize) -> u64 {
     assert!(n < keys.len(), "place {n} of {} keys", keys.len());
     let none = || vec![0_usize; 1 << BITS];

@@ -40,7 +40,7 @@ pub fn source(part: &str) -> PathBuf {
 pub fn skip(reason: &str) {
     println!("skipped: {reason}");
     if std::env::var_os("QIRF_SOURCE").is_some() {
-        return; // nobody counts
+        return; // the lines are not counted
     }
     let file = fs::OpenOptions::new().create(true).append(true).open(concat!(env!("CARGO_TARGET_TMPDIR"), "/skipped"));
     let test = std::thread::current().name().unwrap_or("a test").to_owned();

@@ -66,7 +66,6 @@ fn few<T>(all: Vec<T>, count: usize) -> Vec<T> {
 ///
 /// # Errors
 /// Errors of a run.
-/// Those of a run.
 pub fn of_scene(
     session: &Session<'_>,
     folder: &Path,
