@@ -201,12 +201,12 @@ impl<T: Pod> Buffer<T> {
         stored(len as u64 * size_of::<T>() as u64)
     }
 
-    /// Bytes that it takes.
+    /// Size in bytes.
     pub fn bytes(&self) -> u64 {
         self.raw.bytes()
     }
 
-    /// Its name, in messages.
+    /// Its name in messages.
     pub fn name(&self) -> &str {
         &self.raw.0.name
     }

@@ -176,10 +176,10 @@ impl Device {
         self.context.counters.read()
     }
 
-    /// Whether so many bytes more would stay within [`Device::memory_limit`], for steps that must not fail half-way.
+    /// Checks that `bytes` more stay within [`Device::memory_limit`], for steps that must not fail half-way.
     ///
     /// # Errors
-    /// [`Error::OutOfMemory`] for what is called `name`.
+    /// [`Error::OutOfMemory`] with this `name`.
     pub fn check_memory(&self, name: &str, bytes: u64) -> Result<(), Error> {
         self.context.memory.check(name, bytes)
     }

@@ -151,12 +151,12 @@ impl Barrier {
     }
 }
 
-/// Pending uses of one buffer.
+/// Pending uses of one buffer: those that later commands are not ordered after yet.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pending {
-    /// For kernels.
+    /// Uses that later kernels must wait for.
     before_kernels: u8,
-    /// For everything else.
+    /// Uses that all other later commands must wait for.
     before_others: u8,
 }
 

@@ -69,7 +69,7 @@ impl Memory {
         Ok(())
     }
 
-    /// Fails as [`Memory::reserve`] would, and counts nothing.
+    /// Returns the error of [`Memory::reserve`], if any, without counting anything.
     pub fn check(&self, name: &str, bytes: u64) -> Result<(), Error> {
         let beyond = self.used().0.saturating_add(bytes) > self.limit && self.enforced.load(Ordering::Relaxed);
         if beyond { Err(self.out_of_memory(name, bytes)) } else { Ok(()) }

@@ -11,8 +11,8 @@ use crate::primitives::Pairs;
 #[derive(Clone, Copy)]
 pub struct Backward<'a> {
     /// True if the image gradient's fourth component is each pixel's residual instead of a gradient by alpha. The slots
-    /// then also hold the contributions weighted by it, see [`super::Renderer::slots`]; the renderer needs room for them
-    /// ([`super::Renderer::make_room_for_responses`]). Atomic sums support no residual.
+    /// then also hold the contributions weighted by it, see [`super::TrainingRenderer::slots`]; the renderer needs room for them
+    /// ([`super::TrainingRenderer::make_room_for_responses`]). Atomic sums support no residual.
     pub residual: bool,
     /// Adds up each Gaussian's gradients by float atomics, in the arbitrary order of the device's threads, instead of
     /// in the order of its slots; the baseline for ordered sums. The slots are not valid afterwards.
@@ -51,7 +51,7 @@ pub struct Counters {
 }
 
 impl Counters {
-    /// Words of all buffers of [`super::Renderer::counters`].
+    /// Words of all buffers of [`super::TrainingRenderer::counters`].
     pub const WORDS: usize = 4;
 
     /// The counters from those words.

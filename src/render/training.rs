@@ -13,7 +13,7 @@ use std::ops::{Deref, DerefMut};
 /// The stages of the backward pass, in order.
 pub const BACKWARD_STAGES: [&str; 2] = ["rasterise backward", "project backward"];
 
-/// Renders models for training and for scores: a [`Renderer`] with room for gradients and for sums by slot.
+/// Renders models for training and for scores: a [`Renderer`] with room for gradients and for sums per slot.
 pub struct TrainingRenderer {
     renderer: Renderer,
     /// Counters of the backward passes, see [`BackwardCounts`].
@@ -120,7 +120,7 @@ impl TrainingRenderer {
         Ok(BackwardCounts::of(&self.guards.read(self.device())?))
     }
 
-    /// Buffers of [`super::Counters`] and how many words of each belong to them: those of the backward passes, and of the pairs.
+    /// Buffers of [`super::Counters`], each with its number of words: backward passes, then pairs.
     pub fn counters(&self) -> [(&Buffer<u32>, usize); 2] {
         [(&self.guards, 2), (&self.frame.pairs.count.value, 2)]
     }
@@ -130,7 +130,7 @@ impl TrainingRenderer {
         GradientRows::new(&self.frame)
     }
 
-    /// Results per (tile, Gaussian) slot of the passes recorded before, for kernels of higher floors.
+    /// Results per (tile, Gaussian) slot of the recorded passes, for kernels of higher floors.
     pub fn slots(&self, camera: &Camera) -> Slots<'_> {
         Slots::new(&self.launch, &self.frame, self.tiles(camera) as u32)
     }

@@ -62,7 +62,7 @@ impl CompressPlan {
         let stages::Census { chunks, test_views, photos, background, protocol } =
             stages::census(session, model, &config)?;
         if let ViewSource::Photos(selection) = &mut config.views {
-            // Tasks decode only a few photos, but the choice depends on all of them.
+            // Tasks decode only a few photos, but the background depends on all of them.
             selection.background = Some(background);
         }
         let path = absolute(path)?;

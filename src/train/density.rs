@@ -39,7 +39,7 @@ pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
 /// Clones, splits and prunes the Gaussians of a model in training, without its tail. Returns their new number.
 ///
 /// # Errors
-/// Device memory: the model is then unchanged. Device errors: it is lost.
+/// Device memory: the model is then unchanged. Device errors: the model is then lost.
 pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedule, step: Step) -> Result<usize> {
     let choice = Choice::new(device, training, schedule, step)?;
     let after = choice.after;
@@ -78,7 +78,7 @@ pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedul
 /// Keeps only the Gaussians `kept`, in that order, with their moments, and the tail; growth restarts at zero.
 ///
 /// # Errors
-/// As [`densify`].
+/// Errors of [`densify`].
 pub fn compact(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> Result<()> {
     replace(device, training, kept, &vec![false; kept.len()])
 }
@@ -87,7 +87,7 @@ pub fn compact(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> R
 /// tail stays, and growth restarts at zero.
 ///
 /// # Errors
-/// As [`densify`].
+/// Errors of [`densify`].
 pub fn replace(device: &Device, training: &mut TrainingModel, sources: &[u32], fresh: &[bool]) -> Result<()> {
     let mut rows = Rows::of(device, sources.to_vec(), training)?;
     let mut kinds: Vec<u32> = fresh.iter().map(|fresh| if *fresh { CLONE } else { KEPT }).collect();

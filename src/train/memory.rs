@@ -42,7 +42,7 @@ pub struct TrainerNeeds {
     pub style: Style,
     /// True if the run begins with pictures of half their size.
     pub halves: bool,
-    /// True if density control acts: it holds one array of the old and of the new model at once.
+    /// True if density control acts: it holds one array of both the old and the new model at once.
     pub grows: bool,
     /// Bytes that pruning needs besides the model; 0 if the run does not prune.
     pub pruning: u64,

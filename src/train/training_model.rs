@@ -124,7 +124,7 @@ impl TrainingModel {
         self.arrays.iter().find(|array| array.kind.name == name).map(|array| &array.values)
     }
 
-    /// Bytes more than now that a change to `n` Gaussians, the first `trained` of them trained, takes at most, where each array
+    /// Largest number of additional bytes during a change to `n` Gaussians, the first `trained` of them trained, if each array
     /// replaces the old one before the next is made: moments, then parameters, then a method's.
     pub(super) fn bytes_of_arrays(&self, n: usize, trained: usize) -> u64 {
         let widths = Attributes::widths(self.model.degree);

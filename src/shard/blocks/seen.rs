@@ -10,8 +10,8 @@ use crate::response::{Score, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
 use glam::DVec3;
 
-/// Least share of a view's picture that a block must contribute for the view to train it; and the least share if the
-/// camera is in the block's cell.
+/// Least share of a view's picture that a block must contribute for the view to train it: in general, and if the camera
+/// is in the block's cell.
 const LEAST: f64 = 0.02;
 const LEAST_INSIDE: f64 = 0.005;
 /// Margin in pixels around a block's part of a picture.
